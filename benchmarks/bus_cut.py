@@ -1,10 +1,10 @@
-"""The bus is cut at 80 km/h in a bend: what the truck's two safe states make of it.
+"""Compares the truck's two safe states after a cut of the bus at 80 km/h in a bend.
 
     python benchmarks/bus_cut.py --picture bus_cut.png > bus_cut.md
 
-A left-hand bend of 620 m on the built-in highway, laden and empty. The stack drives through frames
-and the truck's receiver; 4 s after the start nothing is sent any more. `release` lets go of pedal
-and brakes and holds the steering wheel, `stop` is the stop in lane.
+A left-hand bend of 620 m on the built-in highway, laden and empty. The stack sends frames to the
+truck's receiver; the frames end 4 s after the start. `release` releases pedal and brakes and holds
+the steering wheel, `stop` is the stop in lane.
 """
 
 from __future__ import annotations
@@ -22,17 +22,18 @@ from controllers.stack import Stack
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import Scene
 from iits_mj.core.results import Line, Panel
+from iits_mj.core.timing import CONTROL_PERIOD, TIMESTEP
 from iits_mj.j1939 import CommandReceiver, command_to_frames
+from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.render.plots import save
 from iits_mj.road import RoadMap, Route
 from iits_mj.truck import Truck
 
 STATION, SPEED, CUT, DURATION = 10_960.0, 80.0 / 3.6, 4.0, 26.0
-CONTROL = 0.02
 
 
 def drive(route: Route, payload: float, stops: bool) -> FloatArray:
-    """Rows of time, station, speed, distance to the lane's middle, of the trailer's end as well."""
+    """Rows of time, station, speed, and distances of truck and trailer from the lane's middle."""
     truck = Truck.load(payload=payload, route=route, visuals=False)
     truck.reset(station=STATION, offset=float(route.lane_offset(0, STATION)), speed=SPEED)
     config = PlannerConfig(speed=SpeedConfig(cruise_speed=SPEED))
@@ -40,7 +41,7 @@ def drive(route: Route, payload: float, stops: bool) -> FloatArray:
     fallback = Fallback(SafeStop(route, truck.parameters))
     receiver = CommandReceiver()
     rows = []
-    for k in range(round(DURATION / CONTROL)):
+    for k in range(round(DURATION / CONTROL_PERIOD)):
         ego = truck.observe()
         if ego.time < CUT - 1e-6:
             if k % 5 == 0:
@@ -51,7 +52,7 @@ def drive(route: Route, payload: float, stops: bool) -> FloatArray:
         if stops:
             command = fallback.command(ego, command, receiver.loss(ego.time).driver)
         truck.command(command)
-        truck.step(10)
+        truck.step(round(CONTROL_PERIOD / TIMESTEP))
         middle = float(route.lane_offset(0, ego.station))
         rows.append(
             (ego.time, ego.station, ego.speed, ego.offset - middle, ego.trailer_offset - middle)
@@ -61,12 +62,12 @@ def drive(route: Route, payload: float, stops: bool) -> FloatArray:
 
 def smoothed(speed: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Deceleration [m/s2], a mean over 0.2 s, and its jerk [m/s3]."""
-    mean = np.convolve(np.gradient(speed, CONTROL), np.ones(10) / 10.0, "same")
-    return -mean, np.gradient(-mean, CONTROL)
+    mean = np.convolve(np.gradient(speed, CONTROL_PERIOD), np.ones(10) / 10.0, "same")
+    return -mean, np.gradient(-mean, CONTROL_PERIOD)
 
 
 def row_of(name: str, rows: FloatArray, half: float) -> str:
-    """One row of the table; half: from the lane's middle to where the truck's side touches."""
+    """One row of the table; half: greatest distance from the lane's middle inside the lane [m]."""
     time, station, speed, error, trailer = rows.T
     deceleration, jerk = smoothed(speed)
     after = time >= CUT
@@ -103,7 +104,7 @@ def main() -> None:
     )
     print("|---|---|---|---|---|---|---|---|---|")
     lines: dict[str, list[Line]] = {"speed": [], "deceleration": [], "offset": []}
-    for load, payload in (("laden", 36_000.0), ("empty", 0.0)):
+    for load, payload in (("laden", MAX_PAYLOAD), ("empty", 0.0)):
         for state in ("stop", "release"):
             rows = drive(route, payload, state == "stop")
             name = f"{state}, {load}"

@@ -1,9 +1,9 @@
-"""What the plan for a cluster rests on: cost of a task, a shard and a row, on this machine.
+"""Costs on which the plan for a cluster rests: a task, a shard and a row, on this machine.
 
     python benchmarks/cluster_cost.py
 
-Measures one core's work (a trip of the full chain and of the fast world, a Monte-Carlo truck), a
-head's throughput over a local cluster of three nodes in processes, and what a shard weighs.
+Measures one core's work (a trip of the full chain and of the fast world, a Monte-Carlo truck), the
+throughput of a head with a local cluster of three nodes in processes, and the size of a shard.
 """
 
 from __future__ import annotations
@@ -15,10 +15,12 @@ import tempfile
 import time
 from pathlib import Path
 
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.evaluation import evaluate
 from iits_mj.evaluation.drives import drive
 from iits_mj.evaluation.parameter_uncertainty import NOMINAL, SampleTask, measure
 from iits_mj.evaluation.trials import Task, Trial
+from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.scale import RayExecutor, Shards
 
 NODES = 3
@@ -41,7 +43,7 @@ def main() -> None:
     trial = _timed("a trip of 15 km, full chain, 5 ms", lambda: drive(task))
     fast: Task = dataclasses.replace(task, world="fast")
     _timed("the same in the fast world", lambda: drive(fast))
-    _timed("a Monte-Carlo truck", lambda: measure(SampleTask(NOMINAL, 36_000.0, 0.002, "")))
+    _timed("a Monte-Carlo truck", lambda: measure(SampleTask(NOMINAL, MAX_PAYLOAD, TIMESTEP, "")))
     with tempfile.TemporaryDirectory() as folder:
         shards = Shards(Path(folder), Trial, "trials")
         rows = [dataclasses.replace(trial, seed=k) for k in range(50)]

@@ -1,12 +1,12 @@
-"""What a step costs: `iits-mj bench`, repeated in fresh processes, medians and spread.
+"""Cost of a step: `iits-mj bench`, repeated in new processes, with medians and spread.
 
     python benchmarks/step_cost.py --repeats 5 > step_cost.md
 
-Each repeat is a process of its own, so that memory layout and machine load vary as they do for
-users; the table gives the median and the full spread. Compare ratios rather than times.
+Each repeat is a process of its own, so that memory layout and machine load vary as for users; the
+table gives the median and the full spread. Compare ratios rather than times.
 
 The last row is the processor time (user and system) of `import iits_mj` over that of
-`import mujoco`, measured in turn in processes of their own; it must not exceed 1.5.
+`import mujoco`, measured alternately in separate processes; it must not exceed 1.5.
 """
 
 from __future__ import annotations

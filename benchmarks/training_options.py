@@ -1,14 +1,14 @@
-"""What each option of `iits-mj train` is worth: the same shorter training with and without it.
+"""Effect of each option of `iits-mj train`: a shorter training with and without it.
 
     python benchmarks/training_options.py --out out/options --seeds 0 1 > docs/training_options.csv
 
-Every training is a process of its own in a folder of its own; an interrupted run goes on where it
-was. A row is one of a training's six validations, 30 trips in the fast world on seeds that training
-does not use; figures are those of `training.csv`.
+Every training is a process of its own in a folder of its own; an interrupted run continues. A row
+is one of a training's six validations, 30 trips in the fast world on seeds that the training does
+not use; figures are those of `training.csv`.
 
-With the defaults' charge on changes and their discount no training of this length would leave the
-policy that never changes lanes: changes are cheaper here, what is far off counts less, and updates
-are more frequent.
+With the default charge on changes and the default discount, a training of this length would stay at
+the policy without lane changes. Here changes are cheaper, the future counts less, and updates are
+more frequent.
 """
 
 from __future__ import annotations
@@ -20,9 +20,11 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-# What makes a short training tell something.
+from iits_mj.core.tables import read_table
+
+# Settings with which a short training shows a difference.
 SHORT = ["--change-charge", "40", "--discount", "0.99", "--updates-per-decision", "0.5"]
-# What is left out of the defaults, or put in the place of one.
+# Changes of the defaults.
 OPTIONS = {
     "defaults": [],
     "no mirror": ["--no-mirror"],
@@ -37,11 +39,12 @@ OPTIONS = {
     "target-rate 0.004": ["--target-rate", "0.004"],
 }
 FIGURES = ("score_per_s", "speed_loss", "changes_per_trip", "unsafe_per_trip", "collisions")
+COLUMNS = ("decisions", *(f"validation_{name}" for name in FIGURES))
 VALIDATIONS = 6
 
 
 def train(name: str, seed: int, decisions: int, out: Path) -> None:
-    """Runs or continues a training; does nothing when it is finished."""
+    """Runs or continues a training; a finished training ends at once."""
     folder = out / f"{name.replace(' ', '_')}-{seed}"
     flags = ["--decisions", str(decisions), "--seed", str(seed), "--jobs", "1"]
     flags += [*SHORT, *OPTIONS[name], "--epsilon-decisions", str(decisions // 2)]
@@ -55,17 +58,15 @@ def train(name: str, seed: int, decisions: int, out: Path) -> None:
 
 
 def figures(name: str, seed: int, out: Path) -> list[list[str]]:
-    """The rows of a finished training, one a validation."""
+    """The rows of a finished training, one for each validation."""
     table = out / f"{name.replace(' ', '_')}-{seed}" / "training.csv"
-    with table.open(encoding="utf-8", newline="") as file:
-        return [
-            [name, str(seed), row["decisions"], *(row[f"validation_{f}"] for f in FIGURES)]
-            for row in csv.DictReader(file)
-        ]
+    names, rows = read_table(table, "training table")
+    places = [names.index(column) for column in COLUMNS]
+    return [[name, str(seed), *(row[i] for i in places)] for row in rows]
 
 
 def main() -> None:
-    """Trains what is not trained yet and prints the table as CSV."""
+    """Runs the missing trainings and prints the table as CSV."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/options"))
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1])

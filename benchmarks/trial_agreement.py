@@ -1,10 +1,10 @@
-"""How far two files of `iits-mj evaluate` agree: two worlds, or two time steps.
+"""Compares two files of `iits-mj evaluate`: two worlds, or two time steps.
 
     python benchmarks/trial_agreement.py full.csv fast.csv
 
 Prints, as Markdown, the speed loss [%] and the lane changes of each cell and method in both files,
-the loss on the free road, and what the rows come to together. Differences are over the seeds of
-both: of the same traffic where both files are of the full chain, else of traffic of the same kind.
+the loss on the free road, and a summary of the rows. Differences are over the common seeds: the
+same traffic if both files are of the full chain, else traffic of the same kind.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.stats import spearmanr
-from trial_files import trials_of
+from trial_sets import trials_of
 
 from controllers.decision.trip import CELLS
 from iits_mj.evaluation.figures import POLICY, RULES, STRONGER, CellFigures, figures, same_seeds
@@ -55,7 +55,7 @@ def cells_of(path: Path) -> dict[str, CellFigures]:
 
 
 def compare(cell: str, method: str, pairs: Sequence[tuple[Trial, Trial]]) -> Row:
-    """A method's figures over trials of the same seeds, first and second file's."""
+    """Figures of a method over pairs of trials with the same seed, one from each file."""
     loss = np.array([[100.0 * trial.speed_loss for trial in pair] for pair in pairs]).T
     changes = [
         float(np.mean([trial.changes for trial in trials])) for trials in zip(*pairs, strict=True)
@@ -70,7 +70,7 @@ def compare(cell: str, method: str, pairs: Sequence[tuple[Trial, Trial]]) -> Row
 
 
 def together(rows: list[Row]) -> list[str]:
-    """What the rows come to."""
+    """Summary of all rows."""
     lines = []
     for name in ("loss", "changes"):
         one, two = np.array([getattr(row, name) for row in rows]).T

@@ -1,11 +1,11 @@
-"""What several sets of test trips say together: files of `iits-mj evaluate`, one for each `--seed`.
+"""Evaluates several sets of test trips: files of `iits-mj evaluate`, one for each `--seed`.
 
     python benchmarks/trial_sets.py first.csv second.csv
 
-Prints, as Markdown, the policy against the best of the paper's rules in the cells and by the
-methods that all files have: speed loss [%], the difference over the same trips with half of its
-95 % interval, what Student's and Wilcoxon's tests say of it, Student's p corrected by Holm for the
-number of cells, and lane changes a trip; then the difference over the trips of all these cells.
+Prints, as Markdown, the policy against the best of the paper's rules in the common cells and
+methods of all files: speed loss [%], the difference over the same trips with half of its 95 %
+interval, p of Student's and Wilcoxon's tests, Student's p corrected by Holm for the number of
+cells, and lane changes a trip; then the difference over the trips of all these cells.
 """
 
 from __future__ import annotations
@@ -15,11 +15,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from trial_files import trials_of
-
 from controllers.decision.trip import CELLS
+from iits_mj.core.errors import InputError
 from iits_mj.evaluation.figures import POLICY, RULES, CellFigures, figures, over_all
-from iits_mj.evaluation.trials import EMPTY, Trial
+from iits_mj.evaluation.trials import EMPTY, Trial, read_trials
 
 METHODS = (*RULES, POLICY)
 HEADER = (
@@ -28,8 +27,18 @@ HEADER = (
 )
 
 
+def trials_of(path: Path) -> list[Trial]:
+    """The trials of a file; the program ends with the reason if the file cannot be read."""
+    if not path.exists():
+        sys.exit(f"file of trials {str(path)!r} does not exist")
+    try:
+        return list(read_trials(path, print).values())
+    except InputError as error:
+        sys.exit(str(error))
+
+
 def check_together(sets: Sequence[Sequence[Trial]]) -> None:
-    """Ends the program when the sets were not driven alike, or share a trip."""
+    """Ends the program if the sets have different settings, or share a trip."""
     trials = [trial for own in sets for trial in own]
     tasks = {trial.task for trial in trials}
     if len(tasks) < len(trials):
@@ -38,11 +47,11 @@ def check_together(sets: Sequence[Sequence[Trial]]) -> None:
         if len(found := {getattr(trial, name) for trial in trials}) > 1:
             sys.exit(f"the files hold trips of different {name}: {sorted(found)}")
     if len(found := {trial.weights for trial in trials if trial.method == POLICY}) != 1:
-        sys.exit(f"one policy is wanted in all files, they hold {len(found)}: {sorted(found)}")
+        sys.exit(f"all files must have the same policy, they have {len(found)}: {sorted(found)}")
 
 
 def shared(sets: Sequence[Sequence[Trial]]) -> list[CellFigures]:
-    """The figures of the cells and methods that all sets have."""
+    """Figures of the common cells and methods of all sets."""
     cells = [
         (density, speed)
         for density, speed in CELLS

@@ -1,1 +1,1 @@
-"""What decides and steers: knows messages and roads, never MuJoCo or SUMO."""
+"""Decision, planning and tracking: depends on messages and roads, not on MuJoCo or SUMO."""

@@ -1,6 +1,6 @@
 """The pipeline: scene -> decision -> trajectory -> command.
 
-It knows messages and roads only, so that it could run on a real truck's computer.
+It depends on messages and roads only, so that it could run on a real truck's computer.
 """
 
 from __future__ import annotations
@@ -22,24 +22,23 @@ from iits_mj.core.messages import (
     VehicleCommand,
 )
 from iits_mj.core.neighbors import Neighbor
+from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.parameters import TruckParameters
 
 if TYPE_CHECKING:
     from iits_mj.road import Route
 
-_HALF_STEP = 0.05
-
 
 class Stack:
     """Decision maker, planner and tracker at their own rates.
 
-    Call `plan` every 100 ms and `control` every 20 ms; the decision maker is asked once every
-    `decision_period` seconds, and not while a lane change is under way.
+    Call `plan` every 100 ms and `control` every 20 ms; the decision maker decides once every
+    `decision_period` seconds, and not during a lane change.
 
     Attributes:
-      last_decision: the decision maker's last answer.
-      last_trajectory: the one being tracked, or None before the first plan.
-      reference: gives the speed that the truck would like to drive.
+      last_decision: of the decision maker.
+      last_trajectory: the tracked one, or None before the first plan.
+      reference: desired speed of the truck.
     """
 
     def __init__(
@@ -57,7 +56,7 @@ class Stack:
 
         Args:
           route: the truck's road.
-          decision_maker: default: keeps its lane.
+          decision_maker: default: keeps the lane.
           planner: settings; default: the paper's 16.67 m/s on the two rightmost lanes.
           tracking: settings.
           parameters: of the truck; default: the shipped one.
@@ -113,18 +112,18 @@ class Stack:
         return self.planner.unsafe
 
     def reference_speed(self, station: float) -> float:
-        """Speed asked for at a station now [m/s]."""
+        """Returns the desired speed at a station now [m/s]."""
         return self.reference.at(station)
 
     def asks_at(self, time: float) -> bool:
-        """Whether a plan at a time [s] would ask the decision maker."""
+        """Returns whether a plan at a time [s] would ask the decision maker."""
         if self.planner.changing:
             return False
         last = self._decided_at
-        return last is None or time - last >= self.decision_period - _HALF_STEP
+        return last is None or time - last >= self.decision_period - 0.5 * CYCLE_PERIOD
 
     def plan(self, scene: Scene) -> Trajectory:
-        """A new trajectory from a scene, every 100 ms.
+        """Returns a new trajectory from a scene; call it every 100 ms.
 
         Raises:
           InputError: a number of the scene is not finite.
@@ -140,29 +139,29 @@ class Stack:
         return self.last_trajectory
 
     def control(self, ego: EgoState) -> VehicleCommand:
-        """The command on the last trajectory, every 20 ms.
+        """Returns the command on the last trajectory; call it every 20 ms.
 
         Raises:
-          InputError: no plan was made yet, or the state is not finite.
+          InputError: there is no plan yet, or the state is not finite.
         """
         if self.last_trajectory is None:
-            raise InputError("control asked for before the first plan: call Stack.plan first")
+            raise InputError("control requested before the first plan: call Stack.plan first")
         return self.tracker.command(ego, self.last_trajectory)
 
     def _leader(self, scene: Scene) -> Neighbor | None:
-        """The vehicle ahead in the lane that is being kept or changed to."""
+        """Returns the vehicle ahead in the lane that the truck keeps or changes to."""
         lane, sight = self.planner.lane(scene), self.planner.config.speed.preview
         path = self.planner.preview.follow(lane, scene.ego.station, sight)
         return scene.neighbors.leader_along_path(path)
 
     def context(self, scene: Scene) -> DecisionContext:
-        """Context of a decision in a scene whose frame is in the history."""
+        """Returns the context of a decision in a scene whose frame is in the history."""
         return DecisionContext(
             scene=scene,
             route=self.route,
             lane=self.planner.lane(scene),
             lanes=self.planner.config.lanes,
-            # Not the plan's speed: behind a slow leader it would hide the gain of passing.
+            # The plan's speed behind a slow leader would hide the gain of passing.
             reference_speed=self.reference.free(scene.ego.station),
             observation=self.history.observation(),
         )

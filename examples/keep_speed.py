@@ -1,4 +1,4 @@
-"""An independent controller: keeps speed and lateral position over a CAN bus.
+"""Keeps the truck's speed and lateral position over a CAN bus, as an independent controller.
 
 It uses python-can, cantools and the DBC file, and no code of the package that serves the truck:
 
@@ -228,7 +228,7 @@ class Controller:
 
 
 def wait_for_truck(controller: Controller, patience: float) -> list[str]:
-    """Receives until all required signals are there; returns those missing after a time [s]."""
+    """Receives until all required signals arrive; returns those missing after a time [s]."""
     end = time.monotonic() + patience
     while (missing := controller.missing()) and time.monotonic() < end:
         controller.listen(time.monotonic() + STEP)
@@ -273,7 +273,7 @@ def number(low: float, high: float, kind: Callable[[str], float] = float) -> Cal
 def arguments() -> argparse.Namespace:
     """The command line."""
     parser = Parser(description=__doc__.splitlines()[0])
-    parser.add_argument("--interface", default="udp_multicast", help="of python-can")
+    parser.add_argument("--interface", default="udp_multicast", help="python-can interface")
     parser.add_argument("--channel", default="239.74.163.2", help="group or CAN interface")
     parser.add_argument(
         "--port", type=number(1, 65535, int), default=43113, help="of udp_multicast"
@@ -303,7 +303,7 @@ def main() -> int:
             if missing := wait_for_truck(controller, patience=20.0):
                 return fail(f"no truck on this bus: no valid {', '.join(missing)}")
             if missing := drive(controller, given.duration):
-                return fail(f"the truck fell silent: no valid {', '.join(missing)}")
+                return fail(f"the truck stopped sending: no valid {', '.join(missing)}")
     except (can.CanError, OSError, ValueError, ImportError, NotImplementedError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         return fail(f"CAN bus {given.interface}:{given.channel}: {reason}")

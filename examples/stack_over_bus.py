@@ -1,9 +1,10 @@
-"""This package's controllers drive a truck that they know only through its bus.
+"""Drives a truck over its bus with the controllers of this package.
 
     iits-mj serve --bus udp_multicast --start-speed 15
     python examples/stack_over_bus.py --duration 60
 
-For a real truck use `--interface socketcan --channel can0` and that road's map.
+The controllers get the truck's state from the bus alone. For a real truck use
+`--interface socketcan --channel can0` and the map of its road.
 """
 
 from __future__ import annotations
@@ -12,10 +13,10 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NoReturn
+
+from keep_speed import Parser, number
 
 from controllers.planning.planner import PlannerConfig
 from controllers.stack import Stack
@@ -85,7 +86,7 @@ class BusDriver:
         for step in range(round(duration / STEP)):
             ego = self.listen()
             if time.monotonic() - self.heard_at > 0.5:
-                print("the truck fell silent", file=sys.stderr)
+                print("the truck stopped sending", file=sys.stderr)
                 break
             if step % PLAN_EVERY == 0:
                 trajectory = self.stack.plan(Scene(ego.time, ego))
@@ -99,36 +100,12 @@ class BusDriver:
         return figures
 
 
-class Parser(argparse.ArgumentParser):
-    """Reports wrong use in one line on stderr, with exit code 2."""
-
-    def error(self, message: str) -> NoReturn:
-        """Ends the program."""
-        self.exit(2, f"{self.prog}: {message}\n")
-
-
-def number(low: float, high: float) -> Callable[[str], float]:
-    """Type of an argument: a number within a range."""
-
-    def parse(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        # NaN fails this comparison.
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text!r}: use a number, {low:g} to {high:g}")
-        return value
-
-    return parse
-
-
 def arguments() -> argparse.Namespace:
     """The command line."""
     parser = Parser(description=__doc__.splitlines()[0])
-    parser.add_argument("--interface", default="udp_multicast", help="of python-can")
+    parser.add_argument("--interface", default="udp_multicast", help="python-can interface")
     parser.add_argument("--channel", help="group or group:port, or CAN interface")
-    parser.add_argument("--map", type=Path, help="the truck's OpenDRIVE map; default the built-in")
+    parser.add_argument("--map", type=Path, help="OpenDRIVE map of the road; default: the built-in")
     parser.add_argument("--speed", type=number(5.0, 90.0), default=60.0, help="km/h")
     parser.add_argument("--duration", type=number(STEP, 86400.0), default=60.0, help="s")
     parser.add_argument(

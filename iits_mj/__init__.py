@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["Error", "Truck", "TruckParameters", "VehicleCommand", "__version__", "mjcf_path"]
 __version__ = "0.1.0"
 
-# Name of the package to the module that defines it: loaded on first use.
+# Public names and the modules that define them, which are loaded on first use.
 _MODULES = {
     "Truck": "iits_mj.truck",
     "TruckParameters": "iits_mj.parameters",
@@ -32,7 +32,7 @@ _MODULES = {
 try:
     _register_plugin()
 except PluginError as error:
-    # `iits-mj doctor` must be able to say what helps; `Truck.load` raises the same error.
+    # A warning only, so that `iits-mj doctor` runs; `Truck.load` raises the same error.
     warnings.warn(str(error), RuntimeWarning, stacklevel=2)
 
 

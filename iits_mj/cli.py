@@ -1,8 +1,8 @@
-"""The command `iits-mj`: runs a command, and reports every error on one line with an exit code.
+"""The command line `iits-mj`: runs a command and reports every error as one line.
 
-Exit codes: 0 done and every check holds; 1 a check falls short; 2 wrong use or unusable input; 70 a
-fault of the program; 130 interrupted (Ctrl-C), 143 terminated (SIGTERM); both end a command alike,
-with its outputs complete up to that moment.
+Exit codes: 0 done and every check holds; 1 failure, or a check falls short; 2 wrong use or unusable
+input; 70 fault of the program; 130 interrupted (Ctrl-C); 143 terminated (SIGTERM), which ends a
+command as Ctrl-C does, with its outputs complete up to that moment.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from iits_mj.core.errors import Error, InputError
 
 COMMANDS = {
     "drive": "drive the truck in traffic; writes video, telemetry and report",
-    "view": "show a drive in MuJoCo's interactive viewer",
+    "view": "show a drive live in MuJoCo's interactive viewer",
     "validate": "compare truck, traffic and planning with theory, standards and the paper",
     "identify": "fit the truck's parameters to a recorded log",
     "pcc": "plan a fuel-optimal speed profile and compare it with constant speed",
-    "train": "train the decision maker",
+    "train": 'train the decision maker "ddqn"',
     "evaluate": "compare decision makers in the paper's traffic cells",
-    "montecarlo": "measure the effect of the uncertainty of the truck's parameters",
-    "record": "drive in traffic and store traffic, states and commands",
+    "montecarlo": "Monte Carlo over the uncertainty of the truck's parameters",
+    "record": "drive in traffic and record traffic, states and commands",
     "replay": "drive in recorded traffic, or verify a recording",
-    "replay-stage": "run one module of a recorded drive again and compare its outputs",
-    "import-trajectories": "place recorded trajectories on a map, for replay",
+    "replay-stage": "run one module of a recorded drive and compare its outputs",
+    "import-trajectories": "place recorded trajectories on a map for replay",
     "serve": "serve the truck on a CAN bus in real time, for an external controller",
     "replay-can": "drive the truck with the commands of a CAN log, or decode the log",
     "bench": "measure computing times",
@@ -45,7 +45,7 @@ TRACEBACK_VARIABLE = "IITS_MJ_TRACEBACK"
 
 
 def usage() -> str:
-    """The text of `iits-mj --help`."""
+    """Returns the text of `iits-mj --help`."""
     width = max(map(len, COMMANDS))
     lines = [f"  {name.ljust(width)}  {text}" for name, text in COMMANDS.items()]
     return "\n".join(
@@ -58,7 +58,7 @@ def usage() -> str:
             "",
             "'iits-mj COMMAND --help' explains the options of a command; 'iits-mj --version' shows "
             "the version.",
-            "Exit codes: 0 done, 1 a check falls short, 2 wrong use or unusable input.",
+            "Exit codes: 0 done, 1 failure or a check falls short, 2 wrong use or unusable input.",
         ]
     )
 
@@ -81,7 +81,7 @@ def dispatch(argv: Sequence[str]) -> int:
 
 
 def understood(argv: Sequence[str]) -> bool:
-    """True when a command line is valid; nothing is run."""
+    """Returns whether a command line is valid, without running it."""
     try:
         name, rest = argv[0], argv[1:]
         _options(_module(name), name, rest)
@@ -99,7 +99,7 @@ def _options(module: ModuleType, name: str, words: Sequence[str]) -> Any:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point: `dispatch`, with every error as one line on stderr."""
+    """Runs the command line; prints every error as one line and returns the exit code."""
     with _termination_as_interrupt() as received:
         code = _report(argv)
     return EXIT_TERMINATED if received and code == EXIT_INTERRUPTED else code
@@ -129,7 +129,7 @@ def _termination_as_interrupt() -> Iterator[list[int]]:
 
 
 def _report(argv: Sequence[str] | None) -> int:
-    # Without this, libsumo prints a warning about pyarrow on stdout, into JSON output.
+    # Otherwise libsumo prints a warning about pyarrow on stdout, into JSON output.
     os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
     try:
         code = dispatch(sys.argv[1:] if argv is None else argv)
@@ -146,7 +146,7 @@ def _report(argv: Sequence[str] | None) -> int:
         return _fail("interrupted", EXIT_INTERRUPTED)
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else 0
-    except Exception as error:  # a fault of the program shows no traceback either
+    except Exception as error:
         if os.environ.get(TRACEBACK_VARIABLE):
             traceback.print_exc()
         return _fail(

@@ -1,4 +1,4 @@
-"""Says at the end of a test run how many tests were skipped for want of outside data."""
+"""Reports at the end of a test run how many tests were skipped because outside data is missing."""
 
 from __future__ import annotations
 

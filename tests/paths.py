@@ -1,4 +1,4 @@
-"""Where the repository lies, and the data from outside that some tests read."""
+"""Paths of the repository and of the outside data that some tests read."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MISSING = "outside data is missing"
 def outside(name: str) -> Path:
     """Path of an outside file or folder, such as "xodr/esmini_velodrome.xodr".
 
-    Skips the calling test where the file is missing.
+    Skips the calling test if the file is missing.
     """
     path = DATA / name
     if not path.exists():

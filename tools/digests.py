@@ -1,4 +1,4 @@
-"""Shows that a change of the code leaves every result as it was, to the last bit.
+"""Compares the digests of the package's results before and after a change of the code.
 
     python tools/digests.py write digests.json          # before the change
     python tools/digests.py compare digests.json        # after it; exit code 1 where bits differ
@@ -29,7 +29,6 @@ import numpy as np
 
 Digests = dict[str, str]
 
-CLI = (sys.executable, "-m", "iits_mj.cli")
 # Keys whose values depend on the clock, the machine or the version of the code.
 UNSTABLE = ("wall", "solve_p", "real_time", "version", "provenance", "digest", "code", "per_s")
 # Parts of the names of checks whose value is a time on this machine.
@@ -77,12 +76,18 @@ ENVIRONMENTS = (
 )
 
 
-def run(arguments: str, folder: Path, codes: tuple[int, ...] = (0, 1)) -> str:
-    """Runs `iits-mj` with the arguments in the folder; returns what it printed on stdout."""
-    done = subprocess.run([*CLI, *arguments.split()], cwd=folder, capture_output=True, text=True)
+def output(name: str, words: list[str], folder: Path, codes: tuple[int, ...] = (0,)) -> str:
+    """Runs Python with the words in the folder; returns its output on stdout."""
+    done = subprocess.run([sys.executable, *words], cwd=folder, capture_output=True, text=True)
     if done.returncode not in codes:
-        raise SystemExit(f"'iits-mj {arguments}' failed:\n{done.stderr[-2000:]}")
+        raise SystemExit(f"{name} failed:\n{done.stderr[-2000:]}")
     return done.stdout
+
+
+def run(arguments: str, folder: Path, codes: tuple[int, ...] = (0, 1)) -> str:
+    """Runs `iits-mj` with the arguments in the folder; returns its output on stdout."""
+    words = ["-m", "iits_mj.cli", *arguments.split()]
+    return output(f"'iits-mj {arguments}'", words, folder, codes)
 
 
 def sha(data: bytes) -> str:
@@ -91,7 +96,7 @@ def sha(data: bytes) -> str:
 
 
 def of_json(text: str) -> str:
-    """Digest of a JSON text without its unstable keys, the order of keys aside."""
+    """Digest of a JSON text without its unstable keys, for any order of the keys."""
 
     def stable(value: Any) -> Any:
         if isinstance(value, dict):
@@ -187,7 +192,7 @@ def replay(folder: Path) -> Digests:
 
 def validate(group: str) -> Callable[[Path], Digests]:
     """The quick form of a validation group."""
-    # Exit code 2: without --data the traffic group says that nothing recorded was compared.
+    # Exit code 2: without --data the traffic group reports that recorded traffic is missing.
     return lambda folder: dict(
         of_checks(run(f"validate {group} --quick --json", folder, codes=(0, 1, 2)))
     )
@@ -256,12 +261,7 @@ def environment(name: str) -> Callable[[Path], Digests]:
             "env.close()\n"
             "print(digest.hexdigest()[:16])\n"
         )
-        done = subprocess.run(
-            [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True
-        )
-        if done.returncode:
-            raise SystemExit(f"environment {name} failed:\n{done.stderr[-2000:]}")
-        return {"steps": done.stdout.split()[-1]}
+        return {"steps": output(f"environment {name}", ["-c", code], folder).split()[-1]}
 
     return job
 
@@ -283,10 +283,7 @@ def model(folder: Path) -> Digests:
         "for payload in (0, 36000):\n"
         "    print(payload, digest(Truck.load(payload=payload).model))\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True)
-    if done.returncode:
-        raise SystemExit(f"the model failed:\n{done.stderr[-2000:]}")
-    return dict(line.split() for line in done.stdout.splitlines())
+    return dict(line.split() for line in output("the model", ["-c", code], folder).splitlines())
 
 
 JOBS: dict[str, Callable[[Path], Digests]] = {

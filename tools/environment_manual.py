@@ -80,7 +80,6 @@ def _driving(task: str, env: str) -> str:
 
 def _highway() -> str:
     kind = tasks.Highway
-    limit = inspect.getdoc(suite.truck.SUITE["highway"]) or ""
     return _joined(
         "# Highway",
         _NOTE,
@@ -90,7 +89,7 @@ def _highway() -> str:
         _decision_observation(),
         "## Arguments\n\n" + _arguments(HighwayEnv),
         "## In dm_control",
-        f'`suite.load("truck", "highway")`: {limit.splitlines()[0]}',
+        f'`suite.load("truck", "highway")`: {_headline(suite.truck.SUITE["highway"])}',
         _body(kind),
         _observations(kind, heading="###"),
         _rewards(
@@ -135,7 +134,7 @@ def _index() -> str:
             f"`truck`, `{task}`",
             f"`iits_mj/{_env(task)}-v0`",
             ", ".join(f"`{name}`" for name in kind.actions),
-            (inspect.getdoc(kind) or "").splitlines()[0],
+            _headline(kind),
         )
         for task, kind in DRIVING_TASKS.items()
     ]
@@ -145,7 +144,7 @@ def _index() -> str:
             "`truck`, `highway`",
             "`iits_mj/Highway-v0`",
             "left, keep, right",
-            (inspect.getdoc(HighwayEnv) or "").splitlines()[0],
+            _headline(HighwayEnv),
         )
     )
     rows += [
@@ -154,7 +153,7 @@ def _index() -> str:
             "",
             f"`iits_mj/{name}-v0`",
             "left, keep, right" if name == "HighwayFast" else "set speed",
-            (inspect.getdoc(kind) or "").splitlines()[0],
+            _headline(kind),
         )
         for name, kind in OTHERS.items()
         if name != "Highway"
@@ -228,7 +227,9 @@ def _decision_observation() -> str:
         if line.startswith("|")
     ]
     # Below the heading and its rule, in the order of the numbers.
-    told = [(str(place), f"`{FEATURES[place]}`", *line[1:]) for place, line in enumerate(lines[2:])]
+    table = [
+        (str(place), f"`{FEATURES[place]}`", *line[1:]) for place, line in enumerate(lines[2:])
+    ]
     ages = ", ".join(f"{age:g}" for age in FRAME_AGES)
     names = ", ".join(f"{place} `{name}`" for place, name in enumerate(ROWS))
     return (
@@ -236,7 +237,7 @@ def _decision_observation() -> str:
         f"Number {rows * features} x frame + {features} x row + feature. Frames: those of {ages} s "
         f"ago. Rows: {names}; a row is zero where there is no vehicle. Features, each divided by "
         "its scale and clipped to [-1, 1]:\n\n"
-        + _table(("feature", "name", "the truck's row", "other rows", "scale"), told)
+        + _table(("feature", "name", "the truck's row", "other rows", "scale"), table)
     )
 
 
@@ -253,7 +254,7 @@ def _end(kind: type[DrivingTask]) -> str:
 
 
 def _own_names(kind: type[DrivingTask]) -> set[str]:
-    """Names that our classes define, not dm_control's."""
+    """Names that this package's classes define, not dm_control's."""
     return {
         name
         for base in kind.__mro__
@@ -264,6 +265,10 @@ def _own_names(kind: type[DrivingTask]) -> set[str]:
 
 def _picture(stem: str, title: str) -> str:
     return f"![{title}](images/{stem}.png)"
+
+
+def _headline(thing: object) -> str:
+    return (inspect.getdoc(thing) or "").splitlines()[0]
 
 
 def _first(thing: object) -> str:
@@ -282,7 +287,7 @@ def _parts(kind: type) -> tuple[str, str]:
 
 
 def _unwrapped(text: str) -> str:
-    """Paragraphs on one line each; tables and code as they are."""
+    """Paragraphs on one line each; tables and code unchanged."""
     blocks = []
     for block in text.split("\n\n"):
         kept = block.lstrip().startswith("|") or block.startswith("    ")
@@ -294,11 +299,11 @@ def _arguments(kind: type, skip: Iterable[str] = ()) -> str:
     section = re.search(r"Args:\n(.*?)(\n\n|\Z)", _parts(kind)[1], re.DOTALL)
     if section is None:
         return "None."
-    told = re.findall(r"^  (\w+): (.*(?:\n    .*)*)", section[1], re.MULTILINE)
+    entries = re.findall(r"^  (\w+): (.*(?:\n    .*)*)", section[1], re.MULTILINE)
     defaults = inspect.signature(kind).parameters
     rows = [
         (f"`{name}`", f"`{_shown(defaults[name].default)}`", " ".join(text.split()))
-        for name, text in told
+        for name, text in entries
         if name not in set(skip)
     ]
     return _table(("name", "default", "meaning"), rows)

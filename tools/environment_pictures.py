@@ -1,4 +1,4 @@
-"""Draws the pictures of the environments' manual pages; needs OpenGL.
+"""Draws the pictures on the environments' manual pages; needs OpenGL.
 
     python tools/environment_pictures.py
 

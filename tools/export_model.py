@@ -1,4 +1,4 @@
-"""Writes the shipped model from `mjcf/truck.toml`: MJCF, meshes, the README's provenance table.
+"""Writes the shipped model from `mjcf/truck.toml`: MJCF, meshes, and the README's provenance table.
 
     python tools/export_model.py
 
@@ -28,19 +28,11 @@ TABLE_START = "<!-- provenance: made by `python tools/export_model.py` -->"
 TABLE_END = "<!-- end of provenance -->"
 
 
-def model_files(
-    payload: float | None = None, payload_height: float | None = None
-) -> dict[str, str]:
-    """Texts of `truck.xml` and its meshes, by path below the model folder.
-
-    Args:
-      payload: [kg]; default: the greatest.
-      payload_height: of its CG above the road [m]; default: the parameters'.
-    """
+def model_files() -> dict[str, str]:
+    """Texts of the laden truck's `truck.xml` and its meshes, by path below the model folder."""
     register()
-    parameters = TruckParameters.load().with_payload_height(payload_height)
-    payload = parameters.payload.mass_max if payload is None else payload
-    spec = truck_spec(parameters, payload)
+    parameters = TruckParameters.load()
+    spec = truck_spec(parameters, parameters.payload.mass_max)
     files = {}
     for mesh in spec.meshes:
         name = f"{mesh.name}.obj"
@@ -64,7 +56,7 @@ def write_model(folder: Path) -> None:
 
 
 def readme_text(text: str) -> str:
-    """The README with its provenance table renewed.
+    """The README with a new provenance table.
 
     Raises:
       InputError: the README lacks the table's markers.
@@ -79,9 +71,9 @@ def readme_text(text: str) -> str:
 
 
 def _wavefront(mesh: mujoco.MjsMesh) -> str:
-    """A mesh of vertices and triangles as Wavefront OBJ, to a tenth of a millimetre.
+    """A mesh of vertices and triangles as Wavefront OBJ, to a tenth of a millimeter.
 
-    Zeros have no sign: theirs is rounding, which differs from processor to processor.
+    Zeros have no sign: it comes from rounding, which differs between processors.
     """
     vertices = np.array(mesh.uservert).reshape(-1, 3)
     faces = np.array(mesh.userface).reshape(-1, 3) + 1

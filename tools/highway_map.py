@@ -21,7 +21,7 @@ from traffic_bridge.network.nets import run_netconvert
 
 TABLE = Path(__file__).resolve().with_name("highway.toml")
 MAPS = Path(__file__).resolve().parents[1] / "iits_mj" / "road" / "maps"
-# Metres between shape points of the net.
+# Distance between shape points of the net [m].
 CURVE_RESOLUTION = 1.0
 
 

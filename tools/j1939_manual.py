@@ -2,7 +2,7 @@
 
     python tools/j1939_manual.py
 
-The tables lie between the page's markers; a test compares them with the DBC.
+The tables are between the page's markers; a test compares them with the DBC.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def tables() -> dict[str, str]:
 
 
 def fill(page: str) -> str:
-    """The page with fresh tables between `<!-- begin NAME -->` and `<!-- end NAME -->`."""
+    """The page with new tables between `<!-- begin NAME -->` and `<!-- end NAME -->`."""
     for name, table in tables().items():
         begin, end = f"<!-- begin {name} -->\n", f"<!-- end {name} -->"
         head, _, rest = page.partition(begin)

@@ -11,7 +11,7 @@ libsumo is imported when a simulation starts.
 """
 
 from iits_mj.core.vehicles import VehicleFrame
-from traffic_bridge.config import DENSITIES, LANE_CHANGE_MODELS, Departure, TrafficConfig
+from traffic_bridge.config import Departure, TrafficConfig
 from traffic_bridge.datasets import (
     ImportConfig,
     Trajectories,
@@ -23,15 +23,12 @@ from traffic_bridge.modes.parallel import SeparateTraffic, TrafficWorlds, WorldS
 from traffic_bridge.modes.repsim import MixedSim, RepSim
 from traffic_bridge.modes.resim import ReSim
 from traffic_bridge.modes.sumo_modes import InterSim, PureSim, Traffic
-from traffic_bridge.network.lane_graph import MapPath
-from traffic_bridge.network.map_lookup import MapPoint, Place
-from traffic_bridge.network.map_network import MapLane, MapNetwork, MapRoad
+from traffic_bridge.network.map_network import MapNetwork
 from traffic_bridge.network.nets import build_network, cache_dir, find_netconvert
 from traffic_bridge.recording.recorder import Recorder
 from traffic_bridge.recording.recording import PoseDigest, Recording
 from traffic_bridge.session import sumo_runs_here
 from traffic_bridge.signals.events import (
-    Event,
     LaneClosure,
     LightOverride,
     LightProgramRun,
@@ -55,12 +52,9 @@ from traffic_bridge.vehicles.idm import IdmParameters
 from traffic_bridge.vehicles.types import KINDS, VehicleType, default_types, read_types
 
 __all__ = [
-    "DENSITIES",
     "KINDS",
-    "LANE_CHANGE_MODELS",
     "Calibration",
     "Departure",
-    "Event",
     "IdmParameters",
     "ImportConfig",
     "InterSim",
@@ -69,14 +63,9 @@ __all__ = [
     "LightOverride",
     "LightPhase",
     "LightProgramRun",
-    "MapLane",
     "MapNetwork",
-    "MapPath",
-    "MapPoint",
-    "MapRoad",
     "Mirror",
     "MixedSim",
-    "Place",
     "PoseDigest",
     "PureSim",
     "ReSim",

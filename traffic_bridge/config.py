@@ -1,4 +1,4 @@
-"""Settings of a traffic simulation: frozen dataclasses that check their values when made."""
+"""Settings of a traffic simulation, checked when they are made."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from iits_mj.core.assets import DEFAULT_MIX
 from iits_mj.core.checks import in_range, is_number, is_whole, make_plain, shown
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint
 from traffic_bridge.signals.events import Event, SlowConvoy, StoppedVehicle, VehicleChange, event_of
-from traffic_bridge.vehicles.types import VehicleType, default_types, type_from_dict
+from traffic_bridge.vehicles.types import FASTEST, VehicleType, default_types, type_from_dict
 
 # Spawn probability per second and lane of the paper's three densities (section VI-C).
 DENSITIES = {"dense": 0.05, "medium": 0.02, "sparse": 0.005, "empty": 0.0}
@@ -21,7 +22,7 @@ LANE_DISCIPLINES = ("right", "free")
 SCOPES = ("route", "both", "map")
 # Allowed values of the numbers in `TrafficConfig`.
 RANGES = {
-    "speed_limit": (1.0, 70.0),
+    "speed_limit": (1.0, FASTEST),
     "view_range": (10.0, 5_000.0),
     "step_length": (0.01, 1.0),
     "lane_change_duration": (0.0, 10.0),
@@ -29,12 +30,11 @@ RANGES = {
     "fill_ahead": (0.0, 200_000.0),
     "fill_behind": (0.0, 200_000.0),
 }
-DEFAULT_MIX = (("car", 0.70), ("van", 0.12), ("truck", 0.08), ("articulated", 0.10))
 
 
 @dataclass(frozen=True)
 class Departure:
-    """One vehicle that departs by a list, as soon after `time` as its place is free.
+    """One listed vehicle, which departs at `time` or as soon afterwards as its place is free.
 
     Attributes:
       time: traffic time [s].
@@ -63,7 +63,7 @@ class Departure:
         if self.station is not None:
             in_range("departure: station", self.station, 0.0, 1e6)
         if self.speed is not None:
-            in_range("departure: speed", self.speed, 0.5, 70.0)
+            in_range("departure: speed", self.speed, 0.5, FASTEST)
         make_plain(self)
 
 
@@ -77,10 +77,10 @@ class TrafficConfig:
         each type its own probability and replaces `mix`.
       speed_limit: maximum speed of the traffic [m/s]; every vehicle's desired speed is a fraction
         of it (see `VehicleType`). The paper uses 12.5 and 15.
-      lane_change: "lc2013" (SUMO's model) or "mobil" (ours, see `traffic_bridge.vehicles.mobil`).
+      lane_change: "lc2013" (SUMO's model) or "mobil" (see `traffic_bridge.vehicles.mobil`).
       lane_discipline: "right": vehicles keep right as their types define; "free": they do not keep
-        right, do not give way to faster followers and stay in their lane after overtaking, which
-        fills all lanes alike (`keep_right_bias`, `politeness` and `lc_keep_right` of all types are
+        right, do not give way to faster followers and stay in their lane after overtaking, so that
+        all lanes fill equally (`keep_right_bias`, `politeness` and `lc_keep_right` of all types are
         zero).
       mix: name and weight of each type of vehicle that departs at random.
       types: the `VehicleType`s, each with a unique name.
@@ -89,14 +89,14 @@ class TrafficConfig:
       lane_change_duration: duration of the sideways motion of a lane change [s]; 0 shows SUMO's
         instantaneous change.
       clear_distance: no vehicle appears within this distance of the ego [m].
-      fill_ahead, fill_behind: stretch of road ahead of and behind the ego that is populated at the
-        beginning [m].
-      scope: where traffic drives: "route": along the ego's route; "both": on the opposite lanes of
-        its roads too; "map": also from every entrance of the map to random exits, turning at
+      fill_ahead, fill_behind: lengths of road ahead of and behind the ego that are populated at
+        the beginning [m].
+      scope: roads with traffic: "route": along the ego's route; "both": also on the opposite lanes
+        of its roads; "map": also from every entrance of the map to random exits, with turns at
         junctions.
       footprint: size of the ego combination.
-      events: what happens at a time or station, see `traffic_bridge.signals.events`.
-      departures: vehicles that depart by a list, in addition to the random ones.
+      events: at a time or station, see `traffic_bridge.signals.events`.
+      departures: listed vehicles, in addition to the random ones.
 
     Raises:
       InputError: a value is out of its range; the message names what is allowed.
@@ -120,10 +120,7 @@ class TrafficConfig:
     departures: tuple[Departure, ...] = ()
 
     def __post_init__(self) -> None:
-        """Checks every value; mappings given as `mix` or `density` become tuples and numbers.
-
-        Numbers are converted to Python's own, so that a stored configuration is JSON.
-        """
+        """Checks every value; converts mappings in `mix` and `density` to tuples and numbers."""
         if isinstance(self.density, Mapping):
             object.__setattr__(self, "mix", tuple(self.density.items()))
             for name, share in self.mix:
@@ -238,7 +235,7 @@ def _are_pairs(mix: Any) -> bool:
 
 
 def _all_of(what: str, entries: Any, kind: type) -> tuple[Any, ...]:
-    """The entries as a tuple; InputError if one is of another class or they are no sequence."""
+    """The entries as a tuple; InputError if they are no sequence or one has another class."""
     if isinstance(entries, (str, kind)) or not isinstance(entries, Iterable):
         raise InputError(f"{what} {shown(entries)}: must be a sequence of {kind.__name__}")
     for entry in (made := tuple(entries)):

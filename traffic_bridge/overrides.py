@@ -1,4 +1,4 @@
-"""Overrides of settings that overlap in time: the newest one holds, each ends independently."""
+"""Overrides of settings that overlap in time: the newest one holds, and each ends on its own."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Undo = Callable[[], None]
 
 
 class _Override(NamedTuple):
-    """A value and a reference to its undo function; without the function it cannot end."""
+    """A value and a weak reference to its undo function, without which it cannot end."""
 
     value: Any
     undo: weakref.ref[Undo]
@@ -20,8 +20,8 @@ class _Override(NamedTuple):
 class Overrides:
     """The overrides of each field of each target, oldest first.
 
-    An override whose undo function no longer exists is permanent and hides the older ones for ever.
-    Those are dropped, so repeated overrides do not use more and more memory.
+    An override whose undo function no longer exists is permanent and hides the older ones. Those
+    are dropped, so repeated overrides do not use more and more memory.
     """
 
     def __init__(self) -> None:
@@ -33,12 +33,12 @@ class Overrides:
         return sum(len(kept) for fields in self._of.values() for kept in fields.values())
 
     def add(self, target: str, values: Mapping[str, Any], ended: Callable[[], None]) -> Undo:
-        """Adds an override; of a target's field the newest one holds.
+        """Adds an override; the newest override of a target's field holds.
 
         Args:
           target: name of the vehicle, type or light.
           values: by field.
-          ended: called after the override has ended, unless its target was forgotten before.
+          ended: called after the override has ended, unless its target was dropped before.
 
         Returns:
           A function that ends the override; further calls do nothing.
@@ -73,11 +73,11 @@ class Overrides:
         return value
 
     def forget(self, target: str) -> None:
-        """Drops all overrides of a target; their undo functions then do nothing."""
+        """Drops all overrides of a target; afterwards their undo functions do nothing."""
         self._of.pop(target, None)
 
     def _end(self, target: str, fields: Iterable[str], number: int) -> bool:
-        """Removes an override; False if it is already gone."""
+        """Removes an override; returns False if it is already removed."""
         found = False
         mine = self._of.get(target, {})
         for field in fields:

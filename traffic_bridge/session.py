@@ -1,4 +1,4 @@
-"""One libsumo simulation: start, error handling and end. The only module that imports libsumo."""
+"""Starts, guards and ends one libsumo simulation; the only module that imports libsumo."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NoReturn
 
 from iits_mj.core.errors import TrafficError
@@ -44,7 +43,7 @@ def load_libsumo() -> Any:
 
 
 def sumo_runs_here() -> bool:
-    """Whether this process holds a SUMO simulation, so that another one needs its own process.
+    """Whether this process holds a SUMO simulation; a second one needs its own process.
 
     Raises:
       TrafficError: SUMO's library is missing.
@@ -70,8 +69,8 @@ def check_net(net: Path) -> None:
     """Checks a net for faults on which SUMO crashes instead of reporting an error.
 
     Raises:
-      TrafficError: the file is missing, not well-formed XML, has no version, place or lanes, a lane
-        without length, speed or shape, or a lane inside a junction to which no connection leads.
+      TrafficError: the file is missing or not well-formed XML; it has no version, location or
+        lanes, a lane without length, speed or shape, or an internal lane without a connection.
     """
     try:
         status = net.stat()
@@ -84,7 +83,7 @@ def check_net(net: Path) -> None:
 
 @lru_cache(maxsize=16)
 def _fault(net: Path, _changed: int, _size: int) -> str:
-    """The fault of a net in words, or ""; cached while the file does not change."""
+    """Description of a net's fault, or ""; cached while the file does not change."""
     versioned, placed, internal = False, False, False
     lanes, inside, reached = 0, set(), set()
     for event, element in ElementTree.iterparse(net, events=("start", "end")):
@@ -97,7 +96,7 @@ def _fault(net: Path, _changed: int, _size: int) -> str:
             name = element.get("id", "")
             if not all(_positive(element.get(key)) for key in ("length", "speed")):
                 return f"lane {name!r} has no positive length and speed"
-            if not _finite(element.get("shape", "")):
+            if re.search(r"nan|inf", element.get("shape", ""), re.IGNORECASE):
                 return f"lane {name!r} has a shape that is not finite"
             if internal:
                 inside.add(name)
@@ -123,14 +122,10 @@ def _positive(text: str | None) -> bool:
         return True  # SUMO has a better message for a malformed number
 
 
-def _finite(shape: str) -> bool:
-    return not re.search(r"nan|inf", shape, re.IGNORECASE)
-
-
 class Session:
-    """A loaded SUMO simulation. A process can have one, because libsumo has one global state.
+    """A loaded SUMO simulation; libsumo's global state allows one in a process.
 
-    A session without references is closed. A simulation that other code of the process has started
+    A session without references is closed. A simulation that other code of the process started
     through libsumo is neither used nor closed.
 
     Args:
@@ -180,13 +175,13 @@ class Session:
             *("--step-length", str(step_length), "--seed", str(seed % 2**31)),
             *("--time-to-teleport", "-1", "--collision.action", "warn"),
             *("--max-depart-delay", "5", "--error-log", self._error_log),
-            # SUMO tries to insert each vehicle separately: the road is filled in one step.
+            # SUMO tries to insert each vehicle separately, which fills the road in one step.
             *("--eager-insert", "true"),
             *("--no-step-log", "true", "--no-warnings", "true", "--xml-validation", "never"),
             *options,
         ]
         self._finalizer = weakref.finalize(self, _unload, self.api, folder)
-        with Guard(self, f"loading {net}", loading=True), _captured_stderr(self._stderr):
+        with self.guard(f"loading {net}", loading=True), _captured_stderr(self._stderr):
             self.api.start(command)
 
     def __reduce__(self) -> NoReturn:
@@ -195,26 +190,46 @@ class Session:
             "settings before reset(), and reset the copy with the same seed"
         )
 
-    def guard(self, action: str) -> Guard:
-        """A `with` block for every use of `api`.
+    @contextlib.contextmanager
+    def guard(self, action: str, loading: bool = False) -> Iterator[None]:
+        """A `with` block for every use of `api`, in which every error ends the simulation.
 
-        SUMO's errors become a `TrafficError` that names the action, and close the simulation.
+        SUMO's errors become a `TrafficError` that names the action. The outermost block checks that
+        libsumo still holds this simulation, except while `loading` it.
 
         Raises:
           TrafficError: on entering, if this simulation has ended or libsumo holds another one,
             which stays open.
         """
-        return Guard(self, action)
+        if not self.is_open:
+            raise TrafficError(
+                f"{action}: this belongs to a simulation that has ended; take "
+                "traffic.vehicles / traffic.signals of the running one, or call reset()"
+            )
+        if self._guards == 0 and not loading:
+            self.check_held()
+        self._guards += 1
+        try:
+            yield
+        except BaseException as error:
+            native = (
+                *(self.api.TraCIException, self.api.libsumo.FatalTraCIError),
+                *(OSError, RuntimeError),
+            )
+            text = self.explain(error) if isinstance(error, native) else None
+            self.close()
+            if text is None:
+                raise
+            raise TrafficError(f"SUMO failed while {action}: {text}") from error
+        finally:
+            self._guards -= 1
 
     def getter(self, domain: str, name: str) -> Callable[[str], Any]:
-        """A fast function of libsumo that reads a value by id, for reading many values.
+        """A fast function of libsumo that reads a value by id.
 
-        libsumo's public functions call native ones, which takes as long as the native ones
-        themselves. The native function is returned if this version of libsumo has it.
-
-        Args:
-          domain: "vehicle", "lane" ...
-          name: "getSpeed" ...
+        `getter("vehicle", "getSpeed")` returns a function of a vehicle's name. The call from
+        libsumo's public function to the native one takes as long as the native function itself. So
+        the native function is returned if this version of libsumo has it.
         """
         native = getattr(self.api.libsumo, "_libsumo", None)
         found = getattr(native, f"{domain}_{name}", None)
@@ -224,7 +239,7 @@ class Session:
         """Advances the simulation by one step.
 
         Raises:
-          TrafficError: it is closed, SUMO fails, or another simulation has taken its place.
+          TrafficError: it is closed, SUMO fails, or libsumo holds another simulation.
         """
         if not self.is_open:
             raise TrafficError("the SUMO simulation is closed; call reset() to start it again")
@@ -264,58 +279,18 @@ class Session:
         return "; ".join(lines)[:600] or "no explanation given"
 
 
-class Guard:
-    """A `with` block in which every error ends the simulation; see `Session.guard`."""
-
-    __slots__ = ("_action", "_loading", "_session")
-
-    def __init__(self, session: Session, action: str, loading: bool = False) -> None:
-        self._session = session
-        self._action = action
-        self._loading = loading
-
-    def __enter__(self) -> None:
-        """Checks that the simulation is open and, in the outermost block, that libsumo holds it."""
-        session = self._session
-        if not session.is_open:
-            raise TrafficError(
-                f"{self._action}: this belongs to a simulation that has ended; take "
-                "traffic.vehicles / traffic.signals of the running one, or call reset()"
-            )
-        if session._guards == 0 and not self._loading:
-            session.check_held()
-        session._guards += 1
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._session._guards -= 1
-        if error is None:
-            return
-        session = self._session
-        api = session.api
-        foreign = (api.TraCIException, api.libsumo.FatalTraCIError, OSError, RuntimeError)
-        text = session.explain(error) if isinstance(error, foreign) else None
-        session.close()
-        if text is not None:
-            raise TrafficError(f"SUMO failed while {self._action}: {text}") from error
-
-
 def _holds(api: Any, error_log: str) -> bool:
-    """Whether libsumo holds the simulation with this error log; each has its own."""
+    """Whether libsumo holds the simulation with this error log, unique to each session."""
     if not api.isLoaded():
         return False
     try:
         return bool(api.simulation.getOption("error-log") == error_log)
     except (api.TraCIException, api.libsumo.FatalTraCIError, RuntimeError):
-        return True  # no options to read: start() has failed half-way
+        return True  # the options are missing: start() has failed half-way
 
 
 def _unload(api: Any, folder: TemporaryFolder) -> None:
-    # A simulation that failed while loading also fails to close, but is gone then.
+    # After a failed start, close() fails too, but ends the simulation.
     with contextlib.suppress(api.TraCIException, api.libsumo.FatalTraCIError, RuntimeError):
         if _holds(api, str(folder.path / ERROR_LOG)):
             api.close()

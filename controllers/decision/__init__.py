@@ -10,14 +10,14 @@ NAMES = ("keep", "conservative", "neutral", "aggressive", "mobil", "lookahead", 
 
 
 def make(name: str, weights: str | None = None) -> DecisionMaker:
-    """Builds a decision maker.
+    """Returns a new decision maker.
 
     Args:
       name: one of `NAMES`.
       weights: file of the "ddqn" policy; default: the shipped one.
 
     Raises:
-      InputError: unknown name, or unusable weights.
+      InputError: the name is unknown, or the weights are unusable.
     """
     if weights is not None and name != "ddqn":
         raise InputError(f"decision maker {name!r} takes no weights; only 'ddqn' does")
@@ -30,8 +30,9 @@ def make(name: str, weights: str | None = None) -> DecisionMaker:
     if name in NAMES:
         from controllers.decision import rules
 
-        strong = {"mobil": rules.Mobil, "lookahead": rules.LookAhead}
-        return strong[name]() if name in strong else rules.ClearanceRule(name)
+        if name == "mobil":
+            return rules.Mobil()
+        return rules.LookAhead() if name == "lookahead" else rules.ClearanceRule(name)
     raise InputError(f"decision maker {name!r} is unknown; allowed are: {', '.join(NAMES)}")
 
 

@@ -1,7 +1,7 @@
 """Decision makers: their protocol, their input, and the one that always keeps its lane.
 
-A decision maker is asked about once a second: change to the left, keep, or change to the right.
-It does not steer: the planner checks the answer again and may refuse it.
+A decision maker decides about once a second: change to the left, keep, or change to the right.
+It does not steer: the planner checks the decision again and may refuse it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class DecisionContext:
       route: the truck's road.
       lane: index of the lane that the truck keeps, or changes to, now (0 = rightmost).
       lanes: indices of the lanes the truck may use; the paper limits it to two.
-      reference_speed: wanted by the speed planner here [m/s].
+      reference_speed: of the speed planner here [m/s].
       observation: of shape (216,), see `controllers.decision.observation`.
     """
 
@@ -42,11 +42,11 @@ class DecisionContext:
     observation: Observation
 
     def may_use(self, lane: int) -> bool:
-        """Whether the lane exists beside the truck and the truck is allowed to use it."""
+        """Whether a lane exists at the truck's station and the truck is allowed to use it."""
         return lane in self.lanes and bool(self.route.lane_exists(lane, self.scene.ego.station))
 
     def sides(self) -> Iterator[tuple[Decision, int]]:
-        """The decisions to change to a lane that the truck may use, left first, with the lane."""
+        """Yields the changes to lanes that the truck may use, left first: decision and lane."""
         for side in (Decision.LEFT, Decision.RIGHT):
             lane = self.lane - int(side)
             if self.may_use(lane):
@@ -57,27 +57,31 @@ class DecisionMaker(Protocol):
     """Protocol of all decision makers.
 
     Attributes:
-      name: as `controllers.decision.make` knows it.
+      name: one of `controllers.decision.NAMES`, or another one.
     """
 
     name: str
 
     def reset(self) -> None:
-        """Forgets everything; called at the start of a drive."""
+        """Clears all memory; called at the start of a drive."""
 
     def decide(self, context: DecisionContext) -> Decision:
-        """The decision for the coming second."""
+        """Returns the decision for the next second."""
 
 
-class Keep:
+class Memoryless:
+    """Base of decision makers without memory."""
+
+    def reset(self) -> None:
+        """Does nothing."""
+
+
+class Keep(Memoryless):
     """Never changes lanes."""
 
     name = "keep"
 
-    def reset(self) -> None:
-        """Has no memory."""
-
     def decide(self, context: DecisionContext) -> Decision:
-        """Always `Decision.KEEP`."""
+        """Returns `Decision.KEEP`."""
         del context
         return Decision.KEEP

@@ -1,7 +1,7 @@
 """The paper's observation: 4 frames x 9 rows x 6 features = 216 numbers in [-1, 1].
 
-One function makes it in training and in driving. The frames are of now, 1, 2 and 3 seconds ago, in
-this order. A frame's rows are the truck, the nearest two vehicles behind, and the nearest six ahead
+Training and driving use the same function. The frames are of now, 1, 2 and 3 seconds ago, in this
+order. A frame's rows are the truck, the nearest two vehicles behind, and the nearest six ahead
 (nearest first); rows without a vehicle are zero. Features, with their normalization:
 
 | feature         | truck's row                        | other rows                      | /      |
@@ -13,8 +13,8 @@ this order. A frame's rows are the truck, the nearest two vehicles behind, and t
 | lateral speed   | own                                | its own                         | 40 m/s |
 | reference speed | reference speed                    | reference speed minus its speed | 40 m/s |
 
-The paper gives the number of vehicles, not the range. Its release sees 100 m ahead, which a truck
-that closes in by 4 m/s covers in 25 s: whether the other lane is worth a change shows only beyond.
+The paper gives the number of vehicles, not the range. Its release sees 100 m ahead. A truck that
+closes in by 4 m/s covers that in 25 s, and whether a change pays depends on the traffic beyond.
 Here the range is 250 m, that of a truck's long-range radar.
 
 Longitudinal distance is measured along the route from front bumper to front bumper. A vehicle is
@@ -56,7 +56,7 @@ Frame = NDArray[np.float32]
 
 
 def observe_frame(scene: Scene, route: Route, reference_speed: float) -> Frame:
-    """One frame of the observation, shape (9, 6), normalized and clipped to [-1, 1].
+    """Returns one frame of the observation, shape (9, 6), normalized and clipped to [-1, 1].
 
     Raises:
       InputError: a number is not finite; the message names it.
@@ -84,12 +84,12 @@ def observe_frame(scene: Scene, route: Route, reference_speed: float) -> Frame:
                 reference_speed - neighbors.speed[found],
             )
         )
-    _check_finite(rows)
+    check_finite(rows)
     return np.minimum(np.maximum(rows / SCALE, -1.0), 1.0).astype(np.float32)
 
 
 class ObservationHistory:
-    """Keeps frames by time and stacks those of now, 1, 2 and 3 seconds ago.
+    """Stores frames by time and stacks those of now, 1, 2 and 3 seconds ago.
 
     In the first 3 s the oldest frame replaces those that do not exist yet.
     """
@@ -98,18 +98,18 @@ class ObservationHistory:
         self._frames: deque[tuple[float, Frame]] = deque()
 
     def reset(self) -> None:
-        """Forgets all frames."""
+        """Removes all frames."""
         self._frames.clear()
 
     def add(self, time: float, frame: Frame) -> None:
-        """Adds the frame of a time [s], which must be later than the last one's.
+        """Adds the frame of a time [s], which must be later than that of the last frame.
 
         Raises:
           InputError: wrong shape, a value that is not finite, or time not increasing.
         """
         if frame.shape != FRAME_SHAPE:
-            raise InputError(f"observation frame has shape {frame.shape}: {FRAME_SHAPE} is wanted")
-        _check_finite(frame)
+            raise InputError(f"observation frame has shape {frame.shape}: must be {FRAME_SHAPE}")
+        check_finite(frame)
         if not math.isfinite(time) or (self._frames and time <= self._frames[-1][0]):
             raise InputError(f"observation frame at time {time}: must be later than the last frame")
         self._frames.append((time, frame))
@@ -117,28 +117,25 @@ class ObservationHistory:
             self._frames.popleft()
 
     def observation(self) -> Observation:
-        """The observation of the last frame's time, float32 of shape (216,).
+        """Returns the observation at the last frame's time, float32 of shape (216,).
 
         Raises:
           InputError: no frame was added yet.
         """
         if not self._frames:
-            raise InputError("observation asked for before any frame was added")
-        now = self._frames[-1][0]
-        stack = [self._nearest(now - age) for age in FRAME_AGES]
+            raise InputError("observation requested before any frame was added: call add first")
+        times = [self._frames[-1][0] - age for age in FRAME_AGES]
+        stack = [min(self._frames, key=lambda entry: abs(entry[0] - t))[1] for t in times]
         return np.concatenate([frame.ravel() for frame in stack]).astype(np.float32)
-
-    def _nearest(self, time: float) -> Frame:
-        return min(self._frames, key=lambda entry: abs(entry[0] - time))[1]
 
 
 def observation(frames: list[Frame]) -> Observation:
     """Stacks four frames, newest first (now, 1, 2, 3 s ago), to float32 of shape (216,).
 
-    For callers that keep frames themselves; `ObservationHistory` gives the same numbers.
+    For callers that store frames themselves; `ObservationHistory` gives the same numbers.
     """
     if len(frames) != len(FRAME_AGES):
-        raise InputError(f"observation of {len(frames)} frames: {len(FRAME_AGES)} are wanted")
+        raise InputError(f"observation of {len(frames)} frames: must be {len(FRAME_AGES)}")
     history = ObservationHistory()
     for age, frame in reversed(list(zip(FRAME_AGES, frames, strict=True))):
         history.add(-age, frame)
@@ -146,14 +143,11 @@ def observation(frames: list[Frame]) -> Observation:
 
 
 def mirrored(observation: NDArray[np.floating], width: float) -> Observation:
-    """The observation with left and right exchanged.
+    """Returns the observation with left and right exchanged, float32 of the same shape.
 
     Args:
       observation: shape (..., 216).
       width: between the middles of the rightmost and the leftmost lane [m].
-
-    Returns:
-      float32 of the same shape.
     """
     rows = np.array(observation, np.float32).reshape(-1, len(FRAME_AGES), *FRAME_SHAPE)
     rows[..., [_DY, _LATERAL_SPEED]] *= -1.0
@@ -161,19 +155,25 @@ def mirrored(observation: NDArray[np.floating], width: float) -> Observation:
     return rows.reshape(np.shape(observation))
 
 
-def _check_finite(rows: NDArray[np.floating]) -> None:
-    finite = np.isfinite(rows)
+def check_finite(values: NDArray[np.floating]) -> None:
+    """Raises InputError for the first number that is not finite, naming its feature.
+
+    Accepts a frame, shape (9, 6), or observations by frame, shape (n, 4, 9, 6).
+    """
+    finite = np.isfinite(values)
     if finite.all():
         return
-    row, feature = np.argwhere(~finite)[0]
+    first = np.argwhere(~finite)[0]
+    row, feature = first[-2:]
+    age = f", {FRAME_AGES[first[1]]:g} s ago," if first.size == 4 else ""
     raise InputError(
-        f"observation: {FEATURES[feature]} of row {ROWS[row]} is {rows[row, feature]}: "
+        f"observation: {FEATURES[feature]} of row {ROWS[row]}{age} is {values[tuple(first)]}: "
         "must be finite"
     )
 
 
 def _road_left(route: Route, station: float, offset: float) -> float:
-    """Distance to the end of the lane or road, in steps of 25 m, up to RANGE_AHEAD [m]."""
+    """Returns the distance to the end of the lane or road, in steps of 25 m, at most 250 m."""
     lane = route.lane_at(station, offset)
     distance = 0.0
     while distance < RANGE_AHEAD:
@@ -185,7 +185,7 @@ def _road_left(route: Route, station: float, offset: float) -> float:
 
 
 def _lateral_speed(scene: Scene, route: Route) -> float:
-    """Speed across the road, positive to the left [m/s]."""
+    """Returns the speed across the road, positive to the left [m/s]."""
     ego = scene.ego
     angle = ego.yaw - float(route.evaluate(ego.station, 0.0).heading)
     return ego.speed * math.sin(angle) + ego.lateral_speed * math.cos(angle)

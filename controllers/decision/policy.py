@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.decision.base import DecisionContext
+from controllers.decision.base import DecisionContext, Memoryless
 from controllers.decision.observation import (
-    FEATURES,
     FRAME_AGES,
+    FRAME_SHAPE,
     OBSERVATION_SIZE,
     OBSERVATION_VERSION,
-    ROWS,
+    check_finite,
 )
 from controllers.decision.trip import ACTIONS
 from iits_mj.core.errors import InputError
@@ -47,7 +47,7 @@ class QNetwork:
     Attributes:
       weights: of shape (outputs, inputs), float32; biases: (outputs,).
       metadata: JSON values of the file.
-      margin: a change is decided when its value exceeds that of keeping by more than this, in the
+      margin: by how much the value of a change must exceed that of keeping the lane, in the
         values' units: hysteresis against their noise.
     """
 
@@ -62,9 +62,9 @@ class QNetwork:
         found = [w.shape for w in self.weights]
         if found != shapes or [b.shape for b in self.biases] != [s[:1] for s in shapes]:
             names = ", ".join(map(str, found))
-            raise InputError(f"network has layers of shape {names}; {shapes} are wanted")
+            raise InputError(f"network has layers of shape {names}; must be {shapes}")
         if not all(np.isfinite(a).all() for a in (*self.weights, *self.biases)):
-            raise InputError("network holds numbers that are not finite")
+            raise InputError("network contains numbers that are not finite")
         margin = self.margin
         number = isinstance(margin, int | float) and not isinstance(margin, bool)
         if not number or not (math.isfinite(margin) and margin >= 0.0):
@@ -73,7 +73,7 @@ class QNetwork:
 
     @classmethod
     def random(cls, generator: np.random.Generator) -> QNetwork:
-        """A network with He-initialized weights, for tests and as a control."""
+        """Returns a network with He-initialized weights, for tests and as a control."""
         pairs = list(itertools.pairwise(LAYERS))
         weights = tuple(
             generator.normal(0.0, math.sqrt(2.0 / n), (m, n)).astype(np.float32) for n, m in pairs
@@ -81,7 +81,7 @@ class QNetwork:
         return cls(weights, tuple(np.zeros(m, np.float32) for _, m in pairs))
 
     def values(self, observation: NDArray[np.floating[Any]]) -> FloatArray:
-        """Q of (left, keep, right): (3,) or (batch, 3), of observations (216,) or (batch, 216).
+        """Returns Q of (left, keep, right), shape (3,) or (n, 3), for observations of (n, 216).
 
         Raises:
           InputError: wrong shape, or a value that is not finite; the message names its feature.
@@ -96,13 +96,13 @@ class QNetwork:
         return x
 
     def greedy(self, observation: NDArray[np.floating[Any]]) -> Decision:
-        """The decision with the greatest value, the margin added to that of keeping the lane."""
+        """Returns the decision of greatest value, with the margin added to that of keeping."""
         values = self.values(observation).copy()
         values[_KEEP] += self.margin
         return ACTIONS[int(np.argmax(values))]
 
     def save(self, path: str | Path, **metadata: Any) -> None:
-        """Writes the npz; keyword arguments are added to its metadata."""
+        """Writes the npz file; keyword arguments are added to its metadata."""
         header = {
             **self.metadata,
             **metadata,
@@ -122,7 +122,7 @@ class QNetwork:
         """Reads a file written by `save`.
 
         Raises:
-          InputError: the file does not exist or is not such an npz, has other shapes or another
+          InputError: the file does not exist, is not such an npz file, has other shapes or another
             version of the observation, or a number is not finite; the message gives the reason.
         """
         name = f"weights file {str(path)!r}"
@@ -139,20 +139,12 @@ class QNetwork:
 
 
 def check_observation(observation: NDArray[np.floating[Any]]) -> None:
-    """Raises InputError on a wrong shape or a number that is not finite, naming its feature."""
+    """Raises InputError for a wrong shape or a number that is not finite, naming its feature."""
     if observation.ndim not in (1, 2) or observation.shape[-1] != OBSERVATION_SIZE:
         raise InputError(
-            f"observation has shape {observation.shape}: ({OBSERVATION_SIZE},) is wanted"
+            f"observation has shape {observation.shape}: must be ({OBSERVATION_SIZE},)"
         )
-    bad = np.argwhere(~np.isfinite(np.atleast_2d(observation)))
-    if bad.size:
-        index = int(bad[0][1])
-        age, rest = divmod(index, len(ROWS) * len(FEATURES))
-        row, feature = divmod(rest, len(FEATURES))
-        raise InputError(
-            f"observation: {FEATURES[feature]} of row {ROWS[row]}, {FRAME_AGES[age]:g} s ago, is "
-            f"{np.atleast_2d(observation)[tuple(bad[0])]}: must be finite"
-        )
+    check_finite(observation.reshape(-1, len(FRAME_AGES), *FRAME_SHAPE))
 
 
 def _metadata(arrays: dict[str, Any], name: str) -> dict[str, Any]:
@@ -162,7 +154,7 @@ def _metadata(arrays: dict[str, Any], name: str) -> dict[str, Any]:
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{name} has no usable metadata: {error}") from error
     if kind != FORMAT:
-        raise InputError(f"{name} has format {kind!r}; {FORMAT!r} is wanted")
+        raise InputError(f"{name} has format {kind!r}; must be {FORMAT!r}")
     if version != OBSERVATION_VERSION:
         raise InputError(
             f"{name} is for version {version!r} of the observation; "
@@ -171,23 +163,20 @@ def _metadata(arrays: dict[str, Any], name: str) -> dict[str, Any]:
     return dict(metadata)
 
 
-class GreedyPolicy:
-    """Decides for the action of greatest value; keeps the lane if the truck may not use the other.
+class GreedyPolicy(Memoryless):
+    """Takes the action of greatest value; keeps the lane if the truck may not use the other one.
 
-    Attributes:
+    Args:
       network: of the action values.
-      name: "ddqn".
     """
+
+    name = "ddqn"
 
     def __init__(self, network: QNetwork) -> None:
         self.network = network
-        self.name = "ddqn"
-
-    def reset(self) -> None:
-        """Has no memory of its own: the observation holds the last three seconds."""
 
     def decide(self, context: DecisionContext) -> Decision:
-        """The greedy decision; KEEP if the truck may not use its lane."""
+        """Returns the greedy decision; KEEP if the truck may not use the lane that it asks for."""
         decision = self.network.greedy(context.observation)
         if decision is not Decision.KEEP and not context.may_use(context.lane - int(decision)):
             return Decision.KEEP
@@ -195,7 +184,7 @@ class GreedyPolicy:
 
 
 def load_policy(path: str | Path | None = None) -> GreedyPolicy:
-    """The policy of a weights file; default: the shipped one.
+    """Returns the policy of a weights file; default: the shipped one.
 
     Raises:
       InputError: the file is missing, damaged, of another shape, or for another observation.

@@ -1,16 +1,16 @@
 """The decision task: its trips, actions, reward and end, for every world that it is driven in.
 
 A world drives the truck through highway traffic: the fast world, or the MuJoCo truck among SUMO's
-vehicles. It asks for a decision once a second while the truck keeps its lane, and not while a
-change is under way: a step lasts 1 s, or as long as the change. The observation is that of
+vehicles. It asks for a decision once a second while the truck keeps its lane, and not during a
+change: a step lasts 1 s, or as long as the change. The observation is that of
 `controllers.decision.observation`. Rewards are discounted by the second inside a step. Training,
-the Gymnasium environments and the suite's highway task drive these worlds.
+the Gymnasium environments and the suite's highway task use these worlds.
 
-The reward is the paper's with its signs repaired, `r = r_ch + r_v + r_sa`: -10 for a decision to
-change lanes (also one that is refused), minus the distance of the speed from the reference for each
-second (the paper prints it with the wrong sign), -20 for a decision to change at a dangerous
-moment. A collision, which the paper does not charge, ends the trip, and without a charge an end
-would be worth more than any future of charges.
+The reward is the paper's with corrected signs, `r = r_ch + r_v + r_sa`: -10 for a decision to
+change lanes (also a refused one), minus the difference of speed and reference speed for each second
+(the paper prints it with the wrong sign), -20 for a decision to change at a dangerous moment. A
+collision, which the paper does not charge, ends the trip; without a charge the end would be worth
+more than any further driving.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision
 
 ACTIONS = (Decision.LEFT, Decision.KEEP, Decision.RIGHT)
-# First seeds of training, validation (choice of a policy) and test trips, each with so many seeds.
-# No decision may rest on test trips: published figures come from them.
+# First seeds of training, validation (choice of a policy) and test trips, with SEEDS_EACH of each.
+# Published figures come from test trips, so no choice may use them.
 TRAINING_SEEDS, VALIDATION_SEEDS, TEST_SEEDS = 1_000_000, 2_000_000, 3_000_000
 SEEDS_EACH = 1_000_000
-# The paper's spawn probabilities, of a vehicle per second and lane, and its two traffic limits.
+# The paper's spawn probabilities per second and lane, and its two speeds of the traffic [m/s].
 SPAWN_PROBABILITY = {"dense": 0.05, "medium": 0.02, "sparse": 0.005}
 TRAFFIC_SPEEDS = (12.5, 15.0)
 CELLS = tuple((density, speed) for density in SPAWN_PROBABILITY for speed in TRAFFIC_SPEEDS)
@@ -43,7 +43,7 @@ class RewardConfig:
 
     Attributes:
       change: charge of a decision to change lanes; danger: further charge when it is dangerous.
-      speed: charge for each second and m/s of distance from the reference speed.
+      speed: charge for each second and each m/s of difference from the reference speed.
       collision: charge of a collision.
       discount: of a reward one second later.
     """
@@ -66,24 +66,43 @@ class RewardTerms:
 
     @property
     def total(self) -> float:
-        """Their sum."""
+        """Sum of the terms."""
         return self.change + self.speed + self.danger + self.collision
 
     def __add__(self, other: RewardTerms) -> RewardTerms:
-        """Adds term by term."""
+        """Returns the sum term by term."""
         names = [field.name for field in fields(self)]
         return RewardTerms(**{n: getattr(self, n) + getattr(other, n) for n in names})
 
 
 @dataclass(frozen=True)
-class TripConfig:
-    """One trip of the truck.
+class TrafficDemand:
+    """The traffic around the truck.
 
     Attributes:
-      spawn_probability: of a vehicle appearing, per second and lane, 0 to 0.5.
+      spawn_probability: of a vehicle appearing, per second and lane, 0 to 1.
       traffic_speed: speed limit of the traffic [m/s].
       keeps_right: whether the traffic keeps to the right lane; the paper's table can only come from
         traffic that fills both.
+
+    Raises:
+      InputError: a value is out of its range; the message names it.
+    """
+
+    spawn_probability: float = 0.05
+    traffic_speed: float = 12.5
+    keeps_right: bool = False
+
+    def __post_init__(self) -> None:
+        require_positive(self, "traffic_speed")
+        in_range("spawn_probability", self.spawn_probability, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class TripConfig(TrafficDemand):
+    """One trip of the truck, with a spawn probability of 0 to 0.5.
+
+    Attributes:
       length: of the trip [m]; duration: it is cut off (truncated) after this time [s].
       start_station: where it begins on the route [m].
       payload: of the truck [kg]. With 12 t, 31 t in all, the built-in road's hills alone cost no
@@ -95,9 +114,6 @@ class TripConfig:
       InputError: a value is out of its range; the message names it.
     """
 
-    spawn_probability: float = 0.05
-    traffic_speed: float = 12.5
-    keeps_right: bool = False
     length: float = 15_000.0
     duration: float = 3_000.0
     start_station: float = 60.0
@@ -106,16 +122,17 @@ class TripConfig:
     reward: RewardConfig = field(default_factory=RewardConfig)
 
     def __post_init__(self) -> None:
-        require_positive(self, "traffic_speed", "length", "duration", "reference_speed")
-        require_positive(self, "start_station", "payload", zero=True)
         in_range("spawn_probability", self.spawn_probability, 0.0, 0.5)
+        super().__post_init__()
+        require_positive(self, "length", "duration", "reference_speed")
+        require_positive(self, "start_station", "payload", zero=True)
 
 
 def cell_trip(density: str, traffic_speed: float, base: TripConfig | None = None) -> TripConfig:
-    """The trip of one of the paper's six cells.
+    """Returns the trip of one of the paper's six cells.
 
     Raises:
-      InputError: a density that the paper does not have.
+      InputError: the paper does not have this density.
     """
     if density not in SPAWN_PROBABILITY:
         allowed = ", ".join(SPAWN_PROBABILITY)
@@ -134,7 +151,7 @@ class TripSummary:
       decisions: taken; changes: carried out; refused: decisions to change that were refused.
       dangerous: of those, refused because of a vehicle: the unsafe decisions.
       collisions: with a vehicle, or a rollover.
-      time_gap_min: least time gap to the leader in the truck's lane [s], inf without one.
+      time_gap_min: least time gap to the leader in the truck's lane [s], inf without a leader.
       loss_integral: of (v_ref - v) / v_ref over time [s].
       reward: its terms, each the plain sum over the steps.
     """
@@ -161,8 +178,8 @@ class TripStep:
     """Outcome of a decision.
 
     Attributes:
-      observation: after it; reward: its terms; seconds: how long it took.
-      terminated: the trip ended in a collision; truncated: it was over without one.
+      observation: after the step; reward: its terms; seconds: its duration.
+      terminated: the trip ended in a collision; truncated: it ended without one.
     """
 
     observation: Observation
@@ -176,9 +193,6 @@ class TripLog:
     """Reward and totals of one trip, the same for every world.
 
     A step is `begin`, then `drive` and `charge_speed` while the truck drives, then `end`.
-
-    Args:
-      trip: which one.
 
     Attributes:
       summary: of the trip so far; elapsed: since the last decision [s].
@@ -195,13 +209,13 @@ class TripLog:
         self.elapsed = 0.0
 
     def drive(self, speed: float, seconds: float) -> None:
-        """Adds a stretch at a speed [m/s] to the totals of time and speed loss."""
+        """Adds some seconds at a speed [m/s] to the totals of time and speed loss."""
         reference = self.trip.reference_speed
         self.summary.time += seconds
         self.summary.loss_integral += (reference - speed) / reference * seconds
 
     def charge_speed(self, speed: float, seconds: float) -> None:
-        """Charges the distance of a speed [m/s] from the reference, for some seconds."""
+        """Charges some seconds at a speed [m/s] by its difference from the reference."""
         reward = self.trip.reward
         charge = -reward.speed * abs(speed - self.trip.reference_speed)
         self._terms += RewardTerms(speed=charge * reward.discount**self.elapsed * seconds)
@@ -225,9 +239,9 @@ class TripLog:
           observation: after the step.
           changes: carried out in the step.
           refused: decisions refused in the step.
-          dangerous: of those, because of a vehicle.
+          dangerous: of those, refused because of a vehicle.
           collision_at: time of a collision or rollover since the decision [s], None without one.
-          over: whether the trip's road or time is at its end.
+          over: whether the trip's road or time has ended.
         """
         reward, terms = self.trip.reward, self._terms
         if decision is not Decision.KEEP:
@@ -247,7 +261,7 @@ class TripLog:
 
 
 class World(Protocol):
-    """Drives trips: traffic, road and truck, of whatever model.
+    """Drives trips: traffic, road and truck of any model.
 
     Attributes:
       summary: of the trip so far.
@@ -256,13 +270,13 @@ class World(Protocol):
     summary: TripSummary
 
     def reset(self, generator: np.random.Generator, trip: TripConfig) -> Observation:
-        """Starts a trip; all randomness comes from the generator. Returns (216,) float32."""
+        """Starts a trip; returns the observation. All randomness comes from the generator."""
 
     def context(self) -> DecisionContext:
-        """Context of a decision now, for decision makers that drive in the world."""
+        """Returns the context of a decision now."""
 
     def step(self, decision: Decision) -> TripStep:
-        """Carries out a decision, or refuses it, until the next one is due."""
+        """Carries out a decision, or refuses it, and drives until the next one is due."""
 
     def close(self) -> None:
-        """Frees resources; the world may be reset again."""
+        """Frees resources; `reset` may follow."""

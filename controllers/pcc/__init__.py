@@ -1,4 +1,4 @@
-"""Predictive cruise control: fuel-optimal speed over a hilly road, offline and receding."""
+"""Predictive cruise control: fuel-optimal speed over a hilly road, offline and online."""
 
 from controllers.pcc.leader_constraint import Leader, LeaderConfig
 from controllers.pcc.planner import PccComparison, PccConfig, plan

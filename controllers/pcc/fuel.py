@@ -1,9 +1,9 @@
 """Fuel rate of the truck from the engine's map and gearbox, and the optimizer's convex fit of it.
 
-The map gives the fuel rate over torque and speed. Below its lowest torque the rate goes linearly to
-zero at the drag torque (overrun cut-off); beyond its last row and columns the specific consumption
-of the edge applies. For a wheel force and a speed the gear with the least fuel is taken among those
-whose speed and full-load torque allow it.
+The map gives the fuel rate over torque and speed. Below its lowest torque the rate falls linearly
+to zero at the drag torque (overrun cut-off); beyond its last row and columns the specific
+consumption of the edge applies. For a wheel force and a speed the gear with the least fuel counts,
+of those whose speed and full-load torque allow it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from iits_mj.core.errors import PlanningError
 from iits_mj.parameters import TruckParameters
 
 _SPEEDS = 4000  # samples for the least power of all gears
-_ENGINE_SPEED_MIN = 85.0  # [rad/s], 810 rpm: below it the driver would have shifted down
+_ENGINE_SPEED_MIN = 85.0  # [rad/s], 810 rpm: below it the gearbox shifts down
 
 
 @dataclass(frozen=True)
@@ -37,14 +37,14 @@ class Willans:
     error: float
 
     def rate(self, power: FloatArray) -> FloatArray:
-        """Fuel rate [kg/s] of powers [W], from overrun up."""
+        """Returns fuel rates [kg/s] for powers [W] from overrun upward."""
         return self.f0 + self.f1 * power + self.f2 * power**2
 
     @property
     def overrun_power(self) -> float:
-        """Drag power [W] at which the line reaches zero fuel: the engine overruns below it.
+        """Drag power [W] at which the fuel rate reaches zero; below it the engine overruns.
 
-        It agrees with the drag torque table, which the fit does not use, within some 10 %.
+        It agrees with the drag torque table, which the fit does not use, within about 10 %.
         """
         root = self.f1**2 - 4.0 * self.f0 * self.f2
         # 2 f0 / (f1 + sqrt(...)) is the root that stays finite when f2 is zero.
@@ -59,7 +59,7 @@ class FuelMap:
         self._engine = engine
         self.efficiency = gearbox.efficiency * gearbox.driveline_efficiency
         radius = parameters.tires["drive"].rolling_radius
-        # [rad/s of the engine per m/s], one a gear.
+        # [rad/s of the engine per m/s], one per gear.
         self.gear_speed = gearbox.ratios * gearbox.final_drive / radius
         # Torque axis from zero, speed axis, fuel rate [kg/s] of shape (torque, speed).
         table = engine.fuel_map
@@ -70,28 +70,28 @@ class FuelMap:
         self._rate = np.vstack([zero, rate])
 
     def engine_rate(self, torque: FloatArray, speed: FloatArray) -> FloatArray:
-        """Fuel rate [kg/s] over engine torque [N m] and speed [rad/s], arrays of one shape."""
+        """Returns fuel rates [kg/s] for engine torques [N m] and speeds [rad/s] of one shape."""
         drag = np.interp(speed, self._engine.drag_speed, self._engine.drag_torque)
         top, last = self._torque[-1], self._speed[-1]
         inside = np.clip(speed, self._speed[0], last)
         rate = _bilinear(self._torque, self._speed, self._rate, np.clip(torque, 0.0, top), inside)
-        # Constant specific consumption beyond the map: rate grows with power.
+        # Constant specific consumption beyond the map: the rate grows with power.
         rate = rate * np.maximum(torque / top, 1.0) * np.maximum(speed / last, 1.0)
         return np.where(torque >= 0.0, rate, rate * np.clip(1.0 + torque / drag, 0.0, 1.0))
 
     def power_max(self, speed: FloatArray) -> FloatArray:
-        """Greatest engine power [W] that some gear gives at vehicle speeds [m/s]."""
+        """Returns the greatest engine power [W] of any gear at vehicle speeds [m/s]."""
         omega = self.gear_speed[:, None] * np.asarray(speed, dtype=float)[None, :]
         full = np.interp(omega, self._engine.full_load_speed, self._engine.full_load_torque)
         allowed = (omega >= self._engine.idle_speed) & (omega <= self._engine.governed_speed)
         return np.asarray((np.where(allowed, full * omega, 0.0)).max(axis=0))
 
     def full_power(self) -> float:
-        """Greatest engine power [W] that some gear gives at every speed of the gears.
+        """Returns the engine power [W] that some gear gives at every speed of the gears.
 
-        The speeds range from the greatest power of the lowest gear to that of the highest. The
+        The speeds range from that of greatest power in the lowest gear to that in the highest. The
         power falls between two gears, nearly equally at each step. It does not depend on the band
-        of a plan: below these speeds the lowest gear's force holds 37 % with 55 t.
+        of a plan: below these speeds the lowest gear's force holds 55 t on a grade of 37 %.
         """
         engine = self._engine
         peak = np.argmax(engine.full_load_speed * engine.full_load_torque)
@@ -99,10 +99,10 @@ class FuelMap:
         return float(self.power_max(np.geomspace(first, last, _SPEEDS)).min())
 
     def rate(self, force: FloatArray, speed: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
-        """Fuel rate [kg/s] and gear (1 to 12) for wheel forces [N] at vehicle speeds [m/s].
+        """Returns fuel rate [kg/s] and gear (1 to 12) for wheel forces [N] at speeds [m/s].
 
-        A negative force is engine drag first and brakes beyond it. Where no gear gives the force,
-        the one with the most torque is taken at full load.
+        The engine's drag takes a negative force first, the brakes the rest. If no gear gives the
+        force, the one with the most torque runs at full load.
         """
         omega = self.gear_speed[:, None] * speed[None, :]
         loss = np.where(force > 0.0, 1.0 / self.efficiency, self.efficiency)
@@ -119,7 +119,7 @@ class FuelMap:
         return rate[gear, np.arange(force.size)], gear + 1
 
     def fit(self, v_min: float, v_max: float) -> Willans:
-        """Least-squares Willans parabola over the engine's power at a band of speeds [m/s]."""
+        """Returns the least-squares fit over the engine's powers in a band of speeds [m/s]."""
         speed = np.repeat(np.linspace(v_min, v_max, 12), 41)
         share = np.tile(np.linspace(0.0, 1.0, 41), 12)
         power = share * self.power_max(speed)
@@ -135,14 +135,14 @@ class FuelMap:
 
 
 def nonnegative_fit(basis: FloatArray, value: FloatArray) -> FloatArray:
-    """Least-squares coefficients >= 0 of a few columns: the best of all subsets of columns."""
+    """Returns least-squares coefficients >= 0 of a few columns: the best of all their subsets."""
     count = basis.shape[1]
     normal, right = basis.T @ basis, basis.T @ value
     best, least = np.zeros(count), 0.0
     for size in range(1, count + 1):
         for chosen in itertools.combinations(range(count), size):
             part = np.linalg.solve(normal[np.ix_(chosen, chosen)], right[list(chosen)])
-            # Sum of squares of the residual less that of the values.
+            # Sum of squares of the residual minus that of the values.
             gain = -float(part @ right[list(chosen)])
             if (part >= 0.0).all() and gain < least:
                 best, least = np.zeros(count), gain
@@ -153,7 +153,7 @@ def nonnegative_fit(basis: FloatArray, value: FloatArray) -> FloatArray:
 def _bilinear(
     rows: FloatArray, columns: FloatArray, values: FloatArray, x: FloatArray, y: FloatArray
 ) -> FloatArray:
-    """Bilinear interpolation inside the table; x over rows, y over columns."""
+    """Interpolates inside the table; x over rows, y over columns."""
     i = np.clip(np.searchsorted(rows, x) - 1, 0, rows.size - 2)
     j = np.clip(np.searchsorted(columns, y) - 1, 0, columns.size - 2)
     p = (x - rows[i]) / (rows[i + 1] - rows[i])

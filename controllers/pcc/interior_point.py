@@ -2,13 +2,13 @@
 
 Slacks s of all inequalities g(x) >= 0 and their multipliers z follow the central path s z = mu by
 Mehrotra's predictor and corrector (S. Mehrotra, SIAM Journal on Optimization 2, 1992; slacks and
-merit function as in J. Nocedal and S. Wright, Numerical Optimization, chapter 19). The brake forces
-are eliminated interval by interval; one system over the nodes remains, whose solution costs time
-linear in their number.
+merit function as in J. Nocedal and S. Wright, Numerical Optimization, chapter 19). Eliminating the
+brake forces interval by interval leaves one system over the nodes, solved in time linear in their
+number.
 
-Curvature is exact where that is positive definite, else its convex part. If the quick run makes no
-progress, a guarded one lowers mu step by step and lets the merit function
-`cost - mu sum log s + nu |g - s|` decide the length of each step.
+The curvature is exact if it is positive definite, else its convex part. If the quick run makes no
+progress, a guarded one lowers mu step by step, and the merit function
+`cost - mu sum log s + nu |g - s|` gives the length of each step.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from iits_mj.core.arrays import FloatArray
 _INSIDE = 0.05  # least first slack
 _MU = 0.1  # first s z
 _DIVERGED = 1e9
-_EXACT = 1e-9  # gradient of the Lagrangian that no further step improves
-_ACCEPTED = 100.0  # times the tolerances: an optimum is accepted when iterations run out
-_WINDOW = 30  # iterations of the quick run, within which the errors must fall to a tenth
+_EXACT = 1e-9  # gradient of the Lagrangian that further steps do not improve
+_ACCEPTED = 100.0  # factor on the tolerances that an optimum may have after the last iteration
+_WINDOW = 30  # iterations of the quick run within which the errors must fall to a tenth
 _NO_STEP = "the curvature is not positive"
 _NO_DRIVE = "no drive keeps all limits: their multipliers have no bound"
 
@@ -39,8 +39,8 @@ class Settings:
     Attributes:
       tolerance: of the mean s z and of the inequalities' residuals; that of the Lagrangian's
         gradient is 100 times as large.
-      iterations: of one run, at most; time_limit: for both [s].
-      guarded: True skips the quick run; fallback: False skips the guarded one.
+      iterations: of one run, at most; time_limit: for both runs [s].
+      guarded: True skips the quick run; fallback: False skips the guarded run.
     """
 
     tolerance: float = 1e-8
@@ -57,7 +57,7 @@ class Optimum:
     Attributes:
       b, y: variables, (n + 1,) and (n,).
       time_price: multiplier of the trip time; prices: of the intervals' durations, (n,).
-      costate: worth of b at a node for what comes after it, (n + 1,); of the last, its own cost.
+      costate: worth of b at a node for the rest of the drive, (n + 1,); at the last, its cost.
       iterations: of all runs; note: why the optimality conditions do not hold, "" if they do.
     """
 
@@ -76,7 +76,7 @@ class Optimum:
 
 
 def minimize(problem: Problem, b: FloatArray, settings: Settings | None = None) -> Optimum:
-    """Solves from a guess of b, shape (n + 1,); the result says whether it converged."""
+    """Returns the optimum, or the last iterate, from a guess of b, shape (n + 1,)."""
     settings, began, done = settings or Settings(), time.perf_counter(), 0
     with np.errstate(all="ignore"):
         if not settings.guarded:
@@ -110,7 +110,7 @@ class _Run:
         self.at = Point(problem, b, np.minimum(y, 0.5 * (problem.brake + y)))
         value = limits.values(self.at)
         self.s = np.maximum(value, _INSIDE)
-        # The bounds of b hold exactly and at all times, so that roots stay real.
+        # The bounds of b hold exactly at all times, so that roots are real.
         self.s[limits.nodes] = value[limits.nodes]
         self.s[limits.present == 0.0] = 1.0
         self.z = limits.present * _MU / self.s
@@ -121,10 +121,10 @@ class _Run:
         return time.perf_counter() - self._began > self.settings.time_limit
 
     def go(self, guarded: bool) -> str:
-        """Iterates until the optimality conditions hold; returns "", else why they do not."""
+        """Iterates until the optimality conditions hold; returns "" or why they do not."""
         settings, limits = self.settings, self.limits
         tolerance, dual_tolerance = settings.tolerance, 100.0 * settings.tolerance
-        # Newton's last steps make the multipliers exact; rounding may forbid it.
+        # Newton's last steps make the multipliers exact, if rounding permits it.
         polish = 2 if tolerance <= 1e-8 else 0
         mu, penalty = _MU, 1.0
         errors: list[float] = []
@@ -162,7 +162,7 @@ class _Run:
         return f"no convergence within {self.iterations} iterations"
 
     def optimum(self, note: str) -> Optimum:
-        """The result; an empty note means converged."""
+        """Returns the result; an empty note means that it has converged."""
         by_force, by_duration, by_change, _ = self.limits.slopes(self.at, self.z)
         start, end = self.at.to_nodes(by_force, by_duration, by_change)
         return Optimum(
@@ -176,7 +176,7 @@ class _Run:
         )
 
     def _quick_step(self, residual: FloatArray, mu: float) -> bool:
-        """Predictor and corrector; False when there is no direction."""
+        """Takes a predictor and corrector step; returns False if there is no direction."""
         system = _System(self)
         if not system.definite:
             return False
@@ -191,7 +191,7 @@ class _Run:
         return True
 
     def _lower(self, mu: float, error: float) -> float:
-        """The next mu, lowered where the problem of the last one is solved well enough."""
+        """Returns the next mu, lower if the problem of the last one is solved well enough."""
         off = np.abs(self.s * self.z - mu * self.limits.present).max()
         least = 0.1 * self.settings.tolerance
         while max(error, off) < 10.0 * mu and mu > least:
@@ -200,7 +200,7 @@ class _Run:
         return mu
 
     def _guarded_step(self, residual: FloatArray, mu: float, penalty: float) -> float:
-        """A step that lowers the merit function; returns nu, NaN where there is no direction."""
+        """Takes a step that lowers the merit function; returns nu, NaN without a direction."""
         present = self.limits.present
         system = _System(self)
         if not system.definite:
@@ -222,7 +222,7 @@ class _Run:
                 break
             share *= 0.5
         self._move(share, _to_boundary(self.z, dz, 0.995), step)
-        # Multipliers stay near mu / s, whatever the step of the slacks was.
+        # Multipliers stay near mu / s for any step of the slacks.
         self.z = present * np.clip(self.z, 1e-10 * mu / self.s, 1e10 * mu / self.s)
         return penalty
 
@@ -239,7 +239,7 @@ class _Run:
 
 
 class _System:
-    """Newton's system at a run's iterate, factored; `definite` says whether it can be solved."""
+    """Newton's system at a run's iterate, factored; `definite` if it can be solved."""
 
     def __init__(self, run: _Run) -> None:
         self._run = run
@@ -247,7 +247,7 @@ class _System:
         intervals, nodes, times = limits.weights(run.z / run.s)
         free = ~limits.pinned
         by_duration = limits.slopes(at, run.z)[1]
-        # Exact, then the convex part, then that with more on its diagonal than rounding takes away.
+        # Exact, then the convex part, then that with a diagonal enlarged beyond rounding errors.
         for convex, more in ((False, 0.0), (True, 0.0), (True, 1e-7)):
             h00, h01, h11, *self._brake = at.curvature(intervals, by_duration, convex)
             diagonal = nodes + 1e-12
@@ -267,7 +267,7 @@ class _System:
                 break
 
     def direction(self, residual: FloatArray, goal: FloatArray) -> tuple[FloatArray, ...]:
-        """Steps of s, z, b and y towards s z = goal and g = s, and a level Lagrangian."""
+        """Returns steps of s, z, b and y to s z = goal, g = s and a stationary Lagrangian."""
         run, limits = self._run, self._run.limits
         weight, u0, u1 = self._brake
         aim = limits.present * (goal - run.z * residual) / run.s
@@ -286,9 +286,9 @@ class _System:
 class NodeSystem:
     """(H + G' C' W C G) x = r with H tridiagonal, G the durations' gradients, C their running sum.
 
-    H has shape (m, m), m = n + 1 nodes. W holds the weights of the times at nodes 1..n. Where only
-    the last time has a weight the system is H with a border; else the times and the prices of the
-    intervals join the unknowns, ordered by node, and the system has three bands on either side.
+    H has shape (m, m), m = n + 1 nodes. W contains the weights of the times at nodes 1..n. If only
+    the last time has a weight, the system is H with a border; else the times and the prices of the
+    intervals are further unknowns, ordered by node, and the system has three bands on either side.
     """
 
     def __init__(
@@ -299,14 +299,14 @@ class NodeSystem:
         weights: FloatArray,
         inner: bool,
     ) -> None:
-        """Factors the system; `definite` is False where H is not, or rounding leaves no pivot.
+        """Factors the system; `definite` is False if H is indefinite or rounding leaves no pivot.
 
         Args:
           diagonal: of H, shape (n + 1,).
           beside: the diagonal beside it, shape (n,).
           gradient: of the durations by b at start and end of each interval, each (n,).
           weights: of the times at nodes 1..n, shape (n,), none negative.
-          inner: whether weights but the last are above 0.
+          inner: whether a weight other than the last is above 0.
         """
         self._d0, self._d1 = gradient
         self._weights, self._inner = weights, inner
@@ -326,7 +326,7 @@ class NodeSystem:
             self.definite = bool(info == 0)
 
     def solve(self, right: FloatArray) -> FloatArray:
-        """The solution x, shape (n + 1,), for a right side of that shape; H must be definite."""
+        """Returns the solution x, shape (n + 1,), of a definite system for a right side."""
         if self._inner:
             n = self._beside.size
             full = np.zeros((n + 1, 3))
@@ -343,9 +343,10 @@ class NodeSystem:
         return np.asarray(solution)
 
     def _banded(self) -> FloatArray:
-        """Unknowns b[k], t[k], price[k] by node; rows: b, t and t[k+1] - t[k] - grad d . b = 0.
+        """Returns the system of unknowns b[k], t[k], price[k] in LAPACK's band form.
 
-        In LAPACK's form: entry (i, j) stands at [3 + i - j, j], below three rows for its pivoting.
+        Rows: b, t and t[k+1] - t[k] - grad d . b = 0. Entry (i, j) is at [3 + i - j, j], below
+        three rows for pivoting.
         """
         n = self._beside.size
         room = np.zeros((10, 3 * (n + 1)))
@@ -356,12 +357,12 @@ class NodeSystem:
         # Row of b[k]: price[k] d0[k] + price[k-1] d1[k-1].
         bands[1, 2:-3:3] = self._d0
         bands[4, 2:-3:3] = self._d1
-        # Row of t[k]: W t[k] + price[k] - price[k-1] = 0; t[0] is 0, kept by a unit weight.
+        # Row of t[k]: W t[k] + price[k] - price[k-1] = 0; a unit weight keeps t[0] at 0.
         bands[3, 1] = 1.0
         bands[3, 4::3] = self._weights
         bands[2, 5:-3:3] = 1.0
         bands[5, 2:-3:3] = -1.0
-        # Row of price[k]: grad d . b + t[k] - t[k+1] = 0, with t[0] left out.
+        # Row of price[k]: grad d . b + t[k] - t[k+1] = 0, without t[0].
         bands[5, 0:-3:3] = self._d0
         bands[2, 3::3] = self._d1
         bands[4, 4:-3:3] = 1.0
@@ -370,12 +371,12 @@ class NodeSystem:
 
 
 def _to_boundary(value: FloatArray, step: FloatArray, keep: float) -> float:
-    """Greatest share of a step, at most 1, that leaves 1 - `keep` of every value."""
-    # Where an inequality does not apply both are 0 and the quotient is NaN, which fmin ignores.
+    """Returns the greatest share of a step, at most 1, that leaves 1 - `keep` of every value."""
+    # If an inequality does not apply, both are 0 and the quotient is NaN, which fmin ignores.
     fall = float(np.fmin.reduce(step / value))
     return 1.0 if fall >= 0.0 else min(1.0, -keep / fall)
 
 
 def _dot(a: FloatArray, b: FloatArray) -> float:
-    """Inner product on one core; that of BLAS wakes its threads for long vectors."""
+    """Returns the inner product on one core; BLAS starts threads for long vectors."""
     return float(np.sum(a * b))

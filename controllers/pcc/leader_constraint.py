@@ -14,8 +14,8 @@ from iits_mj.core.checks import require_positive
 from iits_mj.core.errors import InputError
 
 _LEAST_PACE = 0.5  # [m/s] assumed of a stopped leader, so that passing times stay finite
-_CRAWL = 1.2  # [m/s] at which braking ends: above the 1 m/s of plans behind a leader
-_BRAKE_SHARE = 0.8  # of the planned braking force, so that the optimizer has room
+_CRAWL = 1.2  # [m/s] at which braking ends: above the 1 m/s at which plans may begin
+_BRAKE_SHARE = 0.8  # of the planned braking force, to leave the optimizer some freedom
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Leader:
 
     @property
     def pace(self) -> float:
-        """Speed at which it is assumed to continue [m/s]."""
+        """Speed at which the leader is assumed to continue [m/s]."""
         return max(self.speed + self.acceleration, _LEAST_PACE)
 
 
@@ -47,17 +47,17 @@ class Leader:
 class LeaderConfig:
     """Gaps and speeds of plans behind a vehicle.
 
-    The gaps are a little less than those of the trajectory planner's car following: with larger
-    ones the truck would never come near enough to pass.
+    The gaps are a little smaller than those of the trajectory planner's car following: with larger
+    ones the truck would never come close enough to pass.
 
     Attributes:
-      time_gap: [s]; standstill_gap: further distance to it [m].
-      regain: time constant with which a gap that is too short grows back [s].
+      time_gap: [s]; standstill_gap: added to the distance of the time gap [m].
+      regain: time constant with which a gap that is too short grows [s].
       deceleration: greatest planned deceleration behind a vehicle [m/s2].
-      slower: greatest difference to its speed while falling back [m/s].
-      hold: time for which it is predicted; later it counts as gone or passed [s].
+      slower: greatest difference to its speed while the gap grows [m/s].
+      hold: time for which the leader is predicted; later it counts as gone or passed [s].
       horizon: of plans behind a vehicle [m].
-      jam: behind vehicles slower than this nothing is optimized [m/s].
+      jam: speed of a leader below which plans are not optimized [m/s].
     """
 
     time_gap: float = 1.2
@@ -73,54 +73,54 @@ class LeaderConfig:
         require_positive(self, *vars(self))
 
     def clear(self, leader: Leader) -> float:
-        """Greatest station of the truck at standstill [m]."""
+        """Returns the greatest station of the truck at standstill [m]."""
         return leader.rear - self.standstill_gap
 
 
 @dataclass(frozen=True)
 class LeaderConstraint:
-    """What a vehicle ahead asks of a plan; both of shape (n + 1,).
+    """Constraint of a vehicle ahead on a plan; both arrays of shape (n + 1,).
 
     Attributes:
-      earliest: time from now before which each node must not be passed [s].
-      slowest: least speeds that the plan may have to meet that [m/s].
+      earliest: times from now before which the nodes must not be passed [s].
+      slowest: least speeds that the plan may use for that [m/s].
     """
 
     earliest: FloatArray
     slowest: FloatArray
 
     def kept(self, road: RoadProfile, speed: FloatArray, early: float = 0.0) -> bool:
-        """Whether node speeds pass no node more than `early` seconds too soon."""
+        """Returns whether node speeds pass no node more than `early` seconds too early."""
         return bool((passing_times(speed, road) >= self.earliest - early - 1e-6).all())
 
 
 def constraint_behind(
     leader: Leader, vehicle: PointMass, road: RoadProfile, speed: float, config: LeaderConfig
 ) -> LeaderConstraint:
-    """The constraint of a leader that continues at its speed for a while.
+    """Returns the constraint of a leader that continues at its speed for a short time.
 
-    The time is short: a plan that stays behind a slow vehicle for two kilometers would slow down
-    now and hang back. A gap that is too short now, as after a cut-in, grows back over some time,
-    and no more is asked for than comfortable braking can do: the constraint never makes a problem
-    infeasible, and the trajectory planner brakes harder where that is needed.
+    The time is short because a plan behind a slow vehicle for two kilometers would slow down at
+    once and leave a large gap. A gap that is too short, as after a cut-in, grows over some time and
+    with comfortable braking only: the constraint never makes a problem infeasible, and the
+    trajectory planner brakes harder if necessary.
 
-    The road begins at the truck's station, with the truck's speed [m/s].
+    The road begins at the truck's station; speed is the truck's [m/s].
 
     Raises:
-      PlanningError: a climb is beyond full power.
+      PlanningError: full power is not enough for a climb.
     """
     pace = leader.pace
     way = road.station - road.station[0]
     floor = min(max(pace - config.slower, 0.5 * pace), speed)
     braked = easing_speeds(road, speed, floor, config.deceleration)
-    # On a climb it may be slower still: as slow as full power allows from that speed.
+    # On a climb full power may not even hold that speed.
     slowest = 0.99 * full_power_speed(vehicle, road, speed, braked)
     slowest[0] = speed
     passing = (road.station - config.clear(leader)) / pace + config.time_gap
     lost = max(speed - pace, 0.0) ** 2 / (2.0 * config.deceleration) / pace
     missing = max(float(passing[0]) + lost, 0.0)
     passing = passing - missing * np.exp(-way / (config.regain * max(speed, _LEAST_PACE)))
-    # After `hold` the vehicle counts as gone, so no node needs to be passed later.
+    # After `hold` the vehicle counts as gone and constrains no node.
     passing = np.clip(passing, 0.0, config.hold)
     earliest = np.minimum(passing, 0.98 * passing_times(slowest, road))
     return LeaderConstraint(earliest, slowest)
@@ -129,9 +129,9 @@ def constraint_behind(
 def approach_speeds(
     road: RoadProfile, speed: float, leader: Leader, config: LeaderConfig
 ) -> FloatArray:
-    """Node speeds (n + 1,) that fall to a leader's speed at the deceleration of the settings.
+    """Returns node speeds (n + 1,) that fall to a leader's speed at the settings' deceleration.
 
-    The trajectory planner does the car following; this avoids driving fast up to a jam.
+    The trajectory planner does the car following; this avoids a fast approach to a jam.
     """
     end = max(leader.pace, config.jam)
     way = np.maximum(config.clear(leader) - road.station, 0.0)
@@ -140,13 +140,13 @@ def approach_speeds(
 
 
 def easing_speeds(road: RoadProfile, speed: float, end: float, deceleration: float) -> FloatArray:
-    """Node speeds (n + 1,) that fall to an end speed [m/s] at a deceleration [m/s2]."""
+    """Returns node speeds (n + 1,) that fall to an end speed [m/s] at a deceleration [m/s2]."""
     way = road.station - road.station[0]
     return np.asarray(np.sqrt(np.maximum(speed**2 - 2.0 * deceleration * way, end**2)))
 
 
 def braking_speeds(vehicle: PointMass, road: RoadProfile, speed: float) -> FloatArray:
-    """Node speeds (n + 1,) of braking from a speed [m/s] to a crawl, within the brakes."""
+    """Returns node speeds (n + 1,) of braking from a speed [m/s] to a crawl with the brakes."""
     slope = vehicle.slope_force(road.grade)
     loss = 2.0 * road.step * _BRAKE_SHARE * (vehicle.brake_max + slope) / vehicle.inertial_mass
     b = speed**2 - np.concatenate([[0.0], np.cumsum(np.maximum(loss, 0.0))])

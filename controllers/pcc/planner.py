@@ -33,9 +33,9 @@ class PccConfig:
 
     Attributes:
       v_ref: set speed of the constant-speed cruise [m/s]; 20 m/s is the paper's 72 km/h.
-      v_min, v_max: band of the plan [m/s]; slower only where full power does not reach v_min. At
-        25 m/s the speed limiter of a heavy truck holds (directive 92/6/EEC); the road's own limits
-        are kept below it.
+      v_min, v_max: band of the plan [m/s]; slower only where full power does not reach v_min. A
+        heavy truck's speed limiter acts at 25 m/s (directive 92/6/EEC); the road's limits also
+        apply.
       mean_speed: True finds the set speed for which the *mean* of the cruise is v_ref.
       k_a: the paper's weight of a^2, for a fuel rate in g/s: [g/s per (m/s2)^2].
       deceleration_max: of planned braking [m/s2].
@@ -59,7 +59,7 @@ class PccConfig:
 
 @dataclass(frozen=True)
 class Drive:
-    """A drive over the profile; speed and clock at the nodes (n + 1,), the rest per interval (n,).
+    """A drive over a profile: speed and clock at the nodes (n + 1,), the rest per interval (n,).
 
     Attributes:
       speed: [m/s]; power: of the engine [W]; fuel: by the convex model [kg].
@@ -102,7 +102,7 @@ class PccComparison:
 
     @property
     def time_price(self) -> float:
-        """What a second of trip time costs at the optimum [kg/s]."""
+        """Cost of a second of trip time at the optimum [kg/s]."""
         return self.optimum.time_price
 
     @property
@@ -133,12 +133,12 @@ def plan(
     config: PccConfig | None = None,
     method: str = "interior_point",
 ) -> PccComparison:
-    """Plans the whole road and compares it with the constant-speed cruise.
+    """Plans the whole road and compares the plan with the constant-speed cruise.
 
-    Both start and end at the cruise's speed there; the plan takes no longer than the cruise.
+    Both start and end at the cruise's speeds; the plan takes no longer than the cruise.
 
     Args:
-      road: to be driven from end to end.
+      road: driven from end to end.
       parameters: of the truck; default: the packaged ones.
       mass: of the combination [kg].
       config: set speed, band and weights.
@@ -146,7 +146,8 @@ def plan(
 
     Raises:
       InputError: the mass is not that of a truck, or the method is not known.
-      PlanningError: a climb is beyond full power, limits contradict, or there is no solution.
+      PlanningError: full power is not enough for a climb, limits contradict, or there is no
+        solution.
     """
     config = config or PccConfig()
     parameters = parameters or TruckParameters.load()
@@ -155,7 +156,7 @@ def plan(
     v_set, base = _cruise(vehicle, road, config)
     cap = np.minimum(road.v_limit, max(config.v_max, v_set))
     low = _least_speeds(full_power_speed(vehicle, road, float(base[0]), cap), base, config.v_min)
-    # Where full power cannot reach the band the plan is free to use all of it, no more.
+    # Where full power does not reach the band, the plan is free up to the greatest speed.
     b_low, b_high = low**2, np.maximum(cap, low) ** 2
     b_low[[0, -1]] = b_high[[0, -1]] = base[[0, -1]] ** 2
     total = float(durations(base, road).sum())
@@ -168,11 +169,11 @@ def plan(
 def make_vehicle(
     parameters: TruckParameters, fuel_map: FuelMap, mass: float, config: PccConfig
 ) -> PointMass:
-    """The truck of a mass [kg] as point mass for the band of a plan.
+    """Returns the truck of a mass [kg] as a point mass for the band of a plan.
 
     Raises:
-      InputError: no truck has this mass.
-      PlanningError: at some speed of the band no gear runs.
+      InputError: the mass is not that of a truck.
+      PlanningError: no gear covers some speed of the band.
     """
     in_range("mass [kg]", mass, 5_000.0, 80_000.0)
     tires, air = parameters.tires, parameters.aerodynamics
@@ -201,15 +202,15 @@ def make_vehicle(
 
 
 def lower_speeds(fastest: FloatArray, v_min: float) -> FloatArray:
-    """Least speeds: v_min where it can be reached, else a thousandth below the fastest possible.
+    """Returns least speeds: v_min where it can be reached, else 0.999 times the fastest possible.
 
-    More than one drive remains possible, and they are continuous along the road.
+    This leaves more than one drive, and the least speeds are continuous along the road.
     """
     return np.asarray(np.minimum(v_min, 0.999 * fastest))
 
 
 def _least_speeds(fastest: FloatArray, cruise: FloatArray, v_min: float) -> FloatArray:
-    """Least speeds of a plan that ends at the cruise's speed, which may be below v_min there."""
+    """Returns least speeds of a plan that ends at the cruise's speed, even if below v_min."""
     low = lower_speeds(fastest, v_min)
     in_band = np.flatnonzero(cruise >= v_min)
     last = int(in_band[-1]) + 1 if in_band.size else 0
@@ -218,7 +219,7 @@ def _least_speeds(fastest: FloatArray, cruise: FloatArray, v_min: float) -> Floa
 
 
 def evaluate(vehicle: PointMass, fuel_map: FuelMap, road: RoadProfile, speed: FloatArray) -> Drive:
-    """The drive with given node speeds (n + 1,): power, fuel by both models, gears."""
+    """Returns the drive of node speeds (n + 1,): power, fuel by both models, gears."""
     time = durations(speed, road)
     mean = 0.5 * (speed[1:] + speed[:-1])
     rate, gear = fuel_map.rate(vehicle.net_force(speed, road), mean)
@@ -233,7 +234,7 @@ def evaluate(vehicle: PointMass, fuel_map: FuelMap, road: RoadProfile, speed: Fl
 
 
 def _cruise(vehicle: PointMass, road: RoadProfile, config: PccConfig) -> tuple[float, FloatArray]:
-    """Set speed and node speeds of the cruise, which starts at its set speed."""
+    """Returns set speed and node speeds of the cruise, which starts at its set speed."""
     # The greatest first speed from which the limits ahead can be met.
     b = brakeable(vehicle, road, np.minimum(road.v_limit, 1e3) ** 2, vehicle.brake_max)
     start = math.sqrt(float(b[0]))
@@ -263,7 +264,7 @@ def _cruise(vehicle: PointMass, road: RoadProfile, config: PccConfig) -> tuple[f
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
-    """Zero of a falling function between two arguments, not below the zero (Illinois method)."""
+    """Returns a zero of a decreasing function from above, between bounds (Illinois method)."""
     above, below = function(low), function(high)
     for _ in range(100):
         if high - low < 1e-10:

@@ -1,9 +1,9 @@
 """The speed task as a scaled nonlinear program: values, gradients, curvature, inequalities.
 
 Nodes k = 0..n, intervals of length ds between them. Variables: b = v^2 at the nodes and y, the
-brake force, in the intervals. With the net force N that the motion asks for, linear in b, the
-engine's force at the wheels is F = N + y. The duration of an interval is d = 2 ds / (v0 + v1):
-exact for constant force, and convex in b.
+brake force, in the intervals. With the net force N of the motion, linear in b, the engine's force
+at the wheels is F = N + y. The duration of an interval is d = 2 ds / (v0 + v1): exact for constant
+force, and convex in b.
 
     minimize   sum [f0 d + f1 F ds/eta + f2 (F ds/eta)^2 / d + k_a a^2 d] - worth b[n]
     subject to 0 <= y <= B_max,  -P_drag d <= F ds/eta <= P_max d,  b within bounds,
@@ -12,9 +12,8 @@ exact for constant force, and convex in b.
 The fuel is jointly convex in (F, d). Its curvature in b is a sum of squares and m d'' with m the
 Lagrangian's derivative by d: where m >= 0 the problem is convex there.
 
-Units of the program: b by 400 m2/s2, force by what full power gives at 20 m/s, time by ds / 20 m/s,
-fuel by what full power burns in that time. All variables and multipliers are then of the order of
-1.
+Units of the program: b in 400 m2/s2, force in that of full power at 20 m/s, time in ds / 20 m/s,
+fuel in that of full power during this time. All variables and multipliers are then of order 1.
 """
 
 from __future__ import annotations
@@ -28,14 +27,14 @@ from controllers.pcc.task import SpeedTask
 from iits_mj.core.arrays import FloatArray
 
 _SPEED = 20.0  # [m/s], unit
-_B_MAX = 1e4  # [m2/s2], in place of no speed limit at all
-# Relative room in power and trip time: where only one drive is possible its multipliers would have
-# no bound without it.
+_B_MAX = 1e4  # [m2/s2], in place of an infinite speed limit
+# Relative room in power and trip time: without it, multipliers have no bound if only one drive is
+# possible.
 _ROOM = 1e-7
 _ROOM_BRAKE = 1e-4  # of the force of full power at 20 m/s: a newton or two
-# What a soft end speed is worth: so many times what full power burns for it.
+# Worth of a soft end speed over the fuel that full power burns for it.
 _END_WORTH = 20.0
-_PINNED = 1e-9  # difference of the bounds of b, below which b is fixed
+_PINNED = 1e-9  # difference of the bounds of b below which b is fixed
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,7 @@ class Problem:
         return 0.5 * self.air - self.inertia, 0.5 * self.air + self.inertia
 
     def net(self, b: FloatArray) -> FloatArray:
-        """Net force of the intervals, shape (n,)."""
+        """Returns the net force of the intervals, shape (n,)."""
         first, last = self.slope
         return first * b[:-1] + last * b[1:] + self.resistance
 
@@ -94,7 +93,7 @@ class Units:
 
 
 def with_room(task: SpeedTask) -> SpeedTask:
-    """The task with the room in power, brakes and trip time that `scaled` gives the solver."""
+    """Returns the task with the room in power, brakes and trip time that `scaled` adds."""
     vehicle = task.vehicle
     newton = vehicle.efficiency * vehicle.power_max / _SPEED
     more = replace(
@@ -106,7 +105,7 @@ def with_room(task: SpeedTask) -> SpeedTask:
 
 
 def scaled(task: SpeedTask, soft_end: bool = False) -> tuple[Problem, Units]:
-    """The program of a task, and its units; a soft end speed has a worth instead of a bound."""
+    """Returns a task's program and its units; a soft end speed has a worth, not a bound."""
     vehicle, step = task.vehicle, task.road.step
     fuel, power, mass = vehicle.fuel, vehicle.power_max, vehicle.inertial_mass
     full = fuel.f0 + fuel.f1 * power + fuel.f2 * power**2
@@ -149,7 +148,7 @@ def scaled(task: SpeedTask, soft_end: bool = False) -> tuple[Problem, Units]:
 
 
 class Point:
-    """The problem at b (n + 1,) and y (n,): durations with derivatives, force, times, cost."""
+    """Problem at b (n + 1,) and y (n,): durations with derivatives, force, times, cost."""
 
     def __init__(self, problem: Problem, b: FloatArray, y: FloatArray) -> None:
         self.problem, self.b, self.y = problem, b, y
@@ -166,7 +165,7 @@ class Point:
         self.change = np.diff(b)
 
     def cost(self) -> float:
-        """Cost of the whole drive."""
+        """Returns the cost of the whole drive."""
         p = self.problem
         c0, c1, c2 = p.fuel
         rate = c0 + c1 * self.pull + c2 * self.pull**2 + p.calm * self.change**2
@@ -185,7 +184,7 @@ class Point:
     def to_nodes(
         self, by_force: FloatArray, by_duration: FloatArray, by_change: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Derivatives by b at the start and at the end of each interval, y held; each (n,)."""
+        """Returns derivatives by b at start and end of each interval, y fixed; each (n,)."""
         first, last = self.problem.slope
         start = first * by_force + self.d0 * by_duration - by_change
         end = last * by_force + self.d1 * by_duration + by_change
@@ -197,18 +196,19 @@ class Point:
         by_duration: FloatArray,
         convex: bool = False,
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Second derivatives with y eliminated, and what gives y back.
+        """Returns second derivatives with y eliminated, and the coefficients that give y.
 
         By y and b an interval has the squares `w_i (dy + u_i . db)^2`: of the brake's bounds (u =
         0), of overrun, of full power and of the fuel. Their least over dy is
-        `sum_i<j w_i w_j ((u_i - u_j) . db)^2 / sum w`, which has no cancelling terms however large
-        the weights of active bounds are.
+        `sum_i<j w_i w_j ((u_i - u_j) . db)^2 / sum w`, without cancellation even for large weights
+        of active bounds.
 
         Args:
           weights: multiplier over slack of the brake's bounds (both together), of overrun and of
             full power, each (n,).
           by_duration: derivative of the Lagrangian by the durations, (n,).
-          convex: True leaves out what may be negative; the result is then positive semidefinite.
+          convex: True omits terms that may be negative, so that the result is positive
+            semidefinite.
 
         Returns:
           Curvature by b at (start, start), (start, end), (end, end); the sum of weights; the mean u
@@ -233,7 +233,7 @@ class Point:
         h00 = along * first * first + 2.0 * cross * first * d0 + across * d0 * d0
         h01 = along * first * last + cross * (first * d1 + last * d0) + across * d0 * d1
         h11 = along * last * last + 2.0 * cross * last * d1 + across * d1 * d1
-        # Of the durations themselves.
+        # Curvature of the durations.
         v0, v1, total = self._v0, self._v1, self._total
         if convex:
             by_duration = np.maximum(by_duration, 0.0)
@@ -255,8 +255,8 @@ class Inequalities:
 
     Order: 4 n of the intervals (brake force, room of the brake, overrun, full power), 2 (n + 1) of
     the nodes (above the low bound, below the high one), n earliest times if there are any, the trip
-    time. An inequality that does not apply (of pinned nodes, free nodes, no trip time) has
-    `present` 0 and never a multiplier.
+    time. An inequality that does not apply (at pinned nodes, at free nodes, without a trip time)
+    has `present` 0 and no multiplier.
 
     Attributes:
       pinned: nodes whose b is fixed, shape (n + 1,); behind: whether any earliest time applies.
@@ -279,7 +279,7 @@ class Inequalities:
         self.nodes = slice(4 * n, 6 * n + 2)
 
     def values(self, at: Point) -> FloatArray:
-        """All g(x); 1 in place of a trip time that does not apply."""
+        """Returns all g(x); 1 in place of a trip time that does not apply."""
         p = self.problem
         free = p.time_max - at.time[-1] if self.timed else 1.0
         parts = [
@@ -295,7 +295,7 @@ class Inequalities:
         return np.concatenate([*parts, np.array([free])])
 
     def change(self, at: Point, db: FloatArray, dy: FloatArray) -> FloatArray:
-        """First-order change of all g(x) for steps of b (n + 1,) and y (n,)."""
+        """Returns the first-order change of all g(x) for steps of b (n + 1,) and y (n,)."""
         p = self.problem
         first, last = p.slope
         duration = at.d0 * db[:-1] + at.d1 * db[1:]
@@ -308,7 +308,7 @@ class Inequalities:
         return np.concatenate([*parts, -time[-1:]])
 
     def prices(self, z: FloatArray) -> FloatArray:
-        """Price of each interval's duration by trip time and earliest times, shape (n,)."""
+        """Returns each interval's price of duration by trip time and earliest times, (n,)."""
         n = self._n
         price = np.full(n, z[-1])
         if self.behind:
@@ -317,7 +317,7 @@ class Inequalities:
         return price
 
     def slopes(self, at: Point, z: FloatArray) -> tuple[FloatArray, ...]:
-        """Derivatives of `cost - z g` by force, duration, change of b and y, each (n,)."""
+        """Returns derivatives of `cost - z g` by force, duration, change of b and y, (n,)."""
         brake, room, overrun, full = z[: 4 * self._n].reshape(4, self._n)
         by_force, by_duration, by_change = at.cost_slope
         by_force = by_force - overrun + full
@@ -326,7 +326,7 @@ class Inequalities:
         return by_force, by_duration, by_change, by_force - brake + room
 
     def gradient(self, at: Point, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Gradient of `cost - z g` by b, zero where pinned, and by y."""
+        """Returns the gradient of `cost - z g` by b, zero where pinned, and by y."""
         n = self._n
         by_force, by_duration, by_change, by_brake = self.slopes(at, z)
         start, end = at.to_nodes(by_force, by_duration, by_change)
@@ -341,7 +341,7 @@ class Inequalities:
     def weights(
         self, ratio: FloatArray
     ) -> tuple[tuple[FloatArray, FloatArray, FloatArray], FloatArray, FloatArray]:
-        """Multipliers over slacks as weights of the intervals, the nodes, and times at 1..n."""
+        """Returns multipliers over slacks as weights of intervals, nodes and times at 1..n."""
         n = self._n
         brake, room, overrun, full = ratio[: 4 * n].reshape(4, n)
         times = np.zeros(n)

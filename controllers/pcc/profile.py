@@ -22,7 +22,7 @@ _HEIGHT_COLUMNS = (("s_m", "s", "station_m", "station"), ("z_m", "z", "height_m"
 
 @dataclass(frozen=True)
 class RoadProfile:
-    """Road ahead on a uniform grid of n intervals.
+    """A road on a uniform grid of n intervals.
 
     Attributes:
       station: of the nodes, shape (n + 1,) [m].
@@ -85,10 +85,10 @@ class RoadProfile:
         name: str = "",
         start: float | None = None,
     ) -> RoadProfile:
-        """A profile from rising stations and heights, shape (n,) [m], without speed limits.
+        """Returns a profile from rising stations and heights, (n,) [m], without speed limits.
 
         Args:
-          station: horizontal, as along a map; along a road of 5 % they would be 0.1 % longer.
+          station: horizontal, as on a map; along a road of 5 % they would be 0.1 % longer.
           height: at the stations.
           step: of the grid.
           length: of the profile; default: to the last station.
@@ -119,7 +119,7 @@ class RoadProfile:
         length: float | None = None,
         start: float | None = None,
     ) -> RoadProfile:
-        """A profile from a CSV file with a station column (s_m) and a height column (z_m).
+        """Returns a profile from a CSV file with columns station (s_m) and height (z_m).
 
         Raises:
           InputError: the file cannot be read, lacks columns, or has fewer than 5 intervals.
@@ -135,17 +135,15 @@ class RoadProfile:
         start: float = 0.0,
         length: float | None = None,
         step: float = 50.0,
-        lane: int = 0,
         lateral_acceleration: float = 1.5,
     ) -> RoadProfile:
-        """A profile along a route, with the speed limits of a lane and curve speeds.
+        """Returns a profile along a route, with the limits of the right lane and curve speeds.
 
         Args:
           route: the road.
           start: of the profile [m].
           length: of the profile [m]; default: to the end of the route.
           step: of the grid [m].
-          lane: the lane with the speed limits.
           lateral_acceleration: greatest in curves [m/s2].
         """
         name = route.road_map.path.name if route.road_map.path else "route"
@@ -161,8 +159,8 @@ class RoadProfile:
         padded = np.pad(curvature, 5, mode="edge")
         widest = np.lib.stride_tricks.sliding_window_view(padded, 11).max(axis=1)[::5]
         curve = np.sqrt(lateral_acceleration / np.maximum(widest, 1e-6))
-        lawful = np.array([route.speed_limit(float(s), lane) for s in grid])
-        # A limit applies from the node before the sign, as it must be met at the sign.
+        lawful = np.array([route.speed_limit(float(s)) for s in grid])
+        # A limit applies from the node before the sign, because it holds at the sign.
         lawful = np.minimum(lawful, np.append(lawful[1:], lawful[-1]))
         return cls(grid, height, np.minimum(lawful, curve), name)
 

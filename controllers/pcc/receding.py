@@ -1,11 +1,11 @@
-"""Receding-horizon plan: the speed over the next 5 km behind the traffic, planned repeatedly.
+"""Receding-horizon plan: the speed over the next 5 km in traffic, planned repeatedly.
 
 A schedule of the whole trip (`controllers.pcc.schedule`) gives the price of a second and the worth
-of speed at the horizon's end. A lag behind it raises the price; a lasting one makes a new schedule.
+of speed at the horizon's end. A lag behind it raises the price; a large lag makes a new schedule.
 
-Where the optimizer has no solution, `fallback_plan` takes the first of these that begins at the
+If the optimizer has no solution, `fallback_plan` takes the first of these that begins at the
 truck's speed, keeps the limits and stays behind the vehicle ahead: the last plan, the schedule, a
-cruise at v_ref within all limits. The cruise always does, as well as the truck can.
+cruise at v_ref within all limits. The cruise needs no check: it does so as well as the truck can.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.core.messages import SpeedProfile
 from iits_mj.parameters import TruckParameters
 
-_FULL = 0.98  # share of the greatest planned power that counts as all of it
-_OFF_ROAD = 100.0  # [m] that the truck may be off the road's ends: grids end before the road does
-_FASTEST = 60.0  # [m/s] of any truck, backward as well
-_MASSES = (0.5, 1.4)  # of the empty and of the fully laden truck's: an estimate may be wrong
+_FULL = 0.98  # share of the greatest planned power that counts as full power
+_OFF_ROAD = 100.0  # [m] that the truck may be beyond the road's ends: grids end before the road
+_FASTEST = 60.0  # [m/s] of any truck, forward and backward
+_MASSES = (0.5, 1.4)  # over the mass of the empty and of the laden truck: an estimate may be wrong
 _KEEP = 500.0  # [m] that a kept plan must still cover
-_KEEP_SPEED = 1.0  # [m/s] by which a kept plan may miss the truck's speed
+_KEEP_SPEED = 1.0  # [m/s] by which a kept plan may differ from the truck's speed
 _SOON = 1.0  # [s] by which a kept plan may pass a node behind the leader too early
 
 
@@ -57,7 +57,8 @@ class HorizonPlan:
 
     Attributes:
       profile: speed over station.
-      status: "optimal", "kept" (the last plan), "schedule" or "cruise"; reason: why not optimal.
+      status: "optimal", "kept" (the last plan), "schedule" or "cruise".
+      reason: why the plan is not optimal, else "".
       solve_time: wall time of the solver [s].
       price: of a second [kg/s]; lag: behind the schedule [s], NaN without one.
     """
@@ -71,7 +72,7 @@ class HorizonPlan:
 
 
 class RecedingPlanner:
-    """Speed planner for a drive along one road; `plan` is called about every second.
+    """Speed planner for a drive along one road; call `plan` about every second.
 
     Attributes:
       vehicle: the point mass of the plans; trip: destination and schedule.
@@ -87,12 +88,12 @@ class RecedingPlanner:
         receding: RecedingConfig | None = None,
         appointment: Appointment | None = None,
     ) -> None:
-        """Plans for a truck of a gross mass [kg] on a whole road of any grid.
+        """Prepares plans for a truck of a gross mass [kg] on a whole road of any grid.
 
         The default appointment is the road's end in the time of a cruise at v_ref.
 
         Raises:
-          InputError: the truck cannot have this mass, empty or laden.
+          InputError: no load of the truck gives this mass.
         """
         self.config, self.receding = config or PccConfig(), receding or RecedingConfig()
         parameters = parameters or TruckParameters.load()
@@ -107,13 +108,13 @@ class RecedingPlanner:
         self.last: SpeedProfile | None = None
 
     def reset(self) -> None:
-        """Forgets the last plan and the trip so far."""
+        """Clears the last plan and the trip so far."""
         self.last = None
         self.trip.reset()
 
     @property
     def schedule(self) -> Schedule | None:
-        """The schedule of the trip, if there is one."""
+        """Schedule of the trip, None if there is none."""
         return self.trip.schedule
 
     def plan(
@@ -130,7 +131,7 @@ class RecedingPlanner:
           station: of the truck's reference point, which follows the plan [m].
           speed: now [m/s].
           time: now, for the lag behind the schedule [s].
-          leader: vehicle ahead in the lane, if any.
+          leader: vehicle ahead in the lane, or None.
           flow: greatest mean speed that the traffic allows [m/s], see `Flow`.
 
         Raises:
@@ -154,7 +155,7 @@ class RecedingPlanner:
         if arriving is not None:
             return arriving
         speed = self._start_speed(station, max(speed, LEAST_SPEED))
-        # Behind a vehicle a plan starts here, else at the next node of the schedule.
+        # A plan behind a vehicle starts here, any other at the next node of the schedule.
         start = self.trip.next_node(station, speed, time, self.last)
         self.trip.keep_schedule(start)
         sight = self.receding.horizon
@@ -178,9 +179,9 @@ class RecedingPlanner:
         return HorizonPlan(SpeedProfile(stations, asked), status, reason, solve_time, price, lag)
 
     def _asked(self, road: RoadProfile, nodes: FloatArray) -> FloatArray:
-        """Speeds asked of the truck (n + 1,): more than planned where the plan uses all its power.
+        """Returns the speeds for the truck (n + 1,): above the plan where it takes full power.
 
-        There the truck shall use its full power; the time it gains lowers the price later.
+        There the truck shall use its full power; the time that it gains lowers the price later.
         """
         full = self.vehicle.power(nodes, road) > _FULL * self.vehicle.power_max
         asked = nodes.copy()
@@ -189,7 +190,7 @@ class RecedingPlanner:
         return np.asarray(np.minimum(asked, np.maximum(road.v_limit, nodes)))
 
     def _arriving(self, station: float) -> HorizonPlan | None:
-        """The last plan, where the rest of the trip is too short to plan; else None."""
+        """Returns the last plan if the rest of the trip is too short to plan, else None."""
         last, schedule = self.last, self.trip.schedule
         if last is None or schedule is None or not schedule.covers(station):
             return None
@@ -200,7 +201,7 @@ class RecedingPlanner:
         return HorizonPlan(last, "kept", "the trip ends here", 0.0, schedule.price, math.nan)
 
     def _start_speed(self, station: float, speed: float) -> float:
-        """The last plan's speed at a station [m/s], limited to near the truck's."""
+        """Returns the last plan's speed at a station, limited to a range around the truck's."""
         if self.last is None or not self.last.station[0] <= station <= self.last.station[-1]:
             return speed
         reach = self.receding.resync
@@ -209,7 +210,7 @@ class RecedingPlanner:
     def _optimize(
         self, road: RoadProfile, speed: float, price: float, leader: Leader | None
     ) -> tuple[FloatArray, float]:
-        """Node speeds, and the solver's time [s]; PlanningError where there is no optimum."""
+        """Returns node speeds and the solver's time [s]; PlanningError if there is no optimum."""
         settings = self.receding.leader
         slowest = braking_speeds(self.vehicle, road, speed)
         bounds = bounds_of(self.vehicle, road, speed, slowest, self.config)
@@ -239,7 +240,7 @@ class RecedingPlanner:
         return behind.speed, free.solve_time + behind.solve_time
 
     def _solve(self, task: SpeedTask, bounds: Bounds) -> Solution:
-        """The optimum of a task; PlanningError where its speeds are not finite."""
+        """Returns the optimum of a task; PlanningError if its speeds are not finite."""
         low, high = np.sqrt(task.b_low), np.sqrt(task.b_high)
         guess = np.minimum(bounds.fastest, self.config.v_ref)
         if self.last is not None:
@@ -252,7 +253,7 @@ class RecedingPlanner:
     def _terminal(
         self, road: RoadProfile, low: FloatArray, high: FloatArray, bounds: Bounds
     ) -> float:
-        """Worth of the last v^2 [kg/(m2/s2)]; writes a wanted end speed into the bounds."""
+        """Returns the worth of the last v^2; writes a wanted end speed into the bounds."""
         schedule, last = self.trip.ahead_of(float(road.station[0])), float(road.station[-1])
         if schedule is None:
             return level_worth(self.vehicle, self.config.v_ref)
@@ -266,9 +267,9 @@ class RecedingPlanner:
 def fallback_plan(
     trip: PccTrip, road: RoadProfile, speed: float, leader: Leader | None, last: SpeedProfile | None
 ) -> tuple[FloatArray, str]:
-    """Node speeds (n + 1,) of the first valid of last plan, schedule and cruise, and its name.
+    """Returns the first valid of last plan, schedule and cruise: node speeds (n + 1,) and name.
 
-    The road begins at the truck's station, with a speed [m/s].
+    The road begins at the truck's station; speed [m/s] is the plan's first.
     """
     schedule, start = trip.ahead_of(float(road.station[0])), float(road.station[0])
     if last is not None and last.station[-1] - start > _KEEP:
@@ -283,7 +284,7 @@ def fallback_plan(
     try:
         held = cruise(trip.vehicle, road, trip.config.v_ref, speed, slowest)
     except PlanningError:
-        # Not even that can be driven: ask for the limits.
+        # The truck cannot drive the cruise either: ask for the limits.
         held = np.minimum(road.v_limit, trip.config.v_ref)
     if leader is not None:
         held = np.minimum(held, approach_speeds(road, speed, leader, trip.receding.leader))
@@ -293,7 +294,7 @@ def fallback_plan(
 def _holds(
     trip: PccTrip, road: RoadProfile, held: FloatArray, speed: float, leader: Leader | None
 ) -> bool:
-    """Whether node speeds begin at the truck's, keep the limits and stay behind the leader."""
+    """Returns whether node speeds begin at the truck's, keep the limits and the gap ahead."""
     settings, lawful = trip.receding.leader, (held[1:] <= road.v_limit[1:] + 1e-6).all()
     if not (abs(held[0] - speed) < _KEEP_SPEED and lawful):
         return False

@@ -1,7 +1,7 @@
 """Predictive cruise control as the stack's speed reference: limits, traffic flow, plans.
 
-`PccReference` makes a plan a second behind the traffic. `RoadLimits` gives it the speed limits of
-the road and `Flow` the speed of the vehicles ahead.
+`PccReference` plans once a second. `RoadLimits` gives it the speed limits of the road, and `Flow`
+the speed of the vehicles ahead.
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ from iits_mj.core.checks import require_positive
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Scene, SpeedProfile, TrackedVehicle
 from iits_mj.core.neighbors import Neighbor
+from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.parameters import TruckParameters
 
 if TYPE_CHECKING:
     from iits_mj.road import Route
 
 _FREE = 1e3  # [m/s] in place of no reference speed
-_HALF_CYCLE = 0.05
-_MASS_CHANGE = 0.02  # relative change of mass at which the planner is made again
+_MASS_CHANGE = 0.02  # relative change of mass that makes a new planner
 _GAIN_AHEAD = 500.0  # [m] within which a lane change must pay
 
 
 class RoadLimits:
-    """Greatest speeds over station that the trajectory planner will allow.
+    """Greatest speeds over station that the trajectory planner allows.
 
-    The map's limits with the changing signs over them, bends limited by comfort and by the truck's
-    roll-over margin, each approached at the planner's gentle deceleration. `step` is that between
-    the nodes of plans [m].
+    The limits of the map and of variable signs, and those of bends by comfort and by the truck's
+    roll-over margin, each approached at the planner's gentle deceleration. `step` is the distance
+    between the nodes of plans [m].
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class RoadLimits:
         self._limit: FloatArray = np.empty(0)
 
     def update(self, scene: Scene) -> bool:
-        """Takes signs, lane and mass of a scene; returns whether the limits have changed.
+        """Updates signs, lane and mass from a scene; returns whether the limits have changed.
 
         Raises:
           InputError: a zone's limit is not a positive number, or its ends are not finite.
@@ -84,7 +84,7 @@ class RoadLimits:
         return True
 
     def at(self, station: FloatArray) -> FloatArray:
-        """Greatest speed at the nodes of a plan [m/s], shape as station."""
+        """Returns the greatest speeds at the nodes of a plan [m/s], in the shape of station."""
         row = np.round(station / self._preview.step).astype(int)
         return np.asarray(self._limit[np.clip(row, 0, self._limit.size - 1)])
 
@@ -94,7 +94,7 @@ class FlowConfig:
     """Settings of the estimated traffic flow.
 
     Attributes:
-      sight: range ahead in which vehicles of the road's lanes count [m].
+      sight: range ahead in which vehicles on the road's lanes count [m].
       memory: time constant of the estimate [s].
       margin: by which a truck can be faster than the flow by passing some vehicles [m/s].
       presence: share of the time with a vehicle in sight above which there is a flow, 0 to 1.
@@ -110,19 +110,19 @@ class FlowConfig:
 
 
 class Flow:
-    """Filtered mean speed of the vehicles ahead: a plan to be faster would be late."""
+    """Filtered mean speed of the vehicles ahead: a faster plan would be late."""
 
     def __init__(self, config: FlowConfig | None = None) -> None:
         self.config = config or FlowConfig()
         self.reset()
 
     def reset(self) -> None:
-        """Forgets the traffic so far."""
+        """Clears the estimate."""
         self._speed = self._present = 0.0
         self._time = -math.inf
 
     def update(self, time: float, station: float, vehicles: Iterable[TrackedVehicle]) -> float:
-        """Greatest mean speed that the traffic allows [m/s]; inf without traffic.
+        """Returns the greatest mean speed that the traffic allows [m/s]; inf without traffic.
 
         `time` [s] and `station` [m] are the truck's, `vehicles` those in sight.
         """
@@ -145,9 +145,12 @@ class Flow:
 
 @dataclass(frozen=True)
 class PccReport:
-    """Plans by status, those not optimal by reason, times of solves [s], price now, lag now.
+    """Plans of a drive so far.
 
-    Price of a second [kg/s]; lag behind the schedule [s], NaN without one.
+    Attributes:
+      plans: number by status; reasons: number of plans that are not optimal, by reason.
+      solve_time: of each optimal plan [s]; schedules: their number.
+      price: of a second now [kg/s]; lag: behind the schedule now [s], NaN without one.
     """
 
     plans: dict[str, int]
@@ -183,9 +186,12 @@ class PccReference:
           config: set speed and band.
           parameters: of the truck.
           receding: settings of the plans.
-          appointment: the wanted end of the trip; default: the road's end.
-          period: between two plans [s]; InputError unless above 0.
+          appointment: end of the trip; default: the road's end.
+          period: between two plans [s].
           planner: settings of the trajectory planner, with the speed in bends.
+
+        Raises:
+          InputError: the period is not above 0.
         """
         if not math.isfinite(period) or period <= 0.0:
             raise InputError(f"period = {period!r} s is not allowed: use a number above 0")
@@ -201,7 +207,7 @@ class PccReference:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets the drive so far."""
+        """Clears all memory, for a new drive."""
         if self.planner is not None:
             self.planner.reset()
         self._flow.reset()
@@ -213,22 +219,22 @@ class PccReference:
         self._times: list[float] = []
 
     def update(self, scene: Scene, find_leader: Callable[[], Neighbor | None]) -> SpeedProfile:
-        """The plan, renewed once a period.
+        """Returns the plan; makes a new one once a period.
 
         Raises:
           InputError: the truck's station, speed, time or mass is not finite.
         """
-        if self.last is None or scene.time - self._planned_at >= self.period - _HALF_CYCLE:
+        if self.last is None or scene.time - self._planned_at >= self.period - 0.5 * CYCLE_PERIOD:
             self._planned_at = scene.time
             self.last = self._plan(scene, find_leader())
         return self.last.profile
 
     def at(self, station: float) -> float:
-        """Reference speed at a station now [m/s]."""
+        """Returns the reference speed at a station now [m/s]."""
         return self.config.v_ref if self.last is None else self.last.profile.at(station)
 
     def free(self, station: float) -> float:
-        """Greatest speed of the schedule within the next 500 m [m/s]; in traffic the set speed."""
+        """Returns the schedule's greatest speed within 500 m, in traffic the set speed [m/s]."""
         schedule = None if self.planner is None else self.planner.schedule
         if schedule is None or not schedule.covers(station):
             return self.config.v_ref
@@ -237,7 +243,7 @@ class PccReference:
         return fastest if math.isinf(self._top) else max(fastest, self.config.v_ref)
 
     def report(self) -> PccReport:
-        """The plans since the reset."""
+        """Returns a report of the plans since the reset."""
         price, lag = (math.nan, math.nan) if self.last is None else (self.last.price, self.last.lag)
         schedules = 0 if self.planner is None else self.planner.trip.schedules
         times = tuple(self._times)
@@ -250,7 +256,7 @@ class PccReference:
             planner.trip.limit_by(self._limits.at)
         leader = None if neighbor is None else _leader_of(ego, neighbor)
         flow = self._flow.update(scene.time, ego.station, scene.vehicles)
-        # In traffic the truck drives at most the set speed, by passing other vehicles.
+        # In traffic the truck may pass other vehicles at the set speed.
         self._top = max(flow, self.config.v_ref)
         found = planner.plan(ego.station, ego.speed, scene.time, leader, self._top)
         self._plans[found.status] += 1
@@ -261,7 +267,7 @@ class PccReference:
         return found
 
     def _planner_for(self, ego: EgoState) -> RecedingPlanner:
-        """The planner of a truck of this mass; made again when the load changes."""
+        """Returns the planner of a truck of this mass, a new one when the load changes."""
         if not math.isfinite(ego.mass):
             raise InputError(f"speed planner: mass is {ego.mass!r}: must be finite")
         planner = self.planner
@@ -274,14 +280,14 @@ class PccReference:
 
 
 def _leader_of(ego: EgoState, neighbor: Neighbor) -> Leader:
-    """The leader of a neighbor; a vehicle that cuts in beside the truck counts as at its bumper.
+    """Returns a neighbor as leader; beside the truck's front it counts as at its bumper.
 
     Raises:
       InputError: the gap is more negative than the vehicle is long, so it is not ahead.
     """
     if not neighbor.gap >= -neighbor.length:
         raise InputError(
-            f"vehicle {neighbor.id!r}: gap {neighbor.gap:g} m is not that of a vehicle ahead; use "
+            f"vehicle {neighbor.id!r}: gap {neighbor.gap:g} m means that it is not ahead; use "
             f"{-neighbor.length:g} m (its length) or more"
         )
     return Leader(

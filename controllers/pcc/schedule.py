@@ -1,7 +1,7 @@
 """The schedule of a trip: clock, price of a second and worth of speed over station.
 
-One optimization of the whole road gives all three, which a short horizon needs in place of the road
-beyond its end: with them its plan is a piece of the plan over the whole road (Bellman's principle,
+One optimization of the whole road gives all three. A short horizon needs them in place of the road
+beyond its end: with them its plan is a part of the plan over the whole road (Bellman's principle,
 to first order in the speed at the horizon's end). A lag behind the clock raises the price.
 """
 
@@ -22,14 +22,14 @@ from controllers.pcc.vehicle import PointMass, cruise, durations, full_power_spe
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import PlanningError
 
-# Factor on the least trip time, near which a second would cost any amount of fuel [1].
+# Factor on the least trip time: closer to it the cost of a second grows without bound [1].
 _TIGHT = 1.01
-# A trip may end before its wanted time by at most this share of it [1].
+# Greatest share of its wanted time by which a trip may end too early [1].
 _EARLY = 1e-3
-# Least price of a second over the idle fuel rate: at -1 standing would cost nothing [1].
+# Least price of a second over the idle fuel rate: at -1 a standstill would cost nothing [1].
 _LEAST_PRICE = -0.9
 _HALVINGS = 12
-# Mean speeds that a lag may ask for, over the schedule's [1].
+# Least and greatest mean speed after a lag, over that of the schedule [1].
 _FASTER = (0.75, 1.35)
 
 
@@ -40,8 +40,8 @@ class Schedule:
     Attributes:
       station: [m]; speed: [m/s]; clock: absolute time of passing [s].
       worth: fuel that v^2 saves later [kg/(m2/s2)].
-      price: of a second [kg/s]; negative where the truck is held back to its appointment.
-      late: time by which the wanted arrival is out of reach, 0 if it is not [s].
+      price: of a second [kg/s]; negative if the truck has to slow down for its appointment.
+      late: time by which the wanted arrival is out of reach, else 0 [s].
       top: greatest speed of a truck that would be early otherwise [m/s].
     """
 
@@ -59,33 +59,33 @@ class Schedule:
         return float(self.station[-1])
 
     def covers(self, station: float) -> bool:
-        """Whether a station [m] is on the schedule, which begins at the node after the truck."""
+        """Returns whether a station [m] is on the schedule or within a step before its start."""
         step = float(self.station[1] - self.station[0])
         return bool(self.station[0] - step <= station <= self.station[-1])
 
     def due(self, station: float) -> float:
-        """Planned time of passing a station [s]; v^2 is linear between nodes."""
+        """Returns the planned time of passing a station [s]; v^2 is linear between nodes."""
         k = int(np.clip(np.searchsorted(self.station, station) - 1, 0, self.station.size - 2))
         way, sums = station - self.station[k], self.speed[k] + self.speed_at(station)
         return float(self.clock[k] + 2.0 * way / sums)
 
     def speed_at(self, station: float | FloatArray) -> FloatArray:
-        """Planned speed [m/s]."""
+        """Returns the planned speed [m/s]."""
         return np.asarray(np.sqrt(np.interp(station, self.station, self.speed**2)))
 
     def worth_at(self, station: float) -> float:
-        """Worth of v^2 [kg/(m2/s2)]."""
+        """Returns the worth of v^2 [kg/(m2/s2)]."""
         return float(np.interp(station, self.station, self.worth))
 
     def lag(self, station: float, time: float) -> float:
-        """Seconds behind the clock, negative when early."""
+        """Returns the seconds behind the clock, negative when early."""
         return time - self.due(station)
 
     def price_at(self, vehicle: PointMass, station: float, time: float) -> float:
-        """Price of a second for a truck at a station and time [kg/s].
+        """Returns the price of a second for a truck at a station and time [kg/s].
 
         The rest of the trip must be faster by the share of its time that was lost; the price
-        changes as on the level between these two mean speeds.
+        changes by as much as on a level road between these two mean speeds.
         """
         planned = max(float(self.clock[-1]) - self.due(station), 1e-3)
         left = max(float(self.clock[-1]) - self.late - time, 1e-3)
@@ -96,12 +96,14 @@ class Schedule:
 
 
 def least_price(vehicle: PointMass) -> float:
-    """Least price of a second with which the problem stays convex [kg/s]."""
+    """Returns the least price of a second for which the problem is convex [kg/s]."""
     return _LEAST_PRICE * vehicle.fuel.f0
 
 
 def level_price(vehicle: PointMass, speed: float) -> float:
-    """Price of a second for which a speed is optimal on the level [kg/s]; negative if very slow.
+    """Returns the price of a second that makes a speed optimal on the level [kg/s].
+
+    It is negative for a very low speed.
 
     The cost of a meter is `f0/v + f1 R/eta + f2 R^2 v/eta^2 + price/v` with R = m g c + k v^2; its
     derivative by v is zero at the best speed.
@@ -114,9 +116,9 @@ def level_price(vehicle: PointMass, speed: float) -> float:
 
 
 def level_worth(vehicle: PointMass, speed: float) -> float:
-    """Worth of v^2 on the level [kg/(m2/s2)]: the fuel that a little more force costs.
+    """Returns the worth of v^2 on the level [kg/(m2/s2)]: the fuel that more force costs.
 
-    From the optimality condition on the engine's force: `f1/eta + 2 f2 R v/eta^2` a joule.
+    From the optimality condition on the engine's force: `f1/eta + 2 f2 R v/eta^2` per joule.
     """
     resistance = float(vehicle.slope_force(np.zeros(1))[0]) + vehicle.drag * speed**2
     joule = vehicle.fuel.f1 / vehicle.efficiency
@@ -126,7 +128,7 @@ def level_worth(vehicle: PointMass, speed: float) -> float:
 
 @dataclass(frozen=True)
 class Bounds:
-    """Least and greatest v^2 of a plan, and the speed of the fastest drive; (n + 1,) each."""
+    """Least and greatest v^2 of a plan and the speed of the fastest drive, each (n + 1,)."""
 
     low: FloatArray
     high: FloatArray
@@ -136,10 +138,10 @@ class Bounds:
 def bounds_of(
     vehicle: PointMass, road: RoadProfile, speed: float, slowest: FloatArray, config: PccConfig
 ) -> Bounds:
-    """Bounds of a plan from a speed [m/s]; where that is above the limits, the truck brakes.
+    """Returns the bounds of a plan from a speed [m/s]; above the limits the truck brakes.
 
     Raises:
-      PlanningError: full power does not carry the truck over a climb.
+      PlanningError: full power is not enough for a climb.
     """
     cap = np.maximum(np.minimum(road.v_limit, config.v_max), slowest)
     fastest = full_power_speed(vehicle, road, speed, cap)
@@ -167,13 +169,13 @@ def make_schedule(
       config: set speed and band.
       speed: now [m/s].
       time: now [s].
-      arrival: wanted time at the road's end, neither later nor earlier as far as the band allows
-        [s]; default: that of a cruise at v_ref, or earlier where that saves fuel.
+      arrival: wanted time at the road's end, met exactly if the band allows it [s]; default: that
+        of a cruise at v_ref, or earlier if that saves fuel.
       slack: of the cruise's time, without `arrival` [1].
       end_speed: wanted at the end [m/s]; default: free, with the worth of v^2 on the level.
 
     Raises:
-      PlanningError: full power does not carry the truck, or the optimization fails.
+      PlanningError: full power is not enough for a climb, or the optimization fails.
     """
     slowest = braking_speeds(vehicle, road, speed)
     held = cruise(vehicle, road, config.v_ref, speed, slowest)
@@ -183,7 +185,7 @@ def make_schedule(
     late = 0.0
 
     def planned(price: float | None, top: float) -> tuple[Solution, float]:
-        """The plan at a price of time, or within the wanted time, below a top speed; its time."""
+        """Returns plan and time for a price of time (None: wanted time) and a top speed."""
         nonlocal late
         lower = replace(road, v_limit=np.minimum(road.v_limit, top))
         bounds = bounds_of(vehicle, lower, speed, slowest, config)
@@ -224,11 +226,11 @@ def _held_back(
     least: float,
     config: PccConfig,
 ) -> tuple[Solution, float, float]:
-    """The plan that takes the wanted time [s] where the cheapest is faster, its price and top.
+    """Returns a plan slower than the cheapest, for the wanted time [s], with its price and top.
 
     A negative price of a second slows the truck down. The cost of a meter is `(f0 + price) / v`
-    plus the engine's work: convex while `f0 + price` is positive. Where the least price does not
-    suffice, as the truck rolls fast downhill, a top speed does.
+    plus the engine's work: convex while `f0 + price` is positive. If the least price is not enough,
+    as where the truck rolls fast downhill, a top speed is.
     """
     found, took = planned(least, math.inf)
     by_top = took < wanted
@@ -240,6 +242,6 @@ def _held_back(
         found, took = planned(price, top)
         if abs(took - wanted) <= _EARLY * wanted:
             break
-        # A higher price and a higher top speed both are faster.
+        # A higher price and a higher top speed both make the plan faster.
         low, high = (low, middle) if took < wanted else (middle, high)
     return found, price, top

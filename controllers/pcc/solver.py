@@ -1,7 +1,7 @@
 """Solves speed tasks: one entry, `solve(task, guess, method)`, for every method.
 
-`interior_point` is our own and needs time linear in the number of intervals. `ipopt` solves the
-same program, written once more with CasADi, as reference and where the former does not converge.
+`interior_point` is our own and takes time linear in the number of intervals. `ipopt` solves the
+same program, written independently with CasADi, as reference and if the former does not converge.
 Other packages add methods to `METHODS`: importing `iits_mj.validation.planning.pcc_hermite` adds
 `finite_elements`, the paper's transcription.
 """
@@ -29,14 +29,13 @@ Method = Callable[..., Solution]
 
 _MORE = "finite_elements needs `import iits_mj.validation.planning.pcc_hermite`"
 
-_PATIENCE = 2.0  # [s] left, from which IPOPT may take over: CasADi alone takes a second to load
-# After a long climb at full power the end speed hardly depends on what was done before: to hold it
-# exactly would take multipliers without bound. There it has a worth instead, and may be missed by
-# so little [m/s].
+_PATIENCE = 2.0  # [s] that must be left for IPOPT: CasADi alone takes a second to load
+# After a long climb at full power the end speed hardly depends on the earlier drive, and its
+# multiplier would have no bound. There it has a worth instead of a bound, and this tolerance [m/s].
 _END_SHORT = 0.02
 _END_ITERATIONS = 40  # with the end speed as a bound, before that
-_END_EXACT = 1e-6  # of v^2, within which the end speed is the wanted one
-_END_NEAR = 1e-3  # of v^2: how near the end speed is to the greatest possible one there
+_END_EXACT = 1e-6  # relative difference of v^2 within which the end speed is the wanted one
+_END_NEAR = 1e-3  # relative difference of v^2 between wanted and greatest end speed of such a climb
 
 
 def solve(
@@ -45,18 +44,18 @@ def solve(
     method: str = "interior_point",
     **settings: Any,
 ) -> Solution:
-    """The optimal speed of a task.
+    """Returns the optimal speed of a task.
 
     Args:
       task: road, truck, limits and prices.
-      guess: node speeds to begin with, shape (n + 1,) [m/s]; default: the fastest drive.
+      guess: node speeds to start from, shape (n + 1,) [m/s]; default: the fastest drive.
       method: one of METHODS.
       settings: of the method; every method has `time_limit` [s], interior_point also `tolerance`,
         finite_elements `element` and `points`.
 
     Raises:
       InputError: the method is not known, or the tolerance is not allowed.
-      PlanningError: there is no such drive, with the reason, or no solution within the time limit.
+      PlanningError: no drive keeps the task's limits, or the time limit passes without a solution.
     """
     if method not in METHODS:
         known = ", ".join(METHODS)
@@ -70,9 +69,9 @@ def solve(
 def _by_interior_point(
     task: SpeedTask, guess: FloatArray, *, time_limit: float = 20.0, tolerance: float = 1e-8
 ) -> Solution:
-    """By our own method; IPOPT takes over where it does not converge and time is left.
+    """Solves by our own method, or by IPOPT if that does not converge and time is left.
 
-    The tolerance is in the program's units of about 1: the default makes the multipliers exact,
+    The tolerance is in the program's units of about 1: the default makes the multipliers exact;
     1e-6 gives speeds within 5 mm/s in three quarters of the time.
     """
     in_range("tolerance", tolerance, 1e-12, 1e-2)
@@ -108,7 +107,7 @@ METHODS: dict[str, Method] = {"interior_point": _by_interior_point, "ipopt": _by
 def _solution(
     task: SpeedTask, optimum: Optimum, units: Units, began: float, method: str
 ) -> Solution:
-    """An optimum in SI units; PlanningError where it has not converged or misses the end speed."""
+    """Returns an optimum in SI units; PlanningError if not converged or the end speed is off."""
     note, reached = optimum.note, optimum.b[-1] * units.b
     short = math.sqrt(task.b_low[-1]) - math.sqrt(reached)
     if not note and short > _END_SHORT:
@@ -142,10 +141,10 @@ _B, _T, _FUEL, _COST = 400.0, 100.0, 1e-3, 100.0
 def _ipopt_optimum(
     task: SpeedTask, guess: FloatArray, problem: Problem, units: Units, time_limit: float
 ) -> Optimum:
-    """The optimum by IPOPT, in the units of `problem`, which states the same task.
+    """Returns the optimum by IPOPT, in the units of `problem`, which states the same task.
 
-    The program is written from the equations once more, with the engine's force F (per kilogram)
-    as variable in place of the brake's, P = F (v0 + v1) / (2 eta), and the times t at the nodes.
+    The program is written independently from the equations, with the engine's force F (per
+    kilogram) instead of the brake's, P = F (v0 + v1) / (2 eta), and the times t at the nodes.
     """
     import casadi as ca
 
@@ -198,8 +197,8 @@ def _ipopt_optimum(
     point = Point(problem, found, x[n + 1 : 2 * n + 1] / units.force - problem.net(found))
     rows = np.asarray(result["lam_g"]).ravel() * _COST * _FUEL / units.fuel
     price = -rows[2 * n :] * units.time / _T
-    # The costate, from the multipliers of the brake rows and the prices of durations. What the
-    # Lagrangian's level along F leaves belongs to overrun (below) or full power (above).
+    # The costate, from the multipliers of the brake rows and the prices of durations. The rest of
+    # the stationary Lagrangian along F belongs to overrun (below) or full power (above).
     by_force = -rows[:n] * units.force
     own, by_duration, by_change = point.cost_slope
     rest = own - by_force

@@ -1,4 +1,4 @@
-"""The speed-planning problem of one road, its solution, and the reason where there is none."""
+"""The speed-planning problem of one road, its solution, and the reason if there is none."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _SLACK = 1e-6  # [m2/s2] and relative: rounding of the passes themselves
 
 @dataclass(frozen=True)
 class SpeedTask:
-    """Find the speed over a road that costs least, in the distance domain.
+    """Problem to find the speed over a road that costs least, in the distance domain.
 
     The cost is the paper's (section on the fuel-efficient speed planner), with prices of trip time
-    and end speed. Its limit `s <= s_leader(t)` becomes an earliest time of passing each node.
+    and end speed. The paper's limit `s <= s_leader(t)` becomes an earliest time at each node.
 
     Attributes:
       vehicle: the truck.
@@ -60,7 +60,7 @@ class SpeedTask:
             raise PlanningError("speed task: the least speeds must be above 0")
 
     def check_nodes(self, name: str, array: FloatArray) -> None:
-        """Raises PlanningError unless an array holds a number for each node."""
+        """Raises PlanningError unless an array has a number for each node."""
         nodes = self.road.station.size
         if np.shape(array) != (nodes,) or np.isnan(array).any():
             raise PlanningError(
@@ -73,7 +73,7 @@ class SpeedTask:
         return bool(self.earliest.max() > 0.0)
 
     def cost(self, speed: FloatArray) -> float:
-        """Cost of node speeds (n + 1,) [kg]."""
+        """Returns the cost of node speeds (n + 1,) [kg]."""
         time = durations(speed, self.road)
         acceleration = np.diff(speed**2) / (2.0 * self.road.step)
         calm = float(acceleration**2 @ time)
@@ -90,13 +90,13 @@ class Solution:
       speed: at the nodes, shape (n + 1,) [m/s]; the last may miss its bound by 0.02 m/s after a
         long climb at full power.
       cost: of the task [kg]; fuel: the share of fuel in it [kg].
-      method: that found it; status: "optimal".
+      method: that found it.
       iterations: of the method; solve_time: wall time with set-up [s].
-      time_price: what a second of the trip time costs [kg/s]; this and the arrays below are NaN if
-        the method is not in the distance domain.
-      costate: how much less is burnt after a node for a little more v^2 there, shape (n + 1,)
-        [kg/(m2/s2)]; at the last node, what v^2 there costs before it.
-      interval_price: what a second in an interval costs by trip time and vehicle ahead, shape (n,)
+      time_price: multiplier of the trip time [kg/s]; this and the arrays below are NaN if the
+        method is not in the distance domain.
+      costate: fuel saved after a node per v^2 there, shape (n + 1,) [kg/(m2/s2)]; at the last node,
+        fuel burnt before it.
+      interval_price: cost of a second in an interval by trip time and vehicle ahead, shape (n,)
         [kg/s], without the task's own price.
     """
 
@@ -109,16 +109,15 @@ class Solution:
     time_price: float
     costate: FloatArray
     interval_price: FloatArray
-    status: str = "optimal"
 
 
 def require_feasible(task: SpeedTask) -> FloatArray:
-    """Greatest node speeds (n + 1,) that any drive of the task can have.
+    """Returns the greatest node speeds (n + 1,) that any drive of the task can have.
 
     Checks necessary conditions, each in one pass over the nodes.
 
     Raises:
-      PlanningError: no drive keeps to the task's limits, with the reason.
+      PlanningError: no drive keeps the task's limits; the message gives the reason.
     """
     vehicle, road, low = task.vehicle, task.road, task.b_low
     high = np.minimum(task.b_high, 1e4)
@@ -184,7 +183,7 @@ def _require_time(task: SpeedTask, high: FloatArray, fastest: FloatArray) -> Non
 
 
 def _slowest(task: SpeedTask) -> FloatArray:
-    """Least node speeds (n + 1,) of any drive: full brakes down to the least speeds."""
+    """Returns the least node speeds (n + 1,) of any drive: full brakes to the least speeds."""
     vehicle, road = task.vehicle, task.road
     twice = 2.0 * road.step / vehicle.inertial_mass
     half = 0.5 * vehicle.drag * twice
@@ -194,7 +193,7 @@ def _slowest(task: SpeedTask) -> FloatArray:
     speeds = [v]
     for k, least in enumerate(np.sqrt(task.b_low[1:]).tolist()):
         end = least
-        # The engine's drag falls with the end speed: from below, each round comes closer.
+        # The engine's drag decreases with the end speed, so the iteration converges from below.
         for _ in range(4):
             b = (v * v * (1.0 - half) - fall[k] - drag / (v + end)) / (1.0 + half)
             end = max(least, math.sqrt(max(b, 0.0)))

@@ -1,7 +1,7 @@
 """The state of a trip for the receding horizon: destination, schedule, and the road ahead.
 
 All plans on a free road share the grid that ends at the destination, so that the short horizon's
-problem is a piece of the schedule's.
+problem is a part of the schedule's.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from iits_mj.core.messages import SpeedProfile
 
 LEAST_INTERVALS = 4
 _EASE = 0.3  # [m/s2] deceleration to the traffic's speed
-LEAST_SPEED = 1.0  # [m/s] at which plans begin when the truck is stopped
+LEAST_SPEED = 1.0  # [m/s] at which the plans of a stopped truck begin
 
 
 @dataclass(frozen=True)
@@ -37,16 +37,17 @@ class RecedingConfig:
         not change the drive.
       leader: gaps to the vehicle ahead.
       power_share: share of the engine's full power that plans use. Gear changes and the steps of
-        the gears take the rest: on a long 5 % climb the MuJoCo truck of 55 t brings 0.76 to 0.88
+        the gears cost the rest: on a long 5 % climb the MuJoCo truck of 55 t transmits 0.76 to 0.88
         of it to the wheels. Plans with more would be late at the top of every climb.
-      surplus: added to the plan's speed where it uses all of that power [m/s].
-      resync: greatest difference of a plan's first speed, the last plan's, from the truck's [m/s].
+      surplus: added to the plan's speed where the plan uses all of that power [m/s].
+      resync: greatest difference between a plan's first speed and the truck's speed [m/s].
       slack: of the cruise's trip time, without a wanted arrival [1].
-      reserve: share of the time left until a wanted arrival, kept for delays by traffic [1].
-      replan_lag: lag or lead at which a new schedule is made [s].
-      replan_flow: change of the traffic's speed at which a new schedule is made [m/s].
+      reserve: share of the time left until a wanted arrival, reserved for delays by traffic [1].
+      replan_lag: lag or lead that makes a new schedule [s].
+      replan_flow: change of the traffic's speed that makes a new schedule [m/s].
       replan_period: least time between two schedules [s].
-      replan_length: greatest length of a trip that gets a new schedule, for its cost [m].
+      replan_length: greatest length of a trip that gets a new schedule; longer ones take too much
+        computing time [m].
     """
 
     horizon: float = 5_000.0
@@ -76,12 +77,12 @@ class RecedingConfig:
 
 @dataclass(frozen=True)
 class Appointment:
-    """The wanted end of a trip.
+    """End of a trip.
 
     Attributes:
       station: [m].
-      time: of arrival [s]; None: that of a cruise at v_ref.
-      speed: at the end [m/s]; None: free, with the worth of the fuel that speed saves later.
+      time: wanted, of arrival [s]; None: that of a cruise at v_ref.
+      speed: wanted, at the end [m/s]; None: free, with the worth of the fuel that it saves later.
     """
 
     station: float
@@ -108,9 +109,9 @@ class PccTrip:
     """A trip of the receding-horizon planner.
 
     Attributes:
-      vehicle: the point mass of the plans; road: the whole road, of any grid.
-      appointment: the wanted end.
-      schedule: of the trip or None; schedule_error: why there is none; schedules: made so far.
+      vehicle: the point mass of the plans; road: the whole road, on any grid.
+      appointment: the end.
+      schedule: of the trip or None; schedule_error: why there is none; schedules: number so far.
       flow: greatest mean speed that the traffic allows [m/s].
       limits: greatest speeds at stations, in place of the road's; see `limit_by`.
     """
@@ -129,7 +130,7 @@ class PccTrip:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets the trip so far."""
+        """Clears the trip so far."""
         self.schedule: Schedule | None = None
         self.schedule_error, self.schedules = "", 0
         self._scheduled_at, self._outdated = -math.inf, False
@@ -148,7 +149,7 @@ class PccTrip:
     def next_node(
         self, station: float, speed: float, time: float, last: SpeedProfile | None
     ) -> PlanStart:
-        """The next node of the grid, with the speed and time at which the last plan reaches it."""
+        """Returns the grid's next node, with the speed and time of the last plan there."""
         end, step = self.end, self.receding.step
         node = end - step * math.floor((end - station) / step + 1e-9)
         b = speed**2
@@ -159,7 +160,7 @@ class PccTrip:
         return PlanStart(node, after, time + 2.0 * (node - station) / (speed + after))
 
     def keep_schedule(self, start: PlanStart) -> None:
-        """Makes the schedule from a node of the grid, and a new one if the truck is far off it."""
+        """Makes a schedule from a node of the grid if there is none or the truck is far off it."""
         receding, schedule = self.receding, self.schedule
         left = self.end - start.station
         recent = start.time - self._scheduled_at < receding.replan_period
@@ -197,7 +198,7 @@ class PccTrip:
             self.schedule_error = str(error)
 
     def ahead_of(self, station: float) -> Schedule | None:
-        """The schedule if enough of it lies ahead of a station [m], else None."""
+        """Returns the schedule if enough of it lies ahead of a station [m], else None."""
         schedule = self.schedule
         near = LEAST_INTERVALS * self.receding.step
         if schedule is None or not schedule.covers(station) or station > schedule.end - near:
@@ -205,7 +206,7 @@ class PccTrip:
         return schedule
 
     def price(self, start: PlanStart) -> tuple[float, float]:
-        """Price of a second [kg/s] and lag [s]; without a schedule that of v_ref on the level."""
+        """Returns price of a second [kg/s] and lag [s]; without schedule those of v_ref, NaN."""
         schedule = self.ahead_of(start.station)
         if schedule is None:
             return max(level_price(self.vehicle, self.config.v_ref), 0.0), math.nan
@@ -213,7 +214,7 @@ class PccTrip:
         return price, schedule.lag(start.station, start.time)
 
     def grid(self, station: float, intervals: int) -> RoadProfile:
-        """The road from a station [m] on the grid of plans; it continues level beyond its end."""
+        """Returns the road from a station [m] on the grid of plans, level beyond its end."""
         road, step = self.road, self.receding.step
         grid = station + step * np.arange(max(intervals, LEAST_INTERVALS) + 1, dtype=float)
         height = np.interp(grid, road.station, road.height)
@@ -227,16 +228,16 @@ class PccTrip:
         return RoadProfile(grid, height, limit, road.name)
 
     def _below(self, road: RoadProfile, speed: float, top: float) -> RoadProfile:
-        """The road with a top speed as limit, to which a faster truck slows down."""
+        """Returns the road with a top speed as limit, to which a faster truck slows down."""
         if math.isinf(top):
             return road
         cap = easing_speeds(road, speed, max(top, LEAST_SPEED), _EASE)
         return replace(road, v_limit=np.minimum(road.v_limit, cap))
 
     def horizon(self, start: PlanStart, sight: float, *, free: bool) -> RoadProfile:
-        """The road of a plan of length `sight` [m], at most to the end of the trip.
+        """Returns the road of a plan of length `sight` [m], at most to the end of the trip.
 
-        `free` says that no vehicle is ahead in the truck's lane.
+        `free` means that no vehicle is ahead in the truck's lane.
         """
         schedule = self.ahead_of(start.station)
         if schedule is not None:
@@ -247,7 +248,7 @@ class PccTrip:
         return self._below(road, start.speed, min(flow, top))
 
     def _needed(self, start: PlanStart) -> float:
-        """Mean speed needed for the wanted arrival [m/s]; 0 without one.
+        """Returns the mean speed needed for the wanted arrival [m/s]; 0 without one.
 
         A truck delayed by traffic may be faster than the traffic while no vehicle is in its way.
         """

@@ -1,4 +1,4 @@
-"""The truck as a point mass on a road profile, and the constant-speed cruise to compare with."""
+"""The truck as a point mass on a road profile, and the constant-speed cruise as baseline."""
 
 from __future__ import annotations
 
@@ -40,47 +40,47 @@ class PointMass:
     fuel: Willans
 
     def slope_force(self, grade: FloatArray) -> FloatArray:
-        """Work of grade and tires for each meter of station [N].
+        """Returns the work of grade and tires per meter of station [N].
 
-        Stations are horizontal and `grade` is dz/ds: the weight does exactly m g dz, the tires,
-        with m g cos on ds / cos of road, exactly m g c ds. The cosine of inertia and air is left
-        out: 0.1 % on a grade of 5 %.
+        Stations are horizontal and `grade` is dz/ds: the weight does exactly m g dz; the tires,
+        with m g cos on a road of ds / cos, exactly m g c ds. Neglecting the cosine of inertia and
+        air drag gives an error of 0.1 % on a grade of 5 %.
         """
         return np.asarray(self.mass * GRAVITY * (grade + self.rolling))
 
     def net_force(self, speed: FloatArray, road: RoadProfile) -> FloatArray:
-        """Drive minus brake force [N] of the intervals, shape (n,), for node speeds (n + 1,)."""
+        """Returns drive minus brake force [N] of the intervals, (n,), for node speeds (n + 1,)."""
         b = speed**2
         gain = np.diff(b) * self.inertial_mass / (2.0 * road.step)
         return gain + self.slope_force(road.grade) + 0.5 * self.drag * (b[1:] + b[:-1])
 
     def power(self, speed: FloatArray, road: RoadProfile) -> FloatArray:
-        """Mean engine power of the intervals [W], shape (n,); at least the overrun power."""
+        """Returns the intervals' mean engine power [W], shape (n,); at least overrun power."""
         power = self.net_force(speed, road) * 0.5 * (speed[1:] + speed[:-1]) / self.efficiency
         return np.maximum(power, -self.power_drag)
 
     def fuel_of(self, speed: FloatArray, road: RoadProfile) -> FloatArray:
-        """Fuel of the intervals by the convex model [kg], shape (n,)."""
+        """Returns the fuel of the intervals by the convex model [kg], shape (n,)."""
         return self.fuel.rate(self.power(speed, road)) * durations(speed, road)
 
 
 def durations(speed: FloatArray, road: RoadProfile) -> FloatArray:
-    """Time of the intervals [s], exact for constant force: `2 ds / (v[k] + v[k+1])`."""
+    """Returns the times of the intervals [s], exact for constant force: `2 ds / (v0 + v1)`."""
     return 2.0 * road.step / (speed[1:] + speed[:-1])
 
 
 def passing_times(speed: FloatArray, road: RoadProfile) -> FloatArray:
-    """Time from the first node to each node [s], shape (n + 1,), for node speeds (n + 1,)."""
+    """Returns the time from the first node to each node [s], (n + 1,), as the node speeds."""
     return np.concatenate([[0.0], np.cumsum(durations(speed, road))])
 
 
 def full_power_speed(
     vehicle: PointMass, road: RoadProfile, v_start: float, cap: FloatArray
 ) -> FloatArray:
-    """Greatest node speeds under a cap, with full power and brakes at most at their limit.
+    """Returns the greatest node speeds under a cap, with full power and limited brakes.
 
     Raises:
-      PlanningError: full power does not carry the truck over a climb, or a cap cannot be met.
+      PlanningError: full power is not enough for a climb, or a cap cannot be met.
     """
     b_cap = brakeable(vehicle, road, np.minimum(cap, 1e3) ** 2, vehicle.brake_max)
     if b_cap.min() <= 0.0:
@@ -96,7 +96,7 @@ def full_power_speed(
         )
     b_cap[0] = v_start**2
     speed = fastest_below(vehicle, road, b_cap)
-    # A limit of crawling speed is not a lack of power.
+    # Crawling below a limit is not a lack of power.
     slow = np.flatnonzero(speed[1:] < np.minimum(_CRAWL, 0.99 * np.sqrt(b_cap[1:])))
     if slow.size:
         k = int(slow[0])
@@ -108,12 +108,12 @@ def full_power_speed(
 
 
 def brakeable(vehicle: PointMass, road: RoadProfile, cap: FloatArray, force: float) -> FloatArray:
-    """Greatest v^2 (n + 1,) under a cap of v^2 from which the brakes can meet all caps ahead."""
+    """Returns the greatest v^2 (n + 1,) under a cap from which the brakes meet all caps ahead."""
     twice = 2.0 * road.step / vehicle.inertial_mass
     half = 0.5 * vehicle.drag * twice
     fall = twice * (force + vehicle.slope_force(road.grade))
     b = np.array(cap, dtype=float)
-    # Only a cap that cannot be met from the one before it reaches further back.
+    # Only caps that cannot be met from the previous node affect earlier nodes.
     for last in np.flatnonzero(b[:-1] * (1.0 - half) > b[1:] * (1.0 + half) + fall)[::-1]:
         for k in range(int(last), -1, -1):
             met = (b[k + 1] * (1.0 + half) + fall[k]) / (1.0 - half)
@@ -124,9 +124,10 @@ def brakeable(vehicle: PointMass, road: RoadProfile, cap: FloatArray, force: flo
 
 
 def fastest_below(vehicle: PointMass, road: RoadProfile, cap: FloatArray) -> FloatArray:
-    """Greatest node speeds (n + 1,) under a cap of v^2 that full power reaches; 0 after a stall.
+    """Returns the greatest node speeds (n + 1,) that full power reaches under a cap of v^2.
 
-    The drive begins with the cap's first speed; the brakes must be able to meet the cap.
+    The drive begins with the cap's first speed; after a stall the speed is 0. The brakes must be
+    able to meet the cap.
     """
     wanted = np.sqrt(np.maximum(cap, 0.0))
     short = np.flatnonzero(
@@ -156,11 +157,11 @@ def fastest_below(vehicle: PointMass, road: RoadProfile, cap: FloatArray) -> Flo
 
 
 def _end_speed(v: float, a: float, c: float, work: float) -> float:
-    """Speed w at the end of an interval at full power from speed v, 0 if it stalls.
+    """Returns the speed w at the end of an interval at full power from speed v, 0 for a stall.
 
     The power limit holds at the mean of both speeds: `a w^2 + c = work / (v + w)`, with a from
-    inertia and half the drag, c from v and the slope. The left side less the right one rises with
-    w: Newton's method finds it.
+    inertia and half the drag, c from v and the slope. The left side minus the right one increases
+    with w, so that Newton's method converges.
     """
     if c * (v + 1e-3) >= work:
         return 0.0
@@ -183,10 +184,10 @@ def cruise(
     v_start: float,
     slowest: FloatArray | float = 0.0,
 ) -> FloatArray:
-    """Node speeds of a constant-speed cruise: slower on climbs beyond full power, braked downhill.
+    """Returns node speeds of a constant-speed cruise: slower on steep climbs, braked downhill.
 
     It has the plan's engine, brakes and limits and slows down in time for lower limits. A start
-    above them needs `slowest`, the speeds of braking from there.
+    above the limits needs `slowest`, the speeds of braking from there.
     """
     cap = np.maximum(np.minimum(road.v_limit, v_set), slowest)
     return full_power_speed(vehicle, road, v_start, cap)

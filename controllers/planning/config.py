@@ -1,4 +1,4 @@
-"""All settings of the trajectory planner. `PlannerConfig` holds the others."""
+"""Settings of the trajectory planner; `PlannerConfig` holds the others."""
 
 from __future__ import annotations
 
@@ -9,9 +9,12 @@ from iits_mj.core.checks import require_positive
 from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
 
+# Delay of the truck's brakes [s], and its hardest braking, positive [m/s2].
+_BRAKE_DELAY, _FULL_BRAKING = 0.5, 6.5
+
 
 class Powers(NamedTuple):
-    """Of a truck: power at the wheels [W], rolling resistance [1], 0.5 rho CdA [kg/m]."""
+    """Power at the wheels [W], rolling resistance [1] and 0.5 rho CdA [kg/m] of a truck."""
 
     power: float
     rolling_resistance: float
@@ -31,17 +34,17 @@ class Powers(NamedTuple):
 
 @dataclass(frozen=True)
 class FollowingConfig:
-    """How the truck follows a leader and keeps its speed.
+    """Settings of car following and of the speed's changes.
 
     Attributes:
       time_gap: to the leader, bumper to bumper [s].
       standstill_gap: to a leader at rest [m].
-      acceleration_max: [m/s2], also limited by engine power.
-      deceleration: comfortable, positive [m/s2]; of the IDM.
+      acceleration_max: [m/s2]; the engine's power limits it further.
+      deceleration: comfortable one of the IDM, positive [m/s2].
       deceleration_max: of the plan outside emergencies, positive [m/s2].
       preview_deceleration: towards lower limits ahead, positive [m/s2].
-      jerk_max: [m/s3], when braking; drive builds up at half of it.
-      regain_deceleration: spent on restoring a time gap that is too short, positive [m/s2].
+      jerk_max: when braking [m/s3]; half of it when accelerating.
+      regain_deceleration: to restore a time gap that is too short, positive [m/s2].
       coolness: weight of the constant-acceleration heuristic, 0 to 1.
       exponent: of the free-road term.
     """
@@ -63,18 +66,17 @@ class SpeedConfig:
     """Longitudinal limits of the plan.
 
     Attributes:
-      cruise_speed: wanted where no profile is given [m/s]; the paper's 60 km/h.
+      cruise_speed: without a reference profile [m/s]; the paper's 60 km/h.
       curve_acceleration: lateral acceleration that bounds the speed in curves [m/s2].
-      preview: how far ahead limits are looked up [m].
+      preview: distance ahead within which limits count [m].
       stop_gap: from the front bumper to the end of the lane or of the road [m].
-      powers: of the truck, for the acceleration that can be planned: with less power than it has
-        the plan would hold it back after a climb. None: of the planner's truck, or the shipped one.
-      emergency_onset: required deceleration that starts emergency braking, and the least that is
-        demanded then [m/s2].
+      powers: of the truck, which limit the planned acceleration; too low a power would hold the
+        truck back after a climb. None: of the planner's truck, or of the shipped one.
+      emergency_onset: required deceleration that starts emergency braking; least demand [m/s2].
       emergency_release: required deceleration at which emergency braking ends [m/s2].
-      emergency_share: of the required deceleration that is demanded, above 1.
-      emergency_deceleration: demanded at most [m/s2].
-      emergency_margin: gap wanted after an emergency stop [m].
+      emergency_share: ratio of the demanded to the required deceleration, above 1.
+      emergency_deceleration: greatest demand [m/s2].
+      emergency_margin: gap left after an emergency stop [m].
       reaction_time: of the brakes, for the required deceleration [s].
       following: see `FollowingConfig`.
 
@@ -90,15 +92,15 @@ class SpeedConfig:
     emergency_onset: float = 2.8
     emergency_release: float = 2.0
     emergency_share: float = 1.3
-    emergency_deceleration: float = 6.5
+    emergency_deceleration: float = _FULL_BRAKING
     emergency_margin: float = 2.0
-    reaction_time: float = 0.5
+    reaction_time: float = _BRAKE_DELAY
     following: FollowingConfig = field(default_factory=FollowingConfig)
 
     def __post_init__(self) -> None:
-        names = "cruise_speed", "curve_acceleration", "preview", "emergency_onset"
-        require_positive(self, *names, "emergency_release", "emergency_deceleration")
-        require_positive(self, "emergency_share")
+        names = "onset", "release", "deceleration", "share"
+        require_positive(self, *(f"emergency_{name}" for name in names))
+        require_positive(self, "cruise_speed", "curve_acceleration", "preview")
         if self.powers is not None:
             require_positive(self.powers, *Powers._fields)
         require_positive(self, "stop_gap", "emergency_margin", "reaction_time", zero=True)
@@ -109,22 +111,22 @@ class LaneChangeConfig:
     """Limits of lane changes.
 
     Attributes:
-      comfort_acceleration: lateral, of the change alone, whatever the truck can bear [m/s2].
+      comfort_acceleration: greatest lateral acceleration by the change alone [m/s2].
       change_share: of the rollover threshold, for the trailer's acceleration by the change alone;
         0.18 of 0.39 g gives a 55 t truck at 60 km/h 0.68 m/s2, which takes 6 s.
       total_share: the same for change and road together; a third of the threshold lifts no wheel of
         a laden truck, at 0.42 all wheels keep some load.
       jerk: lateral [m/s3].
       duration_min, duration_max: [s].
-      length_min: for slow driving: the trailer needs room to follow [m].
-      abort_acceleration: lateral, when a change is given up or the lane is found again [m/s2].
+      length_min: at low speed, so that the trailer has room to follow [m].
+      abort_acceleration: lateral, of aborts and returns to the lane's middle [m/s2].
       abort_jerk: lateral [m/s3].
-      abort_share: share of the way after which a change is always finished.
+      abort_share: share of the lateral distance after which the truck always finishes a change.
       pause: between two changes [s].
       speed_min: below it the truck changes only where its lane ends [m/s].
-      side_gap: beside the vehicle being overtaken [m].
-      lane_left: of the target lane beyond the change [m].
-      merge_time: before its lane's end the truck looks for a gap [s].
+      side_gap: to the side of an overtaken vehicle [m].
+      lane_left: length of the target lane beyond the change [m].
+      merge_time: travel time to its lane's end at which the truck starts to look for a gap [s].
       merge_distance: the same as distance [m].
     """
 
@@ -151,24 +153,24 @@ class SafetyConfig:
     """Gaps that a lane change must leave.
 
     Attributes:
-      margin: at least, at both ends [m].
+      margin: least gap at both ends [m].
       front_time_gap: to the new leader [s].
-      front_deceleration: of the truck behind a slower leader, comfortable, positive [m/s2].
+      front_deceleration: comfortable one of the truck behind a slower leader, positive [m/s2].
       rear_time_gap: of the new follower [s].
       rear_reaction_time: of the new follower before it brakes comfortably [s].
-      rear_deceleration: of the new follower, comfortable, positive [m/s2].
-      reaction_time: of the truck with its brakes, when the new leader brakes hard [s].
-      driver_reaction_time: of the new follower, when the truck brakes hard [s]; it has seen the
+      rear_deceleration: comfortable one of the new follower, positive [m/s2].
+      reaction_time: of the truck with its brakes when the new leader brakes hard [s].
+      driver_reaction_time: of the new follower when the truck brakes hard [s]; it has seen the
         truck's indicator before the truck is in its lane.
-      truck_braking: hardest of the truck, positive [m/s2].
-      car_braking: hardest of other vehicles as leaders, positive [m/s2].
+      truck_braking: hardest braking of the truck, positive [m/s2].
+      car_braking: hardest braking of other vehicles as leaders, positive [m/s2].
       driver_braking: expected of a follower, positive [m/s2].
-      entering: a vehicle that will be in the target lane within this time, from either side, counts
+      entering: a vehicle that enters the target lane within this time, from either side, counts
         as in it [s].
       sight_behind: range of the sensors to the rear [m].
       unlimited_speed: of a vehicle beyond that range on a road without a limit [m/s].
       speeding: share by which such a vehicle may exceed a limit.
-      abort_factor: share of these gaps below which a change is given up.
+      abort_factor: share of these gaps below which the truck aborts a change.
     """
 
     margin: float = 3.0
@@ -177,9 +179,9 @@ class SafetyConfig:
     rear_time_gap: float = 0.7
     rear_reaction_time: float = 1.0
     rear_deceleration: float = 1.5
-    reaction_time: float = 0.5
+    reaction_time: float = _BRAKE_DELAY
     driver_reaction_time: float = 0.75
-    truck_braking: float = 6.5
+    truck_braking: float = _FULL_BRAKING
     car_braking: float = 8.0
     driver_braking: float = 6.5
     entering: float = 3.0
@@ -191,16 +193,16 @@ class SafetyConfig:
 
 @dataclass(frozen=True)
 class MergeConfig:
-    """How the truck looks for a gap when its lane ends.
+    """Settings of the search for a gap when the truck's lane ends.
 
     Attributes:
-      deceleration: at most, to let a gap come, positive [m/s2].
-      speed_min: the truck does not go slower for a gap [m/s].
+      deceleration: greatest one to reach a gap behind, positive [m/s2].
+      speed_min: least speed to which the truck slows down for a gap [m/s].
       crossing_time: from the start of the change until the truck has left its lane [s].
-      room: kept before the end of the lane, enough for a change from standstill [m].
-      stop_deceleration: towards that place when no gap opens, positive [m/s2].
-      keep: bonus of the gap aimed for before, in squares of acceleration.
-      patience: cost of a second, in squares of acceleration.
+      room: left before the end of the lane, enough for a change from standstill [m].
+      stop_deceleration: towards that place while no gap opens, positive [m/s2].
+      keep: bonus of the gap of the last cycle [m2/s4].
+      patience: cost of each second until the gap is reached [m2/s5].
     """
 
     deceleration: float = 1.5
@@ -214,21 +216,22 @@ class MergeConfig:
 
 @dataclass(frozen=True)
 class LightConfig:
-    """How the truck obeys traffic lights.
+    """Settings of the response to traffic lights.
 
     Attributes:
-      sight: distance from which a light is looked at [m].
-      stop_before: from the front bumper to the line [m].
+      sight: distance at which the truck responds to a light [m].
+      stop_before: gap from the front bumper to the line [m].
       deceleration: towards a line that is seen in time, positive [m/s2].
-      yellow_deceleration: most for a yellow light, positive [m/s2].
-      red_deceleration: most for a red light; one that came too late is passed, positive [m/s2].
+      yellow_deceleration: greatest for a yellow light, positive [m/s2].
+      red_deceleration: greatest for a red light, positive [m/s2]; the truck passes a light that
+        needs more.
       reaction_time: until the brakes act [s].
-      arrival_reserve: time after a known change to green at which the truck arrives [s].
-      arrival_deceleration: at most, to arrive later, positive [m/s2].
-      slow_speed: below it, stopping is better than arriving slowly [m/s].
+      arrival_reserve: time from a known change to green until the truck arrives [s].
+      arrival_deceleration: greatest one to arrive later, positive [m/s2].
+      slow_speed: the truck stops rather than arrive more slowly [m/s].
       creep_speed: below it the truck always stops before a red line [m/s].
       overshoot: a truck that stops up to this far beyond the line stays there [m].
-      stand_time: at a line with a stop sign before going on [s].
+      stand_time: at a green arrow's line before the truck continues [s].
     """
 
     sight: float = 300.0
@@ -236,7 +239,7 @@ class LightConfig:
     deceleration: float = 0.8
     yellow_deceleration: float = 2.0
     red_deceleration: float = 3.5
-    reaction_time: float = 0.5
+    reaction_time: float = _BRAKE_DELAY
     arrival_reserve: float = 3.0
     arrival_deceleration: float = 0.8
     slow_speed: float = 3.0
@@ -247,26 +250,25 @@ class LightConfig:
 
 @dataclass(frozen=True)
 class PassingConfig:
-    """How the truck passes a stopped vehicle.
+    """Settings of passing a stopped vehicle.
 
     Attributes:
-      lead_speed: a slower vehicle is stopped [m/s].
+      lead_speed: a slower vehicle counts as stopped [m/s].
       speed: while passing [m/s].
       lengths: of the change, tried from the gentle one to the tight one [m]; 19 m for a lane of
         4 m has a radius of 16 m, more than the truck's least.
       room: beside and behind the stopped vehicle [m].
-      gap: kept to the stopped vehicle, from the front bumper, to be able to pass [m].
-      patience: after waiting this long behind a vehicle that is stopped alone the truck passes it
-        without a decision: a decision maker that compares accelerations sees no gain while there
-        is room ahead [s].
+      gap: from the front bumper to the stopped vehicle, enough to pass it [m].
+      patience: time behind a vehicle that has stopped alone after which the truck passes it without
+        a decision [s]: a decision maker that compares accelerations sees no gain while there is
+        room ahead.
       free: road ahead of the stopped vehicle, and beside it, that a jam would fill [m].
       creep_speed: a slower vehicle there is in a queue [m/s].
-      sight: how far lanes beside are looked along [m].
-      moves: a faster vehicle drives on, which ends the reason to pass [m/s].
-      deceleration: to the place at which to wait, positive [m/s2]; a truck that is nearer already
-        stops nearer.
+      sight: checked length of the lanes beside [m].
+      moves: a vehicle faster than this has moved off, and the truck does not pass it [m/s].
+      deceleration: to the waiting place, positive [m/s2]; a truck that is nearer stops nearer.
       light_near: a vehicle within this distance before a traffic light's line waits there [m].
-      reach: from a vehicle this far on the trailer is past it [m].
+      reach: distance beyond a vehicle at which the trailer has passed it [m].
     """
 
     lead_speed: float = 0.5
@@ -291,8 +293,8 @@ class PlannerConfig:
     Attributes:
       lanes: indices of the lanes that decisions may lead to; the paper uses two.
       horizon: of the trajectory [s]; step: [s].
-      resync_speed: the plan's speed stays within this of the truck's [m/s].
-      recover_offset: at this distance from the plan the planner starts from the truck's place [m].
+      resync_speed: greatest difference of the plan's speed from the truck's [m/s].
+      recover_offset: beyond this distance from the plan, planning starts at the truck [m].
       settled_offset: distance from the lane's middle at which a change is complete [m].
       curve_share: of the rollover threshold, bounds the speed in bends with their cross-slope.
       speed: see `SpeedConfig`; change: see `LaneChangeConfig`; safety: see `SafetyConfig`;
@@ -317,8 +319,8 @@ class PlannerConfig:
     passing: PassingConfig = field(default_factory=PassingConfig)
 
     def __post_init__(self) -> None:
-        bounds = "horizon", "step", "resync_speed", "recover_offset", "settled_offset"
-        require_positive(self, *bounds, "curve_share")
+        names = "horizon", "step", "resync_speed", "recover_offset", "settled_offset"
+        require_positive(self, *names, "curve_share")
         if self.horizon < self.step:
             raise InputError(
                 f"PlannerConfig: horizon is {self.horizon:g} s: at least one step of "

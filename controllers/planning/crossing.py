@@ -1,11 +1,11 @@
-"""Vehicles that cross the truck's way or come towards it in its lane: leads to brake for.
+"""Vehicles that cross the truck's path or drive towards it in its lane, as leads to brake for.
 
 The ground that tractor and semitrailer will sweep is compared with the predicted boxes of the
-others over the next seconds. A vehicle counts when it will be where the truck then is, at the
-truck's present speed or while it speeds up, and when it would have to brake to let the truck pass.
-The truck stops before it enters that vehicle's way.
+others over the next seconds. A vehicle counts if it will meet the truck, at the truck's present
+speed or while the truck speeds up, and would have to brake to let the truck pass. The truck stops
+before it enters that vehicle's path.
 
-`is_free` answers the question at a green arrow: whether anything crosses behind the stop line.
+`is_free` is the check at a green arrow: whether anything crosses behind the stop line.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from iits_mj.core.arrays import BoolArray
 from iits_mj.core.messages import EgoState, Scene
 from iits_mj.parameters import TruckParameters
 
-# Times that are looked at [s].
+# Times of the predictions [s].
 _TIMES = np.linspace(0.0, 4.0, 17)
 # Within this angle of the road's direction, either way, a vehicle drives along it [rad].
 ALONG = 0.35
-# Kept beside the truck's bodies [m].
+# Room beside the truck's bodies [m].
 _ROOM = 0.4
-# A vehicle that can stop before the truck's way at this deceleration is expected to [m/s2].
+# The truck expects a vehicle to yield if it can stop at this deceleration [m/s2].
 _YIELDS = 1.5
-# Braking for a vehicle across the way, positive [m/s2].
+# Braking for a crossing vehicle, positive [m/s2].
 _COMFORT = 1.3
-# A vehicle slower than this is at rest [m/s]; an oncoming one slower than that is no danger [m/s].
-_STANDS, _COMES = 0.3, 0.5
+# A slower vehicle is at rest [m/s]; a slower oncoming vehicle does not count [m/s].
+_AT_REST, _ONCOMING = 0.3, 0.5
 # Acceleration of the truck in the second prediction, as from standstill [m/s2].
 _SPEEDING_UP = 0.7
-# Distance of the places at which the truck is predicted [m].
+# Spacing of the truck's predicted positions [m].
 _STEP = 2.0
-# At a green arrow: time to clear the crossing from standstill [s], way behind the line that counts
-# [m], room beside the truck's body [m], and least speed of a vehicle that counts [m/s].
+# At a green arrow: time to clear the crossing from standstill [s], length behind the line that
+# counts [m], room beside the truck's body [m], and least speed of a vehicle that counts [m/s].
 _ARROW_TIME, _ARROW_REACH, _ARROW_ROOM, _ARROW_SPEED = 8.0, 30.0, 1.0, 0.5
 
 
@@ -50,7 +50,7 @@ def crossing_leads(
     path: LanePath,
     residual: Quintic | None,
 ) -> list[tuple[Lead, str]]:
-    """Leads at rest where the way of a crossing or oncoming vehicle begins, with its name.
+    """Leads at rest where the path of a crossing or oncoming vehicle begins, with its name.
 
     Args:
       scene: the truck and the traffic.
@@ -69,14 +69,14 @@ def crossing_leads(
     angle = np.abs(found.to_road)
     across = (angle > ALONG) & (angle < np.pi - ALONG)
     aside = np.abs(found.offset - path.driven_at(found.station)) - 0.5 * found.width
-    wrong_way = (angle >= np.pi - ALONG) & (found.speed > _COMES)
+    wrong_way = (angle >= np.pi - ALONG) & (found.speed > _ONCOMING)
     wrong_way &= (aside < 0.5 * parameters.semitrailer.width) & (found.station > ego.station)
     matters = across | wrong_way
     if not matters.any():
         return []
     stations = ego.station + np.arange(0.0, reach, _STEP)
     units = bodies_along(parameters, preview, path, residual, stations)
-    # Places along the truck's way, times, vehicles.
+    # Axes: positions of the truck, times, vehicles.
     touch = np.zeros((len(stations), len(_TIMES), len(angle)), dtype=bool)
     for chosen, boxes in (
         (across, lambda poses: poses.ahead(_TIMES)),
@@ -95,7 +95,7 @@ def crossing_leads(
 
 
 def _meets_head_on(touch: BoolArray, one: Poses, ego: EgoState) -> Lead | None:
-    """The lead where the truck would meet an oncoming vehicle if both go on."""
+    """The lead where the truck would meet an oncoming vehicle if both continue."""
     now = touch[:, 0]
     if not touch.any() or now[0]:
         return None
@@ -104,13 +104,13 @@ def _meets_head_on(touch: BoolArray, one: Poses, ego: EgoState) -> Lead | None:
 
 
 def _crosses(touch: BoolArray, one: Poses, ego: EgoState) -> Lead | None:
-    """The lead that a crossing vehicle makes, from where and when it would be touched."""
+    """The lead of a crossing vehicle, from the positions and times of contact."""
     places, moments = np.asarray(touch.any(axis=1)), np.asarray(touch.any(axis=0))
-    # Braking does not help against a vehicle that is at the truck's very place.
+    # Braking does not help against a vehicle that is already at the truck.
     if not places.any() or places[0]:
         return None
     speed = float(one.speed[0])
-    if speed > _STANDS and not _meets(touch, ego.speed):
+    if speed > _AT_REST and not _meets(touch, ego.speed):
         return None
     first = int(moments.argmax())
     left = float(one.distance(_TIMES[first : first + 1])[0, 0])
@@ -122,7 +122,7 @@ def _crosses(touch: BoolArray, one: Poses, ego: EgoState) -> Lead | None:
 
 
 def _meets(touch: BoolArray, speed: float) -> bool:
-    """Whether truck and vehicle are at one place at one time, half a second more or less."""
+    """Whether truck and vehicle meet, within half a second."""
     rows = len(touch) - 1
     for gain in (0.0, _SPEEDING_UP):
         for late in (-0.5, 0.0, 0.5):
@@ -137,8 +137,8 @@ def _meets(touch: BoolArray, speed: float) -> bool:
 def is_free(scene: Scene, preview: RoadPreview, line: float) -> bool:
     """Whether no vehicle crosses the way behind a stop line within the next seconds.
 
-    Vehicles are predicted straight ahead at constant speed. Vehicles along the truck's own lane do
-    not count: car following handles them.
+    Vehicles are predicted straight ahead at constant speed. Vehicles along the truck's lane do not
+    count: car following handles them.
 
     Args:
       scene: the truck and the traffic, with poses in the map frame.

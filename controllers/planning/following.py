@@ -3,7 +3,7 @@
 Car following is the Intelligent Driver Model in its improved form (Treiber and Kesting, Traffic
 Flow Dynamics, 2013, ch. 11.3.7) with the constant-acceleration heuristic of their ACC model: the
 truck does not brake when the leader is faster, far, or has cut in without danger. Limits ahead
-(speed limits, curves, ends) become one profile, braked for backward at a comfortable rate.
+(speed limits, curves, ends) become one profile by a backward pass at a comfortable deceleration.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from iits_mj.core.neighbors import Neighbor
 
 @dataclass(frozen=True, slots=True)
 class Lead:
-    """A vehicle to follow; its acceleration fades over 2 s, until it stops at the latest.
+    """A vehicle to follow; its acceleration fades over 2 s and ends when it stops.
 
     Attributes:
       gap: bumper to bumper now [m]; speed: [m/s]; acceleration: [m/s2].
-      until: time from now after which it no longer matters [s].
+      until: time from now after which it no longer counts [s].
     """
 
     gap: float
@@ -34,7 +34,7 @@ class Lead:
 
     @classmethod
     def of(cls, neighbor: Neighbor, until: float = math.inf) -> Lead:
-        """The lead that a vehicle ahead makes."""
+        """The lead for a vehicle ahead."""
         return cls(neighbor.gap, max(neighbor.speed, 0.0), neighbor.acceleration, until)
 
     def at(self, time: float) -> tuple[float, float]:
@@ -108,7 +108,7 @@ def follow_acceleration(
 
 
 def braking_profile(station: FloatArray, limit: FloatArray, deceleration: float) -> FloatArray:
-    """Highest speed from which every limit ahead is met at a deceleration, shape as station.
+    """Greatest speed that meets every limit ahead at a deceleration, shape as station [m/s].
 
     `v(s)^2 = min over s' >= s of limit(s')^2 + 2 b (s' - s)`.
     """

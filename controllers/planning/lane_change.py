@@ -1,9 +1,9 @@
-"""Lane changes: which lane the truck may go to, and the quintic that leads there.
+"""Lane changes: the lanes that the truck may change to, and the quintic that leads there.
 
-How long a change takes follows from speed, curvature, cross-slope, payload and rollover margin: the
-trailer's lateral acceleration may not exceed shares of the static rollover threshold, one for the
-change alone, one for change and road together. On the steer axle's path that is less by the
-rearward amplification. Comfort bounds what an empty truck could bear.
+The duration of a change follows from speed, curvature, cross-slope, payload and rollover margin:
+the trailer's lateral acceleration may not exceed shares of the static rollover threshold, one for
+the change alone, one for change and road together. The limit of the steer axle's path is lower by
+the rearward amplification. For an empty truck comfort is the stricter limit.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from controllers.planning.rollover_limits import RollMargin
 from controllers.planning.trajectory import Quintic, shortest_to_zero
 from iits_mj.core.messages import Decision, EgoState
 
-# How far back the path of a lane reaches [m].
+# Length of a lane's path behind the truck [m].
 BEHIND = 150.0
-# Shortest way back to a lane's middle [s].
+# Least duration of a return to a lane's middle [s].
 _BACK_MIN = 2.5
 
 
@@ -27,17 +27,15 @@ class Change:
     """A lane change under way.
 
     Attributes:
-      direction: of the change; origin_offset: of the lane that is left [m]; size: [m].
-      aborted: the truck returns to its lane; mandatory: its lane ends.
+      origin_offset: of the lane that the truck leaves [m]; size: lateral distance [m].
       passed_id: stopped vehicle that the change passes, "" for an ordinary change.
+      aborted: the truck returns to its lane.
     """
 
-    direction: Decision
     origin_offset: float
     size: float
-    aborted: bool = False
-    mandatory: bool = False
     passed_id: str = ""
+    aborted: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +43,9 @@ class Step:
     """Result of one cycle of `Maneuver`.
 
     Attributes:
-      path: of the lane kept or changed to; reason: why not as decided, "" for none.
+      path: of the lane kept or changed to; reason: of a deviation from the decision, or "".
       refused: the decision refused; unsafe: because of a vehicle.
-      wanted: path of the lane that must be reached but is not free, None for none.
+      wanted: path of the lane that the truck must reach but that is not free, or None.
     """
 
     path: LanePath
@@ -58,7 +56,7 @@ class Step:
 
 
 class LaneChoice:
-    """Paths of lanes, and which lane the truck may go to apart from traffic."""
+    """Paths of lanes, and the lanes that the truck may change to regardless of traffic."""
 
     def __init__(self, preview: RoadPreview, config: PlannerConfig) -> None:
         self._preview = preview
@@ -68,7 +66,7 @@ class LaneChoice:
         self._row = -1
 
     def follow(self, lane: int, ego: EgoState) -> LanePath:
-        """The path of a lane around the truck; the same object until the truck is a row further."""
+        """The path of a lane around the truck; the same object until the truck's row changes."""
         row = self._preview.index(ego.station)
         if row != self._row:
             self._known, self._row = {}, row
@@ -87,7 +85,7 @@ class LaneChoice:
         return Decision.KEEP
 
     def mandatory(self, ego: EgoState, path: LanePath) -> Decision:
-        """The side to change to because the lane ends soon, else KEEP."""
+        """The side to change to because the lane ends soon; otherwise KEEP."""
         change = self._config.change
         # At least the cruise speed: a truck that slows down for a gap still has to leave the lane.
         speed = max(ego.speed, self._config.speed.cruise_speed)
@@ -114,15 +112,15 @@ class LaneChoice:
         since: float,
         finding: bool,
     ) -> tuple[LanePath | None, str]:
-        """Path of the wanted lane and why it may not be taken, apart from traffic.
+        """Path of the wanted lane, and the reason other than traffic not to change to it, or "".
 
         Args:
           ego: the truck.
           path: of its lane.
           wanted: the side.
-          forced: its lane ends.
-          passing: from low speed, past a stopped vehicle.
-          since: the last change [s].
+          forced: the truck's lane ends.
+          passing: the change passes a stopped vehicle at low speed.
+          since: time since the last change [s].
           finding: the truck is still on its way to its lane's middle.
         """
         change = self._config.change
@@ -134,20 +132,20 @@ class LaneChoice:
         if ego.speed < change.speed_min and not forced and not passing:
             return None, f"speed {ego.speed:.1f} m/s is below {change.speed_min:g} m/s"
         target = self.follow(lane, ego)
-        # A truck at rest beside its lane's middle passes from there.
+        # A truck at rest beside its lane's middle starts passing from there.
         if finding and not passing:
             return target, "the truck is still finding its lane"
         if since < change.pause and not forced:
             return target, f"the last change was {since:.1f} s ago, {change.pause:g} s must pass"
         needed = max(ego.speed, 10.0) * change.duration_max + change.lane_left
-        if target.end - ego.station < needed and not forced:
-            left = target.end - ego.station
+        left = target.end - ego.station
+        if left < needed and not forced:
             return target, f"the lane ends in {left:.0f} m, {needed:.0f} m are needed"
         return target, ""
 
 
 def lateral_limit(margin: RollMargin, speed: float, felt: float, config: LaneChangeConfig) -> float:
-    """Lateral acceleration that a change may add to the path [m/s2]; zero or less: none.
+    """Lateral acceleration that a change may add to the path [m/s2]; no change if not positive.
 
     Args:
       margin: of the truck with its load.
@@ -197,16 +195,10 @@ def quintic_back(
     config: LaneChangeConfig,
     limit: float | None = None,
 ) -> Quintic:
-    """The way back to a lane's middle, brisk: for aborts and recoveries. Always finds one.
+    """The quick return to a lane's middle for aborts and recoveries; there is always one.
 
-    Args:
-      station: start [m].
-      value: offset from the lane's path [m].
-      slope: first derivative of the offset [1].
-      bend: second derivative of the offset [1/m].
-      speed: greatest during the maneuver [m/s].
-      config: limits.
-      limit: lateral acceleration that the truck can bear here, if that is known [m/s2].
+    The arguments are those of `quintic_change`; `value` is the offset from the lane's path [m] and
+    `limit` the greatest lateral acceleration here [m/s2], None if it is not known.
     """
     bearable, longest = config.abort_acceleration, 3.0 * config.duration_max
     if limit is not None:

@@ -27,19 +27,19 @@ from controllers.planning.trajectory import Quintic
 from iits_mj.core.messages import Decision, EgoState, PlanMode, Scene
 from iits_mj.parameters import TruckParameters
 
-# Distance of the places at which the road is looked at along a change [m].
+# Spacing of the road's samples along a change [m].
 _SAMPLE = 15.0
-# A stopped vehicle this near is passed at low speed [m].
+# The truck passes a stopped vehicle within this distance at low speed [m].
 _PASSING_REACH = 60.0
 
 
 class Maneuver:
-    """Keeps, changes and aborts; one `step` a planning cycle.
+    """Keeps, changes and aborts; one `step` per planning cycle.
 
     Attributes:
-      lane_changes: completed; refused: missing lane or no room in time; unsafe: refused for a
-        vehicle; aborted: given up under way.
-      change: under way, or None; residual: offset from the path, or None for none.
+      lane_changes: completed; refused: decisions refused; unsafe: those refused because of a
+        vehicle; aborted: changes aborted under way.
+      change: under way, or None; residual: offset from the path, or None.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Maneuver:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets plan, maneuver and counters."""
+        """Clears plan, maneuver and counters."""
         self.lane_changes = self.refused = self.unsafe = self.aborted = 0
         self.change: Change | None = None
         self.residual: Quintic | None = None
@@ -63,14 +63,14 @@ class Maneuver:
 
     @property
     def mode(self) -> PlanMode:
-        """Keeping the lane, changing it, or aborting a change."""
+        """Lane keeping, lane change or abort."""
         if self.change is None:
             return PlanMode.LANE_KEEPING
         return PlanMode.ABORT if self.change.aborted else PlanMode.LANE_CHANGE
 
     @property
     def passing_until(self) -> float:
-        """Station up to which the truck passes a stopped vehicle slowly, else -inf [m]."""
+        """Station up to which the truck passes a stopped vehicle slowly, or -inf [m]."""
         change, residual = self.change, self.residual
         if change is None or residual is None or not change.passed_id or change.aborted:
             return -math.inf
@@ -82,18 +82,18 @@ class Maneuver:
         return self.preview.nearest_lane(ego.station, middle)
 
     def origin(self, ego: EgoState) -> LanePath | None:
-        """Path of the lane that is being left, None outside a change."""
+        """Path of the lane that the truck is leaving, None outside a change."""
         if self.change is None or self.change.aborted or self.residual is None:
             return None
         return self._origin(ego, self.change)
 
     def step(self, scene: Scene, decision: Decision, top: float, margin: RollMargin) -> Step:
-        """Goes on with the maneuver under way, or begins the decided one.
+        """Continues the maneuver under way, or begins the decided one.
 
         Args:
           scene: the truck and the traffic.
           decision: of the decision maker; ignored while a change is under way.
-          top: greatest speed that may be reached during a change [m/s].
+          top: greatest speed that the truck may reach during a change [m/s].
           margin: of the truck with its load.
         """
         ego = scene.ego
@@ -101,9 +101,9 @@ class Maneuver:
         self._middle = float(path.offset_at(ego.station))
         self._recover(ego, path, margin)
         self._progress(scene, path)
-        stands = ego.speed <= self.config.passing.lead_speed
-        if stands and self.change is not None and self.change.passed_id and self.change.aborted:
-            # Aborted and at rest: the rest of the way back is driven as lane keeping.
+        at_rest = ego.speed <= self.config.passing.lead_speed
+        if at_rest and self.change is not None and self.change.passed_id and self.change.aborted:
+            # Aborted and at rest: the truck drives the rest of the way back as lane keeping.
             self._changed_at, self.change = scene.time, None
         if self.change is None:
             return self._decide(scene, path, decision, top, margin)
@@ -112,14 +112,14 @@ class Maneuver:
         return Step(path)
 
     def _state(self, ego: EgoState) -> tuple[float, float, float]:
-        """Planned offset from the path [m], slope and bend at the truck."""
+        """Planned offset from the path [m], slope [1] and bend [1/m] at the truck."""
         if self.residual is None:
             return 0.0, 0.0, 0.0
         value, slope, bend, _ = self.residual.evaluate(ego.station)
         return float(value), float(slope), float(bend)
 
     def _recover(self, ego: EgoState, path: LanePath, margin: RollMargin) -> None:
-        """Plans from the truck's place when it is far from the plan."""
+        """Plans from the truck's position when the truck is far from the plan."""
         error = ego.offset - float(path.driven_at(ego.station))
         planned, slope, _ = self._state(ego)
         if abs(error - planned) > self.config.recover_offset:
@@ -128,6 +128,7 @@ class Maneuver:
     def _back(
         self, ego: EgoState, value: float, slope: float, bend: float, margin: RollMargin
     ) -> Quintic:
+        """The return to the path from an offset [m] with its derivatives."""
         config = self.config.change
         felt = self._felt(ego.station, config.duration_max * ego.speed, ego.speed)
         limit = config.total_share * margin.threshold - felt
@@ -151,16 +152,16 @@ class Maneuver:
     def _decide(
         self, scene: Scene, path: LanePath, decision: Decision, top: float, margin: RollMargin
     ) -> Step:
-        """Begins a change if one is wanted and possible; else gives the reason."""
+        """Begins a change if it is wanted and possible; otherwise gives the reason."""
         ego, config = scene.ego, self.config
         must = self._lanes.mandatory(ego, path)
-        wanted = decision if must is Decision.KEEP else must
+        forced = must is not Decision.KEEP
+        wanted = must if forced else decision
         passes, stays = self._stopped.passes(scene, path)
         own = wanted is Decision.KEEP and passes
         wanted = self._lanes.around(ego, path) if own else wanted
         if wanted is Decision.KEEP:
             return Step(path, stays)
-        forced = must is not Decision.KEEP
         slow = ego.speed < config.change.speed_min and not forced
         stopped = stopped_leader(scene, path, config.passing, _PASSING_REACH) if slow else None
         target, why = self._lanes.target(
@@ -182,9 +183,9 @@ class Maneuver:
             done = f"changing to the {wanted.name.lower()}"
             if stopped is not None:
                 done = f"passing {stopped.id}"
-                why = self._begin_passing(scene, path, target, wanted, stopped.id)
+                why = self._begin_passing(scene, path, target, stopped.id)
             else:
-                why = self._begin(ego, path, target, wanted, top, margin, forced)
+                why = self._begin(ego, path, target, top, margin)
             if not why:
                 return Step(target, done)
         if not forced and not own:
@@ -194,16 +195,9 @@ class Maneuver:
         return Step(path, reason, wanted, unsafe, target if forced else None)
 
     def _begin(
-        self,
-        ego: EgoState,
-        path: LanePath,
-        target: LanePath,
-        wanted: Decision,
-        top: float,
-        margin: RollMargin,
-        forced: bool,
+        self, ego: EgoState, path: LanePath, target: LanePath, top: float, margin: RollMargin
     ) -> str:
-        """Plans and begins a change; else says why there is none."""
+        """Plans and begins a change; returns the reason if there is none."""
         planned, slope, bend = self._state(ego)
         start = float(path.driven_at(ego.station))
         size = start + planned - float(target.driven_at(ego.station))
@@ -218,13 +212,11 @@ class Maneuver:
             reach = quintic.length
         if quintic is None:
             return "curve and cross-slope leave no lateral acceleration for a change"
-        self._take_up(quintic, ego, path, target, Change(wanted, 0.0, abs(size), mandatory=forced))
+        self._take_up(quintic, ego, path, target, size)
         return ""
 
-    def _begin_passing(
-        self, scene: Scene, path: LanePath, target: LanePath, wanted: Decision, stopped: str
-    ) -> str:
-        """Plans and begins a change past a stopped vehicle; else says why there is none."""
+    def _begin_passing(self, scene: Scene, path: LanePath, target: LanePath, stopped: str) -> str:
+        """Plans and begins a change past a stopped vehicle; returns the reason if there is none."""
         ego = scene.ego
         planned, slope, bend = self._state(ego)
         size = planned + float(path.driven_at(ego.station)) - float(target.driven_at(ego.station))
@@ -232,14 +224,20 @@ class Maneuver:
         found = way_past(scene, self.preview, self._parameters, target, state, config)
         if found is None:
             return "tractor and trailer do not get past the stopped vehicle ahead"
-        self._take_up(found, ego, path, target, Change(wanted, 0.0, abs(size), passed_id=stopped))
+        self._take_up(found, ego, path, target, size, stopped)
         return ""
 
     def _take_up(
-        self, residual: Quintic, ego: EgoState, path: LanePath, target: LanePath, change: Change
+        self,
+        residual: Quintic,
+        ego: EgoState,
+        path: LanePath,
+        target: LanePath,
+        size: float,
+        passed: str = "",
     ) -> None:
-        change.origin_offset = float(path.offset_at(ego.station))
-        self.residual, self.change = residual, change
+        self.residual = residual
+        self.change = Change(float(path.offset_at(ego.station)), abs(size), passed)
         self._middle = float(target.offset_at(ego.station))
 
     def _must_abort(self, scene: Scene, path: LanePath, change: Change) -> bool:
@@ -261,7 +259,7 @@ class Maneuver:
         return self._can_return(scene, origin)
 
     def _drives_on(self, scene: Scene, origin: LanePath, passed: str) -> bool:
-        """Whether the passed vehicle drives on while the truck is in its lane and can return."""
+        """Whether the passed vehicle moves off while the truck is in its lane and can return."""
         neighbors, ego = scene.neighbors, scene.ego
         if passed not in neighbors.ids:
             return False
@@ -273,7 +271,7 @@ class Maneuver:
         return self._can_return(scene, origin)
 
     def _can_return(self, scene: Scene, origin: LanePath) -> bool:
-        """Whether the lane that is being left has room for the truck."""
+        """Whether the lane that the truck is leaving has room for it."""
         ahead = scene.neighbors.leader_along_path(origin)
         return not scene.neighbors.is_beside(origin) and (
             ahead is None or ahead.gap > self.config.safety.margin
@@ -286,7 +284,7 @@ class Maneuver:
     def _abort(
         self, ego: EgoState, target: LanePath, change: Change, margin: RollMargin
     ) -> LanePath:
-        """Begins the way back to the lane that was left; returns its path."""
+        """Begins the return to the lane that the truck has left; returns that lane's path."""
         value, slope, bend = self._state(ego)
         origin = self._origin(ego, change)
         value += float(target.driven_at(ego.station)) - float(origin.driven_at(ego.station))
@@ -298,6 +296,6 @@ class Maneuver:
 
     def _felt(self, station: float, reach: float, speed: float) -> float:
         """Greatest lateral acceleration by the road on a stretch [m/s2], a magnitude."""
-        count = 2 + math.ceil(max(reach, 1.0) / _SAMPLE)
-        ahead = np.linspace(station, station + max(reach, 1.0), count)
+        reach = max(reach, 1.0)
+        ahead = np.linspace(station, station + reach, 2 + math.ceil(reach / _SAMPLE))
         return float(np.abs(self.preview.felt(ahead, speed)).max())

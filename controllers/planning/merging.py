@@ -1,9 +1,9 @@
-"""Merging from a lane that ends: which gap of the next lane to aim for, and at which speed.
+"""Merging from a lane that ends: the choice of a gap in the next lane, and the speed to reach it.
 
-Every gap between neighbors of the target lane is tried with constant accelerations over the coming
-seconds, while the others keep their speed. A gap fits when both ends are long enough then and the
-truck is across before its lane ends. The cheapest wins; the gap of the last cycle has a bonus. The
-choice only bounds the speed: leaders and limits still apply.
+The search tries every gap between neighbors of the target lane with constant accelerations over the
+coming seconds, while the others keep their speed. A gap fits if both ends are long enough then and
+the truck has left its lane before it ends. The search takes the cheapest gap; the gap of the last
+cycle has a bonus. The choice only bounds the speed: leaders and limits still apply.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from iits_mj.core.arrays import BoolArray, FloatArray
 from iits_mj.core.messages import Scene
 from iits_mj.core.neighbors import Neighbors
 
-# Tried: braking as shares of the most allowed, and seconds until the truck is beside the gap.
+# Tried decelerations and accelerations as shares of the greatest, and times to the gap [s].
 _BRAKING = (1.0, 0.7, 0.45, 0.25, 0.1, 0.05, 0.0)
 _DRIVING = (0.5, 1.0)
 _TIMES = (0.0, 1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 10.0, 13.0, 16.0, 20.0, 25.0)
@@ -29,23 +29,22 @@ _TIMES = (0.0, 1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 10.0, 13.0, 16.0, 20.0, 25.0)
 
 @dataclass(frozen=True)
 class GapChoice:
-    """A gap and the way to it.
+    """A gap and the motion to reach it.
 
     Attributes:
-      acceleration: until the gap is reached [m/s2]; speed: then [m/s]; time: until then [s].
+      acceleration: until the truck is beside the gap [m/s2]; speed: then [m/s].
       ends: names of the vehicles ahead of and behind the gap, "" for none.
     """
 
     acceleration: float
     speed: float
-    time: float
     ends: tuple[str, str]
 
     def cap(self, path: LanePath, station: float, speed: float) -> FloatArray | None:
         """Bound on the speed to meet the gap, shape of path.station [m/s]; None for none.
 
         Args:
-          path: of the lane being driven.
+          path: of the truck's lane.
           station: of the truck [m].
           speed: of the truck [m/s].
         """
@@ -66,14 +65,14 @@ def choose_gap(
     config: MergeConfig,
     last: GapChoice | None = None,
 ) -> GapChoice | None:
-    """The gap to aim for, or None where none can be reached in time.
+    """The gap to aim for, or None if the truck can reach none in time.
 
     Args:
       scene: the truck and the traffic.
-      target: lane to get into.
-      end: station at which the truck's front must have left its lane [m].
-      acceleration_max: that the truck has left now [m/s2].
-      speed_max: not to be exceeded [m/s].
+      target: path of the lane to merge into.
+      end: station of the front by which the truck must have left its lane [m].
+      acceleration_max: that the engine's power allows now [m/s2].
+      speed_max: [m/s].
       safety: gaps to be left.
       config: settings.
       last: the choice of the last cycle.
@@ -95,8 +94,7 @@ def choose_gap(
         price -= config.keep if last is not None and last.ends == (ahead, behind) else 0.0
         if price < cost:
             acceleration, speed = float(tries.acceleration[row]), float(tries.speed[row])
-            best = GapChoice(acceleration, speed, float(tries.time[row]), (ahead, behind))
-            cost = price
+            best, cost = GapChoice(acceleration, speed, (ahead, behind)), price
     return best
 
 
@@ -114,7 +112,7 @@ def _too_short(
 
 @dataclass(frozen=True)
 class _Tries:
-    """Accelerations [m/s2] and times [s], distance [m] and speed [m/s] then, cheapest first."""
+    """Accelerations [m/s2] over times [s], distance [m] and speed [m/s] then, cheapest first."""
 
     price: FloatArray
     acceleration: FloatArray
@@ -126,13 +124,13 @@ class _Tries:
 def _tries(
     scene: Scene, end: float, acceleration_max: float, speed_max: float, config: MergeConfig
 ) -> _Tries:
-    """All combinations with which the truck is across before the lane ends."""
+    """All combinations with which the truck leaves its lane before the lane ends."""
     now = scene.ego.speed
     driving = max(acceleration_max, 0.0)
     a = np.array([-config.deceleration * x for x in _BRAKING] + [driving * x for x in _DRIVING])
     acceleration, time = (part.ravel() for part in np.meshgrid(a, np.array(_TIMES)))
     bound = np.where(acceleration > 0.0, max(speed_max, now), min(config.speed_min, now))
-    # Until the bound is reached the speed changes, then it stays.
+    # The speed changes until it reaches the bound.
     with np.errstate(divide="ignore", invalid="ignore"):
         reached = np.where(acceleration == 0.0, np.inf, (bound - now) / acceleration)
     until = np.minimum(time, reached)
@@ -151,7 +149,7 @@ def _fits(
     tries: _Tries,
     safety: SafetyConfig,
 ) -> BoolArray:
-    """Whether the truck is then between the two with enough room at both ends, shape (n,)."""
+    """Whether the truck fits between two vehicles after each try, shape (n,)."""
     fits = np.ones(len(tries.time), dtype=bool)
     for index, side in ((leader, -1.0), (follower, 1.0)):
         if index is None or not fits.any():

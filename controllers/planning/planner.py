@@ -7,14 +7,12 @@ the lateral half, this module the longitudinal one: limits, leaders, lights, eme
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
-from numbers import Integral
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from controllers.planning.config import PlannerConfig, Powers, SpeedConfig
+from controllers.planning.config import PlannerConfig, Powers
 from controllers.planning.crossing import crossing_leads
 from controllers.planning.following import Lead
 from controllers.planning.lane_change import Step
@@ -26,26 +24,21 @@ from controllers.planning.speed_caps import SpeedCaps, with_zones
 from controllers.planning.speed_plan import SpeedState, most_urgent, roll_out
 from controllers.planning.stops import Stops
 from controllers.planning.trajectory import Quintic, on_road
+from controllers.tracking.lateral import check_finite
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.checks import is_whole
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import (
-    Decision,
-    PlanMode,
-    Scene,
-    SpeedProfile,
-    Trajectory,
-)
+from iits_mj.core.messages import Decision, PlanMode, Scene, SpeedProfile, Trajectory
 from iits_mj.core.neighbors import Neighbor
 from iits_mj.parameters import TruckParameters
 
 if TYPE_CHECKING:
     from iits_mj.road import Route
 
-
-# The last meters before a stop [m], where the truck is slower than this [m/s] and the plan's speed
-# may be this much below the truck's [m/s].
+# In the last meters before a stop [m], below this speed [m/s], the plan's speed may be below the
+# truck's by no more than this [m/s].
 _LAST_WAY, _LAST_SPEED, _LAST_REACH = 30.0, 8.0, 0.1
-# Numbers of the truck's state that planning needs.
+# Values of the truck's state that planning uses.
 _STATE = ("time", "station", "offset", "speed", "mass")
 # An estimate of the mass may be wrong by this factor.
 _MASS_FACTOR = 2.0
@@ -54,7 +47,7 @@ __all__ = ["Planner", "PlannerConfig"]
 
 
 class Planner:
-    """Plans a trajectory from a scene and a decision, ten times a second.
+    """Plans a trajectory from a scene and a decision every 100 ms.
 
     Args:
       route: the truck's road.
@@ -91,7 +84,7 @@ class Planner:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets plan, maneuver and counters."""
+        """Clears plan, maneuver and counters."""
         self.maneuver.reset()
         self._stops.reset()
         self.emergencies = 0
@@ -112,7 +105,7 @@ class Planner:
 
     @property
     def refused(self) -> int:
-        """Decisions refused, for a vehicle or because there is no lane or room."""
+        """Decisions refused because of a vehicle, a missing lane or too little room."""
         return self.maneuver.refused
 
     @property
@@ -130,7 +123,7 @@ class Planner:
         return self.maneuver.lane(scene.ego)
 
     def bearable_speed(self, station: float, mass: float) -> float:
-        """Speed at a station from which no bend ahead tips the truck over [m/s]."""
+        """Greatest speed at a station with which the truck rolls over in no bend ahead [m/s]."""
         return self._caps.bearable(station, self._margins.at(mass))
 
     def plan(
@@ -148,7 +141,7 @@ class Planner:
 
         Raises:
           InputError: a number of the scene is not finite or out of its range, or the decision is
-            not a `Decision`.
+            neither a `Decision` nor the number of one.
         """
         self._check(scene)
         decision = named_decision(decision)
@@ -167,7 +160,7 @@ class Planner:
         if self._gap is not None:
             bound = self._gap.cap(path, ego.station, ego.speed)
             cap = cap if bound is None else np.minimum(cap, bound)
-        trajectory = self._assemble(scene, path, leads, cap, waits=step.wanted is not None)
+        trajectory = self._assemble(scene, path, leads, cap, step.wanted is not None)
         self._last = replace(
             trajectory,
             mode=PlanMode.EMERGENCY if self._emergency else self.maneuver.mode,
@@ -181,10 +174,7 @@ class Planner:
     def _check(self, scene: Scene) -> None:
         """Raises InputError for a state of the truck from which no plan is possible."""
         ego, parameters = scene.ego, self._parameters
-        for name in _STATE:
-            value = getattr(ego, name)
-            if not math.isfinite(value):
-                raise InputError(f"state of the truck: {name} is {value}: not finite")
+        check_finite(ego, _STATE)
         least = parameters.gross_mass(0.0) / _MASS_FACTOR
         most = parameters.gross_mass(parameters.payload.mass_max) * _MASS_FACTOR
         if not least <= ego.mass <= most:
@@ -192,7 +182,7 @@ class Planner:
                 f"state of the truck: mass is {ego.mass:g} kg: allowed is {least:.0f} to "
                 f"{most:.0f} kg"
             )
-        # A truck at an end of its road still has a part of itself on it.
+        # At an end of the road, part of the truck is still on it.
         spare, length = scene.footprint.length, self.route.length
         if not -spare <= ego.station <= length + spare:
             raise InputError(
@@ -215,7 +205,7 @@ class Planner:
     def _choose_gap(
         self, step: Step, scene: Scene, cap: FloatArray, path: LanePath
     ) -> GapChoice | None:
-        """The gap to aim for in the lane that must be reached, while it is not free."""
+        """The gap to aim for in the lane that the truck must reach, while that lane is not free."""
         if step.wanted is None or not step.unsafe:
             return None
         ego, merge = scene.ego, self.config.merge
@@ -232,7 +222,7 @@ class Planner:
         )
 
     def _leads(self, scene: Scene, path: LanePath) -> tuple[list[Lead], Neighbor | None]:
-        """The vehicles to follow, and the leader in the lane."""
+        """The leads to brake for, and the leader in the lane."""
         follows = scene.neighbors.leader_along_path(path)
         leads = [] if follows is None else [Lead.of(follows)]
         origin, residual = self.maneuver.origin(scene.ego), self.maneuver.residual
@@ -240,16 +230,15 @@ class Planner:
         if origin is not None and residual is not None and not passing:
             old = scene.neighbors.leader_along_path(origin)
             if old is not None and (follows is None or old.id != follows.id):
-                lead = self._old_leader(scene, path, residual, old)
-                leads += [] if lead is None else [lead]
+                leads += self._old_leader(scene, path, residual, old)
         crossing = crossing_leads(scene, self.preview, self._parameters, path, residual)
         self._crossing = [name for _, name in crossing]
         return leads + [lead for lead, _ in crossing], follows
 
     def _old_leader(
         self, scene: Scene, path: LanePath, residual: Quintic, old: Neighbor
-    ) -> Lead | None:
-        """The lead of the lane being left, as long as the truck can still touch it; else None."""
+    ) -> list[Lead]:
+        """The leader of the lane being left as a lead, while the truck may still touch it."""
         ego, config = scene.ego, self.config
         clear = 0.5 * (old.width + scene.footprint.width) + config.change.side_gap
         stations = np.linspace(ego.station, max(residual.end, ego.station + 1.0), 40)
@@ -259,17 +248,17 @@ class Planner:
         until = (free_at - ego.station) / max(ego.speed, 1.0)
         closing = ego.speed - old.speed
         spare = old.gap - max(closing, 0.0) * until - config.safety.margin
-        return None if until <= 0.0 or spare > 0.0 else Lead.of(old, until)
+        return [] if until <= 0.0 or spare > 0.0 else [Lead.of(old, until)]
 
     def _start(self, scene: Scene, stop: float) -> SpeedState:
         """Start of the speed plan: the last plan's speed, held near the truck's.
 
-        In the last meters before a stop a truck that is faster than planned has to brake harder, so
-        that there the plan does not follow the truck's speed.
+        In the last meters before a stop the plan does not follow a truck that is too fast: the
+        truck has to brake harder.
         """
         ego, last, reach = scene.ego, self._last, self.config.resync_speed
-        last_metres = ego.speed < _LAST_SPEED and ego.station > stop - _LAST_WAY
-        below = _LAST_REACH if last_metres else reach
+        near_stop = ego.speed < _LAST_SPEED and ego.station > stop - _LAST_WAY
+        below = _LAST_REACH if near_stop else reach
         if last is None or not last.time[0] <= scene.time <= last.time[-1]:
             return SpeedState(ego.station, ego.speed, 0.0)
         speed = float(np.interp(scene.time, last.time, last.speed))
@@ -282,73 +271,49 @@ class Planner:
             acceleration = max(acceleration, 0.0)
         return SpeedState(ego.station, max(speed, 0.0), acceleration)
 
-    def _demand(self, urgency: float) -> float:
-        """Deceleration of emergency braking now, positive [m/s2]; 0 without an emergency."""
-        speed = self.config.speed
-        if not self._emergency:
-            return 0.0
-        graded = max(speed.emergency_share * urgency, speed.emergency_onset)
-        return min(graded, speed.emergency_deceleration)
-
     def _assemble(
-        self,
-        scene: Scene,
-        path: LanePath,
-        leads: list[Lead],
-        cap: FloatArray,
-        *,
-        waits: bool,
+        self, scene: Scene, path: LanePath, leads: list[Lead], cap: FloatArray, waits: bool
     ) -> Trajectory:
+        """The trajectory on a path within a bound on the speed; may begin or end an emergency."""
         config, speed = self.config, self.config.speed
         urgency = most_urgent(leads, scene.ego.speed, speed)
         was = self._emergency
         self._emergency = urgency > (speed.emergency_release if was else speed.emergency_onset)
         self.emergencies += self._emergency and not was
-        stop, deceleration, cap = self._stops.nearest(scene, path, cap, waits=waits)
-        steps = round(config.horizon / config.step)
-        station, v, a = roll_out(
+        demand = 0.0
+        if self._emergency:
+            graded = max(speed.emergency_share * urgency, speed.emergency_onset)
+            demand = min(graded, speed.emergency_deceleration)
+        stop, deceleration, cap = self._stops.nearest(scene, path, cap, waits)
+        if deceleration != speed.following.preview_deceleration:
+            following = replace(speed.following, preview_deceleration=deceleration)
+            speed = replace(speed, following=following)
+        rolled = roll_out(
             self._start(scene, stop),
             path,
             cap,
             leads,
             scene.ego.mass,
             self.preview,
-            steps,
+            round(config.horizon / config.step),
             config.step,
-            _braking_at(speed, deceleration),
+            speed,
             stop,
-            self._demand(urgency),
+            demand,
             self._stops.holds(stop, scene.ego),
         )
-        return on_road(
-            self.preview,
-            path,
-            self.maneuver.residual,
-            scene.time,
-            station,
-            v,
-            a,
-            config.step,
-            urgency,
-        )
-
-
-def _braking_at(speed: SpeedConfig, deceleration: float) -> SpeedConfig:
-    """The limits with another deceleration towards the stop ahead [m/s2]."""
-    if deceleration == speed.following.preview_deceleration:
-        return speed
-    following = replace(speed.following, preview_deceleration=deceleration)
-    return replace(speed, following=following)
+        residual = self.maneuver.residual
+        return on_road(self.preview, path, residual, scene.time, *rolled, config.step, urgency)
 
 
 def named_decision(value: object) -> Decision:
-    """The decision of a value: a `Decision` or its number.
+    """The decision that a value names: a `Decision` or its number.
 
     Raises:
       InputError: it is neither.
     """
-    numbers = [int(decision) for decision in Decision]
-    if isinstance(value, Integral) and not isinstance(value, bool) and int(value) in numbers:
-        return Decision(int(value))
+    for decision in Decision:
+        if is_whole(value) and value == decision:
+            return decision
     allowed = ", ".join(f"Decision.{d.name} ({int(d)})" for d in Decision)
     raise InputError(f"decision is {value!r}: allowed is {allowed}")

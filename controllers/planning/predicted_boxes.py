@@ -1,7 +1,7 @@
 """Boxes of the traffic over the coming seconds, and the ground that the truck's bodies sweep.
 
-A vehicle is predicted at constant turn rate: it keeps its braking and its yaw rate. A vehicle that
-comes towards the truck on its road also keeps its offset from the road.
+The prediction of a vehicle keeps its braking and the curvature of its path. For an oncoming vehicle
+a second prediction keeps its offset from the road.
 
 The truck follows its path without slip. Each unit is a bar whose rear axle group moves along the
 bar (a tractrix): the tractor from the steer axle to the middle of its fixed axles, the semitrailer
@@ -25,9 +25,9 @@ from iits_mj.core.neighbors import Neighbors
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import group_center
 
-# A vehicle slower than this does not turn [m/s].
+# A slower vehicle is predicted to drive straight [m/s].
 _TURNS = 0.5
-# The trailer has settled on its path after this way [m].
+# Distance after which the trailer has settled on its path [m].
 _RUN_UP = 30.0
 
 
@@ -133,13 +133,12 @@ class SweptPath:
     """Tracks over the points of a path; positions of shape (n, 2) [m], headings (n,) [rad].
 
     Attributes:
-      steer, kingpin, trailer_axle: of the steer axle, the kingpin, the trailer's axle group.
+      kingpin, trailer_axle: of the kingpin and the trailer's axle group.
       yaw, trailer_yaw: headings of the units.
       tractor_corners, trailer_corners: front left, front right, rear right, rear left of the
         bodies, shape (n, 4, 2).
     """
 
-    steer: FloatArray
     kingpin: FloatArray
     trailer_axle: FloatArray
     yaw: FloatArray
@@ -171,7 +170,6 @@ def swept_path(
     followed = _towed(kingpin, length, yaw if trailer_yaw is None else trailer_yaw)
     front, rear = trailer.front_overhang, trailer.length - trailer.front_overhang
     return SweptPath(
-        steer=path,
         kingpin=kingpin,
         trailer_axle=kingpin - length * _unit(followed),
         yaw=headings,
@@ -223,10 +221,10 @@ def _body_boxes(corners: FloatArray, yaw: FloatArray) -> Boxes:
 
 
 def _towed(lead: FloatArray, length: float, heading: float) -> FloatArray:
-    """Headings of a bar whose front is at the points and whose rear rolls, shape (n,).
+    """Headings of a bar whose front follows the points and whose rear rolls, shape (n,).
 
-    Between two points the front goes straight, for which the tractrix is known: the angle to its
-    course falls by `tan(theta / 2) exp(-way / length)`.
+    Between two points the front moves straight; on this tractrix the angle `theta` of the bar to
+    the course follows `tan(theta / 2) = tan(theta_0 / 2) exp(-way / length)`.
     """
     result = np.empty(len(lead))
     result[0] = heading

@@ -1,13 +1,13 @@
 """The road as tables over station, made once for a route, and the paths of its lanes.
 
-Lanes are followed physically: where a lane appears or ends on the right, the indices of all lanes
-shift, but the truck's lane goes on. `RoadPreview.follow` walks along the lane.
+Where a lane appears or ends on the right, the indices of all lanes shift, but the truck's lane
+continues. `RoadPreview.follow` follows the physical lane.
 
-`lane_shift` says where in its lane the tractor drives so that the trailer stays inside it too. In a
+`lane_shift` is the tractor's offset in its lane with which the trailer stays inside it too. In a
 steady turn the trailer's axles run beside the path of the steer axle: at walking pace on the inside
 by `kappa k` with k half of the sum of the squared lengths; at higher speeds more and more to the
-outside, as its tires need slip. The steer axle is placed half of that to the other side, so that
-tractor and trailer have the same room. All speeds from standstill to the bend's own count.
+outside, as its tires need slip. The steer axle drives half of that to the other side, so that
+tractor and trailer have the same room at all speeds from standstill to that of the bend.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ from iits_mj.parameters import TruckParameters
 if TYPE_CHECKING:
     from iits_mj.road import Route
 
-# Distance of the rows of the tables [m]; coarser on roads beyond 50 km.
-STEP = 5.0
-# A lane narrower than this is not used, unless there is no wider one [m].
-WIDTH_MIN = 2.75
+# Spacing of the rows of the tables [m]; coarser on roads beyond 50 km.
+_STEP = 5.0
+# The truck does not use a narrower lane, unless there is no wider one [m].
+_WIDTH_MIN = 2.75
 # Between two rows the middle of a lane moves aside by less than this [m].
 _SAME_LANE = 1.2
 # A seam of a map turns the heading by less than this, about 1 degree a row [rad].
-SEAM_TURN = 0.02
+_SEAM_TURN = 0.02
 _SEAM_ROWS = 5
 # Speeds at which off-tracking is computed [m/s], and lag of the steering there [s].
 _SPEEDS = np.array([0.5, 4.0, 8.0, 12.0, 16.0, 20.0, 25.0, 30.0])
 STEERING_LAG = 0.1
-# Kept between the truck's side and the lane's edge by the tractor [m].
+# Room that the tractor leaves between its side and the lane's edge [m].
 _LANE_MARGIN = 0.15
 # The lane shift begins and ends over about twice this distance, as the trailer follows [m].
 _SMOOTHING = 25.0
@@ -56,11 +56,11 @@ class LanePath:
       offset: of the lane's middle, shape (n,) [m]; held constant beyond the lane's end.
       speed_limit: of the lane, shape (n,) [m/s].
       half_width: of the lane at the start [m].
-      end: station at which the lane or the road ends, or infinity when not within sight.
+      end: station at which the lane or the road ends, or infinity beyond the preview.
       lane: index at the start.
       rows: index of the lane at each station, shape (n,); None: `lane` everywhere.
-      shift: from the middle to where the steer axle drives, shape (n,) [m]; None: zero.
-      road: whose lane it is; None: vehicles of every level count as in the lane.
+      shift: of the steer axle from the middle, shape (n,) [m]; None: zero.
+      road: of the lane; None: vehicles of every level count as in the lane.
     """
 
     station: FloatArray
@@ -111,16 +111,15 @@ class RoadPreview:
 
     def __init__(self, route: Route) -> None:
         self.route = route
-        count = max(2, math.floor(route.length / max(STEP, route.length / 10_000.0)) + 1)
+        count = max(2, math.floor(route.length / max(_STEP, route.length / 10_000.0)) + 1)
         self.station = np.linspace(0.0, route.length, count)
         self.step = float(self.station[1])
-        self.lane_counts = np.array([route.lane_count(float(s)) for s in self.station], dtype=int)
-        lanes = max(1, int(self.lane_counts.max()))
-        exists = np.arange(lanes)[:, None] < self.lane_counts[None, :]
+        counts = np.array([route.lane_count(float(s)) for s in self.station], dtype=int)
+        lanes = max(1, int(counts.max()))
+        exists = np.arange(lanes)[:, None] < counts
         width = np.array([route.lane_width(lane, self.station) for lane in range(lanes)])
         width[~exists] = 0.0
-        # A lane that is too narrow for the truck is left out, unless there is no wider one.
-        usable = exists & (width >= np.minimum(WIDTH_MIN, width.max(axis=0)))
+        usable = exists & (width >= np.minimum(_WIDTH_MIN, width.max(axis=0)))
         offset = np.array([route.lane_offset(lane, self.station) for lane in range(lanes)])
         self.offset = np.where(usable, offset, np.nan)
         self.half_width = 0.5 * width
@@ -151,18 +150,16 @@ class RoadPreview:
         return inside and bool(np.isfinite(self.offset[lane, self.index(station)]))
 
     def follow(self, lane: int, station: float, ahead: float, behind: float = 100.0) -> LanePath:
-        """The lane's path from `behind` meters back to `ahead` meters on."""
+        """The lane's path from `behind` meters back to `ahead` meters ahead."""
         here = self.index(station)
         first = max(0, here - round(behind / self.step))
         last = min(len(self.station) - 1, here + math.ceil(ahead / self.step))
         stretch = slice(first, last + 1)
-        offsets = self.offset[max(lane, 0), stretch]
-        if (np.abs(np.diff(offsets)) < _SAME_LANE).all():
-            limits, end_forward = self.speed_limit[max(lane, 0), stretch], len(self.station)
-            rows = np.full(len(offsets), max(lane, 0), dtype=np.int64)
-        else:
+        row = max(lane, 0)
+        offsets, limits = self.offset[row, stretch], self.speed_limit[row, stretch]
+        rows, end_forward = np.full(len(offsets), row, dtype=np.int64), len(self.station)
+        if not (np.abs(np.diff(offsets)) < _SAME_LANE).all():
             offsets, limits = np.empty(len(offsets)), np.empty(len(offsets))
-            rows = np.empty(len(offsets), dtype=np.int64)
             parts = (first, offsets, limits, rows)
             end_forward = self._walk(lane, here, range(here, last + 1), *parts)
             self._walk(lane, here, range(here, first - 1, -1), *parts)
@@ -172,10 +169,10 @@ class RoadPreview:
         elif last == len(self.station) - 1:
             end = float(self.station[-1])
         return LanePath(
-            station=self.station[first : last + 1],
+            station=self.station[stretch],
             offset=offsets,
             speed_limit=limits,
-            half_width=float(self.half_width[max(lane, 0), here]),
+            half_width=float(self.half_width[row, here]),
             end=end,
             lane=lane,
             rows=rows,
@@ -186,7 +183,7 @@ class RoadPreview:
     def felt(self, station: FloatArray, speed: float) -> FloatArray:
         """Lateral acceleration by bends and cross-slope at a speed [m/s2], shape as station.
 
-        `v^2 kappa + g tan(superelevation)`: positive where the truck is pressed to the right.
+        `v^2 kappa + g tan(superelevation)`, positive where it acts to the right.
         """
         curvature = np.interp(station, self.station, self.curvature)
         bank = np.interp(station, self.station, self.superelevation)
@@ -202,7 +199,7 @@ class RoadPreview:
         return tables.slope, tables.bend
 
     def _tables_of(self, path: LanePath) -> _PathTables:
-        """Tables of a path, kept because a planner keeps a path for some cycles."""
+        """Tables of a path, cached because a planner uses a path for some cycles."""
         if self._tables is None or self._tables.path is not path:
             curvature = np.interp(path.station, self.station, self.curvature)
             slope = gradient(path.driven, self.step)
@@ -246,8 +243,8 @@ def road_curvature(route: Route, station: FloatArray) -> FloatArray:
     """Curvature of the reference line about each station, shape as station [1/m].
 
     It is the turn of the heading between two rows over their distance, so that short bends keep
-    their radius. Seams of real maps make spikes that no truck drives: where one or two rows stand
-    out from their neighbors by a turn too small to be a bend, the turn is spread over 25 m.
+    their radius. Seams of real maps make spikes that no truck drives: where one or two rows differ
+    from their neighbors by a turn too small to be a bend, the turn is spread over 25 m.
 
     Args:
       route: the road.
@@ -261,7 +258,7 @@ def road_curvature(route: Route, station: FloatArray) -> FloatArray:
     around = np.lib.stride_tricks.sliding_window_view(np.pad(turn, half, mode="edge"), _SEAM_ROWS)
     # The median of five keeps bends and their beginnings as they are.
     excess = turn - np.median(around, axis=1)
-    spike = np.where(np.abs(excess) < SEAM_TURN, excess, 0.0)
+    spike = np.where(np.abs(excess) < _SEAM_TURN, excess, 0.0)
     spread = np.convolve(np.pad(spike, half), np.full(_SEAM_ROWS, 1.0 / _SEAM_ROWS), mode="valid")
     return np.asarray((turn - spike + spread) / step)
 
@@ -269,7 +266,7 @@ def road_curvature(route: Route, station: FloatArray) -> FloatArray:
 def sharpest(curvature: FloatArray, offset: FloatArray | float) -> FloatArray:
     """Magnitude of the curvature at an offset, the greatest of a row and its neighbors [1/m].
 
-    For bounds on the speed, which has to be reached where the bend begins.
+    It bounds the speed, which the truck must reach before the bend begins.
 
     Args:
       curvature: of the reference line, shape (n,) [1/m].
@@ -302,7 +299,7 @@ def off_tracking(model: LateralModel, speed: float) -> float:
       speed: [m/s], positive.
     """
     a, _, _ = model.matrices(speed)
-    # Unit curvature: both yaw rates are v, and lateral speed, articulation and steer angle follow.
+    # Unit curvature: both yaw rates are v; lateral speed, articulation and steer angle follow.
     w, articulation, _ = np.linalg.solve(a[:3][:, [0, 3, 6]], -(a[:3, 1] + a[:3, 2]) * speed)
     trailer = float(np.mean([position for position, _ in model.trailer_axles]))
     heading = -w / speed

@@ -1,8 +1,8 @@
 """Rollover margin of the truck: static threshold and rearward amplification.
 
-The threshold comes from the truck's parameters, its mass and the payload's height; the trailer
-swings by the rearward amplification more than the tractor; the road takes its part by curvature and
-cross-slope. The rest is available to lane changes.
+The threshold follows from the truck's parameters, its mass and the payload's height. The trailer's
+lateral acceleration exceeds the tractor's by the rearward amplification. Curvature and cross-slope
+use a part of the threshold; lane changes may use the rest.
 
 Statics in the roll plane: one body rolls by `phi` on the springs of all axles, each of which rolls
 by `phi_u` on its tires until its inner wheels lift (Winkler, Rollover of heavy commercial vehicles,
@@ -33,7 +33,7 @@ from iits_mj.parameters.tire_law import cornering_stiffness
 
 _ROLLS = np.linspace(0.002, 0.30, 150)
 _SPEEDS = np.array([3.0, 8.0, 12.0, 16.0, 20.0, 25.0, 30.0])
-# Margins are computed for multiples of this mass [kg]: an estimate may waver.
+# Margins are computed for multiples of this mass [kg], as an estimate of the mass fluctuates.
 _MASS_STEP = 500.0
 
 
@@ -129,7 +129,7 @@ class RollMargin:
 
     Attributes:
       threshold: steady lateral acceleration at which it rolls over [m/s2].
-      amplification: of the trailer over the steer axle at `_SPEEDS`, shape (7,), 1 at least.
+      amplification: of the trailer over the steer axle at seven speeds, shape (7,), 1 at least.
     """
 
     threshold: float
@@ -175,7 +175,7 @@ def curve_speed_by_roll(
 ) -> FloatArray:
     """Greatest speed at a lateral acceleration by bend and cross-slope, shape as curvature [m/s].
 
-    `|v^2 kappa + g tan(superelevation)| <= a` on the side to which the bend presses.
+    `|v^2 kappa + g tan(superelevation)| <= a` to the outside of the bend.
     """
     room = acceleration - np.sign(curvature) * GRAVITY * np.tan(superelevation)
     return np.asarray(np.sqrt(np.maximum(room, 0.1) / np.maximum(np.abs(curvature), 1e-6)))

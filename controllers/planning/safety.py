@@ -1,9 +1,9 @@
-"""Is the neighbor lane free? Gaps by time and closing speed, for the whole combination.
+"""Gaps that a lane change needs, by time and closing speed, for the whole combination.
 
-Two criteria, and the greater gap counts. Responsibility-sensitive safety (Shalev-Shwartz, Shammah
+The greater gap of two criteria counts. Responsibility-sensitive safety (Shalev-Shwartz, Shammah
 and Shashua, On a formal model of safe and scalable self-driving cars, 2017, definition 1): if the
 vehicle in front brakes as hard as it can, the one behind stops before it, after a reaction time.
-And comfort: a time gap, and room to take away the closing speed without hard braking.
+Comfort: a time gap, and room to reduce the closing speed without hard braking.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Speed = TypeVar("Speed", float, FloatArray)
 def stopping_gap(
     speed: Speed, lead_speed: Speed, reaction: float, braking: float, lead_braking: float
 ) -> Speed:
-    """Gap with which a vehicle stops behind a leader that brakes to a stop, zero at least [m].
+    """Gap with which a vehicle stops behind a leader that brakes to a stop [m], not negative.
 
     Args:
       speed: of the vehicle behind [m/s], any shape.
@@ -68,33 +68,31 @@ def conflict(
     factor: float = 1.0,
     limit: float = 0.0,
 ) -> str | None:
-    """Why the lane of a path may not be entered now, in words; None when it may.
+    """The reason not to enter the lane of a path now, or None if it is free.
 
     Args:
       scene: the truck and the traffic.
       path: of the target lane.
-      config: what must be free.
+      config: the gaps.
       factor: on the gaps; 1 to begin a change, `abort_factor` while it runs.
-      limit: speed limit of the target lane [m/s]: a vehicle that fast may come from beyond sight;
-        zero: none does.
+      limit: speed limit of the target lane [m/s], for a vehicle that approaches from beyond the
+        sensors' range; zero: there is none.
     """
     speed, neighbors = scene.ego.speed, scene.neighbors
-    worst, reason = 0.0, ""
-    # A slow follower may hide a faster one: all vehicles count, not only the nearest.
+    worst, reason = 0.0, None
+    # A faster vehicle may be behind a slow follower: all vehicles count, not only the nearest.
     for index in np.flatnonzero(neighbors.along_path(path, config.entering)).tolist():
         station, gap = float(neighbors.station[index]), float(neighbors.gap[index])
         name, other_speed = neighbors.ids[index], float(neighbors.speed[index])
         if neighbors.rear <= station <= neighbors.front:
             return f"vehicle {name} is beside the truck"
         ahead = station > neighbors.front
-        needed = factor * (front_gap_needed if ahead else rear_gap_needed)(
-            speed, other_speed, config
-        )
+        gap_needed, end = (front_gap_needed, "front") if ahead else (rear_gap_needed, "rear")
+        needed = factor * gap_needed(speed, other_speed, config)
         if needed - gap > worst:
-            end = "front" if ahead else "rear"
             worst = needed - gap
             reason = f"{end} gap {gap:.1f} m to vehicle {name} is below {needed:.1f} m"
-    if not reason and limit > 0.0:
+    if reason is None and limit > 0.0:
         unseen = min(limit * (1.0 + config.speeding), config.unlimited_speed)
         needed = config.margin + _follower_stopping_gap(unseen, speed, config)
         if needed > config.sight_behind:
@@ -102,4 +100,4 @@ def conflict(
                 f"a vehicle at {unseen:.0f} m/s would need a rear gap of {needed:.0f} m, more than "
                 f"the {config.sight_behind:g} m in sight"
             )
-    return reason or None
+    return reason

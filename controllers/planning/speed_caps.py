@@ -1,4 +1,4 @@
-"""How fast the truck may go along a path, and how fast it can be by the end of a lane change."""
+"""Bounds on the speed along a path, and the greatest speed by the end of a lane change."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, SpeedProfile, SpeedZone
 
-# Below this speed the truck launches as it can, up to the speed that the reference has ahead [m/s].
-# The rise exceeds any truck's, so that its power and comfort decide, as without a reference [m/s2].
+# Below this speed the reference does not limit a launch below its own speed ahead [m/s]. The rise
+# exceeds any truck's, so that power and comfort limit it, as without a reference [m/s2].
 LAUNCH_SPEED, LAUNCH_ACCELERATION = 8.0, 1.5
 _LAUNCH_AHEAD = 200.0
 
 
 def with_zones(path: LanePath, zones: Sequence[SpeedZone]) -> LanePath:
-    """The path with the limits of speed zones; where two overlap the later one holds.
+    """The path with the limits of speed zones; where two overlap, the later one holds.
 
-    Between the path's stations limits are interpolated: a lower one reaches to the next station on
-    both sides, so that the truck keeps it from the sign to the end.
+    Limits are interpolated between the path's stations. A lower limit therefore extends to the next
+    station on both sides, so that the truck keeps it from the sign to the end.
 
     Raises:
       InputError: a zone's limit is not a positive number, or an end is not a number.
@@ -52,10 +52,10 @@ def with_zones(path: LanePath, zones: Sequence[SpeedZone]) -> LanePath:
 
 
 def _reference(station: FloatArray, profile: SpeedProfile, ego: EgoState) -> SpeedProfile:
-    """The reference at evenly spaced stations, between its nodes at constant acceleration.
+    """The reference at evenly spaced stations, with constant acceleration between its nodes.
 
-    A profile over station that begins at the truck's own low speed has no standing start: at low
-    speed the planner's own launch raises it.
+    A profile over station cannot describe a start from rest: at low speed the planner's launch
+    raises it.
     """
     square = np.interp(station, profile.station, profile.speed**2)
     if ego.speed < LAUNCH_SPEED:
@@ -79,7 +79,7 @@ class SpeedCaps:
     def cap(
         self, path: LanePath, profile: SpeedProfile | None, margin: RollMargin, ego: EgoState
     ) -> FloatArray:
-        """Highest speed along a path, shape of path.station [m/s].
+        """Greatest speed along a path, shape of path.station [m/s].
 
         Args:
           path: of the lane, with the limits in force.
@@ -99,10 +99,10 @@ class SpeedCaps:
         return np.minimum(cap, self._by_roll(margin)[first : first + len(cap)])
 
     def top(self, ego: EgoState, profile: SpeedProfile | None) -> float:
-        """Greatest speed that may be reached during a lane change [m/s].
+        """Greatest speed that the truck may reach during a lane change [m/s].
 
-        A faster truck goes farther during a change, to where reference and grade may let it be
-        faster still: the result is the least consistent speed, found from below.
+        A faster truck drives farther during a change, to where reference and grade may allow an
+        even greater speed: the result is the least consistent speed, found from below.
 
         Args:
           ego: the truck.
@@ -131,12 +131,12 @@ class SpeedCaps:
             top = found
 
     def power_left(self, ego: EgoState) -> float:
-        """Acceleration that the engine has left now [m/s2]."""
+        """Acceleration that the engine's power allows now [m/s2]."""
         grade = float(np.interp(ego.station, self.preview.station, self.preview.grade))
         return power_acceleration(ego.speed, ego.mass, grade, self.config.speed)
 
     def bearable(self, station: float, margin: RollMargin) -> float:
-        """Greatest speed from which no bend ahead tips the truck over [m/s]."""
+        """Greatest speed with which the truck rolls over in no bend ahead [m/s]."""
         return float(np.interp(station, self.preview.station, self._by_roll(margin)))
 
     def _by_roll(self, margin: RollMargin) -> FloatArray:

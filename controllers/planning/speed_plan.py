@@ -23,12 +23,12 @@ from iits_mj.core.messages import SpeedProfile
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 
-# The plan looks at the cap this far ahead [s]: far for a smooth onset, near for an exact end.
+# The plan uses the cap this far ahead [s]: far for a smooth onset, near for an exact end.
 _LOOK_AHEAD = (1.0, 0.4)
-# Below this speed a stop is planned by the distance that is left: by looking ahead the truck would
-# creep up to it for ever [m/s].
+# Below this speed the plan of a stop uses the distance that is left: with a look-ahead the truck
+# would creep towards it without end [m/s].
 _LAST_SPEED = 2.0
-# A truck that has come to rest this near to a stop stays there [m], and brakes by this [m/s2].
+# A truck that comes to rest this near to a stop stays there [m], and brakes by this [m/s2].
 HOLD_REACH = 1.0
 _HOLD_DECELERATION = 1.2
 
@@ -44,27 +44,24 @@ def speed_cap(
     config: SpeedConfig,
     profile: SpeedProfile | None = None,
 ) -> FloatArray:
-    """Highest comfortable speed along a path, shape of path.station [m/s].
+    """Greatest comfortable speed along a path, shape of path.station [m/s].
 
-    The least of cruise speed or profile, the lane's limit and curve speed, each approached at the
+    The least of cruise speed or profile, the lane's limit and curve speed, approached at the
     preview deceleration.
     """
-    station = path.station
-    wanted = (
-        np.full(len(station), config.cruise_speed)
-        if profile is None
-        else np.interp(station, profile.station, profile.speed)
-    )
+    wanted: FloatArray | float = config.cruise_speed
+    if profile is not None:
+        wanted = np.interp(path.station, profile.station, profile.speed)
     cap = np.minimum(wanted, path.speed_limit)
     cap = np.minimum(cap, curve_speed(preview.sharpest(path), config.curve_acceleration))
-    return braking_profile(station, cap, config.following.preview_deceleration)
+    return braking_profile(path.station, cap, config.following.preview_deceleration)
 
 
 def most_urgent(leads: list[Lead], speed: float, config: SpeedConfig) -> float:
     """Greatest deceleration that any leader requires of the truck now, positive [m/s2].
 
-    A braking leader counts with its speed after the brakes' reaction time, and must not be reached
-    even if it stops.
+    A braking leader counts with its speed after the brakes' reaction time, and the truck must not
+    reach it even if it stops.
     """
     worst = 0.0
     for lead in leads:
@@ -72,7 +69,7 @@ def most_urgent(leads: list[Lead], speed: float, config: SpeedConfig) -> float:
         gap = lead.gap + way - speed * config.reaction_time
         needed = required_deceleration(gap, speed, lead_speed, config.emergency_margin)
         if lead.acceleration < -1.0:
-            # Both stop: the leader's own stopping distance is room, too.
+            # Both stop: the leader's stopping distance adds to the room.
             room = gap - config.emergency_margin + lead_speed**2 / (-2.0 * lead.acceleration)
             needed = max(needed, speed**2 / (2.0 * max(room, 0.1)))
         worst = max(worst, needed)
@@ -81,7 +78,7 @@ def most_urgent(leads: list[Lead], speed: float, config: SpeedConfig) -> float:
 
 @dataclass(frozen=True)
 class SpeedState:
-    """Where the speed plan begins: station [m], speed [m/s], acceleration [m/s2]."""
+    """Initial state of a speed plan: station [m], speed [m/s], acceleration [m/s2]."""
 
     station: float
     speed: float
@@ -89,9 +86,9 @@ class SpeedState:
 
 
 def power_acceleration(speed: float, mass: float, grade: float, config: SpeedConfig) -> float:
-    """Acceleration for which the engine has power left at a speed, 0.05 m/s2 at least [m/s2].
+    """Acceleration that the engine's power allows at a speed [m/s2], 0.05 m/s2 at least.
 
-    The floor keeps the plan asking for full power where the truck cannot hold its speed.
+    With this least value the plan demands full power where the truck cannot hold its speed.
     """
     return _power_left(mass, grade, config)(speed)
 
@@ -131,13 +128,13 @@ def roll_out(
       cap: from `speed_cap`.
       leads: vehicles to follow.
       mass: of the combination [kg].
-      preview: gives the grade, for the power that is left to accelerate.
+      preview: of the road, for the grade.
       steps: number of steps.
       step: [s].
       config: limits.
       stop: station at which to stop at the latest [m].
-      emergency: brake this hard instead of following, positive [m/s2]; 0: follow.
-      hold: come to rest here and stay.
+      emergency: deceleration of emergency braking, positive [m/s2]; 0: no emergency.
+      hold: the truck comes to rest at once and stays.
     """
     following = config.following
     rows: list[tuple[float, float, float]] = []
@@ -174,7 +171,7 @@ def roll_out(
         if k:
             moved, v_next = v * step + 0.5 * a * step * step, v + a * step
             moved = moved if moved > 0.0 else 0.0
-            # At rest within the step: the distance to the stop, not beyond.
+            # If the truck stops within the step, it moves only until then.
             s += moved if v_next > 0.0 or a >= 0.0 else min(moved, v * v / max(-2.0 * a, 1e-6))
             v = v_next if v_next > 0.0 else 0.0
         wanted = -emergency
@@ -198,7 +195,7 @@ def roll_out(
             slowest, fastest = a - down, a + up
             wanted = slowest if wanted < slowest else fastest if wanted > fastest else wanted
         a = wanted
-        # At a stop the brakes stay on: the truck may come to rest later than the plan.
+        # At a hold the brakes stay on: the truck may come to rest later than the plan.
         if v <= 0.0 and a < 0.0 and not (hold and start.speed > 0.0):
             a = 0.0
         rows.append((s, v, a))
@@ -207,10 +204,10 @@ def roll_out(
 
 
 def _to_stop(v: float, left: float, braking: float, following: FollowingConfig) -> float:
-    """Acceleration over the last meters before a stop [m/s2]; comes to rest in finite time.
+    """Acceleration over the last meters before a stop [m/s2], which ends in finite time.
 
-    The constant deceleration that is needed, `v^2 / (2 left)`, once it is 0.8 of the wanted one;
-    drive where it is less than half of that.
+    The needed constant deceleration, `v^2 / (2 left)`, if it exceeds 0.8 of the wanted one; a
+    positive acceleration if it is less than half of the wanted one.
     """
     if left < 0.05:
         return -_HOLD_DECELERATION
@@ -232,9 +229,9 @@ def _behind(
 ) -> float:
     """Acceleration that every leader allows [m/s2].
 
-    On the free road the cap is followed exactly, also where it rises: the free term of car
-    following would lag a rising reference by `v / (4 a)`, some 5 s. Behind a leader that term gets
-    a desired speed high enough not to lag either.
+    On the free road the plan follows the cap exactly, also where it rises: the free term of car
+    following would lag a rising reference by `v / (4 a)`, some 5 s. Behind a leader the desired
+    speed of that term is high enough not to lag either.
     """
     wanted = math.inf
     desired = _desired_speed(v, cap_here, to_cap, following)

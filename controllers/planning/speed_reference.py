@@ -1,7 +1,7 @@
 """Reference speed of the truck: a constant, a profile from a file, or PCC.
 
-The stack asks for it once a planning cycle. It is a wish: the trajectory planner keeps limits,
-curves and distances whatever the reference is.
+The stack requests it once per planning cycle. The trajectory planner keeps limits, curves and
+distances whatever the reference is.
 """
 
 from __future__ import annotations
@@ -26,67 +26,34 @@ class SpeedReference(Protocol):
     """Protocol of a reference speed over station, updated every planning cycle."""
 
     def reset(self) -> None:
-        """Ready for a new drive."""
+        """Prepares for a new drive."""
 
     def update(self, scene: Scene, find_leader: Callable[[], Neighbor | None]) -> SpeedProfile:
         """The profile to follow from now on.
 
         Args:
           scene: the truck and the traffic.
-          find_leader: gives the vehicle ahead in the lane that is being kept or changed to.
+          find_leader: returns the vehicle ahead in the lane kept or changed to, None for none.
 
         Raises:
           InputError: the truck's station, speed or time is not finite.
         """
 
     def at(self, station: float) -> float:
-        """Speed asked for at a station now [m/s]."""
+        """Reference speed at a station now [m/s]."""
 
     def free(self, station: float) -> float:
-        """Speed without traffic [m/s]: what a lane change can gain."""
+        """Reference speed without traffic [m/s], which a lane change can restore."""
 
 
-class CruiseReference:
-    """One speed everywhere.
-
-    Args:
-      speed: [m/s].
-      reason: why no better reference is used, in words, where one was wanted.
-    """
-
-    def __init__(self, speed: float, reason: str = "") -> None:
-        self._speed, self.reason = speed, reason
-        self._profile = SpeedProfile(np.zeros(1), np.full(1, speed))
-
-    def reset(self) -> None:
-        """Nothing to forget."""
-
-    def update(self, scene: Scene, find_leader: Callable[[], Neighbor | None]) -> SpeedProfile:
-        """The same profile always."""
-        del scene, find_leader
-        return self._profile
-
-    def at(self, station: float) -> float:
-        """The cruise speed [m/s]."""
-        del station
-        return self._speed
-
-    free = at
-
-
-class ProfileReference:
-    """A profile that was planned before the drive.
-
-    Raises:
-      InputError: see `check_profile`.
-    """
+class _FixedReference:
+    """A reference that stays the same over a drive."""
 
     def __init__(self, profile: SpeedProfile) -> None:
-        check_profile(profile, "speed profile")
         self._profile = profile
 
     def reset(self) -> None:
-        """Nothing to forget."""
+        """Does nothing: the reference has no state."""
 
     def update(self, scene: Scene, find_leader: Callable[[], Neighbor | None]) -> SpeedProfile:
         """The same profile always."""
@@ -100,16 +67,41 @@ class ProfileReference:
     free = at
 
 
+class ProfileReference(_FixedReference):
+    """A profile that was planned before the drive.
+
+    Raises:
+      InputError: see `check_profile`.
+    """
+
+    def __init__(self, profile: SpeedProfile) -> None:
+        check_profile(profile, "speed profile")
+        super().__init__(profile)
+
+
+class CruiseReference(_FixedReference):
+    """One speed everywhere.
+
+    Args:
+      speed: [m/s].
+      reason: for which the requested reference is not available, or "".
+    """
+
+    def __init__(self, speed: float, reason: str = "") -> None:
+        super().__init__(SpeedProfile(np.zeros(1), np.full(1, speed)))
+        self.reason = reason
+
+
 def check_profile(profile: SpeedProfile, name: str) -> None:
     """Raises InputError unless stations rise and all speeds are 0.5 to 60 m/s."""
     station, speed = profile.station, profile.speed
     if station.ndim != 1 or station.shape != speed.shape or station.size < 2:
-        raise InputError(f"{name}: two rows or more with a station and a speed are wanted")
+        raise InputError(f"{name}: two rows or more with a station and a speed are needed")
     if not (np.isfinite(station).all() and np.isfinite(speed).all()):
         raise InputError(f"{name} holds numbers that are not finite")
     if (np.diff(station) <= 0.0).any():
         where = float(station[int(np.argmax(np.diff(station) <= 0.0))])
-        raise InputError(f"{name}: stations must rise, after {where:g} m they do not")
+        raise InputError(f"{name}: stations must rise, but do not after {where:g} m")
     bad = (speed < _SPEED_MIN) | (speed > _SPEED_MAX)
     if bad.any():
         row = int(np.argmax(bad))
@@ -133,10 +125,10 @@ def read_profile(path: Path) -> SpeedProfile:
 
 
 def check_covers(profile: SpeedProfile, station: float, length: float, name: str) -> None:
-    """Raises InputError if no part of a profile is ahead of a station on a road [m]."""
+    """Raises InputError if no part of a profile is ahead of a station on a road of a length [m]."""
     first, last = float(profile.station[0]), float(profile.station[-1])
     if not math.isfinite(station) or last <= station or first >= length:
         raise InputError(
-            f"{name} is of stations {first:g} to {last:g} m: nothing of it lies ahead of station "
-            f"{station:g} m on a road of {length:g} m"
+            f"{name} has stations {first:g} to {last:g} m: nothing of it lies ahead of station "
+            f"{station:g} m on a road of {length:g} m; use a profile of this road"
         )

@@ -1,17 +1,15 @@
-"""Stopped vehicles: which ones the truck passes without a decision, and how it gets past.
+"""Stopped vehicles: those that the truck passes without a decision, and the path past them.
 
 A stopped vehicle with free road ahead, while the lanes beside move or are empty, has broken down. A
 vehicle stopped behind others, or beside other stopped vehicles, is in a jam, and the truck stays in
-the queue behind it. The judgment has to hold for some seconds without a break before it counts.
+the queue behind it. The truck passes only after some seconds without a sign of a jam.
 
-At walking pace the size of a lane change is bounded by how far the truck can steer and by where its
-trailer goes, not by comfort. The way past is chosen so that neither tractor nor trailer touches a
-stopped vehicle, which needs some distance to it: the truck stops early enough behind it.
+At walking pace the truck's steering and the trailer's path limit a lane change, not comfort. On the
+path past a stopped vehicle neither tractor nor trailer touches it. This needs some distance, so the
+truck stops early enough behind it.
 """
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 
@@ -65,27 +63,10 @@ def way_past(
     for length in config.lengths:
         residual = Quintic.to_zero(ego.station, length, *state)
         units = bodies_along(parameters, preview, target, residual, stations)
-        # At its present place the truck touches nothing, even where it has less than the room.
+        # At its present position the truck touches nothing, even where it has less than the room.
         if not any(unit.touch(boxes, config.room)[1:].any() for unit in units):
             return residual
     return None
-
-
-def stop_behind(
-    leader: Neighbor | None, speed: float, front: float, config: PassingConfig
-) -> float:
-    """Station of the front bumper behind a stopped vehicle, with room to pass it; or inf [m].
-
-    Args:
-      leader: the stopped vehicle, None for none.
-      speed: of the truck [m/s].
-      front: station of its front bumper [m].
-      config: settings.
-    """
-    if leader is None:
-        return math.inf
-    stop = front + leader.gap - config.gap
-    return stop if stop - front >= speed**2 / (2.0 * config.deceleration) - 1.0 else math.inf
 
 
 def _is_alone(
@@ -109,7 +90,7 @@ def _is_alone(
 
 
 class StoppedLeader:
-    """Remembers how long the truck has been waiting behind which stopped vehicle."""
+    """Measures how long the truck has waited behind a stopped vehicle."""
 
     def __init__(self, preview: RoadPreview, config: PlannerConfig) -> None:
         self._preview = preview
@@ -117,14 +98,13 @@ class StoppedLeader:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets the vehicle."""
+        """Clears the vehicle."""
         self._id, self._since = "", 0.0
 
     def passes(self, scene: Scene, path: LanePath) -> tuple[bool, str]:
-        """Whether the truck passes the stopped vehicle ahead without a decision; else why not.
+        """Whether the truck passes the stopped vehicle ahead without a decision; else the reason.
 
-        Returns:
-          The reason is "" where no vehicle is stopped ahead.
+        The reason is "" if there is no stopped vehicle ahead or the truck has not waited enough.
         """
         config, leader = self._config, None
         if scene.ego.speed <= config.lead_speed:

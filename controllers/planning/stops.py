@@ -1,13 +1,13 @@
-"""Where the truck has to stand: lights, bends, lane ends, behind a vehicle that it passes later.
+"""Places where the truck has to stop: lights, bends, lane ends, and behind stopped vehicles.
 
-Each of them gives a place and how hard to brake for it. The nearest is what the speed plan stops
-at; the others bound the speed on the way.
+Each of them gives a station and a deceleration. The speed plan stops at the nearest; the others
+bound the speed on the way.
 
-Lights are judged again in every cycle; only the choice to stop lasts, until the light is green. At
-yellow the truck stops when 2 m/s2 are enough and passes otherwise (the dilemma of Gazis, Herman and
-Maradudin 1960). A green that ends before the truck arrives is a stop as well. A red whose end is
-known is approached slowly instead of stopped at. A green arrow requires a stop, then lets the truck
-go when the crossing is free.
+The planner judges lights again in every cycle; only the choice to stop lasts, until the light is
+green. At yellow the truck stops if 2 m/s2 are enough and passes otherwise (the dilemma of Gazis,
+Herman and Maradudin 1960). It also stops for a green that ends before it arrives. It approaches a
+red whose end is known slowly, without a stop. At a green arrow it stops, then continues when the
+crossing is free.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from controllers.planning.crossing import is_free
 from controllers.planning.lane_change import Change
 from controllers.planning.road_preview import LanePath, RoadPreview
 from controllers.planning.speed_plan import HOLD_REACH
-from controllers.planning.stopped_vehicle import stop_behind, stopped_leader
+from controllers.planning.stopped_vehicle import stopped_leader
 from controllers.planning.tight_bend_yield import DECELERATION, RESTS, TightBends
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
@@ -34,36 +34,36 @@ from iits_mj.parameters import TruckParameters
 _SAME = 3.0
 # The least distance to a line at which a stop counts as before it [m].
 _LEAST = 0.3
-# Slower than this a stop needs hardly any braking; slower than that the truck is at rest [m/s].
-_CRAWLS, _STANDS = 0.3, 0.1
+# Speed below which a stop needs hardly any braking, and below which the truck is at rest [m/s].
+_CRAWLS, _AT_REST = 0.3, 0.1
 
 
 @dataclass(frozen=True)
 class LightDemand:
-    """What a light demands.
+    """Demand of a light on the speed plan.
 
     Attributes:
       stop: station at which the front bumper has to stop at the latest, inf for none [m].
       deceleration: towards it, positive [m/s2].
-      speed: to arrive with, inf for any [m/s]; slowed down to at `arrival_deceleration`.
+      speed: on arrival, inf for any [m/s]; the truck slows down to it at `arrival_deceleration`.
       reason: in words, "" for none.
     """
 
     stop: float = math.inf
-    deceleration: float = 0.8
+    deceleration: float = LightConfig.deceleration
     speed: float = math.inf
     reason: str = ""
 
 
 class LightStop:
-    """Decides for each line whether to stop; a choice to stop lasts until the light is green."""
+    """Chooses at each line whether to stop; the choice to stop lasts until the light is green."""
 
     def __init__(self, config: LightConfig) -> None:
         self.config = config
         self.reset()
 
     def reset(self) -> None:
-        """Forgets all choices."""
+        """Clears all choices."""
         self._line = -math.inf
         self._stops = self._arrives = self._released = False
         self._deceleration = self.config.deceleration
@@ -77,10 +77,10 @@ class LightStop:
         time: float = 0.0,
         free: Callable[[float], bool] = math.isfinite,
     ) -> LightDemand:
-        """What the next light demands.
+        """The demand of the next light.
 
         Args:
-          light: the next one, or the one that the front is just over; None where there is none.
+          light: the next one, or the one that the front has just crossed; None for none.
           front: station of the front bumper [m].
           speed: [m/s].
           time: now [s].
@@ -99,7 +99,12 @@ class LightStop:
             self.reset()
         self._line = light.station
         if light.state is LightState.STOP:
-            self._wait(light, front, speed, time, free)
+            # The light releases a truck that has waited for long enough if nothing crosses.
+            waits = speed <= _AT_REST and light.station - front <= config.stop_before + _SAME
+            stood = time if self._stood is None else self._stood
+            self._stood = stood if waits else None
+            if waits and time - stood >= config.stand_time - 1e-6 and free(light.station):
+                self._released = True
         if self._goes(light, front, speed):
             self._stops = self._arrives = False
             self._deceleration = config.deceleration
@@ -108,7 +113,7 @@ class LightStop:
         return self._stop(light, front, speed) if self._stops else LightDemand()
 
     def _goes(self, light: TrafficLight, front: float, speed: float) -> bool:
-        """Whether the light is green for long enough, or an arrow after the stop."""
+        """Whether the light is green for long enough, or releases the truck after its stop."""
         if light.state is LightState.STOP:
             return self._released
         self._released = False
@@ -121,25 +126,8 @@ class LightStop:
         room = light.station - self.config.stop_before - front
         return room > light.next_switch * max(speed, self.config.slow_speed)
 
-    def _wait(
-        self,
-        light: TrafficLight,
-        front: float,
-        speed: float,
-        time: float,
-        free: Callable[[float], bool],
-    ) -> None:
-        """Releases a truck that has waited at a line for long enough, when nothing crosses."""
-        config = self.config
-        if speed > _STANDS or light.station - front > config.stop_before + _SAME:
-            self._stood = None
-            return
-        self._stood = time if self._stood is None else self._stood
-        if time - self._stood >= config.stand_time - 1e-6 and free(light.station):
-            self._released = True
-
     def _choose(self, light: TrafficLight, front: float, speed: float) -> None:
-        """Chooses to stop where it is possible; the choice to stop lasts."""
+        """Chooses to stop where it is possible, and the deceleration."""
         config = self.config
         red = light.state in (LightState.RED, LightState.STOP)
         room = light.station - front
@@ -156,6 +144,7 @@ class LightStop:
             self._deceleration = max(self._deceleration, wanted)
 
     def _stop(self, light: TrafficLight, front: float, speed: float) -> LightDemand:
+        """The demand to stop, or to arrive slowly if the change to green is known."""
         config = self.config
         stop = light.station - config.stop_before
         room = stop - front
@@ -169,9 +158,9 @@ class LightStop:
         return LightDemand(stop, self._deceleration, math.inf, reason)
 
     def _arriving(self, light: TrafficLight, room: float, speed: float) -> float:
-        """Speed with which the truck arrives some time after the change; 0 where there is none.
+        """Speed with which the truck arrives some time after the change [m/s]; 0 for none.
 
-        Braked at `b` to the speed `v - u`, then kept: `room = (v - u) T + u^2 / (2 b)`.
+        It brakes at `b` to the speed `v - u` and keeps it: `room = (v - u) T + u^2 / (2 b)`.
         """
         config = self.config
         if light.next_switch is None or room <= 0.0:
@@ -189,7 +178,7 @@ def _needed(room: float, speed: float) -> float:
 
 
 def _check(light: TrafficLight) -> None:
-    """Raises InputError for a light that cannot be obeyed."""
+    """Raises InputError for a light with a number that is not finite or an unknown state."""
     times = 0.0 if light.next_switch is None else light.next_switch
     if not (math.isfinite(light.station) and math.isfinite(times)):
         raise InputError(
@@ -201,10 +190,10 @@ def _check(light: TrafficLight) -> None:
 
 
 class Stops:
-    """Finds the places to stand at, in every cycle.
+    """Finds the places to stop at, in every cycle.
 
     Attributes:
-      light: what the next light demands; bend_reason: why the truck waits before a bend.
+      light: demand of the next light; bend_reason: of waiting before a bend, or "".
     """
 
     def __init__(
@@ -217,7 +206,7 @@ class Stops:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets choices and waits."""
+        """Clears choices and waits."""
         self._line.reset()
         self.bends.reset()
         self.light = LightDemand()
@@ -228,7 +217,7 @@ class Stops:
     def look(
         self, scene: Scene, path: LanePath, cap: FloatArray, change: Change | None
     ) -> FloatArray:
-        """Finds all places but the lane's end; returns the bound on the speed with that of bends.
+        """Finds all places but the lane's end; returns the bound on the speed, bends included.
 
         Args:
           scene: the truck, the traffic and the signs.
@@ -248,9 +237,9 @@ class Stops:
         return cap
 
     def nearest(
-        self, scene: Scene, path: LanePath, cap: FloatArray, *, waits: bool
+        self, scene: Scene, path: LanePath, cap: FloatArray, waits: bool
     ) -> tuple[float, float, FloatArray]:
-        """Where the steer axle stops next [m], how hard to brake [m/s2], bound on the speed.
+        """Station of the steer axle's next stop [m], its deceleration [m/s2], bound on the speed.
 
         Args:
           scene: the truck.
@@ -258,7 +247,7 @@ class Stops:
           cap: bound on the speed so far, shape of path.station [m/s].
           waits: the lane ends and the next one is not free yet.
         """
-        (stop, deceleration), *further = self._places(scene, path, waits=waits)
+        (stop, deceleration), *further = self._places(scene, path, waits)
         for place, braking in further:
             left = np.maximum(place - path.station, 0.0)
             cap = np.minimum(cap, np.sqrt(2.0 * braking * left))
@@ -272,7 +261,7 @@ class Stops:
         return stop, deceleration, cap
 
     def holds(self, stop: float, ego: EgoState) -> bool:
-        """Whether the truck has come to rest at a stop; it then does not creep on."""
+        """Whether the truck has come to rest at a stop and does not creep on."""
         if self._held is not None and stop > self._held + HOLD_REACH:
             self._held = None
         left = stop - ego.station
@@ -281,8 +270,8 @@ class Stops:
             self._held = stop
         return self._held is not None
 
-    def _places(self, scene: Scene, path: LanePath, *, waits: bool) -> list[tuple[float, float]]:
-        """Where the steer axle has to stand [m] and how hard to brake for it, nearest first."""
+    def _places(self, scene: Scene, path: LanePath, waits: bool) -> list[tuple[float, float]]:
+        """Stations where the steer axle has to stop [m] with their decelerations [m/s2], sorted."""
         overhang, speed = scene.footprint.front_overhang, self._config.speed
         end = (path.end - speed.stop_gap - overhang, speed.following.preview_deceleration)
         if waits:
@@ -294,7 +283,7 @@ class Stops:
         return sorted(stop for stop in stops if math.isfinite(stop[0])) or [(math.inf, end[1])]
 
     def _keeps_room(self, scene: Scene, path: LanePath, change: Change | None) -> float:
-        """Where the front bumper stops behind a stopped vehicle, to pass it later [m]."""
+        """Station of the front bumper behind a stopped vehicle that the truck passes later [m]."""
         ego, config = scene.ego, self._config.passing
         beside = (path.lane - 1, path.lane + 1)
         usable = [lane for lane in beside if lane in self._config.lanes]
@@ -302,4 +291,9 @@ class Stops:
         if under_way or not any(self._preview.lane_exists(i, ego.station) for i in usable):
             return math.inf
         leader = stopped_leader(scene, path, config, self._config.speed.preview)
-        return stop_behind(leader, ego.speed, scene.neighbors.front, config)
+        if leader is None:
+            return math.inf
+        front = scene.neighbors.front
+        stop = front + leader.gap - config.gap
+        can_stop = stop - front >= ego.speed**2 / (2.0 * config.deceleration) - 1.0
+        return stop if can_stop else math.inf

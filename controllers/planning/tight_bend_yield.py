@@ -1,11 +1,11 @@
-"""Tight bends in which the trailer leaves its lane: slowly, and only when the ground is free.
+"""Tight bends in which the trailer leaves its lane: the truck drives slowly, and waits for others.
 
 Before such a bend the ground that the truck will sweep is compared with every vehicle that is or
-will be there by the time the trailer is through. While it is not free the truck waits before the
-bend, as its driver would. A stopped vehicle counts with the ground under it only. At first the
-truck expects no vehicle to brake for it; the longer it has waited, the harder it expects them to,
-up to a comfortable deceleration, so that turns are taken. In the bend it stops before it touches a
-vehicle that is in its way after all.
+will be there before the trailer has left it. The truck waits before the bend until the ground is
+free. A stopped vehicle occupies the ground under it only. At first the truck expects no vehicle to
+brake for it; the longer it has waited, the harder it expects others to brake, up to a comfortable
+deceleration, so that it does not wait for ever. In the bend it stops before it touches a vehicle
+that is in its way after all.
 """
 
 from __future__ import annotations
@@ -24,43 +24,43 @@ from iits_mj.core.boxes import Boxes
 from iits_mj.core.messages import EgoState, LightState, Scene
 from iits_mj.parameters import TruckParameters
 
-# Bends below this radius are looked at [m].
+# Only bends below this radius count [m].
 _RADIUS = 35.0
-# A body that is beyond its lane by this is in the way of others [m].
+# A body beyond its lane by more than this is in the way of others [m].
 _BEYOND = 0.2
 # Speed in the bend, at which steering is exact and slip is small [m/s].
 BEND_SPEED = 3.0
-# Distance of the places at which the truck is predicted [m].
+# Spacing of the truck's predicted positions [m].
 _STEP = 1.0
-# The stretch before and behind the bend that is swept: behind it the trailer is back in its lane
-# after the truck's length and some more [m].
+# Swept stretch before and behind the bend: the trailer is back in its lane a little more than the
+# truck's length behind it [m].
 _BEFORE, _AFTER = 15.0, 45.0
-# A bend is looked at from this distance [m].
+# The truck responds to a bend from this distance [m].
 _SIGHT = 80.0
 # Room to a moving vehicle and to a stopped one [m].
-_ROOM, _ROOM_STANDING = 0.5, 0.35
-# In the bend [m]: at rest, and more by this with each m/s, up to a bend's speed; it stops so short.
+_ROOM, _ROOM_STOPPED = 0.5, 0.35
+# Room in the bend at rest [m], its increase by speed [s], and distance left by a stop there [m].
 _ROOM_INSIDE, _ROOM_GAIN, _SHORT = 0.1, 0.03, 0.5
 # A vehicle slower than this is stopped [m/s].
-_STANDS = 0.5
-# Deceleration that others are expected to brake with: it rises by this with each second waited
-# [m/s3], up to a gentle one [m/s2]; for a truck that has set out it is more, or it would stop
-# half-way [m/s2]. They react after this time [s].
+_STOPPED = 0.5
+# Deceleration that the truck expects of others: increase by the time waited [m/s3], greatest value
+# before the truck starts and after, when it would otherwise stop half-way [m/s2]; reaction time of
+# others [s].
 _ASKS, _ASKS_MOST, _ASKS_UNDER_WAY, _REACTION = 0.3, 0.75, 2.5, 0.75
-# Acceleration of the truck that sets out [m/s2].
+# Acceleration of the truck when it starts [m/s2].
 _SETS_OUT = 0.5
-# This near to the waiting place a truck with a free way has set out [m].
+# Within this distance of the waiting place a truck with free ground has started [m].
 _NEAR = 2.0
 # Times at which others are predicted in the bend, and before it [s].
 _SOON = np.array([0.0, 0.5, 1.0])
 _TIMES = np.linspace(0.0, 15.0, 31)
 # A stop line this near before the bend is the waiting place, at this distance from the line [m].
 _LINE_NEAR, _TO_LINE = 12.0, 0.5
-# A truck slower than this has come to rest before a stop [m/s].
+# A slower truck has come to rest before a stop [m/s].
 RESTS = 0.3
-# A vehicle that has left this long before the truck comes is not waited for [s].
+# The truck does not wait for a vehicle that leaves the ground this long before it arrives [s].
 _EARLY = 1.0
-# Braking towards the waiting place and the bend's speed, and at most for a vehicle that comes late,
+# Braking towards the waiting place and the bend's speed, and greatest one for a vehicle seen late,
 # positive [m/s2].
 DECELERATION, HARD = 0.8, 2.0
 
@@ -70,7 +70,7 @@ class Sweep:
     """The part of a bend in which the truck's bodies leave the lane.
 
     Attributes:
-      begin: station of the steer axle at which to wait [m].
+      begin: station of the steer axle at the waiting place [m].
       first, last: stations of the steer axle between which a body is beyond the lane [m].
       units: boxes of tractor and trailer from `first` on, a meter apart.
     """
@@ -82,7 +82,7 @@ class Sweep:
 
 
 class TightBends:
-    """The tight bends of a road, and how long the truck has waited before one."""
+    """The tight bends of a road, and the time that the truck has waited before one."""
 
     def __init__(self, preview: RoadPreview, parameters: TruckParameters) -> None:
         self.preview = preview
@@ -99,13 +99,13 @@ class TightBends:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets how long the truck has waited."""
+        """Clears the time waited."""
         self._waited = 0.0
         self._set_out = False
         self._seen: float | None = None
 
     def ahead(self, path: LanePath, ego: EgoState) -> Sweep | None:
-        """The next bend in which the trailer will leave the lane of a path, or is doing so."""
+        """The present or next bend in which the trailer leaves the lane of a path, or None."""
         for begin, over in self._bends:
             if begin - _SIGHT < ego.station < over + _AFTER:
                 key = begin, path.lane
@@ -119,7 +119,7 @@ class TightBends:
     def demand(
         self, scene: Scene, path: LanePath, cap: FloatArray
     ) -> tuple[FloatArray, float, str]:
-        """Bound on the speed, where the steer axle has to stop (or infinity) [m], and why.
+        """Bound on the speed, station of the steer axle's stop [m] or infinity, and the reason.
 
         Args:
           scene: the truck, the traffic and the signs.
@@ -131,19 +131,24 @@ class TightBends:
         if sweep is None:
             self.reset()
             return cap, math.inf, ""
-        cap = np.minimum(cap, self.cap(sweep, path))
+        inside = (path.station > sweep.begin) & (path.station < sweep.last)
+        bound = np.where(inside, BEND_SPEED, 100.0)
+        cap = np.minimum(cap, braking_profile(path.station, bound, DECELERATION))
         if ego.station > sweep.first - ego.speed**2 / (2.0 * HARD):
             return cap, *self._inside(sweep, scene, path)
-        other = self.waits_for(sweep, scene, path)
+        other = self._waits_for(sweep, scene, path)
         light = scene.signals.light
         closed = light is not None and light.state is not LightState.GREEN
-        self._count(scene.time, waits=bool(other) and not closed and ego.speed < RESTS)
+        # Time at a closed light is no time waited for others.
+        if other and not closed and ego.speed < RESTS and self._seen is not None:
+            self._waited += max(scene.time - self._seen, 0.0)
+        self._seen = scene.time
         if light is not None and closed and abs(sweep.begin - light.station) < _LINE_NEAR:
-            # The light's own stop is the exact one: a second stop beside it would only disturb.
+            # The stop of the light itself is the exact one.
             if scene.neighbors.front <= light.station:
                 return cap, math.inf, ""
             if ego.station < sweep.first and ego.speed < RESTS:
-                return cap, ego.station, "standing over the line of a light that is not green"
+                return cap, ego.station, "stopped beyond the line of a light that is not green"
         self._set_out = not other and ego.station > sweep.begin - _NEAR
         if not other:
             return cap, math.inf, ""
@@ -156,14 +161,8 @@ class TightBends:
         stop = max(begin, min(nearest, sweep.first))
         return cap, stop, f"waiting for {other}: the trailer needs its ground in the bend"
 
-    def cap(self, sweep: Sweep, path: LanePath) -> FloatArray:
-        """Bound on the speed for a bend, shape of path.station [m/s]."""
-        inside = (path.station > sweep.begin) & (path.station < sweep.last)
-        bound = np.where(inside, BEND_SPEED, 100.0)
-        return braking_profile(path.station, bound, DECELERATION)
-
-    def waits_for(self, sweep: Sweep, scene: Scene, path: LanePath) -> str:
-        """The vehicle in the way of a bend that the truck has not entered yet, "" for none."""
+    def _waits_for(self, sweep: Sweep, scene: Scene, path: LanePath) -> str:
+        """The vehicle in the way before the truck enters a bend, in words; "" for none."""
         ego = scene.ego
         names, found = self._others(sweep, scene, path)
         if not names:
@@ -175,17 +174,17 @@ class TightBends:
         matters = times >= min(max(enters - _EARLY, 0.0), times[-1])
         for index, name in enumerate(names):
             one = found.one(index)
-            if one.speed[0] < _STANDS:
+            if one.speed[0] < _STOPPED:
                 there = one.ahead(np.zeros(1))
-                if any(unit.touch(there, _ROOM_STANDING).any() for unit in sweep.units):
-                    return f"{name}, which stands in the way"
+                if any(unit.touch(there, _ROOM_STOPPED).any() for unit in sweep.units):
+                    return f"{name}, which has stopped in the way"
                 continue
             for guess in self._guesses(one, times):
                 touched = np.zeros(len(times), dtype=bool)
                 for unit in sweep.units:
                     touched |= unit.touch(guess, _ROOM)[:, :, 0].any(axis=0)
                 if (touched & matters).any() and not self._yields(one, times, touched):
-                    return f"{name}, which comes"
+                    return f"{name}, which approaches"
         return ""
 
     def _yields(self, one: Poses, times: FloatArray, touched: BoolArray) -> bool:
@@ -196,20 +195,14 @@ class TightBends:
         left = float(one.distance(times[first : first + 1])[0, 0]) - _REACTION * speed
         return first > 0 and speed**2 < 2.0 * asks * left
 
-    def _count(self, time: float, *, waits: bool) -> None:
-        """Adds up how long the truck has waited for others, also while lights change."""
-        if waits and self._seen is not None:
-            self._waited += max(time - self._seen, 0.0)
-        self._seen = time
-
     def _inside(self, sweep: Sweep, scene: Scene, path: LanePath) -> tuple[float, str]:
-        """Where the steer axle has to stop in the bend (or infinity) [m], and why."""
+        """Station of the steer axle's stop in the bend [m] or infinity, and the reason."""
         ego = scene.ego
         names, found = self._others(sweep, scene, path)
         if not names:
             return math.inf, ""
         ahead = np.arange(len(sweep.units[0].x)) * _STEP + sweep.first - ego.station
-        # The slower it creeps past a vehicle, the less room it needs.
+        # A slower truck needs less room beside a vehicle.
         room = _ROOM_INSIDE + _ROOM_GAIN * min(ego.speed, BEND_SPEED)
         here = int(np.abs(ahead).argmin())
         soon = (ahead > 0.0) & (ahead < ego.speed**2 / (2.0 * DECELERATION) + 4.0)
@@ -219,14 +212,14 @@ class TightBends:
                 for unit in sweep.units:
                     touched |= unit.touch(guess, room)[:, :, 0].any(axis=1)
                 rows = np.flatnonzero(touched & soon)
-                # Stopping does not help against a vehicle that is at the truck's very place.
+                # Stopping does not help against a vehicle that is already at the truck.
                 if rows.size and not touched[here]:
                     stop = ego.station + max(float(ahead[rows[0]]) - _SHORT, 0.0)
-                    return stop, f"{name} is where the trailer has to go in the bend"
+                    return stop, f"{name} is in the trailer's path in the bend"
         return math.inf, ""
 
     def _guesses(self, one: Poses, times: FloatArray) -> list[Boxes]:
-        """Predicted boxes of a vehicle: as it turns now; an oncoming one also along the road."""
+        """Predicted boxes of a vehicle at its turn rate; of an oncoming one also along the road."""
         guesses = [one.ahead(times)]
         if abs(float(one.to_road[0])) > np.pi - ALONG:
             guesses.append(one.along_road(times, self.preview))
@@ -235,8 +228,7 @@ class TightBends:
     def _others(self, sweep: Sweep, scene: Scene, path: LanePath) -> tuple[list[str], Poses]:
         """Names and poses of the vehicles near a bend that are not in the truck's own lane."""
         neighbors = scene.neighbors
-        near = neighbors.on_level(self.preview)
-        near = near & (np.abs(neighbors.station - sweep.first) < 150.0)
+        near = neighbors.on_level(self.preview) & (np.abs(neighbors.station - sweep.first) < 150.0)
         found = Poses.of(neighbors, near, self.preview)
         own = (np.abs(found.to_road) < ALONG) & (
             np.abs(found.offset - path.offset_at(found.station)) < path.half_width
@@ -245,6 +237,7 @@ class TightBends:
         return names, found.only(~own)
 
     def _sweep(self, path: LanePath, begin: float, over: float) -> Sweep | None:
+        """The part of a bend in which the bodies leave the lane of a path, None for none."""
         first, last = begin - _BEFORE, min(over + _AFTER, self.preview.route.length)
         stations = np.arange(max(first, 0.0), last, _STEP)
         units = bodies_along(self._parameters, self.preview, path, None, stations)

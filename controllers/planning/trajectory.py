@@ -20,10 +20,10 @@ _MOVES = 0.02
 
 @dataclass(frozen=True)
 class Quintic:
-    """`q(s)` on [start, start + length]; before it the start's value, after it zero.
+    """Polynomial `q(s)` on [start, start + length]; constant before it, zero after it.
 
-    It is a function of station, so that the path on the road does not depend on how the speed goes
-    on (Piazzi, Lo Bianco, Bertozzi, Fascioli and Broggi 2002).
+    It is a function of station, so that the path on the road does not depend on the later speed
+    (Piazzi, Lo Bianco, Bertozzi, Fascioli and Broggi 2002).
 
     Attributes:
       start: station [m]; length: [m].
@@ -113,7 +113,7 @@ def shortest_to_zero(
       duration_max: [s].
       length_min: [m], for slow driving.
     """
-    # A bend that exists already cannot be avoided: the limit is at least 5 % above it.
+    # The present bend cannot be avoided: the limit is at least 5 % above it.
     acceleration_max = max(acceleration_max, 1.05 * abs(bend) * speed**2)
     duration = duration_min
     while duration <= duration_max + 1e-9:
@@ -134,7 +134,7 @@ def on_road(
     speed: FloatArray,
     acceleration: FloatArray,
     step: float,
-    urgency: float,
+    urgency: float = 0.0,
 ) -> Trajectory:
     """Trajectory in the map frame: lane path plus quintic over station, with speed over time.
 
@@ -147,7 +147,7 @@ def on_road(
       speed: of shape (n,) [m/s].
       acceleration: of shape (n,) [m/s2].
       step: between points [s].
-      urgency: greatest deceleration that a leader requires, for logs [m/s2].
+      urgency: greatest deceleration that a leader requires, for the log [m/s2].
     """
     slopes, bends = preview.course(path)
     slope = np.interp(station, path.station, slopes)
@@ -161,7 +161,7 @@ def on_road(
     point = preview.route.evaluate(station, offset)
     x, y = np.asarray(point.x), np.asarray(point.y)
     yaw = np.asarray(point.heading) + np.arctan2(slope, stretch)
-    # Where the truck moves, the curvature of its points; else of the offset curve, small angles.
+    # Curvature of the points where the truck moves; else of the offset curve, for small angles.
     bent = _curvature(x, y, yaw, curvature / stretch + bend / stretch**2)
     return Trajectory(
         time=np.asarray(time + step * np.arange(len(station)), dtype=np.float64),
@@ -184,7 +184,7 @@ def _curvature(x: FloatArray, y: FloatArray, yaw: FloatArray, still: FloatArray)
     turns = wrap_angles(yaw[1:] - yaw[:-1])
     moves = ways > _MOVES
     each = np.where(moves, turns / np.maximum(ways, _MOVES), 0.0)
-    # At a point: mean of the pieces before and behind it that have a length.
+    # At a point: mean of the pieces before and after it that have a length.
     pieces = np.zeros((2, len(yaw) + 1))
     pieces[0, 1:-1], pieces[1, 1:-1] = each, moves
     total, count = pieces[:, 1:] + pieces[:, :-1]

@@ -1,7 +1,7 @@
-"""Passes received commands to the truck, or the safe stop's while none arrive.
+"""Passes received commands to the truck, or those of the safe stop while none arrive.
 
-A stop never weakens other braking: an active XBR demand (of an emergency brake assistant, say,
-which still sends) and the driver's brake pedal count beside it.
+A stop never weakens other braking: an active XBR demand, for example of an emergency brake
+assistant that still sends, and the driver's brake pedal count beside it.
 """
 
 from __future__ import annotations
@@ -11,15 +11,13 @@ import enum
 import math
 from dataclasses import dataclass
 
-from controllers.safe_stop.stop import SafeStop, StopPhase
+from controllers.safe_stop.stop import SLACK, SafeStop, StopPhase
 from iits_mj.core.checks import require_positive
 from iits_mj.core.messages import EgoState, VehicleCommand, XbrMode
 
-_SLACK = 1e-6  # [s] in comparisons of times
-
 
 class CommandSource(enum.Enum):
-    """What controls the truck now: commands, the stop, or commands fading in."""
+    """Source of the truck's command: the bus, the stop, or the bus while it fades in."""
 
     COMMANDS = "commands"
     STOP = "stop"
@@ -31,10 +29,10 @@ class FallbackConfig:
     """Settings of the return to commands.
 
     Attributes:
-      return_time: for which commands must arrive without a gap before they count [s].
-      blend_time: over which they fade in [s].
+      return_time: time without a gap in the commands after which they count again [s].
+      blend_time: time over which they fade in [s].
       acknowledge: at standstill, commands count only after one with the accelerator released, so
-        that the truck never starts under a pressed pedal.
+        that the truck never starts with the pedal pressed.
     """
 
     return_time: float = 0.5
@@ -48,12 +46,8 @@ class FallbackConfig:
 class Fallback:
     """Passes commands on, begins a stop when they are lost, and returns when they are back.
 
-    Args:
-      stop: the safe stop.
-      config: settings of the return.
-
     Attributes:
-      source: what controls the truck now; stops: number of stops begun.
+      source: of the command now; stops: number of stops begun.
     """
 
     def __init__(self, stop: SafeStop, config: FallbackConfig | None = None) -> None:
@@ -96,7 +90,8 @@ class Fallback:
                 self._gap = self._obeyed.steering_wheel_angle - received.steering_wheel_angle
             return self._obeyed
         if self.source is CommandSource.RETURNING:
-            share = self._share(ego.time)
+            blend = self.config.blend_time
+            share = min((ego.time - self._returned_at) / blend, 1.0) if blend > 0.0 else 1.0
             self._obeyed = self._blend(received, share)
             if share >= 1.0:
                 self.source = CommandSource.COMMANDS
@@ -122,15 +117,10 @@ class Fallback:
         stands = self.stop.phase is not StopPhase.BRAKING
         if config.acknowledge and stands and not self._acknowledged:
             return False
-        return ego.time - self._back_since >= config.return_time - _SLACK
-
-    def _share(self, time: float) -> float:
-        """Share of the commands in the blend, 0 to 1."""
-        blend = self.config.blend_time
-        return min((time - self._returned_at) / blend, 1.0) if blend > 0.0 else 1.0
+        return ego.time - self._back_since >= config.return_time - SLACK
 
     def _blend(self, received: VehicleCommand, share: float) -> VehicleCommand:
-        """The commands with the fading rest of the stop's braking and of the steering step."""
+        """A share of the commands, 0 to 1, with the rest of the stop's braking and steering."""
         left = 1.0 - share
         braking = -self._left.xbr_demand if self._left.xbr_mode is not XbrMode.OFF else 0.0
         fading = -braking * left

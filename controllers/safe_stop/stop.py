@@ -1,8 +1,8 @@
-"""Safe stop: a smooth stop in the lane that the truck makes by itself without commands.
+"""Safe stop: the truck's smooth stop in its lane without commands.
 
 It uses the truck's state and the road alone: it keeps the lane with the tracking controller's
 steering, brakes all axles by XBR at a moderate, jerk-limited deceleration, reduces it before
-standstill and then sets the parking brake. It does not know the traffic, and brakes harder only
+standstill and then sets the parking brake. It does not know the traffic. It brakes harder only
 where the lane or the road ends sooner.
 """
 
@@ -16,10 +16,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from controllers.planning.lane_change import LaneChangeConfig, quintic_back
+from controllers.planning.config import LaneChangeConfig, PlannerConfig, SpeedConfig
+from controllers.planning.lane_change import BEHIND, quintic_back
 from controllers.planning.road_preview import LanePath, RoadPreview
+from controllers.planning.speed_plan import SpeedState
 from controllers.planning.trajectory import Quintic, on_road
 from controllers.tracking.lateral import USED, LateralConfig, LateralController, check_finite
+from iits_mj.core.angles import wrap_angle
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import require_positive
 from iits_mj.core.errors import InputError
@@ -32,12 +35,13 @@ from iits_mj.core.messages import (
     XbrEbiMode,
     XbrMode,
 )
+from iits_mj.core.timing import CONTROL_PERIOD, CYCLE_PERIOD
 from iits_mj.parameters import TruckParameters
 
 if TYPE_CHECKING:
     from iits_mj.road import Route
 
-_SLACK = 1e-6  # [s] in comparisons of times
+SLACK = 1e-6  # [s] in comparisons of times
 _USED = (*USED, "acceleration", "offset")
 
 
@@ -58,19 +62,12 @@ class StopLimits:
     deceleration_end: float = 0.25
 
     def __post_init__(self) -> None:
-        for name in ("deceleration", "jerk", "jerk_end", "deceleration_end"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and 0.0 < value <= 10.0):
-                raise InputError(f"stop limit {name} = {value!r}: allowed is above 0 to 10")
-        if self.jerk_end > self.jerk:
-            raise InputError(
-                f"stop limit jerk_end = {self.jerk_end!r}: at most jerk = {self.jerk!r}"
-            )
-        if self.deceleration_end > self.deceleration:
-            raise InputError(
-                f"stop limit deceleration_end = {self.deceleration_end!r}: at most "
-                f"deceleration = {self.deceleration!r}"
-            )
+        for name in ("deceleration", "jerk", "deceleration_end", "jerk_end"):
+            value, whole = getattr(self, name), name.removesuffix("_end")
+            most = 10.0 if name == whole else getattr(self, whole)
+            if not 0.0 < value <= most:
+                bound = f"{most:g}" if name == whole else f"{whole} = {most:g}"
+                raise InputError(f"stop limit {name} = {value!r}: allowed is above 0 to {bound}")
 
     def wanted(self, speed: float) -> float:
         """Wanted acceleration at a speed [m/s2], zero or negative.
@@ -96,20 +93,19 @@ class SafeStopConfig:
     Attributes:
       limits: deceleration and jerk, see `StopLimits`.
       deceleration_max: greatest, where lane or road end too soon for the limits [m/s2].
-      look_ahead: time for which the sideways motion is extrapolated to choose the lane [s].
+      look_ahead: time of the lateral extrapolation that chooses the lane [s].
       off_center: distance from the lane's middle beyond which a transition curve leads back [m].
-      stop_gap: left before the end of lane or road, from the front bumper [m].
+      stop_gap: from the front bumper to the end of lane or road [m].
       resync_speed: greatest difference of the plan's speed from the truck's [m/s].
-      speed_gain: deceleration added for a speed above the plan's [1/s].
-      lead_time: by which the planned deceleration is demanded earlier, for the brakes' lag [s].
+      speed_gain: added deceleration by a speed above the plan's [1/s].
+      lead_time: lead of the demand over the planned deceleration, for the brakes' lag [s].
       hold_demand: XBR demand at standstill [m/s2].
       neutral_speed: speed below which the driveline is open, so that no gear change disturbs the
         stop [m/s].
       standing_speed: speed below which the truck counts as stopped [m/s].
-      standing_time: at standstill before the parking brake is set [s].
-      parking_time: for which the service brakes hold while the parking brake acts [s].
-      horizon: of the plan [s]; step: of its points [s]; plan_period: between plans [s].
-      control_period: between commands [s], the step of `lateral`.
+      standing_time: at standstill until the parking brake is set [s].
+      parking_time: during which the service brakes hold until the parking brake acts [s].
+      horizon: of the plan [s]; step: of its points [s].
       preview: range ahead of lane and road [m].
       change: lateral limits of the way back to the lane's middle.
       lateral: settings of the steering.
@@ -119,8 +115,8 @@ class SafeStopConfig:
     deceleration_max: float = 4.0
     look_ahead: float = 1.0
     off_center: float = 0.2
-    stop_gap: float = 3.0
-    resync_speed: float = 0.5
+    stop_gap: float = SpeedConfig.stop_gap
+    resync_speed: float = PlannerConfig.resync_speed
     speed_gain: float = 0.5
     lead_time: float = 0.3
     hold_demand: float = 1.5
@@ -130,8 +126,6 @@ class SafeStopConfig:
     parking_time: float = 2.0
     horizon: float = 4.0
     step: float = 0.1
-    plan_period: float = 0.1
-    control_period: float = 0.02
     preview: float = 500.0
     change: LaneChangeConfig = field(default_factory=LaneChangeConfig)
     lateral: LateralConfig = field(default_factory=LateralConfig)
@@ -149,11 +143,6 @@ class SafeStopConfig:
 class SafeStop:
     """Stops the truck in its lane and parks it; the first `command` begins the stop.
 
-    Args:
-      route: the truck's road.
-      parameters: of the truck; default: the shipped one.
-      config: settings.
-
     Attributes:
       phase: of the stop; lane: index of the kept lane, -1 before the stop begins.
       trajectory: the tracked one, None before the stop begins.
@@ -165,6 +154,7 @@ class SafeStop:
         parameters: TruckParameters | None = None,
         config: SafeStopConfig | None = None,
     ) -> None:
+        """Makes the stop for a route; the default parameters are those of the shipped truck."""
         self.config = config or SafeStopConfig()
         self.preview = RoadPreview(route)
         parameters = parameters or TruckParameters.load()
@@ -202,9 +192,8 @@ class SafeStop:
 
         Args:
           ego: the truck.
-          last: command before the stop, used when it begins: its selector, driver's brake pedal and
-            parking brake stay, and the stop is not weaker than its XBR demand, up to
-            `deceleration_max`.
+          last: command before the stop. Its selector, driver's brake pedal and parking brake stay,
+            and the stop is at least as strong as its XBR demand, up to `deceleration_max`.
 
         Raises:
           InputError: a value of the state that the stop uses is not finite.
@@ -212,9 +201,9 @@ class SafeStop:
         check_finite(ego, _USED)
         if self.trajectory is None:
             self._begin(ego, last)
-        elif ego.time - self._commanded_at < self.config.control_period - _SLACK:
+        elif ego.time - self._commanded_at < CONTROL_PERIOD - SLACK:
             return self._command
-        if ego.time - self._planned_at >= self.config.plan_period - _SLACK:
+        if ego.time - self._planned_at >= CYCLE_PERIOD - SLACK:
             self._plan(ego)
         assert self.trajectory is not None
         self._stand(ego)
@@ -250,7 +239,7 @@ class SafeStop:
             return 0.0
         heading = float(self.preview.route.evaluate(ego.station, ego.offset).heading)
         course = ego.yaw + math.atan2(ego.lateral_speed, ego.speed) - heading
-        return math.tan(min(max(math.remainder(course, math.tau), -0.3), 0.3))
+        return math.tan(min(max(wrap_angle(course), -0.3), 0.3))
 
     def _bend(self, ego: EgoState) -> float:
         """Curvature of the motion against the road's [1/m]."""
@@ -260,9 +249,10 @@ class SafeStop:
         return min(max(ego.yaw_rate / ego.speed - road, -0.003), 0.003)
 
     def _follow(self, ego: EgoState, lane: int) -> LanePath:
-        path = self.preview.follow(max(lane, 0), ego.station, self.config.preview, 150.0)
+        """The path of a lane around the truck."""
+        path = self.preview.follow(max(lane, 0), ego.station, self.config.preview, BEHIND)
         if not np.isfinite(path.offset).all():
-            # A road without a lane: parallel to its reference line.
+            # On a road without lanes the truck stops parallel to the reference line.
             path = dataclasses.replace(path, offset=np.full_like(path.offset, self._kept))
         self._middle = float(path.offset_at(ego.station))
         return path
@@ -270,49 +260,40 @@ class SafeStop:
     def _plan(self, ego: EgoState) -> None:
         """A trajectory along the lane, from the last plan's speed or the truck's."""
         config = self.config
-        # Lanes that begin or end on the right shift the indices: the middle identifies the lane.
+        # The middle identifies the lane: lanes that begin or end on the right shift the indices.
         self.lane = self.preview.nearest_lane(ego.station, self._middle)
         path = self._follow(ego, self.lane)
         start = self._start(ego)
         room = path.end - config.stop_gap - self._overhang - ego.station
         limits = self._sooner(start, room)
         steps = round(config.horizon / config.step)
-        station, speed, acceleration = roll_to_stop(start, limits, steps, config.step)
-        planned = on_road(
-            self.preview,
-            path,
-            self._residual,
-            ego.time,
-            station,
-            speed,
-            acceleration,
-            config.step,
-            0.0,
-        )
+        rolled = roll_to_stop(start, limits, steps, config.step)
+        planned = on_road(self.preview, path, self._residual, ego.time, *rolled, config.step)
         self.trajectory = dataclasses.replace(
             planned, mode=PlanMode.EMERGENCY, reason="stop in lane", target_lane=self.lane
         )
         self._planned_at = ego.time
 
-    def _start(self, ego: EgoState) -> StopStart:
-        """State of the last plan now, limited to near the truck's."""
+    def _start(self, ego: EgoState) -> SpeedState:
+        """State of the last plan now, held near the truck's."""
         last, reach = self.trajectory, self.config.resync_speed
         if last is None or not last.time[0] <= ego.time <= last.time[-1]:
             begin = min(max(ego.acceleration, -self._limits.deceleration), 0.5)
-            return StopStart(ego.station, ego.speed, begin)
+            return SpeedState(ego.station, ego.speed, begin)
         speed = float(np.interp(ego.time, last.time, last.speed))
         acceleration = float(np.interp(ego.time, last.time, last.acceleration))
         speed = min(max(speed, ego.speed - reach), ego.speed + reach)
-        return StopStart(ego.station, max(speed, 0.0), acceleration)
+        return SpeedState(ego.station, max(speed, 0.0), acceleration)
 
-    def _sooner(self, start: StopStart, room: float) -> StopLimits:
+    def _sooner(self, start: SpeedState, room: float) -> StopLimits:
         """Limits that stop the truck within a distance [m], as far as allowed."""
         if stop_distance(start.speed, start.acceleration, self._limits) <= room:
             return self._limits
-        # The build-up of the brakes takes more than v^2 / 2 s.
+        # The brakes need time to build up, hence more than v^2 / 2 s.
         return self._at_least(1.15 * start.speed**2 / (2.0 * max(room, 0.1)))
 
     def _at_least(self, deceleration: float) -> StopLimits:
+        """The limits with a greater deceleration, as far as allowed."""
         most = self.config.deceleration_max
         wanted = min(max(deceleration, self._limits.deceleration), most)
         jerk = self._limits.jerk * wanted / self._limits.deceleration
@@ -330,7 +311,7 @@ class SafeStop:
         if self.phase is StopPhase.BRAKING:
             self.phase = StopPhase.STANDING
         still = ego.time - self._still_since
-        if self.phase is StopPhase.STANDING and still >= config.standing_time - _SLACK:
+        if self.phase is StopPhase.STANDING and still >= config.standing_time - SLACK:
             self.phase = StopPhase.PARKED
 
     def _brake(self, ego: EgoState, trajectory: Trajectory) -> None:
@@ -346,7 +327,7 @@ class SafeStop:
                 wanted = max(wanted, self._limits.deceleration_end)
         else:
             wanted = config.hold_demand
-        reach = 2.0 * self._limits.jerk * config.control_period
+        reach = 2.0 * self._limits.jerk * CONTROL_PERIOD
         wanted = min(max(wanted, self._demand - reach), self._demand + reach)
         self._demand = min(max(wanted, 0.0), config.deceleration_max)
 
@@ -372,17 +353,8 @@ class SafeStop:
         return dataclasses.replace(parked, xbr_demand=0.0, xbr_mode=XbrMode.OFF)
 
 
-@dataclass(frozen=True, slots=True)
-class StopStart:
-    """Initial state of a stop's plan: station [m], speed [m/s], acceleration [m/s2]."""
-
-    station: float
-    speed: float
-    acceleration: float
-
-
 def roll_to_stop(
-    start: StopStart, limits: StopLimits, steps: int, step: float
+    start: SpeedState, limits: StopLimits, steps: int, step: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Station, speed and acceleration of a stop at steps + 1 times from now on.
 
@@ -397,7 +369,7 @@ def roll_to_stop(
     reach = limits.jerk * step
     for k in range(steps + 1):
         if k:
-            # A stop within the step: only the distance up to it.
+            # If the truck stops within the step, it moves only until then.
             stays = v + a * step > 0.0
             s += v * step + 0.5 * a * step**2 if stays else 0.5 * v * step
             v = max(v + a * step, 0.0)

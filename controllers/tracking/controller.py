@@ -13,6 +13,8 @@ from iits_mj.parameters import TruckParameters
 if TYPE_CHECKING:
     from iits_mj.road import Route
 
+_USED = (*USED, "engine_speed", "engine_torque")
+
 
 @dataclass(frozen=True)
 class TrackingConfig:
@@ -44,7 +46,7 @@ class Tracker:
         self.longitudinal = LongitudinalController(self.parameters, self.config.longitudinal)
 
     def reset(self) -> None:
-        """Forgets everything but the gains."""
+        """Clears everything but the gains."""
         self.lateral.reset()
         self.longitudinal.reset()
 
@@ -59,13 +61,10 @@ class Tracker:
         return replace(command, steering_wheel_angle=self.lateral.steer(ego, trajectory))
 
     def grade(self, ego: EgoState) -> float:
-        """Grade under the combination, tractor and trailer weighted by mass."""
+        """Grade under the combination, rise over run, tractor and trailer weighted by mass."""
         tractor, trailer = self.parameters.tractor, self.parameters.semitrailer
         behind = self.parameters.fifth_wheel.position + trailer.cg_position
         share = tractor.mass / max(ego.mass, tractor.mass)
         front = float(self.route.smoothed_grade(ego.station - tractor.cg_position))
         rear = float(self.route.smoothed_grade(ego.station - behind))
         return share * front + (1.0 - share) * rear
-
-
-_USED = (*USED, "engine_speed", "engine_torque")

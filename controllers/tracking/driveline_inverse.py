@@ -88,12 +88,12 @@ def xbr_deceleration(
     The demand is the deceleration of the truck, as SPN 2920 defines it. Brake control applies it
     as on a level road and corrects it by the measured deceleration, by at most
     `correction_max + correction_share * demand` and at most by the demand itself. On a descent,
-    where braking keeps the speed, that is not enough for a demand near zero: the demand is then the
-    least one whose correction reaches the level.
+    where braking only holds the speed, this is not enough for a demand near zero: the demand is
+    then the least one whose correction reaches the level.
 
     Args:
-      deceleration: of the truck along the road, positive when it slows.
-      level: deceleration that the whole braking force would give on the level.
+      deceleration: of the truck along the road, positive when it slows down [m/s2].
+      level: deceleration by the whole braking force on a level road [m/s2].
       correction_max: bound of brake control's correction [m/s2].
       correction_share: increase of that bound by the demand [1].
     """
@@ -102,11 +102,7 @@ def xbr_deceleration(
 
 
 class DrivelineInverse:
-    """Static inverse of engine and driveline, and the truck's resistances.
-
-    Args:
-      parameters: of the truck.
-    """
+    """Static inverse of engine and driveline, and the truck's resistances."""
 
     def __init__(self, parameters: TruckParameters) -> None:
         self.parameters = parameters
@@ -182,7 +178,7 @@ class DrivelineInverse:
     def endurance(
         self, speed: float, engine_speed: float, gear: int, engaged: bool
     ) -> EnduranceForces:
-        """Forces of drag, engine brake and retarder at the wheels; losses add to them.
+        """Forces of drag, engine brake and retarder at the wheels, increased by losses.
 
         Args:
           speed: of the truck [m/s].
@@ -209,13 +205,13 @@ class DrivelineInverse:
         low, high = speeds[row], speeds[row + 1]
         share = min(max((engine_speed - low) / (high - low), 0.0), 1.0)
         rest, drag = 1.0 - share, self.drag_torque(engine_speed)
-        # Over the first travel of the pedal overrun turns into traction.
+        # Over the first travel of the pedal, overrun changes to traction.
         most, rising = -math.inf, []
         columns = self._map_torques[row], self._map_torques[row + 1], self._fade, self._rise
         for below, above, fade, rise in zip(*columns, strict=True):
             most = max(most, fade * (rest * below + share * above + drag) - drag)
             rising.append(most + rise)
-            # Larger torques do not matter.
+            # Larger torques do not change the result.
             if rising[-1] > torque:
                 break
         return interpolate(torque, rising, self._pedals)

@@ -4,9 +4,9 @@ State feedback with preview of curvature and with the observed disturbance, see 
 gains are computed once per mass. A slow integral removes the remaining error; `SteeringPlay` then
 inverts the play of the steering gear.
 
-The model is one of small angles. Tight turns are expressed in its terms by what is exact in a
-steady turn without tire slip: `sin(delta) = L r / V`, course `psi + asin(w / V)`, with V the speed
-of the steer axle.
+The model is one of small angles. In tight turns the controller uses the relations that are exact in
+a steady turn without tire slip: `sin(delta) = L r / V`, course `psi + asin(w / V)`, with V the
+speed of the steer axle.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from controllers.tracking.lateral_model import LateralModel
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Trajectory
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.parameters import Steering, TruckParameters
 
 # Change of mass at which the gains are computed again [kg].
@@ -69,7 +70,7 @@ class PathView:
         places, yaws, xs, ys = self._places, self._yaws, self._x, self._y
         row = min(max(bisect_right(places, ego.station) - 1, 0), len(places) - 2)
         start, end = places[row], places[row + 1]
-        # Beyond its ends the path continues straight.
+        # The path continues straight beyond its ends.
         way = ego.station - start
         share = way / (end - start) if end > start else 0.0
         held = min(max(share, 0.0), 1.0)
@@ -86,7 +87,7 @@ class PathView:
     def curvature(self, stations: FloatArray) -> FloatArray:
         """Mean curvature [1/m] between rising stations of shape (n + 1,); shape (n,).
 
-        It is the change of heading over distance; the last curvature holds beyond the path's end.
+        It is the change of heading over distance; beyond the path's end the last curvature holds.
         """
         yaw = np.interp(stations, self.station, self.yaw)
         end, curvature = self._last
@@ -96,24 +97,24 @@ class PathView:
 
 
 class DisturbanceObserver:
-    """Estimates the lateral disturbance: wind, cross slope, model error; called every step.
+    """Estimates the lateral disturbance by wind, cross slope and model error; one call per step.
 
-    The truck's lateral motion is compared with the prediction of the linear model one step ago. The
+    It compares the truck's lateral motion with the prediction of the linear model one step ago. The
     difference, as three accelerations of (lateral speed, yaw rate, trailer yaw rate), passes a
-    first-order filter (disturbance observer, Ohnishi 1987). A gust shows in the yaw rates long
+    first-order filter (disturbance observer, Ohnishi 1987). A gust appears in the yaw rates long
     before the truck leaves its path.
 
     Attributes:
       value: the estimate, (3,) [m/s2, rad/s2, rad/s2].
     """
 
-    def __init__(self, time: float, step: float) -> None:
-        """Filters with a time constant `time` [s], called every `step` [s]."""
-        self._share = 1.0 - float(np.exp(-step / time))
+    def __init__(self, time: float) -> None:
+        """Filters with a time constant `time` [s]."""
+        self._share = 1.0 - float(np.exp(-CONTROL_PERIOD / time))
         self.reset()
 
     def reset(self) -> None:
-        """Forgets the estimate and the prediction."""
+        """Clears the estimate and the prediction."""
         self.value = np.zeros(3)
         self._expected: FloatArray | None = None
 
@@ -131,19 +132,19 @@ class DisturbanceObserver:
         return self.value
 
     def rest(self) -> None:
-        """Forgets the prediction and lets the estimate decay, for steps without steering."""
+        """Clears the prediction and lets the estimate decay, for steps without steering."""
         self._expected = None
         self.value = (1.0 - self._share) * self.value
 
 
 class SteeringPlay:
-    """Inverse of the steering gear's play; one call every control step.
+    """Inverse of the steering gear's play; one call per control step.
 
     The gear's output follows the steering wheel only while one of the two flanks of its play is in
-    contact; on a reversal the wheel must cross the play first while the road wheels rest. Crossing
-    at every small reversal would make the wheel jump to and fro in a long bend. So the wheel stays
-    on its flank until the angle missing on the other side is large enough, and then crosses at a
-    steady rate. The inverse of play is that of Tao and Kokotovic (1996), with hysteresis and a
+    contact; on a reversal the wheel must first cross the play while the road wheels rest. Crossing
+    at every small reversal would make the wheel jump to and fro in a long bend. The wheel therefore
+    stays on its flank until the missing angle on the other side is large enough, and then crosses
+    at a steady rate. The inverse of play is that of Tao and Kokotovic (1996), with hysteresis and a
     bounded rate.
 
     Args:
@@ -157,16 +158,16 @@ class SteeringPlay:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets the state of the gear."""
+        """Clears the state of the gear."""
         self._output: float | None = None
         self._flank = 1.0
         self._wheel = 0.0
 
     def follow(self, wheel: float, road_wheel: float) -> float:
-        """Follows the gear's output, on the steering wheel's side [rad].
+        """Updates and returns the gear's output on the steering wheel's side [rad].
 
-        The measured wheel drags it along within the play. The first call reads it from the road
-        wheels, whose compliance would disturb it later.
+        The measured wheel drags the output along within the play. Only the first call reads it from
+        the road wheels, whose compliance would disturb it later.
 
         Args:
           wheel: angle of the steering wheel as measured [rad].
@@ -180,13 +181,12 @@ class SteeringPlay:
         self._output = min(max(self._output, wheel - half), wheel + half)
         return self._output
 
-    def turn(self, demand: float, gain: float, step: float) -> float:
+    def turn(self, demand: float, gain: float) -> float:
         """Steering wheel angle [rad] that brings the gear's output to the demand.
 
         Args:
           demand: of the road wheels' angle [rad].
           gain: lateral acceleration by road wheel angle, steady [m/s2 per rad].
-          step: since the last call [s].
         """
         config, ratio = self.config, self.steering.ratio
         half = 0.5 * self.steering.dead_band
@@ -198,7 +198,7 @@ class SteeringPlay:
         # The wheel never moves off its flank toward the play.
         target = output + self._flank * (max(missing * self._flank, 0.0) + half)
         contact = output + self._flank * half
-        reach = config.crossing_rate * step
+        reach = config.crossing_rate * CONTROL_PERIOD
         crossed = (contact - self._wheel) * self._flank
         if crossed > reach:
             self._wheel += self._flank * reach
@@ -221,18 +221,18 @@ class LateralController:
         self.config = config = config or LateralConfig()
         self._mass = math.nan
         self._gains: LateralGains | None = None
-        count = round(config.preview_time / config.step) + 1
+        count = round(config.preview_time / CONTROL_PERIOD) + 1
         self._ages: FloatArray = np.linspace(0.0, config.preview_time, count)
         # Sine of the road wheels' greatest angle.
         self._most = math.sin(parameters.steering.angle_max / parameters.steering.ratio)
-        self._steady_share = 1.0 - math.exp(-config.step / config.steady_time)
-        self._near = max(1, round(2.0 * config.lag / config.step))
+        self._steady_share = 1.0 - math.exp(-CONTROL_PERIOD / config.steady_time)
+        self._near = max(1, round(2.0 * config.lag / CONTROL_PERIOD))
         self._play = SteeringPlay(parameters.steering, config.play)
-        self._observer = DisturbanceObserver(config.disturbance_time, config.step)
+        self._observer = DisturbanceObserver(config.disturbance_time)
         self.reset()
 
     def reset(self) -> None:
-        """Forgets everything but the gains."""
+        """Clears everything but the gains."""
         self.error = 0.0
         self._demand: float | None = None
         self._integral = 0.0
@@ -273,17 +273,13 @@ class LateralController:
         near = float(np.add.reduce(ahead[: self._near])) / self._near
         self._lasting += self._steady_share * (push - self._lasting)
         steady = speed**2 * near / gains.response + float(gains.balance @ self._lasting)
-        self._wheel = self._play.turn(
-            math.asin(self._quieted(steady, gains)), gains.response, config.step
-        )
+        self._wheel = self._play.turn(math.asin(self._quieted(steady, gains)), gains.response)
         return self._wheel
 
     def _quieted(self, steady: float, gains: Gains) -> float:
-        """The demand without corrections that are too small to cross the play for.
+        """Sine of the demand without corrections that are too small for a crossing of the play.
 
-        Args:
-          steady: angle for the path and the disturbance alone [rad].
-          gains: at the present speed.
+        `steady` is the sine of the angle for the path and the disturbance alone.
         """
         beyond = (self._demand or 0.0) - steady
         idle = min(self.config.idle_angle, self.config.idle_acceleration / gains.response)
@@ -294,10 +290,10 @@ class LateralController:
         """Advances the demanded angle, within the limits of the gear, and the integral."""
         config, steering = self.config, self.parameters.steering
         limit = steering.rate_max / steering.ratio
-        demand = (self._demand or 0.0) + min(max(rate, -limit), limit) * config.step
+        demand = (self._demand or 0.0) + min(max(rate, -limit), limit) * CONTROL_PERIOD
         self._demand = min(max(demand, -self._most), self._most)
         if abs(self.error) < config.integral_error_max and speed > 2.0:
-            grown = self._integral + error * config.step
+            grown = self._integral + error * CONTROL_PERIOD
             self._integral = min(max(grown, -config.integral_max), config.integral_max)
 
     def _trust(self, speed: float) -> float:
@@ -313,18 +309,14 @@ class LateralController:
         return self._gains
 
 
-def check_finite(ego: EgoState, names: tuple[str, ...] = USED) -> None:
-    """Checks values of a state.
-
-    Raises:
-      InputError: one of them is not finite.
-    """
+def check_finite(ego: EgoState, names: tuple[str, ...]) -> None:
+    """Raises InputError unless the named values of a state are finite."""
     if all(map(math.isfinite, _reader(names)(ego))):
         return
     for name in names:
         value = getattr(ego, name)
         if not math.isfinite(value):
-            raise InputError(f"ego state: {name} is {value}: must be finite")
+            raise InputError(f"state of the truck: {name} is {value}: must be finite")
 
 
 @functools.cache

@@ -7,7 +7,6 @@ of the observed disturbance, assumed to last. One Riccati equation per speed giv
 
 from __future__ import annotations
 
-import math
 from bisect import bisect
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
@@ -18,7 +17,9 @@ from scipy.linalg import solve_discrete_are
 
 from controllers.tracking.lateral_model import STATES, LateralModel
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.checks import require_positive
 from iits_mj.core.errors import InputError
+from iits_mj.core.timing import CONTROL_PERIOD
 
 
 @dataclass(frozen=True)
@@ -46,18 +47,19 @@ class LateralConfig:
       articulation_weight: on the articulation rate [s2/rad2].
       integral_weight: on the integral of the offset [1/(m2 s2)].
       rate_weight: on the rate of the road wheel angle [s2/rad2].
-      rate_speed: below it that weight falls with the fourth power of speed, as the path responds
-        with the square [m/s]; rate_weight_min: its least value [s2/rad2].
-      preview_time: of curvature [s]; step: of the controller [s].
+      rate_speed: below it `rate_weight` falls with the fourth power of speed, since the path
+        responds with the square [m/s]; rate_weight_min: its least value [s2/rad2].
+      preview_time: of curvature [s].
       lag: steering and tire relaxation [s].
       speed_grid: [m/s], rising.
       disturbance_time: time constant of the disturbance's estimate [s].
       steady_time: time constant of the lasting disturbance [s].
-      disturbance_speed: it counts from the first of these speeds on, fully from the second [m/s].
-      idle_acceleration: lateral acceleration of a correction that is left out [m/s2].
+      disturbance_speed: above the first of these speeds the disturbance counts, above the second
+        fully [m/s].
+      idle_acceleration: lateral acceleration of the greatest omitted correction [m/s2].
       idle_angle: the same as road wheel angle, at low speed [rad].
       error_max: greatest offset in the feedback [m].
-      integral_error_max: offset beyond which the integral rests [m].
+      integral_error_max: offset above which the integral does not change [m].
       integral_max: [m s].
       speed_min: speed below which the wheel is held [m/s].
       play: see `PlayConfig`.
@@ -74,7 +76,6 @@ class LateralConfig:
     rate_speed: float = 12.0
     rate_weight_min: float = 0.1
     preview_time: float = 2.0
-    step: float = 0.02
     lag: float = 0.12
     speed_grid: tuple[float, ...] = (1.0, 2.0, 4.0, 7.0, 10.0, 13.0, 16.0, 19.0, 22.0, 25.0, 28.0)
     disturbance_time: float = 0.18
@@ -89,15 +90,12 @@ class LateralConfig:
     play: PlayConfig = field(default_factory=PlayConfig)
 
     def __post_init__(self) -> None:
-        for entry in fields(self):
-            value = getattr(self, entry.name)
-            if isinstance(value, float) and not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"steering: {entry.name} = {value}: must be positive and finite")
+        require_positive(self, *(entry.name for entry in fields(self) if entry.type == "float"))
         grid = np.array(self.speed_grid)
         if not (len(grid) > 1 and grid[0] > 0.0 and np.all(np.diff(grid) > 0.0)):
             raise InputError(
-                f"steering: speed_grid = {self.speed_grid}: at least two positive, rising speeds "
-                "are needed"
+                f"LateralConfig: speed_grid is {self.speed_grid}: at least two positive, rising "
+                "speeds are needed"
             )
 
 
@@ -109,7 +107,7 @@ class Gains(NamedTuple):
       preview: of the curvatures ahead, (n,).
       disturbance: of the three disturbing accelerations, (3,).
       motion: (w, r, r_t) a step later as a product with (w, r, r_t, articulation, delta), (3, 5).
-      blame: disturbing accelerations by the prediction error of (w, r, r_t), (3, 3).
+      blame: disturbing accelerations from the prediction error of (w, r, r_t), (3, 3).
       balance: road wheel angle that holds a disturbance on a straight path, (3,).
       response: steady lateral acceleration by road wheel angle [m/s2 per rad].
     """
@@ -146,7 +144,7 @@ class LateralGains:
 
 
 def _design(model: LateralModel, speed: float, config: LateralConfig) -> Gains:
-    a, b, e, disturb = model.discrete(speed, config.step)
+    a, b, e, disturb = model.discrete(speed, CONTROL_PERIOD)
     share = min(1.0, speed / config.rate_speed) ** 4
     rate = np.array([[max(config.rate_weight * share, config.rate_weight_min)]])
     riccati = solve_discrete_are(a, b, state_weight(speed, config), rate)
@@ -155,7 +153,7 @@ def _design(model: LateralModel, speed: float, config: LateralConfig) -> Gains:
     closed = (a - b @ gain).T
     # Preview: u = -K x - sum_k inv B' (Acl')^k P E kappa_k.
     row, term = [], riccati @ e
-    for _ in range(round(config.preview_time / config.step)):
+    for _ in range(round(config.preview_time / CONTROL_PERIOD)):
         row.append((inverse @ b.T @ term).item())
         term = closed @ term
     # The last curvature is assumed to last beyond the preview, the disturbance from now on.
@@ -166,7 +164,7 @@ def _design(model: LateralModel, speed: float, config: LateralConfig) -> Gains:
         feedback=gain[0],
         preview=np.array(row),
         disturbance=lasting[0],
-        # The measured angle stays over a step, as if it were demanded, too.
+        # Over a step the road wheel angle stays at its measured value.
         motion=np.column_stack([a[:3, :4], a[:3, 6] + a[:3, 7]]),
         blame=np.asarray(np.linalg.inv(disturb[:3]), dtype=float),
         balance=model.balance(speed),

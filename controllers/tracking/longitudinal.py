@@ -2,11 +2,11 @@
 
 Feed-forward of acceleration, grade, rolling and air through the inverse powertrain, plus a slow
 integral. Accelerator, coasting, endurance brakes and friction alternate with hysteresis and dwell
-times, so that they never chatter. Where the plan asks for about the engine's drag the truck coasts
+times, so that they do not chatter. Where the plan needs about the engine's drag, the truck coasts
 in gear and ignores small errors of speed: correcting them by accelerator and engine brake in turn
 costs fuel and gear changes. For the same reason the pedal moves too slowly for a kick-down, unless
-much speed is to be gained. Engine brake, then retarder, hold the speed on a descent, each by its
-own TSC1; an XBR demand that may use both adds what they lack. At standstill the brakes hold.
+the truck has to gain much speed. Engine brake, then retarder, hold the speed on a descent, each by
+its own TSC1; an XBR demand that may use both adds the missing force. At standstill the brakes hold.
 """
 
 from __future__ import annotations
@@ -22,14 +22,15 @@ from controllers.tracking.driveline_inverse import (
     xbr_deceleration,
 )
 from iits_mj.core.messages import EgoState, Trajectory, VehicleCommand, XbrEbiMode, XbrMode
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 
-_SURELY = 0.99  # share of the gearbox's thresholds that is surely below them
+_SURELY = 0.99  # share of the gearbox's thresholds that does not reach them
 
 
 class Phase(enum.Enum):
-    """What controls the speed: engine, its drag, endurance brakes, friction too, or standstill."""
+    """Actuator of the speed: engine, its drag, endurance brakes, friction too, or standstill."""
 
     DRIVE = "drive"
     COAST = "coast"
@@ -46,7 +47,6 @@ class LongitudinalConfig:
     Attributes:
       speed_gain: [1/s]; integral_gain: [1/s2]; integral_max: [m/s2].
       lead_time: by which the planned acceleration is applied earlier, for lags [s].
-      step: of the controller [s].
       overrun_enter: torque below the engine's drag that ends driving [N m].
       overrun_leave: torque above the engine's drag that begins driving again [N m].
       retard_enter: deceleration beyond the engine's drag that ends coasting [m/s2]. A request to
@@ -57,18 +57,18 @@ class LongitudinalConfig:
       brake_leave: the same, below which friction is released [m/s2].
       build_up: time from the demand for friction to its force [s].
       dwell: least time in a phase [s].
-      urgent: demanded deceleration that ends the dwell time and brakes at once; brake control then
-        commands engine brake and retarder alone, and releases them while ABS works [m/s2].
-      calm: the same, below which the brakes may be released again [m/s2].
+      urgent: demanded deceleration that ends the dwell time and brakes at once; brake control alone
+        then commands engine brake and retarder, and releases them while ABS works [m/s2].
+      calm: the same, below which the brakes may release again [m/s2].
       pedal_rise, pedal_fall: rates of the pedal [1/s].
-      kick_down_gain: speed to be gained within the plan that justifies a kick-down [m/s].
+      kick_down_gain: gain of speed in the plan that justifies a kick-down [m/s].
       endurance_rate: of the requests to engine brake and retarder [1/s].
-      demand_rate: of the XBR demand when it grows, outside emergencies [m/s3].
-      demand_max: [m/s2].
+      demand_rate: of a rising XBR demand outside emergencies [m/s3].
+      demand_max: of XBR [m/s2].
       stop_speed: speed below which a plan to stop applies the hold [m/s].
-      go_speed: planned speed that ends holding [m/s].
-      level: grade below which a start needs no hold before.
-      roll_back: backward speed that ends a start; the truck is held again [m/s].
+      go_speed: planned speed that ends the hold [m/s].
+      level: grade below which a start needs no hold.
+      roll_back: backward speed that ends a start and holds the truck again [m/s].
       hold_demand: XBR demand at standstill [m/s2].
     """
 
@@ -76,7 +76,6 @@ class LongitudinalConfig:
     integral_gain: float = 0.06
     integral_max: float = 0.35
     lead_time: float = 0.3
-    step: float = 0.02
     overrun_enter: float = 150.0
     overrun_leave: float = 120.0
     retard_enter: float = 0.06
@@ -101,7 +100,7 @@ class LongitudinalConfig:
     hold_demand: float = 1.0
 
     def coasting_error(self, error: float, speed: float) -> float:
-        """The error of speed [m/s] to correct while coasting at a speed [m/s]."""
+        """The part of a speed error that is corrected while coasting at a speed [m/s]."""
         band = self.coast_error * min(max(speed, 0.0) / self.coast_speed, 1.0)
         return error - min(max(error, -band), band)
 
@@ -131,22 +130,17 @@ class SpeedView:
 
 
 class KickDown:
-    """Condition of the gearbox for a kick-down: pedal near the floor, far above its recent level.
+    """The gearbox's condition for a kick-down: pedal near the floor, far above its recent level."""
 
-    Args:
-      parameters: of the truck.
-      step: between two calls [s].
-    """
-
-    def __init__(self, parameters: TruckParameters, step: float) -> None:
+    def __init__(self, parameters: TruckParameters) -> None:
         shifting = parameters.gearbox.shifting
         self._near_floor = _SURELY * shifting.kick_down_pedal
         self._rise = _SURELY * shifting.kick_down_rise
-        self._share = min(step / shifting.pedal_lag, 1.0)
+        self._share = min(CONTROL_PERIOD / shifting.pedal_lag, 1.0)
         self.reset()
 
     def reset(self) -> None:
-        """Assumes that the pedal was up for long."""
+        """Assumes that the pedal has been released for long."""
         self._slow_pedal = 0.0
 
     def follow(self, pedal: float) -> None:
@@ -155,7 +149,7 @@ class KickDown:
 
     @property
     def greatest_pedal(self) -> float:
-        """Greatest pedal position, 0 to 1, without a kick-down now."""
+        """Greatest pedal position without a kick-down now, 0 to 1."""
         return min(max(self._near_floor, self._slow_pedal + self._rise), 1.0)
 
 
@@ -168,11 +162,11 @@ class LongitudinalController:
         self.parameters = parameters
         self.config = config or LongitudinalConfig()
         self.inverse = DrivelineInverse(parameters)
-        self._kick_down = KickDown(parameters, self.config.step)
+        self._kick_down = KickDown(parameters)
         self.reset()
 
     def reset(self) -> None:
-        """Forgets phase and integral."""
+        """Clears phase and integral."""
         self.phase = Phase.DRIVE
         self._since = self.config.dwell
         self._integral = 0.0
@@ -193,7 +187,7 @@ class LongitudinalController:
           grade: under the combination, rise over run.
         """
         config = self.config
-        self._since += config.step
+        self._since += CONTROL_PERIOD
         if ego.gear >= 1:
             self._gear = ego.gear
         view = self._view
@@ -235,7 +229,7 @@ class LongitudinalController:
         return share_out(-force, then).short
 
     def _stand(self, ego: EgoState, planned: float, soon: float) -> bool:
-        """Whether the truck is at standstill and shall stay there or start."""
+        """Whether the truck is at standstill and stays there or starts."""
         config = self.config
         if self.phase in (Phase.HOLD, Phase.LAUNCH):
             return ego.speed < config.stop_speed or soon <= config.go_speed
@@ -253,14 +247,14 @@ class LongitudinalController:
         if self.phase is Phase.HOLD:
             self._pedal, self._demand = 0.0, config.hold_demand
             return self._output()
-        # Hill hold of brake control holds the truck until the driveline does; an XBR demand would
-        # cut the engine.
+        # Brake control's hill hold keeps the truck until the driveline does; an XBR demand would
+        # cut the engine's torque.
         self._demand = 0.0
         gear = max(self._gear, 1)
         resistance = inverse.resistance(ego.mass, 0.1, grade)
         torque = inverse.engine_torque(0.35 * ego.mass + resistance, gear)
         target = max(inverse.pedal(torque, max(ego.engine_speed, 70.0)), 0.12)
-        self._pedal = min(target, self._pedal + config.pedal_rise * config.step)
+        self._pedal = min(target, self._pedal + config.pedal_rise * CONTROL_PERIOD)
         return self._output()
 
     def _may_start(self, ego: EgoState, grade: float) -> bool:
@@ -313,7 +307,7 @@ class LongitudinalController:
           torque: wanted at the crankshaft [N m].
           gain: speed still to be gained by the plan [m/s].
         """
-        config, step = self.config, self.config.step
+        config = self.config
         if self.phase is not Phase.DRIVE:
             self._pedal = 0.0
             return
@@ -322,8 +316,8 @@ class LongitudinalController:
             pedal = self.inverse.pedal(torque, ego.engine_speed)
         if gain < config.kick_down_gain:
             pedal = min(pedal, self._kick_down.greatest_pedal)
-        lowest = self._pedal - config.pedal_fall * step
-        self._pedal = min(max(pedal, lowest), self._pedal + config.pedal_rise * step)
+        lowest = self._pedal - config.pedal_fall * CONTROL_PERIOD
+        self._pedal = min(max(pedal, lowest), self._pedal + config.pedal_rise * CONTROL_PERIOD)
 
     def _retard(self, shared: Retardation, wanted: float, engaged: bool) -> None:
         """Sets engine brake and retarder; a gear change keeps the engine brake's request."""
@@ -333,7 +327,7 @@ class LongitudinalController:
         resting = self.phase in (Phase.DRIVE, Phase.COAST)
         if resting or wanted < -self.config.urgent:
             engine_brake = retarder = 0.0
-        reach = self.config.endurance_rate * self.config.step
+        reach = self.config.endurance_rate * CONTROL_PERIOD
         self._engine_brake += min(max(engine_brake - self._engine_brake, -reach), reach)
         self._retarder += min(max(retarder - self._retarder, -reach), reach)
 
@@ -348,7 +342,7 @@ class LongitudinalController:
             level /= ego.mass + self.inverse.wheel_mass
             demand = xbr_deceleration(-wanted, level, brake.trim_max, brake.trim_share)
             demand = min(max(demand, 1e-3), config.demand_max)
-        rise = (10.0 if wanted < -2.5 else config.demand_rate) * config.step
+        rise = (10.0 if wanted < -2.5 else config.demand_rate) * CONTROL_PERIOD
         self._demand = min(demand, self._demand + rise)
 
     def _learn(self, ego: EgoState, error: float) -> None:
@@ -363,7 +357,7 @@ class LongitudinalController:
         )
         if stuck or coasting or ego.shift_in_process or ego.speed < 1.0:
             return
-        grown = self._integral + config.integral_gain * error * config.step
+        grown = self._integral + config.integral_gain * error * CONTROL_PERIOD
         self._integral = min(max(grown, -config.integral_max), config.integral_max)
 
     def _enter(self, phase: Phase) -> None:

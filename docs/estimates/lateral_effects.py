@@ -12,7 +12,7 @@ import numpy as np
 from iits_mj.analytic import YawRoll, YawSideslip, simulate
 from iits_mj.parameters import TruckParameters
 from iits_mj.validation.handling.step_steer import step_steers
-from iits_mj.validation.harness.recorder import Recording, fit
+from iits_mj.validation.harness.recorder import SteeringRecord, fit
 
 EFFECTS = {
     "roll": "roll",
@@ -25,7 +25,7 @@ SIGNALS = ("yaw_rate", "trailer_yaw_rate", "articulation", "y")
 TIMESTEP = 0.001
 
 
-def row(name: str, recording: Recording, model: YawSideslip | YawRoll) -> str:
+def row(name: str, recording: SteeringRecord, model: YawSideslip | YawRoll) -> str:
     """One line of the table: the fits with one model."""
     answer = simulate(model.at(float(recording.speed.mean())), recording.time, recording.road_wheel)
     fits = [

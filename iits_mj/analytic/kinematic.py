@@ -1,12 +1,12 @@
-"""The paper's kinematic tractor-semitrailer: a bicycle with a unicycle behind, without tire slip.
+"""The paper's kinematic tractor-semitrailer: a bicycle that pulls a unicycle, without tire slip.
 
     x' = v cos(theta)      y' = v sin(theta)      theta' = v tan(phi) / L      phi' = omega
     psi' = -v (sin(psi) / L_2 + L_1 / (L L_2) cos(psi) tan(phi) + tan(phi) / L)
 
-(x, y) is the centre of the tractor's fixed axles, phi the road-wheel angle, and psi the trailer's
+(x, y) is the center of the tractor's fixed axles, phi the road-wheel angle, and psi the trailer's
 heading minus the tractor's: the articulation of `iits_mj.core.messages` is `-psi`. L_1 is the
-distance of the hitch *behind* the fixed axles' centre; ours lies ahead, so L_1 is negative.
-Derived again: the printed equation is right.
+distance of the hitch *behind* the fixed axles' center; ours lies ahead, so L_1 is negative.
+Our own derivation gives the printed equation.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import group_center
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,13 +32,13 @@ class Kinematic:
 
     @classmethod
     def from_parameters(cls, parameters: TruckParameters) -> Kinematic:
-        """Lengths to the centres of the axle groups."""
+        """Lengths to the centers of the axle groups."""
         front, *drive = parameters.tractor.axles
-        centre = float(np.mean([axle.position for axle in drive]))
+        center = group_center(drive)
         return cls(
-            L=centre - front.position,
-            L_1=parameters.fifth_wheel.position - centre,
-            L_2=float(np.mean([axle.position for axle in parameters.semitrailer.axles])),
+            L=center - front.position,
+            L_1=parameters.fifth_wheel.position - center,
+            L_2=group_center(parameters.semitrailer.axles),
         )
 
     def derivative(self, state: FloatArray, speed: float, steer_rate: float) -> FloatArray:
@@ -45,7 +46,7 @@ class Kinematic:
 
         Args:
           state: [m, m, rad, rad, rad].
-          speed: of the fixed axles' centre [m/s], may be negative.
+          speed: of the fixed axles' center [m/s], may be negative.
           steer_rate: of the road-wheel angle [rad/s].
         """
         _, _, theta, phi, psi = state
@@ -62,10 +63,10 @@ class Kinematic:
         )
 
     def simulate(self, time: FloatArray, speed: FloatArray, steer: FloatArray) -> FloatArray:
-        """States over time, shape (n, 5), from straight rest at the origin (Runge-Kutta 4).
+        """States over time, shape (n, 5), from a straight truck at the origin (Runge-Kutta 4).
 
         Args:
-          time: rising [s], shape (n,).
+          time: increasing [s], shape (n,).
           speed: [m/s], shape (n,).
           steer: road-wheel angle [rad], shape (n,), below a right angle.
 
@@ -75,7 +76,7 @@ class Kinematic:
         if not len(time) == len(speed) == len(steer):
             raise InputError(f"lengths {len(time)}, {len(speed)}, {len(steer)}: must be equal")
         if not np.all(np.diff(time) > 0.0) or not np.all(np.isfinite([*time, *speed])):
-            raise InputError("time must rise, and time and speed must be finite")
+            raise InputError("time must increase, and time and speed must be finite")
         if not np.all(np.abs(steer) < 0.5 * math.pi):
             raise InputError("steer must stay below a right angle, and be finite")
         states = np.zeros((len(time), 5))
@@ -93,11 +94,11 @@ class Kinematic:
         return states
 
     def steer_axle(self, states: FloatArray) -> FloatArray:
-        """Ground track of the steer axle centre [m], shape (n, 2), from states (n, 5)."""
+        """Ground track of the steer axle center [m], shape (n, 2), from states (n, 5)."""
         return states[:, :2] + self.L * _heading(states[:, 2])
 
     def trailer_axle(self, states: FloatArray) -> FloatArray:
-        """Ground track of the trailer group's centre [m], shape (n, 2), from states (n, 5)."""
+        """Ground track of the trailer group's center [m], shape (n, 2), from states (n, 5)."""
         hitch = states[:, :2] - self.L_1 * _heading(states[:, 2])
         return hitch - self.L_2 * _heading(states[:, 2] + states[:, 4])
 
@@ -105,7 +106,10 @@ class Kinematic:
         """Steady radius of the trailer group's path minus the steer axle's [m]; negative, inside.
 
         Args:
-          radius: of the steer axle's path [m]; InputError when the trailer could not follow.
+          radius: of the steer axle's path [m].
+
+        Raises:
+          InputError: the radius is too small for the tractor or the trailer.
         """
         if not (math.isfinite(radius) and radius > self.L):
             raise InputError(f"radius {radius!r} m must be greater than the wheelbase {self.L:g} m")

@@ -25,10 +25,10 @@ class Response:
       time: [s]; steer: road-wheel angle [rad].
       lateral_velocity: of the tractor's CG, tractor's frame [m/s].
       yaw_rate, trailer_yaw_rate: [rad/s]; articulation: tractor minus trailer yaw [rad].
-      yaw: of the tractor [rad]; x, y: steer axle centre in the ground frame [m].
+      yaw: of the tractor [rad]; x, y: steer axle center in the ground frame [m].
       lateral_acceleration: of the tractor's CG [m/s2].
       trailer_lateral_acceleration: of the trailer's CG [m/s2].
-      steer_axle_acceleration: lateral, of the steer axle's centre at the road [m/s2].
+      steer_axle_acceleration: lateral, of the steer axle's center at the road [m/s2].
       roll, trailer_roll: [rad]; zero in a model without roll.
     """
 
@@ -49,13 +49,13 @@ class Response:
 
 
 def simulate(system: LateralSystem, time: FloatArray, steer: FloatArray) -> Response:
-    """Response from straight running to a sampled road-wheel angle.
+    """Response of a truck that runs straight to a sampled road-wheel angle.
 
     The linear equations are solved exactly for an input linear between samples; the ground track
-    uses the full sine and cosine of the heading, so that a long turn stays right.
+    uses the full sine and cosine of the heading, so that a long turn stays correct.
 
     Args:
-      system: the model at its speed.
+      system: the model at one speed.
       time: uniform samples [s], shape (n,), n >= 2.
       steer: road-wheel angle at the samples [rad], shape (n,).
 
@@ -67,7 +67,7 @@ def simulate(system: LateralSystem, time: FloatArray, steer: FloatArray) -> Resp
         raise InputError(f"time {time.shape} and steer {steer.shape}: two equal vectors are needed")
     steps = np.diff(time)
     if not (np.all(np.isfinite(steps)) and steps[0] > 0.0 and np.ptp(steps) < 1e-6 * steps[0]):
-        raise InputError("time must rise in finite, uniform steps")
+        raise InputError("time must increase in finite, uniform steps")
     if not np.all(np.isfinite(steer)):
         raise InputError("steer holds a value that is not finite")
     count = len(system.B)
@@ -136,8 +136,8 @@ def critical_speed(model: YawSideslip, limit: float = 100.0) -> float:
     textbook's critical speed `sqrt(-L' / K)`, and the swinging of the trailer.
 
     Args:
-      model: at no particular speed.
-      limit: speeds are searched up to it in 400 steps [m/s]; the one found is exact.
+      model: of the truck.
+      limit: end of the search, which has 400 steps [m/s]; the result is refined by bisection.
     """
     positive("limit", limit, "m/s")
     low = 0.0
@@ -156,11 +156,11 @@ def critical_speed(model: YawSideslip, limit: float = 100.0) -> float:
 def single_sine(
     period: float, duration: float, step: float = 0.01
 ) -> tuple[FloatArray, FloatArray]:
-    """Time [s] and one full sine of amplitude 1 that starts after 1 s (ISO 14791, 7.5).
+    """Time [s] and one full sine of amplitude 1 that starts at 1 s (ISO 14791, 7.5).
 
     Args:
       period: of the sine [s].
-      duration: of all [s], at least a second and the period.
+      duration: of the signal [s], at least one second and the period.
       step: of time [s].
     """
     if not (period > 0.0 and 1.0 + period <= duration < np.inf and step > 0.0):
@@ -177,7 +177,7 @@ def rearward_amplification(system: LateralSystem, frequency: float = 0.4) -> flo
     """Peak lateral acceleration of the trailer's CG over the steer axle's, for a single-sine steer.
 
     Args:
-      system: the model at its speed; InputError when it is not stable there.
+      system: the model at one speed; InputError if it is not stable.
       frequency: of the sine [Hz]; 0.4 Hz is ISO 14791's.
     """
     _require_stable(system, "rearward amplification")
@@ -193,10 +193,10 @@ def worst_rearward_amplification(system: LateralSystem) -> tuple[float, float]:
     """(gain, frequency [Hz]) of the greatest acceleration ratio under steady sine steering.
 
     The trailer's CG over the steer axle, searched from 0.05 to 2 Hz. The ratio is 1 in the limit of
-    slow steering; a truck without resonance has its greatest value at the search's lower end.
+    slow steering; without a resonance the greatest value is at the search's lower end.
 
     Args:
-      system: the model at its speed; InputError when it is not stable there.
+      system: the model at one speed; InputError if it is not stable.
     """
     _require_stable(system, "rearward amplification")
     frequency = np.geomspace(0.05, 2.0, 200)
@@ -216,12 +216,12 @@ def steady_off_tracking(system: LateralSystem, radius: float) -> float:
     The hitch angle is the linear model's: the radius must be several times the truck's length.
 
     Args:
-      system: the model at its speed; InputError when it is not stable there.
+      system: the model at one speed; InputError if it is not stable.
       radius: of the steer axle's path [m].
     """
     _require_stable(system, "steady off-tracking")
     model, v = system.model, system.speed
-    # Per yaw rate; the steer axle's lateral velocity gives its distance ahead of the turn's centre.
+    # Per yaw rate; the steer axle's lateral velocity gives its distance ahead of the turn's center.
     state = system.steady_state() / yaw_rate_gain(system)
     ahead = model.L_c1 + state[0]
     if not (np.isfinite(radius) and radius > abs(ahead)):

@@ -3,8 +3,8 @@
 Coordinates `q = [y_c, beta_c, beta_t, phi_c, phi_t, alpha_1 ... alpha_n]`: lateral position of the
 point of the tractor's body that lies below its CG at the height of the road, yaw of tractor and
 trailer, roll of their bodies, and roll of every axle; all absolute, roll positive to the right
-(left side up). Straight running is symmetric, so that heave, pitch and speed stay out of the linear
-equations of these coordinates.
+(left side up). Straight running is symmetric, so that heave, pitch and speed do not occur in the
+linear equations of these coordinates.
 
 Lateral positions. A point of the tractor `x` ahead of its CG, and a point of the trailer `d` behind
 the kingpin (fifth wheel at `L_h` behind the CG and height `h_f`), both at height `h`:
@@ -12,9 +12,9 @@ the kingpin (fifth wheel at `L_h` behind the CG and height `h_f`), both at heigh
     y = y_c + x beta_c - h phi_c
     y = y_c - L_h beta_c - h_f phi_c - d beta_t - (h - h_f) phi_t
 
-An axle turns about its roll centre, which is fixed to the body at `h_r`, `e` above the axle's
-centre. Its centre therefore moves by `e alpha` and its contact patches by `h_r alpha` more than the
-roll centre.
+An axle turns about its roll center, which is fixed to the body at `h_r`, `e` above the axle's
+center. Its center therefore moves by `e alpha` and its contact patches by `h_r alpha` more than the
+roll center.
 
 Inertia is the sum of `m J' J` over the masses and of their roll inertias. Stiffness is the Hessian
 of the potential energy at rest:
@@ -25,9 +25,9 @@ of the potential energy at rest:
     weights and axle loads       sum of m g z - F_z z with z to second order: z = -h phi^2 / 2
 
 where `b` is the spacing of the springs and `s` the track. The last line tips a body over its roll
-centres and, through the kingpin's load, over the fifth wheel.
+centers and, through the kingpin's load, over the fifth wheel.
 
-The axle with a roll centre is that of Gillespie and MacAdam, "Constant Velocity Yaw/Roll Program",
+The axle with a roll center is that of Gillespie and MacAdam, "Constant Velocity Yaw/Roll Program",
 UMTRI-82-39 (1982); the equations here are Lagrange's of the coordinates above.
 """
 
@@ -55,12 +55,12 @@ class RollBodies:
         the masses as points.
       stiffness, damping: shape (n, n).
       patches: lateral displacement of the contact patches by coordinate, shape (k, n).
-      wheels: that of the axles' centres, shape (k, n).
+      wheels: that of the axles' centers, shape (k, n).
       hitch: that of the fifth wheel, shape (n,).
       tire_roll, tire_roll_damping: of each axle on its tires [N m/rad], [N m s/rad], shape (k,).
-      pressure_centers: that of the air's pressure centres of tractor and trailer, shape (2, n).
+      pressure_centers: that of the air's pressure centers of tractor and trailer, shape (2, n).
       centers: that of the CGs of tractor and laden trailer, shape (2, n).
-      spin_inertia: of each axle's wheels about their axle [kg m2]; tracks [m]; rolling radii [m].
+      spin_inertia: of each axle's wheels about their axle [kg m2]; tracks, rolling_radii: [m].
     """
 
     inertia: FloatArray
@@ -143,7 +143,7 @@ def roll_bodies(
     _couple(damping, PHI_T, PHI_C, coupling_damping)
 
     tires = [p.tires[axle.tire] for axle in p.axles]
-    # Of both sides: n k_z (s / 2)^2 each.
+    # Both sides: n k_z (s / 2)^2 each.
     squares = np.array([0.5 * t.count * a.track**2 for t, a in zip(tires, p.axles, strict=True)])
     tire_roll = squares * [tire.vertical_stiffness for tire in tires]
     tire_roll_damping = squares * [tire.vertical_damping for tire in tires]

@@ -1,7 +1,7 @@
 """Linear effect of the forces that keep the truck's speed on its lateral motion.
 
-A force F along the heading of its unit, at a point that roll moves aside by `y'` (relative to the
-tractor's body at the road, or to the kingpin), does on the coordinates of `roll_bodies` the work
+A force F along the heading of its unit acts at a point that roll moves aside by `y'` (relative to
+the tractor's body at the road, or to the kingpin). Its work on the coordinates of `roll_bodies` is
 
     on the tractor:  Q_y = F beta_c,   Q_beta_c = -F y'
     on the trailer:  Q = -F gamma on the kingpin's displacement,  Q_beta_t = -F y'_t,
@@ -20,10 +20,10 @@ Drag and drive lift the tractor's nose: its pitch p (nose down) tilts the axis o
 The units' relative roll becomes `phi_t - phi_c + p gamma`, and a part of the fifth wheel's roll
 moment turns the tractor.
 
-A tire that drives or is dragged has less to give sideways: its lateral slip counts over the speed
-of the tread, hence `C / (1 + kappa)`, and combined slip (similarity method, Pacejka, Tire and
+A driving or dragged tire has less side force: its lateral slip is relative to the speed of the
+tread, hence `C / (1 + kappa)`, and combined slip (similarity method, Pacejka, Tire and
 Vehicle Dynamics, section 4.3.1) bends cornering stiffness and pneumatic trail as the lateral slip
-of the same normalised size `rho = |F_x| / (mu F_z)` would.
+of the same normalized size `rho = |F_x| / (mu F_z)` would.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from iits_mj.parameters.tire_law import friction, lateral_shape
 
 @dataclass(frozen=True)
 class Traction:
-    """Generalised forces of `n` coordinates, and factors for the tires of `k` axles.
+    """Generalized forces of `n` coordinates, and factors for the tires of `k` axles.
 
     Attributes:
       angle: by roll angles [N m/rad], rate: by their rates [N m s/rad], shape (n, n).
@@ -143,13 +143,13 @@ def tractor_pitch(parameters: TruckParameters, load_changes: FloatArray) -> floa
 
 
 def _side_share(common: TireCommon, rho: FloatArray) -> FloatArray:
-    """Magic Formula over its initial slope at normalised slip rho, any shape."""
+    """Magic Formula over its initial slope at normalized slip rho, any shape."""
     rho = np.maximum(rho, 1e-6)
     return np.asarray(lateral_shape(rho / common.shape_lateral, common) / rho)
 
 
 def _trail_share(rho: FloatArray) -> FloatArray:
-    """Pneumatic trail of the brush model over that at no slip, at normalised slip rho."""
+    """Pneumatic trail of the brush model over that at no slip, at normalized slip rho."""
     slide = np.minimum(1.0, rho / 3.0)
     return np.asarray((1.0 - slide) ** 3 / (1.0 - slide + slide**2 / 3.0))
 

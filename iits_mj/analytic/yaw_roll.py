@@ -8,9 +8,9 @@ Equations. With the coordinates `q` of `roll_bodies` and forward speed v held,
 
 where M has the paper's H for lateral motion and yaw, extended by roll: `v_yc` belongs to the point
 of the tractor's body below its CG *at the road*, about which roll is counted, so that roll reaches
-the plane only through the heights of the masses and of the roll centres. `q''` are accelerations
-over ground: Lagrange's equation in the ground frame, whence the only inertial term `-M[:, 0] v
-omega_c`. Forces in Q:
+the plane only through the heights of the masses and of the roll centers. `q''` are accelerations
+over ground: Lagrange's equation holds in the ground frame, and its only inertial term is
+`-M[:, 0] v omega_c`. Forces in Q:
 
 - roll: stiffness and damping of `roll_bodies` (suspension, tires, fifth wheel, weights), and the
   lateral velocity that rolling axles give to their contact patches. The carcass deflects sideways
@@ -18,7 +18,7 @@ omega_c`. Forces in Q:
 - relaxation: the force of axle i follows a slip that lags, `sigma_i / v s_i' = slip_i - s_i`, with
   the relaxation length `sigma = sigma_0 (F_z / F_z0)^n` of its tires (Pacejka, Tire and Vehicle
   Dynamics, 3rd ed., section 7.2.1, linear);
-- side air: `-1/2 rho A v v_y` at the pressure centre of each unit, v_y its lateral velocity in the
+- side air: `-1/2 rho A v v_y` at the pressure center of each unit, v_y its lateral velocity in the
   unit's frame (still air; `v_y / v` is the sideslip of the stream);
 - wheels: the angular momentum `J v / r` of the wheels of an axle couples its roll to the yaw of its
   unit (gyroscopic moment), and as left and right wheel must turn at different speeds when the unit
@@ -188,7 +188,7 @@ class YawRoll:
         first_rate, first_slip = 4 + rolls, 4 + 2 * rolls
         lag = self.relaxation is not None
         size = first_slip + (axles if lag else 0)
-        # u and q from the state: velocities (n, size), roll angles in the places of q (n, size).
+        # u and q by state: velocities (n, size), and roll angles in the rows of q (n, size).
         identity = np.eye(size)
         velocity = np.vstack([identity[:3], identity[first_rate:first_slip]])
         angle = np.vstack([np.zeros((3, size)), identity[4:first_rate]])

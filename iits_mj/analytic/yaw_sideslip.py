@@ -1,6 +1,6 @@
 """The paper's dynamic yaw-sideslip model of the tractor-semitrailer, derived again and corrected.
 
-Symbols are the paper's (Section "Lateral - Dynamic Yaw-Sideslip Model"). The generalised velocities
+Symbols are the paper's (Section "Lateral - Dynamic Yaw-Sideslip Model"). The generalized velocities
 are `q' = [v, v_yc, omega_c, omega_t]`: speed and lateral velocity of the tractor's CG in the
 tractor's frame, yaw rates of tractor and trailer. Speed is constant, angles are small, and the
 hitch angle is `gamma = beta_c - beta_t`, so that `gamma' = omega_c - omega_t`.
@@ -10,8 +10,8 @@ The trailer CG's lateral velocity *in the tractor's frame* is
 
     v_yt = v_yc - L_h omega_c - L_t1 omega_t.
 
-Kinetic energy gives the paper's matrix H, which is right. Because the velocities are components in
-a frame that turns with omega_c, Lagrange's equation in quasi-coordinates (Boltzmann-Hamel) leaves
+Kinetic energy gives the paper's matrix H, which is correct. The velocities are components in a
+frame that turns with omega_c: Lagrange's equation in quasi-coordinates (Boltzmann-Hamel) leaves
 the terms `m_c v omega_c` and `m_t v omega_c` on the side of the inertia forces. Hence in the
 virtual work
 
@@ -30,10 +30,10 @@ left),
     alpha_3 = -(v_yc - L_h omega_c - d omega_t) / v - gamma.
 
 The paper prints no tire law; without gamma in alpha_3 the trailer never aligns. In its notation
-`i_2` is half the tandem's spacing, while `i_3` is the full spacing of two neighbours of the
-tri-axle, whose middle axle stands at L_t2 behind the trailer's CG.
+`i_2` is half the tandem's spacing, while `i_3` is the full spacing of two neighbors of the
+tri-axle, whose middle axle lies L_t2 behind the trailer's CG.
 
-Our addition: the lateral force acts a pneumatic trail `t` behind the axle's centre, which changes
+Our addition: the lateral force acts a pneumatic trail `t` behind the axle's center, which changes
 the arms of the virtual work and not the slip angles. `pneumatic_trail=False` removes it.
 
 Parameters are computed from the truck's TOML and never fitted to the simulation. Every step of the
@@ -139,7 +139,7 @@ class YawSideslip:
 
     @property
     def wheelbase(self) -> float:
-        """Steer axle to the centre of the fixed tractor axles [m]."""
+        """Steer axle to the center of the fixed tractor axles [m]."""
         return self.L_c1 + float(np.mean(self.tractor_arms))
 
     def H(self) -> FloatArray:
@@ -157,7 +157,7 @@ class YawSideslip:
     def A_h(self, speed: float) -> FloatArray:
         """The corrected state matrix A_h, shape (4, 4), at `speed` [m/s]."""
         v = positive("speed of the yaw-sideslip model", speed, "m/s")
-        # Rows: generalised forces on y_c, beta_c, beta_t; last row: gamma' = omega_c - omega_t.
+        # Rows: generalized forces on y_c, beta_c, beta_t; last row: gamma' = omega_c - omega_t.
         matrix = np.zeros((4, 4))
         for stiffness, slip, arm in self._axles(v):
             matrix[:3] += stiffness * np.outer(arm, slip)
@@ -222,7 +222,7 @@ class LateralSystem:
         return bool(self.eigenvalues()[0].real < -_DRIFT)
 
     def steady_state(self, steer: float = 1.0) -> FloatArray:
-        """State at rest of the equations, shape (4,), for a constant road-wheel angle [rad]."""
+        """Steady state of the equations, shape (4,), for a constant road-wheel angle [rad]."""
         return np.asarray(-np.linalg.solve(self.A, self.B) * steer, dtype=float)
 
     def frequency_response(self, frequency: FloatArray) -> NDArray[np.complex128]:
@@ -242,7 +242,7 @@ class LateralSystem:
         return tractor, tractor - model.L_h * rates[:, 1] - model.L_t1 * rates[:, 2]
 
     def steer_axle_acceleration(self, states: AnyArray, rates: AnyArray) -> AnyArray:
-        """Lateral acceleration of the steer axle's centre at the road [m/s2], shape (n,).
+        """Lateral acceleration of the steer axle's center at the road [m/s2], shape (n,).
 
         Args:
           states: shape (n, k), may be complex amplitudes.

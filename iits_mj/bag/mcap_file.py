@@ -25,19 +25,18 @@ from iits_mj.bag.message_types import (
 )
 from iits_mj.core.context import Finishing
 from iits_mj.core.errors import InputError
-from iits_mj.core.input_files import read_json
 from iits_mj.core.messages import EgoState, Scene, Trajectory, VehicleCommand
 from iits_mj.j1939 import Frame as BusFrame
 from iits_mj.j1939.state import TruckSender
 from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.drive_log import FILES, stored_options
-from iits_mj.simulation.frame import Frame
+from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.lock_step import LockStep, Observer
 from iits_mj.simulation.loop import Simulation
 
 # Version of the bag format.
 VERSION: Final = 9
-# Topic to type: the paper's module boundaries, then messages for viewers and converters.
+# Types by topic: the paper's module boundaries, then messages for viewers and converters.
 TOPICS = {
     "/drive": "std_msgs/msg/String",
     "/traffic/scene": type_name(Scene),
@@ -57,11 +56,7 @@ TOPICS = {
 
 @functools.cache
 def typestore() -> Any:
-    """ROS 2 Jazzy's types and ours.
-
-    Raises:
-      InputError: rosbags is not installed.
-    """
+    """The types of ROS 2 Jazzy and ours; InputError if rosbags is not installed."""
     try:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ImportError as error:
@@ -78,9 +73,9 @@ class Bag:
     """The messages between the modules in a drive, each list in the order of time.
 
     Attributes:
-      options: of the drive, as `DriveConfig` has them, files by their names; timestep: [s].
+      options: of the drive, the fields of `DriveConfig`, with names of files; timestep: [s].
       scenes, trajectories: of every plan; decided: answers of the decision maker.
-      states, wanted, obeyed: of every command: the state that it answers, the given command, and
+      states, wanted, obeyed: of every command: the state before it, the command of the tracker, and
         the command that reached the truck.
     """
 
@@ -94,19 +89,19 @@ class Bag:
     obeyed: list[VehicleCommand]
 
     def config(self, map_path: Path | None = None, **changes: Any) -> DriveConfig:
-        """The drive's options again.
+        """The options of the drive.
 
         Args:
-          map_path: of a drive on another map than the built-in one.
+          map_path: of the drive's map, if it was not the built-in one.
           **changes: options with other values.
 
         Raises:
-          InputError: the bag was made with other options than today's, or needs a map.
+          InputError: the bag has other options than `DriveConfig`, or needs a map or file.
         """
         known = {field.name for field in dataclasses.fields(DriveConfig)}
         if set(self.options) != known:
             other = ", ".join(sorted(set(self.options) ^ known))
-            raise InputError(f"the bag was made with other options than there are now: {other}")
+            raise InputError(f"the bag was made by a version with other options: {other}")
         name = self.options["map"]
         if (name is None) != (map_path is None):
             raise InputError(
@@ -124,10 +119,10 @@ class Bag:
 
 
 def read_bag(path: Path) -> Bag:
-    """Reads a bag's folder, or the MCAP file in it.
+    """Reads a bag from its folder or from the MCAP file in it.
 
     Raises:
-      InputError: rosbags is missing, or the bag is not from `BagWriter`.
+      InputError: rosbags is missing, or `BagWriter` did not write the bag.
     """
     found: dict[str, list[Any]] = {}
     for topic, message in _messages(path):
@@ -135,8 +130,12 @@ def read_bag(path: Path) -> Bag:
     wanted = ("/traffic/scene", "/planning/trajectory", "/vehicle/state", "/control/command")
     missing = [topic for topic in ("/drive", *wanted) if topic not in found]
     if missing:
-        raise InputError(f"bag {str(path)!r} is of no drive of ours: it lacks {', '.join(missing)}")
-    options, timestep = _drive_settings(found["/drive"][0], path)
+        raise InputError(f"bag {str(path)!r} holds no drive: it lacks {', '.join(missing)}")
+    try:
+        settings = read_json(found["/drive"][0], f"bag {str(path)!r}: /drive")
+        options, timestep = dict(settings["options"]), float(settings["timestep"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"bag {str(path)!r}: /drive does not hold a drive's options") from error
     return Bag(
         options=options,
         timestep=timestep,
@@ -150,7 +149,7 @@ def read_bag(path: Path) -> Bag:
 
 
 def _messages(path: Path) -> Iterator[tuple[str, Any]]:
-    """Topics and messages of our own types and of /drive, in the order of time."""
+    """Yields topics and messages of our own types and of /drive, in the order of time."""
     store = typestore()
     from rosbags.highlevel import AnyReader
 
@@ -170,37 +169,26 @@ def _messages(path: Path) -> Iterator[tuple[str, Any]]:
         raise InputError(f"bag {str(path)!r} cannot be read: {reason}") from error
 
 
-def _drive_settings(text: str, path: Path) -> tuple[dict[str, Any], float]:
-    """Options and timestep from the message on /drive."""
-    try:
-        content = read_json(text, f"bag {str(path)!r}: /drive")
-        return dict(content["options"]), float(content["timestep"])
-    except InputError:
-        raise
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"bag {str(path)!r}: /drive does not hold a drive's options") from error
-
-
 class BagWriter(Finishing, Observer):
     """Observer that writes the messages of a simulation to a ROS 2 bag; a context manager.
 
-    `/traffic/scene` and `/planning/trajectory` every 100 ms, `/decision` when the decision maker is
-    asked, `/control/command`, `/vehicle/command` and `/vehicle/state` every 20 ms: exactly the
-    messages between the modules. Times are those of the simulation, from 0. `/drive` holds the
-    options.
+    The bag holds exactly the messages between the modules: `/traffic/scene` and
+    `/planning/trajectory` every 100 ms, `/decision` for every decision, `/control/command`,
+    `/vehicle/command` and `/vehicle/state` every 20 ms. Times are those of the simulation, from 0.
+    `/drive` holds the options.
 
     Args:
-      folder: of the new bag, with `metadata.yaml` and the MCAP file, as `ros2 bag` makes them.
+      folder: of the new bag, with `metadata.yaml` and the MCAP file, as of `ros2 bag`.
       simulation: at its start.
 
     Attributes:
-      count: messages written.
+      count: number of messages written.
 
     Raises:
       InputError: rosbags is missing, the folder exists or cannot be made, or no stack drives.
     """
 
-    # [s], for the reports on the bus.
+    # Of the reports on the bus [s].
     period = 0.01
     reads_bus = True
 
@@ -238,7 +226,7 @@ class BagWriter(Finishing, Observer):
         self._write("/planning/path", time, standard.path(time, trajectory))
 
     def commanded(self, ego: EgoState, wanted: VehicleCommand, obeyed: VehicleCommand) -> None:
-        """Writes a state and the commands that answer it."""
+        """Writes a state and the commands that follow from it."""
         time, standard = ego.time, self._standard
         self._write("/vehicle/state", time, encode(ego, self._make))
         self._write("/vehicle/odometry", time, standard.odometry(ego))
@@ -247,7 +235,7 @@ class BagWriter(Finishing, Observer):
         self._write("/control/command", time, encode(wanted, self._make))
         self._write("/vehicle/command", time, encode(obeyed, self._make))
 
-    def observe(self, simulation: LockStep, frame: Frame) -> None:
+    def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         """Writes the truck's reports that are due on the bus."""
         del simulation
         state = dataclasses.replace(frame.ego, time=round(frame.time, 6))
@@ -255,7 +243,7 @@ class BagWriter(Finishing, Observer):
             self.sent(report)
 
     def close(self) -> None:
-        """Finishes the bag; the drive may go on."""
+        """Completes the bag; the drive may go on."""
         if self._writer is not None:
             self._writer.close()
             self._writer = None

@@ -1,6 +1,6 @@
 """Messages of a bag as ROS 2 types: our own dataclasses, and the standard messages of a drive.
 
-Definitions and conversion of our own types are derived from the dataclasses:
+Definitions and conversions of our own types are derived from the dataclasses:
 
 | Python                         | ROS 2                                                  |
 |--------------------------------|--------------------------------------------------------|
@@ -15,8 +15,8 @@ Definitions and conversion of our own types are derived from the dataclasses:
 | dictionary of floats           | string[] `<field>_names` and float64[] `<field>`       |
 
 Standard messages follow REP 103 and 105: meters and radians, x forward, y left, z up; frames `map`,
-`tractor` (steer axle's center on the ground) and `trailer` (kingpin, at the tractor's height). Our
-roll is positive to the right and our pitch nose down, as theirs.
+`tractor` (center of the steer axle, on the ground) and `trailer` (kingpin, at the height of
+`tractor`). Roll is positive to the right and pitch nose down, both here and there.
 """
 
 from __future__ import annotations
@@ -62,21 +62,23 @@ _COLORS = {
     "articulated": (0.6, 0.35, 0.8),
 }
 _CUBE, _DELETE_ALL = 1, 3
+# `dataclasses.is_dataclass` narrows types to instances, which these are not.
+_is_message: Callable[[Any], bool] = dataclasses.is_dataclass
 _PLAIN = {float: "float64", int: "int64", bool: "bool", str: "string"}
 
-# The class of a ROS 2 type by its name.
+# Returns the class of a ROS 2 type by its name.
 Make = Callable[[str], type]
 
 
 @dataclass(frozen=True, slots=True)
 class Decided:
-    """An answer of the decision maker: when it was asked [s], and its decision."""
+    """A decision with its time [s]."""
 
     time: float
     decision: Decision
 
 
-# Each after the messages that it contains.
+# A type follows the types that it contains.
 MESSAGES = (
     *(EgoState, EgoFootprint, TrackedVehicle, TrafficLight, SpeedZone, RoadSignals),
     *(Scene, Trajectory, VehicleCommand, Decided),
@@ -95,7 +97,7 @@ def definition(kind: type) -> str:
 
 
 def encode(message: Any, make: Make) -> Any:
-    """A dataclass, one of `MESSAGES`, as an instance of its ROS 2 type."""
+    """Converts a dataclass, one of `MESSAGES`, to an instance of its ROS 2 type."""
     values: dict[str, Any] = {}
     kind: Any = type(message)
     for field in _fields(kind):
@@ -105,7 +107,7 @@ def encode(message: Any, make: Make) -> Any:
 
 
 def decode(message: Any, kind: type) -> Any:
-    """An instance of a ROS 2 type as the dataclass."""
+    """Converts an instance of a ROS 2 type to its dataclass."""
     return kind(
         **{
             field.name: field.read(*(getattr(message, part) for part in field.types))
@@ -119,8 +121,8 @@ class _Field:
     """A field of a dataclass in its ROS 2 message.
 
     Attributes:
-      name: of the field; types: name in the message to ROS 2 type, several for a dictionary.
-      write: from value and `Make` to the values of `types`; read: back.
+      name: of the field; types: ROS 2 types by name in the message, several for a dictionary.
+      write: converts the value to the values of `types`, with `Make`; read: converts them back.
     """
 
     name: str
@@ -135,11 +137,9 @@ def _fields(kind: Any) -> tuple[_Field, ...]:
     return tuple(_field(field.name, hints[field.name]) for field in dataclasses.fields(kind))
 
 
-def _is_message(kind: Any) -> bool:
-    return dataclasses.is_dataclass(kind)
-
-
 def _field(name: str, hint: Any) -> _Field:
+    """The field of a dataclass by its type hint; see the module's table."""
+
     def field(ros: str, write: Callable[[Any, Make], Any], read: Callable[[Any], Any]) -> _Field:
         return _Field(name, {name: ros}, lambda value, make: (write(value, make),), read)
 
@@ -288,7 +288,7 @@ class StandardMessages:
         return self._new("std_msgs/String", data=content)
 
     def quaternion(self, yaw: float, pitch: float, roll: float) -> Any:
-        """Rotation by yaw, then pitch, then roll, each about the axis as rotated before."""
+        """Rotation by yaw, then pitch, then roll, each about the rotated axis."""
         (cy, sy), (cp, sp), (cr, sr) = (
             (math.cos(0.5 * angle), math.sin(0.5 * angle)) for angle in (yaw, pitch, roll)
         )
@@ -301,7 +301,7 @@ class StandardMessages:
         )
 
     def _new(self, kind: str, **fields: Any) -> Any:
-        """A message of a type, given as "package/Name"."""
+        """A message of the type "package/Name"."""
         package, name = kind.split("/")
         return self._make(f"{package}/msg/{name}")(**fields)
 

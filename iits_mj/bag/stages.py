@@ -1,7 +1,7 @@
 """Repeats one module of a recorded drive on its recorded inputs and compares the outputs.
 
-With the same code and settings the outputs are identical, bit for bit. With another decision maker,
-planner or truck the comparison shows how that one differs in the same situations.
+With the same code and settings, the outputs are bit-identical. With another decision maker, planner
+or truck, the comparison shows the differences in the same situations.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ from iits_mj.simulation.loop import Simulation
 from iits_mj.simulation.parts import load_map, make_stack, make_traffic
 from traffic_bridge import VehicleFrame
 
-# Values that are equal or not, without a distance.
+# Types whose values are equal or different, without a distance.
 _WORDS = (str, type(None), dict)
 STAGES = ("traffic", "decision", "planning", "control", "vehicle")
 
 
 @dataclass
 class Comparison:
-    """Differences of a stage's outputs from the recorded ones.
+    """Differences between the outputs of a stage and the recorded ones.
 
     Attributes:
-      stage: its name; count: outputs compared; differing: those that are not bit-identical.
-      first: time of the first difference [s], None without one.
-      largest: greatest difference of each quantity by name; inf where it is not comparable.
+      stage: its name; count: number of outputs; differing: of those that are not bit-identical.
+      first: time of the first difference [s]; None without one.
+      largest: greatest difference of each quantity by name; inf if not comparable.
     """
 
     stage: str
@@ -51,7 +51,7 @@ class Comparison:
     largest: dict[str, float] = field(default_factory=dict)
 
     def add(self, time: float, then: Any, now: Any) -> None:
-        """Compares an output, a dataclass, with the recorded one."""
+        """Adds the comparison of an output, a dataclass, with the recorded one."""
         self.count += 1
         same = True
         for name, one, other in _parts(then, now, ""):
@@ -90,7 +90,7 @@ def run_stage(bag: Bag, stage: str, map_path: Path | None = None, **changes: Any
 
 
 class _RecordedDecisions:
-    """A decision maker that returns the recorded decisions and may ask another one to compare."""
+    """Decision maker that returns the recorded decisions; compares them with another one's."""
 
     name = "recorded"
 
@@ -146,7 +146,7 @@ def _control(bag: Bag, config: DriveConfig) -> Comparison:
     plans = iter(zip(bag.scenes, bag.trajectories, strict=True))
     plan, due = None, next(plans, None)
     for ego, then in zip(bag.states, bag.wanted, strict=True):
-        # A plan is followed from the instant of its scene on.
+        # The truck follows a plan from the time of its scene on.
         while due is not None and due[0].time <= ego.time + 1e-9:
             plan, due = due[1], next(plans, None)
         if plan is None:
@@ -156,7 +156,7 @@ def _control(bag: Bag, config: DriveConfig) -> Comparison:
 
 
 def _vehicle(bag: Bag, config: DriveConfig) -> Comparison:
-    """Repeats the truck on an empty road, without the vehicles that it may have touched."""
+    """Repeats the truck on an empty road, without vehicles that it may have collided with."""
     result = Comparison("vehicle")
 
     def recorded(number: int, ego: EgoState) -> VehicleCommand:
@@ -194,7 +194,7 @@ def _traffic(bag: Bag, config: DriveConfig) -> Comparison:
 
 
 def _framed(scene: Scene) -> Scene:
-    """Returns the scene with its vehicles as the simulation gives them."""
+    """Returns the scene with its vehicles in a `VehicleFrame`, as in the simulation."""
     return dataclasses.replace(scene, vehicles=VehicleFrame.of(scene.vehicles))
 
 

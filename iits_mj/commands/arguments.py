@@ -18,23 +18,27 @@ from iits_mj.core import options
 from iits_mj.core.errors import InputError
 
 T = TypeVar("T")
-SIZE_MIN, SIZE_MAX = 64, 4096
+# Placeholders of values with a unit, in the help.
+_METAVARS = {"kg": "KG", "m": "M", "m/s": "MPS", "km/h": "KMH", "s": "S"}
 
 
 class Parser(argparse.ArgumentParser):
     """ArgumentParser whose errors are an `InputError` instead of a usage page and an exit."""
 
     def error(self, message: str) -> NoReturn:
-        """Raises the message on one line, with the command that explains the flags."""
+        """Raises the message as one line that names the help of the command."""
         raise InputError(f"{' '.join(message.split())}; see '{self.prog} --help'")
 
 
 def parse_size(text: str) -> tuple[int, int]:
-    """Width and height in pixels from `WIDTHxHEIGHT`, both even as the video codec requires.
+    """Returns width and height in pixels of `WIDTHxHEIGHT`, both even for the video codec.
 
     Raises:
       InputError: any other text.
     """
+    # Load MuJoCo only for commands that draw.
+    from iits_mj.render.offscreen import SIZE_MAX, SIZE_MIN
+
     parts = text.lower().split("x")
     if len(parts) == 2 and all(part.isascii() and part.isdigit() for part in parts):
         width, height = (int(part[:6]) for part in parts)
@@ -58,7 +62,7 @@ _KINDS = {int: "a whole number", float: "a number"}
 
 
 def build_parser(kind: type[Any], prog: str, description: str) -> Parser:
-    """A parser with one flag for each option of the dataclass `kind`."""
+    """Returns a parser with one flag for each option of the dataclass `kind`."""
     parser = Parser(
         prog=prog,
         description=description,
@@ -74,7 +78,7 @@ def build_parser(kind: type[Any], prog: str, description: str) -> Parser:
 
 
 def parse(kind: type[T], arguments: Sequence[str], prog: str, description: str) -> T:
-    """An instance of the dataclass `kind` from command-line arguments.
+    """Returns an instance of the dataclass `kind` made from command-line arguments.
 
     A field made by `options.given_names` gets the names of the options on the command line.
 
@@ -82,13 +86,12 @@ def parse(kind: type[T], arguments: Sequence[str], prog: str, description: str) 
       InputError: unknown flag, missing or unusable value; SystemExit(0) after `--help`.
     """
     parsed = vars(build_parser(kind, prog, description).parse_args(list(arguments)))
-    given: dict[str, Any] = {}
     rules = {field.name: options.of(field) for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
-    for name, text in parsed.items():
-        rule = rules[name]
-        if rule is None or text is None:
-            continue
-        given[name] = _convert(kind, name, text, rule)
+    given = {
+        name: _convert(kind, name, text, rule)
+        for name, text in parsed.items()
+        if text is not None and (rule := rules[name]) is not None
+    }
     names = frozenset(given)
     given |= dict.fromkeys(options.holders_of_given(kind), names)
     instance = kind(**given)
@@ -113,7 +116,7 @@ def _convert(kind: type[Any], name: str, text: Any, rule: options.Option) -> Any
 
 
 def _plain_type(hint: Any) -> Any:
-    """`X` of a type hint `X | None`."""
+    """Returns `X` of a type hint `X | None`."""
     if isinstance(hint, types.UnionType):
         return next(part for part in typing.get_args(hint) if part is not types.NoneType)
     return hint
@@ -130,7 +133,7 @@ def _add(
         )
         return
     plain = {int: "N", float: "VALUE", Path: "FILE"}.get(value_type, "NAME")
-    metavar = rule.metavar or plain
+    metavar = rule.metavar or _METAVARS.get(rule.unit, plain)
     if rule.positional:
         optional = field.default is not dataclasses.MISSING
         parser.add_argument(field.name, nargs="?" if optional else None, metavar=metavar, help=text)

@@ -1,7 +1,7 @@
 """Measure computing times: physics, threads, J1939 frames, traffic, and a whole drive.
 
-Times depend on the machine; the bounds apply to ratios, which hardly do. Each figure is the best of
-several rounds, because other work on the machine can only make a round slower.
+Times depend on the machine; most bounds apply to ratios, which hardly do. Each figure is the best
+of several rounds, because other work on the machine can only make a round slower.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from iits_mj.core import options as option_fields
 from iits_mj.core.messages import EgoState, TruckReport, VehicleCommand, XbrMode
 from iits_mj.core.options import option
 from iits_mj.core.results import Findings, Results
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.j1939 import (
     Bus,
     CommandReceiver,
@@ -40,6 +41,7 @@ from iits_mj.model.road_table import add_road_table
 from iits_mj.parameters import TruckParameters, payload_option
 from iits_mj.road import RoadMap, Route
 from iits_mj.simulation import DriveConfig, Simulation
+from iits_mj.simulation.server import TICK
 from iits_mj.truck import Truck
 from traffic_bridge import InterSim, Mirror, TrafficConfig
 
@@ -51,22 +53,22 @@ class Options(ResultOptions):
     """Flags of `iits-mj bench`."""
 
     payload: float = payload_option()
-    threads: int = option(2, help="number of threads of the roll-out", low=1, high=256)
-    traffic: bool = option(True, help="also measure SUMO and a whole drive")
+    threads: int = option(2, help="number of threads of the rollout", low=1, high=256)
+    traffic: bool = option(True, help="measure SUMO traffic and a whole drive, too")
     seed: int = option(0, help="seed of the traffic", low=0, high=2**31 - 1)
-    quick: bool = option(False, help="fewer rounds; ends within a minute")
+    quick: bool = option(False, help="fewer rounds, within a minute")
 
     def __post_init__(self) -> None:
         option_fields.check(self)
 
 
 def run(options: Options) -> int:
-    """Measures and prints."""
+    """Measures and prints; returns the exit code."""
     return finish(options, lambda: measure(options))
 
 
 def measure(options: Options) -> Results:
-    """All figures."""
+    """Returns all figures."""
     results = Results("bench", options.seed)
     rounds = 3 if options.quick else 10
     results.add("", _physics(options, rounds))
@@ -82,7 +84,7 @@ def best(
     rounds: int,
     clock: Callable[[], float] = time.perf_counter,
 ) -> float:
-    """Least time of a call [s], by default wall time."""
+    """Returns the least time of a call [s], by default wall time."""
     times = []
     with no_collection():
         for _ in range(rounds):
@@ -104,11 +106,8 @@ def no_collection() -> Iterator[None]:
             gc.enable()
 
 
-# --- Physics ---
-
-
 def bare_model(parameters: TruckParameters, payload: float, timestep: float) -> mujoco.MjModel:
-    """The model of the truck without plugins: same bodies and joints, no tire, engine or brake."""
+    """Returns the truck's model without plugins: same bodies, but no tire, engine or brake."""
     spec = truck_spec(parameters, payload)
     spec.option.timestep = timestep
     remove_plugins(spec, {plugin.plugin_name for plugin in spec.plugins})
@@ -116,7 +115,7 @@ def bare_model(parameters: TruckParameters, payload: float, timestep: float) -> 
 
 
 def remove_plugins(spec: mujoco.MjSpec, kinds: set[str]) -> None:
-    """Removes all instances of these plugins from the specification, with what refers to them."""
+    """Removes all instances of these plugins and their sensors and actuators."""
     names = {plugin.name for plugin in spec.plugins if plugin.plugin_name in kinds}
     for sensor in list(spec.sensors):
         if sensor.type == mujoco.mjtSensor.mjSENS_PLUGIN and sensor.plugin.name in names:
@@ -153,8 +152,8 @@ def _physics(options: Options, rounds: int) -> Findings:
 
         return play
 
-    # In turns, so that other work on the machine affects both, and by processor time, so that
-    # waiting for a core does not count.
+    # In turns, so that other work on the machine affects both; processor time does not count the
+    # time spent waiting for a core.
     play_full, play_tree = player(truck.model, start), player(bare, mujoco.MjData(bare))
     turns = [
         (best(play_full, 1, time.thread_time), best(play_tree, 1, time.thread_time))
@@ -179,10 +178,11 @@ def _physics(options: Options, rounds: int) -> Findings:
 
 
 def _per_plugin(truck: Truck, start: mujoco.MjData, rounds: int) -> tuple[dict[str, float], float]:
-    """Time of a step less the time without one plugin [s], by plugin; and a ratio.
+    """Returns the time of each plugin in a step [s], and a ratio.
 
-    The runs are short and begin with the same motion, because the truck falls without its tires.
-    The ratio is that of the time of a step to the time without powertrain and brakes.
+    The time is the difference to a model without the plugin. The ratio is the time of a step over
+    the time without powertrain and brakes. The runs are short and begin with the same motion,
+    because the truck falls without its tires.
     """
     steps = 200
 
@@ -218,7 +218,7 @@ def _per_plugin(truck: Truck, start: mujoco.MjData, rounds: int) -> tuple[dict[s
 def _rollout(
     model: mujoco.MjModel, start: mujoco.MjData, threads: int, steps: int, rounds: int
 ) -> float:
-    """Wall time per step of `mujoco.rollout` with all threads [s]."""
+    """Returns the wall time per step of `mujoco.rollout` with all threads [s]."""
     runs = 2 * threads
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
     state = np.zeros(mujoco.mj_stateSize(model, kind))
@@ -245,18 +245,18 @@ def _whole_drive(options: Options, duration: float) -> Findings:
     return found
 
 
-# --- J1939 interface: frames, the virtual bus, and a control cycle over it ---
-# All by processor time. In a control cycle the commands of the controller are sent and obeyed, the
-# truck's reports that are due at that instant are sent back, and the controller has its new state.
-# Reports between two cycles are measured separately.
-
-TICK = 0.01
-CYCLE_TICKS = 2
-# One second of the bus contains every message, however slow.
+CYCLE_TICKS = round(CONTROL_PERIOD / TICK)
+# One second of the bus contains every message, also the slowest.
 CYCLES = 50
 
 
 def _interface(rounds: int) -> Findings:
+    """Returns processor times of frames and of a control cycle over the virtual bus.
+
+    In a control cycle the controller's commands are sent and obeyed, the truck's reports of that
+    instant are sent back, and the controller updates its state. Reports between two cycles are
+    measured separately.
+    """
     states = _drive(CYCLES * CYCLE_TICKS)
     frames = _second(states)
     groups = [decoded.group for frame in frames if (decoded := decode(frame)) is not None]
@@ -281,7 +281,7 @@ def _interface(rounds: int) -> Findings:
 
 
 def _drive(ticks: int) -> list[tuple[EgoState, TruckReport]]:
-    """States and reports of the truck every 10 ms, with changing commands."""
+    """Returns states and reports of the truck every 10 ms, with changing commands."""
     truck = Truck.load(visuals=False)
     truck.reset(speed=15.0)
     found = []
@@ -303,7 +303,7 @@ def _command(tick: int) -> VehicleCommand:
 
 
 def _second(states: list[tuple[EgoState, TruckReport]]) -> list[Frame]:
-    """All frames of one second, commands and reports."""
+    """Returns all frames of one second, commands and reports."""
     controller, truck, frames = CommandSender(), StateSender(), []
     for tick, (state, report) in enumerate(states):
         if tick % CYCLE_TICKS == 0:
@@ -324,7 +324,7 @@ class _Ends:
     receiver: CommandReceiver = field(default_factory=CommandReceiver)
 
     def command(self, command: VehicleCommand, now: float) -> None:
-        """Sends, receives and obeys the commands that are due."""
+        """Sends, receives and obeys the due commands."""
         for frame in self.controller.frames(command, now):
             self.controller_bus.send(frame)
         for frame in self.truck_bus.receive():
@@ -332,7 +332,7 @@ class _Ends:
         self.receiver.command(now)
 
     def report(self, state: EgoState, report: TruckReport) -> None:
-        """Sends and receives the reports that are due, and updates the state."""
+        """Sends and receives the due reports, and updates the state."""
         for frame in self.truck.frames(state, report):
             self.truck_bus.send(frame)
         for frame in self.controller_bus.receive():
@@ -341,7 +341,7 @@ class _Ends:
 
 
 def _ticks(states: list[tuple[EgoState, TruckReport]], rounds: int) -> list[float]:
-    """Time of each 10 ms tick over the bus without physics [s], the least of several rounds."""
+    """Returns the least time of each 10 ms tick over the bus, without physics [s]."""
     channel = uuid.uuid4().hex
     clock = time.thread_time
     commands = [_command(tick) for tick in range(len(states))]
@@ -359,7 +359,7 @@ def _ticks(states: list[tuple[EgoState, TruckReport]], rounds: int) -> list[floa
 
 
 def _bus_alone(frames: list[Frame], rounds: int) -> float:
-    """Time of python-can alone to send and receive these frames [s]."""
+    """Returns the time in which python-can alone sends and receives these frames [s]."""
     channel = uuid.uuid4().hex
     messages = [to_can(frame) for frame in frames]
     ends = [can.Bus(interface="virtual", channel=channel) for _ in range(2)]
@@ -377,20 +377,16 @@ def _bus_alone(frames: list[Frame], rounds: int) -> float:
             end.shutdown()
 
 
-# --- Traffic: bridge, with the truck in it, and mirror, in addition to SUMO's own stepping ---
-# The truck drives along the built-in highway with 60 vehicles in view; every step is timed as a
-# whole and inside SUMO, by processor time.
-
 VEHICLES = 60
-SPEED = 8.0  # [m/s] of traffic and truck, at which that many vehicles are within view
+SPEED = 8.0  # [m/s] of traffic and truck; slow traffic is dense
 START = 3_300.0  # [m]
 STEPS = 10  # per second
-GOAL = 2.0  # [ms per simulated second] on the machine of the next note
-# The goal as a share of SUMO's own stepping, so that it also applies to slower machines. SUMO took
+GOAL = 2.0  # [ms per simulated second] on the machine of `SHARE_BOUND`
+# The goal as a share of SUMO's own stepping, which applies to slower machines, too. SUMO took
 # 1.2 ms (45 us per step for 25 vehicles) on a machine where Python sums ten million integers in
 # 0.5 s.
 SHARE_BOUND = "<= 1.67"
-# The density is chosen so that enough vehicles are on the road where the truck starts.
+# This density puts enough vehicles on the road where the truck starts.
 CONFIG = TrafficConfig(
     density=0.5, speed_limit=SPEED, view_range=400.0, fill_ahead=380.0, fill_behind=380.0
 )
@@ -411,7 +407,11 @@ class _Clock:
 
 
 def _traffic(rounds: int) -> Findings:
-    """The best second of traffic, of those with at least 60 vehicles in view."""
+    """Returns processor times of the best second of traffic with at least 60 vehicles in view.
+
+    The truck drives along the built-in highway. Every step is timed as a whole and inside SUMO;
+    bridge and mirror take the difference.
+    """
     route = RoadMap.builtin().route()
     mirror = Mirror()
     truck = Truck.load(route=route, edit_spec=mirror.add_to)

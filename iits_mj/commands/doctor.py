@@ -1,6 +1,6 @@
-"""Show versions, engine plugin, OpenGL, SUMO and netconvert, with a remedy for each problem.
+"""Check the installation: versions, engine plugin, OpenGL, SUMO; name a remedy for each problem.
 
-Exit code 0 when everything that is required works, 1 otherwise; optional parts do not count.
+Exit code 0 when every required part works, 1 otherwise; optional parts do not count.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Options:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One line of the report: what was examined, whether it works, and what helps."""
+    """One line of the report: a part of the installation, its state and a remedy."""
 
     name: str
     ok: bool
@@ -54,17 +54,17 @@ class Finding:
 
     @property
     def verdict(self) -> str:
-        """One word: ok, MISSING (needed) or absent (optional)."""
+        """Returns ok, MISSING (a needed part) or absent (an optional part)."""
         return "ok" if self.ok else ("MISSING" if self.needed else "absent")
 
     @property
     def remedy_text(self) -> str:
-        """The remedy, "" when none is needed."""
+        """Returns the remedy, "" for a part that works."""
         return "" if self.ok else self.remedy
 
 
 def run(options: Options) -> int:
-    """Examines everything and prints one line each."""
+    """Checks every part and prints one line each; returns the exit code."""
     findings = [probe() for probe in PROBES]
     well = all(finding.ok for finding in findings if finding.needed)
     if options.json:
@@ -79,7 +79,7 @@ def run(options: Options) -> int:
 
 
 def python() -> Finding:
-    """The interpreter."""
+    """Checks the Python interpreter."""
     return Finding(
         "Python",
         sys.version_info >= (3, 11),
@@ -89,12 +89,12 @@ def python() -> Finding:
 
 
 def package() -> Finding:
-    """This package."""
+    """Reports version and place of this package."""
     return Finding("iits-mj", True, f"{iits_mj.__version__} in {Path(iits_mj.__file__).parent}")
 
 
 def engine() -> Finding:
-    """MuJoCo; its plugin interface depends on the exact version."""
+    """Checks the version of MuJoCo, for which the plugin is compiled."""
     return Finding(
         "MuJoCo",
         mujoco.__version__ == MUJOCO_WANTED,
@@ -104,7 +104,7 @@ def engine() -> Finding:
 
 
 def plugin() -> Finding:
-    """The compiled engine plugin."""
+    """Checks the compiled engine plugin."""
     try:
         path = plugin_library.register()
     except Error as error:
@@ -113,7 +113,7 @@ def plugin() -> Finding:
 
 
 def truck() -> Finding:
-    """The truck, simulated for 0.2 s on a plane."""
+    """Simulates the truck for 0.2 s on a plane."""
     try:
         standing = iits_mj.Truck.load(visuals=False)
         standing.step(100)
@@ -123,7 +123,7 @@ def truck() -> Finding:
 
 
 def opengl() -> Finding:
-    """Offscreen OpenGL, tried in another process because a bad driver may abort it."""
+    """Checks offscreen OpenGL in another process, because a bad driver may abort it."""
     backend = os.environ.get("MUJOCO_GL") or "egl"
     probe = subprocess.run(
         [sys.executable, "-c", _GL_PROBE],
@@ -143,7 +143,7 @@ def opengl() -> Finding:
 
 
 def ffmpeg() -> Finding:
-    """The video encoder inside the imageio-ffmpeg wheel."""
+    """Checks the video encoder inside the imageio-ffmpeg wheel."""
     try:
         imageio_ffmpeg = importlib.import_module("imageio_ffmpeg")
         path = imageio_ffmpeg.get_ffmpeg_exe()
@@ -153,7 +153,7 @@ def ffmpeg() -> Finding:
 
 
 def display() -> Finding:
-    """A display for `iits-mj view`."""
+    """Checks that there is a display for `iits-mj view`."""
     shown = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY") or ""
     there = bool(shown) or platform.system() != "Linux"
     return Finding(
@@ -166,7 +166,7 @@ def display() -> Finding:
 
 
 def netconvert() -> Finding:
-    """SUMO's network converter, which is part of the eclipse-sumo wheel only."""
+    """Checks SUMO's network converter, which only the eclipse-sumo wheel has."""
     try:
         home = importlib.import_module("sumo").SUMO_HOME
         program = Path(home) / "bin" / "netconvert"
@@ -180,7 +180,7 @@ def netconvert() -> Finding:
 
 
 def module(module: str, name: str, remedy: str, *, needed: bool = True) -> Finding:
-    """A Python package; it is imported, because an installed one may still lack a library."""
+    """Imports a Python package: an installed package may still lack a library."""
     try:
         importlib.import_module(module)
         version = importlib.metadata.version(module)

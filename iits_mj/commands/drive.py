@@ -1,8 +1,8 @@
-"""Drive the truck with its stack over a road in SUMO traffic.
+"""Drive the truck along a road in SUMO traffic, controlled by its driving stack.
 
-Writes drive.mp4, telemetry.csv, plots, summary.json and report.html, which shows all of them, into
---out. Exit code 0 when the drive ended well; 1 after a collision, a roll-over or a divergence of
-the simulation; 2 on wrong use.
+Writes drive.mp4, telemetry.csv, plots, summary.json, and report.html, which contains all of them,
+into --out. Exit code: 0 after a drive without failure; 1 after a collision, a roll-over or a
+divergence of the simulation; 2 after wrong use.
 """
 
 from __future__ import annotations
@@ -46,22 +46,22 @@ CAPTIONS = {
 INTERRUPTED = 130
 UNSTEERED = (
     "No steering command (IITS_COMMAND) was accepted, and the truck does not obey the accelerator "
-    "without steering: with --keep-lane, replay-can steers instead of the log."
+    "without steering: use replay-can --keep-lane, which steers instead of the log."
 )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Kept:
-    """Options for the files of a drive."""
+    """Options of the files that a drive writes."""
 
     out: Path = option(Path("out"), help="folder for all output", metavar="DIR")
-    video: bool = option(True, help="make drive.mp4")
-    size: tuple[int, int] = option((960, 540), help="size of the pictures", metavar="WxH")
+    video: bool = option(True, help="write drive.mp4")
+    size: tuple[int, int] = option((960, 540), help="size of the video in pixels", metavar="WxH")
     camera: str = option("chase", help="camera of the video", choices=CAMERAS)
     fps: int = option(20, help="pictures per second of the video", low=5, high=50)
     can_log: Path | None = option(
         None,
-        help="write commands and reports on the truck's CAN bus; the suffix gives the format: "
+        help="write commands and reports of the truck's CAN bus; the suffix selects the format: "
         f"{', '.join(WRITTEN)}",
         metavar="FILE",
     )
@@ -86,9 +86,9 @@ class Job:
     """A drive to perform.
 
     Attributes:
-      command: its name; options: its flags; config: of the drive; kept: its files.
-      driver: makes the driver; None: the stack drives.
-      duration: expected, if known [s].
+      command: name; options: all flags; config: of the drive; kept: options of its files.
+      driver: makes the driver; None for the driving stack.
+      duration: expected [s], None when it is unknown.
     """
 
     command: str
@@ -104,8 +104,8 @@ class Outcome:
     """The result of a drive, finished or interrupted.
 
     Attributes:
-      summary, telemetry: of the drive; video: its path, or None; notes: for the report.
-      receiver: of the truck's commands, if they came as frames; logged: number of frames written.
+      summary, telemetry: of the drive; video: path, or None; notes: for the report.
+      receiver: of command frames, None for direct commands; logged: number of logged frames.
       driver: of the truck.
     """
 
@@ -118,7 +118,7 @@ class Outcome:
     driver: Driver
 
     def frames(self) -> dict[str, Mapping[str, int]]:
-        """Counts of frames by fate and reason; empty without frames."""
+        """Returns the counts of command frames by outcome; empty for direct commands."""
         heard = self.receiver
         if heard is None:
             return {}
@@ -130,20 +130,20 @@ class Outcome:
         }
 
     def rows(self) -> list[tuple[str, str]]:
-        """Name and value of every figure."""
+        """Returns name and value of every figure."""
         rows = self.summary.rows() + speed_rows(self.driver)
         rows += [(f"frames {what}", counts_text(n)) for what, n in self.frames().items()]
         return rows
 
 
 def run(options: Options) -> int:
-    """Drives, writes everything and prints the summary."""
+    """Drives, writes all files and prints the summary; returns the exit code."""
     check_given(options, options.given)
     return perform(Job("drive", options, options, options, duration=options.duration))
 
 
 def perform(job: Job) -> int:
-    """Drives, writes everything and prints the summary; returns the exit code."""
+    """Drives, writes all files and prints the summary; returns the exit code."""
     prepare_folder(job.kept.out)
     outcome, interrupted = _drive(job)
     pages = _write(job, outcome)
@@ -159,7 +159,7 @@ def perform(job: Job) -> int:
 
 
 def _drive(job: Job) -> tuple[Outcome, bool]:
-    """Runs the simulation; True when it was interrupted."""
+    """Runs the simulation; returns its outcome and whether it was interrupted."""
     interrupted, kept = False, job.kept
     with ExitStack() as stack:
         simulation = stack.enter_context(
@@ -176,7 +176,7 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
             from iits_mj.bag.mcap_file import BagWriter
 
             observers.append(stack.enter_context(BagWriter(kept.bag, simulation)))
-        # Last, because it writes to stderr when another file cannot be opened afterwards.
+        # Opened last: an encoder that is abandoned writes to stderr.
         film, notes = _open_film(kept, simulation)
         if film is not None:
             observers.append(stack.enter_context(film))
@@ -201,14 +201,14 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
 
 
 def _receiver(simulation: Simulation) -> CommandReceiver | None:
-    """The receiver of the truck's commands, if they come as frames."""
+    """Returns the receiver of command frames, None for direct commands."""
     if isinstance(simulation.driver, LogDriver):
         return simulation.driver.receiver
     return simulation.path.receiver if simulation.path.over_bytes else None
 
 
 def _open_film(kept: Kept, simulation: Simulation) -> tuple[VideoObserver | None, tuple[str, ...]]:
-    """The writer of the video; None, with a note on the reason, if pictures cannot be made."""
+    """Returns the writer of the video; None with a note for the report without OpenGL."""
     if not kept.video:
         return None, ()
     try:
@@ -222,7 +222,7 @@ def _open_film(kept: Kept, simulation: Simulation) -> tuple[VideoObserver | None
 
 
 def _write(job: Job, outcome: Outcome) -> list[tuple[str, Path]]:
-    """Writes plots, report and summary; returns the names and paths of all files."""
+    """Writes plots, summary and report; returns names and paths of the main files."""
     out = job.kept.out
     images = []
     for name, panels in drive_figures(outcome.telemetry).items():

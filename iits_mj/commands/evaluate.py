@@ -1,6 +1,6 @@
-"""Compare decision makers over the paper's six traffic cells, on the same traffic for all.
+"""Compare decision makers in the paper's six traffic cells, all in the same traffic.
 
-With --quick one short trip in each cell is driven, to show the table; its figures mean little.
+--quick drives one short trip in each cell to show the table; its figures have no significance.
 """
 
 from __future__ import annotations
@@ -38,25 +38,25 @@ KEPT = "evaluate.csv"
 class Options(evaluate.EvaluateConfig, ClusterOptions, ResultOptions):
     """Flags of `iits-mj evaluate`."""
 
-    quick: bool = option(False, help="one short trip in each cell; ends within minutes")
+    quick: bool = option(False, help="one short trip in each cell, within minutes")
 
 
 def run(options: Options) -> int:
-    """Drives the missing trips, shows the table and writes the page; 0 or 1."""
+    """Drives the missing trips, shows the table, writes the report; returns the exit code."""
     if options.quick:
         options = dataclasses.replace(options, trials=1, length=QUICK_LENGTH)
     if options.report is not None:
         prepare_folder(options.report, "report")
         options = dataclasses.replace(options, file=options.file or options.report / KEPT)
     if options.ray is not None and options.file is None:
-        raise InputError("--ray needs a file for the trials: name it by --file, or give --report")
+        raise InputError("--ray needs a file for the trials: add --file FILE.csv or --report DIR")
     if options.file is not None:
         prepare_file(options.file, "--file")
     trials = drive(options)
     results, cells = summarize(trials, options)
     print(results.to_json(iits_mj.__version__) if options.json else to_text(results))
     if options.report is not None and cells:
-        # Load matplotlib only for pictures.
+        # Load matplotlib only for reports.
         from iits_mj.evaluation.page import write_page
 
         web, text = write_page(results, cells, trials, options, options.report)
@@ -66,7 +66,7 @@ def run(options: Options) -> int:
 
 
 def drive(options: Options) -> list[Trial]:
-    """Drives the trials with a progress bar."""
+    """Drives the trials with a progress bar; returns them."""
     with tqdm(unit=" trips", disable=None, smoothing=0.05) as bar:
 
         def progress(done: int, total: int) -> None:
@@ -88,9 +88,9 @@ def _on_cluster(
     drive: Callable[[Task], Trial],
     keep: Callable[[Trial], None],
 ) -> None:
-    """Drives trials in shards on a Ray cluster; the shards stay beside the file until all are done.
+    """Drives trials in shards on a Ray cluster.
 
-    The rows of the file come from the shards, so that a stopped run finds them again.
+    The shards stay beside the file until all trials are done: a stopped run continues from them.
     """
     if not tasks:
         return
@@ -111,6 +111,6 @@ def _on_cluster(
 
 
 def to_text(results: Results) -> str:
-    """The tables and the checks that fall short; the page shows all checks."""
+    """Returns the tables and the checks that fall short; the report shows all checks."""
     short = [f"falls short: {check.shortfall()}" for check in results.short()]
     return "\n".join([*results.notes, "", *short, results.count_text()])

@@ -1,4 +1,4 @@
-"""Fit the truck's parameters to a recorded log, for instance the telemetry of a drive."""
+"""Fit the truck's parameters to a log, such as the telemetry of a drive."""
 
 from __future__ import annotations
 
@@ -14,5 +14,5 @@ class Options(command.IdentifyConfig, ResultOptions):
 
 
 def run(options: Options) -> int:
-    """Identifies and shows each parameter with its confidence."""
+    """Fits the parameters and shows each with its confidence; returns the exit code."""
     return finish(options, lambda: command.run(options))

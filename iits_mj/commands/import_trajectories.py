@@ -1,7 +1,7 @@
-"""Places recorded trajectories of any known format on the road of any map, to be driven in.
+"""Place recorded trajectories on a map and write them as a recording for 'iits-mj replay'.
 
-The file serves 'iits-mj replay FILE'. Formats, found by the content: NGSIM tables, reconstructed
-NGSIM pairs, highD-like tracks, SUMO's floating-car data, and our own recordings.
+The content of the file determines its format: NGSIM table, reconstructed NGSIM pairs, highD-like
+tracks, SUMO's floating-car data, or a recording of 'iits-mj record'.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Options:
     data: Path = option(help="data set to place on the map", metavar="FILE", positional=True)
     file: Path = option(help="recording to write", metavar="OUT.npz")
     map: Path | None = option(
-        None, help="OpenDRIVE map; default: the built-in 15 km highway", metavar="FILE.xodr"
+        None, help="OpenDRIVE map; without it the built-in 15 km highway", metavar="FILE.xodr"
     )
     start_station: float = option(
         0.0,
@@ -39,36 +39,37 @@ class Options:
         unit="m",
         low=-1e6,
         high=1e6,
-        metavar="M",
     )
     lanes: str | None = option(
         None,
-        help="lane of the map for each lane of the set, both counted from the right from 0, as in "
-        "0:1,1:2; other lanes are left out; default: every lane keeps its index",
+        help="lane of the map for each lane of the data set, as in 0:1,1:2; lane 0 is the "
+        "rightmost; other lanes are left out; without it every lane keeps its number",
         metavar="MAP",
     )
     begin: float | None = option(
-        None, help="leave out data before this time of the set", unit="s", metavar="S"
+        None, help="leave out data before this time of the data set", unit="s"
     )
     end: float | None = option(
-        None, help="leave out data from this time of the set on", unit="s", metavar="S"
+        None, help="leave out data from this time of the data set on", unit="s"
     )
     filter_noise: bool = option(False, help="smooth raw positions, for NGSIM tables as published")
     units: str | None = option(
-        None, help="units of an NGSIM table; default: ft, as published", choices=("ft", "m")
+        None,
+        help="unit of lengths in an NGSIM table; without it ft, as published",
+        choices=("ft", "m"),
     )
     main_lanes: int | None = option(
         None,
-        help="lanes of an NGSIM site without ramps; others are left out",
+        help="number of lanes of an NGSIM site without its ramps, which are left out",
         low=1,
         high=30,
     )
     location: str | None = option(
-        None, help="site in an NGSIM table of several sites, as in us-101", metavar="NAME"
+        None, help="site in an NGSIM table of several sites, such as us-101", metavar="NAME"
     )
     direction: int | None = option(
         None,
-        help="driving direction of a highD-like recording; default: the one with more vehicles",
+        help="driving direction of highD-like tracks; without it the one with more vehicles",
         low=1,
         high=2,
     )
@@ -78,7 +79,7 @@ class Options:
 
 
 def run(options: Options) -> int:
-    """Reads, lays, writes, and says what was done."""
+    """Reads the trajectories, places them on the map and writes the recording."""
     prepare_file(target(options.file), "--file")
     if options.fcd is not None:
         prepare_file(options.fcd, "--fcd")
@@ -96,7 +97,7 @@ def run(options: Options) -> int:
         trajectories = trajectories.between(begin, end)
         if not len(trajectories):
             raise InputError(
-                f"--begin {begin:g}, --end {end:g}: nothing is left; the set has times from "
+                f"--begin {begin:g}, --end {end:g}: no data between them; use times from "
                 f"{whole[0]:g} to {whole[1]:g} s"
             )
     if options.filter_noise:
@@ -116,15 +117,15 @@ def run(options: Options) -> int:
 
 
 def lane_map(text: str | None) -> dict[int, int] | None:
-    """Lanes from words such as `0:1,1:2`.
+    """Returns the lanes of a text such as `0:1,1:2`.
 
     Raises:
-      InputError: it reads otherwise.
+      InputError: the text has another form.
     """
     if text is None:
         return None
     pairs = [part.strip().split(":") for part in text.split(",")]
     good = all(len(pair) == 2 and all(word.strip().isdecimal() for word in pair) for pair in pairs)
     if not good or len({pair[0].strip() for pair in pairs}) != len(pairs):
-        raise InputError(f"--lanes {text!r}: must read as in 0:1,1:2, each lane of the set once")
+        raise InputError(f"--lanes {text!r}: use the form 0:1,1:2 with each lane of the set once")
     return {int(lane): int(target) for lane, target in pairs}

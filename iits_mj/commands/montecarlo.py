@@ -1,9 +1,8 @@
-"""Measure trucks whose parameters are drawn from their uncertainty.
+"""Monte Carlo over the uncertainty of the truck's parameters.
 
-Shows the distribution of handling, brake and fuel figures, the shares of trucks that meet the
-standards, and the parameters on which each figure depends. Finished trucks are kept in --folder;
-the same command continues with the rest, on this machine or on a Ray cluster, with the same
-results.
+Shows the distribution of handling, brake and fuel figures, the share of trucks that meets the
+standards, and the parameters on which each figure depends. --folder keeps the finished trucks: the
+same command continues with the rest, on this machine or on a Ray cluster, with the same results.
 """
 
 from __future__ import annotations
@@ -39,11 +38,11 @@ class Options(uncertainty.MonteCarloConfig, ClusterOptions, ResultOptions):
     folder: Path | None = option(
         None, help="folder for finished trucks and samples.csv", metavar="DIR"
     )
-    quick: bool = option(False, help="four trucks; ends within a minute")
+    quick: bool = option(False, help="four trucks, within a minute")
 
 
 def run(options: Options) -> int:
-    """Measures the trucks that are missing and shows the figures; 0 or 1."""
+    """Measures the missing trucks and shows the figures; returns the exit code."""
     if options.folder is not None:
         prepare_folder(options.folder, "folder")
         return finish(options, functools.partial(_measure, options, options.folder))
@@ -58,7 +57,7 @@ def _measure(options: Options, folder: Path) -> Results:
         settings["samples"] = QUICK_SAMPLES
     config = uncertainty.MonteCarloConfig(**settings)
     tasks = uncertainty.tasks_of(config)
-    # Trucks of another version of the code are in another folder.
+    # Each version of the code has its own folder.
     shards = Shards(folder / f"shards-{uncertainty.sample_code()}", Sample, "samples")
     rows: list[Sample] = []
     plan: Plan[SampleTask, Sample] = Plan(

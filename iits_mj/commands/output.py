@@ -20,25 +20,20 @@ from iits_mj.core.results import Results
 from iits_mj.scale.ray_executor import RayExecutor
 
 if TYPE_CHECKING:
-    from iits_mj.simulation import Frame
+    from iits_mj.simulation import DriveFrame
 
 
-def prepare_folder(folder: Path, name: str = "out") -> Path:
-    """Makes the folder, whose content stays, and checks that it is writable.
+def prepare_folder(folder: Path, name: str = "out") -> None:
+    """Makes a folder, or keeps an existing one, and checks that it is writable.
 
     Raises:
       InputError: it cannot be made, is not a folder, or is not writable.
     """
     _check_writable(folder, f"--{name} {str(folder)!r}")
-    return folder
 
 
-def prepare_file(path: Path, name: str) -> Path:
+def prepare_file(path: Path, name: str) -> None:
     """Makes the folder of a file and checks that it is writable.
-
-    Args:
-      path: of the file.
-      name: of the option, for messages.
 
     Raises:
       InputError: the path is a folder, or its folder is not writable.
@@ -47,7 +42,6 @@ def prepare_file(path: Path, name: str) -> Path:
     if path.is_dir():
         raise InputError(f"{shown} is a folder; name a file")
     _check_writable(path.parent, shown)
-    return path
 
 
 def _check_writable(folder: Path, shown: str) -> None:
@@ -60,8 +54,8 @@ def _check_writable(folder: Path, shown: str) -> None:
 
 
 @contextmanager
-def progress_bar(duration: float | None) -> Iterator[Callable[[Frame], None]]:
-    """A progress bar on stderr over the simulated time [s]; silent when that is not a terminal.
+def progress_bar(duration: float | None) -> Iterator[Callable[[DriveFrame], None]]:
+    """Shows a progress bar over the simulated time [s], if stderr is a terminal.
 
     Without a duration it shows only the time.
     """
@@ -71,7 +65,7 @@ def progress_bar(duration: float | None) -> Iterator[Callable[[Frame], None]]:
     total = None if duration is None else round(duration, 1)
     bar = tqdm(total=total, unit="s", disable=None, bar_format=form)
 
-    def progress(frame: Frame) -> None:
+    def progress(frame: DriveFrame) -> None:
         bar.set_description_str(f"{frame.ego.speed * 3.6:3.0f} km/h", refresh=False)
         time = frame.time if total is None else min(frame.time, total)
         bar.update(max(0.0, time - bar.n))
@@ -82,28 +76,28 @@ def progress_bar(duration: float | None) -> Iterator[Callable[[Frame], None]]:
 
 @dataclass(frozen=True, kw_only=True)
 class ResultOptions:
-    """Base class: options of every command that gives results."""
+    """Options of every command that returns results."""
 
     json: bool = option(False, help="print one JSON object instead of the table")
     report: Path | None = option(
-        None, help="folder for a page with table and plots, as HTML and Markdown", metavar="DIR"
+        None, help="folder for a report with table and plots, as HTML and Markdown", metavar="DIR"
     )
 
 
 def finish(options: ResultOptions, measure: Callable[[], Results]) -> int:
-    """Measures, prints the table or the JSON object, and writes the page; the exit code, 0 or 1.
+    """Measures, prints the table or the JSON object, writes the report; returns the exit code.
 
-    The folder of the page is checked before the measurement.
+    The exit code is 0 when every check holds, else 1. The report's folder is checked first.
 
     Raises:
-      InputError: the page cannot be written.
+      InputError: the report cannot be written.
     """
     if options.report is not None:
         prepare_folder(options.report, "report")
     results = measure()
     print(results.to_json(iits_mj.__version__) if options.json else results.to_table())
     if options.report is not None:
-        # Load matplotlib only for pages.
+        # Load matplotlib only for reports.
         from iits_mj.render.pages import write_results_page
 
         page, text = write_results_page(results, iits_mj.__version__, options.report)
@@ -114,24 +108,20 @@ def finish(options: ResultOptions, measure: Callable[[], Results]) -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class ClusterOptions:
-    """Base class: options of commands that can work on a cluster."""
+    """Options of commands that can work on a cluster."""
 
     ray: str | None = option(
         None,
-        help="work on a Ray cluster instead of this machine: HOST:PORT of its head, auto, or local",
+        help="run on a Ray cluster instead of this machine: HOST:PORT of its head, auto, or local",
         metavar="ADDRESS",
     )
-    shard: int = option(
-        5, help="number of results that a worker returns at a time", low=1, high=10_000
-    )
+    shard: int = option(5, help="results that a worker returns at a time", low=1, high=10_000)
 
 
 def pool_of(options: ClusterOptions, digest: Callable[[], str]) -> Callable[[int], Executor] | None:
-    """Makes the pool of workers for `run_sharded`; None for processes of this machine.
+    """Returns a maker of cluster workers for `run_sharded`; None for processes of this machine.
 
-    Args:
-      options: of the command.
-      digest: of the code that does the work; the workers of a cluster compare it with theirs.
+    `digest` is of the code that does the work; the workers compare it with theirs.
     """
     address = options.ray
     return None if address is None else lambda _: RayExecutor(address, digest)
@@ -139,6 +129,6 @@ def pool_of(options: ClusterOptions, digest: Callable[[], str]) -> Callable[[int
 
 @contextmanager
 def progress_of(total: int, unit: str) -> Iterator[Callable[[int], None]]:
-    """A progress bar on stderr; silent when that is not a terminal."""
+    """Shows a progress bar, if stderr is a terminal."""
     with tqdm(total=total, unit=f" {unit}", disable=None, smoothing=0.05, file=sys.stderr) as bar:
         yield lambda count: bar.update(count) and None

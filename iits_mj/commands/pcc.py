@@ -43,48 +43,42 @@ class Options(ResultOptions):
 
     road: Path | None = option(
         None,
-        help="OpenDRIVE map, or CSV with columns s_m and z_m; without it the built-in highway",
+        help="OpenDRIVE map or CSV table (columns s_m, z_m); without it the built-in highway",
         positional=True,
         metavar="MAP_OR_PROFILE",
     )
-    mass: float = option(
-        55_000.0, help="gross mass", unit="kg", low=5_000.0, high=80_000.0, metavar="KG"
-    )
-    v_ref: float = option(
-        72.0, help="set speed of the cruise", unit="km/h", low=10.0, high=130.0, metavar="KMH"
-    )
-    v_min: float = option(
-        45.0, help="least planned speed", unit="km/h", low=4.0, high=130.0, metavar="KMH"
-    )
+    mass: float = option(55_000.0, help="gross mass", unit="kg", low=5_000.0, high=80_000.0)
+    v_ref: float = option(72.0, help="set speed of the cruise", unit="km/h", low=10.0, high=130.0)
+    v_min: float = option(45.0, help="lowest planned speed", unit="km/h", low=4.0, high=130.0)
     v_max: float = option(
         90.0,
-        help="greatest planned speed; 90 is where the EU's speed limiter holds heavy trucks",
+        help="highest planned speed; the EU's speed limiter holds heavy trucks at 90 km/h",
         unit="km/h",
         low=10.0,
         high=200.0,
-        metavar="KMH",
     )
     mean_speed: bool = option(
-        False, help="v-ref is the mean speed of the cruise instead of its set speed"
+        False, help="take --v-ref as the mean speed of the cruise instead of its set speed"
     )
-    limits: bool = option(True, help="keep to the map's speed limits and curve speeds")
+    limits: bool = option(True, help="obey the map's speed limits and the limits in curves")
     k_a: float = option(
-        0.5, help="weight of acceleration squared, as the paper's", low=0.0, high=100.0
+        0.5, help="weight of acceleration squared; 0.5 is the paper's", low=0.0, high=100.0
     )
-    step: float = option(50.0, help="grid", unit="m", low=5.0, high=1_000.0, metavar="M")
-    start: float | None = option(
-        None, help="first station; without it the road's first", unit="m", metavar="M"
+    step: float = option(
+        50.0, help="distance between two grid points", unit="m", low=5.0, high=1_000.0
     )
+    start: float | None = option(None, help="first station; without it the road's first", unit="m")
     length: float | None = option(
-        None, help="length to plan; without it to the end", unit="m", low=100.0, metavar="M"
+        None, help="length to plan; without it to the end of the road", unit="m", low=100.0
     )
     method: str = option(
         "both",
-        help="optimize over distance, by the paper's Hermite finite elements in time, or both",
+        help="distance: optimize over distance; hermite: by the paper's Hermite finite elements in "
+        "time; both: compare the two",
         choices=METHODS,
     )
     profile: Path | None = option(
-        None, help="file for the planned speed over station", metavar="FILE.csv"
+        None, help="table to write: planned speed over station", metavar="FILE.csv"
     )
 
     def __post_init__(self) -> None:
@@ -92,12 +86,12 @@ class Options(ResultOptions):
         if not self.v_min <= self.v_ref <= self.v_max:
             raise InputError(
                 f"band --v-min {self.v_min:g} km/h, --v-ref {self.v_ref:g} km/h, --v-max "
-                f"{self.v_max:g} km/h: v-min <= v-ref <= v-max is wanted"
+                f"{self.v_max:g} km/h: use v-min <= v-ref <= v-max"
             )
 
 
 def run(options: Options) -> int:
-    """Plans and shows what is saved."""
+    """Plans and shows the saving; returns the exit code."""
     if options.profile is not None:
         prepare_folder(options.profile.parent, "profile")
     return finish(options, lambda: measure(options))
@@ -107,9 +101,8 @@ def measure(config: Options) -> Results:
     """Plans a speed profile and compares it with the cruise.
 
     Raises:
-      InputError: road file or numbers not usable.
-      MapError: the map cannot be read.
-      PlanningError: no plan exists; the message gives the reason.
+      InputError: the road or an option is not usable. MapError: the map cannot be read.
+      PlanningError: no plan exists; the message has the reason.
     """
     road = load_profile(config)
     settings = PccConfig(
@@ -136,15 +129,15 @@ def measure(config: Options) -> Results:
     results.notes = [
         f"road {road.name}: {road.length / 1e3:.2f} km, grades {100 * road.grade.min():+.1f} to "
         f"{100 * road.grade.max():+.1f} %, {road.intervals} intervals of {road.step:g} m",
-        f"band {config.v_min:g} to {config.v_max:g} km/h, {config.mass:.0f} kg; the cruise is held "
-        f"to the same engine, brakes and limits, set speed {case.solution.v_set / KMH:.1f} km/h",
+        f"band {config.v_min:g} to {config.v_max:g} km/h, {config.mass:.0f} kg; the cruise has the "
+        f"same engine, brakes and limits, set speed {case.solution.v_set / KMH:.1f} km/h",
         f"{PAPER_SAVING_PERCENT} % and 60 s are the paper's figures for its own road and solver; "
-        "the saving is what the cruise throws away in the brakes, so it depends on road and band",
+        "the saving is the energy that the cruise loses in the brakes: it depends on road and band",
     ]
     if not equal_times(case):
         results.notes.append(
-            "the band lets no plan take as long as the cruise: what is saved is not saved in equal "
-            f"time; a --v-min below {config.v_min:g} km/h does"
+            "no plan within the band takes as long as the cruise, so the saving is not at equal "
+            f"time; use a --v-min below {config.v_min:g} km/h"
         )
     if not config.limits and not np.isfinite(road.v_limit).any() and _is_table(config):
         results.notes.append("a CSV road has no speed limits: --no-limits changes nothing")
@@ -154,7 +147,7 @@ def measure(config: Options) -> Results:
 
 
 def load_profile(config: Options) -> RoadProfile:
-    """Returns the requested road: a CSV by its ending, else an OpenDRIVE map."""
+    """Returns the requested road: a CSV table by its suffix, else an OpenDRIVE map."""
     if config.road is not None and _is_table(config):
         return RoadProfile.from_csv(config.road, config.step, config.length, config.start)
     road_map = RoadMap.builtin() if config.road is None else RoadMap.from_opendrive(config.road)
@@ -171,7 +164,7 @@ def _is_table(config: Options) -> bool:
 
 
 def checks(case: SolvedPlan, config: Options, elements: Elements) -> list[Check]:
-    """Returns the figures; equal time and end speed are bounds, savings are information."""
+    """Returns the figures; equal time and end speed have bounds, savings have none."""
     solution = case.solution
     plan, base = solution.plan, solution.baseline
     rows = [

@@ -1,7 +1,7 @@
-"""Drive in SUMO traffic and store the whole drive: traffic, states and commands of the truck.
+"""Drive in SUMO traffic and record the drive: traffic, states and commands of the truck.
 
-'iits-mj replay FILE' drives in the stored traffic; with --verify it runs everything again and
-compares every bit. In Python, ReSim and RepSim of traffic_bridge read the file.
+'iits-mj replay FILE' drives in the recorded traffic; with --verify it repeats the traffic and
+compares every bit. In Python, traffic_bridge.ReSim and traffic_bridge.RepSim read the file.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Options(DriveConfig):
 
 
 def run(options: Options) -> int:
-    """Drives without pictures and writes the recording, also after an interruption."""
+    """Drives without a video and writes the recording, also after an interruption."""
     prepare_file(target(options.file), "FILE")
     with Simulation(options, record=True, visuals=False) as simulation:
         try:

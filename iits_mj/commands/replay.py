@@ -1,9 +1,9 @@
-"""Drive in recorded traffic, which does not react to the truck.
+"""Drive in recorded traffic, which does not react to the truck, or verify a recording.
 
-With --reactive there is also SUMO traffic, which reacts to the recorded vehicles and the truck.
-With --verify SUMO runs the recorded traffic again from its configuration, its seed and the truck's
-states; with --truck the truck also drives again from its recorded commands. Every pose and state
-must be equal bit for bit, otherwise the exit code is 1. Another map, version or option is refused.
+--reactive adds SUMO traffic, which reacts to the recorded vehicles and the truck. --verify repeats
+the recorded SUMO traffic from its configuration, its seed and the truck's states; --verify --truck
+also repeats the truck's drive from its recorded commands. Exit code 1 unless every pose and state
+is equal bit for bit. Another map, version or option than the recorded one is an error.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ class Options(drive.Options):
     """Flags of `iits-mj replay`: those of `iits-mj drive`, and the recording."""
 
     recording: Path | None = option(
-        help="recording made by 'iits-mj record' or 'iits-mj import-trajectories'",
+        help="recording of 'iits-mj record' or 'iits-mj import-trajectories'",
         metavar="FILE.npz",
         positional=True,
     )
-    verify: bool = option(False, help="run the traffic again in SUMO and compare, without driving")
+    verify: bool = option(False, help="repeat the traffic in SUMO and compare, without a drive")
     truck: bool = option(
-        False, help="with --verify: also drive the truck again from its recorded commands"
+        False, help="with --verify: repeat the truck's drive from its recorded commands, too"
     )
 
 
@@ -41,7 +41,7 @@ def run(options: Options) -> int:
     """Drives like `iits-mj drive`, or verifies the recording.
 
     Raises:
-      InputError: an option has no meaning here, or differs from the recording.
+      InputError: an option has no effect here, or differs from the recording.
     """
     if options.verify:
         return _verify(options)
@@ -56,7 +56,7 @@ def _verify(options: Options) -> int:
     for field in dataclasses.fields(drive.Kept):
         if field.name in options.given:
             flag = field.name.replace("_", "-")
-            raise InputError(f"--{flag} has no meaning with --verify, which writes no files")
+            raise InputError(f"--{flag} has no effect with --verify, which writes no files")
     try:
         lines = _drive_again(path, options) if options.truck else _traffic_again(path, options)
     except (TrafficError, RedriveError) as error:

@@ -1,8 +1,8 @@
 """Drive the truck with the commands of a CAN log, or decode the log into a table.
 
-The drive is on an empty road; it starts with the first frame of the log and ends with the last.
-With the map, payload and start of the drive that wrote the log, the same drive results. The output
-is that of 'iits-mj drive'. A log without steering commands needs --keep-lane.
+The road is empty. The drive starts with the first frame of the log and ends with the last. A log
+of 'iits-mj drive' gives the same drive again if map, payload and start are the same. The output is
+that of 'iits-mj drive'. A log without steering commands needs --keep-lane.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from iits_mj.simulation.driver import LogDriver
 from iits_mj.simulation.parts import make_stack
 from iits_mj.truck import Truck
 
-# Greatest values that a drive accepts: the log determines duration and speed.
+# Highest values that `DriveConfig` accepts: the log determines duration and speed.
 _LONGEST = 86_400.0
 _FASTEST = 30.0
 
@@ -43,30 +43,28 @@ class Options(drive.Kept, TruckStart):
     )
     duration: float | None = option(
         None,
-        help="duration of the drive; default: to the end of the log",
+        help="longest simulated time; without it to the end of the log",
         unit="s",
         low=1.0,
         high=_LONGEST,
-        metavar="S",
     )
     source: int | None = option(
         None,
-        help="address of the only sender to obey, for instance 0, the engine of a recorded truck, "
-        "whose EEC2 contains the pedal; default: every sender that may command",
+        help="address of the only sender to obey, such as 0, the engine of a recorded truck, whose "
+        "EEC2 has the pedal; without it every sender that may command",
         low=0,
         high=LAST_ADDRESS,
         metavar="ADDRESS",
     )
-    keep_lane: bool = option(False, help="steer along the lane, ignoring steering in the log")
-    video: bool = option(False, help="make drive.mp4")
+    keep_lane: bool = option(False, help="steer along the lane and ignore steering in the log")
+    video: bool = option(False, help="write drive.mp4")
     decode: Path | None = option(
         None,
-        help="do not drive, but write every signal of the log into this table and summarize the "
-        "bus",
+        help="do not drive: write every signal of the log to this table and summarize the bus",
         metavar="FILE.csv",
     )
     all_signals: bool = option(
-        False, help="with --decode: also signals that are 'not available', which most are"
+        False, help="with --decode: write signals that are 'not available', too"
     )
 
 
@@ -78,7 +76,7 @@ def run(options: Options) -> int:
     """
     for flag, path in (("decode", options.decode), ("can-log", options.can_log)):
         if path is not None and _same(path, options.file):
-            raise InputError(f"--{flag} {str(path)!r} is the log that is read; name another file")
+            raise InputError(f"--{flag} {str(path)!r} is the input log itself; name another file")
     if options.decode is not None:
         return _decode(options, options.decode)
     start = {f.name: getattr(options, f.name) for f in dataclasses.fields(TruckStart)}
@@ -114,7 +112,7 @@ def _same(path: Path, other: Path) -> bool:
 
 
 def _decode(options: Options, path: Path) -> int:
-    """Writes the table; prints a summary of the bus as text or as one JSON object."""
+    """Writes the table and prints a summary of the bus as text or JSON."""
     summary = write_table(read_log(options.file), path, only_values=not options.all_signals)
     if options.json:
         content = {"command": "replay-can", "version": iits_mj.__version__, "table": str(path)}

@@ -1,8 +1,8 @@
-"""Run one module of a recorded drive again with its recorded inputs, and compare its outputs.
+"""Run one module of a recorded drive on its recorded inputs and compare its outputs.
 
-The bag comes from 'iits-mj drive --bag DIR'. With the same code and settings the outputs are equal
-bit for bit. --decision and --payload change the module; the table then shows its distance from the
-recorded one in the same situations. Exit code 0 when all outputs are equal, 1 otherwise.
+'iits-mj drive --bag DIR' writes the bag. With the same code and settings the outputs are equal bit
+for bit. --decision and --payload change the module; the table then shows how far its outputs are
+from the recorded ones in the same situations. Exit code 0 when all outputs are equal, else 1.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from iits_mj.core.options import option
 from iits_mj.core.results import Check, Results
 from iits_mj.parameters import payload_option
 
-# Number of differing quantities that are shown, in alphabetical order.
+# Number of differing quantities to show, in alphabetical order.
 _SHOWN = 12
 
 
@@ -30,21 +30,21 @@ class Options(ResultOptions):
     bag: Path = option(help="bag of the drive", positional=True, metavar="DIR")
     stage: str = option("all", help="module to run", choices=("all", *STAGES))
     map: Path | None = option(
-        None, help="OpenDRIVE map of the drive; default: the built-in highway", metavar="FILE"
+        None, help="OpenDRIVE map of the drive; without it the built-in highway", metavar="FILE"
     )
     decision: str | None = option(
-        None, help="decision maker instead of the recorded one", choices=NAMES
+        None, help="decision maker that replaces the recorded one", choices=NAMES
     )
-    payload: float | None = payload_option(None, help="load instead of the recorded one")
+    payload: float | None = payload_option(None, help="load that replaces the recorded one")
 
 
 def run(options: Options) -> int:
-    """Runs the stages and shows their differences; 0 or 1."""
+    """Runs the stages and shows their differences; returns the exit code."""
     return finish(options, lambda: compare(options))
 
 
 def compare(options: Options) -> Results:
-    """One check for each stage, and the greatest differences."""
+    """Returns one check for each stage, and the greatest differences as notes."""
     bag = read_bag(options.bag)
     changes: dict[str, Any] = {
         name: getattr(options, name)
@@ -70,4 +70,4 @@ def _add(results: Results, found: Comparison) -> None:
         results.notes.append(f"  {quantity}: at most {found.largest[quantity]:.4g} apart")
     left = len(found.largest) - _SHOWN
     if left > 0:
-        results.notes.append(f"  and {left} quantities more")
+        results.notes.append(f"  and {left} more quantities")

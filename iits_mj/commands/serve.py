@@ -1,8 +1,8 @@
 """Serve the truck on a CAN bus in real time: it obeys an external controller and reports.
 
-Ends after its duration, at the end of the road, or with Ctrl-C or SIGTERM (exit code 0), or when
-the truck rolls over or leaves the road or the simulation diverges (1). Prints a summary of the
-frames. Exit code 2 on wrong use.
+Ends after --duration, at the end of the road, or with Ctrl-C or SIGTERM (exit code 0), or when the
+truck rolls over or leaves the road or the simulation diverges (1). Then prints a summary of the
+frames. Exit code 2 after wrong use.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Options(ServeConfig):
 
 
 def run(options: Options) -> int:
-    """Serves and prints the summary."""
+    """Serves and prints the summary; returns the exit code."""
     with Server(options, tell=_tell) as server, _signals(server.stop):
         _tell(f"serving on CAN bus {server.bus.link.name}; Ctrl-C ends it")
         summary = server.run()
@@ -42,7 +42,7 @@ def run(options: Options) -> int:
 
 @contextlib.contextmanager
 def _signals(stop: Callable[[str], None]) -> Iterator[None]:
-    """Lets Ctrl-C and SIGTERM stop the server instead of the program."""
+    """Makes Ctrl-C and SIGTERM stop the server instead of the program."""
 
     def end(number: int, _frame: FrameType | None) -> None:
         stop(f"ended by {signal.Signals(number).name}")

@@ -1,9 +1,8 @@
-"""Train the decision maker ("ddqn").
+"""Train the decision maker "ddqn".
 
-Writes into --out: ddqn.npz (the best policy so far, for 'iits-mj drive --decision ddqn'), the
-policy of every validation, training.csv, event files for TensorBoard, and a checkpoint, also on
-Ctrl-C; --resume continues from it with the same settings. Needs torch: pip install
-'iits-mj[train]'.
+Writes into --out: ddqn.npz (the best policy so far), the policy of every validation, training.csv,
+event files for TensorBoard, and a checkpoint, also after Ctrl-C. --resume continues from the
+checkpoint with the same settings. Needs torch: pip install 'iits-mj[train]'.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ class Options(TrainConfig):
     out: Path = option(Path("out/train"), help="folder for weights and log", metavar="DIR")
     world: str = option(
         "fast",
-        help="fast: point masses; truck: afterwards also the MuJoCo truck in SUMO traffic",
+        help="fast: point masses; truck: point masses, then the MuJoCo truck in SUMO traffic",
         choices=("fast", "truck"),
     )
     ray: str | None = option(
@@ -45,7 +44,7 @@ class Options(TrainConfig):
 
 
 def run(options: Options) -> int:
-    """Trains and prints the path of the weights."""
+    """Trains and prints the outcome; returns the exit code."""
     prepare_folder(options.out)
     with tqdm(total=options.decisions, unit=" decisions", disable=None) as bar:
         try:
@@ -74,7 +73,7 @@ def run(options: Options) -> int:
         return 0
     print(f"{summary.decisions} decisions in {summary.wall_time:.0f} s")
     if summary.weights is None:
-        print("no policy is the best: each collided in its validation")
+        print("no best policy: every policy collided in its validation")
     else:
         print(f"best validation score: {summary.score:.3f}")
         print(f"weights: {summary.weights}")
@@ -83,7 +82,7 @@ def run(options: Options) -> int:
 
 
 def _world(name: str) -> WorldFactory | None:
-    """Makes the world of the second stage; None without that stage."""
+    """Returns the world of the second stage; None without this stage."""
     if name == "fast":
         return None
     from iits_mj.simulation.truck_world import TruckWorld
@@ -92,7 +91,7 @@ def _world(name: str) -> WorldFactory | None:
 
 
 def _drivers(address: str | None) -> MakeDrivers | None:
-    """Makes the drivers of the trips; None for processes of this machine."""
+    """Returns a maker of cluster workers; None for processes of this machine."""
     if address is None:
         return None
     from iits_mj.scale.ray_executor import ClusterDrivers

@@ -1,8 +1,8 @@
-"""Compare the truck with closed-form solutions, standards and the paper's figures.
+"""Compare truck, traffic and planning with theory, standards and the paper's figures.
 
-The traffic is compared with the theory of its model and, with --data, with recorded traffic. The
-planning is compared with its limits and bounds and with the truck itself; with --roads also on
-other roads. Exit code 0 when every check holds, 1 when one falls short; the table shows which.
+Truck: closed-form solutions, standards and the paper. Traffic: the theory of its model and, with
+--data, recorded traffic. Planning: its limits and bounds and the truck itself, with --roads on
+other roads, too. Exit code 0 when every check holds, 1 when a check falls short.
 """
 
 from __future__ import annotations
@@ -32,11 +32,10 @@ class Options(ValidateConfig, ResultOptions):
 
 
 def run(options: Options) -> int:
-    """Runs one group of checks, or all of them.
+    """Runs one group of checks, or all groups; returns the exit code.
 
     Raises:
-      InputError: the traffic alone was validated without recorded trajectories; the checks that
-        need none have been shown.
+      InputError: group "traffic" without --data, after the checks that need no data.
     """
     code = finish(options, lambda: measure(options))
     if options.what == "traffic" and options.data is None:
@@ -45,10 +44,10 @@ def run(options: Options) -> int:
 
 
 def measure(options: Options) -> Results:
-    """The chosen checks as one set of results.
+    """Returns the selected checks as one set of results.
 
-    The quick form of all groups uses the laden truck, and leaves out the step sizes, which repeat
-    the same figures.
+    The quick form of all groups uses the laden truck only and leaves out the step sizes, which
+    repeat the same figures.
     """
     if options.what != "all":
         return validation.COMMANDS[options.what](options)

@@ -1,6 +1,6 @@
 """Show a drive live in MuJoCo's interactive viewer.
 
-Space bar and mouse work as in MuJoCo's own viewer; closing the window ends the drive.
+Keys and mouse work as in MuJoCo's own viewer; closing the window ends the drive.
 """
 
 from __future__ import annotations
@@ -13,12 +13,11 @@ from typing import Any
 import mujoco.viewer
 
 from iits_mj.core.options import given_names, option
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.render.offscreen import check_display, follow
-from iits_mj.simulation import DriveConfig, Frame, Observer, Simulation
+from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation
 from iits_mj.simulation.drive_log import check_given
 from iits_mj.simulation.lock_step import LockStep
-
-PERIOD = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +25,7 @@ class Options(DriveConfig):
     """Flags of `iits-mj view`."""
 
     pace: float = option(
-        1.0, help="simulated time per wall time", low=0.1, high=20.0, metavar="FACTOR"
+        1.0, help="simulated time over wall time", low=0.1, high=20.0, metavar="FACTOR"
     )
     given: frozenset[str] = given_names()
 
@@ -34,15 +33,15 @@ class Options(DriveConfig):
 class _Window(Observer):
     """Observer that shows the drive at the pace of the wall clock."""
 
-    period = PERIOD
+    period = CONTROL_PERIOD
 
     def __init__(self, window: Any, pace: float) -> None:
         self._window = window
         self._pace = pace
         self._start = time.perf_counter()
 
-    def observe(self, simulation: LockStep, frame: Frame) -> None:
-        """Draws the frame and waits for its time."""
+    def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
+        """Draws the frame and waits until the wall clock reaches its time."""
         if not self._window.is_running():
             simulation.stop("the window was closed")
             return
@@ -53,11 +52,10 @@ class _Window(Observer):
 
 
 def run(options: Options) -> int:
-    """Opens the window and drives.
+    """Opens the window and drives; returns the exit code.
 
     Raises:
-      RenderError: there is no display.
-      InputError: an option has no meaning for this command.
+      RenderError: there is no display. InputError: an option has no effect.
     """
     check_given(options, options.given)
     check_display()

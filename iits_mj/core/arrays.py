@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
-Float32Array = NDArray[np.float32]
 IntArray = NDArray[np.int64]
 IndexArray = NDArray[np.intp]
 """Indices, such as the results of `np.searchsorted` and `np.argsort`."""

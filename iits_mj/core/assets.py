@@ -1,4 +1,4 @@
-"""Paths of the files that come with the package."""
+"""Paths of the files that the package ships."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from pathlib import Path
 from iits_mj.core.errors import InputError
 
 _PACKAGE = Path(__file__).resolve().parents[1]
-# Kinds of vehicles of the traffic, read by the SUMO traffic and by the fast world.
+# Vehicle types of the traffic, read by the SUMO traffic and by the fast world.
 VEHICLE_TYPES = _PACKAGE / "parameters" / "vehicle_types.toml"
+# Their names and shares in the default traffic of both.
+DEFAULT_MIX = (("car", 0.70), ("van", 0.12), ("truck", 0.08), ("articulated", 0.10))
 
 
 def mjcf_dir() -> Path:

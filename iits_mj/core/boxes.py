@@ -22,8 +22,8 @@ def axis_gaps(dx: Any, dy: Any, a: Sequence[Any], b: Sequence[Any]) -> tuple[Any
     less than the distance where two corners face each other.
 
     Args:
-      dx: from the center of `a` to that of `b` [m]; dy: likewise.
-      dy: see dx.
+      dx: from the center of `a` to that of `b` along x [m].
+      dy: the same along y [m].
       a: cosine and sine of the heading, half of the length, half of the width [m].
       b: likewise.
     """
@@ -54,11 +54,11 @@ class Boxes:
     width: FloatArray
 
     def part(self, rows: slice) -> Boxes:
-        """Some rows, with the length and width of all."""
+        """Returns the boxes of some rows; all share the length and width."""
         return Boxes(self.x[rows], self.y[rows], self.yaw[rows], self.length, self.width)
 
     def touch(self, others: Boxes, room: float) -> BoolArray:
-        """Which of the others are nearer than `room` [m], shape (n, *shape of others)."""
+        """Returns which of the others are nearer than `room` [m], shape (n, *shape of others)."""
         own = slice(None), *(None,) * others.x.ndim
         yaw = self.yaw[own]
         half = 0.5 * self.length + room, 0.5 * self.width + room

@@ -1,7 +1,7 @@
 """Checks of values that a user gives: numbers, ranges, choices, arrays.
 
-Each check raises `InputError` with the name, the value, its unit and the allowed values. Numbers of
-numpy pass like Python's own; `plain` and `make_plain` turn them into Python's own, so that a stored
+Each check raises `InputError` with the name, the value, its unit and the allowed values. NumPy
+numbers pass like Python's; `plain` and `make_plain` convert them to Python's, so that a stored
 configuration stays JSON. True and False are not numbers.
 """
 
@@ -70,7 +70,7 @@ def require_positive(settings: object, *names: str, zero: bool = False) -> None:
 
 
 def whole(name: str, value: Any) -> int:
-    """Returns a whole number as Python's own; raises InputError for anything else."""
+    """Returns a whole number as int; raises InputError for anything else."""
     if not is_whole(value):
         raise InputError(f"{name} {shown(value)}: must be a whole number")
     return operator.index(value)
@@ -96,7 +96,7 @@ def read_action(action: Any, shape: tuple[int, ...], name: str = "action") -> Fl
 
 
 def plain(value: Any) -> Any:
-    """Returns numbers as Python's own, also inside tuples and lists; anything else unchanged."""
+    """Returns numbers as int or float, also inside tuples and lists; anything else unchanged."""
     if isinstance(value, (tuple, list)):
         return tuple(plain(entry) for entry in value)
     if type(value) in (int, float) or not is_number(value):

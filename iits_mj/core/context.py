@@ -13,24 +13,12 @@ class Closing:
         """Releases the resource; may be called again."""
         raise NotImplementedError
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def abandon(self) -> None:
+        """Releases the resource after an exception in the `with` block."""
         self.close()
 
-
-class Finishing(Closing):
-    """Writes a file: closing completes it, an exception in the `with` block abandons it."""
-
-    def abandon(self) -> None:
-        """Releases the resource and removes the unfinished file."""
-        raise NotImplementedError
+    def __enter__(self) -> Self:
+        return self
 
     def __exit__(
         self,
@@ -42,3 +30,11 @@ class Finishing(Closing):
             self.close()
         else:
             self.abandon()
+
+
+class Finishing(Closing):
+    """Writes a file: closing completes it, an exception in the `with` block abandons it."""
+
+    def abandon(self) -> None:
+        """Releases the resource and removes the unfinished file."""
+        raise NotImplementedError

@@ -2,7 +2,7 @@
 
 
 class Error(Exception):
-    """Base class; the message names the quantity, its value, and what is allowed."""
+    """Base class; the message names the quantity, its value and the allowed values."""
 
 
 class InputError(Error, ValueError):
@@ -26,7 +26,7 @@ class BusError(Error):
 
 
 class PlanningError(Error):
-    """An optimisation or planning problem has no solution; the message gives the reason."""
+    """An optimization or planning problem has no solution; the message gives the reason."""
 
 
 class RenderError(Error):

@@ -1,7 +1,7 @@
 """Messages between the modules: frozen dataclasses in SI units and ISO 8855 axes.
 
 Positions are in the map frame (x east, y north, z up). `station` and `offset` are route
-coordinates: metres along the `iits_mj.road.Route` and metres to the left of its reference line.
+coordinates: meters along the `iits_mj.road.Route` and meters to the left of its reference line.
 Lanes are counted from the right, 0 being the rightmost driving lane of the route's direction.
 """
 
@@ -92,13 +92,13 @@ class VehicleCommand:
 
 @dataclass(frozen=True, slots=True)
 class EgoState:
-    """State that the truck reports; the pose is that of the steer axle's centre on the ground.
+    """State that the truck reports; the pose is that of the steer axle's center on the ground.
 
     Attributes:
       time: [s].
-      x, y, z: steer axle centre, projected to the road [m].
+      x, y, z: steer axle center, projected to the road [m].
       yaw, pitch, roll: of the tractor [rad], ISO 8855 (pitch positive nose down).
-      speed, lateral_speed: of the steer axle centre in the tractor's frame [m/s].
+      speed, lateral_speed: of the steer axle center in the tractor's frame [m/s].
       acceleration, lateral_acceleration: in the tractor's frame, gravity removed [m/s2].
       yaw_rate, trailer_yaw_rate: [rad/s].
       articulation: tractor yaw minus trailer yaw [rad].
@@ -106,8 +106,8 @@ class EgoState:
       steering_wheel_angle: actual [rad].
       road_wheel_angle: mean of left and right [rad].
       mass: gross combination mass [kg].
-      station, offset: of the steer axle centre on the route [m].
-      trailer_offset: of the trailer's rear axle group centre on the route [m].
+      station, offset: of the steer axle center on the route [m].
+      trailer_offset: of the trailer's rear axle group center on the route [m].
       gear: 1 to 12 forward, 0 neutral, -1 reverse.
       shift_in_process: True while the driveline is open for a gear change.
       engine_speed: [rad/s]; engine_torque: at the crankshaft [N m].
@@ -220,7 +220,7 @@ class TruckReport:
 
 @dataclass(frozen=True, slots=True)
 class EgoFootprint:
-    """Size of the combination about its pose point (the steer axle centre) [m].
+    """Size of the combination about its pose point (the steer axle center) [m].
 
     Attributes:
       front_overhang: from the pose point to the front bumper, 0 to the length.
@@ -274,7 +274,7 @@ class TrafficLight:
 
 @dataclass(frozen=True, slots=True)
 class SpeedZone:
-    """A limit set on a stretch of the route, in place of the map's.
+    """A speed limit on a stretch of the route that replaces the map's.
 
     Attributes:
       start, end: stations [m]; limit: [m/s]; lane: from the right, None for all lanes.
@@ -328,15 +328,15 @@ class SpeedProfile:
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """Planned motion of the steer axle centre; arrays of shape (n,), strictly increasing time.
+    """Planned motion of the steer axle center; arrays of shape (n,), strictly increasing time.
 
     Attributes:
       time: absolute simulation time [s].
       station, offset: route coordinates [m].
       x, y, z, yaw: map frame [m], [rad].
       curvature: of the path [1/m]; speed [m/s]; acceleration [m/s2].
-      mode: of the planner; reason: for it, in words, for logs and pictures.
-      target_lane: lane index being kept or changed to.
+      mode: of the planner; reason: of the mode in words, for logs and pictures.
+      target_lane: index of the lane that is kept or entered.
     """
 
     time: FloatArray

@@ -16,13 +16,13 @@ from iits_mj.core.vehicles import TrackedVehicle, VehicleFrame
 if TYPE_CHECKING:
     from iits_mj.core.messages import EgoFootprint, EgoState
 
-# What `Neighbors` reads of a vehicle.
+# Attributes of a vehicle that `Neighbors` reads.
 _FIGURES = (
     *("station", "offset", "speed", "lateral_speed", "length", "width"),
     *("acceleration", "yaw", "yaw_rate", "x", "y", "z"),
 )
 _figures_of = operator.attrgetter(*_FIGURES)
-# A body is in a lane from here on [m].
+# A body is in a lane when it reaches at least this far into it [m].
 INTRUSION = 0.3
 # A vehicle that moves slower than this across the lane is weaving, not changing lanes [m/s].
 _WEAVING = 0.3
@@ -103,7 +103,7 @@ class Neighbor:
 class Neighbors:
     """The traffic around the truck as columns of shape (n,), in the scene's order.
 
-    `Scene.neighbors` makes it once for a scene. Each meaning of "ahead" is a query of its own:
+    `Scene.neighbors` makes it once for a scene. Each meaning of "ahead" has its own query:
 
     | query               | a vehicle counts when                             | ahead when its     |
     |---------------------|---------------------------------------------------|--------------------|
@@ -171,12 +171,10 @@ class Neighbors:
         self._along: dict[int, tuple[LaneAlong, BoolArray]] = {}
 
     def neighbor(self, index: int) -> Neighbor:
-        """One vehicle."""
+        """Returns the vehicle of an index."""
         columns = self.gap, self.station, self.offset, self.speed, self.acceleration
         sizes = self.length, self.width
         return Neighbor(self.ids[index], *(float(column[index]) for column in columns + sizes))
-
-    # Lanes that are followed along the road --------------------------------------------------
 
     def on_level(self, road: RoadSurface) -> BoolArray:
         """Which vehicles drive on the road, not on a bridge above or a road below, shape (n,).
@@ -210,11 +208,11 @@ class Neighbors:
         if entering > 0.0:
             crossing = np.abs(self.lateral_speed) > _WEAVING
             later = self.offset + entering * self.lateral_speed
-            # A vehicle that will be beyond the whole lane by then has been in it.
+            # A vehicle that will have crossed the whole lane by then has been in it.
             through = (self.offset - middle) * (later - middle) < 0.0
             inside |= crossing & ((np.abs(later - middle) < reach) | through)
         inside &= (self.station >= path.station[0]) & (self.station <= path.station[-1])
-        # Beyond a lane's end nothing drives in it.
+        # A lane holds no vehicle beyond its end.
         inside &= self.station <= path.end
         if path.road is not None:
             inside &= self.on_level(path.road)
@@ -230,8 +228,6 @@ class Neighbors:
         """Whether the center of a vehicle of the followed lane is beside the truck."""
         beside = (self.station <= self.front) & (self.station >= self.rear)
         return bool((self.along_path(path) & beside).any())
-
-    # Lanes by index --------------------------------------------------------------------------
 
     def in_lane(self, lanes: Lanes, lane: int) -> BoolArray:
         """Which vehicles are in the lane of an index, at the vehicles' own stations, shape (n,).
@@ -257,14 +253,12 @@ class Neighbors:
         """Whether every bumper gap of a lane, ahead, beside and behind, is at least this [m]."""
         return bool((self.gap[self.in_lane(lanes, lane)] >= distance).all())
 
-    # Without a lane --------------------------------------------------------------------------
-
     def corridor_gaps(self, lane: int) -> tuple[float, float]:
         """Bumper gaps to the vehicles ahead of and behind the truck's own corridor [m].
 
-        A vehicle counts when its body reaches into the truck's width, whatever its lane, so that a
-        vehicle that is cutting in is seen; or when it is listed in the truck's lane. The truck's
-        center divides ahead from behind. inf without a vehicle; a negative gap is an overlap.
+        A vehicle counts when its body reaches into the truck's width, in any lane, which includes a
+        vehicle that cuts in; or when it is listed in the truck's lane. The truck's center divides
+        ahead from behind. A gap is inf without a vehicle, and negative for an overlap.
 
         Args:
           lane: index of the truck's lane, -1 off the road.

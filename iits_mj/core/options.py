@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any
 
+from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
 
 _KEY = "iits_mj.option"
@@ -31,7 +32,7 @@ class Option:
     """Help and allowed values of a field.
 
     Attributes:
-      help: one sentence for people; unit: "" for a number without one.
+      help: one sentence; unit: "" for a number without one.
       low, high: inclusive bounds, or None; choices: allowed values, or a function that lists them.
       metavar: placeholder of the value in the help text.
       positional: True for an argument without a flag.
@@ -66,7 +67,7 @@ def _plain(value: float) -> str:
 
 
 def option(default: Any = dataclasses.MISSING, **settings: Any) -> Any:
-    """A dataclass field with an `Option`, whose attributes are the settings."""
+    """Returns a dataclass field with an `Option`, whose attributes are the settings."""
     metadata = {_KEY: Option(**settings)}
     if default is dataclasses.MISSING:
         return dataclasses.field(metadata=metadata)
@@ -76,8 +77,8 @@ def option(default: Any = dataclasses.MISSING, **settings: Any) -> Any:
 def given_names() -> Any:
     """A dataclass field of type `frozenset[str]`: names of the options on the command line.
 
-    It tells an option that was given with its default value from one that was not given. It is
-    empty when the dataclass is made in Python.
+    It distinguishes an option that was given with its default value from one that was not given. It
+    is empty when the dataclass is made in Python.
     """
     return dataclasses.field(
         default=frozenset(), compare=False, repr=False, metadata={_GIVEN: True}
@@ -121,8 +122,8 @@ def check_value(name: str, value: Any, rule: Option) -> None:
     if value is None or isinstance(value, bool):
         return
     allowed = rule.allowed()
-    if allowed is not None and value not in allowed:
-        raise InputError(f"{name} {value!r} is not known; use one of: {', '.join(allowed)}")
+    if allowed is not None:
+        one_of(name, value, allowed)
     if not isinstance(value, Real):
         if rule.low is not None or rule.high is not None:
             raise InputError(f"{name} {value!r} is not a number")

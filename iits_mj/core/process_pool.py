@@ -60,16 +60,16 @@ def run_all(
     what: str = "tasks",
     make_pool: Callable[[int], Executor] | None = None,
 ) -> None:
-    """Runs tasks in their order and passes each outcome to `keep` as soon as it is there.
+    """Runs tasks in their order and passes each outcome to `keep` as soon as it is available.
 
-    A task that raises an `Error` is left out and the others go on. A worker that dies takes the
-    other running tasks with it; they are run again.
+    A task that raises an `Error` is skipped and the others continue. A worker that dies ends the
+    other running tasks, too; they are run again.
 
     Args:
-      tasks: all different.
+      tasks: without duplicates.
       jobs: number of processes; each runs one task at a time.
       work: runs one task in a worker.
-      keep: called in this process, in the order in which tasks end.
+      keep: called in this process, in the order in which the tasks end.
       describe: a task in a few words, for messages.
       what: what the tasks are, for messages.
       make_pool: makes a pool of that many workers; default: `worker_pool`.
@@ -102,9 +102,9 @@ def run_all(
             deaths += 1
             if deaths >= DEATHS_MAX:
                 raise TasksError(
-                    f"processes that do {what} died {deaths} times, the last time while "
-                    f"{describe(next(iter(missing)))} or one of the next was done (out of "
-                    "memory?); what was done is kept, the same command does the rest"
+                    f"worker processes died {deaths} times, the last time in "
+                    f"{describe(next(iter(missing)))} or one of the next {what} (out of memory?); "
+                    "finished ones are kept, run the same command again for the rest"
                 ) from error
     if faults:
         raise TasksError(_failed_text(faults, what))
@@ -118,14 +118,14 @@ def worker_pool(jobs: int) -> ProcessPoolExecutor:
 
 def _failed_text(faults: list[str], what: str) -> str:
     return (
-        f"{len(faults)} {what} could not be done: {'; '.join(faults)}; what was done is kept, "
-        "the same command does the rest"
+        f"{len(faults)} {what} could not be done: {'; '.join(faults)}; the finished ones are kept, "
+        "run the same command again for the rest"
     )
 
 
 @contextmanager
 def _running(make_pool: Callable[[int], Executor], jobs: int) -> Iterator[Executor]:
-    """A pool whose processes have ended when the block is left, also by an exception."""
+    """A pool whose processes end before the block is left, also by an exception."""
     before = set(multiprocessing.active_children())
     with single_threaded_workers():
         pool = make_pool(jobs)
@@ -162,7 +162,7 @@ def _end(workers: set[multiprocessing.process.BaseProcess]) -> None:
 
 
 def _guarded(work: Callable[[Any], Outcome], task: Any) -> Outcome:
-    """Runs a task; when it is interrupted, ends the process after SUMO was closed."""
+    """Runs a task; an interrupt ends the process after SUMO is closed."""
     _Worker.busy = True
     try:
         return work(task)

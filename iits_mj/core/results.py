@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import operator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, SupportsFloat
 
 import numpy as np
@@ -29,10 +29,10 @@ COLUMNS = ("check", "value", "unit", "reference", "must", "")
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """A figure with its bound.
+    """A measured value with its bound.
 
     Attributes:
-      name: what was measured; value: the measurement; unit: of both.
+      name: of the quantity; value: the measurement; unit: of value and reference.
       reference: the reference's value or its name, or None.
       must: the bound as text, for instance ">= 97", "<= 0.5", "0.33 .. 0.40"; "" for information.
     """
@@ -66,21 +66,14 @@ class Check:
         return self.name, f"{self.value:.4g}", self.unit, shown, self.must
 
     def shortfall(self) -> str:
-        """A check that does not hold, in words."""
+        """Returns a failed check in words."""
         unit = "" if self.unit == "1" else f" {self.unit}"
         return f"{self.name}: {self.value:.4g}{unit}, must be {self.must}"
 
     def as_dict(self) -> dict[str, Any]:
         """The check as an object for JSON; a value that is not finite becomes null."""
-        value = float(self.value)
-        return {
-            "name": self.name,
-            "value": value if np.isfinite(value) else None,
-            "unit": self.unit,
-            "reference": self.reference,
-            "must": self.must,
-            "ok": self.ok,
-        }
+        value = float(self.value) if np.isfinite(self.value) else None
+        return {**asdict(self), "value": value, "ok": self.ok}
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +102,7 @@ class Panel:
 
 @dataclass(slots=True)
 class Findings:
-    """Checks, panels and notes of one test; the label stands before the names of all checks."""
+    """Checks, panels and notes of one test; the label precedes the name of every check."""
 
     label: str = ""
     checks: list[Check] = field(default_factory=list)
@@ -160,7 +153,7 @@ class Results:
 
     @classmethod
     def merged(cls, command: str, parts: list[Results]) -> Results:
-        """All checks, figures and notes of several results; pages show them part by part."""
+        """Returns the contents of several results as one; pages show them part by part."""
         whole = cls(command, parts=parts)
         for part in parts:
             name = part.command.removeprefix(command).strip()
@@ -186,7 +179,7 @@ class Results:
         return [check for check in self.checks if not check.ok]
 
     def count_text(self) -> str:
-        """How many checks hold, in words."""
+        """Returns in words how many checks hold."""
         held = len(self.checks) - len(self.short())
         return f"{held} of {len(self.checks)} checks hold"
 

@@ -1,7 +1,7 @@
-"""CSV tables: the one reader of the project, columns of numbers by name, and rows of a dataclass.
+"""Reads TOML files, and reads and writes CSV tables: columns of numbers, rows of a dataclass.
 
-The first row that is neither empty nor a comment (`#`) holds the names of the columns. A byte order
-mark and empty rows are ignored.
+The first row of a CSV table that is neither empty nor a comment (`#`) holds the column names. A
+byte order mark and empty rows are ignored.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _KINDS = {"str": str, "int": int, "float": float}
 
 
 def read_table(path: str | Path, what: str) -> tuple[list[str], list[list[str]]]:
-    """Names of the columns, and the cells of the rows below them; both empty for an empty file.
+    """Returns the column names and the cells of the rows below; both empty for an empty file.
 
     Args:
       path: of the file.
@@ -42,7 +42,7 @@ def read_table(path: str | Path, what: str) -> tuple[list[str], list[list[str]]]
 
 
 def read_names(path: str | Path, what: str) -> list[str]:
-    """Names of the columns in lower case; errors as of `read_table`."""
+    """Returns the column names in lower case; errors as of `read_table`."""
     return [cell.strip().lower() for cell in read_table(path, what)[0]]
 
 
@@ -67,7 +67,7 @@ def read_columns(
     places = [next((found.index(n) for n in choice if n in found), -1) for choice in names]
     if min(places) < 0:
         wanted = " and ".join(choice[0] for choice in names)
-        raise InputError(f"{what} {str(path)!r}: columns {wanted} are wanted, found {found[:12]}")
+        raise InputError(f"{what} {str(path)!r}: columns {wanted} are needed, found {found[:12]}")
     values = np.empty((len(table), len(places)))
     for number, row in enumerate(table):
         try:
@@ -88,7 +88,7 @@ def read_columns(
 
 
 def read_rows(path: Path, row_type: type[Row], what: str) -> list[Row]:
-    """Reads rows of a dataclass; none when the file does not exist.
+    """Reads rows of a dataclass; returns none when the file does not exist.
 
     A row with too few cells is skipped: an interrupted write can leave one at the end.
 

@@ -23,8 +23,8 @@ class TrackedVehicle:
     Attributes:
       id: stable name.
       kind: "car", "van", "truck" (rigid) or "articulated".
-      x, y, z, yaw: [m], [rad]. All three of x, y, z zero: the pose is unknown, and the vehicle is
-        where station and offset say.
+      x, y, z, yaw: [m], [rad]. Where x, y and z are all zero, the pose is unknown and station and
+        offset give the place.
       pitch, roll: of the road under it, in its own direction [rad], pitch positive nose down.
       yaw_rate: [rad/s].
       speed: along its heading [m/s]; acceleration: [m/s2].
@@ -118,12 +118,12 @@ class VehicleFrame(Sequence[TrackedVehicle]):
         ids = [row.id for row in rows]
         if len(set(ids)) != len(ids):
             twice = next(a for a, b in itertools.pairwise(ids) if a == b)
-            raise InputError(f"vehicle {twice!r} is there twice")
+            raise InputError(f"vehicle {twice!r} occurs twice")
         if not all(isinstance(row.kind, str) and is_whole(row.lane) for row in rows):
             _refuse(rows)
         try:
             table = np.array([[getattr(row, name) for row in rows] for name in COLUMNS])
-        except ValueError:  # an entry has a length of its own
+        except ValueError:  # entries of different lengths
             _refuse(rows)
         if table.dtype.kind not in "iuf" or not np.isfinite(table).all():
             _refuse(rows)
@@ -241,4 +241,4 @@ def _refuse(rows: Sequence[TrackedVehicle]) -> NoReturn:
         for name in COLUMNS:
             if not is_number(value := getattr(row, name)):
                 raise InputError(f"vehicle {row.id!r}: {name} is {shown(value)}: not finite")
-    raise InputError("a vehicle has a number beyond what a float holds")
+    raise InputError("a number of a vehicle is beyond the range of a float")

@@ -14,7 +14,7 @@ from gymnasium.envs import registration
 
 
 def _driving(task: str) -> dict[str, Any]:
-    """Registration of a task of the suite; `gymnasium.make_vec` makes many environments at once."""
+    """Returns the registration of a task of the suite, alone and vectorized."""
     return {
         "entry_point": "iits_mj.envs.driving:DrivingEnv",
         "vector_entry_point": "iits_mj.envs.vector:DrivingVectorEnv",
@@ -22,7 +22,7 @@ def _driving(task: str) -> dict[str, Any]:
     }
 
 
-# Id to its registration.
+# Ids and their registrations.
 ENVIRONMENTS: dict[str, dict[str, Any]] = {
     "iits_mj/Cruise-v0": _driving("cruise"),
     "iits_mj/Stop-v0": _driving("stop"),

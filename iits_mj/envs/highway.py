@@ -1,7 +1,7 @@
 """The paper's decision task for Gymnasium: three actions, the whole truck in SUMO traffic.
 
-`HighwayFastEnv` is the same task without MuJoCo and SUMO, for the first million decisions. Both
-drive a world of `controllers.decision.trip`, which has actions, reward and end.
+`HighwayFastEnv` is the same task without MuJoCo and SUMO, for the first million decisions. A world
+of `controllers.decision.trip` defines the actions, the reward and the end of both.
 """
 
 from __future__ import annotations
@@ -12,29 +12,25 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
-from numpy.typing import NDArray
 
 from controllers.decision.fast_world.env import HighwayEnv as FastWorld
 from controllers.decision.observation import OBSERVATION_SIZE
 from controllers.decision.trip import ACTIONS, SPAWN_PROBABILITY, RewardTerms, TripConfig, World
+from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
-from iits_mj.envs.picture import RENDER_MODES, Picture
+from iits_mj.core.timing import TIMESTEP
+from iits_mj.envs.picture import RENDER_MODES, Observation, Picture
+from iits_mj.parameters import MAX_PAYLOAD
 
 if TYPE_CHECKING:
     from iits_mj.simulation import Simulation
     from iits_mj.simulation.truck_world import TruckWorld
 
-Observation = NDArray[np.float32]
-
 DENSITIES = {**SPAWN_PROBABILITY, "empty": 0.0}
 
 
 class DecisionEnv(gymnasium.Env[Observation, np.int64]):
-    """The decision task in a world; the arguments are those of the environments.
-
-    Attributes:
-      trip: each episode.
-    """
+    """The decision task in a world; its arguments are those of the environments."""
 
     def __init__(
         self,
@@ -44,10 +40,9 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
         keeps_right: bool = False,
         speed: float = 60.0 / 3.6,
         duration: float = 120.0,
-        payload: float = 36_000.0,
+        payload: float = MAX_PAYLOAD,
     ) -> None:
-        if density not in DENSITIES:
-            raise InputError(f"density {density!r} is unknown; allowed are: {', '.join(DENSITIES)}")
+        one_of("density", density, DENSITIES)
         self.trip = TripConfig(
             spawn_probability=DENSITIES[density],
             traffic_speed=traffic_speed,
@@ -71,20 +66,20 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
         """Carries out a decision until the next one is due.
 
         Raises:
-          InputError: unknown action, or no episode was begun.
+          InputError: unknown action, or no episode has begun.
         """
         if not self.action_space.contains(action):
-            raise InputError(f"action {action!r} is not known; use 0, 1 or 2")
+            raise InputError(f"action {action!r} is unknown; use 0, 1 or 2")
         step = self._open().step(ACTIONS[int(action)])
         info = self._info(step.reward)
         return step.observation, float(step.reward.total), step.terminated, step.truncated, info
 
     def _open(self) -> World:
-        """The world, made at the first reset."""
+        """Returns the world, which the first call makes."""
         raise NotImplementedError
 
     def _state(self) -> dict[str, Any]:
-        """Entries of `info` about the truck."""
+        """Returns the entries of `info` about the truck."""
         raise NotImplementedError
 
     def _info(self, terms: RewardTerms) -> dict[str, Any]:
@@ -96,17 +91,17 @@ class HighwayEnv(DecisionEnv):
     """Decide on lane changes of the laden truck among SUMO vehicles on the built-in highway.
 
     Action: 0 change to the left, 1 keep, 2 change to the right. It takes effect within 0.1 s; the
-    planner refuses a change that is not possible or not safe. A step lasts 1 s, or until a lane
-    change that was begun is over.
+    planner refuses a change that is not possible or not safe. A step lasts 1 s, or to the end of
+    the lane change that it starts.
 
     Observation (216, float32 in [-1, 1]): see `controllers.decision.observation`.
 
-    Reward, the paper's with its signs repaired, in `info` as `reward_<name>`:
+    Reward, the paper's with corrected signs, in `info` as `reward_<name>`:
 
     | term      | value                                                                       |
     |-----------|-----------------------------------------------------------------------------|
     | change    | -10 for action 0 or 2, refused or not                                       |
-    | danger    | -20 more when a vehicle was the reason of the refusal                       |
+    | danger    | -20 more when a vehicle is the reason of the refusal                        |
     | speed     | minus the distance of the speed from the reference, per m/s and second      |
     | collision | -300                                                                        |
 
@@ -116,14 +111,14 @@ class HighwayEnv(DecisionEnv):
     Args:
       density: of the traffic, "dense", "medium", "sparse" or "empty".
       traffic_speed: speed limit of the traffic [m/s].
-      keeps_right: whether the traffic keeps to the right lane, instead of filling both.
+      keeps_right: whether the traffic keeps right instead of filling both lanes.
       speed: reference speed of the truck [m/s].
       duration: of an episode [s].
       payload: on the semitrailer [kg].
       payload_height: of the load's centre of gravity above the road [m], 1.3 to 3.
       render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
       camera: of the pictures: "chase", "side" or "cab".
-      timestep: of the physics [s]: 0.002 is a drive's, 0.005 trains as well in less time.
+      timestep: of the physics [s]; a drive has 0.002, and 0.005 trains as well in less time.
 
     Raises:
       InputError: an argument is not allowed. TrafficError: SUMO is not usable.
@@ -139,11 +134,11 @@ class HighwayEnv(DecisionEnv):
         keeps_right: bool = False,
         speed: float = 60.0 / 3.6,
         duration: float = 120.0,
-        payload: float = 36_000.0,
+        payload: float = MAX_PAYLOAD,
         payload_height: float | None = None,
         render_mode: str | None = None,
         camera: str = "chase",
-        timestep: float = 0.002,
+        timestep: float = TIMESTEP,
     ) -> None:
         self.render_mode = render_mode
         self._picture = Picture(render_mode, camera)
@@ -159,28 +154,21 @@ class HighwayEnv(DecisionEnv):
         self.timestep = timestep
         self._world: TruckWorld | None = None
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Starts an episode; the same seed gives the same traffic."""
-        self._picture.close()
-        return super().reset(seed=seed, options=options)
-
     def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Carries out a decision until the next one is due.
 
         Raises:
-          InputError: unknown action, or no episode was begun.
+          InputError: unknown action, or no episode has begun.
         """
         outcome = super().step(action)
         self._picture.show(self._simulation.truck.model, self._simulation.truck.data)
         return outcome
 
     def render(self) -> Any:
-        """A picture (360, 640, 3) of bytes; None in a window or without a render mode.
+        """Returns a picture (360, 640, 3) of bytes; None in a window or without a render mode.
 
         Raises:
-          RenderError: there is no OpenGL here.
+          RenderError: OpenGL is missing.
         """
         truck = self._simulation.truck
         return self._picture.draw(truck.model, truck.data)
@@ -193,9 +181,8 @@ class HighwayEnv(DecisionEnv):
             self._world = None
 
     def _open(self) -> TruckWorld:
-        """The world, made at the first reset."""
         if self._world is None:
-            # Imported here, so that SUMO is loaded only when this environment is used.
+            # Load SUMO only for this environment.
             from iits_mj.simulation.truck_world import TruckWorld
             from iits_mj.suite.physics import add_cameras
 
@@ -229,18 +216,18 @@ class HighwayEnv(DecisionEnv):
 class HighwayFastEnv(DecisionEnv):
     """`iits_mj/Highway-v0` without MuJoCo and SUMO, some forty times as fast.
 
-    Actions, observation, reward and traffic's figures are those of `HighwayEnv`; the truck is a
-    point mass with the same power limits, the highway has random hills, and the others drive by the
-    same car-following and lane-change laws in our own code. The shipped policy was trained here; it
-    does not see the difference, see `docs/training.md`.
+    Actions, observation, reward and traffic parameters are those of `HighwayEnv`. The truck is a
+    point mass with the same power limits, the highway has random hills, and the other vehicles
+    follow the same car-following and lane-change laws, implemented in NumPy. The shipped policy was
+    trained here, see `docs/training.md`.
 
-    Terminated by a collision; truncated at the end of the time or of the way. No pictures.
+    Terminated by a collision; truncated at the end of the time or of the road. No pictures.
     Version history: v0, first.
 
     Args:
       density: of the traffic, "dense", "medium", "sparse" or "empty".
       traffic_speed: speed limit of the traffic [m/s].
-      keeps_right: whether the traffic keeps to the right lane, instead of filling both.
+      keeps_right: whether the traffic keeps right instead of filling both lanes.
       speed: reference speed of the truck [m/s].
       duration: of an episode [s].
       payload: on the semitrailer [kg].

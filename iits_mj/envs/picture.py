@@ -17,19 +17,22 @@ from iits_mj.core.context import Closing
 from iits_mj.render.offscreen import Offscreen, check_display, follow
 from iits_mj.suite.physics import CAMERAS
 
+Observation = NDArray[np.float32]
+Action = NDArray[np.float32]
+
 RENDER_MODES = ["rgb_array", "human"]
 RENDER_SIZE = (360, 640)
 OBSERVATION_MAX = 5.0
-_LEAVE_TIME = 5.0  # [s]
+_LEAVE_TIME = 5.0  # [s] for the viewer to end its thread
 
 
 class Picture(Closing):
-    """Pictures or a window of an environment's model, by Gymnasium's render mode.
+    """Draws the model of an environment into pictures or a window, by Gymnasium's render mode.
 
     Args:
-      mode: "rgb_array" gives pictures of shape (360, 640, 3), "human" opens a window, None nothing.
+      mode: "rgb_array" for pictures of shape (360, 640, 3), "human" for a window, or None.
       camera: of the pictures: "chase", "side" or "cab".
-      prefix: of the truck that carries the camera, if there are several.
+      prefix: of the truck that carries the camera, in a fleet.
 
     Raises:
       InputError: unknown mode or camera. RenderError: there is no display for a window.
@@ -48,7 +51,7 @@ class Picture(Closing):
         self._model: mujoco.MjModel | None = None
 
     def draw(self, model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.uint8] | None:
-        """Draws the current state; None in the mode "human" and without a mode.
+        """Returns a picture of the current state; None in the mode "human" and without a mode.
 
         Raises:
           RenderError: there is no OpenGL here.
@@ -66,7 +69,7 @@ class Picture(Closing):
         return self._renderer.draw()
 
     def show(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Updates the window in the mode "human"; otherwise does nothing."""
+        """Updates the window in the mode "human"; does nothing in other modes."""
         if self._mode != "human":
             return
         self._change_to(model)
@@ -80,14 +83,14 @@ class Picture(Closing):
         self._window.sync()
 
     def close(self) -> None:
-        """Closes window and renderer; the next picture opens them again."""
+        """Closes window and renderer; the next picture reopens them."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
         if self._window is not None:
             self._window.close()
             self._window = None
-            # The viewer draws in a thread, which must end before Python does.
+            # The viewer draws in a thread that must end before Python does.
             for thread in self._threads:
                 thread.join(_LEAVE_TIME)
         self._model = None
@@ -100,7 +103,7 @@ class Picture(Closing):
 
 
 def level_camera(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> mujoco.MjvCamera:
-    """Returns a free camera at a camera of the model that stays level when the truck rolls."""
+    """Returns a free camera in the place of a model's camera, level while the truck rolls."""
     place = data.camera(name)
     forward = -place.xmat.reshape(3, 3)[:, 2]
     camera = mujoco.MjvCamera()
@@ -116,12 +119,11 @@ class ScaledObservations:
     """A task's observations as one vector, each divided by its scale and clipped to [-5, 5].
 
     Args:
-      first: observations by name, each of shape (n,); their order is kept.
-      scales: usual size of each.
+      first: observations by name, each of shape (n,); the vector has their order.
+      scales: usual size of each observation.
 
     Attributes:
-      names: of the vector's numbers.
-      space: of the vector.
+      names: of the vector's elements; space: of the vector.
     """
 
     def __init__(
@@ -138,7 +140,7 @@ class ScaledObservations:
         )
 
     def __call__(self, values: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float32]:
-        """Returns the vector of observations with the same names."""
+        """Returns the vector of these observations."""
         parts = [values[name] / scale for name, scale in self._scales.items()]
         vector = np.clip(np.concatenate(parts), -OBSERVATION_MAX, OBSERVATION_MAX)
         return vector.astype(np.float32)

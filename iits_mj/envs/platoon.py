@@ -23,15 +23,13 @@ from iits_mj.core.checks import in_range, positive, read_action
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError
 from iits_mj.core.timing import CYCLE_PERIOD, TIMESTEP
-from iits_mj.envs.picture import RENDER_MODES, Picture, ScaledObservations
+from iits_mj.envs.picture import RENDER_MODES, Action, Observation, Picture, ScaledObservations
+from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.suite import scene
 from iits_mj.suite.physics import Physics, add_cameras
 from iits_mj.suite.tasks import Platoon
 from iits_mj.truck.fleet import TruckFleet, prefix
 from iits_mj.truck.placement import TruckPlacement
-
-Observation = NDArray[np.float32]
-Action = NDArray[np.float32]
 
 SPEEDS = (14.0, 20.0)
 # Duration of a set speed [s].
@@ -40,20 +38,20 @@ TRUCKS = (2, 8)
 
 
 class PlatoonEnv(Closing):
-    """A platoon on a winding road, as a `pettingzoo.ParallelEnv`; agents are `truck0` to the last.
+    """A platoon on a winding road, as a `pettingzoo.ParallelEnv`; agents `truck0`, `truck1`, ...
 
-    The first truck holds a set speed of 14 to 20 m/s, which changes every 8 to 15 s and which only
-    it observes; each other keeps 5 m and `time_gap` to the one ahead. All keep the right lane.
-    Actions are `drive` and `steer` in [-1, 1], held for 0.1 s, as in `iits_mj.suite`; observations
-    are those of `iits_mj.suite.tasks.Platoon`, divided by their scales and clipped to [-5, 5];
-    their names are in `observation_names`. Rewards are in [0, 1], their factors in the infos as
-    `reward_<name>`.
+    The first truck holds a set speed of 14 to 20 m/s, which changes every 8 to 15 s and which no
+    other truck observes. Every other truck keeps 5 m plus `time_gap` to the truck ahead. All keep
+    the right lane. Actions are `drive` and `steer` in [-1, 1], held for 0.1 s, as in
+    `iits_mj.suite`. Observations are those of `iits_mj.suite.tasks.Platoon`, divided by their
+    scales and clipped to [-5, 5]; `observation_names` names them. Rewards are in [0, 1], their
+    factors in the infos as `reward_<name>`.
 
-    A truck that leaves its lane, rolls over or touches another one is terminated, which truncates
+    A truck that leaves its lane, rolls over or touches another truck is terminated, which truncates
     the episode for the others; all are truncated at the time limit. Version history: v0, first.
 
     Args:
-      payloads: on the semitrailers [kg], from the first truck on, 2 to 8 of them.
+      payloads: on the semitrailers [kg], from the first truck to the last, 2 to 8.
       time_gap: [s], 0.3 to 3.
       time_limit: of an episode [s], up to 120.
       render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
@@ -74,7 +72,7 @@ class PlatoonEnv(Closing):
 
     def __init__(
         self,
-        payloads: Sequence[float] = (36_000.0, 36_000.0, 36_000.0),
+        payloads: Sequence[float] = (MAX_PAYLOAD,) * 3,
         *,
         time_gap: float = 1.0,
         time_limit: float = 40.0,
@@ -128,7 +126,7 @@ class PlatoonEnv(Closing):
 
     @property
     def num_agents(self) -> int:
-        """Number of agents that still drive."""
+        """Number of agents in the running episode."""
         return len(self.agents)
 
     @property
@@ -144,7 +142,7 @@ class PlatoonEnv(Closing):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
-        """Starts an episode; the same seed gives the same one, None continues the generator."""
+        """Starts an episode; the same seed gives the same episode, None continues the generator."""
         del options
         if seed is not None:
             self._random = np.random.default_rng(seed)
@@ -183,7 +181,7 @@ class PlatoonEnv(Closing):
         if not self.agents:
             raise InputError("the episode has not begun or is over: call reset first")
         if set(actions) != set(self.agents):
-            raise InputError(f"actions of {sorted(actions)} were given, needed are {self.agents}")
+            raise InputError(f"actions of {sorted(actions)} are incomplete; use {self.agents}")
         for agent, task, physics in zip(self.agents, self.tasks, self._physics, strict=True):
             values = read_action(actions[agent], (len(task.actions),), f"action of {agent}")
             task.before_step(values, physics)
@@ -222,10 +220,10 @@ class PlatoonEnv(Closing):
         return np.concatenate(list(self._observations().values()))
 
     def render(self) -> Any:
-        """A picture (360, 640, 3) of bytes; None in a window or without a render mode.
+        """Returns a picture (360, 640, 3) of bytes; None in a window or without a render mode.
 
         Raises:
-          RenderError: there is no OpenGL here.
+          RenderError: OpenGL is missing.
         """
         return self._picture.draw(self.fleet.model, self.fleet.data)
 
@@ -235,11 +233,11 @@ class PlatoonEnv(Closing):
 
     def _known(self, agent: str) -> str:
         if agent not in self.possible_agents:
-            raise InputError(f"agent {agent!r} is unknown; there are {self.possible_agents}")
+            raise InputError(f"agent {agent!r} is unknown; use one of {self.possible_agents}")
         return agent
 
     def _set_speed(self) -> None:
-        """Draws another set speed for the first truck at the end of the last one's duration."""
+        """Draws the next set speed of the first truck when the present one has expired."""
         if self.fleet.time >= self._until:
             if self.fleet.time > 0.0:
                 self.tasks[0].target = float(self._random.uniform(*SPEEDS))

@@ -1,4 +1,4 @@
-"""Environment that sets the speed over hills for fuel and time, as predictive cruise control."""
+"""Environment for predictive cruise control: the agent sets the speed over hills."""
 
 from __future__ import annotations
 
@@ -7,29 +7,27 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from numpy.typing import NDArray
 
 from iits_mj.core.checks import in_range, read_action
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Scene, SpeedProfile
 from iits_mj.core.neighbors import Neighbor
-from iits_mj.envs.picture import RENDER_MODES, Picture
+from iits_mj.core.timing import TIMESTEP
+from iits_mj.envs.picture import RENDER_MODES, Action, Observation, Picture
+from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.simulation import DriveConfig, Simulation
 from iits_mj.simulation.parts import load_map
 from iits_mj.suite.physics import add_cameras
 
-Observation = NDArray[np.float32]
-Action = NDArray[np.float32]
-
 PERIOD = 5.0  # [s] between two decisions
 PREVIEW = tuple(np.arange(0.0, 2_001.0, 200.0).tolist())
 SLOWEST, FASTEST = 0.8, 1.1  # of the reference speed
-# Cost of a second in fuel [kg/s]: small, so that fuel decides. At a driver's wage, about 6e-3, the
-# fastest speed is optimal everywhere.
+# Cost of time in fuel [kg/s]: small, so that fuel decides. At a driver's wage, about 6e-3, the
+# highest speed is optimal everywhere.
 TIME_VALUE = 1.5e-3
-# Fuel for kinetic energy [kg/J]: diesel of 42.7 MJ/kg at an efficiency of 0.42.
+# Fuel equivalent of kinetic energy [kg/J]: diesel of 42.7 MJ/kg at an efficiency of 0.42.
 KINETIC_VALUE = 1.0 / (0.42 * 42.7e6)
-# Length at the end of the road that no episode reaches [m].
+# No episode reaches this last part of the road [m].
 _END = 1_000.0
 
 
@@ -44,15 +42,15 @@ class SetSpeed:
         self.speed = speed
 
     def reset(self) -> None:
-        """Does nothing: there is no state."""
+        """Does nothing: a set speed has no state."""
 
     def update(self, scene: Scene, find_leader: Callable[[], Neighbor | None]) -> SpeedProfile:
-        """Returns the speed that is set, at every station."""
+        """Returns the set speed at every station."""
         del scene, find_leader
         return SpeedProfile(np.zeros(1), np.full(1, self.speed))
 
     def at(self, station: float) -> float:
-        """Returns the speed [m/s]."""
+        """Returns the set speed [m/s]."""
         del station
         return self.speed
 
@@ -63,12 +61,12 @@ class SpeedPlanningEnv(gymnasium.Env[Observation, Action]):
     """Set the speed of the laden truck over the built-in highway's hills, without traffic.
 
     Action (1), in [-1, 1]: set speed for the next 5 s, from 0.8 to 1.1 of the reference speed; 1/3
-    is the reference speed itself. Speed tracking drives, as in any drive.
+    is the reference speed itself. The speed tracking of a drive follows the set speed.
 
     | observation              | divided by        | unit  |
     |--------------------------|-------------------|-------|
     | speed                    | reference speed   | m/s   |
-    | speed that was set       | reference speed   | m/s   |
+    | set speed                | reference speed   | m/s   |
     | gear                     | 12                | 1     |
     | engine speed             | 220               | rad/s |
     | time lost on a drive at the reference speed | 60 | s |
@@ -80,9 +78,9 @@ class SpeedPlanningEnv(gymnasium.Env[Observation, Action]):
     |------|-----------------------------------------------------------------------------|
     | fuel | minus the fuel burnt                                                        |
     | time | minus the time lost against the reference speed, at 1.5 g of fuel a second  |
-    | kinetic | fuel value of the kinetic energy gained: slowing down at the end pays nothing |
+    | kinetic | fuel equivalent of the kinetic energy gained: braking at the end gains nothing |
 
-    Truncated after `length`. Terminated never. Version history: v0, first.
+    Truncated after `length`, never terminated. Version history: v0, first.
 
     Args:
       speed: reference speed [m/s].
@@ -103,10 +101,10 @@ class SpeedPlanningEnv(gymnasium.Env[Observation, Action]):
         *,
         speed: float = 60.0 / 3.6,
         length: float = 5_000.0,
-        payload: float = 36_000.0,
+        payload: float = MAX_PAYLOAD,
         render_mode: str | None = None,
         camera: str = "chase",
-        timestep: float = 0.002,
+        timestep: float = TIMESTEP,
     ) -> None:
         in_range("length", length, 100.0, 12_000.0, "m")
         self.render_mode = render_mode
@@ -122,22 +120,36 @@ class SpeedPlanningEnv(gymnasium.Env[Observation, Action]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Starts somewhere on the road, at 0.9 to 1.05 of the reference speed."""
+        """Starts at a random station, at 0.9 to 1.05 of the reference speed."""
         super().reset(seed=seed, options=options)
         self.close()
         last = load_map(None).route().length - _END - self._length
-        self._simulation = self._drive(
-            float(self.np_random.uniform(60.0, last)),
-            self._speed * float(self.np_random.uniform(0.9, 1.05)),
+        config = DriveConfig(
+            speed=self._speed * FASTEST,
+            duration=3_600.0,
+            payload=self._payload,
+            start_station=float(self.np_random.uniform(60.0, last)),
+            start_speed=self._speed * float(self.np_random.uniform(0.9, 1.05)),
+            traffic_mode="none",
+            decision="keep",
+            speed_planner="cruise",
         )
+        self._simulation = Simulation(
+            config,
+            edit_spec=add_cameras,
+            visuals=self.render_mode is not None,
+            timestep=self._timestep,
+        )
+        self._reference.speed = self._speed
+        self._simulation.stack.reference = self._reference
         self._time = 0.0
         return self._observation(), self._info(0.0, 0.0, 0.0)
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Drives 5 s at the speed that is set.
+        """Drives for 5 s at the set speed.
 
         Raises:
-          InputError: the action is not one finite number, or no episode was begun.
+          InputError: the action is not one finite number, or no episode has begun.
         """
         values = read_action(action, (1,))
         simulation = self._running()
@@ -160,10 +172,10 @@ class SpeedPlanningEnv(gymnasium.Env[Observation, Action]):
         return self._observation(), reward, False, truncated, info
 
     def render(self) -> Any:
-        """A picture (360, 640, 3) of bytes; None in a window or without a render mode.
+        """Returns a picture (360, 640, 3) of bytes; None in a window or without a render mode.
 
         Raises:
-          RenderError: there is no OpenGL here.
+          RenderError: OpenGL is missing.
         """
         truck = self._running().truck
         return self._picture.draw(truck.model, truck.data)
@@ -174,27 +186,6 @@ class SpeedPlanningEnv(gymnasium.Env[Observation, Action]):
         if self._simulation is not None:
             self._simulation.close()
             self._simulation = None
-
-    def _drive(self, station: float, speed: float) -> Simulation:
-        config = DriveConfig(
-            speed=self._speed * FASTEST,
-            duration=3_600.0,
-            payload=self._payload,
-            start_station=station,
-            start_speed=speed,
-            traffic_mode="none",
-            decision="keep",
-            speed_planner="cruise",
-        )
-        simulation = Simulation(
-            config,
-            edit_spec=add_cameras,
-            visuals=self.render_mode is not None,
-            timestep=self._timestep,
-        )
-        self._reference.speed = self._speed
-        simulation.stack.reference = self._reference
-        return simulation
 
     def _running(self) -> Simulation:
         if self._simulation is None:

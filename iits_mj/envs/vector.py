@@ -1,10 +1,9 @@
-"""Many driving environments in one process, their physics stepped together by `mujoco.batch`.
+"""Many driving environments in one process, whose physics `mujoco.batch` steps together.
 
     environments = gymnasium.make_vec("iits_mj:iits_mj/LaneKeep-v0", num_envs=64, threads=8)
 
-`DrivingVectorEnv` is a `gymnasium.vector.SyncVectorEnv`, so that autoreset, infos and seeds are
-Gymnasium's. Each environment drives bit for bit as it does alone; they share the compiled model and
-the threads.
+`DrivingVectorEnv` is a `gymnasium.vector.SyncVectorEnv` with its autoreset, infos and seeds. Each
+environment drives bit for bit as it does alone; all share the compiled model and the threads.
 """
 
 from __future__ import annotations
@@ -22,18 +21,18 @@ from iits_mj.core.checks import read_action
 from iits_mj.core.errors import InputError
 from iits_mj.envs.driving import Action, DrivingEnv
 
-# State from which a step of the physics starts.
+# Fields of `MjData` from which a step of the physics starts.
 _FIELDS = ("time", "qpos", "qvel", "act", "plugin_state", "qacc_warmstart", "mocap_pos", "ctrl")
 
 
 class DrivingVectorEnv(SyncVectorEnv):
-    """`num_envs` environments of one task, whose physics is stepped in one call to `mujoco.batch`.
+    """`num_envs` environments of one task; one call to `mujoco.batch` steps their physics.
 
     Args:
       num_envs: number of environments.
-      threads: that step the physics; 0 uses the caller's thread.
+      threads: number that steps the physics; 0 uses the caller's thread.
       autoreset_mode: see Gymnasium.
-      **settings: of the environments, see `DrivingEnv`.
+      **settings: of each environment, see `DrivingEnv`.
 
     Raises:
       InputError: a number or a setting of the environments is not allowed.
@@ -48,7 +47,7 @@ class DrivingVectorEnv(SyncVectorEnv):
         **settings: Any,
     ) -> None:
         if num_envs < 1 or threads < 0:
-            raise InputError(f"num_envs {num_envs} and threads {threads}: use at least 1 and 0")
+            raise InputError(f"num_envs {num_envs}, threads {threads}: use 1 or more, 0 or more")
         first = DrivingEnv(**settings)
         make = [lambda: first]
         make += [functools.partial(DrivingEnv, like=first, **settings)] * (num_envs - 1)
@@ -71,7 +70,7 @@ class DrivingVectorEnv(SyncVectorEnv):
         """Holds each action for 0.1 s.
 
         Raises:
-          InputError: actions of another shape, or not finite.
+          InputError: the actions have another shape or are not finite.
         """
         shape = self.num_envs, len(self._members[0].task.actions)
         values = read_action(actions, shape, "actions")
@@ -80,8 +79,7 @@ class DrivingVectorEnv(SyncVectorEnv):
         for number in driven:
             self._store(number, values[number])
         if driven:
-            steps = self._members[0].steps_per_action
-            self._batch.step(ids=driven, nstep=steps)
+            self._batch.step(ids=driven, nstep=self._members[0].steps_per_action)
         return super().step(actions)
 
     def _store(self, number: int, action: Action) -> None:

@@ -7,6 +7,7 @@ import math
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,10 +18,11 @@ from controllers.decision.fast_world.env import HighwayEnv
 from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision
+from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.evaluation import trials
 from iits_mj.evaluation.trials import CLOSE, EMPTY, Task, Trial, weights_digest
 from iits_mj.road import Route
-from iits_mj.simulation import DriveConfig, Frame, Observer, Simulation
+from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation
 from iits_mj.simulation.frame import DivergedError
 from iits_mj.simulation.lock_step import LockStep
 from iits_mj.simulation.parts import make_stack
@@ -29,6 +31,7 @@ from iits_mj.truck import Truck
 from iits_mj.validation.harness.run_cache import drive_digest
 
 REFERENCE_SPEED = TripConfig().reference_speed
+_TIMED_OUT = "reached the end of the time"
 
 
 @functools.cache
@@ -43,7 +46,7 @@ def drive(task: Task, weights: Path | None = None) -> Trial:
 
     Args:
       task: which trial.
-      weights: file of the policy of the method "ddqn"; default: the shipped one.
+      weights: file of the policy of the method "ddqn"; default: the shipped policy.
 
     Raises:
       InputError: the weights are not those of the task.
@@ -54,11 +57,14 @@ def drive(task: Task, weights: Path | None = None) -> Trial:
         raise InputError("the file of weights has changed since the trials were planned")
     policy = str(weights) if weights is not None and task.method == "ddqn" else None
     maker = _CountingMaker(decisions.make(task.method, policy))
-    return (_drive_full if task.world == "full" else _drive_fast)(task, maker, code)
+    began = time.perf_counter()
+    figures = (_drive_full if task.world == "full" else _drive_fast)(task, maker)
+    wall_time = round(time.perf_counter() - began, 3)
+    return Trial(**vars(task), **figures, asked=maker.asked, wall_time=wall_time, code=code)
 
 
 class _CountingMaker:
-    """A decision maker with a count of its decisions to change lanes."""
+    """A decision maker that counts its decisions to change lanes."""
 
     def __init__(self, maker: DecisionMaker) -> None:
         self._maker = maker
@@ -78,7 +84,7 @@ class _CountingMaker:
 class _TripObserver(Observer):
     """Measures time gaps and the speed error every 100 ms, and ends the trip after its length."""
 
-    period = 0.1  # [s]
+    period = CYCLE_PERIOD
 
     def __init__(self, length: float) -> None:
         self._length = length
@@ -86,7 +92,7 @@ class _TripObserver(Observer):
         self._close = self._frames = 0
         self._error = 0.0
 
-    def observe(self, simulation: LockStep, frame: Frame) -> None:
+    def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         speed = frame.ego.speed
         self._frames += 1
         self._error += abs(speed - REFERENCE_SPEED)
@@ -104,8 +110,8 @@ class _TripObserver(Observer):
         return self._error / self._frames
 
 
-def _drive_full(task: Task, maker: _CountingMaker, code: str) -> Trial:
-    """Drives in the full chain: MuJoCo truck, planner and tracking in SUMO traffic."""
+def _drive_full(task: Task, maker: _CountingMaker) -> dict[str, Any]:
+    """Figures of a trip in the full chain: MuJoCo truck, planner and tracking in SUMO traffic."""
     config = DriveConfig(
         density=task.density,
         traffic_speed=task.traffic_speed,
@@ -126,7 +132,6 @@ def _drive_full(task: Task, maker: _CountingMaker, code: str) -> Trial:
         stack.decision_maker = maker
         return stack
 
-    began = time.perf_counter()
     observer = _TripObserver(task.length_limit)
     with Simulation(
         config,
@@ -139,31 +144,27 @@ def _drive_full(task: Task, maker: _CountingMaker, code: str) -> Trial:
         except DivergedError:
             result = simulation.summary()
         unsafe = simulation.stack.unsafe
-    timed_out = result.ended == "reached the end of the time"
-    return Trial(
-        **vars(task),
-        speed_loss=1.0 - result.mean_speed / REFERENCE_SPEED,
-        speed_error=observer.speed_error,
-        changes=result.lane_changes,
-        asked=maker.asked,
-        refused=result.refused,
-        unsafe=unsafe,
-        collisions=int(result.collision),
-        failures=int(result.failed or timed_out),
-        ended=" ".join(result.ended.split()),
-        time_gap=observer.time_gap,
-        close_share=observer.close_share,
-        box_distance=result.closest_box,
-        fuel=result.fuel,
-        distance=result.distance,
-        time=result.duration,
-        wall_time=round(time.perf_counter() - began, 3),
-        code=code,
-    )
+    timed_out = result.ended == _TIMED_OUT
+    return {
+        "speed_loss": 1.0 - result.mean_speed / REFERENCE_SPEED,
+        "speed_error": observer.speed_error,
+        "changes": result.lane_changes,
+        "refused": result.refused,
+        "unsafe": unsafe,
+        "collisions": int(result.collision),
+        "failures": int(result.failed or timed_out),
+        "ended": " ".join(result.ended.split()),
+        "time_gap": observer.time_gap,
+        "close_share": observer.close_share,
+        "box_distance": result.closest_box,
+        "fuel": result.fuel,
+        "distance": result.distance,
+        "time": result.duration,
+    }
 
 
-def _drive_fast(task: Task, maker: _CountingMaker, code: str) -> Trial:
-    """Drives in the fast world: a point-mass truck in NumPy traffic."""
+def _drive_fast(task: Task, maker: _CountingMaker) -> dict[str, Any]:
+    """Figures of a trip in the fast world: a point-mass truck in NumPy traffic."""
     empty = task.density == EMPTY
     trip = TripConfig(
         spawn_probability=0.0 if empty else SPAWN_PROBABILITY[task.density],
@@ -172,7 +173,6 @@ def _drive_fast(task: Task, maker: _CountingMaker, code: str) -> Trial:
         length=task.length_limit,
         duration=task.duration_limit,
     )
-    began = time.perf_counter()
     env = HighwayEnv()
     maker.reset()
     env.reset(np.random.default_rng(task.seed), trip)
@@ -183,23 +183,16 @@ def _drive_fast(task: Task, maker: _CountingMaker, code: str) -> Trial:
     result = env.summary
     timed_out = not result.collisions and result.time >= task.duration_limit
     ended = "collision" if result.collisions else "reached the end of the trip"
-    return Trial(
-        **vars(task),
+    return dict(
         speed_loss=result.speed_loss,
-        speed_error=math.nan,
         changes=result.changes,
-        asked=maker.asked,
         refused=result.refused,
         unsafe=result.dangerous,
         collisions=result.collisions,
         failures=int(bool(result.collisions) or timed_out),
-        ended="reached the end of the time" if timed_out else ended,
+        ended=_TIMED_OUT if timed_out else ended,
         time_gap=result.time_gap_min,
-        close_share=math.nan,
-        box_distance=math.nan,
-        fuel=math.nan,
         distance=result.distance,
         time=result.time,
-        wall_time=round(time.perf_counter() - began, 3),
-        code=code,
+        **dict.fromkeys(("speed_error", "close_share", "box_distance", "fuel"), math.nan),
     )

@@ -49,7 +49,7 @@ class EvaluateConfig:
     )
     payload: float = payload_option(TripConfig().payload)
     timestep: float = option(
-        TIMESTEP, help="time step of the physics", unit="s", low=0.0005, high=0.005, metavar="S"
+        TIMESTEP, help="time step of the physics", unit="s", low=0.0005, high=0.005
     )
     length: float = option(
         15_000.0,
@@ -57,7 +57,6 @@ class EvaluateConfig:
         unit="m",
         low=500.0,
         high=1e5,
-        metavar="M",
     )
     duration: float = option(
         3_000.0,
@@ -65,7 +64,6 @@ class EvaluateConfig:
         unit="s",
         low=10.0,
         high=1e5,
-        metavar="S",
     )
     seeds: str = option(
         "test",
@@ -90,7 +88,7 @@ class EvaluateConfig:
         self.chosen_cells()
 
     def names(self) -> tuple[str, ...]:
-        """The methods without repetitions."""
+        """The methods, each once."""
         return tuple(dict.fromkeys(name.strip() for name in self.methods.split(",")))
 
     def chosen_cells(self) -> tuple[tuple[str, float], ...]:
@@ -142,11 +140,11 @@ def run(
     say: Callable[[str], None] | None = None,
     drive_all: Callable[..., None] | None = None,
 ) -> list[Trial]:
-    """Drives the trials that the file does not contain yet; returns all trials asked for.
+    """Drives the trials that the file does not contain yet; returns all trials of the settings.
 
     Args:
       config: settings.
-      progress: called with (trials done, trials in all).
+      progress: called with the numbers of finished trials and of all trials.
       say: gets messages for the user; default: they are printed on stderr.
       drive_all: drives tasks; default: `drive_trials`.
 

@@ -29,12 +29,12 @@ PAPER_LOSS_PERCENT = {
     ("sparse", 15.0): {"conservative": 1.0, "neutral": 1.0, "aggressive": 10.0, "ddqn": 1.0},
 }
 RULES = ("conservative", "neutral", "aggressive")
-# Stronger rules of this project; they show whether a cell leaves room for improvement.
+# Stronger rules of this project; they show whether a cell has room for improvement.
 STRONGER = ("mobil", "lookahead")
 POLICY, RIVAL = "ddqn", "lookahead"
 SIGNIFICANT = 0.05
-# A cell is trivial when even the empty road gains less than this over the best rule: no decision
-# maker can win there, but one that is worse by this much loses [% points].
+# A cell is trivial if even the empty road gains less than this over the best rule [% points]: no
+# decision maker can win there, but a difference of this size in the other direction loses.
 ROOM_MIN = 0.3
 FEWEST = 10  # trips; with fewer, a difference within chance has no meaning
 
@@ -50,10 +50,10 @@ class CellFigures:
         [% points].
       more_changes: the same difference of lane changes.
       stronger: loss of each of `STRONGER` less that of the best rule over the same trips.
-      floor: loss without traffic [%], nan when unknown.
-      best: the best of the paper's three rules, "" without one; holm: p of the policy against it,
-        corrected for the number of cells.
-      verdict: one word or two; reason: a sentence.
+      floor: loss without traffic [%], nan if unknown.
+      best: the best of the paper's three rules, "" without trials of one; holm: p of the policy
+        against it, corrected for the number of cells.
+      verdict: one or two words; reason: a sentence.
     """
 
     density: str
@@ -87,9 +87,9 @@ class CellFigures:
 
     @property
     def winnable(self) -> bool:
-        """Whether a stronger rule beats the best rule beyond chance, or none was driven.
+        """Whether a stronger rule beats the best rule beyond chance, or has no trials.
 
-        The tests are not corrected for their number, in favor of a cell that can be won.
+        The tests are not corrected for their number, in favor of a winnable cell.
         """
         others = self.stronger.values()
         if self.trivial or not others or any(d.count < FEWEST for d in others):
@@ -100,7 +100,7 @@ class CellFigures:
 def figures(
     trials: Sequence[Trial], cells: Sequence[tuple[str, float]], methods: Sequence[str]
 ) -> list[CellFigures]:
-    """Figures of the cells with their verdicts; cells without a trial are left out."""
+    """Figures of the cells with trials, and their verdicts."""
     found = [_cell(trials, density, speed, methods) for density, speed in cells]
     known = [cell for cell in found if cell.trials]
     compared = [cell for cell in known if cell.best and POLICY in cell.trials]
@@ -217,11 +217,8 @@ def difference_text(difference: Paired) -> str:
     )
 
 
-# --- Checks, and tables for the terminal ---
-
-
 def summarize(trials: Sequence[Trial], config: EvaluateConfig) -> tuple[Results, list[CellFigures]]:
-    """Checks and tables of trials, and the cells' figures from which they are made."""
+    """Checks and tables of trials, and the figures of the cells."""
     cells = figures(trials, config.chosen_cells(), config.names())
     results = Results("evaluate", seed=config.seed)
     results.notes.append(
@@ -235,7 +232,7 @@ def summarize(trials: Sequence[Trial], config: EvaluateConfig) -> tuple[Results,
     results.notes += ["", *verdicts]
     level = over_all(cells, POLICY, RIVAL)
     if level is not None:
-        # The policy is level with the look-ahead when it is not worse by more than chance.
+        # The policy is level with the look-ahead if it is not worse by more than chance.
         label = f"all cells: speed loss, {POLICY} less {RIVAL}"
         tests = f"±{level.half:.2f}, p {level.t_p:.2g}, Wilcoxon {level.wilcoxon_p:.2g}"
         results.checks += [

@@ -1,9 +1,9 @@
-"""The page of `iits-mj evaluate`: sections of text and tables, written as HTML and Markdown."""
+"""The page of `iits-mj evaluate`: sections of text and tables as HTML and Markdown."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +40,7 @@ from iits_mj.validation.harness.statistics import Estimate, Paired
 
 TITLE = "Decision makers compared"
 _DPI = 100
-# Settings that do not choose trials.
+# Settings that do not select trials.
 _NOT_SHOWN = ("jobs", "file", "drive")
 
 
@@ -98,7 +98,7 @@ def sections(
 
 
 def command_of(config: EvaluateConfig) -> str:
-    """The command line that drives these trials, without the settings that have their default."""
+    """The command line of these trials, without settings that have their default."""
     words = ["iits-mj evaluate"]
     for field in dataclasses.fields(EvaluateConfig):
         value = getattr(config, field.name)
@@ -159,7 +159,7 @@ def _paper_table(cells: Sequence[CellFigures], names: Sequence[str]) -> Section:
             own = f"**{own}**" if name == lowest else own
             row.append(f"{paper[name]:.1f} / {own}" if name in paper else own)
         rows.append(row)
-    header = ("cell [m/s]", "free road", *names)
+    header = " | ".join(("cell [m/s]", "free road", *names))
     return _table("The paper's table and ours", [sentence], header, rows)
 
 
@@ -197,7 +197,7 @@ def _verdicts(cells: Sequence[CellFigures]) -> Section:
                 cell.reason if cell.trivial else "",
             )
         )
-    header = _columns(
+    header = (
         f"cell | verdict | best rule | {POLICY} less it [points] | p (t) | p (Wilcoxon) | "
         "p (t, Holm) | room [points] | stronger rules less it [points] | why"
     )
@@ -221,53 +221,45 @@ def _pairs(cells: Sequence[CellFigures]) -> Section:
         "the 95 % interval, and p of the paired t-test and of Wilcoxon's signed ranks, not "
         "corrected. Below zero the policy is better."
     )
-    return _table(f"{POLICY} against each", [sentence], ("cell", *names), rows)
+    return _table(f"{POLICY} against each", [sentence], " | ".join(("cell", *names)), rows)
 
 
 def _details(cells: Sequence[CellFigures]) -> Section:
-    rows = []
-    for cell, name, own in _each(cells):
+    def row(cell: CellFigures, name: str, own: tuple[Trial, ...]) -> list[str]:
         loss, changes = cell.loss[name], cell.changes[name]
         more = cell.more_changes.get(name)
-        rows.append(
-            (
-                cell.name,
-                name,
-                str(len(own)),
-                _estimate(loss),
-                f"{loss.std:.2f}",
-                f"{loss.mean - cell.floor:.2f}",
-                _estimate(changes),
-                f"{changes.std:.2f}",
-                "" if more is None else _difference(more),
-            )
-        )
-    header = _columns(
-        "cell | method | trips | loss [%] | std | above the free road | changes a trip | "
+        return [
+            str(len(own)),
+            _estimate(loss),
+            f"{loss.std:.2f}",
+            f"{loss.mean - cell.floor:.2f}",
+            _estimate(changes),
+            f"{changes.std:.2f}",
+            "" if more is None else _difference(more),
+        ]
+
+    header = (
+        "trips | loss [%] | std | above the free road | changes a trip | "
         f"std | changes, {POLICY} less it"
     )
-    return _table("Speed loss and lane changes", [], header, rows)
+    return _by_method("Speed loss and lane changes", [], header, cells, row)
 
 
 def _safety(cells: Sequence[CellFigures]) -> Section:
-    rows = []
-    for cell, name, own in _each(cells):
+    def row(_: CellFigures, __: str, own: tuple[Trial, ...]) -> list[str]:
         way = sum(t.distance for t in own) / 1e5
         close = sum(t.close_share * t.time for t in own) / sum(t.time for t in own)
-        rows.append(
-            (
-                cell.name,
-                name,
-                str(sum(t.collisions for t in own)),
-                str(sum(t.failures for t in own)),
-                f"{sum(t.unsafe for t in own) / way:.2f}",
-                f"{sum(t.refused for t in own) / way:.2f}",
-                f"{min(t.time_gap for t in own):.2f}",
-                f"{np.median([t.time_gap for t in own]):.2f}",
-                f"{100.0 * close:.2f}",
-                f"{min(t.box_distance for t in own):.2f}",
-            )
-        )
+        return [
+            str(sum(t.collisions for t in own)),
+            str(sum(t.failures for t in own)),
+            f"{sum(t.unsafe for t in own) / way:.2f}",
+            f"{sum(t.refused for t in own) / way:.2f}",
+            f"{min(t.time_gap for t in own):.2f}",
+            f"{np.median([t.time_gap for t in own]):.2f}",
+            f"{100.0 * close:.2f}",
+            f"{min(t.box_distance for t in own):.2f}",
+        ]
+
     sentence = (
         "Unsafe: decisions to change that the planner refused because of a vehicle; refused: "
         "all that it refused. The time gap is the bumper gap to the vehicle ahead in the "
@@ -276,60 +268,58 @@ def _safety(cells: Sequence[CellFigures]) -> Section:
         "time gap is often another driver's doing, and not the policy's; the share of the time "
         f"under {CLOSE:g} s shows how long it lasted."
     )
-    header = _columns(
-        "cell | method | collisions | failed trips | unsafe per 100 km | "
-        "refused per 100 km | least time gap [s] | its median over trips | "
-        f"time under {CLOSE:g} s [%] | closest box [m]"
+    header = (
+        "collisions | failed trips | unsafe per 100 km | refused per 100 km | least time gap [s] | "
+        f"its median over trips | time under {CLOSE:g} s [%] | closest box [m]"
     )
-    return _table("Safety", [sentence], header, rows)
+    return _by_method("Safety", [sentence], header, cells, row)
 
 
 def _effort(cells: Sequence[CellFigures]) -> Section:
-    rows = []
-    for cell, name, own in _each(cells):
+    def row(_: CellFigures, __: str, own: tuple[Trial, ...]) -> list[str]:
         fuel = sum(t.fuel for t in own) / DIESEL_DENSITY
         rates = np.mean([t.reward_rates for t in own], axis=0)
-        rows.append(
-            (
-                cell.name,
-                name,
-                f"{fuel / (sum(t.distance for t in own) / 1e5):.1f}",
-                f"{np.mean([t.distance for t in own]) / 1e3:.2f}",
-                f"{np.mean([t.time for t in own]):.0f}",
-                *(f"{rate:.3f}" for rate in rates),
-                f"{np.mean([t.wall_time for t in own]):.0f}",
-            )
-        )
+        return [
+            f"{fuel / (sum(t.distance for t in own) / 1e5):.1f}",
+            f"{np.mean([t.distance for t in own]) / 1e3:.2f}",
+            f"{np.mean([t.time for t in own]):.0f}",
+            *(f"{rate:.3f}" for rate in rates),
+            f"{np.mean([t.wall_time for t in own]):.0f}",
+        ]
+
     sentence = (
         "Reward: its terms a second, means over the trips, not discounted. Wall time: of a "
         "trip on the computer that drove it, whatever else it did."
     )
-    header = _columns(
-        "cell | method | fuel [l/100 km] | distance [km] | time [s] | reward: changes | "
-        "danger | speed | wall time [s]"
+    header = (
+        "fuel [l/100 km] | distance [km] | time [s] | reward: changes | danger | speed | "
+        "wall time [s]"
     )
-    return _table("Fuel, time and reward", [sentence], header, rows)
+    return _by_method("Fuel, time and reward", [sentence], header, cells, row)
 
 
-def _each(
+def _by_method(
+    title: str,
+    sentences: Sequence[str],
+    header: str,
     cells: Sequence[CellFigures],
-) -> Iterator[tuple[CellFigures, str, tuple[Trial, ...]]]:
-    """Cell, method and trials of every method in every cell."""
-    for cell in cells:
-        for name, own in cell.trials.items():
-            yield cell, name, own
+    row: Callable[[CellFigures, str, tuple[Trial, ...]], list[str]],
+) -> Section:
+    """A section with a row of figures for every method in every cell."""
+    rows = [
+        [cell.name, name, *row(cell, name, own)]
+        for cell in cells
+        for name, own in cell.trials.items()
+    ]
+    return _table(title, sentences, f"cell | method | {header}", rows)
 
 
 def _table(
-    title: str, sentences: Sequence[str], header: Sequence[str], rows: Sequence[Sequence[str]]
+    title: str, sentences: Sequence[str], header: str, rows: Sequence[Sequence[str]]
 ) -> Section:
-    """A section whose table is left out when it has no rows."""
-    return Section(title, sentences=sentences, header=header if rows else (), rows=rows)
-
-
-def _columns(names: str) -> list[str]:
-    """Column names from a text that separates them by bars."""
-    return names.split(" | ")
+    """A section with a table, if it has rows; bars separate the names of the columns."""
+    names = header.split(" | ") if rows else ()
+    return Section(title, sentences=sentences, header=names, rows=rows)
 
 
 def _estimate(value: Estimate) -> str:

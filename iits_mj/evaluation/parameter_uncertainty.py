@@ -25,6 +25,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
 from iits_mj.core.results import Findings, Line, Results
 from iits_mj.core.tables import write_table
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.core.units import DIESEL_DENSITY, KMH
 from iits_mj.parameters import payload_option, randomization
 from iits_mj.parameters.randomization import Drawn, Spread
@@ -32,8 +33,6 @@ from iits_mj.validation.handling import lane_change, rollover
 from iits_mj.validation.harness import maneuver, recorder
 from iits_mj.validation.harness.run_cache import drive_digest
 from iits_mj.validation.longitudinal import braking
-
-# --- One truck: drawn, driven, measured ---
 
 # Speed of the lane change and of the fuel figure [m/s].
 SPEED = 80.0 * KMH
@@ -68,7 +67,7 @@ class Sample(SampleTask):
       yaw_fit: fit of the yaw-sideslip model with the same parameters to the yaw rate there [%].
       stop_distance: full stop from 60 km/h [m]; deceleration: mean fully developed [m/s2].
       fuel: at a steady 80 km/h on a level road [l/100 km].
-      wall_time: [s]; code: digest of the code that drove it.
+      wall_time: [s]; code: digest of the code of the drives.
     """
 
     rollover_threshold: float
@@ -106,7 +105,7 @@ def measure(task: SampleTask, spread_file: Path | None = None) -> Sample:
       spread_file: distributions of the parameters; default: the shipped file.
 
     Raises:
-      InputError: the truck cannot be built, or cannot hold 80 km/h.
+      InputError: the truck cannot be built or cannot hold 80 km/h.
       Error: the physics diverged.
     """
     began = time.perf_counter()
@@ -140,8 +139,6 @@ def _steady_fuel(payload: float, timestep: float, drawn: Drawn) -> float:
     return (after.fuel_used - before.fuel_used) / DIESEL_DENSITY / way * 1e5
 
 
-# --- Distributions over many trucks ---
-
 SAMPLES_MAX = 1_000_000
 # Attribute, title and unit of each figure.
 FIGURES = (
@@ -165,7 +162,7 @@ class MonteCarloConfig:
     samples: int = option(200, help="number of trucks to draw", low=2, high=SAMPLES_MAX)
     payload: float = payload_option()
     timestep: float = option(
-        0.002, help="time step of the physics", unit="s", low=0.0005, high=0.005, metavar="S"
+        TIMESTEP, help="time step of the physics", unit="s", low=0.0005, high=0.005, metavar="S"
     )
     spread: Path | None = option(
         None,
@@ -206,12 +203,12 @@ def summarize(config: MonteCarloConfig, rows: Sequence[Sample]) -> Results:
     """Shares of trucks that meet the standards, distributions of all figures, and correlations.
 
     Raises:
-      InputError: the shipped truck is missing, or fewer than two are drawn.
+      InputError: the shipped truck is missing, or fewer than two trucks are drawn.
     """
     shipped = next((row for row in rows if row.seed == NOMINAL), None)
     drawn = sorted((row for row in rows if row.seed != NOMINAL), key=lambda row: row.seed)
     if shipped is None or len(drawn) < 2:
-        raise InputError("the shipped truck and at least two drawn ones are wanted")
+        raise InputError("the shipped truck and at least two drawn trucks are needed")
     values = {name: np.array([getattr(row, name) for row in drawn]) for name, *_ in FIGURES}
     results = Results("montecarlo", seed=config.seed)
     results.notes += [
@@ -229,7 +226,7 @@ def write_samples(path: Path, config: MonteCarloConfig, rows: Sequence[Sample]) 
     """Writes the factors and figures of each truck as CSV.
 
     Raises:
-      InputError: it cannot be written.
+      InputError: the file cannot be written.
     """
     spread = Spread.load(config.spread)
     table = []
@@ -263,30 +260,17 @@ def _correlations(
 def _shares(values: dict[str, FloatArray]) -> Findings:
     """Shares of the trucks that meet the standards [%]."""
     found = Findings()
-    factor, deceleration = lane_change.PBS_FACTOR, braking.R13_DECELERATION
-    most = factor * values["rollover_threshold"]
+    factor, least = lane_change.PBS_FACTOR, braking.R13_DECELERATION
+    distance = braking.UN_R13.laden
+    stops, brakes = values["stop_distance"] <= distance, values["deceleration"] >= least
+    calm = values["rearward_amplification"] <= factor * values["rollover_threshold"]
+    upright = values["rollover_threshold"] >= PBS_THRESHOLD
     for name, held, must in (
-        (
-            f"within UN R13's distance of {braking.UN_R13.laden:.1f} m from 60 km/h",
-            values["stop_distance"] <= braking.UN_R13.laden,
-            ">= 100",
-        ),
-        (
-            f"of {deceleration:g} m/s2 mean fully developed deceleration (UN R13)",
-            values["deceleration"] >= deceleration,
-            ">= 100",
-        ),
-        (
-            f"of a rearward amplification of at most {factor:g} thresholds (PBS)",
-            values["rearward_amplification"] <= most,
-            ">= 100",
-        ),
-        # For information: the carrier, not the truck, decides on a high load.
-        (
-            f"of a roll-over threshold of {PBS_THRESHOLD:g} g (PBS)",
-            values["rollover_threshold"] >= PBS_THRESHOLD,
-            "",
-        ),
+        (f"within UN R13's distance of {distance:.1f} m from 60 km/h", stops, ">= 100"),
+        (f"of {least:g} m/s2 mean fully developed deceleration (UN R13)", brakes, ">= 100"),
+        (f"of a rearward amplification of at most {factor:g} thresholds (PBS)", calm, ">= 100"),
+        # For information: the carrier determines the height of the load.
+        (f"of a roll-over threshold of {PBS_THRESHOLD:g} g (PBS)", upright, ""),
     ):
         found.check(f"trucks {name}", 100.0 * float(np.mean(held)), "%", must=must)
     return found
@@ -294,7 +278,7 @@ def _shares(values: dict[str, FloatArray]) -> Findings:
 
 def _distribution(title: str, unit: str, shipped: float, values: FloatArray) -> Findings:
     """Quantiles of a figure, and the share of trucks below each value."""
-    found, own = Findings(title), float(shipped)
+    found, own = Findings(title), shipped
     low, median, high = np.quantile(values, (0.05, 0.5, 0.95))
     found.check("5 % of the trucks below", low, unit, own)
     found.check("median", median, unit, own)

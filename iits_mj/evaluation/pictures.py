@@ -28,9 +28,9 @@ _COLORS = {
     "ddqn": PALETTE[1],
     "keep": _GRAY,
 }
-_SPREAD = 0.28  # of the dots of a method to both sides
-# Margin above and below all trips, as a share of their range. A figure of the paper that lies
-# farther away is written at the edge of the panel.
+_SPREAD = 0.28  # greatest sideways shift of the dots of a method
+# Margin above and below all trips, as a share of their range. A figure of the paper beyond it is
+# written at the edge of the panel.
 _MARGIN = 0.25
 _UP, _DOWN = "\u2191", "\u2193"
 _BEYOND: dict[str, Any] = {

@@ -1,7 +1,7 @@
 """Trials of decision makers: the task of a trial, its row of figures, and the file of trials.
 
-A row is appended when its trial ends. A row that was cut off by a kill is dropped, and in the end
-the file is sorted.
+A row is appended at the end of its trial. A row that was cut off by a kill is removed, and at the
+end of the run the file is sorted.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ CLOSE = 1.0  # [s] below which a time gap counts as close
 
 @dataclass(frozen=True)
 class Task:
-    """What one trial drives.
+    """Settings of one trial.
 
     Attributes:
       world: one of `WORLDS`; density: "empty" is a road without traffic.
@@ -59,15 +59,15 @@ class Trial(Task):
     Attributes:
       speed_loss: mean over time of (v_ref - v) / v_ref.
       speed_error: mean over time of |v_ref - v| [m/s], as in the reward.
-      changes: lane changes driven; asked: decisions to change; refused: decisions that the planner
-        refused; unsafe: those refused because of a vehicle.
-      collisions: with a vehicle; failures: collision, roll-over, divergence, or cut off by time.
+      changes: completed lane changes; asked: decisions to change; refused: decisions that the
+        planner refused; unsafe: decisions that it refused because of a vehicle.
+      collisions: with a vehicle; failures: collision, roll-over, divergence, or time limit.
       ended: reason of the trip's end, in words.
       time_gap: least time gap to the vehicle ahead while faster than 1 m/s [s], inf without one.
-        A vehicle that cuts in counts from the instant its box reaches into the truck's width.
+        A vehicle that cuts in counts as soon as its box overlaps the truck's width.
       close_share: share of time with a time gap below `CLOSE`.
       box_distance: least distance to any vehicle, box to box [m]; fuel: [kg].
-      distance: [m]; time: of the trip [s]; wall_time: [s]; code: digest of the code that drove it.
+      distance: [m]; time: of the trip [s]; wall_time: [s]; code: digest of the code of the drive.
     """
 
     speed_loss: float
@@ -90,7 +90,7 @@ class Trial(Task):
 
     @property
     def task(self) -> Task:
-        """The task that was driven; it identifies the trial."""
+        """The task, which identifies the trial."""
         return task_of(self)
 
     @property
@@ -113,7 +113,7 @@ def weights_digest(method: str, weights: Path | None) -> str:
 
     Args:
       method: the decision maker.
-      weights: file of the policy; default: the shipped one.
+      weights: file of the policy; default: the shipped policy.
 
     Raises:
       InputError: the file cannot be read.
@@ -128,11 +128,9 @@ def weights_digest(method: str, weights: Path | None) -> str:
 
 
 def codes_of(trials: Sequence[Trial]) -> list[str]:
-    """Digests of the versions of the code that drove these trials."""
+    """Digests of the versions of the code of these trials."""
     return sorted({trial.code for trial in trials})
 
-
-# --- The file of trials ---
 
 _COLUMNS = [field.name for field in fields(Trial)]
 _HEADER = (",".join(_COLUMNS) + "\r\n").encode()
@@ -140,9 +138,9 @@ _WHAT = "trials"
 
 
 def read_trials(path: Path, say: Callable[[str], None]) -> dict[Task, Trial]:
-    """The trials of a file by their tasks; none when the file does not exist.
+    """The trials of a file by their tasks; none if the file does not exist.
 
-    An incomplete last row, left by a process that was killed, is removed from the file.
+    The incomplete last row of a killed process is removed from the file.
 
     Args:
       path: of the file.
@@ -156,10 +154,10 @@ def read_trials(path: Path, say: Callable[[str], None]) -> dict[Task, Trial]:
 
 
 def write_trials(path: Path, trials: Iterable[Trial]) -> None:
-    """Writes the file in sorted order, so that its bytes do not depend on which trial ended first.
+    """Writes the file in sorted order, so that its bytes do not depend on the order of the trials.
 
     Raises:
-      InputError: it cannot be written.
+      InputError: the file cannot be written.
     """
     tables.write_rows(path, Trial, sorted(trials, key=_order), _WHAT)
 
@@ -168,7 +166,7 @@ def append_trial(path: Path, trial: Trial) -> None:
     """Appends one row.
 
     Raises:
-      InputError: it cannot be written.
+      InputError: the file cannot be written.
     """
     try:
         with path.open("a", newline="", encoding="utf-8") as stream:
@@ -179,10 +177,10 @@ def append_trial(path: Path, trial: Trial) -> None:
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Locks the file against other runs, whose rows would be lost when this one ends.
+    """Locks the file against other runs, whose rows the end of this run would delete.
 
     Raises:
-      InputError: another run uses the file, or nothing can be written there.
+      InputError: another run uses the file, or the folder cannot be written.
     """
     lock = path.with_name(f".{path.name}.lock")
     try:
@@ -212,7 +210,7 @@ def _unwritable(path: Path, error: OSError) -> InputError:
 
 
 def _order(task: Task) -> tuple[object, ...]:
-    """Sort key of the rows: the paper's cells in its order, then trial by trial."""
+    """Sort key of the rows: the paper's order of cells, then trial by trial."""
     cell = [*SPAWN_PROBABILITY, EMPTY].index(task.density), task.traffic_speed
     rest = (task.payload, task.timestep, task.length_limit, task.duration_limit, task.seed)
     return (task.world, *cell, *rest, task.method, task.weights)

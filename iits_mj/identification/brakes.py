@@ -1,11 +1,11 @@
 """Brake circuits: their forces from chamber pressures, and their dead time and build-up time.
 
 A step of the brake demand becomes a ramp of the supply at the truck's supply rate; the chamber
-follows it after a dead time, as a first-order lag. The level of each application is free (load
+follows after a dead time, with a first-order lag. The level of each application is free (load
 sensing and trim change it), and so is the part that the deceleration control adds: it measures the
 response through its filter, integrates the deficit, and requests it on the same path. The length of
-the ramp follows from the fitted level: the fit is done twice. A release is not used, because the
-controller determines its shape.
+the ramp follows from the fitted level, so the fit runs twice. Releases are not used, because the
+controller determines their shape.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from iits_mj.identification.log import PRESSURES, Log, Series
 from iits_mj.model.air_brake import torque_slope
 from iits_mj.parameters import TruckParameters
 
-# Pressures recorded of each circuit; the trailer reports one for both sides.
+# Recorded pressures of each circuit; the trailer reports one pressure for both sides.
 CIRCUITS: dict[str, tuple[str, ...]] = {
     "front": PRESSURES[0:2],
     "drive": PRESSURES[2:4],
     "trailer": PRESSURES[4:5],
 }
-# An event is a demand that jumps by this much [m/s2] and then holds this long [s]; later changes
-# come from the deceleration control. Smaller demands are the bus's rounding.
+# An event is a jump of the demand by `_STEP` [m/s2] that holds for `_HOLD` [s]; later changes come
+# from the deceleration control. Demands up to `_NOTHING` are rounding on the bus.
 _NOTHING = 0.02
 _STEP = 0.3
 _HOLD = 1.0
@@ -56,7 +56,7 @@ def circuit_forces(
     `hysteresis_pressure` more than the pressure in the chamber.
 
     Args:
-      log: has the five brake pressures.
+      log: with the five brake pressures.
       parameters: of the truck.
       time: of the forces [s], shape (n,).
       radii: rolling radius of each axle's tires [m], shape (6,).
@@ -177,10 +177,10 @@ def _fit_circuit(
     if len(responses) < _EVENTS_MIN:
         reason = (
             f"the log has {len(responses)} applications that hold for {_HOLD:g} s, "
-            f"{_EVENTS_MIN} are wanted"
+            f"{_EVENTS_MIN} are needed"
         )
     elif scale <= 0.0:
-        reason = "the pressure never rose"
+        reason = "the pressure did not rise"
     if reason:
         return unseen(free, reason)
 
@@ -199,9 +199,9 @@ def _fit_circuit(
 
 
 def _uncertainty(log: Log) -> float:
-    """Half of the time by which a demand may begin before the row that shows it [s].
+    """Half of the time by which a demand may begin before its first row [s].
 
-    On a bus the frame itself is the demand; a table shows it in its next row.
+    On a bus the frame itself is the demand; a table has it in its next row.
     """
     if isinstance(log.signals["command_xbr_demand"], Series):
         return 0.0

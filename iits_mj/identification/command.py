@@ -32,7 +32,7 @@ class IdentifyConfig:
     )
     signals: str = option(
         "",
-        help="use these signals only; name=title where a table calls one otherwise",
+        help="use these signals only; name=title for a column with another title",
         metavar="NAME,...",
     )
     grade: str = option(
@@ -43,13 +43,13 @@ class IdentifyConfig:
     parameters: Path | None = option(None, help="overlay with prior values", metavar="FILE.toml")
     mass: float | None = option(
         None,
-        help="gross mass when known; fits the torque scale instead",
+        help="known gross mass; fits the torque scale instead",
         unit="kg",
         low=5e3,
         high=1.2e5,
     )
     replay: bool = option(
-        False, help="drive the truck once more with the log's commands, before and after"
+        False, help="drive the truck with the log's commands, with prior and identified values"
     )
     output: Path | None = option(
         None, help="where to write the identified overlay", metavar="FILE.toml"
@@ -60,10 +60,10 @@ class IdentifyConfig:
 
 
 def run(config: IdentifyConfig) -> Results:
-    """Identifies the parameters, writes the overlay if wanted, and reports a check for each.
+    """Identifies the parameters, writes the overlay if requested, and reports a check for each.
 
     Raises:
-      InputError: the log or the overlay cannot be used, or the log shows nothing at all.
+      InputError: the log or the overlay cannot be used, or the log shows no parameter.
     """
     parameters = TruckParameters.load(overlay=config.parameters)
     log = _load_log(config, parameters)

@@ -1,13 +1,13 @@
 """Scales of the engine's torque map and drag, and lag and rise of its torque.
 
-The engine of the powertrain plugin runs on a test bench, a rotor driven at the recorded engine
-speed, with the recorded pedal; its torque is fitted to the recorded torque. So the identified
-engine is that of the truck, not a copy of its equations. The bench's gearbox has a single ratio:
-the engine turns with the rotor, and the controller has no reason to change gear.
+The engine of the powertrain plugin runs on a test bench, a rotor at the recorded engine speed, with
+the recorded pedal; its torque is fitted to the recorded torque. So the identified engine is that of
+the truck, not a copy of its equations. The bench's gearbox has a single ratio: the engine turns
+with the rotor, and the controller does not change gear.
 
-The bench begins without torque and charge. So does an engine that has coasted for a while, and the
-torque that follows shows lag and rise. After a gear change some charge is left, and only the later
-torque counts.
+The bench begins without torque and charge. So does an engine that has coasted for a while, and its
+next torque shows lag and rise. After a gear change some charge is left, and only the later torque
+counts.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ NAMES = ("torque_map_scale", "engine_drag_scale", "boost_lag", "torque_rise_rate
 # Time step of the bench, and longest stretch of the log on it [s].
 _STEP = 0.005
 _WINDOW = 12.0
-# The rest of the charge is gone after so long without pedal, and without counting [s].
+# Times after which the charge is gone: without pedal, and after a gear change [s].
 _COASTED = 3.0
 _FORGOTTEN = 8.0
 _COUNTED_MIN = 1.0
@@ -58,7 +58,7 @@ class _Window:
     Attributes:
       grid: times of the bench's steps from its start [s], shape (n,).
       engine_speed: [rad/s]; pedal: 0 to 1; both on the grid.
-      time, torque: the record that counts, from the start [s], [N m], shape (m,).
+      time, torque: the counted part of the record, from the start [s], [N m], shape (m,).
     """
 
     grid: FloatArray
@@ -111,7 +111,7 @@ def _model(parameters: TruckParameters) -> mujoco.MjModel:
     single = dataclasses.replace(
         gearbox,
         final_drive=1.0,
-        # The plugin wants ratios that fall; these do so by a millionth.
+        # The plugin needs falling ratios; these fall by a millionth.
         ratios=1.0 - 1e-6 * np.arange(gears, dtype=np.float64),
         start_gear=gears,
         downshift_delay=_DELAY,
@@ -175,7 +175,7 @@ def identify_engine(log: Log, parameters: TruckParameters) -> list[Estimate]:
 
 
 def with_engine(parameters: TruckParameters, values: dict[str, float]) -> TruckParameters:
-    """The truck with these values of `NAMES`; the others stay."""
+    """The truck with these values of `NAMES`; the other values stay."""
     engine = parameters.engine
     scale, drag = values.get("torque_map_scale", 1.0), values.get("engine_drag_scale", 1.0)
     pedal_map = dataclasses.replace(engine.pedal_map, values=scale * engine.pedal_map.values)
@@ -216,7 +216,7 @@ def _windows(log: Log, parameters: TruckParameters) -> list[_Window]:
 
 
 def _starts(log: Log) -> list[tuple[float, float]]:
-    """Times at which a bench run may begin, and from which it counts [s]."""
+    """Times at which a bench run may begin, and from which its torque counts [s]."""
     shifts = log.series("shift_in_process")
     ends = shifts.time[1:][np.diff(shifts.value) < -0.5]
     starts = [(float(end), float(end) + _FORGOTTEN) for end in ends]

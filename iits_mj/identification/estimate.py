@@ -1,7 +1,7 @@
-"""Least squares with confidence intervals, and which parameters a log can identify at all.
+"""Least squares with confidence intervals, and tests whether a log identifies a parameter.
 
 The optimizer is scipy's `least_squares` (trust region, bounds). MuJoCo's `mujoco.sysid` wraps the
-same one, but its intervals assume white residuals, which those of a drive are not.
+same one, but its intervals assume white residuals; those of a drive are not white.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ WIDEST = 0.15
 WEAKEST = 1e-5
 # Columns of unit length are collinear when a singular value is below this share of the greatest.
 COLLINEAR = 1e-3
-# Two estimates whose errors correlate more than this are named together in a warning.
+# Least correlation of the errors of two estimates that a warning names together.
 CORRELATED = 0.9
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """One parameter as a log shows it.
+    """One parameter by a log.
 
     Attributes:
-      name, unit: of the parameter; value: fitted, or the prior when it is not identifiable.
-      prior: value before the fit; half_width: of the 95 % interval, inf when nothing is known.
-      identifiable: whether the log shows it; reason: why not.
+      name, unit: of the parameter; value: fitted, or the prior if it is not identifiable.
+      prior: value before the fit; half_width: of the 95 % interval, inf if unknown.
+      identifiable: whether the log shows the parameter; reason: why it does not.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Estimate:
     reason: str = ""
 
     def __str__(self) -> str:
-        """One line for people: value and interval, or why there is none."""
+        """One line with value and interval, or with the reason against it."""
         if not self.identifiable:
             return f"{self.name}: not identifiable, {self.reason}; kept {self.prior:.5g}"
         unit = "" if self.unit == "1" else f" {self.unit}"
@@ -73,7 +73,7 @@ class Free:
         return self.judged(self.prior, math.inf, reason)
 
     def judged(self, value: float, half_width: float, reason: str = "") -> Estimate:
-        """The estimate with a value, or with the prior where there is a reason against it."""
+        """The estimate with a value, or with the prior if there is a reason against it."""
         kept = self.prior if reason else float(value)
         return Estimate(self.name, kept, self.unit, self.prior, half_width, not reason, reason)
 
@@ -99,17 +99,17 @@ def fit(
 
     The covariance is the jackknife over the residual's groups (windows of the log), since the
     errors inside a window are correlated. A parameter with too wide an interval stays free, so that
-    the others' intervals allow any value of it. Of several parameters that the log shows only
-    together, none is identified.
+    the intervals of the others hold for any value of it. Parameters that the log shows only
+    together are not identified.
 
     Args:
       free: the parameters, k of them.
-      residual: parameter values (k,) to groups of residuals, all in one unit.
-      step: relative step of the difference quotients, for a residual that is not smooth to the bit.
+      residual: gives groups of residuals, all in one unit, for parameter values (k,).
+      step: relative step of the difference quotients, for a residual with rounding errors.
       tolerance: relative change of costs or parameters at which the search ends.
 
     Returns:
-      The estimates, and the values of the best fit (k,), trusted or not.
+      The estimates, and the values of the best fit (k,), identifiable or not.
     """
     values = np.array([f.prior for f in free])
     size = np.maximum(np.abs(values), 1e-12)
@@ -187,13 +187,13 @@ def _weak(
                 if j != k and abs(correlation[j]) > CORRELATED
             ]
             if partners:
-                reason += f", its error goes with that of {partners[0]}"
+                reason += f", its error correlates with that of {partners[0]}"
         reasons[place] = reason
     return reasons
 
 
 def _hidden(jacobian: FloatArray) -> list[int] | None:
-    """Columns of a direction that the residual does not see; None when it sees all."""
+    """Columns of a direction without effect on the residual; None if there is none."""
     norms = np.linalg.norm(jacobian, axis=0)
     silent = np.flatnonzero(norms <= WEAKEST * norms.max(initial=0.0))
     if len(silent):
@@ -225,7 +225,7 @@ def _covariance(jacobian: FloatArray, residuals: FloatArray, groups: list[int]) 
         try:
             change = np.linalg.solve(whole - own, score)
         except np.linalg.LinAlgError:
-            # This group alone shows a parameter: nothing says how far it can be trusted.
+            # This group alone shows a parameter: there is no estimate of its error.
             return np.full((k, k), math.inf)
         covariance += np.outer(change, change)
     return np.asarray(covariance * (number - 1) / number)

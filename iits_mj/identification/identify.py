@@ -41,7 +41,7 @@ class Identification:
     Attributes:
       estimates: one for each parameter of the chosen groups.
       motion: speeds of the point mass before and after.
-      mass: gross mass, identified or given [kg]; None when it is not known.
+      mass: gross mass, identified or given [kg]; None if unknown.
       parameters: the truck's parameters before the fit.
     """
 
@@ -71,9 +71,9 @@ def identify(
     """Fits the truck's parameters to a recorded drive.
 
     Args:
-      log: the drive; the estimates' reasons name the signals that a group lacks.
-      parameters: prior values, and all parameters that are not fitted; default the shipped truck.
-      mass: gross mass when it is known [kg]; the engine torque's scale can be fitted only then.
+      log: of the drive; the reasons of the estimates name missing signals.
+      parameters: prior values, and all parameters that are not fitted; default: the shipped truck.
+      mass: known gross mass [kg]; only with it the scale of the engine torque can be fitted.
       groups: to fit, of `GROUPS`.
 
     Raises:
@@ -108,7 +108,7 @@ def _steering(log: Log, parameters: TruckParameters, mass: float | None) -> list
 def overlay(found: Identification) -> dict[str, Any]:
     """The identified values only, as a tree of the truck's parameters.
 
-    The mass, identified or given, becomes the greatest payload, which is the default of a truck.
+    The mass, identified or given, becomes the greatest payload, the default load of a truck.
     """
     values, p = found.found(), found.parameters
     tree: dict[str, Any] = {"payload": {}}
@@ -171,10 +171,10 @@ def _air_brake(p: TruckParameters, values: dict[str, float]) -> dict[str, list[f
 
 
 def write_toml(found: Identification, path: str | Path) -> None:
-    """Writes the overlay; comments list every estimate with its interval or reason.
+    """Writes the overlay, with a comment on the interval of every estimate.
 
     Raises:
-      InputError: nothing was identified, or the file cannot be written.
+      InputError: no parameter was identified, or the file cannot be written.
     """
     tree = overlay(found)
     if not tree:

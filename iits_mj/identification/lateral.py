@@ -36,8 +36,8 @@ _SPEED_MIN = 6.0
 # The model is linear and at one speed: greatest lateral acceleration [m/s2] and speed range [1].
 _ACCELERATION_MAX = 2.0
 _SPEED_RANGE = 0.08
-# Error of linear tires of the static load up to there, against the truck itself, and of a linkage
-# without compliance [1]: they are added to the intervals.
+# Errors of linear tires with static loads in this range, against the truck itself, and of a linkage
+# without compliance [1]; the intervals include them.
 _MODEL_ERROR = 0.03
 _RATIO_MODEL_ERROR = 0.005
 # Relative change at which the fit ends: far below the model's own error.
@@ -111,9 +111,9 @@ def identify_cornering(
     Args:
       log: with speed, yaw rate and the angle of road wheels or steering wheel.
       parameters: of the truck.
-      mass: gross mass [kg], or None when it is not known.
-      ratio: of the steering if the log showed it, else None: it is then fitted as well, unless the
-        log has the road wheels' angle.
+      mass: gross mass [kg]; None if unknown.
+      ratio: of the steering if identified; for None it is fitted as well, unless the log has the
+        angle of the road wheels.
     """
     tires = parameters.tires
     free = [

@@ -1,13 +1,12 @@
 """Recorded drives: named signals in SI units, read from a telemetry table (CSV) or a CAN log.
 
-A table samples all signals at once; on a bus every message has its own rate. Neither is resampled
-here: a fit uses the samples themselves (`series`) or values at times of its choice (`at` for
-signals that change steadily, `held` for those that hold until they are sent again).
+A table samples all signals at once; on a bus every message has its own rate. Neither is resampled:
+a fit uses the samples themselves (`series`) or values at other times (`at` for signals that change
+steadily, `held` for signals that hold until the next message).
 """
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from iits_mj.core import tables
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import BusError, InputError
 from iits_mj.core.units import KMH, RPM
@@ -56,7 +56,7 @@ SIGNALS: dict[str, str] = {
 _ROWS_MIN = 50
 _TO_SI = {"rpm": RPM, "kPa": 1e3, "km/h": KMH, "deg": np.pi / 180.0, "deg/s": np.pi / 180.0}
 _TO_SI |= {"%": 0.01, "bar": 1e5, "MPa": 1e6}
-# Signals of the log with another name on the bus, and those that only help to find others.
+# Signals with another name on the bus, and signals that only serve to compute others.
 _BUS_NAMES = {"wheel_based_speed": "speed_of_wheels"}
 _PARTS = (
     "speed_of_wheels",
@@ -67,7 +67,7 @@ _PARTS = (
 )
 # Half a bit of SPN 514, in percent of the reference torque.
 _HALF_BIT = 0.5
-# Length over which the slope of a height is taken, on both sides [m].
+# Length on both sides of a place for the slope of the height [m].
 _SLOPE_LENGTH = 40.0
 _GRADE_MAX = 0.3
 
@@ -106,13 +106,17 @@ class Log:
                 raise InputError(f"the time of signal {name!r} must increase from row to row")
         length = max(len(self.series(name).time) for name in self.signals)
         if length < _ROWS_MIN:
-            raise InputError(f"the log has {length} rows: at least {_ROWS_MIN} are wanted")
+            raise InputError(f"the log has {length} rows: at least {_ROWS_MIN} are needed")
 
     def __contains__(self, name: str) -> bool:
         return name in self.signals
 
     def series(self, name: str) -> Series:
-        """The samples of a signal. Raises InputError when the log lacks it."""
+        """The samples of a signal.
+
+        Raises:
+          InputError: the log lacks the signal, or its times.
+        """
         found = self.signals.get(name)
         if found is None:
             raise InputError(f"the log lacks the signal {name!r}; it has {sorted(self.signals)}")
@@ -127,11 +131,11 @@ class Log:
         return self.series(name).value
 
     def missing(self, *names: str) -> list[str]:
-        """Names of the signals that the log lacks, of these."""
+        """Those of these signals that the log lacks."""
         return [name for name in names if name not in self.signals]
 
     def lacks(self, *names: str) -> str:
-        """The sentence that the log lacks some of these signals; "" when it has all."""
+        """A sentence on the signals that the log lacks; "" if it has all of them."""
         missing = self.missing(*names)
         return f"the log lacks {', '.join(missing)}" if missing else ""
 
@@ -150,7 +154,7 @@ class Log:
         """The log with these signals only; "time" always stays.
 
         Raises:
-          InputError: the log lacks one of them.
+          InputError: the log lacks one of the signals.
         """
         for name in names:
             self.series(name)
@@ -162,8 +166,8 @@ def read(path: str | Path, parameters: TruckParameters, names: dict[str, str] | 
 
     Args:
       path: of the file.
-      parameters: of the truck, for the reference torques of the bus's percent torques.
-      names: signal to the title of its column, if the table has another one.
+      parameters: of the truck, with the reference torques of percentages on the bus.
+      names: title of a signal's column in the table, if it differs from the signal's name.
 
     Raises:
       InputError: the file cannot be read or has no signal that can be used.
@@ -183,7 +187,7 @@ def read_table(path: str | Path, names: dict[str, str] | None = None) -> Log:
     """Reads a telemetry table: one column for each signal, with titles `name [unit]`.
 
     Raises:
-      InputError: unreadable file, a missing column, or a cell that is no number.
+      InputError: unreadable file, a missing column, or a cell that is not a number.
     """
     titles = {title: name for name, title in (names or {}).items()}
     headings, rows = _csv(path, "log")
@@ -201,32 +205,28 @@ def read_table(path: str | Path, names: dict[str, str] | None = None) -> Log:
 
 def _csv(path: str | Path, what: str) -> tuple[list[tuple[str, str]], list[list[str]]]:
     """Title and unit of each column, and the rows below."""
-    try:
-        with Path(path).open(newline="", encoding="utf-8") as file:
-            rows = list(csv.reader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{what} {str(path)!r} cannot be read: {error}") from error
-    if not rows:
+    headings, rows = tables.read_table(path, what)
+    if not headings:
         raise InputError(f"{what} {str(path)!r} is empty")
-    parts = [heading.partition("[") for heading in rows[0]]
-    return [(title.strip(), unit.strip(" ]")) for title, _, unit in parts], rows[1:]
+    parts = [heading.partition("[") for heading in headings]
+    return [(title.strip(), unit.strip(" ]")) for title, _, unit in parts], rows
 
 
 def _column(rows: list[list[str]], index: int, title: str) -> FloatArray:
     try:
         return np.array([float(row[index]) for row in rows])
     except (ValueError, IndexError) as error:
-        raise InputError(f"column {title!r} of the log has a cell that is no number") from error
+        raise InputError(f"column {title!r} of the log has a cell that is not a number") from error
 
 
 def from_frames(frames: Iterable[Frame], parameters: TruckParameters) -> Log:
-    """The log of CAN frames, by our DBC, without values that are "not available" or "error".
+    """The log of CAN frames by the DBC, without values "not available" or "error".
 
     Times start at the first frame. No message carries the road's grade: it is the slope of height
-    over station if both are there; give a table otherwise (`with_grade`).
+    over station if the log has both; otherwise use `with_grade`.
 
     Raises:
-      InputError: no frame carries a signal that can be used.
+      InputError: no frame has a usable signal.
     """
     wanted = _bus_signals()
     found: dict[str, tuple[list[float], list[float]]] = {}
@@ -275,8 +275,8 @@ def _bus_signals() -> dict[tuple[str, str], list[tuple[SignalRow, str]]]:
 def _with_torques(signals: dict[str, Series], parameters: TruckParameters) -> dict[str, Series]:
     """Adds the torques of the percentages on the bus.
 
-    SPN 513 is the indicated torque: less friction (SPN 514) and engine brake it is that of the
-    crankshaft.
+    SPN 513 is the indicated torque: less friction (SPN 514) and engine brake it is the torque of
+    the crankshaft.
     """
     references = ReferenceTorques.of(parameters)
     indicated = signals.get("engine_torque_percent")
@@ -304,7 +304,7 @@ def _friction(
 
     A bit of SPN 514 is 1 % of the reference torque, a fifth of the friction itself, and would bias
     the resistances of the coasting truck. Each sample bounds the curve's scale from both sides; the
-    middle of the interval that satisfies all of them is far finer than a bit.
+    middle of their common interval is far finer than a bit.
     """
     engine = parameters.engine
     if "torque_loss_percent" not in signals:

@@ -79,7 +79,7 @@ def identify_motion(log: Log, parameters: TruckParameters, mass: float | None = 
     fitting = [f for name, f in free.items() if name not in (fixed, *_CIRCUIT_GAINS)]
     estimates, fitted = _fit(inputs, fitting, prior)
     if mass is None:
-        # The mass changes the loads of axles and tires: fit again with the mass that was found.
+        # The mass changes the loads of axles and tires: fit again with the fitted mass.
         inputs = _inputs(log, parameters, fitted["mass"])
         estimates, fitted = _fit(inputs, fitting, prior)
         estimates.append(free["engine_torque_scale"].unseen(_NO_SCALE))
@@ -99,7 +99,7 @@ def identify_motion(log: Log, parameters: TruckParameters, mass: float | None = 
 
 
 def _free(parameters: TruckParameters, mass: float | None) -> dict[str, Free]:
-    """The parameters by name; of two that the log cannot separate, the later keeps its prior."""
+    """The parameters by name; of two inseparable parameters the later keeps its prior."""
     known = parameters.gross_mass(0.5 * parameters.payload.mass_max) if mass is None else mass
     free = (
         Free("mass", "kg", float(known), 5e3, 1.2e5),

@@ -1,7 +1,7 @@
 """Drives the truck with the recorded commands, to check the identified parameters.
 
 The truck gets the recorded commands, not the recorded speed, on a straight road of the recorded
-grade. Errors accumulate along the drive, and this truck's gearbox decides on its gear changes.
+grade. Errors accumulate along the drive, and the gear changes are those of the simulated gearbox.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from scipy.signal import savgol_filter
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import TransmissionMode, VehicleCommand, XbrEbiMode, XbrMode
+from iits_mj.core.messages import VehicleCommand, XbrEbiMode, XbrMode
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.identification.log import Log
 from iits_mj.j1939.command import XBR_DEMAND_MIN
 from iits_mj.parameters import TruckParameters
@@ -34,9 +35,8 @@ _COMMANDS = {
     "brake_pedal": (0.0, 1.0),
     "xbr_ebi_mode": (0.0, 2.0),
 }
-_MODES = {"xbr_mode": XbrMode, "xbr_ebi_mode": XbrEbiMode, "transmission_mode": TransmissionMode}
+_MODES = {"xbr_mode": XbrMode, "xbr_ebi_mode": XbrEbiMode}
 _STEP = 0.005
-_PERIOD = 0.02
 # Station of the steer axle at the start, with road for the trailer; margin at the road's end.
 _START, _MARGIN = 50.0, 200.0
 # Spacing of the grade's changes along the road, and length of the parabolas between them [m].
@@ -54,7 +54,7 @@ class Replay:
     simulated: FloatArray
 
     def smoothed(self) -> FloatArray:
-        """The record smoothed by parabolas over 2 s, since its noise is no error of the truck."""
+        """The record smoothed by parabolas over 2 s: its noise is not an error of the truck."""
         step = float(np.median(np.diff(self.time)))
         length = max(round(_SMOOTH / step) // 2 * 2 + 1, 5)
         return np.asarray(savgol_filter(self.recorded, length, 2))
@@ -98,19 +98,17 @@ def replay(
     )
     truck.reset(station=_START, speed=_initial_speed(log))
     start = float(speed.time[0])
-    time = np.arange(start, float(speed.time[-1]), _PERIOD)
+    time = np.arange(start, float(speed.time[-1]), CONTROL_PERIOD)
     columns = {
         name: np.clip(log.held(f"command_{name}", time), low, high)
         for name, (low, high) in _COMMANDS.items()
         if f"command_{name}" in log
     }
-    names = list(columns)
-    table = np.column_stack([columns[name] for name in names])
-    steps = round(_PERIOD / _STEP)
+    steps = round(CONTROL_PERIOD / _STEP)
     simulated = np.empty(len(time))
-    for index, row in enumerate(table):
+    for index in range(len(time)):
         simulated[index] = truck.read("tractor_velocity")
-        fields: dict[str, Any] = dict(zip(names, map(float, row), strict=True))
+        fields: dict[str, Any] = {name: float(values[index]) for name, values in columns.items()}
         for name, kind in _MODES.items():
             if name in fields:
                 fields[name] = kind(round(fields[name]))
@@ -134,13 +132,13 @@ def _road(log: Log) -> Route:
     speed = log.series("speed")
     place = np.maximum.accumulate(speed.integral()) + _START
     moved = np.concatenate([[True], np.diff(place) > 1e-6])
-    # The simulated truck may drive further than the recorded one: the last grade goes on.
+    # The simulated truck may drive further than the recorded truck: the last grade continues.
     length = float(place[-1]) + 0.1 * float(place[-1] - _START) + _MARGIN
     return graded_road(place[moved], log.at("grade", speed.time)[moved], length)
 
 
 def graded_road(station: FloatArray, grade: FloatArray, length: float) -> Route:
-    """A straight road of `length` [m] whose grade a table over station [m] gives, (n,) both.
+    """A straight road of a length [m] with grades from a table over station [m], (n,) both.
 
     Every 25 m the mean grade changes, over a parabola of nearly that length.
     """
@@ -149,20 +147,15 @@ def graded_road(station: FloatArray, grade: FloatArray, length: float) -> Route:
     breaks = np.arange(_SPACING, length - _CURVE, _SPACING)
     design = Design(
         name="graded",
-        start=(0.0, 0.0, 0.0, 0.0),
         lane_width=4.0,
         lanes=1,
         left_shoulder=1.0,
         right_shoulder=2.5,
         speed_limit=25.0,
-        initial_grade=float(means[0]),
-        road_ends=(),
         alignment=((length, 0.0, 0.0, 0.0, 0.0),),
+        initial_grade=float(means[0]),
         grades=tuple(
             (float(at), float(after), _CURVE) for at, after in zip(breaks, means[1:], strict=False)
         ),
-        extra_lanes=(),
-        limits=((0.0, length, 25.0),),
-        structures=(),
     )
     return RoadMap(build(design), design.name).route()

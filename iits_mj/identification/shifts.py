@@ -49,14 +49,14 @@ def identify_shifts(log: Log, parameters: TruckParameters) -> list[Estimate]:
         return unseen(free, lacks)
     changes = _changes(log)
     if len(changes) < _CHANGES_MIN:
-        reason = f"the log has {len(changes)} gear changes, {_CHANGES_MIN} are wanted"
+        reason = f"the log has {len(changes)} gear changes, {_CHANGES_MIN} are needed"
         return unseen(free, reason)
     lengths = np.array([change.end - change.start for change in changes])
     step = float(np.median(np.diff(log.series("shift_in_process").time)))
-    # Flags are sampled: half a sample stays unseen if changes are in step with the samples.
+    # Flags are sampled: half a sample stays hidden if changes are in step with the samples.
     duration = _mean(free[0], lengths, 0.5 * step)
     if step > _COARSEST * float(lengths.mean()):
-        # The mean of many changes would do only if their phases were known to be random.
+        # The mean of many changes would suffice only for random phases.
         reason = f"the log shows the change in steps of {1e3 * step:.0f} ms only"
         return unseen(free, reason)
     cuts = _cuts(log, parameters, changes)

@@ -1,11 +1,12 @@
-"""A CAN bus over python-can: virtual in one process, SocketCAN, UDP multicast; one that recovers.
+"""CAN buses over python-can (virtual, SocketCAN, UDP multicast), and a link that recovers.
 
-UDP multicast returns a sender's datagrams to the sender itself. Ours carry a mark and are left out
-when they come back, so that every kind of bus behaves as CAN does.
+UDP multicast returns datagrams to their sender. Ours carry a mark and are dropped when they return,
+so that every kind of bus behaves as CAN does.
 """
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import logging
 import math
@@ -18,28 +19,28 @@ from typing import Any
 
 import can
 
+from iits_mj.core.checks import positive
 from iits_mj.core.context import Closing
-from iits_mj.core.errors import BusError, InputError
+from iits_mj.core.errors import BusError
 from iits_mj.j1939.frame import Frame
 
-# Interface of python-can to its default channel.
+# Default channels by interface of python-can.
 DEFAULT_CHANNELS = {"virtual": "iits_mj", "socketcan": "can0", "udp_multicast": "239.74.163.2"}
-# More than 2 s of a full 500 kbit/s bus: a flood must not keep a reader for ever.
+# More than 2 s of a full bus at 500 kbit/s: a flood must not block a reader.
 FRAMES_AT_ONCE = 8192
 _CHANGES_KEPT = 100
 # Error classes in the identifier of a SocketCAN error frame (Linux, can/error.h).
 _BUS_OFF, _RESTARTED = 0x040, 0x100
-# Our errors carry python-can's messages; without a handler, the standard library would write them
-# to stderr as well.
+# Our errors contain python-can's messages; without a handler, the standard library would also write
+# them to stderr.
 logging.getLogger("can").addHandler(logging.NullHandler())
 _FAILURES = (can.CanError, OSError, ValueError)
 
 
 class _Message(can.Message):
-    """A message that does not change after sending.
+    """A message that does not change after sending, so that it is its own deep copy.
 
-    The virtual bus makes a deep copy for each listener, which is two thirds of its cost; ours is
-    its own copy.
+    The virtual bus makes a deep copy for each listener, which is two thirds of its cost.
     """
 
     __slots__ = ()
@@ -49,8 +50,8 @@ class _Message(can.Message):
 
 
 def to_can(frame: Frame, channel: str | None = None) -> can.Message:
-    """An extended data frame as python-can sends and writes it."""
-    # The other arguments are python-can's defaults; naming fewer takes less time.
+    """The frame as an extended data frame of python-can."""
+    # All other arguments keep python-can's defaults, which takes less time.
     return _Message(frame.time, frame.can_id, channel=channel, data=frame.data)
 
 
@@ -58,8 +59,8 @@ def from_can(message: can.Message, time: float | None = None) -> Frame | None:
     """The J1939 frame of a message; None for 11-bit, CAN FD, remote and error frames.
 
     Args:
-      message: as python-can gives it.
-      time: stamp for the frame [s]; default the message's own.
+      message: of python-can.
+      time: stamp of the frame [s]; default that of the message.
     """
     foreign = message.is_error_frame or message.is_remote_frame or message.is_fd
     if foreign or not message.is_extended_id or not 0 <= message.arbitration_id < 1 << 29:
@@ -73,18 +74,18 @@ class Bus(Closing):
 
     Args:
       interface: python-can's name: "virtual", "socketcan", "udp_multicast" or another.
-      channel: name of the channel, default that of `DEFAULT_CHANNELS`. Two virtual buses of one
-        process and channel hear each other; for UDP it is the multicast group, with a port when it
-        is written as "239.74.163.2:43113".
+      channel: name of the channel, default that of `DEFAULT_CHANNELS`. Virtual buses of one process
+        with the same channel are connected. For UDP, the multicast group, with an optional port:
+        "239.74.163.2:43113".
 
     Attributes:
       name: "interface:channel", for messages.
-      ignored: count of received messages that are not J1939 frames, by kind: "11-bit", "error",
+      ignored: number of received messages that are no J1939 frames, by kind: "11-bit", "error",
         "FD", "malformed", "own", "remote".
-      off: True while the controller reports bus-off.
+      off: whether the controller reports bus-off.
 
     Raises:
-      BusError: the bus cannot be opened here.
+      BusError: the bus cannot be opened.
     """
 
     def __init__(self, interface: str = "virtual", channel: str | None = None) -> None:
@@ -100,7 +101,7 @@ class Bus(Closing):
             settings["preserve_timestamps"] = True
         if interface == "udp_multicast":
             settings |= _group_and_port(channel)
-            # Tools take a channel's number from its last digits: this one is channel 0 to them.
+            # Other tools take the channel's number from its last digits: 0.
             self._mark = f"iits_mj-{uuid.uuid4().hex}-0"
         try:
             self._bus = can.Bus(interface=interface, **settings)
@@ -108,22 +109,22 @@ class Bus(Closing):
             raise self._error("cannot be opened", error) from error
 
     def send(self, frame: Frame) -> None:
-        """Sends one frame without waiting; BusError when the bus does not take it."""
+        """Sends one frame without waiting; BusError if the bus does not accept it."""
         try:
             self._bus.send(to_can(frame, self._mark), timeout=0.0)
         except _FAILURES as error:
             raise self._error(f"refused {frame.can_id:08X}", error) from error
 
     def receive(self, time: float | None = None, limit: int = FRAMES_AT_ONCE) -> list[Frame]:
-        """Frames waiting, oldest first; error, remote, 11-bit and own frames are left out.
+        """The received J1939 frames, oldest first.
 
         Args:
-          time: stamp for the frames [s]; default the bus driver's own stamp.
-          limit: of messages to be read; the rest waits for the next call.
+          time: stamp of the frames [s]; default the driver's own stamp.
+          limit: of messages to read; the others wait for the next call.
 
         Raises:
-          BusError: the bus cannot be read. Frames read before the failure are returned first, and
-            the next call raises the error.
+          BusError: the bus cannot be read. A call returns the frames that it read before a failure,
+            and the next call raises the error.
         """
         frames: list[Frame] = []
         for _ in range(limit if self._failure is None else 0):
@@ -148,7 +149,7 @@ class Bus(Closing):
         return frames
 
     def close(self) -> None:
-        """Leaves the bus; BusError when the driver cannot even do that."""
+        """Leaves the bus; BusError if the driver fails to do so."""
         try:
             self._bus.shutdown()
         except _FAILURES as error:
@@ -167,12 +168,12 @@ class Bus(Closing):
         if frame is None:
             self.ignored[_kind(message)] += 1
         elif self._has_error_frames:
-            # A controller that receives data is not bus-off.
+            # A controller that is bus-off receives no data.
             self.off = False
         return frame
 
     def _error(self, what: str, error: Exception) -> BusError:
-        """The error on one line, with the operating system's reason where python-can hides it."""
+        """A BusError of one line, with the operating system's reason if python-can omits it."""
         text = " ".join(str(error).split()) or type(error).__name__
         cause = error.__cause__
         inner = cause.strerror if isinstance(cause, OSError) else None
@@ -189,7 +190,7 @@ def _kind(message: can.Message) -> str:
 
 
 def _is_garbage(error: Exception) -> bool:
-    """True for a datagram that is no CAN message: another sender fails, not the bus."""
+    """Whether a datagram is no CAN message: a fault of its sender, not of the bus."""
     cause = error.__cause__
     return (
         isinstance(error, can.CanOperationError)
@@ -219,7 +220,7 @@ class LinkState(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class LinkChange:
-    """When [s, the link's clock] a link entered a state, and why ("" when it came up)."""
+    """Time [s, the link's clock] at which a link entered a state, and why ("" for UP)."""
 
     time: float
     state: LinkState
@@ -227,27 +228,27 @@ class LinkChange:
 
 
 class Link(Closing):
-    """A `Bus` that is opened again whenever it fails, and never raises on sending or receiving.
+    """A `Bus` that is opened again after a failure and never raises on sending or receiving.
 
-    A bus that cannot be read is down at once. One that takes no frame for `patience` is down, too,
-    while a single refused frame (a full queue) is only dropped. A bus that is down or bus-off is
+    A bus that cannot be read is down at once. A bus that refuses every frame for `patience` is down
+    as well; a single refused frame (a full queue) is only dropped. A bus that is down or bus-off is
     closed and opened again after `first_wait`, then after twice as long each time, up to
     `longest_wait`, until it carries frames; frames sent in between are dropped and counted. A
     controller that recovers from bus-off by itself is used again at once.
 
     Args:
-      interface, channel: as `Bus` takes them.
+      interface, channel: see `Bus`.
       first_wait, longest_wait: before the bus is opened again [s].
       patience: longest time with every frame refused [s].
       clock: monotonic time [s].
 
     Attributes:
       name: of the bus; state: `LinkState`; changes: the last 100 `LinkChange`s.
-      sent, received, dropped: frames; ignored: see `Bus.ignored`, over all openings.
+      sent, received, dropped: numbers of frames; ignored: see `Bus.ignored`, over all openings.
       failures: how often the link left `UP`; restarts: how often it was opened again.
 
     Raises:
-      BusError: the bus cannot be opened in the first place. InputError: a time is not positive.
+      BusError: the first opening failed. InputError: a time is not positive.
     """
 
     def __init__(
@@ -262,8 +263,7 @@ class Link(Closing):
     ) -> None:
         times = {"first_wait": first_wait, "longest_wait": longest_wait, "patience": patience}
         for name, value in times.items():
-            if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"link: {name} = {value!r} s: a positive time is wanted")
+            positive(f"link: {name}", value, "s")
         self._interface, self._channel = interface, channel
         self._first_wait, self._longest_wait = first_wait, max(first_wait, longest_wait)
         self._patience = patience
@@ -275,18 +275,19 @@ class Link(Closing):
         self.changes: deque[LinkChange] = deque(maxlen=_CHANGES_KEPT)
         self.sent = self.received = self.dropped = self.failures = self.restarts = 0
         self._ignored: Counter[str] = Counter()
+        # Before the next opening [s]; short again after a frame has passed.
         self._wait = first_wait
         self._retry_at = math.inf
         self._refused_since: float | None = None
 
     @property
     def ignored(self) -> Counter[str]:
-        """Received messages that are no J1939 frames, by kind."""
+        """Number of received messages that are no J1939 frames, by kind."""
         return self._ignored + (self._bus.ignored if self._bus is not None else Counter())
 
     def send(self, frame: Frame) -> bool:
-        """Sends one frame; False when it was dropped."""
-        self._mend()
+        """Sends one frame; returns False if it was dropped."""
+        self._reopen_if_due()
         if self._bus is None or self.state is LinkState.BUS_OFF:
             self.dropped += 1
             return False
@@ -302,16 +303,16 @@ class Link(Closing):
             return False
         self.sent += 1
         self._refused_since = None
-        self._carried()
+        self._wait = self._first_wait
         return True
 
     def receive(self, time: float | None = None) -> list[Frame]:
-        """Frames waiting, oldest first; none while the bus is down.
+        """The received frames, oldest first; none while the bus is down.
 
         Args:
-          time: stamp for the frames [s]; default the bus driver's own.
+          time: stamp of the frames [s]; default the driver's own.
         """
-        self._mend()
+        self._reopen_if_due()
         bus = self._bus
         if bus is None:
             return []
@@ -326,17 +327,13 @@ class Link(Closing):
             self._change(LinkState.UP, "")
         if frames:
             self.received += len(frames)
-            self._carried()
+            self._wait = self._first_wait
         return frames
 
     def close(self) -> None:
         """Leaves the bus for good."""
         self._drop_bus()
         self._retry_at = math.inf
-
-    def _carried(self) -> None:
-        """After a frame has passed, the next failure begins with a short wait again."""
-        self._wait = self._first_wait
 
     def _fail(self, state: LinkState, reason: str) -> None:
         self.failures += self.state is LinkState.UP
@@ -346,8 +343,7 @@ class Link(Closing):
             self._drop_bus()
         self._retry_later()
 
-    def _mend(self) -> None:
-        """Opens the bus again when it is time."""
+    def _reopen_if_due(self) -> None:
         if self.state is LinkState.UP or self._clock() < self._retry_at:
             return
         self._drop_bus()
@@ -376,8 +372,6 @@ class Link(Closing):
         if bus is None:
             return
         self._ignored += bus.ignored
-        # A driver without its device may fail at this, too; there is nothing left to save.
-        try:
+        # The driver of a missing device may also fail to close.
+        with contextlib.suppress(BusError):
             bus.close()
-        except BusError:
-            return

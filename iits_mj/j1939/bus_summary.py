@@ -1,6 +1,6 @@
-"""Every frame of a bus with names and units: as a summary, or as a table of all signals.
+"""All frames of a bus with names and units: as a summary, or as a table of all signals.
 
-Groups of the DBC, messages of several frames and unknown groups are all read; nothing is left out.
+This includes messages of several frames and unknown groups.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ UNKNOWN = "unknown group"
 PACKET = "part of a long message"
 INVALID = "wrong length"
 _TRANSPORT = {CONNECTION: "TP.CM", TRANSFER: "TP.DT"}
-# Texts of a signal: shown in a summary, and kept.
+# Limits of a signal's texts, in the table of a summary and altogether.
 _SHOWN_TEXTS, _MAX_TEXTS = 3, 100
 COLUMNS = (
     *("time_s", "priority", "pgn", "message", "source", "destination"),
@@ -34,11 +34,12 @@ COLUMNS = (
 
 
 class Entry(NamedTuple):
-    """A signal: its value, a number or a text, where `status` is `OK`, else raw bytes or None.
+    """A signal of a frame or message.
 
     Attributes:
       signal: name; "data" for raw bytes in hex, which are not decoded.
       spn: its number, 0 for our own; unit: of the number.
+      value: a number or text if `status` is `OK`, else raw bytes or None.
       status: `OK`, "not available", "error", "out of range", `UNKNOWN`, `PACKET`, `INVALID`.
     """
 
@@ -51,13 +52,13 @@ class Entry(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """A frame, or a long message when its last frame has come.
+    """A decoded frame, or a long message after its last frame.
 
     Attributes:
       time: [s]; source, destination: addresses.
-      priority: 0 to 7; None for a long message, whose packets do not have it.
+      priority: 0 to 7; None for a long message, whose packets do not contain it.
       pgn: parameter group number.
-      message: name of the group; empty when it is not known.
+      message: name of the group; empty if unknown.
       entries: its signals.
     """
 
@@ -71,17 +72,17 @@ class Reading:
 
 
 class BusReader:
-    """Reads all frames of a bus; never raises.
+    """Decodes all frames of a bus; never raises.
 
     Attributes:
-      transport: puts long messages together and counts the failed ones.
+      transport: reassembles long messages and counts the failed ones.
     """
 
     def __init__(self) -> None:
         self.transport = Reassembler()
 
     def read(self, frame: Frame) -> Iterator[Reading]:
-        """The reading of the frame, and of the long message that it completes."""
+        """The readings of the frame and of the long message that it completes."""
         pgn, source, destination = frame.pgn, frame.source, frame.destination
         if pgn in _TRANSPORT:
             message, entries = _TRANSPORT[pgn], _raw(frame.data, PACKET)
@@ -137,9 +138,9 @@ class SignalRange:
     """A signal over the log.
 
     Attributes:
-      unit: of its numbers; minimum, maximum: of them, infinite while there is none.
+      unit: of its numbers; minimum, maximum: of the numbers, infinite if there are none.
       texts: the different texts, at most 100.
-      missing: how often it carried no value.
+      missing: number of occurrences without a value.
     """
 
     unit: str
@@ -149,7 +150,7 @@ class SignalRange:
     missing: int = 0
 
     def add(self, entry: Entry) -> None:
-        """Takes the signal's next value."""
+        """Adds the signal's next value."""
         if isinstance(entry.value, float):
             self.minimum = min(self.minimum, entry.value)
             self.maximum = max(self.maximum, entry.value)
@@ -159,7 +160,7 @@ class SignalRange:
             self.texts.append(entry.value)
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything for JSON; bounds are None while there is no number."""
+        """The content for JSON; bounds are None if there are no numbers."""
         known = self.minimum <= self.maximum
         return {
             "unit": self.unit,
@@ -178,11 +179,11 @@ class SignalRange:
 
 @dataclass(slots=True)
 class Traffic:
-    """A group of one sender.
+    """All messages of a group from one sender to one destination.
 
     Attributes:
-      message: its name, empty when not known; count: of its frames or long messages.
-      first, last: times [s]; invalid: how many were of the wrong length.
+      message: name of the group, empty if unknown; count: of frames or long messages.
+      first, last: times [s]; invalid: number of messages of the wrong length.
       signals: by name; empty for a group that is not decoded.
     """
 
@@ -195,7 +196,7 @@ class Traffic:
 
     @property
     def period(self) -> float | None:
-        """Mean time between two [s]; None for a single one."""
+        """Mean time between two messages [s]; None for a single message."""
         return (self.last - self.first) / (self.count - 1) if self.count > 1 else None
 
 
@@ -204,7 +205,7 @@ class BusSummary:
 
     Attributes:
       traffic: by PGN, source and destination.
-      transport: the reassembly of the long messages, once the log has ended.
+      transport: the reassembly of the long messages; None until the end of the log.
     """
 
     def __init__(self) -> None:
@@ -212,7 +213,7 @@ class BusSummary:
         self.transport: Reassembler | None = None
 
     def add(self, reading: Reading) -> None:
-        """Takes the next reading."""
+        """Adds the next reading."""
         key = (reading.pgn, reading.source, reading.destination)
         if key not in self.traffic:
             self.traffic[key] = Traffic(reading.message, reading.time, reading.time)
@@ -229,7 +230,7 @@ class BusSummary:
             signal.add(entry)
 
     def text(self) -> str:
-        """The summary as a table for people, in the order of the PGNs."""
+        """The summary as a readable table, in the order of the PGNs."""
         lines = [f"{'PGN':>6} {'message':<14} {'from':>4} {'to':>4} {'count':>8} {'period':>10}"]
         for (pgn, source, destination), traffic in sorted(self.traffic.items()):
             period = "" if traffic.period is None else f"{traffic.period * 1e3:.1f} ms"
@@ -246,7 +247,7 @@ class BusSummary:
         return "\n".join(lines)
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything for JSON, in the order of the PGNs; the period of a single one is None."""
+        """The content for JSON, in the order of the PGNs."""
         groups = [
             {
                 "pgn": pgn,
@@ -270,7 +271,7 @@ class BusSummary:
 
 
 def summarize(frames: Iterable[Frame]) -> BusSummary:
-    """The summary of a log's frames; BusError where they cannot be read."""
+    """The summary of a log's frames; BusError if they cannot be read."""
     summary = BusSummary()
     for _ in _readings(frames, summary):
         pass
@@ -278,7 +279,7 @@ def summarize(frames: Iterable[Frame]) -> BusSummary:
 
 
 def _readings(frames: Iterable[Frame], summary: BusSummary) -> Iterator[Reading]:
-    """The readings of all frames, each after it was added to the summary."""
+    """Adds the readings of all frames to the summary and yields them."""
     reader = BusReader()
     for frame in frames:
         for reading in reader.read(frame):
@@ -291,19 +292,16 @@ def _readings(frames: Iterable[Frame], summary: BusSummary) -> Iterator[Reading]
 def write_table(
     frames: Iterable[Frame], path: str | Path, *, only_values: bool = False
 ) -> BusSummary:
-    """Writes the decoded table of a log, frame by frame, whatever its length.
+    """Writes the decoded table of a log of any length and returns its summary.
 
-    Columns: see `COLUMNS`. `value` is empty where the signal carries none (`status` says why). An
-    unknown group, a packet of a long message and a frame of the wrong length are one row with their
-    bytes in hex. A long message comes after its last packet, without a priority.
+    The columns are `COLUMNS`. `value` is empty if the signal has none (`status` gives the reason).
+    An unknown group, a packet of a long message and a frame of the wrong length have one row with
+    their bytes in hex. A long message follows its last packet, without a priority.
 
     Args:
-      frames: of the log, as `read_log` gives them.
+      frames: of the log, from `read_log`.
       path: of the CSV file.
-      only_values: leave out the signals that say "not available".
-
-    Returns:
-      The summary of the bus.
+      only_values: whether to omit the signals that are not available.
 
     Raises:
       BusError: the file cannot be written, or the frames cannot be read. An unfinished table is
@@ -322,7 +320,7 @@ def write_table(
             for reading in _readings(frames, summary):
                 writer.writerows(_rows(reading, only_values))
     except BaseException as error:
-        # Half a table is deleted, but never a device or a link to one, such as /dev/stdout.
+        # Deletes an unfinished table, but never a device or a link to one, such as /dev/stdout.
         if path.is_file() and not path.is_symlink():
             path.unlink()
         if isinstance(error, OSError):
@@ -343,6 +341,6 @@ def _rows(reading: Reading, only_values: bool) -> Iterator[tuple[object, ...]]:
     for name, spn, value, unit, status in reading.entries:
         if only_values and status == Status.NOT_AVAILABLE.value:
             continue
-        # Twelve digits hold a signal of 32 bits on its grid.
+        # Twelve digits are enough for a signal of 32 bits.
         shown = f"{value:.12g}" if isinstance(value, float) else value or ""
         yield *head, name, spn or "", shown, unit, status

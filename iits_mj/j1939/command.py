@@ -1,7 +1,6 @@
-"""`VehicleCommand` to the frames of a controller. The table of signals is `signals.csv`.
+"""`VehicleCommand` to the frames of a controller, by the table of signals `signals.csv`.
 
-The retarders take, as percent torque, minus the share of the torque that they can give at the
-moment.
+The percent torque of a retarder command is minus the requested share of the available torque.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ XBR_DEMAND_MIN = -10.0
 # SPN 695: torque control.
 TORQUE_CONTROL = 2
 STEERING_ON = 1
-# SPN 2915: second of four, below an emergency brake.
+# SPN 2915: the second of four priorities, below an emergency brake.
 _XBR_PRIORITY = 1
 _SHARES = ("accelerator_pedal", "engine_brake", "retarder", "brake_pedal")
 _FIELDS = tuple(field.name for field in fields(VehicleCommand))
@@ -44,9 +43,9 @@ class CommandMessage:
     """A message of a command.
 
     Attributes:
-      message: name in the DBC; address: of the unit that obeys, 255 for all that understand it.
-      counters: how many numbers its counter has; checksum: of a frame. A message without either
-        has 0 and None.
+      message: name in the DBC; address: of the unit that obeys; 255 is the global address.
+      counters: number of values of its counter, 0 without a counter.
+      checksum: function of a frame, None without a checksum.
     """
 
     message: str
@@ -56,11 +55,11 @@ class CommandMessage:
 
     @property
     def name(self) -> str:
-        """The message, with the address where several units obey their own."""
+        """The message, with the address if several units obey messages of this name."""
         return f"{self.message} to {self.address}" if self.message == "TSC1" else self.message
 
 
-# By the names that the messages have in `TimeOuts` and `Loss`.
+# By the names of the messages in `TimeOuts` and `Loss`.
 COMMAND_MESSAGES = {
     "pedal": CommandMessage("EEC2", GLOBAL_ADDRESS, 0, None),
     "xbr": CommandMessage("XBR", BRAKES),
@@ -73,11 +72,11 @@ COMMAND_MESSAGES = {
 def command_to_frames(
     command: VehicleCommand, counter: int, time: float = 0.0, *, source: int = CONTROLLER
 ) -> list[Frame]:
-    """The five frames of a command: EEC2, XBR, TSC1 to either retarder, IITS_COMMAND.
+    """The five frames of a command: EEC2, XBR, TSC1 to each retarder, IITS_COMMAND.
 
     Args:
       command: for the truck.
-      counter: number of the cycle, from which the messages' own counters are taken.
+      counter: number of the cycle, from which the counters of the messages are derived.
       time: of the frames [s].
       source: the controller's address.
 
@@ -91,14 +90,14 @@ def command_to_frames(
 class CommandSender:
     """Sends a controller's commands, each message at its own rate with its own counter.
 
-    The rates are the DBC's: XBR and IITS_COMMAND every 20 ms, EEC2 and TSC1 every 50 ms. The first
-    call sends all of them.
+    The rates are those of the DBC: XBR and IITS_COMMAND every 20 ms, EEC2 and TSC1 every 50 ms. The
+    first call sends all messages.
 
     Args:
       source: the controller's address.
 
     Raises:
-      InputError: the source is no address, 0 to 253.
+      InputError: the source is no address from 0 to 253.
     """
 
     def __init__(self, source: int = CONTROLLER) -> None:
@@ -109,7 +108,7 @@ class CommandSender:
         self._counters = [0] * len(self._messages)
 
     def frames(self, command: VehicleCommand, time: float) -> list[Frame]:
-        """The frames of this command that are due at this time [s].
+        """The frames of a command that are due at a time [s].
 
         Raises:
           InputError: the time or a field is not finite, or a field is outside its range.
@@ -140,7 +139,7 @@ def _check(command: VehicleCommand) -> None:
     if not math.isfinite(sum(_numbers(command))):
         for name, value in zip(_FIELDS, _numbers(command), strict=True):
             if not math.isfinite(value):
-                raise InputError(f"command {name} = {value!r}: a finite number is wanted")
+                raise InputError(f"command {name} = {value!r}: a finite number is needed")
     for name in _SHARES:
         in_range(f"command {name}", getattr(command, name), 0.0, 1.0)
     in_range("command xbr_demand", command.xbr_demand, XBR_DEMAND_MIN, 0.0)
@@ -148,7 +147,7 @@ def _check(command: VehicleCommand) -> None:
 
 @functools.cache
 def _data(sent: CommandMessage) -> Callable[[VehicleCommand, int], bytes]:
-    """Makes the bytes of a message from a command and the message's counter."""
+    """A function that makes the bytes of a message from a command and the message's counter."""
     rows = [
         r for r in commands() if r.message == sent.message and r.address in (None, sent.address)
     ]
@@ -165,10 +164,10 @@ def _data(sent: CommandMessage) -> Callable[[VehicleCommand, int], bytes]:
         return lambda command, counter: make(command, extra=(_XBR_PRIORITY, counter))
     if sent.message == "TSC1":
         make = maker("override_control_mode", "tsc1_message_counter")
-        wanted = operator.attrgetter(rows[0].quantity)
+        share = operator.attrgetter(rows[0].quantity)
 
         def retarder(command: VehicleCommand, counter: int) -> bytes:
-            mode = TORQUE_CONTROL if wanted(command) != 0.0 else 0
+            mode = TORQUE_CONTROL if share(command) != 0.0 else 0
             return make(command, extra=(mode, counter))
 
         return retarder

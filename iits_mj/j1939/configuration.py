@@ -1,6 +1,6 @@
-"""Configurations of engine and retarders (EC1, RC): sent by the truck, read by a listener.
+"""Configurations of engine and retarders (EC1, RC): broadcast by the truck, read by a listener.
 
-The percent torques of the bus are shares of the reference torques in these messages (SPN 544, 556).
+The percent torques on the bus refer to the reference torques in these messages (SPN 544, 556).
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from iits_mj.parameters import TruckParameters
 _HYDRAULIC, _COMPRESSION_RELEASE = 1.0, 3.0
 _ON_ENGINE, _ON_DRIVELINE = 0.0, 4.0
 _CONTINUOUS = 0.0
-# Field of `ReferenceTorques` by location: it turns with the engine, or with the propeller shaft.
+# Field of `ReferenceTorques` by location: on the engine, or on the driveline.
 _LOCATIONS: dict[Value, str] = {
     **dict.fromkeys((0.0, 1.0, 2.0), "engine_brake"),
     **dict.fromkeys((3.0, 4.0), "retarder"),
 }
-# The reference torque in each message.
+# Signal of the reference torque in each message.
 _TORQUES = {"EC1": "reference_engine_torque_nm", "RC": "reference_retarder_torque_nm"}
 
 
 def engine_configuration(parameters: TruckParameters) -> Group:
     """EC1 of a truck: indicated full-load torque over speed, as percent of the reference.
 
-    Point 1 is idle, point 2 where the governor begins to act, point 6 where it has taken all torque
-    away. Points 3 to 5 are the corners between 1 and 2 that follow the curve best.
+    Point 1 is idle, point 2 the start of the governor's range and point 6 its end, with no torque.
+    Points 3 to 5 are the corners between 1 and 2 that approximate the curve best.
     """
     engine = parameters.engine
 
@@ -65,7 +65,7 @@ def engine_configuration(parameters: TruckParameters) -> Group:
 
 
 def retarder_configurations(parameters: TruckParameters) -> dict[int, Group]:
-    """RC of the engine brake and of the retarder, cold, by the address that sends it."""
+    """RC of the engine brake and of the cold retarder, by the address of the sender."""
     engine, retarder = parameters.engine, parameters.retarder
     found = {}
     if engine.engine_brake_power > 0.0:
@@ -90,7 +90,7 @@ def retarder_configurations(parameters: TruckParameters) -> dict[int, Group]:
 
 
 class ConfigurationSender:
-    """Broadcasts a truck's configurations at the DBC's rate, each from its control unit.
+    """Broadcasts a truck's configurations at the rate of the DBC, each from its control unit.
 
     Args:
       parameters: of the truck.
@@ -105,10 +105,9 @@ class ConfigurationSender:
         self._schedule = Schedule([cycle_time("EC1")])
 
     def frames(self, time: float) -> list[Frame]:
-        """The frames that are due [s], at most one a unit; to be called at least every 50 ms.
+        """The frames that are due at a time [s], at most one per unit.
 
-        Raises:
-          InputError: the time is not finite.
+        To be called at least every 50 ms. Raises InputError if the time is not finite.
         """
         if self._schedule.due(time):
             for sender, pgn, data in self._contents:
@@ -116,31 +115,27 @@ class ConfigurationSender:
         return [frame for sender, _, _ in self._contents for frame in sender.due(time)]
 
     def repeat(self, pgn: int, address: int) -> bool:
-        """Broadcasts a group again on request; its frames are among those due next.
+        """Broadcasts a group again on request; returns whether a unit at the address sends it.
 
         Args:
           pgn: of the group.
           address: of the requested unit; 255 for all.
-
-        Returns:
-          Whether a unit at that address sends the group.
         """
-        known = False
-        for sender, own, data in self._contents:
-            if own == pgn and address in (sender.source, GLOBAL_ADDRESS):
-                sender.put(pgn, data)
-                known = True
-        return known
+        found = [
+            (sender, data)
+            for sender, own, data in self._contents
+            if own == pgn and address in (sender.source, GLOBAL_ADDRESS)
+        ]
+        for sender, data in found:
+            sender.put(pgn, data)
+        return bool(found)
 
 
 class ConfigurationReceiver:
-    """Learns the reference torques from EC1 and RC.
-
-    Args:
-      references: until they are received.
+    """Reads the reference torques from EC1 and RC.
 
     Attributes:
-      references: as known now.
+      references: the latest ones; before their reception, those given.
     """
 
     def __init__(self, references: ReferenceTorques) -> None:
@@ -148,7 +143,7 @@ class ConfigurationReceiver:
         self._reassembler = Reassembler()
 
     def receive(self, frame: Frame) -> bool:
-        """Takes any frame; returns True when it had a reference torque. Never raises."""
+        """Receives any frame; returns whether it completes a reference torque. Never raises."""
         message = self._reassembler.receive(frame)
         if message is None:
             return False
@@ -171,7 +166,7 @@ class ConfigurationReceiver:
 def _corners(
     curve: Callable[[float], float], low: float, inner: list[float], high: float
 ) -> tuple[float, ...]:
-    """Both ends, and the three speeds between them whose lines come closest to the curve."""
+    """Both ends and the three speeds between them whose polyline is closest to the curve."""
     checked = np.array([low, *inner, high])
     values = np.array([curve(speed) for speed in checked])
 
@@ -185,7 +180,7 @@ def _corners(
 
 
 def _engine_brake_share(parameters: TruckParameters, speed: float) -> float:
-    """Share of the rated torque: P = P0 (w / w0)^exponent, faded out near idle as in the plugin."""
+    """Share of the rated torque: P = P0 (w / w0)^exponent, with the plugin's fade near idle."""
     engine = parameters.engine
     fade = (speed - engine.engine_brake_speed_min) / engine.engine_brake_fade
     law = (speed / engine.engine_brake_speed) ** (engine.engine_brake_exponent - 1.0)
@@ -198,7 +193,7 @@ def _retarder(
     reference: float,
     share: Callable[[float], float],
 ) -> Group:
-    """RC from type and location, the speeds of points 1 to 5, and torque as share of reference."""
+    """RC from type and location, speeds of points 1 to 5, and torque as share of the reference."""
     values = {}
     for number, speed in enumerate(speeds, start=1):
         values[f"retarder_speed_point_{number}_rpm"] = float(speed) / RPM

@@ -1,8 +1,9 @@
 """Typed groups to frames and back, by our DBC.
 
-A message is one whole number in the bus's byte order (Intel), and a signal is some of its bits.
-cantools reads the DBC; the coding is our own, because that of cantools takes twice as long and does
-not know the codes of J1939-71 for "no value". The tests compare the two. The raw numbers mean:
+A message is one whole number in the byte order of the bus (Intel), and a signal is some of its
+bits. cantools reads the DBC; the coding is our own, because that of cantools takes twice as long
+and does not know the codes of J1939-71 for "no value". The tests compare both. The raw numbers
+mean:
 
 | width | valid | out of range | error | not available |
 |---|---|---|---|---|
@@ -11,7 +12,8 @@ not know the codes of J1939-71 for "no value". The tests compare the two. The ra
 | 32 bit | 0 .. 0xFAFFFFFF | .. 0xFDFFFFFF | 0xFE000000 .. | 0xFF000000 .. |
 | switches, 2 bit | 0, 1 | - | 2 | 3 |
 
-Other narrow fields (modes, counters) use all their values; the DBC's value table names the codes.
+Other narrow fields (modes, counters) use all their values; the value tables of the DBC name the
+codes.
 """
 
 from __future__ import annotations
@@ -39,9 +41,9 @@ class Signal:
 
     Attributes:
       name: in the DBC.
-      start: place of the lowest bit; length: [bit].
+      start: index of the lowest bit; length: [bit].
       scale, offset: value = raw number * scale + offset.
-      top: the greatest valid raw number; error, missing: codes, missing is all ones.
+      top: the greatest valid raw number; error, missing: codes; missing is all ones.
       unit: one unit of the signal in the unit of the caller's values.
     """
 
@@ -74,14 +76,14 @@ class Signal:
         return cls(signal.name, signal.start, width, scale, offset, top, error, ones)
 
     def status(self, raw: int) -> Status:
-        """What a raw number above the valid ones says."""
+        """The status that a raw number above the valid ones stands for."""
         if self.length >= 8:
             codes = {_MISSING: Status.NOT_AVAILABLE, _ERROR: Status.ERROR}
             return codes.get(raw >> (self.length - 8), Status.OUT_OF_RANGE)
         return Status.ERROR if raw == self.error else Status.NOT_AVAILABLE
 
     def raw(self, value: Value | None, saturate: bool) -> int:
-        """The raw number of a value; None is "not available". Raises as `Codec.pack`."""
+        """The raw number of a value; None is "not available". Errors as in `Codec.pack`."""
         if value is None or value is NOT_AVAILABLE:
             return self.missing
         if isinstance(value, Status):
@@ -91,8 +93,8 @@ class Signal:
         try:
             raw = round((value / self.unit - self.offset) / self.scale)
         except (ValueError, OverflowError) as error:
-            wanted = "a finite number is wanted"
-            raise BusError(f"signal {self.name} = {value!r}: {wanted}") from error
+            message = f"signal {self.name} = {value!r}: a finite number is needed"
+            raise BusError(message) from error
         if not 0 <= raw <= self.top:
             if not saturate:
                 ends = (self.offset, self.top * self.scale + self.offset)
@@ -118,13 +120,13 @@ class Codec:
         self._length = length
         self._signals = tuple(signals)
         self._unknown = (1 << 8 * length) - 1
-        # Flat for speed.
+        # Flat tuples are faster than attributes.
         self._rules = [
             (s.start, s.missing, s.top, s.scale, s.offset, s.unit, s) for s in self._signals
         ]
 
     def part(self, units: Mapping[str, float]) -> Codec:
-        """The same message with these signals only; the values say the `unit` of each."""
+        """The codec of these signals alone, given with the `unit` of each."""
         known = {signal.name: signal for signal in self._signals}
         signals = [replace(known[name], unit=unit) for name, unit in units.items()]
         return Codec(self._message, self._length, signals)
@@ -134,12 +136,12 @@ class Codec:
 
         Args:
           values: of the signals; None is "not available".
-          saturate: send the limit of a signal for a number outside its range.
+          saturate: whether to send the limit of a signal for a number outside its range.
 
         Raises:
           BusError: a number is not finite or out of range, or a signal does not have the code.
         """
-        # All bits are ones until a field is known.
+        # The bits of unknown fields are ones.
         whole = self._unknown
         for value, (start, missing, top, scale, offset, unit, signal) in zip(
             values, self._rules, strict=True
@@ -162,7 +164,7 @@ class Codec:
           BusError: the bytes do not have the length of the message.
         """
         if len(data) != self._length:
-            raise BusError(f"{self._message} has {len(data)} bytes: {self._length} are wanted")
+            raise BusError(f"{self._message} has {len(data)} bytes: {self._length} are needed")
         whole = int.from_bytes(data, "little")
         return [
             (number * scale + offset) * unit
@@ -195,7 +197,7 @@ class Decoded:
 
 @dataclass(frozen=True, slots=True)
 class _Message:
-    """A message of the DBC; cycle_time is in seconds, values_of takes all fields of a group."""
+    """A message of the DBC; cycle_time is in seconds, values_of returns all fields of a group."""
 
     type: type[Group]
     codec: Codec
@@ -221,7 +223,7 @@ def group_type(name: str) -> type[Group]:
 
 
 def make_group(name: str, values: Mapping[str, Value]) -> Group:
-    """The group of a message from its signals by name; those left out say "not available".
+    """The group of a message from values by signal; all other signals are "not available".
 
     Raises:
       BusError: unknown message or signal.
@@ -245,12 +247,12 @@ def cycle_time(name: str) -> float:
 
 
 def codec_of(name: str) -> Codec:
-    """Codec of all signals of a message, in the DBC's order; BusError for an unknown name."""
+    """Codec of all signals of a message, in the order of the DBC; BusError for an unknown name."""
     return _message(name).codec
 
 
 def name_of(pgn: int) -> str | None:
-    """Name of the message with this parameter group number; None where the DBC has none."""
+    """Name of the message with a parameter group number; None if the DBC has none."""
     message = _by_pgn().get(pgn)
     return None if message is None else message.type.MESSAGE
 
@@ -261,8 +263,8 @@ def identifier(name: str, source: int | None = None, destination: int | None = N
 
     Args:
       name: of the message.
-      source: sender's address; default the DBC's.
-      destination: receiver's address; default the DBC's.
+      source: sender's address; default that of the DBC.
+      destination: receiver's address; default that of the DBC.
 
     Raises:
       BusError: unknown message, or an address out of range.
@@ -280,7 +282,7 @@ def decode(frame: Frame) -> Decoded | None:
     """The group in a frame, matched by PGN from any source; None for a PGN not in the DBC.
 
     Raises:
-      BusError: the frame does not have the length of its group.
+      BusError: the frame does not have the length of the group.
     """
     message, source, destination = _addressed(frame.can_id)
     if message is None:
@@ -311,9 +313,9 @@ def encode(
     Args:
       group: to send.
       time: of the frame [s].
-      source: sender's address; default the DBC's.
-      destination: receiver's address; default the DBC's.
-      saturate: send the limit of a signal for a number outside its range.
+      source: sender's address; default that of the DBC.
+      destination: receiver's address; default that of the DBC.
+      saturate: whether to send the limit of a signal for a number outside its range.
 
     Raises:
       BusError: a number is not finite or out of range, or a signal does not have the code.
@@ -352,16 +354,16 @@ def _by_pgn() -> dict[int, _Message]:
 
 
 def _compile(layout: cantools.database.can.Message) -> _Message:
-    """The message of a layout; BusError for a signal that is not one of ours.
+    """The message of a layout; BusError for a signal that cannot be coded.
 
-    A signal is an unsigned field of Intel byte order that begins behind the one before it.
+    A signal is an unsigned field of Intel byte order that begins after the previous signal.
     """
     free = 0
     for signal in layout.signals:
-        foreign = signal.is_signed or signal.is_float or signal.byte_order != "little_endian"
-        if foreign or signal.start < free or signal.start + signal.length > 8 * layout.length:
+        other = signal.is_signed or signal.is_float or signal.byte_order != "little_endian"
+        if other or signal.start < free or signal.start + signal.length > 8 * layout.length:
             raise BusError(
-                f"{layout.name}.{signal.name}: an unsigned field of Intel order is wanted"
+                f"{layout.name}.{signal.name}: an unsigned field of Intel order is needed"
             )
         free = signal.start + signal.length
     frame = Frame(layout.frame_id, b"")

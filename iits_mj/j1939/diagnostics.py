@@ -1,7 +1,7 @@
-"""Identification and faults of control units: messages of varying length, which no DBC can hold.
+"""Identification and faults of control units: messages of variable length, unknown to a DBC.
 
-Vehicle, component and software identification (SAE J1939-71) are text fields, each ended by "*";
-real trucks leave out the last "*". Active faults are DM1 (SAE J1939-73), in one frame or in many.
+Vehicle, component and software identification (SAE J1939-71) are text fields that end with "*";
+real trucks omit the last "*". Active faults are DM1 (SAE J1939-73), in one or several frames.
 `read_group` reads these and the messages of the DBC from their bytes.
 """
 
@@ -17,13 +17,13 @@ from iits_mj.j1939.groups import NOT_AVAILABLE, Group, Status, Value, layouts
 
 TextValue: TypeAlias = Value | str
 
-# Most software versions, and letters of a text field.
-_MAX_FIELDS, _MAX_LETTERS = 250, 200
+# Limits of software versions, and of characters in a text field.
+_MAX_FIELDS, _MAX_CHARACTERS = 250, 200
 
 
 @dataclass(frozen=True, slots=True)
 class LongGroup:
-    """A parameter group whose length depends on its content: here, one of text fields.
+    """A parameter group whose length depends on its content, by default on its text fields.
 
     Attributes:
       MESSAGE: its short name; PGN: its number; SPNS: numbers of its first fields.
@@ -35,14 +35,14 @@ class LongGroup:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Self:
-        """The group in the bytes of a message; BusError when they cannot be one.
+        """The group in the bytes of a message; BusError for invalid bytes.
 
-        Missing text fields are empty, further ones are left out.
+        Missing text fields are empty; excess fields are dropped.
         """
         return cls(*map(_text, data.split(b"*")[: len(cls.SPNS)]))
 
     def to_bytes(self) -> bytes:
-        """The bytes of the message; BusError when the content cannot be sent."""
+        """The bytes of the message; BusError for a content that cannot be sent."""
         return b"".join(_text_field(f.name, getattr(self, f.name)) for f in fields(self))
 
     def entries(self) -> Iterator[tuple[str, int, TextValue]]:
@@ -89,7 +89,7 @@ class SoftwareIdentification(LongGroup):
     """SOFT, PGN 65242.
 
     Attributes:
-      versions: SPN 234, one text a field.
+      versions: SPN 234, one text per field.
     """
 
     MESSAGE: ClassVar[str] = "SOFT"
@@ -99,16 +99,16 @@ class SoftwareIdentification(LongGroup):
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Self:
-        """The fields, at most as many as the first byte says; BusError without that byte."""
+        """The versions, at most as many as the first byte states; BusError without this byte."""
         if not data:
-            raise BusError("SOFT has 0 bytes: at least the number of its fields is wanted")
+            raise BusError("SOFT has 0 bytes: at least the number of its fields is needed")
         texts = data[1:].split(b"*")
         if not texts[-1].strip(b" \xff\x00"):
             texts.pop()
         return cls(tuple(map(_text, texts[: data[0]])))
 
     def to_bytes(self) -> bytes:
-        """The bytes of the message; BusError for too many versions or a text with other letters."""
+        """The bytes of the message; BusError for too many versions or invalid characters."""
         if len(self.versions) > _MAX_FIELDS:
             raise BusError(f"{len(self.versions)} software versions: at most {_MAX_FIELDS} allowed")
         texts = b"".join(_text_field("software version", text) for text in self.versions)
@@ -121,22 +121,22 @@ class SoftwareIdentification(LongGroup):
 
 
 def _text(data: bytes) -> str:
-    """Text as control units send it, without filling; "?" replaces unprintable letters."""
+    """The text without padding; "?" replaces unprintable characters."""
     characters = data.rstrip(b"\xff\x00").decode("latin-1")
     shown = (c if c.isascii() and c.isprintable() else "?" for c in characters)
     return "".join(shown).strip()
 
 
 def _text_field(field: str, text: str) -> bytes:
-    if not (text.isascii() and text.isprintable()) or "*" in text or len(text) > _MAX_LETTERS:
+    if not (text.isascii() and text.isprintable()) or "*" in text or len(text) > _MAX_CHARACTERS:
         raise BusError(
-            f"{field} {text!r}: at most {_MAX_LETTERS} printable ASCII characters without '*' "
+            f"{field} {text!r}: at most {_MAX_CHARACTERS} printable ASCII characters without '*' "
             "allowed"
         )
     return text.encode("ascii") + b"*"
 
 
-_SWITCHES: dict[object, int] = {0.0: 0, 1.0: 1, Status.ERROR: 2, NOT_AVAILABLE: 3}
+# Values of the codes 0 to 3 of a switch.
 _SWITCH_VALUES: tuple[Value, ...] = (0.0, 1.0, Status.ERROR, NOT_AVAILABLE)
 _MIN_LENGTH = 6
 _SINGLE_FRAME = 8
@@ -149,11 +149,11 @@ class Fault:
     """A diagnostic trouble code.
 
     Attributes:
-      spn: the faulty part, 0 to 524287; 19 bits in Intel order, as in version 4 of the conversion.
-      fmi: how it fails, 0 to 31.
-      occurrences: how often, 0 to 126, or not available.
-      old_conversion: the SPN is in one of the orders before version 4. The message does not say in
-        which, so `spn` may be another.
+      spn: of the faulty part, 0 to 524287; 19 bits in Intel order (conversion method version 4).
+      fmi: failure mode, 0 to 31.
+      occurrences: 0 to 126, or not available.
+      old_conversion: whether the SPN has one of the bit orders before version 4. The message does
+        not state which one, so that `spn` may be wrong.
     """
 
     spn: int
@@ -190,15 +190,15 @@ class ActiveFaults(LongGroup):
 
     Attributes:
       protect_lamp, amber_warning_lamp, red_stop_lamp, malfunction_lamp: SPN 987, 624, 623, 1213.
-      flash_*: 0 slowly, 1 fast, not available: does not flash. SPN 3041, 3040, 3039, 3038.
-      faults: empty when there are none.
+      flash_*: 0 slow, 1 fast, not available: does not flash. SPN 3041, 3040, 3039, 3038.
+      faults: empty if there are none.
     """
 
     MESSAGE: ClassVar[str] = "DM1"
     PGN: ClassVar[int] = 65226
     SPNS: ClassVar[tuple[int, ...]] = (987, 624, 623, 1213, 3041, 3040, 3039, 3038)
 
-    # In the order of the bits: lamps in byte 1 from the lowest up, how they flash in byte 2.
+    # In the order of the bits: byte 1 has the lamps and byte 2 their flashing, lowest bits first.
     protect_lamp: Value = NOT_AVAILABLE
     amber_warning_lamp: Value = NOT_AVAILABLE
     red_stop_lamp: Value = NOT_AVAILABLE
@@ -211,9 +211,9 @@ class ActiveFaults(LongGroup):
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Self:
-        """Lamps and faults; filling at the end is left out. BusError below 6 bytes."""
+        """Lamps and faults without padding; BusError below 6 bytes."""
         if len(data) < _MIN_LENGTH:
-            raise BusError(f"DM1 has {len(data)} bytes: at least {_MIN_LENGTH} are wanted")
+            raise BusError(f"DM1 has {len(data)} bytes: at least {_MIN_LENGTH} are needed")
         word = int.from_bytes(data[:2], "little")
         lamps = enumerate(fields(cls)[: len(cls.SPNS)])
         switches: dict[str, Any] = {f.name: _SWITCH_VALUES[word >> 2 * i & 3] for i, f in lamps}
@@ -222,18 +222,17 @@ class ActiveFaults(LongGroup):
         return cls(**switches, faults=faults)
 
     def to_bytes(self) -> bytes:
-        """The bytes: 8 with at most one fault, else 2 and 4 for each."""
+        """The bytes: 8 with at most one fault, else 2 plus 4 per fault."""
         word = 0
         for place, (name, _, value) in enumerate(LongGroup.entries(self)):
-            code = _SWITCHES.get(value)
-            if code is None:
+            if value not in _SWITCH_VALUES:
                 raise BusError(f"DM1's {name} = {value!r}: 0, 1, error or not available allowed")
-            word |= code << 2 * place
+            word |= _SWITCH_VALUES.index(value) << 2 * place
         codes = b"".join(fault.to_bytes() for fault in self.faults) or _NO_FAULT[0]
         return (word.to_bytes(2, "little") + codes).ljust(_SINGLE_FRAME, b"\xff")
 
     def entries(self) -> Iterator[tuple[str, int, TextValue]]:
-        """Name, SPN and number of lamps, flashes and the parts of each fault."""
+        """Name, SPN and value of lamps, flashing and the parts of each fault."""
         yield from LongGroup.entries(self)
         for number, fault in enumerate(self.faults, start=1):
             count = fault.occurrences
@@ -244,18 +243,21 @@ class ActiveFaults(LongGroup):
 
 
 LONG_GROUPS: tuple[type[LongGroup], ...] = (
-    *(ActiveFaults, ComponentIdentification, SoftwareIdentification, VehicleIdentification),
+    ActiveFaults,
+    ComponentIdentification,
+    SoftwareIdentification,
+    VehicleIdentification,
 )
 _BY_PGN = {kind.PGN: kind for kind in LONG_GROUPS}
-# Configurations have grown over the years; the first so many bytes were always there.
-_GROWN = {"EC1": 28, "RC": 19}
+# Least bytes of the configurations, which later versions of the standard extend.
+_LEAST_LENGTHS = {"EC1": 28, "RC": 19}
 
 
 def read_group(pgn: int, data: bytes) -> Group | LongGroup | None:
     """The group in the bytes of a message of any length; None for an unknown PGN.
 
     EC1 and RC of older and newer control units are shorter or longer: missing signals are not
-    available, further bytes are left out.
+    available, excess bytes are dropped.
 
     Raises:
       BusError: the bytes do not have the length of the group.
@@ -263,10 +265,10 @@ def read_group(pgn: int, data: bytes) -> Group | LongGroup | None:
     varying = _BY_PGN.get(pgn)
     if varying is not None:
         return varying.from_bytes(data)
-    for name, least in _GROWN.items():
+    for name, least in _LEAST_LENGTHS.items():
         if pgn == pgn_of(name):
             length = layouts().get_message_by_name(name).length
             if len(data) < least:
-                raise BusError(f"{name} has {len(data)} bytes: at least {least} are wanted")
+                raise BusError(f"{name} has {len(data)} bytes: at least {least} are needed")
             data = data[:length].ljust(length, b"\xff")
     return unpack(pgn, data)

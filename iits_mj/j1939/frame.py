@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from iits_mj.core.errors import BusError
 
 GLOBAL_ADDRESS = 0xFF
-# Parameter groups whose format byte is below 240 are sent to one address.
+# Parameter groups with a lower format byte are sent to one address.
 _FIRST_BROADCAST_FORMAT = 240
 
 
@@ -21,7 +21,7 @@ class Frame:
     time: float
 
     def __init__(self, can_id: int, data: bytes, time: float = 0.0) -> None:
-        """Raises BusError when the identifier or the bytes are too long."""
+        """Raises BusError if the identifier or the bytes are too long."""
         if can_id >> 29:
             raise BusError(f"identifier {can_id:#x}: J1939 uses 29 bits")
         if len(data) > 8:
@@ -47,18 +47,18 @@ class Frame:
 
     @property
     def destination(self) -> int:
-        """Address of the receiver; 255 for everybody."""
+        """Address of the receiver; 255 is the global address."""
         return _parts(self.can_id)[1]
 
 
-# Frames are made in great number: this takes half the time of what a frozen dataclass does itself.
+# Half the time of a frozen dataclass's own constructor; frames are created in great numbers.
 _set_can_id, _set_data, _set_time = (
     vars(Frame)[name].__set__ for name in ("can_id", "data", "time")
 )
 
 
 def make_id(priority: int, pgn: int, source: int, destination: int = GLOBAL_ADDRESS) -> int:
-    """The 29-bit identifier; the destination counts only for groups that are sent to one address.
+    """The 29-bit identifier; broadcast groups ignore the destination.
 
     Raises:
       BusError: a part is out of its range.
@@ -86,7 +86,7 @@ def _is_broadcast(number: int) -> bool:
 
 
 def xbr_checksum(frame: Frame) -> int:
-    """4-bit checksum of an XBR frame (SPN 3188), or of our steering command.
+    """4-bit checksum of an XBR frame (SPN 3188) or of our steering command.
 
     ((sum >> 4) + sum) & 0x0F, as brake makers' guides publish it.
     """
@@ -109,7 +109,7 @@ def counter_and_checksum(frame: Frame) -> tuple[int, int]:
 
 
 def with_byte8(frame: Frame, counter: int, checksum: int) -> Frame:
-    """The frame with counter and checksum in byte 8."""
+    """A copy of the frame with counter and checksum in byte 8."""
     last = bytes([checksum << 4 | counter & 0x0F])
     return Frame(frame.can_id, frame.data[:7] + last, frame.time)
 

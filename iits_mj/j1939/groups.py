@@ -6,7 +6,7 @@ the messages (`EEC1`), `IitsTrailer` for IITS_TRAILER:
     from iits_mj.j1939.groups import EEC1
     EEC1(engine_speed_rpm=1200.0)
 
-Numbers are in the units of the signals; a field that is left out says "not available".
+Numbers are in the units of the signals; the default of every field is "not available".
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class Status(enum.Enum):
-    """What a field says when it carries no value."""
+    """Status of a field without a value."""
 
     OUT_OF_RANGE = "out of range"
     ERROR = "error"
@@ -50,25 +50,21 @@ class Group:
         return ((item.name, getattr(self, item.name)) for item in fields(self))
 
     def number(self, signal: str) -> float:
-        """The number in a field.
-
-        Raises:
-          BusError: the sender says error, not available, or a value outside the signal's range.
-        """
+        """The number in a field; BusError if the field has a `Status`."""
         value = getattr(self, signal)
         if isinstance(value, Status):
-            raise BusError(f"{self.MESSAGE}.{signal} carries no value: {value.value}")
+            raise BusError(f"{self.MESSAGE}.{signal} has no value: {value.value}")
         return float(value)
 
 
 def database_path() -> Path:
-    """Our DBC file, for other CAN tools."""
+    """Path of our DBC file, for other CAN tools."""
     return Path(__file__).with_name("iits_mj.dbc")
 
 
 @functools.cache
 def layouts() -> Database:
-    """All messages of the DBC as cantools reads them; read once."""
+    """All messages of the DBC as objects of cantools; read once."""
     from cantools.database.can import Database
 
     database = Database()
@@ -110,7 +106,7 @@ def _attribute(signal: Signal) -> str:
 
 
 def __getattr__(name: str) -> Any:
-    """A typed group by its class name, as `from iits_mj.j1939.groups import EEC1` asks for it."""
+    """Looks up a typed group by its class name, for `from iits_mj.j1939.groups import EEC1`."""
     if not name.startswith("_"):
         for kind in group_types().values():
             if kind.__name__ == name:

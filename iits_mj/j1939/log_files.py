@@ -10,15 +10,15 @@
 | `.txt` | candump's text on the console (`candump -ta`, `-tz`, `-tA`) | yes | |
 | `.bin` | a data logger's 512-byte blocks | yes | |
 
-The content decides how a file is read, so a wrong suffix does no harm; `.gz` after the suffix of a
-text format means that it is packed. Times are in seconds, to the microsecond: since 1970 if the
-file has a date, else as in the file.
+The content determines how a file is read, not its suffix; `.gz` after the suffix of a text format
+means that the file is compressed. Times are in seconds, to the microsecond: since 1970 if the file
+has a date, else as in the file.
 
-python-can does not read the last two. A line of candump's text is
+python-can does not read the last two formats. A line of candump's text is
 ` (000.000000)  can1  18F11031   [8]  00 00 FF`. A logger's block has the number of records (u32),
 21 records of 24 bytes and 4 unused bytes. A record has seconds since 1970 (u32), the logger's own
 clock in us (u32), microseconds in the lower 24 bits and the length in the upper 8 (u32), identifier
-(u32), 8 data bytes; everything little endian.
+(u32), 8 data bytes, all little endian.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ WRITTEN = (".asc", ".blf", ".csv", ".log", ".trc")
 _PACKED = (".asc", ".csv", ".log")
 _HEAD = 4096
 _GZIP = b"\x1f\x8b"
-# 1990: earlier times count from a start, not from 1970.
+# 1990: earlier times are relative to the start of the log, not to 1970.
 _FIRST_DATE = 631_152_000.0
 _FIRST_YEAR = 1990
-# Later times, of the year 2286 and beyond, do not fit into every format [s].
+# Not every format can store later times, after the year 2286 [s].
 _LAST_TIME = 1e10
 _BY_PATH = ("db", "mf4")
-# Formats with a header even without a frame.
+# Formats that have a header even without a frame.
 _HEADED = (".bin", ".blf", ".db", ".mf4")
 _READERS: dict[str, Callable[..., Any]] = {
     "blf": can.BLFReader,
@@ -75,7 +75,7 @@ _CONSOLE = re.compile(
 _SHORT_ID = 3
 _BYTE = re.compile("[0-9A-Fa-f]{2}")
 
-# The first text that is not blank identifies a format; a foreign file matches none.
+# The first text that is not blank identifies a format.
 _SIGNS: tuple[tuple[str, re.Pattern[bytes]], ...] = (
     ("blf", re.compile(rb"LOGG")),
     ("mf4", re.compile(rb"MDF     ")),
@@ -94,19 +94,19 @@ _SIGNS: tuple[tuple[str, re.Pattern[bytes]], ...] = (
 
 
 def read_log(path: str | Path) -> Iterator[Frame]:
-    """Frames of a log file in file order, read on demand.
+    """Yields the frames of a log file in file order.
 
-    11-bit, CAN FD, remote and error frames are left out.
+    11-bit, CAN FD, remote and error frames are omitted.
 
     Args:
       path: of the file; see the module's table.
 
     Raises:
-      BusError: the file is missing, is no such log, or is broken.
+      BusError: the file is missing, of another format, or damaged.
     """
     frames = _frames(Path(path))
     while True:
-        # What python-can's parsers raise on a broken file is of any type.
+        # The parsers of python-can raise exceptions of any type on a damaged file.
         try:
             frame = next(frames)
         except StopIteration:
@@ -123,15 +123,15 @@ def read_log(path: str | Path) -> Iterator[Frame]:
 class LogWriter(Closing):
     """Writes frames to a log that CAN tools read; a context manager.
 
-    Times are written to the microsecond and come back unchanged. A frame that is older than the one
-    before it gets that one's time, since logs run forward.
+    Times are written to the microsecond and read back unchanged. A frame that is older than the
+    previous one gets the time of the previous one, since times in a log do not decrease.
 
     Args:
-      path: of the file; its suffix picks the format: .asc, .blf, .csv, .log, .trc, or .asc.gz,
+      path: of the file; its suffix selects the format: .asc, .blf, .csv, .log, .trc, or .asc.gz,
         .csv.gz, .log.gz.
 
     Raises:
-      BusError: another suffix, or the file cannot be written.
+      BusError: the suffix is unknown, or the file cannot be written.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -152,7 +152,7 @@ class LogWriter(Closing):
             raise BusError(f"CAN log {self._path!r} cannot be written: {error}") from error
 
     def write(self, frame: Frame) -> None:
-        """Appends one frame; BusError when a log cannot hold its time or the file is full."""
+        """Appends one frame; BusError for a time that a log cannot store, or a write error."""
         if not 0.0 <= frame.time <= _LAST_TIME:
             raise BusError(
                 f"frame {frame.can_id:08X} at time {frame.time!r} s: 0 to {_LAST_TIME:g} allowed"
@@ -161,7 +161,8 @@ class LogWriter(Closing):
             raise BusError(f"CAN log {self._path!r} is closed")
         try:
             if self._last is None:
-                _start(self._writer, _epoch(frame.time))
+                # Times in the file are relative to a whole second, so that no digit is lost.
+                _start(self._writer, math.floor(frame.time) if frame.time >= _FIRST_DATE else 0.0)
                 self._last = frame.time
             self._last = max(self._last, frame.time)
             message = to_can(frame)
@@ -171,7 +172,7 @@ class LogWriter(Closing):
             raise BusError(f"CAN log {self._path!r} cannot be written: {error}") from error
 
     def close(self) -> None:
-        """Finishes the file; may be called again."""
+        """Completes the file; may be called again."""
         if self._closed:
             return
         self._closed = True
@@ -181,13 +182,8 @@ class LogWriter(Closing):
             raise BusError(f"CAN log {self._path!r} cannot be finished: {error}") from error
 
 
-def _epoch(time: float) -> float:
-    """Time from which a file's own times count: a whole second, so that no digit is lost."""
-    return math.floor(time) if time >= _FIRST_DATE else 0.0
-
-
 def _start(writer: can.io.generic.MessageWriter, epoch: float) -> None:
-    """Fixes that time; otherwise python-can takes the first frame's, cut to milliseconds."""
+    """Sets the epoch of a file's times; python-can would use the first frame's milliseconds."""
     if isinstance(writer, can.ASCWriter):
         writer.log_event("// times count from the trigger", epoch)
     elif isinstance(writer, can.BLFWriter):
@@ -216,7 +212,8 @@ def _frames(path: Path) -> Iterator[Frame]:
         elif kind == "blf":
             yield from _messages(can.BLFReader(file))
         else:
-            yield from _text_frames(kind, head, _text(file))
+            text = io.TextIOWrapper(file, encoding="utf-8", errors="replace")
+            yield from _text_frames(kind, head, text)
 
 
 def _text_frames(kind: str, head: bytes, text: TextIO) -> Iterator[Frame]:
@@ -224,7 +221,7 @@ def _text_frames(kind: str, head: bytes, text: TextIO) -> Iterator[Frame]:
         yield from _console_frames(text)
     elif kind == "asc":
         if re.search(rb"timestamps\s+relative", head, re.IGNORECASE):
-            raise BusError("its times are relative to the line before; absolute ones are wanted")
+            raise BusError("its times are relative to the previous line; absolute ones are needed")
         yield from _messages(can.ASCReader(text, relative_timestamp=not _has_date(head)))
     else:
         yield from _messages(_READERS[kind](text))
@@ -242,12 +239,8 @@ def _open(path: Path, packed: bool) -> BinaryIO:
     return cast(BinaryIO, gzip.open(path, "rb") if packed else path.open("rb"))
 
 
-def _text(file: BinaryIO) -> TextIO:
-    return io.TextIOWrapper(file, encoding="utf-8", errors="replace")
-
-
 def _has_date(head: bytes) -> bool:
-    """Whether an ASC file's trigger, or else its header, names a date."""
+    """Whether the trigger block or the header of an ASC file has a date."""
     years = re.findall(
         rb"^\s*(?:begin\s+triggerblock|date)\b.*\b(\d{4})\s*$", head, re.IGNORECASE | re.MULTILINE
     )
@@ -260,16 +253,13 @@ def _format_of(head: bytes) -> str | None:
     for name, sign in _SIGNS:
         if sign.match(text):
             return name
-    return "logger" if _is_block(head[:_BLOCK]) else None
+    return "logger" if _records(head[:_BLOCK]) else None
 
 
 def _console_frames(lines: Iterable[str]) -> Iterator[Frame]:
-    """Extended data frames of candump's console text; 11-bit, CAN FD and error frames are left out.
+    """Yields the extended data frames of candump's console text; BusError for any other line.
 
-    An incomplete last line, as a power cut leaves it, is dropped.
-
-    Raises:
-      BusError: a line is not of that text.
+    An incomplete last line, as a power cut causes it, is dropped.
     """
     for number, line in enumerate(lines, start=1):
         if not line.strip():
@@ -278,39 +268,32 @@ def _console_frames(lines: Iterable[str]) -> Iterator[Frame]:
         data = _bytes_of(match) if match else None
         if match is None or data is None:
             if line.endswith("\n"):
-                raise BusError(
-                    f"line {number} is not a frame as candump shows it: {line.strip()!r}"
-                )
+                raise BusError(f"line {number} is no frame in candump's format: {line.strip()!r}")
             return
         can_id = int(match["id"], 16)
-        # Above 29 bits are candump's flags: an error frame.
-        foreign = len(match["id"]) == _SHORT_ID or can_id >= _EXTENDED_IDS
-        if not foreign and isinstance(data, bytes):
+        # candump marks an error frame above the 29 bits.
+        extended = len(match["id"]) > _SHORT_ID and can_id < _EXTENDED_IDS
+        if extended and isinstance(data, bytes):
             yield Frame(can_id, data, _console_time(match["time"]))
 
 
 def _logger_frames(file: BinaryIO) -> Iterator[Frame]:
-    """Frames of a logger's 512-byte blocks.
-
-    Raises:
-      BusError: a block is cut off or is none.
-    """
+    """Yields the frames of a logger's 512-byte blocks; BusError for any other block."""
     number = 0
     while block := file.read(_BLOCK):
         if len(block) != _BLOCK:
             raise BusError(f"block {number} is cut off after {len(block)} of its {_BLOCK} bytes")
-        if not _is_block(block):
+        records = _records(block)
+        if not records:
             raise BusError(f"block {number} does not hold a logger's records")
-        (count,) = struct.unpack_from("<I", block)
-        for i in range(count):
-            second, _, packed, can_id, data = _RECORD.unpack_from(block, _HEADER + _RECORD.size * i)
+        for second, _, packed, can_id, data in records:
             time = round(second + (packed & 0xFFFFFF) * 1e-6, 6)
             yield Frame(can_id, data[: packed >> 24], time)
         number += 1
 
 
 def _bytes_of(match: re.Match[str]) -> bytes | str | None:
-    """Data of a console line: the bytes, a word for a frame without data, None if cut off."""
+    """Data of a console line; a word for a CAN FD or remote frame, None if incomplete."""
     length, rest = int(match["length"]), match["rest"].split()
     if len(match["length"]) > 1:
         return "CAN FD"
@@ -331,15 +314,16 @@ def _console_time(text: str) -> float:
     return float(text)
 
 
-def _is_block(block: bytes) -> bool:
-    """Whether the numbers in a block can be those of a logger."""
+def _records(block: bytes) -> list[tuple[Any, ...]]:
+    """The records of a logger's block; none if its numbers are not plausible."""
     if len(block) != _BLOCK:
-        return False
+        return []
     (count,) = struct.unpack_from("<I", block)
     if not 1 <= count <= _RECORDS:
-        return False
-    records = (_RECORD.unpack_from(block, _HEADER + _RECORD.size * i) for i in range(count))
-    return all(
+        return []
+    records = list(_RECORD.iter_unpack(block[_HEADER : _HEADER + _RECORD.size * count]))
+    plausible = all(
         packed >> 24 <= 8 and packed & 0xFFFFFF < 1_000_000 and can_id < _EXTENDED_IDS
         for _, _, packed, can_id, _ in records
     )
+    return records if plausible else []

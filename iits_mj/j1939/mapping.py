@@ -1,4 +1,4 @@
-"""The signals of the bus and the controls and sensors of the truck: `signals.csv`, read once.
+"""The map between signals of the bus and controls and sensors of the truck (`signals.csv`).
 
 `commands()` are the signals that the truck receives (the fields of `VehicleCommand`, in the order
 of `ctrl`), `reports()` those that it sends. Coding, decoding and the manual page use them.
@@ -6,7 +6,6 @@ of `ctrl`), `reports()` those that it sends. Coding, decoding and the manual pag
 
 from __future__ import annotations
 
-import csv
 import functools
 import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -14,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
+from iits_mj.core.tables import read_table
 from iits_mj.core.units import DIESEL_DENSITY, GRAVITY, KMH, RPM
 from iits_mj.j1939.database import codec_of, identifier
 from iits_mj.j1939.groups import Value
@@ -24,14 +24,14 @@ _LITER = DIESEL_DENSITY  # of fuel [kg]
 _UNITS = {
     "": 1.0,
     "percent": 0.01,
-    # Retarders take a braking torque as a negative percentage.
+    # Braking torques of retarders are negative percentages.
     "-percent": -0.01,
     "rpm": RPM,
     "km/h": KMH,
     "kPa": 1e3,
     "L": _LITER,
     "L/h": _LITER / 3600.0,
-    # Meters a kilogram of fuel.
+    # Fuel economy in m/kg.
     "km/L": 1e3 / _LITER,
     # A weight force in newtons is sent as its mass.
     "kg of weight": GRAVITY,
@@ -40,11 +40,11 @@ _UNITS = {
 
 @dataclass(frozen=True, slots=True)
 class PaperSignal:
-    """What the paper or its release calls a signal.
+    """An input or output of the paper or its release.
 
     Attributes:
-      name: the paper's for its inputs, a description for the outputs, which it does not name.
-      number: 1 to 4 of the inputs, 1 to 16 of the outputs; None for the release's additions.
+      name: the paper's name of an input; a description of an output, which the paper does not name.
+      number: of the inputs 1 to 4, of the outputs 1 to 16; None for additions of the release.
     """
 
     name: str
@@ -59,8 +59,8 @@ class SignalRow:
       quantity: field of `VehicleCommand`, `EgoState` or `TruckReport`, or derived from them.
       message, signal: names in the DBC.
       scale: SI units in one unit of the signal.
-      address: of the unit that obeys, or sends; None: the DBC's.
-      elements: controls or sensors of the model; "[k]" is the place of a number in a sensor.
+      address: of the unit that obeys or sends; None: that of the DBC.
+      elements: controls or sensors of the model; "[k]" is the index of a number in a sensor.
       back: whether `StateReceiver` reads the quantity from this signal.
       paper: the inputs or outputs of the paper that the signal carries, whole or in part.
     """
@@ -92,10 +92,10 @@ def sender(row: SignalRow) -> int:
 
 @functools.cache
 def _table() -> dict[str, tuple[SignalRow, ...]]:
-    text = Path(__file__).with_name("signals.csv").read_text(encoding="utf-8")
-    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    names, table = read_table(Path(__file__).with_name("signals.csv"), "table of signals")
     found: dict[str, list[SignalRow]] = {"in": [], "out": []}
-    for row in csv.DictReader(lines):
+    for cells in table:
+        row = dict(zip(names, cells, strict=True))
         found[row["way"]].append(
             SignalRow(
                 row["quantity"],
@@ -112,20 +112,20 @@ def _table() -> dict[str, tuple[SignalRow, ...]]:
 
 
 def _paper(item: str) -> PaperSignal:
-    """From "3 engine speed", or "fuel rate" for a signal without a number."""
+    """Parses "3 engine speed", or "fuel rate" for a signal without a number."""
     first, _, rest = item.strip().partition(" ")
     return PaperSignal(rest, int(first)) if first.isdigit() else PaperSignal(item.strip(), None)
 
 
 @dataclass(frozen=True, slots=True)
 class FieldOf:
-    """A quantity that is a field of one of the sources, which are counted from 0."""
+    """A quantity that is a field of one of the sources, given by its index."""
 
     source: int
     name: str
 
     def __call__(self, *sources: object) -> float | None:
-        """The field."""
+        """Returns the field."""
         return cast("float | None", getattr(sources[self.source], self.name))
 
 
@@ -134,11 +134,11 @@ class DataMaker:
 
     Args:
       message: name in the DBC.
-      rows: its signals; all others say "not available".
-      quantities: how to find the quantity of a row in the sources of a call, in SI units; None is
-        "not available".
-      extra: signals whose values each call gives itself, instead of their rows.
-      saturate: send the limit of a signal for a number outside its range.
+      rows: of the signals; all other signals are sent as "not available".
+      quantities: functions that compute the quantities from the sources of a call, in SI units;
+        None is "not available".
+      extra: signals whose values are arguments of each call and do not come from their rows.
+      saturate: whether to send the limit of a signal for a number outside its range.
     """
 
     def __init__(
@@ -150,7 +150,7 @@ class DataMaker:
         extra: Sequence[str] = (),
         saturate: bool = False,
     ) -> None:
-        # Plain fields of a source are fetched at once, which takes half the time.
+        # One call fetches all plain fields of a source, which takes half the time.
         plain: dict[int, list[tuple[str, SignalRow]]] = {}
         derived: list[tuple[Callable[..., float | None], SignalRow]] = []
         for row in rows:
@@ -171,7 +171,7 @@ class DataMaker:
         self._saturate = saturate
 
     def __call__(self, *sources: object, extra: Sequence[Value] = ()) -> bytes:
-        """The bytes of the message from its sources; `extra` in the units of the DBC.
+        """Returns the bytes of the message; `extra` is in the units of the DBC.
 
         Raises:
           BusError: a number is not finite, or out of range without `saturate`.
@@ -186,7 +186,7 @@ class DataMaker:
 
 
 def _fields_getter(names: list[str]) -> Callable[[Any], tuple[Any, ...]]:
-    """Fetches fields as a tuple, also a single one."""
+    """A function that returns fields as a tuple, also for a single field."""
     if len(names) > 1:
         return operator.attrgetter(*names)
     (name,) = names

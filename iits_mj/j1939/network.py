@@ -1,9 +1,9 @@
 """Control units as members of a J1939 network: addresses, claims, answers to requests.
 
 Public facts of SAE J1939-21 and -81: a request (PGN 59904) names a group in three bytes. The sender
-of that group answers with it; a unit that is asked by address and does not send it answers with a
-negative acknowledgment (PGN 59392). The unit with the smallest NAME wins a claimed address (PGN
-60928); the others stop sending.
+of the group answers with the group; an addressed unit that does not send it answers with a negative
+acknowledgment (PGN 59392). The unit with the smallest NAME wins a claimed address (PGN 60928); the
+others stop sending.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ ENGINE_RETARDER = 0x0F
 DRIVELINE_RETARDER = 0x10
 SUSPENSION = 0x2F
 STABILITY = 0x3E
-# Headway controller: the default address of the controller that commands the truck.
+# Headway controller: default address of the controller that commands the truck.
 CONTROLLER = 0x2A
-# 254 is "no address", 255 everybody: neither can send a command.
+# 254 is the null address and 255 the global address: neither can send a command.
 LAST_ADDRESS = 253
 NULL_ADDRESS = 0xFE
 
 REQUEST = 59904
 ACKNOWLEDGMENT = 59392
 ADDRESS_CLAIMED = 60928
-# Limit of answers in one call: a flood of requests must not become a flood of answers.
+# Limit of answers per call: a flood of requests must not cause a flood of answers.
 MOST_ANSWERS = 64
 _PRIORITY = 6
 _REQUEST_LENGTH = 3
 _NEGATIVE = 1
 _FUNCTION_UNKNOWN = 0xFF
-# Functions of control units that every industry shares (SAE J1939, table B11).
+# Functions of control units that all industries share (SAE J1939, table B11).
 _FUNCTIONS = {
     ENGINE: 0,
     TRANSMISSION: 3,
@@ -52,8 +52,8 @@ _FUNCTIONS = {
 }
 _ON_HIGHWAY = 1
 
-# The answer to a request, by PGN and address: None when that unit does not send the group; an empty
-# sequence when the frames come later, because they are many.
+# Returns the answer to a request by PGN and address: None if the unit does not send the group, an
+# empty sequence if the frames follow later as a broadcast.
 Groups = Callable[[int, int], Sequence[Frame] | None]
 
 
@@ -64,17 +64,13 @@ def truck_addresses() -> frozenset[int]:
 
 
 @functools.cache
-def everybody_else() -> frozenset[int]:
-    """All addresses but the truck's own: the default of the senders that may command it."""
+def foreign_addresses() -> frozenset[int]:
+    """All addresses except the truck's own: by default, these senders may command the truck."""
     return frozenset(range(LAST_ADDRESS + 1)) - truck_addresses()
 
 
 def checked_sources(sources: Iterable[int]) -> frozenset[int]:
-    """The addresses as a set.
-
-    Raises:
-      InputError: one of them is no address.
-    """
+    """The addresses as a set; InputError if one is no J1939 address."""
     chosen = tuple(sources)
     for address in chosen:
         if type(address) is not int or not 0 <= address <= LAST_ADDRESS:
@@ -87,11 +83,11 @@ class Name:
     """The 64-bit NAME of a control unit (SAE J1939-81); the smallest wins an address.
 
     Attributes:
-      identity: number of the unit, 21 bits; manufacturer: code given by SAE, 11 bits, 0 for none.
-      ecu_instance: 3 bits; function_instance: 5 bits; function: 8 bits, 255 for none in the table.
+      identity: number of the unit, 21 bits; manufacturer: SAE's code, 11 bits, 0 for none.
+      ecu_instance: 3 bits; function_instance: 5 bits; function: 8 bits, 255 if unknown.
       vehicle_system: 7 bits; vehicle_system_instance: 4 bits.
       industry_group: 3 bits, 1 for on-highway equipment.
-      arbitrary_address: whether the unit can take another address.
+      arbitrary_address: whether the unit can use another address.
     """
 
     identity: int = 0
@@ -133,11 +129,11 @@ _FIELDS = (
 
 
 def unit_names(units: Iterable[int], identity: int = 0) -> dict[int, Name]:
-    """The NAME of each of the truck's units by its address; no two are the same.
+    """The NAMEs of the truck's units by address, all different.
 
     Args:
       units: addresses.
-      identity: of the truck, 21 bits; two trucks on one bus need two.
+      identity: of the truck, 21 bits; trucks on the same bus need different ones.
     """
     names: dict[int, Name] = {}
     seen: Counter[int] = Counter()
@@ -149,13 +145,13 @@ def unit_names(units: Iterable[int], identity: int = 0) -> dict[int, Name]:
 
 
 class ControlUnits:
-    """The network side of several control units in one program.
+    """Address claims and answers to requests for several control units in one program.
 
     Args:
       names: address to NAME.
 
     Attributes:
-      lost: addresses taken by a unit with a smaller NAME; nothing may be sent from them.
+      lost: addresses that another unit won with a smaller NAME; nothing may be sent from them.
       counts: "answered" and "refused" requests, "contested" claims, and "ignored" frames.
     """
 
@@ -165,7 +161,7 @@ class ControlUnits:
         self.counts: Counter[str] = Counter()
 
     def claims(self, time: float = 0.0) -> list[Frame]:
-        """The claims of all addresses that we hold, to be sent before any other frame."""
+        """The claims of all addresses that are not lost, to be sent before any other frame."""
         return [_claim(a, name, time) for a, name in self._names.items() if a not in self.lost]
 
     def owns(self, frame: Frame) -> bool:
@@ -177,8 +173,8 @@ class ControlUnits:
 
         Args:
           frames: of the bus, of any kind.
-          groups: frames of a group by PGN and source address (255: of all units); None when that
-            unit does not send it, no frames when they come later.
+          groups: returns the frames of a group by PGN and source address (255: of all units); see
+            `Groups`.
           time: of the answers [s].
         """
         answers: list[Frame] = []
@@ -198,32 +194,30 @@ class ControlUnits:
         if len(frame.data) != _REQUEST_LENGTH:
             self.counts["ignored"] += 1
             return []
-        wanted = int.from_bytes(frame.data, "little")
+        pgn = int.from_bytes(frame.data, "little")
         target = frame.destination
         if target != GLOBAL_ADDRESS and target not in self._names:
             return []
-        if wanted == ADDRESS_CLAIMED:
+        if pgn == ADDRESS_CLAIMED:
             self.counts["answered"] += 1
-            return self._claimed(target, time)
+            # A unit that lost its address claims the null address.
+            return [
+                _claim(NULL_ADDRESS if address in self.lost else address, name, time)
+                for address, name in self._names.items()
+                if target in (GLOBAL_ADDRESS, address)
+            ]
         if target in self.lost:
             return []
-        found = groups(wanted, target)
+        found = groups(pgn, target)
         if found is not None:
             self.counts["answered"] += 1
             return [frame for frame in found if self.owns(frame)]
         if target == GLOBAL_ADDRESS:
-            # A request to all is never refused.
+            # A request to all units is never refused.
             return []
         self.counts["refused"] += 1
-        return [_refusal(wanted, target, frame.source, time)]
-
-    def _claimed(self, target: int, time: float) -> list[Frame]:
-        """Claims of the units asked; a unit that lost its address claims the null address."""
-        return [
-            _claim(NULL_ADDRESS if address in self.lost else address, name, time)
-            for address, name in self._names.items()
-            if target in (GLOBAL_ADDRESS, address)
-        ]
+        data = bytes([_NEGATIVE, 0xFF, 0xFF, 0xFF, frame.source]) + frame.data
+        return [Frame(make_id(_PRIORITY, ACKNOWLEDGMENT, target), data, time)]
 
     def _contest(self, frame: Frame, time: float) -> list[Frame]:
         ours = self._names.get(frame.source)
@@ -240,11 +234,7 @@ class ControlUnits:
 
 
 def request(pgn: int, source: int, destination: int = GLOBAL_ADDRESS, time: float = 0.0) -> Frame:
-    """The frame that requests a group.
-
-    Raises:
-      BusError: a number is out of its range.
-    """
+    """The frame that requests a group; BusError if a number is out of range."""
     if not 0 <= pgn < 1 << 18:
         raise BusError(f"PGN {pgn!r}: use 0 to {(1 << 18) - 1}")
     can_id = make_id(_PRIORITY, REQUEST, source, destination)
@@ -253,8 +243,3 @@ def request(pgn: int, source: int, destination: int = GLOBAL_ADDRESS, time: floa
 
 def _claim(address: int, name: Name, time: float) -> Frame:
     return Frame(make_id(_PRIORITY, ADDRESS_CLAIMED, address), name.to_bytes(), time)
-
-
-def _refusal(pgn: int, source: int, asked_by: int, time: float) -> Frame:
-    data = bytes([_NEGATIVE, 0xFF, 0xFF, 0xFF, asked_by]) + pgn.to_bytes(3, "little")
-    return Frame(make_id(_PRIORITY, ACKNOWLEDGMENT, source), data, time)

@@ -1,7 +1,7 @@
 """The quantities that the truck reports, by name: to the bus, and back to state and report.
 
-A quantity is a field of `EgoState` or `TruckReport`, or follows from them as a control unit would
-find it. An unknown quantity is None: "not available".
+A quantity is a field of `EgoState` or `TruckReport`, or is derived from them as a control unit
+derives it. An unknown quantity is None: "not available".
 """
 
 from __future__ import annotations
@@ -9,10 +9,11 @@ from __future__ import annotations
 import dataclasses
 import math
 import operator
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+from iits_mj.core.angles import wrap_angle
 from iits_mj.core.errors import BusError
 from iits_mj.core.messages import EgoState, TransmissionMode, TruckReport, XbrMode
 from iits_mj.j1939 import network
@@ -32,7 +33,7 @@ _numbers_of_state = operator.attrgetter(*_EGO)
 _numbers_of_report = operator.attrgetter(*_REPORT)
 # Travel above which a pedal counts as pressed.
 _PRESSED = 1e-3
-# Distance over fuel in overrun [m/kg]: beyond every signal's range.
+# Fuel economy in overrun [m/kg]: beyond the range of every signal.
 _ENDLESS = 1e9
 # SPN 2918: 1 the driver's demand, 2 XBR in addition mode, 3 XBR in maximum mode.
 _DRIVER = 1.0
@@ -40,7 +41,7 @@ _EXECUTION: dict[int, float] = {XbrMode.ADDITION: 2.0, XbrMode.MAXIMUM: 3.0}
 # SPN 899 and 900: the unit that decides on the torque of an engine or a retarder.
 _NO_REQUEST, _OPERATOR, _TRANSMISSION, _BRAKES = 0.0, 1.0, 6.0, 10.0
 _CONTROLLERS = {_TRANSMISSION: network.TRANSMISSION, _BRAKES: network.BRAKES}
-# SPN 162 and 163: two letters, of which a single one is the second, after a blank.
+# SPN 162 and 163: two characters; a single letter follows a blank.
 _RANGES: dict[int, float] = {
     mode: float(int.from_bytes(f" {letter}".encode(), "little"))
     for mode, letter in (
@@ -49,8 +50,8 @@ _RANGES: dict[int, float] = {
         (TransmissionMode.REVERSE, "R"),
     )
 }
-# Quantities of a real truck in place of those of our own messages.
-_INSTEAD = {
+# Quantities that a real truck sends in place of those of our own messages, the preferred one first.
+_SUBSTITUTES = {
     "speed": ("front_axle_speed", "wheel_based_speed"),
     "acceleration": ("longitudinal_acceleration",),
     "gear": ("gear_engaged",),
@@ -86,7 +87,7 @@ Quantity: TypeAlias = Callable[[EgoState, TruckReport, ReferenceTorques], float 
 
 
 def quantities() -> dict[str, Quantity]:
-    """How to find every quantity of `signals.csv`, in SI units."""
+    """Functions that compute the quantities of `signals.csv` in SI units, by quantity."""
     found: dict[str, Quantity] = {name: FieldOf(0, name) for name in _EGO}
     found |= {name: FieldOf(1, name) for name in _REPORT}
     found |= {name: _pressure(place) for place, name in enumerate(_PRESSURES)}
@@ -94,10 +95,10 @@ def quantities() -> dict[str, Quantity]:
     found |= _retarder("engine_brake", network.ENGINE_RETARDER)
     found |= _retarder("retarder", network.DRIVELINE_RETARDER)
     return found | {
-        "heading": lambda s, _r, _t: math.remainder(s.yaw, 2.0 * math.pi),
+        "heading": lambda s, _r, _t: wrap_angle(s.yaw),
         "longitudinal_acceleration": FieldOf(0, "acceleration"),
         "front_axle_speed": lambda _s, r, _t: _front_axle_speed(r),
-        # Their sensors count teeth: they do not know the sense of rotation.
+        # These sensors count teeth, so they do not measure the sense of rotation.
         "propeller_shaft_speed": lambda _s, r, _t: _magnitude(r.propeller_shaft_speed),
         "input_shaft_speed": lambda _s, r, _t: _magnitude(r.input_shaft_speed),
         "clutch_slip": lambda s, r, _t: _slip(s.engine_speed, r.input_shaft_speed),
@@ -110,7 +111,7 @@ def quantities() -> dict[str, Quantity]:
         "fuel_economy": lambda s, r, _t: _economy(r.wheel_based_speed, s.fuel_rate),
         "friction_braking": lambda s, _r, _t: float(max(s.brake_pressures) > 0.0),
         "xbr_execution": lambda _s, r, _t: _execution(r),
-        # This truck takes any demand at any time (SPN 2917), and its ABS never fails (SPN 1243).
+        # This truck accepts any demand at any time (SPN 2917), and its ABS never fails (SPN 1243).
         "xbr_system_state": lambda _s, r, _t: None if r.xbr_active is None else 0.0,
         "abs_operational": lambda _s, r, _t: None if r.abs_active is None else 1.0,
         # SPN 1812: the angle is absolute.
@@ -119,7 +120,7 @@ def quantities() -> dict[str, Quantity]:
 
 
 def _retarder(name: str, address: int) -> dict[str, Quantity]:
-    """Quantities of ERC1 of the engine's or driveline's retarder; braking is negative."""
+    """Quantities of ERC1 of a retarder ("engine_brake", "retarder"); braking is negative."""
     lever, torque, available, intended = (
         operator.attrgetter(f"{name}{suffix}")
         for suffix in ("", "_torque", "_torque_percent_available", "_torque_percent_intended")
@@ -127,7 +128,7 @@ def _retarder(name: str, address: int) -> dict[str, Quantity]:
     reference = operator.attrgetter(name)
 
     def percent(_s: EgoState, report: TruckReport, t: ReferenceTorques) -> float | None:
-        # None, too, for a truck that has no such retarder.
+        # Also None if the truck has no such retarder.
         value = torque(report)
         return None if value is None or reference(t) <= 0.0 else -100.0 * value / reference(t)
 
@@ -139,7 +140,7 @@ def _retarder(name: str, address: int) -> dict[str, Quantity]:
         asked, given = driver(s, report, t), intended(report)
         if asked is None or given is None:
             return None
-        # Half a bit of the percentages.
+        # 0.5 % is half a step of the signals.
         if given > -0.5:
             return _NO_REQUEST
         return _BRAKES if given < asked - 0.5 else _OPERATOR
@@ -153,26 +154,25 @@ def _retarder(name: str, address: int) -> dict[str, Quantity]:
 
 
 def check_finite(state: EgoState, report: TruckReport) -> None:
-    """Checks every number of state and report.
-
-    Raises:
-      BusError: a field of state or report is not finite.
-    """
+    """Raises BusError if a number of state or report is not finite."""
     # A sum is finite only if all its terms are; None and 0 need no term.
     total = sum(_numbers_of_state(state)) + sum(state.brake_pressures)
     total += sum(filter(None, _numbers_of_report(report)))
     total += sum(report.wheel_speeds) + sum(report.axle_loads)
     if math.isfinite(total):
         return
-    for name, value in _flat(state, report):
-        if value is not None and not math.isfinite(value):
-            raise BusError(f"state {name} = {value!r}: a finite number is wanted")
+    for message in (state, report):
+        for name in message.__slots__:
+            value = getattr(message, name)
+            for number in value if isinstance(value, tuple) else (value,):
+                if number is not None and not math.isfinite(number):
+                    raise BusError(f"state {name} = {number!r}: a finite number is needed")
 
 
 def to_state(found: Mapping[str, float], references: ReferenceTorques, base: EgoState) -> EgoState:
-    """The state with the quantities that were received; the rest is `base`'s."""
+    """The state with the received quantities; all others are those of `base`."""
     values: dict[str, Any] = dict(found)
-    for name, others in _INSTEAD.items():
+    for name, others in _SUBSTITUTES.items():
         if name not in values:
             received = [found[other] for other in others if other in found]
             if received:
@@ -184,7 +184,7 @@ def to_state(found: Mapping[str, float], references: ReferenceTorques, base: Ego
     if "shift_in_process" in values:
         values["shift_in_process"] = values["shift_in_process"] > 0.5
     if "engine_torque_percent" in found and "torque_loss_percent" in found:
-        # Percent torque is that of the cylinders: friction and engine brake are subtracted.
+        # The percent torque is that of the cylinders: friction and engine brake are subtracted.
         net = found["engine_torque_percent"] - found["torque_loss_percent"]
         braking = references.engine_brake * found.get("engine_brake_percent", 0.0)
         values["engine_torque"] = 0.01 * (references.engine * net + braking)
@@ -196,7 +196,7 @@ def to_state(found: Mapping[str, float], references: ReferenceTorques, base: Ego
 def to_report(
     found: Mapping[str, float], references: ReferenceTorques, axle_loads: tuple[float, ...]
 ) -> TruckReport:
-    """The report with the quantities that were received; the rest is "not available"."""
+    """The report with the received quantities; all others are None, not available."""
     values: dict[str, Any] = {name: found[name] for name in _REPORT if name in found}
     if "engine_brake_percent" in found:
         share = -0.01 * found["engine_brake_percent"]
@@ -210,14 +210,6 @@ def to_report(
     if "front_axle_speed" in found and len(relative) == len(_WHEELS):
         values["wheel_speeds"] = tuple(found["front_axle_speed"] + speed for speed in relative)
     return TruckReport(**values, axle_loads=axle_loads)
-
-
-def _flat(state: EgoState, report: TruckReport) -> Iterator[tuple[str, float | None]]:
-    for message in (state, report):
-        for field in dataclasses.fields(message):
-            value = getattr(message, field.name)
-            for number in value if isinstance(value, tuple) else (value,):
-                yield field.name, number
 
 
 def _pressure(place: int) -> Quantity:
@@ -254,19 +246,19 @@ def _slip(engine_speed: float, input_speed: float | None) -> float | None:
 
 
 def _economy(speed: float | None, fuel_rate: float) -> float | None:
-    """Distance over fuel at this moment [m/kg]."""
+    """Instantaneous fuel economy [m/kg]."""
     if speed is None:
         return None
     return min(speed / fuel_rate, _ENDLESS) if fuel_rate > 0.0 else _ENDLESS
 
 
 def _letters(mode: float | None) -> float | None:
-    """A position of the selector as its two letters (SPN 162 and 163)."""
+    """The code of a selector position (SPN 162 and 163)."""
     return None if mode is None else _RANGES.get(round(mode))
 
 
 def _selector(gear: float | None) -> float | None:
-    """The selector's position that a gear belongs to."""
+    """The selector position of a gear."""
     if gear is None:
         return None
     if gear == 0:
@@ -275,12 +267,12 @@ def _selector(gear: float | None) -> float | None:
 
 
 def _controller(mode: float | None, own: int) -> float | None:
-    """Address of the unit that controls another, or the other's own."""
+    """Address of the unit in control: that of the torque mode, or the unit's own address."""
     return None if mode is None else float(_CONTROLLERS.get(mode, own))
 
 
 def _execution(report: TruckReport) -> float | None:
-    """Whose demand the brakes execute (SPN 2918)."""
+    """Code of the demand that the brakes execute (SPN 2918)."""
     if report.xbr_active is None or report.xbr_mode is None:
         return None
     if report.xbr_active > 0.5:

@@ -7,16 +7,15 @@ import functools
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, fields
-from typing import NamedTuple
+from dataclasses import dataclass, field, fields, replace
 
 from iits_mj.core.checks import require_positive
 from iits_mj.core.errors import BusError
-from iits_mj.core.messages import TransmissionMode, VehicleCommand, XbrMode
+from iits_mj.core.messages import VehicleCommand, XbrMode
 from iits_mj.j1939.command import COMMAND_MESSAGES, CommandMessage
 from iits_mj.j1939.database import Codec, codec_of, pgn_of
 from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame, counter_and_checksum
-from iits_mj.j1939.network import checked_sources, everybody_else
+from iits_mj.j1939.network import checked_sources, foreign_addresses
 from iits_mj.j1939.requests import (
     BodyRequest,
     PedalRequest,
@@ -24,16 +23,17 @@ from iits_mj.j1939.requests import (
     RejectedError,
     Request,
     RetarderRequest,
+    SharedRequest,
     XbrRequest,
 )
 
 # The steering wheel's end stops [rad]: `steering.angle_max` of the truck's parameters.
 STEERING_ANGLE_MAX = 15.708
-# Names of the units that obey, as counted, by their names in `TimeOuts` and `Loss`.
+# Names of the obeying units in the counts, by their names in `TimeOuts` and `Loss`.
 UNIT_NAMES = {unit: message.name for unit, message in COMMAND_MESSAGES.items()}
-# A counter of 15 says "not available" where 15 is no number of the counter.
+# A counter of 15 means "not available" if the counter does not count that far.
 _NO_COUNTER = 15
-# Rounding of time stamps, which files keep to the microsecond [s].
+# Rounding of time stamps, which log files store in microseconds [s].
 _ROUNDING = 1e-6
 
 
@@ -41,11 +41,11 @@ _ROUNDING = 1e-6
 class TimeOuts:
     """Longest silence [s] before the command of a message falls back to its safe value.
 
-    The defaults are five periods of the message: four frames may be lost in a row.
+    The defaults are five periods of the message: four consecutive frames may be lost.
 
     Attributes:
       pedal: EEC2; xbr: XBR; body: IITS_COMMAND.
-      engine_retarder, driveline_retarder: TSC1 to the one and to the other.
+      engine_retarder, driveline_retarder: TSC1 to each of the retarders.
     """
 
     pedal: float = 0.25
@@ -59,9 +59,9 @@ class TimeOuts:
 
 
 class Heard(enum.Enum):
-    """What was heard of a command message at an instant.
+    """State of a command message at an instant.
 
-    RELEASED: silent, after its last request demanded nothing, as J1939 allows for XBR and TSC1.
+    RELEASED: silent after a last request without a demand, as J1939 allows for XBR and TSC1.
     """
 
     NEVER = "never heard"
@@ -72,7 +72,7 @@ class Heard(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """Which commands are missing at an instant."""
+    """States of the command messages at an instant, by unit."""
 
     pedal: Heard
     xbr: Heard
@@ -82,24 +82,24 @@ class Loss:
 
     @property
     def silent(self) -> tuple[str, ...]:
-        """Names of the commands that were there and are gone."""
+        """Names of the commands that were received before and are missing now."""
         names = (item.name for item in fields(self))
         return tuple(name for name in names if getattr(self, name) is Heard.SILENT)
 
     @property
     def driver(self) -> bool:
-        """Whether the driver is missing: no steering, or an accelerator or brake demand is gone."""
+        """Whether the driver is missing: no steering, or the accelerator or XBR fell silent."""
         return self.body is not Heard.ALIVE or Heard.SILENT in (self.pedal, self.xbr)
 
 
 @dataclass(slots=True)
 class _Stream:
-    """The messages of one sender to one unit: their sequence, and the last valid request.
+    """The messages of one sender to one unit: their sequence and the last valid request.
 
     Attributes:
-      time_out: silence after which its sequence starts again [s].
-      counters: how many numbers the message's counter has; 0 for none.
-      request: the last valid one; time: when it came [s], minus infinity before.
+      time_out: silence after which the sequence starts again [s].
+      counters: number of values of the message's counter; 0 without a counter.
+      request: the last valid one; time: of its reception [s], minus infinity without one.
     """
 
     time_out: float
@@ -110,22 +110,18 @@ class _Stream:
     _heard: float = -math.inf
 
     def alive(self, time: float) -> bool:
-        """Whether the last valid request is recent; one of the far future is not."""
+        """Whether the last valid request is recent; a request of the far future is not."""
         return abs(time - self.time) <= self.time_out + _ROUNDING
 
     def follow(self, time: float, counter: int) -> int:
-        """Takes the counter of an authentic frame, one with the right checksum.
+        """Checks the counter of a frame with the right checksum; returns the number of lost frames.
 
-        A skipped counter means that frames were lost; this one is valid, and no older command could
-        be better. A repeated counter is not obeyed, not even after a silence, so that a sender that
-        is stuck never comes back by waiting.
-
-        Returns:
-          How many frames were lost before this one, as far as the counter shows; 0 after a
-          silence, when the sequence starts again.
+        A skipped counter means that frames were lost; this frame is valid and the newest. A
+        repeated counter is rejected even after a silence, so that a sender that is stuck does not
+        regain control by waiting. The count is 0 after a silence, when the sequence starts again.
 
         Raises:
-          RejectedError: the frame is older than the last, or its counter is the last one's.
+          RejectedError: the frame is older than the last one or repeats its counter.
         """
         if -self.time_out < time - self._heard < -_ROUNDING:
             raise RejectedError(Reason.LATE)
@@ -143,20 +139,17 @@ class _Unit:
     """A control unit that obeys a message of the controller.
 
     Attributes:
-      message: that it obeys.
-      read: makes a request from the values of the signals; signals: those that count.
+      message: that the unit obeys.
+      signals: that a request consists of; read: makes a request from their values.
       time_out: [s].
-      shared: whether the unit obeys the request with the highest priority of all senders; else
-        the first sender holds the message.
-      streams: by sender; holder: the sender that holds the message.
-      lost: frames that never arrived, by the counters of those that did.
+      streams: by sender; holder: the sender that holds a message that is not shared.
+      lost: number of frames that never arrived, from the counters of the received frames.
     """
 
     message: CommandMessage
-    read: Callable[..., Request]
     signals: tuple[str, ...]
+    read: Callable[..., Request]
     time_out: float
-    shared: bool
     streams: dict[int, _Stream] = field(default_factory=dict)
     holder: int | None = None
     lost: int = 0
@@ -166,7 +159,7 @@ class _Unit:
         self._codec = codec_of(self.message.message).part(dict.fromkeys(self.signals, 1.0))
 
     def take(self, frame: Frame) -> Request:
-        """Checks a frame and keeps the request in it.
+        """Checks a frame, stores its request and returns it.
 
         Raises:
           RejectedError: the frame is not valid, or another sender holds the message.
@@ -189,7 +182,7 @@ class _Unit:
         stream = self.streams[frame.source]
         self.lost += stream.follow(frame.time, counter)
         request = self.read(*values)
-        if not self.shared:
+        if not isinstance(request, SharedRequest):
             if self.holder not in (None, frame.source) and self.held(frame.time) is not None:
                 raise RejectedError(Reason.HELD)
             self.holder = frame.source
@@ -197,7 +190,7 @@ class _Unit:
         return request
 
     def requests(self, time: float) -> list[tuple[int, Request]]:
-        """Requests in force at a time [s], with their senders."""
+        """Senders and requests in force at a time [s]."""
         return [
             (source, stream.request)
             for source, stream in self.streams.items()
@@ -205,27 +198,27 @@ class _Unit:
         ]
 
     def held(self, time: float) -> Request | None:
-        """The holder's request, None while it is silent."""
+        """The holder's request; None while the holder is silent."""
         if self.holder is None:
             return None
         stream = self.streams[self.holder]
         return stream.request if stream.alive(time) else None
 
     def heard(self, time: float) -> Heard:
-        """What was heard of the message until a time [s]."""
+        """State of the message at a time [s]."""
         if self.requests(time):
             return Heard.ALIVE
         spoken = [s for s in self.streams.values() if s.request is not None]
         if not spoken:
             return Heard.NEVER
         last = max(spoken, key=lambda stream: stream.time).request
-        if isinstance(last, XbrRequest | RetarderRequest) and not last.active:
+        if isinstance(last, SharedRequest) and not last.active:
             return Heard.RELEASED
         return Heard.SILENT
 
 
 def _strongest_xbr(requests: list[tuple[int, Request]]) -> XbrRequest:
-    """The demand of the highest priority (SPN 2915), among equals the strongest."""
+    """The demand with the highest priority (SPN 2915), of equal ones the strongest."""
     active = [
         (request.priority, request.demand, source, request)
         for source, request in requests
@@ -235,7 +228,7 @@ def _strongest_xbr(requests: list[tuple[int, Request]]) -> XbrRequest:
 
 
 def _strongest_share(requests: list[tuple[int, Request]]) -> float:
-    """Torque share of the highest priority (SPN 897), among equals the greatest; 0 for none."""
+    """Torque share with the highest priority (SPN 897), of equal ones the greatest; 0 for none."""
     active = [
         (request.priority, -request.share)
         for _, request in requests
@@ -244,41 +237,32 @@ def _strongest_share(requests: list[tuple[int, Request]]) -> float:
     return -min(active)[1] if active else 0.0
 
 
-class _Held(NamedTuple):
-    """Positions in which steering, parking brake, selector and brake pedal are held."""
-
-    steering_wheel_angle: float = 0.0
-    parking_brake: float = 0.0
-    transmission_mode: TransmissionMode = TransmissionMode.DRIVE
-    brake_pedal: float = 0.0
-
-
 class CommandReceiver:
     """Turns the frames of a bus into a safe `VehicleCommand`.
 
     Control units listen by message and address: TSC1 to the engine's retarder (15) and TSC1 to the
-    driveline's (16) have their own counters, values and time-outs, and so has each sender. A
-    message to the global address reaches every unit that understands it. A frame that is not valid
-    is counted in `rejected`, one that is not to be obeyed in `ignored`, and the last valid command
-    stays until its time-out.
+    driveline's (16) have separate counters, values and time-outs, each also per sender. A message
+    to the global address reaches every unit that obeys this message. An invalid frame is counted in
+    `rejected`, a valid frame that must not be obeyed in `ignored`; the last valid command stays in
+    force until its time-out.
 
-    Several senders: of the XBR demands in force, and of the requests to a retarder, the one of the
-    highest priority counts (SPN 2915, SPN 897), among equals the strongest. The accelerator and
-    IITS_COMMAND belong to the first sender, until it has been silent for their time-out.
+    Several senders: of the XBR demands in force, and of the requests to a retarder, the truck obeys
+    the one with the highest priority (SPN 2915, SPN 897), of equal ones the strongest. The
+    accelerator and IITS_COMMAND belong to the first sender until its silence exceeds the time-out.
 
     Safe values: pedal 0; XBR released; retarders 0; steering angle, brake pedal, parking brake and
-    selector held as they are, with the accelerator at 0 without steering. `loss` names the
-    missing commands, for a fallback that does more (`controllers.safe_stop.fallback`).
+    selector keep their positions, with the accelerator at 0 without steering. `loss` names the
+    missing commands for a fallback that does more (`controllers.safe_stop.fallback`).
 
     Args:
       time_outs: of the messages.
-      sources: addresses that may command; default all but the truck's own, see `network`.
+      sources: addresses that may command; default all except the truck's own, see `network`.
       steering_angle_max: end stops of the steering wheel [rad]; greater angles are out of range.
 
     Attributes:
-      accepted: frames taken, by unit: `EEC2`, `XBR`, `TSC1 to 15`, `TSC1 to 16`, `IITS_COMMAND`.
-      rejected, ignored: frames not acted upon, as "unit: reason", see `Reason`.
-      lost: frames that never arrived, by the counters of those that did, by unit.
+      accepted: obeyed frames by unit: `EEC2`, `XBR`, `TSC1 to 15`, `TSC1 to 16`, `IITS_COMMAND`.
+      rejected, ignored: frames that are not obeyed, by "unit: reason", see `Reason`.
+      lost: frames that never arrived, by unit, from the counters of the received frames.
 
     Raises:
       InputError: a setting is not usable.
@@ -293,45 +277,38 @@ class CommandReceiver:
     ) -> None:
         self.steering_angle_max = steering_angle_max
         require_positive(self, "steering_angle_max")
-        self.sources = everybody_else() if sources is None else checked_sources(sources)
+        self.sources = foreign_addresses() if sources is None else checked_sources(sources)
         self.time_outs = time_outs or TimeOuts()
         self.accepted: Counter[str] = Counter()
         self.rejected: Counter[str] = Counter()
         self.ignored: Counter[str] = Counter()
-        self._held = _Held()
-        body = functools.partial(BodyRequest.read, angle_max=steering_angle_max)
+        # Steering, parking brake, selector and brake pedal keep the positions of this command.
+        self._held = VehicleCommand()
+        read_body = functools.partial(BodyRequest.read, angle_max=steering_angle_max)
+        readers: dict[str, tuple[tuple[str, ...], Callable[..., Request]]] = {
+            "pedal": (PedalRequest.SIGNALS, PedalRequest.read),
+            "xbr": (XbrRequest.SIGNALS, XbrRequest.read),
+            "engine_retarder": (RetarderRequest.SIGNALS, RetarderRequest.read),
+            "driveline_retarder": (RetarderRequest.SIGNALS, RetarderRequest.read),
+            "body": (BodyRequest.SIGNALS, read_body),
+        }
         self._units = {
-            "pedal": self._unit("pedal", PedalRequest.read, PedalRequest.SIGNALS),
-            "xbr": self._unit("xbr", XbrRequest.read, XbrRequest.SIGNALS, shared=True),
-            **{
-                name: self._unit(name, RetarderRequest.read, RetarderRequest.SIGNALS, shared=True)
-                for name in ("engine_retarder", "driveline_retarder")
-            },
-            "body": self._unit("body", body, BodyRequest.SIGNALS),
+            name: _Unit(COMMAND_MESSAGES[name], *reader, getattr(self.time_outs, name))
+            for name, reader in readers.items()
         }
         self._by_pgn: dict[int, list[_Unit]] = {}
         for unit in self._units.values():
             self._by_pgn.setdefault(pgn_of(unit.message.message), []).append(unit)
 
-    def _unit(
-        self,
-        name: str,
-        read: Callable[..., Request],
-        signals: tuple[str, ...],
-        *,
-        shared: bool = False,
-    ) -> _Unit:
-        return _Unit(COMMAND_MESSAGES[name], read, signals, getattr(self.time_outs, name), shared)
-
     @property
     def lost(self) -> dict[str, int]:
-        """See the class."""
+        """Frames that never arrived, by unit."""
         return {unit.message.name: unit.lost for unit in self._units.values() if unit.lost}
 
     def receive(self, frame: Frame) -> bool:
-        """Takes one frame of the bus; returns True when it is obeyed.
+        """Receives one frame of the bus; returns whether a unit obeys it.
 
-        Frames that are not commands are ignored and not counted.
+        A frame that is no command is neither obeyed nor counted.
         """
         units = self._by_pgn.get(frame.pgn)
         if units is None:
@@ -346,24 +323,24 @@ class CommandReceiver:
         return any(taken)
 
     def command(self, time: float) -> VehicleCommand:
-        """The command in force at this time [s], with the safe value of every silent message."""
+        """The command in force at a time [s], with the safe value of every silent message."""
         units = self._units
         xbr = _strongest_xbr(units["xbr"].requests(time))
         pedal = units["pedal"].held(time)
         steered = units["body"].held(time) is not None
         pressed = pedal.position if steered and isinstance(pedal, PedalRequest) else 0.0
-        return VehicleCommand(
+        return replace(
+            self._held,
             accelerator_pedal=pressed,
             xbr_demand=xbr.demand,
             xbr_mode=xbr.mode,
             engine_brake=_strongest_share(units["engine_retarder"].requests(time)),
             retarder=_strongest_share(units["driveline_retarder"].requests(time)),
             xbr_ebi_mode=xbr.ebi_mode,
-            **self._held._asdict(),
         )
 
     def loss(self, time: float) -> Loss:
-        """Which commands are missing at this time [s]."""
+        """States of the command messages at a time [s]."""
         return Loss(**{name: unit.heard(time) for name, unit in self._units.items()})
 
     def _take(self, unit: _Unit, frame: Frame) -> bool:
@@ -375,8 +352,8 @@ class CommandReceiver:
             count[f"{name}: {error.reason.value}"] += 1
             return False
         if isinstance(request, BodyRequest):
-            # Controls that a request leaves out stay.
-            given = {name: getattr(request, name) for name in _Held._fields}
-            self._held = self._held._replace(**{k: v for k, v in given.items() if v is not None})
+            # Controls that a request leaves out keep their positions.
+            given = {item.name: getattr(request, item.name) for item in fields(request)}
+            self._held = replace(self._held, **{k: v for k, v in given.items() if v is not None})
         self.accepted[name] += 1
         return True

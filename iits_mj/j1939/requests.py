@@ -1,4 +1,4 @@
-"""What a command message asks of the truck; every field that counts must be valid."""
+"""Requests in the command messages, made from their signals, which must be valid."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from iits_mj.core.messages import TransmissionMode, XbrEbiMode, XbrMode
 from iits_mj.j1939.command import STEERING_ON, TORQUE_CONTROL, XBR_DEMAND_MIN
 from iits_mj.j1939.groups import NOT_AVAILABLE, Status, Value
 
-# Zero of SPN 2920 lies 12 um/s2 off its grid of 1/2048.
+# A demand of zero is 12 um/s2 off the grid of SPN 2920, 1/2048 m/s2.
 _DEMAND_SLACK = 1e-3
-# Half a step of the steering signal: an angle at the end stop may be rounded beyond it.
+# Half a step of the steering signal: rounding may move an angle beyond the end stop.
 _ANGLE_SLACK = 0.5 / 1024
 # SPN 695: no override.
 _OVERRIDE_OFF = 0
-# By the numbers of the bus, in less than half the time that the enumerations take.
+# A look-up by the number of the bus takes less than half the time of the enumerations.
 _MODES: dict[float, XbrMode] = {mode.value: mode for mode in XbrMode}
 _EBI_MODES: dict[float, XbrEbiMode] = {mode.value: mode for mode in XbrEbiMode}
 _SELECTOR: dict[float, TransmissionMode] = {mode.value: mode for mode in TransmissionMode}
 
 
 class Reason(enum.Enum):
-    """What is wrong with a command frame, or why a valid one is not obeyed."""
+    """Reason why a command frame is invalid, or why a valid one is not obeyed."""
 
     LENGTH = "wrong length"
     TIME = "time stamp not finite"
@@ -35,14 +35,14 @@ class Reason(enum.Enum):
     OUT_OF_RANGE = "out of range"
     ERROR = "error"
     NOT_AVAILABLE = "not available"
-    # Valid, but for another truck, or from a sender that may not command it.
+    # The frame is valid, but its destination or sender is not accepted.
     ADDRESS = "to another address"
     SENDER = "from an address that is not obeyed"
     HELD = "held by another sender"
 
 
 class RejectedError(BusError):
-    """A command frame is not acted upon, for this reason."""
+    """A command frame is not obeyed for this reason."""
 
     def __init__(self, reason: Reason) -> None:
         super().__init__(reason.value)
@@ -53,8 +53,8 @@ class RejectedError(BusError):
 class PedalRequest:
     """Accelerator pedal, 0 to 1 (EEC2).
 
-    This and the other requests have SIGNALS, the signals that count, and `read`, which makes the
-    request from their values and raises RejectedError when one is not valid.
+    Every request has `SIGNALS`, the signals that it consists of, and `read`, which makes the
+    request from their values and raises RejectedError if one is not valid.
     """
 
     SIGNALS: ClassVar = ("accelerator_pedal_position_percent",)
@@ -69,12 +69,12 @@ class PedalRequest:
 
 @dataclass(frozen=True, slots=True)
 class XbrRequest:
-    """XBR.
+    """External brake request (XBR).
 
     Attributes:
       mode: `XbrMode`; OFF is no demand.
       demand: [m/s2], zero or negative; ebi_mode: `XbrEbiMode`.
-      priority: SPN 2915, 0 the highest to 3.
+      priority: SPN 2915, 0 (highest) to 3.
     """
 
     SIGNALS: ClassVar = (
@@ -88,12 +88,12 @@ class XbrRequest:
 
     @property
     def active(self) -> bool:
-        """Whether it demands anything."""
+        """Whether the request demands a deceleration."""
         return self.mode is not XbrMode.OFF
 
     @classmethod
     def read(cls, mode: Value, demand: Value, ebi_mode: Value, priority: Value) -> XbrRequest:
-        """The request in the values of `SIGNALS`; if the mode is off the others do not count."""
+        """The request in the values of `SIGNALS`; only the mode must be valid if it is off."""
         wanted = _MODES[_number(mode, 0, max(_MODES))]
         if wanted is XbrMode.OFF:
             return cls(wanted)
@@ -111,8 +111,8 @@ class RetarderRequest:
 
     Attributes:
       active: torque control; False ends the request.
-      share: of the torque that it can give, 0 to 1.
-      priority: SPN 897, 0 the highest to 3.
+      share: of the torque that the retarder can give, 0 to 1.
+      priority: SPN 897, 0 (highest) to 3.
     """
 
     SIGNALS: ClassVar = (
@@ -125,20 +125,20 @@ class RetarderRequest:
 
     @classmethod
     def read(cls, mode: Value, torque_percent: Value, priority: Value) -> RetarderRequest:
-        """The request in the values of `SIGNALS`; a retarder here obeys no speed control."""
+        """The request in the values of `SIGNALS`; retarders do not obey speed control."""
         wanted = _number(mode, 0, 3)
         if wanted == _OVERRIDE_OFF:
             return cls(active=False)
         if wanted != TORQUE_CONTROL:
             raise RejectedError(Reason.OUT_OF_RANGE)
         percent = _number(torque_percent, -100.0, 0.0)
-        # 0.0 - x: no negative zero.
+        # 0.0 - x avoids a negative zero.
         return cls(True, 0.0 - 0.01 * percent, int(_number(priority, 0, 3)))
 
 
 @dataclass(frozen=True, slots=True)
 class BodyRequest:
-    """The driver's controls (IITS_COMMAND); None leaves a control as it is.
+    """The driver's controls (IITS_COMMAND); a control with None keeps its position.
 
     Attributes:
       steering_wheel_angle: [rad], or None; parking_brake: 0 or 1.
@@ -169,7 +169,7 @@ class BodyRequest:
         *,
         angle_max: float,
     ) -> BodyRequest:
-        """The request in the values of `SIGNALS`; `angle_max` is the steering's end stop [rad]."""
+        """The request in the values of `SIGNALS`; `angle_max` is the steering end stop [rad]."""
         wanted: float | None = None
         if _number(steering, 0, 1) == STEERING_ON:
             reach = angle_max + _ANGLE_SLACK
@@ -177,26 +177,22 @@ class BodyRequest:
             wanted = math.copysign(min(abs(wanted), angle_max), wanted)
         parking = _number(parking_brake, 0, 1)
         mode = _SELECTOR[_number(selector, 0, max(_SELECTOR))]
-        # Without a driver's pedal on board the field is "not available".
+        # A sender without a driver's pedal sends "not available".
         pedal: float | None = None
         if pedal_percent is not NOT_AVAILABLE:
             pedal = 0.01 * _number(pedal_percent, 0.0, 100.0)
         return cls(wanted, parking, mode, pedal)
 
 
-Request = PedalRequest | XbrRequest | RetarderRequest | BodyRequest
-
-_OF_STATUS = {
-    Status.OUT_OF_RANGE: Reason.OUT_OF_RANGE,
-    Status.ERROR: Reason.ERROR,
-    Status.NOT_AVAILABLE: Reason.NOT_AVAILABLE,
-}
+# A unit obeys the shared request with the highest priority; the first sender holds the others.
+SharedRequest = XbrRequest | RetarderRequest
+Request = PedalRequest | SharedRequest | BodyRequest
 
 
 def _number(value: Value, low: float, high: float) -> float:
-    """The number in a field; RejectedError when it has none within [low, high]."""
+    """The number in a field; RejectedError unless it is within [low, high]."""
     if isinstance(value, Status):
-        raise RejectedError(_OF_STATUS[value])
+        raise RejectedError(Reason[value.name])
     if not low <= value <= high:
         raise RejectedError(Reason.OUT_OF_RANGE)
     return float(value)

@@ -1,4 +1,4 @@
-"""When cyclic messages are due, in whole microseconds so that no rounding adds up."""
+"""Due times of cyclic messages, in whole microseconds so that rounding does not accumulate."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from iits_mj.core.errors import InputError
 
 _MICROSECONDS = 1_000_000
-# Offsets are whole ticks, and all lie below the latest start [us].
+# Offsets are multiples of the tick, below the latest start [us].
 _TICK = 10_000
 _LATEST_START = 100_000
 
@@ -16,12 +16,12 @@ _LATEST_START = 100_000
 class Schedule:
     """Cyclic messages with a period and an offset each, counted from the first call of `due`.
 
-    A late message stays on its grid, and missed times are not made up for. When time goes back,
+    A late message stays on its grid, and missed messages are not sent later. When time goes back,
     because a new drive begins, the schedule starts again.
 
     Args:
       periods: [s], 1 us or more.
-      offsets: of each [s]; default none.
+      offsets: one per message [s]; default 0.
 
     Raises:
       InputError: a period is not a positive number.
@@ -33,18 +33,18 @@ class Schedule:
                 raise InputError(f"period {period!r} s of a cyclic message: use 1e-6 s or more")
         self._periods = [_whole(period) for period in periods]
         self._offsets = [_whole(offset) for offset in offsets or [0.0] * len(self._periods)]
-        # When each is due next, counted from the start [us]; empty before the first call.
+        # Next due times from the start [us]; empty before the first call.
         self._next: list[int] = []
         self._start = self._last = 0
 
     def due(self, time: float) -> list[int]:
-        """Indices of the messages that are due at this time [s] and were not at the last call.
+        """Indices of the messages that have become due since the last call, at a time [s].
 
         Raises:
           InputError: the time is not finite.
         """
         if not math.isfinite(time):
-            raise InputError(f"time {time!r} s of a bus: a finite number is wanted")
+            raise InputError(f"time {time!r} s of a bus: a finite number is needed")
         now = _whole(time)
         if not self._next or now < self._last:
             self._start, self._next = now, list(self._offsets)
@@ -58,14 +58,14 @@ class Schedule:
 
 
 def spread(periods: Sequence[float], weights: Sequence[int]) -> list[float]:
-    """Offsets [s], below 0.1 s, that even out the frames of a bus over ticks of 10 ms.
+    """Offsets [s], below 0.1 s, that distribute the frames of a bus evenly over ticks of 10 ms.
 
-    Each message in turn, the one with the shortest period first, gets the offset at which the
-    fullest of its ticks is emptiest.
+    Each message in turn, the one with the shortest period first, gets the offset that minimizes the
+    greatest load of its ticks.
 
     Args:
       periods: [s].
-      weights: frames that each message takes at a time.
+      weights: number of frames of each message.
     """
     ticks = [max(1, _whole(period) // _TICK) for period in periods]
     load = [0] * math.lcm(*ticks)

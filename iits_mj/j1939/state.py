@@ -1,4 +1,4 @@
-"""`EgoState` and `TruckReport` to frames for the truck, and back for its controller."""
+"""`EgoState` and `TruckReport` to the truck's frames, and back for its controller."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from iits_mj.parameters import TruckParameters
 
 _NO_STATE, _NO_REPORT = EgoState(), TruckReport()
 _REFERENCES = ReferenceTorques()
-# Frames of VW at a time.
+# Number of VW frames in one report.
 _AXLES = 6
 
 
 @dataclass(frozen=True, slots=True)
 class _Report:
-    """A message that one control unit sends, and how the bytes of its frames are made."""
+    """A message of one control unit, and the function that makes the bytes of its frames."""
 
     message: str
     pgn: int
@@ -56,8 +56,8 @@ def state_to_frames(
     """All frames that report a state; unknown quantities are sent as "not available".
 
     Args:
-      state: as `Truck.observe` gives it.
-      report: as `Truck.report` gives it.
+      state: of `Truck.observe`.
+      report: of `Truck.report`.
       references: of the percent torques.
 
     Raises:
@@ -68,11 +68,11 @@ def state_to_frames(
 
 
 class StateSender:
-    """Sends the truck's reports, each at its own rate, as its control units do.
+    """Sends the reports of the truck's control units, each message at its own rate.
 
-    The rates are the DBC's. Groups of the standard are spread over ticks of 10 ms; our own, which
-    together describe the truck's motion, go out at the same instant. The first call sends the
-    messages without an offset, the first 0.1 s everything once.
+    The rates are those of the DBC. Standard groups are spread over ticks of 10 ms; our own, which
+    together describe the truck's motion, are sent at the same instant. The first call sends the
+    messages without an offset; within 0.1 s, every message is sent at least once.
 
     Args:
       references: of the percent torques.
@@ -84,7 +84,7 @@ class StateSender:
         self._schedule = Schedule(periods, _offsets())
 
     def frames(self, state: EgoState, report: TruckReport = _NO_REPORT) -> list[Frame]:
-        """The frames that are due at the state's time, none twice.
+        """The frames that have become due at the state's time.
 
         Raises:
           BusError: a value is not finite.
@@ -98,13 +98,13 @@ class StateSender:
     def answer(
         self, pgn: int, address: int, state: EgoState, report: TruckReport = _NO_REPORT
     ) -> list[Frame]:
-        """The frames that answer a request (PGN 59904), none for a group that is not sent.
+        """The frames that answer a request (PGN 59904); none for a group that no unit sends.
 
         Args:
           pgn: of the requested group.
           address: of the requested control unit; 255 for all.
-          state: at this time.
-          report: at this time.
+          state: at present.
+          report: at present.
 
         Raises:
           BusError: a value is not finite.
@@ -120,7 +120,7 @@ class StateSender:
 
 @functools.cache
 def _reports() -> tuple[_Report, ...]:
-    """Every message of every sender, in the order of `signals.csv`."""
+    """All messages of all senders, in the order of `signals.csv`."""
     found = []
     for message, address in dict.fromkeys((row.message, sender(row)) for row in reports()):
         rows = [r for r in reports() if (r.message, sender(r)) == (message, address)]
@@ -132,7 +132,7 @@ def _reports() -> tuple[_Report, ...]:
 
 @functools.cache
 def _offsets() -> tuple[float, ...]:
-    """Offsets of the reports [s]; our own count as one message, so that they stay together."""
+    """Offsets of the reports [s]; our own messages share one offset."""
     own = [sent.message for sent in _reports() if sent.message.startswith("IITS_")]
     others = [sent.message for sent in _reports() if sent.message not in own]
     weights = [len(own), *(_AXLES if message == "VW" else 1 for message in others)]
@@ -147,7 +147,7 @@ def _single(rows: list[SignalRow]) -> Callable[..., list[bytes]]:
 
 
 def _weights(rows: list[SignalRow]) -> Callable[..., list[bytes]]:
-    """VW: a frame for each axle; the high nibble of its location is its number from the front."""
+    """VW: a frame per axle; the high nibble of its location is the axle's index from the front."""
     load = next(row for row in rows if row.quantity == "axle_load")
     extra = ("axle_location", load.signal)
     make = DataMaker("VW", rows, quantities(), extra=extra, saturate=True)
@@ -173,7 +173,7 @@ class TruckSender:
         self._configurations = ConfigurationSender(parameters)
 
     def frames(self, state: EgoState, report: TruckReport) -> list[Frame]:
-        """The frames that are due at the state's time, none twice.
+        """The frames that have become due at the state's time.
 
         Raises:
           BusError: a value is not finite.
@@ -184,9 +184,9 @@ class TruckSender:
     def answer(
         self, pgn: int, address: int, state: EgoState, report: TruckReport
     ) -> list[Frame] | None:
-        """The answer of a unit (255: of all) to a request; None when it never sends the group.
+        """The answer of a unit (255: of all) to a request; None if it does not send the group.
 
-        A configuration comes later, as a broadcast among `frames`.
+        A configuration follows as a broadcast among the next `frames`.
 
         Raises:
           BusError: a value is not finite.
@@ -197,21 +197,21 @@ class TruckSender:
 
 
 class StateReceiver:
-    """Builds the truck's state from its frames, for a controller on the other end of a bus.
+    """Builds the truck's state from its frames, for a controller at the other end of a bus.
 
-    A signal that says "error" or "not available" leaves the last value as it is. Frames count from
-    any source, with three exceptions: EEC2, which is a command unless the engine sends it; ERC1,
-    which two retarders send; our own messages, whose numbers every maker may use. A real truck does
-    not send those: speed, acceleration and gear then come from EBC2 or CCVS1, VDC2 and ETC2; pose
-    and route keep their values.
+    A signal with "error" or "not available" keeps its last value. Frames are accepted from any
+    source, with three exceptions: EEC2, which is a command unless the engine sends it; ERC1, which
+    two retarders send; our own messages, whose PGNs any manufacturer may use. A real truck does not
+    send our own messages: speed, acceleration and gear are then those of EBC2 or CCVS1, VDC2 and
+    ETC2; pose and route keep their values.
 
     Args:
       mass: of the combination [kg], until CVW is received.
       references: of the percent torques, until EC1 and RC are received.
 
     Attributes:
-      malformed: frames of known groups that were left out because of their length, or a time that
-        is not finite.
+      malformed: number of frames of known groups that were ignored because of their length or a
+        time that is not finite.
     """
 
     def __init__(
@@ -224,17 +224,16 @@ class StateReceiver:
         self.malformed = 0
 
     def receive(self, frame: Frame) -> bool:
-        """Takes any frame; returns True when it had something of the state. Never raises."""
+        """Receives any frame; returns whether it contains a part of the state. Never raises."""
         picks = _picks(frame.can_id)
         if picks is None:
-            # Packets of a long message are in no group of the DBC.
+            # The DBC does not contain the packets of long messages.
             return self._configuration.receive(frame)
         try:
-            values = picks.codec.unpack(frame.data)
+            values = picks.codec.unpack(frame.data) if math.isfinite(frame.time) else None
         except BusError:
-            self.malformed += 1
-            return False
-        if not math.isfinite(frame.time):
+            values = None
+        if values is None:
             self.malformed += 1
             return False
         known = False
@@ -252,11 +251,11 @@ class StateReceiver:
         return known
 
     def state(self) -> EgoState:
-        """The state as far as it was received; fields never reported keep their defaults."""
+        """The received state; fields that were never received keep their defaults."""
         return to_state(self._found, self._configuration.references, self._base)
 
     def report(self) -> TruckReport:
-        """The report of the control units as far as it was received; None elsewhere."""
+        """The received report of the control units; fields that were never received are None."""
         loads = tuple(self._axle_loads[axle] for axle in sorted(self._axle_loads))
         return to_report(self._found, self._configuration.references, loads)
 
@@ -267,7 +266,7 @@ class _Picks:
 
     Attributes:
       codec: of these signals, in SI units; quantities: their names.
-      axle: of place and weight, where the frame is an axle's.
+      axle: codec of location and weight of an axle, for VW.
     """
 
     codec: Codec
@@ -277,7 +276,7 @@ class _Picks:
 
 @functools.lru_cache(maxsize=4096)
 def _picks(can_id: int) -> _Picks | None:
-    """None for a group that is not in the DBC."""
+    """The signals to read; None for a group that is not in the DBC."""
     frame = Frame(can_id, b"")
     message = name_of(frame.pgn)
     if message is None:
@@ -293,7 +292,7 @@ def _picks(can_id: int) -> _Picks | None:
 
 @functools.cache
 def _read_back() -> dict[str, list[tuple[SignalRow, int | None]]]:
-    """The rows that are read back, by message, each with its only source or None for any."""
+    """The rows that are read back, by message, each with its only source or None for any source."""
     commanded = {row.message for row in commands()}
     found: dict[str, list[tuple[SignalRow, int | None]]] = {}
     for row in reports():

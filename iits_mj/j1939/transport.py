@@ -1,13 +1,13 @@
 """Messages of 9 to 1785 bytes in several frames: sent as broadcasts, read from any transfer.
 
-Public facts of SAE J1939-21. A long message travels as packets of 7 bytes (TP.DT, PGN 60160), which
+Public facts of SAE J1939-21. A long message is sent in packets of 7 bytes (TP.DT, PGN 60160), which
 connection frames announce and control (TP.CM, PGN 60416):
 
 - broadcast: a BAM, then the packets in order, 50 to 200 ms apart;
-- to one address: a request to send (RTS), then for each clear to send (CTS) of the receiver some
-  packets, from the number that it asks for, and at the end its acknowledgment. Either may abort.
+- to one address: a request to send (RTS); for each clear to send (CTS) of the receiver, the packets
+  that the CTS requests; finally the receiver's acknowledgment. Both sides may abort.
 
-`Reassembler` only listens, so it sees both sides of the second kind.
+`Reassembler` only listens, so it receives the frames of both sides.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame, make_id
 
 CONNECTION = 0xEC00
 TRANSFER = 0xEB00
-# Bytes that a long message can have, and bytes in a packet beside its number.
+# Bytes of a long message, and of a packet without its number.
 _MIN_LENGTH, _MAX_LENGTH = 9, 1785
 _PACKET_LENGTH = 7
 _BAM, _RTS, _CTS, _END, _ABORT = 32, 16, 17, 19, 255
@@ -30,16 +30,16 @@ _PRIORITY = 7
 _FREE = 0xFF
 # Least and greatest time between two frames of a broadcast [s].
 _SPACINGS = (0.05, 0.2)
-# T1, between two packets of a broadcast [s].
+# T1: between two packets of a broadcast [s].
 _PACKET_TIME_OUT = 0.75
-# T2 and T3, in which either side waits, and Tr, in which it then reports that it gives up [s].
+# T2 and T3: longest wait of either side; Tr: until it reports the end of the transfer [s].
 _ANSWER_TIME_OUT = 1.25 + 0.2
 # Resolution of the frames' time stamps [s].
 _RESOLUTION = 1e-6
 
 
 class BroadcastSender:
-    """Sends the long messages of one source, one after the other, as time goes by.
+    """Broadcasts the long messages of one source, one after the other.
 
     A newer message replaces a waiting one of the same PGN.
 
@@ -60,21 +60,20 @@ class BroadcastSender:
         self._next = -math.inf
 
     def put(self, pgn: int, data: bytes) -> None:
-        """Queues a message; BusError when its PGN or length (9 to 1785) is not allowed."""
+        """Queues a message; BusError if its PGN or length (9 to 1785 bytes) is not allowed."""
         broadcast(pgn, data, self.source)
         self._waiting[pgn] = data
 
     def due(self, time: float) -> list[Frame]:
-        """The frame that is due at this time [s], or none; to be called every tick.
+        """The frame that is due at a time [s], or none; BusError if the time is not finite.
 
-        Raises:
-          BusError: the time is not finite.
+        To be called every tick.
         """
         _check(self._spacing, time)
         if not self._frames and self._waiting:
             pgn = next(iter(self._waiting))
             self._frames = broadcast(pgn, self._waiting.pop(pgn), self.source)
-        # A time that lies further back belongs to another drive.
+        # An earlier time belongs to a new drive.
         if not self._frames or _RESOLUTION < self._next - time <= self._spacing + _RESOLUTION:
             return []
         self._next = time + self._spacing
@@ -85,9 +84,9 @@ class BroadcastSender:
 def broadcast(
     pgn: int, data: bytes, source: int, *, time: float = 0.0, spacing: float = _SPACINGS[0]
 ) -> list[Frame]:
-    """The frames of a long message to everybody: the BAM and its packets.
+    """The frames of a long message to all units: the BAM and its packets.
 
-    A source may send one broadcast at a time; the next begins after the last frame.
+    A source may send only one broadcast at a time.
 
     Args:
       pgn: of the message.
@@ -120,7 +119,7 @@ def _check(spacing: float, time: float) -> None:
     if not low <= spacing <= high:
         raise BusError(f"spacing {spacing!r} s of packets: {low} to {high} allowed")
     if not math.isfinite(time):
-        raise BusError(f"time {time!r} s of a long message: a finite number is wanted")
+        raise BusError(f"time {time!r} s of a long message: a finite number is needed")
 
 
 class Failure(enum.Enum):
@@ -138,11 +137,11 @@ class Failure(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class LongMessage:
-    """A message that came in several packets.
+    """A message that was sent in several packets.
 
     Attributes:
       pgn: of the message itself.
-      source, destination: addresses; 255 for everybody.
+      source, destination: addresses; 255 is the global address.
       data: 1 to 1785 bytes.
       started, time: of its first and its last frame [s].
     """
@@ -157,14 +156,14 @@ class LongMessage:
 
 @dataclass(slots=True)
 class _Session:
-    """A transfer under way; `wanted` is the number of the next packet."""
+    """An open transfer."""
 
     pgn: int
     length: int
     started: float
     last: float
-    patience: float
-    wanted: int = 1
+    time_out: float
+    next_number: int = 1
     data: bytearray = field(default_factory=bytearray)
 
     @property
@@ -172,36 +171,37 @@ class _Session:
         return len(self.data) >= self.length
 
     def silent(self, time: float) -> bool:
-        # Also backwards, or with a time that is no number: the frames are another recording's.
-        return not abs(time - self.last) <= self.patience + _RESOLUTION
+        # An earlier time, or one that is not a number, belongs to another recording.
+        return not abs(time - self.last) <= self.time_out + _RESOLUTION
 
 
 class Reassembler:
-    """Puts long messages together from all frames of a bus, in the frames' own time.
+    """Reassembles long messages from all frames of a bus, by the times of the frames.
 
-    Never raises and never waits; a doubtful message is dropped and counted. A packet that equals
-    the one before is taken for a repetition and does no harm.
+    It never raises and never waits; an incomplete message is dropped and counted. A packet that
+    equals the previous one counts as repeated and is ignored.
 
     Args:
-      max_sessions: transfers at the same time; beyond, the one that is silent the longest goes.
+      max_sessions: limit of open transfers; a further one ends the transfer with the longest
+        silence.
 
     Attributes:
-      messages: number of messages put together.
+      messages: number of reassembled messages.
       failures: count of each failure. `SEQUENCE`, `TIME_OUT`, `ABORTED`, `REPLACED` and `CROWDED`
         are lost messages, the others single frames.
     """
 
     def __init__(self, max_sessions: int = 256) -> None:
         if max_sessions < 1:
-            raise BusError(f"max_sessions = {max_sessions!r}: at least 1 is wanted")
+            raise BusError(f"max_sessions = {max_sessions!r}: at least 1 is needed")
         self.messages = 0
         self.failures: Counter[Failure] = Counter()
         self._max_sessions = max_sessions
-        # By source and destination, the one silent the longest first.
+        # By source and destination, the one with the longest silence first.
         self._sessions: dict[tuple[int, int], _Session] = {}
 
     def receive(self, frame: Frame) -> LongMessage | None:
-        """Takes any frame; returns the message that it completes."""
+        """Receives any frame; returns the message that it completes, or None."""
         pgn = frame.pgn
         if pgn == TRANSFER:
             return self._packet(frame)
@@ -216,8 +216,7 @@ class Reassembler:
 
     def _connection(self, frame: Frame) -> None:
         kind = frame.data[0] if len(frame.data) == 8 else None
-        begins = kind == _BAM if frame.destination == GLOBAL_ADDRESS else kind == _RTS
-        if begins:
+        if kind == (_BAM if frame.destination == GLOBAL_ADDRESS else _RTS):
             self._begin(frame)
         elif kind in (_CTS, _END, _ABORT) and frame.destination != GLOBAL_ADDRESS:
             self._answer(frame, kind)
@@ -227,8 +226,8 @@ class Reassembler:
     def _begin(self, frame: Frame) -> None:
         length = int.from_bytes(frame.data[1:3], "little")
         packets, pgn = frame.data[3], _pgn_in(frame)
-        right = 1 <= length <= _MAX_LENGTH and packets == -(-length // _PACKET_LENGTH)
-        if not right or pgn is None:
+        valid = 1 <= length <= _MAX_LENGTH and packets == -(-length // _PACKET_LENGTH)
+        if not valid or pgn is None:
             self.failures[Failure.HEADER] += 1
             return
         self._expire(frame.time)
@@ -236,11 +235,11 @@ class Reassembler:
         self._drop(key, Failure.REPLACED)
         if len(self._sessions) >= self._max_sessions:
             self._drop(next(iter(self._sessions)), Failure.CROWDED)
-        patience = _PACKET_TIME_OUT if frame.data[0] == _BAM else _ANSWER_TIME_OUT
-        self._sessions[key] = _Session(pgn, length, frame.time, frame.time, patience)
+        time_out = _time_out(frame)
+        self._sessions[key] = _Session(pgn, length, frame.time, frame.time, time_out)
 
     def _answer(self, frame: Frame, kind: int) -> None:
-        """A CTS or acknowledgment of a transfer's receiver, or an abort by either side."""
+        """Handles a CTS or acknowledgment of the receiver, or an abort by either side."""
         self._expire(frame.time)
         keys = [(frame.destination, frame.source)]
         if kind == _ABORT:
@@ -252,7 +251,7 @@ class Reassembler:
         elif kind == _CTS:
             self._clear_to_send(key, frame)
         else:
-            # A message that ends incomplete was lost on the way to us only.
+            # The receiver may have a message that is incomplete here.
             self._drop(key, Failure.SEQUENCE if kind == _END else Failure.ABORTED)
 
     def _clear_to_send(self, key: tuple[int, int], frame: Frame) -> None:
@@ -260,12 +259,12 @@ class Reassembler:
         count, number = frame.data[1], frame.data[2]
         # A count of zero keeps the transfer open without packets.
         if count and not session.whole:
-            if not 1 <= number <= session.wanted:
+            if not 1 <= number <= session.next_number:
                 self._drop(key, Failure.SEQUENCE)
                 return
-            session.wanted = number
+            session.next_number = number
             del session.data[(number - 1) * _PACKET_LENGTH :]
-        self._heard(key, frame.time, _ANSWER_TIME_OUT)
+        self._heard(key, frame)
 
     def _packet(self, frame: Frame) -> LongMessage | None:
         key = (frame.source, frame.destination)
@@ -277,33 +276,27 @@ class Reassembler:
             self.failures[Failure.NO_SESSION if session is None else Failure.HEADER] += 1
             return None
         number, content = frame.data[0], frame.data[1:]
-        if session.whole or number != session.wanted:
-            self._unwanted(key, session, number, content)
+        if session.whole or number != session.next_number:
+            start = (number - 1) * _PACKET_LENGTH
+            known = number >= 1 and session.data[start : start + _PACKET_LENGTH] == content
+            if session.whole or (number == session.next_number - 1 and known):
+                self.failures[Failure.REPEATED] += 1
+            else:
+                self._drop(key, Failure.SEQUENCE)
             return None
         session.data += content
-        session.wanted += 1
-        to_all = frame.destination == GLOBAL_ADDRESS
-        self._heard(key, frame.time, _PACKET_TIME_OUT if to_all else _ANSWER_TIME_OUT)
+        session.next_number += 1
+        self._heard(key, frame)
         if not session.whole:
             return None
         self.messages += 1
         data = bytes(session.data[: session.length])
         return LongMessage(session.pgn, *key, data, session.started, frame.time)
 
-    def _unwanted(
-        self, key: tuple[int, int], session: _Session, number: int, content: bytes
-    ) -> None:
-        """Counts a packet out of turn: a repetition, or the transfer is lost."""
-        start = (number - 1) * _PACKET_LENGTH
-        known = number >= 1 and bytes(session.data[start : start + _PACKET_LENGTH]) == content
-        if session.whole or (number == session.wanted - 1 and known):
-            self.failures[Failure.REPEATED] += 1
-        else:
-            self._drop(key, Failure.SEQUENCE)
-
-    def _heard(self, key: tuple[int, int], time: float, patience: float) -> None:
+    def _heard(self, key: tuple[int, int], frame: Frame) -> None:
+        """Restarts the time-out of a session and moves it to the end of the order."""
         session = self._sessions.pop(key)
-        session.last, session.patience = time, patience
+        session.last, session.time_out = frame.time, _time_out(frame)
         self._sessions[key] = session
 
     def _expire(self, time: float) -> None:
@@ -311,13 +304,18 @@ class Reassembler:
             self._drop(key, Failure.TIME_OUT)
 
     def _drop(self, key: tuple[int, int], why: Failure) -> None:
-        """Ends a session, which failed unless its message was whole."""
+        """Ends a session; counts the failure unless its message is whole."""
         session = self._sessions.pop(key, None)
         if session is not None and not session.whole:
             self.failures[why] += 1
 
 
+def _time_out(frame: Frame) -> float:
+    """Longest silence after a frame of a transfer [s]."""
+    return _PACKET_TIME_OUT if frame.destination == GLOBAL_ADDRESS else _ANSWER_TIME_OUT
+
+
 def _pgn_in(frame: Frame) -> int | None:
-    """The message's PGN in the last bytes of a connection frame."""
+    """The PGN of the message in the last bytes of a connection frame."""
     number = int.from_bytes(frame.data[5:8], "little")
     return Frame(number << 8, b"").pgn if number < 1 << 18 else None

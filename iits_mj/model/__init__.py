@@ -1,1 +1,1 @@
-"""The truck's MJCF: built from `iits_mj.parameters`, the one place of every number."""
+"""The truck's MJCF, built from `iits_mj.parameters`, which hold every number once."""

@@ -1,8 +1,8 @@
 """Air brakes: attributes and sensors of the plugin `iits.air_brake`, and the brake distribution.
 
-The braking force is shared between the circuits by tables for a light and a heavy truck: by axle
-load, so that every axle uses the same friction, as an EBS with load sensing aims at; or in
-proportion to the pressures of the published tables.
+Tables for a light and a heavy truck share the braking force between the circuits: by axle load, so
+that every axle uses the same friction, like an EBS with load sensing; or in proportion to the
+pressures of the published tables.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Builds the truck's MJCF from its parameters.
 
-Frames: the origin of `tractor` is the steer axle's centre projected to the ground at rest, that of
+Frames: the origin of `tractor` is the steer axle's center projected to the ground at rest, that of
 `trailer` is the kingpin; x forward, y left, z up. Every element is named, with axle and side. At
 `qpos0` all springs and tires carry their static loads, so that the truck rests on a level road.
 """
@@ -12,6 +12,7 @@ import xml.etree.ElementTree as ET
 import mujoco
 from numpy.typing import ArrayLike
 
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.core.units import GRAVITY
 from iits_mj.model import visuals
 from iits_mj.model.attributes import text
@@ -32,7 +33,7 @@ from iits_mj.parameters.mass_state import (
     payload_inertial,
 )
 
-# Contact bits: the truck's hulls meet the ground (bit 0) and traffic (bit 2), never each other.
+# Contact bits: the truck's hulls collide with ground (bit 0) and traffic (bit 2), not each other.
 TRUCK_CONTYPE, TRUCK_CONAFFINITY = 2, 5
 HEAVE_TRAVEL = 0.15  # [m], bump stop to rebound stop from ride height
 
@@ -57,9 +58,8 @@ def truck_xml(parameters: TruckParameters, payload: float) -> str:
     payload = parameters.check_payload(payload)
     root = ET.Element("mujoco", model="iits_truck")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
-    ET.SubElement(
-        root, "option", timestep="0.002", integrator="implicitfast", gravity=f"0 0 {-GRAVITY}"
-    )
+    physics = {"timestep": str(TIMESTEP), "integrator": "implicitfast"}
+    ET.SubElement(root, "option", physics, gravity=f"0 0 {-GRAVITY}")
     add_extension(root, parameters, payload)
     _defaults(root)
     world = ET.SubElement(root, "worldbody")
@@ -98,7 +98,7 @@ def _inertial(
 def _hull(
     body: ET.Element, name: str, size: tuple[float, float, float], at: tuple[float, float, float]
 ) -> None:
-    """Adds a box that meets traffic and, after an upset, the ground; `size` is half of it [m]."""
+    """Adds a box that collides with traffic and, after a rollover, the ground; half `size` [m]."""
     shape = {"name": name, "class": "hull", "size": text(size), "pos": text(at)}
     ET.SubElement(body, "geom", shape)
 
@@ -187,7 +187,7 @@ def _axle(
     *,
     steered: bool,
 ) -> None:
-    """Adds a rigid axle: heave and roll about its roll centre, two hubs, their wheels."""
+    """Adds a rigid axle: heave and roll about its roll center, two hubs, their wheels."""
     height = wheel_height(p, axle, load)
     body = ET.SubElement(
         unit, "body", name=axle.name, pos=text(-axle.position, 0, height - origin_height)

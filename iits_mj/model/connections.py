@@ -43,7 +43,7 @@ def add_extension(root: ET.Element, p: TruckParameters, payload: float) -> None:
         _instance(tire, f"tire_{kind}", {key: text(value) for key, value in values.items()})
     steer, tandem = p.tractor.axles[0], p.tractor.axles[1:]
     wheelbase = group_center(tandem) - steer.position
-    # The other parameters of a section belong to MuJoCo's joints.
+    # The other parameters of the section are those of MuJoCo's joints.
     steering = plugin_attributes(p.steering, "damping", "knuckle_inertia")
     steering |= {"wheelbase": text(wheelbase), "track": text(steer.track)}
     _instance(plugin("steering"), "steering", steering)

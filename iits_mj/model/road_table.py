@@ -10,21 +10,16 @@ from iits_mj.road import Route
 
 NUMERIC_NAME = "iits_road"
 TABLE_VERSION = 1
-TABLE_STEP = 1.0  # [m]
+TABLE_STEP = 1.0  # [m], approximate: the table spans the route in equal steps
 
 
-def add_road_table(spec: mujoco.MjSpec, route: Route, step: float = TABLE_STEP) -> None:
+def add_road_table(spec: mujoco.MjSpec, route: Route) -> None:
     """Adds the route's surface as numeric `iits_road`; heights are C1 between its rows.
-
-    Args:
-      spec: of the scene, without a road.
-      route: the road under the tires.
-      step: approximate distance of the rows [m]; the table spans the route in equal steps.
 
     Raises:
       MapError: the route's table holds a number that is not finite.
     """
-    table = route.table(step)
+    table = route.table(TABLE_STEP)
     if not np.isfinite(table).all():
         row = int(np.argwhere(~np.isfinite(table))[0, 0])
         raise MapError(f"the route's surface table is not finite at row {row} of {len(table)}")

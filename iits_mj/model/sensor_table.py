@@ -35,7 +35,7 @@ _TABLE: tuple[tuple[str, SensorUnit], ...] = (
     (r"fuel_rate", SensorUnit("kg/s")),
     (r"fuel_used", SensorUnit("kg", (), "since the reset")),
     (r"engine_torque|.*_brake_torque|retarder_torque|.*shaft_torque", SensorUnit(_NEWTON_METER)),
-    (r"endurance_torque_demand", SensorUnit(_NEWTON_METER, (), "asked of engine brake, retarder")),
+    (r"endurance_torque_demand", SensorUnit(_NEWTON_METER, (), "of engine brake and retarder")),
     (r"accelerator_pedal_position", SensorUnit("1", (), "0 to 1")),
     (r"retarder_heat", SensorUnit("1", (), "1 where the continuous power settles")),
     (r"engine_work|driveline_loss|retarder_work|driveline_energy|brake_work", SensorUnit("J")),

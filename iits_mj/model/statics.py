@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from iits_mj.parameters import Axle, Semitrailer, Tractor, TruckParameters
+from iits_mj.parameters import Axle, TruckParameters, Unit
 from iits_mj.parameters.mass_state import (
     Inertial,
     axle_loads_by_name,
@@ -16,16 +16,10 @@ _TIRE_WIDTH = 0.30
 _CASING_RADIUS = 0.15
 
 
-def tire_deflection(parameters: TruckParameters, axle: Axle, load: float) -> float:
-    """Returns the deflection of an axle's tires [m] under an axle load [N]."""
-    tire = parameters.tires[axle.tire]
-    return load / (2 * tire.count * tire.vertical_stiffness)
-
-
 def wheel_height(parameters: TruckParameters, axle: Axle, load: float) -> float:
-    """Returns the height of the wheel centre above the road at rest [m]."""
-    radius = parameters.tires[axle.tire].free_radius
-    return radius - tire_deflection(parameters, axle, load)
+    """Returns the height of the wheel center above the road [m] at rest under an axle load [N]."""
+    tire = parameters.tires[axle.tire]
+    return tire.free_radius - load / (2 * tire.count * tire.vertical_stiffness)
 
 
 def wheel_inertia(parameters: TruckParameters, axle: Axle) -> tuple[float, float, float]:
@@ -53,7 +47,7 @@ def axle_inertial(parameters: TruckParameters, axle: Axle, height: float) -> Ine
     return joined(Inertial(mass, axle.position, height, beam_inertia(axle)), wheels)
 
 
-def sprung(parameters: TruckParameters, unit: Tractor | Semitrailer, payload: float) -> Inertial:
+def sprung(parameters: TruckParameters, unit: Unit, payload: float) -> Inertial:
     """Returns a unit less its axles, which is the chassis body of the model.
 
     The parameters of a unit include axles and wheels, which are subtracted with Steiner's theorem.

@@ -1,4 +1,4 @@
-"""The truck's parameters: read from `mjcf/truck.toml`, checked, with overrides on top."""
+"""The truck's parameters: read from `mjcf/truck.toml`, with overlays, and checked."""
 
 from iits_mj.parameters.mass_state import MAX_PAYLOAD, payload_option
 from iits_mj.parameters.truck import (
@@ -10,6 +10,7 @@ from iits_mj.parameters.truck import (
     TireCommon,
     Tractor,
     TruckParameters,
+    Unit,
 )
 
 __all__ = [
@@ -22,5 +23,6 @@ __all__ = [
     "TireCommon",
     "Tractor",
     "TruckParameters",
+    "Unit",
     "payload_option",
 ]

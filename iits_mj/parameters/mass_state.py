@@ -1,8 +1,8 @@
-"""Masses, centres of gravity, inertias and static axle loads of the truck with any payload.
+"""Masses, centers of gravity, inertias and static axle loads of the truck with any payload.
 
-Statics of two rigid units on three supports. Positions are metres behind the steer axle (tractor)
+Statics of two rigid units on three supports. Positions are meters behind the steer axle (tractor)
 or behind the kingpin (semitrailer and payload), heights are above the road. The axles of tandem and
-tri-axle share their group's load equally, so that each group acts at its centre.
+tri-axle share their group's load equally, so that each group acts at its center.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.options import option
 from iits_mj.core.units import GRAVITY
-from iits_mj.parameters.truck import Axle, Semitrailer, Tractor, TruckParameters
+from iits_mj.parameters.truck import Axle, TruckParameters, Unit
 
 # Greatest payload of the shipped truck [kg]: `payload.mass_max` of mjcf/truck.toml.
 MAX_PAYLOAD = 36_000.0
@@ -25,7 +25,7 @@ MAX_PAYLOAD = 36_000.0
 def payload_option(
     default: float | None = MAX_PAYLOAD, help: str = "load on the semitrailer"
 ) -> Any:
-    """A dataclass field for the payload [kg], bounded by what the shipped truck may carry."""
+    """Returns a dataclass field for the payload [kg], bounded by the shipped truck's maximum."""
     return option(default, help=help, unit="kg", low=0.0, high=MAX_PAYLOAD, metavar="KG")
 
 
@@ -35,7 +35,7 @@ class Inertial:
 
     Attributes:
       mass: [kg].
-      cg_position: of its centre of gravity, behind the unit's origin [m].
+      cg_position: of its center of gravity, behind the unit's origin [m].
       cg_height: above the road [m].
       inertia: about x, y, z through its own CG [kg m2]. The product Ixz of joined bodies (less than
         1 % of Iz) is neglected; the MJCF includes it, because there the load is a separate body.
@@ -80,7 +80,7 @@ def without(whole: Inertial, *parts: Inertial) -> Inertial:
     return joined(whole, *negative)
 
 
-def unit_inertial(unit: Tractor | Semitrailer) -> Inertial:
+def unit_inertial(unit: Unit) -> Inertial:
     """Returns a unit with its axles and wheels; the semitrailer without payload."""
     inertia = (unit.inertia_x, unit.inertia_y, unit.inertia_z)
     return Inertial(unit.mass, unit.cg_position, unit.cg_height, inertia)

@@ -95,7 +95,7 @@ class Clutch:
 
 @dataclass(frozen=True)
 class Shifting:
-    """Parameters of the gearbox controller beside the shift tables."""
+    """Parameters of the gearbox controller in addition to the shift tables."""
 
     acceleration_lag: float
     load_lag: float
@@ -145,7 +145,7 @@ class Gearbox:
       inertias: at the gearbox input, per gear [kg m2], shape (12,).
       upshift: vehicle speed [m/s] over from-gear 1..11 (rows) and pedal (columns).
       downshift: vehicle speed [m/s] over from-gear 2..12 (rows) and pedal (columns).
-      shifting: parameters of the gearbox controller beside the tables.
+      shifting: parameters of the gearbox controller in addition to the tables.
     """
 
     final_drive: float

@@ -32,8 +32,8 @@ class Quantity:
     Attributes:
       name: of the quantity.
       parameters: that are multiplied by the same factor; `*` means every axle.
-      low, high: bounds of the factor, which is uniform between them.
-      grade, source: as those of the truck's parameters.
+      low, high: bounds of the factor, which is distributed uniformly.
+      grade, source: as in the truck's TOML.
     """
 
     name: str
@@ -76,7 +76,7 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Drawn:
-    """A truck that was drawn.
+    """A randomly drawn truck.
 
     Attributes:
       factors: by quantity.
@@ -91,18 +91,15 @@ class Spread:
     """The uncertain quantities of a truck.
 
     Args:
-      quantities: of different names.
-      base: parameters that are multiplied; default: the shipped truck's.
+      quantities: of different names; their factors multiply the shipped truck's parameters.
 
     Raises:
       InputError: a parameter does not exist or is not a number, or two quantities share one.
     """
 
-    def __init__(
-        self, quantities: tuple[Quantity, ...], base: TruckParameters | None = None
-    ) -> None:
+    def __init__(self, quantities: tuple[Quantity, ...]) -> None:
         self.quantities = quantities
-        self._tree = dataclasses.asdict(base or TruckParameters.load())
+        self._tree = dataclasses.asdict(TruckParameters.load())
         taken: set[str] = set()
         for quantity in quantities:
             for path in quantity.parameters:
@@ -112,17 +109,17 @@ class Spread:
         self._overlay({quantity.name: 1.0 for quantity in quantities})
 
     @classmethod
-    def load(cls, path: str | Path | None = None, base: TruckParameters | None = None) -> Spread:
+    def load(cls, path: str | Path | None = None) -> Spread:
         """Reads a TOML file; default: `mjcf/spread.toml`.
 
         Raises:
           InputError: unreadable file, unknown key, or see `Spread`.
         """
         tables = read_toml(mjcf_path("spread.toml") if path is None else path, "spread file")
-        return cls(tuple(Quantity.from_table(*entry) for entry in tables.items()), base)
+        return cls(tuple(Quantity.from_table(*entry) for entry in tables.items()))
 
     def draw(self, generator: np.random.Generator) -> Drawn:
-        """Draws a truck."""
+        """Draws a truck at random."""
         factors = {q.name: float(generator.uniform(q.low, q.high)) for q in self.quantities}
         return Drawn(factors, self._overlay(factors))
 

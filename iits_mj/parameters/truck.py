@@ -1,7 +1,7 @@
 """The truck's parameters as frozen dataclasses, read from `mjcf/truck.toml` and its CSV tables.
 
 Every quantity of the TOML is `{ value, unit, grade, source }`; an overlay (for instance a file of
-identified parameters) may give plain values. Positions are metres behind the steer axle (tractor)
+identified parameters) may give plain values. Positions are meters behind the steer axle (tractor)
 or behind the kingpin (semitrailer), heights are above the road, masses of a unit include its axles.
 """
 
@@ -47,8 +47,8 @@ class Axle:
 
 
 @dataclass(frozen=True)
-class Tractor:
-    """The tractor unit with its axles; mass and inertia include axles and wheels."""
+class Unit:
+    """A tractor or semitrailer with its axles; mass and inertia include axles and wheels."""
 
     mass: float
     cg_position: float
@@ -64,21 +64,15 @@ class Tractor:
 
 
 @dataclass(frozen=True)
-class Semitrailer:
-    """The empty semitrailer with its axles; positions from the kingpin."""
+class Tractor(Unit):
+    """The tractor unit; positions from the steer axle."""
 
-    mass: float
-    cg_position: float
-    cg_height: float
-    inertia_x: float
-    inertia_y: float
-    inertia_z: float
-    front_overhang: float
+
+@dataclass(frozen=True)
+class Semitrailer(Unit):
+    """The empty semitrailer; positions from the kingpin."""
+
     length: float
-    width: float
-    height: float
-    load_equalization: float
-    axles: tuple[Axle, ...]
 
 
 @dataclass(frozen=True)
@@ -211,10 +205,9 @@ class TruckParameters:
         file = Path(path) if path is not None else mjcf_dir() / "truck.toml"
         tree = plain(read_toml(file, "parameter file"))
         if overlay is not None:
-            extra = (
-                overlay if isinstance(overlay, Mapping) else read_toml(overlay, "parameter file")
-            )
-            tree = merge(tree, plain(extra), "")
+            if not isinstance(overlay, Mapping):
+                overlay = read_toml(overlay, "parameter file")
+            tree = merge(tree, plain(overlay), "")
         for name, tables in csv_tables(file.resolve().parent).items():
             tree[name] = tables | dict(section(tree, name))
         return typing.cast(TruckParameters, build(cls, tree, "truck"))

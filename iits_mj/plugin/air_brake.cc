@@ -1,9 +1,9 @@
 // Air brake plugin `iits.air_brake`. Hubs (the bodies that do not spin) reference the instance: in
 // body order, left and right of each axle, each with one child body on one hinge, the wheel.
 // Actuators, by local name: `xbr_demand`, `xbr_mode` and optionally `parking_brake`, `brake_pedal`,
-// `xbr_ebi_mode`; they exert no force themselves. Where the transmission of `xbr_demand` is a fixed
-// tendon over driven wheels, that is the propeller shaft, and an `iits.powertrain` beside it helps
-// to brake.
+// `xbr_ebi_mode`; they exert no force themselves. If the transmission of `xbr_demand` is a fixed
+// tendon over driven wheels, the tendon is the propeller shaft, and an `iits.powertrain` with the
+// same name prefix contributes to braking.
 #include "plugin/laws/air_brake.h"
 
 #include <cmath>
@@ -32,11 +32,11 @@ class AirBrakePlugin : public PluginBase {
  public:
   using State = AirBrakeState<double>;
 
-  // One number, or one of every wheel: each sensor costs MuJoCo time, whatever it shows.
+  // Some sensors have a number per wheel, because each sensor costs time in MuJoCo.
   static int SensorSize(const mjModel* m, int instance, int sensor) {
     const std::string name = LocalName(mj_id2name(m, mjOBJ_SENSOR, sensor));
-    const bool every = name == kPressures || name == kTorques || name == kSpeeds;
-    return every ? static_cast<int>(BodiesOfInstance(m, instance).size()) : 1;
+    const bool per_wheel = name == kPressures || name == kTorques || name == kSpeeds;
+    return per_wheel ? static_cast<int>(BodiesOfInstance(m, instance).size()) : 1;
   }
 
   Attributes Table();
@@ -50,11 +50,11 @@ class AirBrakePlugin : public PluginBase {
   }
 
  private:
-  // A sensor's value is the mean of some numbers of the state; 0 of none.
+  // A sensor's value is the mean of some numbers of the state, 0 without any.
   struct Sensor {
     int address;
-    int begin, end;  // of their places in the state, in places_
-    double share;    // of each
+    int begin, end;  // range in places_, the indices of these numbers in the state
+    double share;    // weight of each
   };
 
   bool FindHubs(const mjModel* m, int instance);
@@ -80,11 +80,11 @@ class AirBrakePlugin : public PluginBase {
   int powertrain_ = -1;                                                      // instance
   std::vector<Sensor> sensors_;
   std::vector<int> places_;
-  int speeds_ = -1;  // place of the sensor `wheel_speeds` in sensordata
+  int speeds_ = -1;  // address of the sensor `wheel_speeds` in sensordata
 };
 
 Attributes AirBrakePlugin::Table() {
-  // One number an axle, one for all wheels.
+  // Attributes with one number per axle, and with one number for all wheels.
   auto per_axle = [this](const char* name, double low, double high, auto member) -> Attribute {
     return {name, [=](const mjModel* m, int instance, const char* key) {
               const size_t axles = law_.wheels.size() / 2;
@@ -243,21 +243,13 @@ bool AirBrakePlugin::FindHubs(const mjModel* m, int instance) {
 }
 
 bool AirBrakePlugin::FindActuators(const mjModel* m, int instance) {
-  for (int i : ActuatorsOfInstance(m, instance)) {
-    const std::string name = LocalName(mj_id2name(m, mjOBJ_ACTUATOR, i));
-    int* slot = name == "xbr_demand"      ? &demand_
-                : name == "xbr_mode"      ? &mode_
-                : name == "parking_brake" ? &parking_
-                : name == "brake_pedal"   ? &pedal_
-                : name == "xbr_ebi_mode"  ? &ebi_mode_
-                                          : nullptr;
-    if (!slot || *slot >= 0) {
-      return Refuse(m, instance,
-                    "actuator '%s' is not one of xbr_demand, xbr_mode, parking_brake, brake_pedal, "
-                    "xbr_ebi_mode, each at most once",
-                    name.c_str());
-    }
-    *slot = i;
+  if (!FindActuatorsByName(m, instance,
+                           {{"xbr_demand", &demand_},
+                            {"xbr_mode", &mode_},
+                            {"parking_brake", &parking_},
+                            {"brake_pedal", &pedal_},
+                            {"xbr_ebi_mode", &ebi_mode_}})) {
+    return false;
   }
   if (demand_ < 0 || mode_ < 0) {
     return Refuse(m, instance, "needs the actuators xbr_demand and xbr_mode");
@@ -266,21 +258,16 @@ bool AirBrakePlugin::FindActuators(const mjModel* m, int instance) {
   return true;
 }
 
-// The shaft's speed is the sum of the wheels' times their coefficients: the final drive.
+// The shaft speed is the sum of the wheel speeds times their coefficients, which contain the final
+// drive.
 void AirBrakePlugin::FindShaft(const mjModel* m) {
   if (powertrain_ < 0 || m->actuator_trntype[demand_] != mjTRN_TENDON) return;
-  const int tendon = m->actuator_trnid[2 * demand_];
-  const int begin = m->tendon_adr[tendon];
-  for (int i = begin; i < begin + m->tendon_num[tendon]; ++i) {
-    if (m->wrap_type[i] != mjWRAP_JOINT) continue;
-    const int dof = m->jnt_dofadr[m->wrap_objid[i]];
+  for (const auto& [dof, coefficient] : TendonDofs(m, demand_)) {
     for (size_t k = 0; k < dofs_.size(); ++k) {
-      if (dofs_[k] == dof) law_.shaft_ratio += m->wrap_prm[i] / law_.wheels[k].wheel_radius;
+      if (dofs_[k] == dof) law_.shaft_ratio += coefficient / law_.wheels[k].wheel_radius;
     }
   }
 }
-
-// --- sensors -------------------------------------------------------------------------------------
 
 int Place(size_t offset) { return static_cast<int>(offset / sizeof(mjtNum)); }
 
@@ -289,7 +276,7 @@ using Pneumatics = BrakePneumatics<double>;
 using Air = ReservoirState<double>;
 using Chamber = WheelBrakeState<double>;
 
-// Place of a chamber's pressure in the state.
+// Index of a chamber's pressure in the state.
 int Pressure(size_t wheel) {
   return Place(offsetof(State, now) + offsetof(Pneumatics, wheel) + wheel * sizeof(Chamber) +
                offsetof(Chamber, pressure));
@@ -301,7 +288,7 @@ int ReservoirPressure(size_t circuit) {
   return Place(kReservoir + offsetof(Air, pressure) + circuit * sizeof(mjtNum));
 }
 
-// Of the step that is being taken, as the other forces that sensors show.
+// Of the present step, as the other forces of sensors.
 int Torque(size_t wheel) {
   return Place(offsetof(State, next_wind_up) + offsetof(BrakeWindUp<double>, torque) +
                wheel * sizeof(mjtNum));
@@ -320,7 +307,7 @@ const struct {
 static_assert(offsetof(EnduranceDemand<double>, shaft_torque) == 0,
               "endurance_torque_demand shows it");
 
-// Appends places by the sensor's local name; false when there is no signal of that name.
+// Appends indices by the sensor's local name; false if there is no signal of this name.
 bool AirBrakePlugin::FindSignal(const std::string& name) {
   for (const auto& single : kSingles) {
     if (name != single.name) continue;
@@ -333,7 +320,7 @@ bool AirBrakePlugin::FindSignal(const std::string& name) {
     return true;
   }
   const std::string stem = "brake_pressure_";
-  bool found[kCircuits] = {};  // the first axle of a circuit stands for it
+  bool found[kCircuits] = {};  // a circuit's pressure is that of its first axle
   for (size_t i = 0; i < hubs_.size(); ++i) {
     const int circuit = law_.wheels[i].circuit;
     const std::string axle = "axle" + std::to_string(i / 2 + 1) + kSides[i % 2];
@@ -395,8 +382,6 @@ void AirBrakePlugin::Sensors(const mjModel*, mjData* d, const State* s) const {
   for (size_t i = 0; i < dofs_.size(); ++i) d->sensordata[speeds_ + i] = d->qvel[dofs_[i]];
 }
 
-// --- forces --------------------------------------------------------------------------------------
-
 // Brake torque from the committed pressures.
 void AirBrakePlugin::Passive(const mjModel* m, mjData* d, State* s) const {
   const double h = m->opt.timestep;
@@ -412,7 +397,7 @@ void AirBrakePlugin::Passive(const mjModel* m, mjData* d, State* s) const {
 void AirBrakePlugin::Actuator(const mjModel* m, mjData* d, State* s) const {
   auto hub_speed = [this, m, d](size_t i) { return HubSpeed(m, d, i); };
   auto wheel_speed = [this, d](size_t i) { return d->qvel[dofs_[i]]; };
-  // The fourth value of both two-bit fields is not defined: it acts as off, friction only.
+  // The undefined fourth value of both two-bit fields acts as off and as friction only.
   auto field = [m, d](int actuator) {
     const long value = std::lround(Control(m, d, actuator, 0, 3));
     return value < 3 ? value : 0;
@@ -424,7 +409,7 @@ void AirBrakePlugin::Actuator(const mjModel* m, mjData* d, State* s) const {
   demand.ebi_mode = static_cast<Demand::EbiMode>(field(ebi_mode_));
   demand.pedal = Control(m, d, pedal_, 0, 1);
   demand.speed = 0.5 * (hub_speed(0) + hub_speed(1));
-  // Of the model as it is now: its masses may have been varied since it was made.
+  // Read in every step, because the masses of the model may change.
   demand.mass = m->body_subtreemass[m->body_rootid[hubs_[0]]];
   demand.gravity = mju_norm3(m->opt.gravity);
   law_.Step(demand, ReadPartner<EnduranceState<double>>(m, d, powertrain_),

@@ -1,5 +1,4 @@
-// Attributes of a plugin: one table gives the names for MuJoCo, the bounds, and the place of each
-// value.
+// Attributes of a plugin: one table of their names in MuJoCo, their bounds and their variables.
 #ifndef IITS_MJ_PLUGIN_ATTRIBUTES_H_
 #define IITS_MJ_PLUGIN_ATTRIBUTES_H_
 
@@ -16,18 +15,18 @@ namespace iits {
 bool Refuse(const mjModel* m, int instance, const char* format, ...)
     __attribute__((format(printf, 3, 4)));
 
-// One attribute: its name, and how it is read; `read` returns false after a warning.
+// An attribute: its name and the function that reads it, which returns false after a warning.
 struct Attribute {
   const char* name;
   std::function<bool(const mjModel* m, int instance, const char* name)> read;
 };
 using Attributes = std::vector<Attribute>;
 
-// Reads all attributes in order; false after the first that is refused.
+// Reads all attributes in order; false after the first invalid one.
 bool ReadAttributes(const mjModel* m, int instance, const Attributes& attributes);
 
-// Reads an attribute as finite numbers within [low, high]; false after a warning that names
-// instance, attribute, value and what is allowed. An attribute must be given.
+// Reads a required attribute as finite numbers within [low, high]; false after a warning with
+// instance, attribute, value and allowed values.
 bool ReadNumbers(const mjModel* m, int instance, const char* name, size_t count_min,
                  size_t count_max, double low, double high, std::vector<double>* out);
 
@@ -39,14 +38,14 @@ Attribute Ordered(const char* name, int order, size_t count_min, size_t count_ma
                   double high, std::vector<double>* out);
 // The axis of a curve or map: 2 to 64 increasing numbers.
 Attribute Axis(const char* name, std::vector<double>* out);
-// One value for each point of the axes, `columns` numbers a point:
+// One value for each point of the axes, with `columns` numbers per point:
 Attribute Values(const char* name, double low, double high, std::vector<double>* out,
                  std::vector<const std::vector<double>*> axes, size_t columns = 1);
 
-// The part of an element's name after the last '/', so that attached models keep working.
+// The part of an element's name after the last '/', the same in attached models.
 std::string LocalName(const char* name);
 
-// The part up to and including the last '/', "" when there is none.
+// The part up to and including the last '/', or "".
 std::string NamePrefix(const char* name);
 
 }  // namespace iits

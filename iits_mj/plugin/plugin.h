@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <memory>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "plugin/attributes.h"
@@ -24,32 +25,40 @@ std::vector<int> ActuatorsOfInstance(const mjModel* m, int instance);
 // Sensors that belong to the plugin instance, in sensor order.
 std::vector<int> SensorsOfInstance(const mjModel* m, int instance);
 
-// Instance of `plugin` that has an actuator under the same name prefix as `actuator`; -1 when there
-// is none.
+// Stores the actuators of the plugin instance in `slots` by local name; slots without an actuator
+// stay as they are. False after a warning for another name, or two actuators of one name.
+bool FindActuatorsByName(const mjModel* m, int instance,
+                         const std::vector<std::pair<const char*, int*>>& slots);
+
+// Degrees of freedom of the joints of an actuator's fixed tendon, with their coefficients.
+std::vector<std::pair<int, double>> TendonDofs(const mjModel* m, int actuator);
+
+// Instance of `plugin` that has an actuator with the same name prefix as `actuator`; -1 if there is
+// none.
 int PartnerInstance(const mjModel* m, int actuator, const char* plugin);
 
-// Message that the partner committed at the end of the last step, so that the order in which MuJoCo
-// calls the plugins does not matter. It is the first member of the partner's state; all zero
-// without a partner (instance < 0).
+// Message that the partner committed at the end of the last step, so that the result does not
+// depend on the order in which MuJoCo calls the plugins. It is the first member of the partner's
+// state; all zero without a partner (instance < 0).
 template <class Message>
 Message ReadPartner(const mjModel* m, const mjData* d, int instance) {
   if (instance < 0) return Message();
   return *reinterpret_cast<const Message*>(d->plugin_state + m->plugin_stateadr[instance]);
 }
 
-// Control value within its range; 0 where there is no actuator, or the value is not finite.
+// Control value clamped to its range; 0 without an actuator or if the value is not finite.
 inline double Control(const mjModel* m, const mjData* d, int actuator, double low, double high) {
   if (actuator < 0) return 0;
   const double value = d->ctrl[m->actuator_ctrladr[actuator]];
   return std::isfinite(value) ? std::clamp(value, low, high) : 0;
 }
 
-// Base of the plugins: defaults for what a plugin leaves out. Objects hold constants; all that
+// Base of the plugins, with default implementations. Objects hold constants; everything that
 // evolves is in plugin_state, as a `State` of the plugin.
 struct PluginBase {
-  // Numbers of a sensor.
+  // Number of values of a sensor.
   static int SensorSize(const mjModel*, int /*instance*/, int /*sensor*/) { return 1; }
-  // `State`s of an instance.
+  // Number of `State`s of an instance.
   static int StateCount(const mjModel*, int /*instance*/) { return 1; }
 
   // The state is all zero when this is called.
@@ -61,11 +70,11 @@ struct PluginBase {
 };
 
 // Registers the plugin `P`, a PluginBase with
-//   struct State;                               numbers of type mjtNum; empty: no state
+//   struct State;                               members of type mjtNum; empty: no state
 //   Attributes Table();                         its attributes, in MuJoCo's order
 //   bool Bind(const mjModel* m, int instance);  reads them and finds its elements; false after a
 //                                               warning
-// and those of the functions above that `capabilities` need.
+// and those of the functions above that `capabilities` require.
 template <class P>
 void RegisterPlugin(const char* name, int capabilities) {
   using State = typename P::State;
@@ -80,8 +89,8 @@ void RegisterPlugin(const char* name, int capabilities) {
   plugin.capabilityflags = capabilities;
   plugin.nattribute = static_cast<int>(names.size());
   plugin.attributes = names.data();
-  // Not mjSTAGE_VEL: there MuJoCo would compute the velocities of all subtrees, which no sensor
-  // needs. Accelerometers have computed what mjSTAGE_ACC needs.
+  // At mjSTAGE_VEL, MuJoCo would compute the velocities of all subtrees, which no sensor needs. The
+  // accelerometers already compute the quantities of mjSTAGE_ACC.
   if (capabilities & mjPLUGIN_SENSOR) plugin.needstage = mjSTAGE_ACC;
   plugin.nstate =
       +[](const mjModel* m, int instance) { return kSize * P::StateCount(m, instance); };
@@ -116,7 +125,7 @@ void RegisterPlugin(const char* name, int capabilities) {
   mjp_registerPlugin(&plugin);
 }
 
-// One function a plugin, called when MuJoCo loads the library.
+// One function per plugin, called when MuJoCo loads the library.
 void RegisterAerodynamics();
 void RegisterAirBrake();
 void RegisterFifthWheel();

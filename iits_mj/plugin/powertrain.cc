@@ -53,13 +53,13 @@ const struct {
 };
 #undef IITS_SIGNAL
 
-// One sensor of several numbers, since each sensor costs MuJoCo time: from gear_engaged on.
+// One sensor for several signals from gear_engaged on, because each sensor costs time in MuJoCo.
 const char* const kReport = "powertrain_report";
 constexpr int kReportSize = 5;
 constexpr int kReportPlace = offsetof(Output, gear_engaged) / sizeof(mjtNum);
 static_assert(offsetof(Output, engine_load_percent) - offsetof(Output, gear_engaged) ==
                   (kReportSize - 1) * sizeof(mjtNum),
-              "the numbers of powertrain_report are adjacent");
+              "the signals of powertrain_report are adjacent");
 
 class PowertrainPlugin : public PluginBase {
  public:
@@ -86,11 +86,10 @@ class PowertrainPlugin : public PluginBase {
  private:
   bool FindActuators(const mjModel* m, int instance);
   bool FindSensors(const mjModel* m, int instance);
-  void FindWheels(const mjModel* m);
   bool Check(const mjModel* m, int instance) const;
   void Prepare();
 
-  // From the wheels as they are now; `actuator_velocity` is of before the step when `advance` runs.
+  // From qvel, since `actuator_velocity` is that before the step when `advance` runs.
   double ShaftSpeed(const mjData* d) const {
     double speed = 0;
     for (const auto& [dof, share] : wheels_) speed += share * d->qvel[dof];
@@ -261,7 +260,12 @@ Attributes PowertrainPlugin::Table() {
 bool PowertrainPlugin::Bind(const mjModel* m, int instance) {
   if (!FindActuators(m, instance) || !FindSensors(m, instance)) return false;
   if (!ReadAttributes(m, instance, Table()) || !Check(m, instance)) return false;
-  FindWheels(m);
+  // The driven wheels are those of the tendon.
+  const double gear = m->actuator_gear[6 * pedal_];
+  for (const auto& [dof, coefficient] : TendonDofs(m, pedal_)) {
+    wheels_.emplace_back(dof, gear * coefficient);
+  }
+  if (!wheels_.empty()) body_ = m->dof_bodyid[wheels_[0].first];
   Prepare();
   return true;
 }
@@ -290,7 +294,7 @@ bool PowertrainPlugin::Check(const mjModel* m, int instance) const {
   return true;
 }
 
-// Computes what follows from the attributes.
+// Computes the constants that depend on the attributes.
 void PowertrainPlugin::Prepare() {
   Engine<double>& engine = law_.engine;
   Gearbox<double>& box = law_.gearbox;
@@ -304,26 +308,18 @@ void PowertrainPlugin::Prepare() {
   line.control.idle_speed = engine.idle_speed;
   line.control.pedal_up = engine.pedal_up;
   line.control.launch_share = Min(1.0, engine.reference_torque / line.torque_max);
-  // The attributes are those at the wheels.
+  // The attributes apply at the wheels.
   line.stiffness /= box.gears.final_drive * box.gears.final_drive;
   line.damping /= box.gears.final_drive * box.gears.final_drive;
 }
 
 bool PowertrainPlugin::FindActuators(const mjModel* m, int instance) {
-  for (int i : ActuatorsOfInstance(m, instance)) {
-    const std::string name = LocalName(mj_id2name(m, mjOBJ_ACTUATOR, i));
-    int* slot = name == "accelerator_pedal"   ? &pedal_
-                : name == "engine_brake"      ? &engine_brake_
-                : name == "transmission_mode" ? &mode_
-                : name == "retarder"          ? &retarder_lever_
-                                              : nullptr;
-    if (!slot || *slot >= 0) {
-      return Refuse(m, instance,
-                    "actuator '%s' is not one of accelerator_pedal, engine_brake, retarder, "
-                    "transmission_mode, each at most once",
-                    name.c_str());
-    }
-    *slot = i;
+  if (!FindActuatorsByName(m, instance,
+                           {{"accelerator_pedal", &pedal_},
+                            {"engine_brake", &engine_brake_},
+                            {"retarder", &retarder_lever_},
+                            {"transmission_mode", &mode_}})) {
+    return false;
   }
   if (pedal_ < 0 || m->actuator_trntype[pedal_] != mjTRN_TENDON) {
     return Refuse(m, instance,
@@ -332,17 +328,6 @@ bool PowertrainPlugin::FindActuators(const mjModel* m, int instance) {
   }
   air_brake_ = PartnerInstance(m, pedal_, "iits.air_brake");
   return true;
-}
-
-// The driven wheels, through the tendon of the accelerator's transmission.
-void PowertrainPlugin::FindWheels(const mjModel* m) {
-  const int tendon = m->actuator_trnid[2 * pedal_];
-  const double gear = m->actuator_gear[6 * pedal_];
-  for (int i = m->tendon_adr[tendon]; i < m->tendon_adr[tendon] + m->tendon_num[tendon]; ++i) {
-    if (m->wrap_type[i] != mjWRAP_JOINT) continue;
-    wheels_.emplace_back(m->jnt_dofadr[m->wrap_objid[i]], gear * m->wrap_prm[i]);
-    if (i == m->tendon_adr[tendon]) body_ = m->jnt_bodyid[m->wrap_objid[i]];
-  }
 }
 
 bool PowertrainPlugin::FindSensors(const mjModel* m, int instance) {
@@ -375,8 +360,8 @@ void PowertrainPlugin::Actuator(const mjModel* m, mjData* d, State* s) const {
   const int mode = static_cast<int>(Control(m, d, mode_, 0, 2) + 0.5);
   controls.mode = static_cast<GearboxInput<double>::Mode>(mode);
   controls.demand = ReadPartner<EnduranceDemand<double>>(m, d, air_brake_);
-  // Mass of the kinematic tree that the first driven wheel belongs to. Read in every step: a
-  // model's masses may be changed, and rollouts share one plugin object between models.
+  // Mass of the kinematic tree of the first driven wheel. Read in every step: the masses may
+  // change, and in rollouts several models share one plugin object.
   controls.mass = body_ < 0 ? 0 : m->body_subtreemass[m->body_rootid[body_]];
   law_.Step(controls, ShaftSpeed(d), m->opt.timestep, s);
   for (int actuator : {engine_brake_, mode_, retarder_lever_}) {

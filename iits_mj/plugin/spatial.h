@@ -1,5 +1,5 @@
-// Velocities and forces of bodies in the coordinates that MuJoCo keeps them in: world axes, about
-// the center of mass of the kinematic tree.
+// Velocities and forces of bodies in MuJoCo's coordinates: world axes, about the center of mass of
+// the kinematic tree.
 #ifndef IITS_MJ_PLUGIN_SPATIAL_H_
 #define IITS_MJ_PLUGIN_SPATIAL_H_
 
@@ -26,8 +26,8 @@ inline void PointVelocity(const mjModel* m, const mjData* d, int body, const mjt
   linear[2] = cvel[5] + cvel[0] * arm[1] - cvel[1] * arm[0];
 }
 
-// Moment about the center of mass of the whole kinematic tree, and force: wrenches on bodies of
-// one tree simply add up.
+// Moment about the center of mass of the whole kinematic tree, and force; wrenches on bodies of one
+// tree add up.
 struct Wrench {
   mjtNum moment[3] = {0, 0, 0};
   mjtNum force[3] = {0, 0, 0};
@@ -48,8 +48,8 @@ struct Wrench {
     }
   }
 
-  // Adds J' w to qfrc for the degrees of freedom from `dof` towards the root, up to but without
-  // `stop` (-1: all).
+  // Adds J' w to qfrc for the degrees of freedom from `dof` towards the root, until `stop`, which
+  // is excluded (-1: all).
   void Project(const mjModel* m, const mjData* d, int dof, int stop, mjtNum* qfrc) const {
     const Pair w[3] = {{moment[0], moment[1]}, {moment[2], force[0]}, {force[1], force[2]}};
     for (int i = dof; i != stop; i = m->dof_parentid[i]) {
@@ -61,13 +61,13 @@ struct Wrench {
   }
 };
 
-// Last degree of freedom that moves the body; -1 when there is none.
+// Last degree of freedom that moves the body; -1 if there is none.
 inline int LastDof(const mjModel* m, int body) {
   while (body && !m->body_dofnum[body]) body = m->body_parentid[body];
   return body ? m->body_dofadr[body] + m->body_dofnum[body] - 1 : -1;
 }
 
-// Last degree of freedom that both chains have; -1 when there is none.
+// Last degree of freedom that two chains have in common; -1 if there is none.
 inline int CommonDof(const mjModel* m, int a, int b) {
   while (a != b) {  // a parent always has the smaller index
     int& later = a > b ? a : b;

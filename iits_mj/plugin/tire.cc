@@ -1,6 +1,6 @@
 // Tire plugin `iits.tire`. Wheel bodies reference the instance; the road is the plane z = 0, or a
-// table in a custom numeric of the model named `iits_road` (any prefix of an attached model is
-// accepted), so that it lives in mjModel and costs nothing per mjData.
+// table in a custom numeric of the model named `iits_road`, with any prefix of an attached model:
+// it is stored in mjModel, once for all mjData.
 #include "plugin/laws/tire.h"
 
 #include <algorithm>
@@ -15,7 +15,7 @@ namespace {
 
 class TirePlugin : public PluginBase {
  public:
-  // Of one wheel: the committed bristles, their candidates, and what sensors read.
+  // Of one wheel: the committed bristles, those of the next step, and the signals of sensors.
   struct State {
     TireBristles<double> bristles;
     double station;  // hint for the road look-up [m]
@@ -83,13 +83,14 @@ class TirePlugin : public PluginBase {
     }
   }
 
-  // One pass, two wheels at a time. Each wheel's own degrees of freedom feel its wrench at once;
-  // those that all wheels have in common feel the sum, which is less than half of the products.
+  // One pass, two wheels at a time. A wheel's wrench acts on its own degrees of freedom; the sum of
+  // all wrenches acts on the common ones, with less than half of the products.
   void Passive(const mjModel* m, mjData* d, State* states) const {
     const int count = static_cast<int>(wheels_.size());
     Wrench sum;
     for (int i = 0; i < count; i += 2) {
-      const int j = std::min(i + 1, count - 1);  // the last of an odd number is its own partner
+      const int j =
+          std::min(i + 1, count - 1);  // the last of an odd number of wheels: a pair of one
       Wrench wrench[2];
       PairForces(m, d, wheels_[i], wheels_[j], states + i, states + j, wrench);
       for (int k = i; k <= j; ++k) {
@@ -115,7 +116,7 @@ class TirePlugin : public PluginBase {
   }
 
  private:
-  // Numbers of the sensors, and where slips begin in the state's signals.
+  // Sizes of the sensors, and index of the slips in the state's signals.
   static constexpr int kForceSize = 3, kSlipSize = 2, kSlipFirst = 4;
 
   struct Wheel {

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from iits_mj.core.angles import wrap_angle
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.errors import InputError
+from iits_mj.core.checks import one_of
 
 
 @dataclass(frozen=True)
@@ -21,8 +22,8 @@ class View:
       ahead, left, up: point looked at, in the frame of the unit [m].
       time_constant: of the smoothing of the heading [s].
       follows: "tractor" or "trailer".
-      tunnel: view inside a tunnel, whose roof and walls would hide the truck: "behind", "ahead",
-        or "" when this view fits.
+      tunnel: view inside a tunnel, whose roof and walls would hide the truck: "behind" or
+        "ahead"; "" to keep the view.
       slopes: whether the elevation follows the grade of the road.
     """
 
@@ -48,7 +49,7 @@ VIEWS = {
     "aerial": View(115.0, -28.0, -27.0, 25.0, 0.0, 0.0, 1.2, slopes=False),
 }
 CAMERAS = tuple(VIEWS)
-# Nearly along the truck, because it may drive close to either wall.
+# These views are nearly along the truck, which may drive close to either wall.
 _TUNNEL_VIEWS = {
     "behind": View(27.0, -0.5, -5.5, 2.0, 0.2, 2.9, 0.7),
     "ahead": View(16.0, 178.5, -6.0, -1.0, 0.2, 1.9, 0.5),
@@ -61,16 +62,14 @@ class FollowCamera:
 
     Args:
       name: of the view.
-      tunnels: intervals of stations.
+      tunnels: first and last station of each tunnel [m].
 
     Raises:
       InputError: unknown name.
     """
 
     def __init__(self, name: str, tunnels: tuple[tuple[float, float], ...] = ()) -> None:
-        if name not in VIEWS:
-            raise InputError(f"camera {name!r} is not known; there are {', '.join(CAMERAS)}")
-        self.view = VIEWS[name]
+        self.view = VIEWS[one_of("camera", name, CAMERAS)]
         self.camera = mujoco.MjvCamera()
         self.camera.type = mujoco.mjtCamera.mjCAMERA_FREE
         self._tunnels = tunnels
@@ -78,11 +77,11 @@ class FollowCamera:
         self._heading = self._slope = self._cover = 0.0
 
     def follow(self, data: mujoco.MjData, station: float | None = None) -> mujoco.MjvCamera:
-        """The camera at this instant.
+        """Moves the camera to this instant and returns it.
 
         Args:
-          data: of a model with the bodies `tractor` and `trailer`, positions up to date.
-          station: of the truck on its route, for the view in tunnels.
+          data: of a model with the bodies `tractor` and `trailer`, with current positions.
+          station: of the truck on its route [m], for the view in tunnels.
         """
         view = self.view
         body = data.body(view.follows)
@@ -94,7 +93,7 @@ class FollowCamera:
         if self._time is None or elapsed < 0.0:
             self._heading, self._slope, self._cover = heading, slope, cover
         else:
-            turn = math.remainder(heading - self._heading, 2.0 * math.pi)
+            turn = wrap_angle(heading - self._heading)
             self._heading += _share(elapsed, view.time_constant) * turn
             self._slope += _share(elapsed, max(view.time_constant, 0.05)) * (slope - self._slope)
             self._cover += _share(elapsed, _TUNNEL_TIME) * (cover - self._cover)
@@ -103,9 +102,9 @@ class FollowCamera:
         return self.camera
 
     def _covered(self, station: float | None) -> bool:
-        if station is None:
-            return False
-        return any(a - _TUNNEL_NEAR < station < b + 12.0 for a, b in self._tunnels)
+        return station is not None and any(
+            a - _TUNNEL_NEAR < station < b + 12.0 for a, b in self._tunnels
+        )
 
     def _place(self, position: FloatArray) -> None:
         view, share = self.view, self._cover
@@ -131,5 +130,5 @@ class FollowCamera:
 
 
 def _share(elapsed: float, time_constant: float) -> float:
-    """Share of the way that a first-order lag moves in a time."""
+    """Returns the share of a step that a first-order lag covers in a time."""
     return 1.0 if time_constant <= 0.0 else 1.0 - math.exp(-elapsed / time_constant)

@@ -14,9 +14,7 @@ from iits_mj.core.messages import PlanMode, Trajectory
 from iits_mj.road import Route
 
 if TYPE_CHECKING:
-    from iits_mj.simulation import Frame
-
-# --- The ribbon, with a color for each mode of the planner ---
+    from iits_mj.simulation import DriveFrame
 
 MODE_COLORS: dict[PlanMode, tuple[float, float, float]] = {
     PlanMode.LANE_KEEPING: (0.10, 0.78, 0.62),
@@ -31,19 +29,19 @@ PIECE_LENGTH = 2.0
 HIDDEN_START = 2.2  # [m] of the trajectory below the cab
 
 
+def mode_color(mode: PlanMode) -> tuple[int, int, int]:
+    """Returns the color of a mode for pictures."""
+    red, green, blue = MODE_COLORS[mode]
+    return round(255 * red), round(255 * green), round(255 * blue)
+
+
 def add_trajectory(scene: mujoco.MjvScene, trajectory: Trajectory, time: float) -> int:
-    """Adds the rest of a trajectory, from `time` on, to a scene.
+    """Adds a trajectory from `time` [s] on to a scene as a ribbon; returns the number of geoms.
 
-    Args:
-      scene: filled by `mjv_updateScene`.
-      trajectory: to draw.
-      time: now [s].
-
-    Returns:
-      Number of geoms added, limited by the size of the scene.
+    `mjv_updateScene` must have filled the scene, whose size limits the number.
     """
     points = _ribbon_points(trajectory, time)
-    color = MODE_COLORS.get(trajectory.mode, MODE_COLORS[PlanMode.LANE_KEEPING])
+    color = MODE_COLORS[trajectory.mode]
     added = 0
     count = max(len(points) - 1, 1)
     for index in range(len(points) - 1):
@@ -75,7 +73,7 @@ def add_trajectory(scene: mujoco.MjvScene, trajectory: Trajectory, time: float) 
 
 
 def _ribbon_points(trajectory: Trajectory, time: float) -> NDArray[np.float64]:
-    """Points (n, 3) along the rest of the trajectory, about 2 m apart."""
+    """Returns points (n, 3) along the trajectory from `time` on, about 2 m apart."""
     path = np.stack([trajectory.x, trajectory.y, trajectory.z], axis=-1)
     if len(path) < 2 or not np.all(np.isfinite(path)):
         return np.empty((0, 3))
@@ -90,8 +88,6 @@ def _ribbon_points(trajectory: Trajectory, time: float) -> NDArray[np.float64]:
     points[:, 2] += LIFT
     return points
 
-
-# --- The map, seen from above, with vehicles as boxes ---
 
 Project = Callable[[float, float], tuple[float, float]]
 
@@ -111,7 +107,7 @@ VEHICLE_COLORS = {
 
 
 class LaneSketch:
-    """Draws the map into the lower right corner of pictures of one size."""
+    """Draws lanes and vehicles, seen from above, into the lower right corner of pictures."""
 
     def __init__(self, size: tuple[int, int], scale: float, route: Route) -> None:
         self.route = route
@@ -130,14 +126,14 @@ class LaneSketch:
         self._width, self._height = width, height
         self._pad = 6.0 * scale
 
-    def draw(self, image: Image.Image, frame: Frame) -> None:
+    def draw(self, image: Image.Image, frame: DriveFrame) -> None:
         """Draws the surroundings of the truck in this frame."""
         image.paste(self._background, self._corner, self._background)
         pen = ImageDraw.Draw(image, "RGB")
         ego, route = frame.ego, self.route
         edges = route.lane_boundaries_at(ego.station)
         middle = 0.5 * (edges[0] + edges[-1])
-        # Half the width of the map [m]; it also fits wide roads and a truck beside the road.
+        # Half the width of the map [m], enough for wide roads and a truck beside the road.
         half = max(0.5 * (edges[-1] - edges[0]) + 1.5, 7.5)
         stations = np.clip(
             np.linspace(ego.station - BEHIND, ego.station + AHEAD, 35), 0.0, route.length
@@ -166,7 +162,7 @@ class LaneSketch:
                 pen.line(points, fill=LINE, width=stroke)
         self._plan(pen, frame, point)
         for vehicle in frame.scene.vehicles:
-            # Extrapolated from the time of the scene to that of the frame.
+            # Extrapolated from the time of the scene to the time of the frame.
             station = vehicle.station + vehicle.speed * max(frame.time - frame.scene.time, 0.0)
             ahead = station - ego.station
             if abs(vehicle.offset - middle) > half or not -BEHIND < ahead < AHEAD:
@@ -177,19 +173,17 @@ class LaneSketch:
         center = ego.station + foot.front_overhang - 0.5 * foot.length
         self._box(pen, point, center, ego.offset, foot.length, foot.width, TRUCK)
 
-    def _plan(self, pen: ImageDraw.ImageDraw, frame: Frame, point: Project) -> None:
+    def _plan(self, pen: ImageDraw.ImageDraw, frame: DriveFrame, point: Project) -> None:
         plan = frame.trajectory
         shown = (plan.time >= frame.time) & (plan.station < frame.ego.station + AHEAD)
         if np.count_nonzero(shown) < 2:
             return
-        red, green, blue = MODE_COLORS[plan.mode]
-        color = (round(255 * red), round(255 * green), round(255 * blue))
         points = [
             point(float(s), float(o))
             for s, o in zip(plan.station[shown][::3], plan.offset[shown][::3], strict=True)
         ]
         if len(points) > 1:
-            pen.line(points, fill=color, width=max(1, round(2.2 * self._scale)))
+            pen.line(points, fill=mode_color(plan.mode), width=max(1, round(2.2 * self._scale)))
 
     def _box(
         self,

@@ -32,7 +32,7 @@ def check_display() -> None:
 
 
 def follow(window: Any, model: mujoco.MjModel, prefix: str = "") -> None:
-    """Makes a viewer's camera follow the semitrailer with this prefix from behind."""
+    """Makes a viewer's camera follow the semitrailer with this prefix."""
     window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
     window.cam.trackbodyid = model.body(f"{prefix}trailer").id
     window.cam.distance, window.cam.elevation = 28.0, -18.0
@@ -42,14 +42,14 @@ def follow(window: Any, model: mujoco.MjModel, prefix: str = "") -> None:
 PACKAGES = "libegl1 libgl1-mesa-dri libopengl0"
 SIZE_MIN, SIZE_MAX = 64, 4096
 MAX_GEOMS = 6000
-# Static geoms beyond these distances [m] are not drawn, nor those behind the camera.
+# Static geoms beyond these distances [m] or behind the camera are not drawn.
 DRAW_DISTANCE = {"fine": 900.0, "coarse": 4000.0}
 _FINE = ("steel", "post", "reflector", "trunk", "conifer", "leaves", "gravel", "marking")
 _HIDDEN_GROUP = 5
 
 
 def check_size(size: tuple[int, int]) -> tuple[int, int]:
-    """Width and height as even numbers, which the pixel format of the video requires.
+    """Returns width and height rounded down to even numbers, as the video format requires.
 
     Raises:
       InputError: not two whole numbers between 64 and 4096.
@@ -57,24 +57,24 @@ def check_size(size: tuple[int, int]) -> tuple[int, int]:
     try:
         width, height = (int(value) for value in size)
     except (TypeError, ValueError):
-        raise InputError(f"size {size!r} is not allowed: use two numbers, (960, 540)") from None
+        raise InputError(f"size {size!r} is not allowed: use two numbers, as (960, 540)") from None
     for value in (width, height):
         if not SIZE_MIN <= value <= SIZE_MAX:
             raise InputError(
-                f"size {width}x{height} is not allowed: use {SIZE_MIN} to {SIZE_MAX} pixels a side"
+                f"size {width}x{height} is not allowed: use {SIZE_MIN} to {SIZE_MAX} for each side"
             )
     return width - width % 2, height - height % 2
 
 
 def make_context(width: int, height: int) -> Any:
-    """A new OpenGL context, by EGL unless the variable MUJOCO_GL names another backend.
+    """Returns a new OpenGL context, by EGL unless the variable MUJOCO_GL names another backend.
 
     Raises:
-      RenderError: OpenGL is missing; names the Debian packages that contain it.
+      RenderError: OpenGL is missing; the message has the Debian packages that contain it.
     """
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
     if wanted in ("disable", "disabled", "off", "false", "0"):
-        raise RenderError(f"MUJOCO_GL={wanted} switches pictures off: set MUJOCO_GL=egl")
+        raise RenderError(f"MUJOCO_GL={wanted} switches pictures off; set MUJOCO_GL=egl")
     try:
         if wanted == "osmesa":
             from mujoco.osmesa import GLContext
@@ -87,7 +87,7 @@ def make_context(width: int, height: int) -> Any:
         remedy = f"on Debian or Ubuntu: apt-get install {PACKAGES}"
         if wanted != "osmesa" and _for_a_display():
             remedy = (
-                "another module has chosen OpenGL for a display, once for this process: set "
+                "another module has loaded OpenGL for a display in this process; set "
                 "MUJOCO_GL=egl before Python starts"
             )
         raise RenderError(
@@ -97,7 +97,7 @@ def make_context(width: int, height: int) -> Any:
 
 
 def _for_a_display() -> bool:
-    """True when PyOpenGL was loaded for another platform than EGL."""
+    """Returns whether PyOpenGL was loaded for another platform than EGL."""
     platform = sys.modules.get("OpenGL.platform")
     chosen = getattr(platform, "PLATFORM", None)
     return chosen is not None and "egl" not in type(chosen).__name__.lower()
@@ -106,23 +106,20 @@ def _for_a_display() -> bool:
 class Offscreen(Closing):
     """Draws a model's data into arrays of pixels.
 
-    It hides distant geoms in a copy of the model; the given model is never changed.
+    It hides distant geoms in a copy of the model; the model itself does not change.
+
+    Args:
+      model: to draw.
+      size: width and height in pixels, rounded down to even numbers.
 
     Attributes:
       scene: MuJoCo's scene; `update` fills it, then the caller may add geoms.
+
+    Raises:
+      InputError: the size is out of range. RenderError: OpenGL is missing.
     """
 
-    def __init__(self, model: mujoco.MjModel, size: tuple[int, int], samples: int = 0) -> None:
-        """Makes the context and the scene.
-
-        Args:
-          model: to draw.
-          size: width and height in pixels, made even.
-          samples: of antialiasing; 4 look better, but take twice as long without a GPU.
-
-        Raises:
-          InputError: the size is out of range. RenderError: there is no OpenGL.
-        """
+    def __init__(self, model: mujoco.MjModel, size: tuple[int, int]) -> None:
         self.width, self.height = check_size(size)
         self._gl: Any = None
         self._mjr: Any = None
@@ -130,7 +127,8 @@ class Offscreen(Closing):
         self._model = copy.copy(model)
         visual = self._model.vis.global_
         visual.offwidth, visual.offheight = self.width, self.height
-        self._model.vis.quality.offsamples = samples
+        # Antialiasing takes twice as long without a GPU.
+        self._model.vis.quality.offsamples = 0
         try:
             self._mjr = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         except mujoco.FatalError as error:
@@ -163,7 +161,7 @@ class Offscreen(Closing):
         self._group = model.geom_group[self._static].copy()
 
     def update(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> None:
-        """Fills the scene with the model in the state of `data`, seen by `camera`."""
+        """Fills the scene with the state of `data`, seen by `camera`."""
         self._cull(data, camera)
         mujoco.mjv_updateScene(
             self._model,
@@ -176,7 +174,7 @@ class Offscreen(Closing):
         )
 
     def draw(self) -> NDArray[np.uint8]:
-        """The scene as a new array of pixels (height, width, 3), top row first."""
+        """Returns the scene as a new array of pixels (height, width, 3), top row first."""
         self._gl.make_current()
         mujoco.mjr_render(self._rect, self.scene, self._mjr)
         mujoco.mjr_readPixels(self._pixels, None, self._rect, self._mjr)
@@ -193,7 +191,7 @@ class Offscreen(Closing):
             self._gl = None
 
     def _cull(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> None:
-        """Hides static geoms that are far away or outside the cone of view."""
+        """Hides static geoms that are far away or outside the view cone."""
         eye, forward = camera_pose(camera)
         relative = data.geom_xpos[self._static] - eye
         along = relative @ forward
@@ -202,14 +200,14 @@ class Offscreen(Closing):
         half = math.radians(0.5 * self._model.vis.global_.fovy)
         aspect = self.width / self.height
         cone = math.atan(math.tan(half) * math.hypot(1.0, aspect)) + 0.05
-        # Hidden when the bounding sphere is outside of the cone, with 40 m in reserve for shadows.
+        # Hidden if the bounding sphere is outside the cone, with a margin of 40 m for shadows.
         gap = beside * math.cos(cone) - along * math.sin(cone)
         hidden = (distance > self._reach) | (gap > self._radius + 40.0)
         self._model.geom_group[self._static] = np.where(hidden, _HIDDEN_GROUP, self._group)
 
 
 def camera_pose(camera: mujoco.MjvCamera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Position and viewing direction of a free camera."""
+    """Returns position and viewing direction of a free camera."""
     azimuth, elevation = math.radians(camera.azimuth), math.radians(camera.elevation)
     forward = np.array(
         [

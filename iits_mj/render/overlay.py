@@ -1,7 +1,7 @@
 """The instrument panel of a video: speed, gear, engine, pedals, brakes, grade, plan and lanes.
 
-The static part is drawn once at four times the size and scaled down; a frame adds needles, bars and
-text, which takes about 2 ms at 960x540.
+The static background is drawn once at four times the size and scaled down. Each frame adds
+needles, bars and text, which takes about 2 ms at 960x540.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from iits_mj.core.messages import Decision, PlanMode
-from iits_mj.core.units import DIESEL_DENSITY
-from iits_mj.render.lane_sketch import MODE_COLORS, LaneSketch
+from iits_mj.core.units import DIESEL_DENSITY, RPM
+from iits_mj.render.lane_sketch import MARGIN, PANEL, LaneSketch, mode_color
 from iits_mj.road import Route
 
 if TYPE_CHECKING:
-    from iits_mj.simulation import Frame
+    from iits_mj.simulation import DriveFrame
 
 Color = tuple[int, int, int]
 Box = tuple[float, float, float, float]
@@ -31,7 +31,6 @@ GREEN: Color = (46, 204, 150)
 RED: Color = (235, 74, 70)
 AMBER: Color = (255, 176, 46)
 BLUE: Color = (86, 168, 255)
-PANEL = (14, 20, 27, 205)
 RPM_MAX, RPM_RED = 2500.0, 2100.0
 BRAKE_PRESSURE_MAX = 850e3
 MODE_NAMES = {
@@ -41,7 +40,6 @@ MODE_NAMES = {
     PlanMode.EMERGENCY: "EMERGENCY",
 }
 _PANEL_SIZE = (470.0, 112.0)
-_MARGIN = 14.0
 _OVERSAMPLING = 4
 
 
@@ -56,18 +54,18 @@ class Overlay:
     def __init__(self, size: tuple[int, int], route: Route) -> None:
         self.size = size
         width, height = size
-        # Designed for 960x540 and scaled, so that small pictures show all instruments.
+        # The layout for 960x540 is scaled, so that small pictures show all instruments.
         self.scale = min(width / 960.0, height / 540.0)
         k = self.scale
-        self._origin = (_MARGIN * k, height - (_MARGIN + _PANEL_SIZE[1]) * k)
+        self._origin = (MARGIN * k, height - (MARGIN + _PANEL_SIZE[1]) * k)
         self._fonts = {
             points: ImageFont.load_default(max(points * k, 4.0)) for points in (46, 24, 15, 12, 10)
         }
         self._background = self._draw_background()
         self._sketch = LaneSketch(size, k, route)
 
-    def draw(self, picture: NDArray[np.uint8], frame: Frame) -> NDArray[np.uint8]:
-        """A copy of the picture (height, width, 3) with the instruments."""
+    def draw(self, picture: NDArray[np.uint8], frame: DriveFrame) -> NDArray[np.uint8]:
+        """Returns a copy of the picture (height, width, 3) with the instruments."""
         image = Image.fromarray(picture)
         corner = (round(self._origin[0]), round(self._origin[1]))
         image.paste(self._background, corner, self._background)
@@ -82,7 +80,7 @@ class Overlay:
         self._clock(pen, frame)
         return np.asarray(image)
 
-    def _speed(self, pen: ImageDraw.ImageDraw, frame: Frame) -> None:
+    def _speed(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         self._text(pen, 76, 58, f"{abs(frame.ego.speed) * 3.6:.0f}", 46, INK, "rs")
         self._text(pen, 82, 58, "km/h", 12, DIM, "ls")
         self._text(pen, 16, 78, "SET", 10, DIM, "ls")
@@ -91,11 +89,11 @@ class Overlay:
             self._text(pen, 74, 78, "LIMIT", 10, DIM, "ls")
             self._text(pen, 108, 78, f"{frame.speed_limit * 3.6:.0f}", 15, INK, "ls")
 
-    def _engine(self, pen: ImageDraw.ImageDraw, frame: Frame) -> None:
+    def _engine(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         ego = frame.ego
         gear = {0: "N", -1: "R"}.get(ego.gear, str(ego.gear))
         self._text(pen, 162, 47, gear, 24, AMBER if ego.shift_in_process else INK, "mm")
-        rpm = max(ego.engine_speed, 0.0) * 60.0 / (2.0 * math.pi)
+        rpm = max(ego.engine_speed, 0.0) / RPM
         share = min(rpm / RPM_MAX, 1.0)
         color = RED if rpm > RPM_RED else BLUE
         box = self._box(132, 17, 192, 77)
@@ -103,23 +101,23 @@ class Overlay:
         pen.arc(box, 135.0, 135.0 + 270.0 * share, fill=color, width=width)
         self._text(pen, 162, 73, f"{rpm:.0f}", 12, INK, "mm")
 
-    def _pedals(self, pen: ImageDraw.ImageDraw, frame: Frame) -> None:
+    def _pedals(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         pedal = min(max(frame.command.accelerator_pedal, 0.0), 1.0)
         brake = min(max(-frame.command.xbr_demand / 4.0, 0.0), 1.0)
         for x, share, color in ((212, pedal, GREEN), (232, brake, RED)):
             if share > 0.005:
                 pen.rectangle(self._box(x, 78 - 58 * share, x + 12, 78), fill=color)
 
-    def _brakes(self, pen: ImageDraw.ImageDraw, frame: Frame) -> None:
+    def _brakes(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         for i, pressure in enumerate(frame.ego.brake_pressures):
             share = min(max(pressure / BRAKE_PRESSURE_MAX, 0.0), 1.0)
             if share > 0.005:
                 x = 262 + 15 * i
                 pen.rectangle(self._box(x, 78 - 58 * share, x + 9, 78), fill=AMBER)
 
-    def _grade(self, pen: ImageDraw.ImageDraw, frame: Frame) -> None:
+    def _grade(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         slope = frame.grade
-        # The wedge exaggerates the grade six times.
+        # The wedge is six times as steep as the road.
         rise = 6.0 * min(max(slope, -0.1), 0.1) * 36.0
         base = 62.0
         points = [(350, base + 0.5 * rise), (422, base - 0.5 * rise)]
@@ -130,21 +128,19 @@ class Overlay:
         used = frame.ego.fuel_used / DIESEL_DENSITY
         self._text(pen, 452, 102, f"{used:.2f} l", 12, INK, "rs")
 
-    def _plan(self, pen: ImageDraw.ImageDraw, frame: Frame) -> None:
+    def _plan(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         mode = frame.trajectory.mode
-        name = MODE_NAMES.get(mode, mode.value.upper())
+        name = MODE_NAMES[mode]
         if mode is PlanMode.LANE_CHANGE:
             to_left = frame.trajectory.target_lane > frame.lane or frame.decision is Decision.LEFT
             name += " LEFT" if to_left else " RIGHT"
-        red, green, blue = MODE_COLORS.get(mode, (1.0, 1.0, 1.0))
-        color = (round(255 * red), round(255 * green), round(255 * blue))
         k = self.scale
         font = self._fonts[15]
         width = font.getlength(name)
-        x, y = _MARGIN * k, _MARGIN * k
+        x, y = MARGIN * k, MARGIN * k
         box = (x, y, x + width + 36 * k, y + 27 * k)
         pen.rounded_rectangle(box, radius=6 * k, fill=PANEL[:3])
-        pen.ellipse((x + 9 * k, y + 8.5 * k, x + 19 * k, y + 18.5 * k), fill=color)
+        pen.ellipse((x + 9 * k, y + 8.5 * k, x + 19 * k, y + 18.5 * k), fill=mode_color(mode))
         pen.text((x + 26 * k, y + 13.5 * k), name, font=font, fill=INK, anchor="lm")
         reason = frame.trajectory.reason
         if reason:
@@ -161,7 +157,7 @@ class Overlay:
                 )
             pen.text(where, reason, font=font, fill=INK, anchor="lm")
 
-    def _clock(self, pen: ImageDraw.ImageDraw, frame: Frame) -> None:
+    def _clock(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         texts = (
             (16, f"{frame.time:6.1f} s"),
             (92, f"{frame.ego.station / 1000.0:.2f} km"),

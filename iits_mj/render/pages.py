@@ -1,7 +1,7 @@
-"""Pages as HTML and Markdown, filled into the templates beside this module.
+"""Pages as HTML and Markdown, from the templates beside this module.
 
-An HTML page is one self-contained file: its plots, and a video that is not too large, are embedded.
-A Markdown page has its plots in a folder beside it, so that both can be kept in a repository.
+An HTML page is one self-contained file with embedded plots and, unless it is large, the video. A
+Markdown page has its plots in a folder beside it, so that a repository can hold both.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from iits_mj.core.output_files import write_whole
 from iits_mj.core.results import COLUMNS, Check, Results
 from iits_mj.render import plots
 
-# A larger video is linked instead of embedded [bytes].
+# Larger videos are linked instead of embedded [bytes].
 INLINE_VIDEO_BYTES = 20_000_000
 _DPI = 72  # of the plots beside a Markdown page
-# A Markdown section with more checks than this shows only those that fall short.
+# A Markdown section with more checks shows only those that fall short.
 _LONG = 300
 
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A part of a page, from top to bottom; empty parts are left out.
+    """A section of a page, its parts from top to bottom; a page omits empty parts.
 
     Attributes:
       title: heading; notes: remarks set apart from the text.
-      sentences: paragraphs; these, titles and cells may hold Markdown's `**bold**` and code marks.
+      sentences: paragraphs; they, titles and cells may have Markdown's `**bold**` and code marks.
       header, rows: a table of text; checks: a table of checks (HTML only, see `check_section`).
-      pictures: caption with a PNG's bytes (HTML) or its path (Markdown); video: an MP4 (HTML only).
+      pictures: caption and PNG, as bytes (HTML) or path (Markdown); video: an MP4 (HTML only).
     """
 
     title: str = ""
@@ -51,7 +51,7 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A page: heading, the line below it, checks that fall short (Markdown only), sections."""
+    """A page: heading, lead below it, checks that fall short (Markdown only), sections."""
 
     title: str
     lead: str = ""
@@ -59,16 +59,16 @@ class Page:
     short: Sequence[Check] = ()
 
     def to_html(self, folder: Path | None = None) -> str:
-        """The page as HTML; `folder` is where it will lie, for the link to a large video."""
+        """Returns the page as HTML; `folder` is its place, for the link to a large video."""
         template = _templates().get_template("page.html.j2")
         return template.render(page=self, folder=folder, check_columns=COLUMNS)
 
     def to_markdown(self) -> str:
-        """The page as Markdown."""
+        """Returns the page as Markdown."""
         return _templates().get_template("page.md.j2").render(page=self).rstrip() + "\n"
 
     def write(self, path: Path) -> Path:
-        """Writes the page in the format of the suffix; replaces an older file whole."""
+        """Writes the page in the format of the suffix; replaces an older file completely."""
         text = self.to_markdown() if path.suffix == ".md" else self.to_html(path.parent)
         write_whole(path, text.encode(), "page")
         return path
@@ -80,7 +80,7 @@ def check_section(
     notes: Sequence[str] = (),
     sentences: Sequence[str] = (),
 ) -> Section:
-    """A Markdown section with a table of checks; only bounded checks get a verdict."""
+    """Returns a Markdown section with a table of checks; only bounded checks get a verdict."""
     rows = [
         (*check.cells(), ("ok" if check.must else "") if check.ok else "**falls short**")
         for check in checks
@@ -89,7 +89,7 @@ def check_section(
 
 
 def write_pictures(folder: Path, pictures: Iterable[tuple[str, bytes]]) -> None:
-    """Writes PNG files of these names; removes other PNG files from the folder."""
+    """Writes PNG files with these names; removes other PNG files from the folder."""
     folder.mkdir(exist_ok=True)
     written = set()
     for name, content in pictures:
@@ -101,12 +101,12 @@ def write_pictures(folder: Path, pictures: Iterable[tuple[str, bytes]]) -> None:
 
 
 def write_results_page(results: Results, version: str, folder: Path) -> tuple[Path, Path]:
-    """Writes `<command>.html`, `<command>.md` and the latter's plots; returns the two pages.
+    """Writes `<command>.html`, `<command>.md` and its plots; returns the paths of both pages.
 
     Args:
-      results: their parts become the sections of the Markdown page.
+      results: each part is a section of the Markdown page.
       version: of the package.
-      folder: exists; the plots go into `<command>/` inside it.
+      folder: an existing one; the plots go into its subfolder `<command>`.
     """
     stem, title = slug(results.command), f"iits-mj {results.command}"
     short = [check.name for check in results.short()]
@@ -141,17 +141,17 @@ def write_results_page(results: Results, version: str, folder: Path) -> tuple[Pa
 
 
 def picture_section(caption: str, picture: bytes | str) -> Section:
-    """A section with one picture under its caption."""
+    """Returns a section with one picture under its caption."""
     return Section(caption, pictures=[(caption, picture)])
 
 
 def slug(text: str) -> str:
-    """Lower-case words joined by dashes, for file names."""
+    """Returns the words of a text in lower case, joined by dashes, for file names."""
     return re.sub(r"[^a-z0-9.]+", "-", text.lower()).strip("-")
 
 
 def _part_sections(part: Results, whole: Results, stem: str) -> list[Section]:
-    """Sections of a Markdown page for one part of the results."""
+    """Returns the sections of a Markdown page for one part of the results."""
     title, sentences, shown = "", [], part.checks
     if part is not whole:
         title = part.command.removeprefix(whole.command).strip().capitalize()
@@ -184,25 +184,25 @@ def _templates() -> jinja2.Environment:
 
 
 def _inline(text: str) -> Markup:
-    """Escaped text with Markdown's bold and code marks as HTML."""
+    """Returns escaped text with Markdown's bold and code marks as HTML."""
     shown = re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", str(escape(text)))
     return Markup(re.sub(r"`(.+?)`", r"<code>\1</code>", shown))
 
 
 def _row(cells: Sequence[str]) -> str:
-    """A row of a Markdown table."""
+    """Returns a row of a Markdown table."""
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
 def _source(picture: bytes | str) -> str:
-    """What an <img> refers to: embedded data, or a path."""
+    """Returns the source of an <img>: embedded data, or a path."""
     if isinstance(picture, str):
         return picture
     return f"data:image/png;base64,{base64.b64encode(picture).decode()}"
 
 
 def _video(path: Path, folder: Path | None) -> tuple[str, str]:
-    """What a <video> refers to, and the size in MB of a video that is not embedded, else ""."""
+    """Returns the source of a <video>, and the size of a linked video in MB or ""."""
     size = path.stat().st_size
     if size <= INLINE_VIDEO_BYTES:
         return f"data:video/mp4;base64,{base64.b64encode(path.read_bytes()).decode()}", ""

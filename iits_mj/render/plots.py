@@ -18,7 +18,7 @@ from iits_mj.core.output_files import write_whole
 from iits_mj.core.results import Line, Panel
 
 PALETTE = ("#1f5fa8", "#d1495b", "#2a9d8f", "#e9a03b", "#6d597a", "#577590")
-# Labels of a plan view; it is drawn to scale.
+# Axis labels of a plan view, which is drawn to scale.
 _MAP = ("x [m]", "y [m]")
 INK, GRID = "#22303c", "#d9dee3"
 _ROLE_STYLE: dict[str, dict[str, Any]] = {
@@ -27,12 +27,12 @@ _ROLE_STYLE: dict[str, dict[str, Any]] = {
     "edge": {"color": "#5b6770", "linestyle": "-", "linewidth": 1.6, "zorder": 1},
     "mark": {"color": "#9aa5ae", "linestyle": (0, (8, 6)), "linewidth": 1.2, "zorder": 1},
 }
-# Closed outlines in a plan view; they are filled.
+# Roles of closed outlines in a plan view, which are filled.
 _BODY_COLOR = {"tractor": PALETTE[0], "trailer": PALETTE[5], "vehicle": PALETTE[3]}
 
 
 def draw(panels: Sequence[Panel], *, width: float = 9.5, panel_height: float = 2.3) -> Figure:
-    """A figure with the panels below each other; panels with equal x labels share the x axis.
+    """Returns a figure with one panel below the other; equal x labels share the x axis.
 
     Raises:
       InputError: no panel, or a line whose x and y do not match.
@@ -62,14 +62,14 @@ def dress(ax: Axes, title: str) -> None:
 
 
 def to_png(figure: Figure, dpi: int = 110) -> bytes:
-    """Content of a PNG file; the same figure gives the same bytes."""
+    """Returns the content of a PNG file; equal figures give equal bytes."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
     return buffer.getvalue()
 
 
 def save(panels: Sequence[Panel], path: Path) -> bytes:
-    """Draws the panels into a PNG file, replacing an older one; returns its content."""
+    """Draws the panels into a PNG file, replaces an older one; returns the content."""
     content = to_png(draw(panels))
     write_whole(path, content, "plot")
     return content
@@ -103,9 +103,9 @@ def _draw_panel(ax: Axes, panel: Panel) -> None:
 
 
 def _open_flat_range(ax: Axes) -> None:
-    """Widens the range of a constant quantity, so that rounding noise is not magnified.
+    """Widens the range of a constant quantity, so that rounding noise stays invisible.
 
-    The range of a quantity that is never negative, such as a pressure, does not go below 0.
+    The range of a quantity without negative values, such as a pressure, does not go below 0.
     """
     low, high = ax.dataLim.intervaly
     if np.isfinite([low, high]).all() and high - low < 1e-6 * max(1.0, abs(low), abs(high)):

@@ -54,7 +54,7 @@ class RoadGraph:
         return self._next[node]
 
     def starts(self) -> list[Node]:
-        """Returns nodes where a chain can begin: those without predecessor, one of every loop."""
+        """Returns the nodes where a chain can begin: without predecessor, and one per loop."""
         reached = {follower for followers in self._next.values() for follower in followers}
         starts = [node for node in self.nodes if node not in reached]
         covered = self._reachable(starts)
@@ -81,7 +81,7 @@ class RoadGraph:
         longest = 0.0
         for node in starts:
             chain, length = self._longest_from(node, budget)
-            # Of equal chains the first is kept, so that the result does not depend on rounding.
+            # The first of equal chains is kept, so that the result does not depend on rounding.
             if length > longest + 1e-6:
                 best, longest = chain, length
         return best
@@ -166,7 +166,7 @@ class RoadGraph:
                 yield (connection.connecting, onward), count
 
     def _leads_back(self, connecting: str, onward: int, node: Node) -> bool:
-        """Whether a connecting road begins at the end of `node` that is being left."""
+        """Whether a connecting road begins at the exit of `node`."""
         link = self.roads[connecting].link(-onward)
         if link is None or link.element != "road":
             return True
@@ -199,7 +199,7 @@ class Piece:
 
     @property
     def p_end(self) -> float:
-        """Chain parameter where it is left."""
+        """Chain parameter at the exit."""
         return self.p_start + self.length
 
     def s_at(self, p: ArrayLike) -> FloatArray:
@@ -213,8 +213,8 @@ class Piece:
     def state(self, s: ArrayLike, side: int = 1, roll_scale: float = 1.0) -> FloatArray:
         """Exact values and derivatives by p, shape (3, 4, n): order of derivative; x, y, z, roll.
 
-        `side` says which record counts where two meet: after (+1) or before (-1) in travel. Second
-        derivatives of z and roll are left zero.
+        Where two records meet, `side` selects the one after (+1) or before (-1) in travel. Second
+        derivatives of z and roll are zero.
         """
         s = np.atleast_1d(np.asarray(s, dtype=float))
         sign = self.direction

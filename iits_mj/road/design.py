@@ -28,9 +28,9 @@ from iits_mj.road.elements import (
 from iits_mj.road.geometry import Arc, Geometry, Line, Spiral
 from iits_mj.road.polynomials import Cubic, PiecewiseCubic, constant
 
-# Coordinates are rounded to a nanometre, so that every machine writes the same file.
+# Coordinates are rounded to a nanometer, so that every machine writes the same file.
 _DIGITS = 9
-# A section is evaluated a micrometre after its start.
+# A section is evaluated a micrometer after its start.
 _JUST_AFTER = 1e-6
 
 
@@ -45,12 +45,12 @@ class ExtraLane:
 
 @dataclass(frozen=True)
 class Design:
-    """A one-way road; see `tools/highway.toml` for the table it is read from. SI units.
+    """A one-way road in SI units; `tools/highway.toml` is an example of its table.
 
     Attributes:
       alignment: (length, curvature at start, at end, cross slope at start, at end) of each element.
       start: x, y, z [m] and heading [rad] of the first point.
-      grades: (station, grade after it, length of the parabola centred there).
+      grades: (station, grade after it, length of the parabola centered there).
       limits: (start, end, speed).
       structures: (kind, name, start, end).
     """
@@ -87,8 +87,9 @@ class Design:
         Raises:
           InputError: the file cannot be read or an entry is missing or wrong.
         """
+        table = read_toml(path, "design table")
         try:
-            return cls._from_table(read_toml(path, "design table"))
+            return cls._from_table(table)
         except KeyError as error:
             raise InputError(f"{path}: the entry {error} is missing in the design table") from error
 
@@ -101,14 +102,10 @@ class Design:
             grade = entry["grade"] / 100.0
             grades.append((entry["station"], grade, entry["K"] * 100.0 * change))
         origin = table["start"]
+        same = ("name", "lane_width", "lanes", "left_shoulder", "right_shoulder", "speed_limit")
         return cls(
-            name=table["name"],
+            **{key: table[key] for key in same},
             start=(origin["x"], origin["y"], origin["z"], origin["heading"]),
-            lane_width=table["lane_width"],
-            lanes=table["lanes"],
-            left_shoulder=table["left_shoulder"],
-            right_shoulder=table["right_shoulder"],
-            speed_limit=table["speed_limit"],
             initial_grade=initial,
             road_ends=tuple(table["road_ends"]),
             alignment=tuple(row for entry in table["alignment"] for row in _elements(entry)),
@@ -126,7 +123,7 @@ def _elements(entry: dict[str, float]) -> Iterator[tuple[float, float, float, fl
         yield entry["straight"], 0.0, 0.0, 0.0, 0.0
         return
     bend = 1.0 / entry["radius"]
-    # The road leans into the bend: in a left bend its left side is low.
+    # The road leans into the bend: in a left bend its left side is lower.
     roll = -math.copysign(math.atan(entry["cross_slope"] / 100.0), bend)
     yield entry["clothoid"], 0.0, bend, 0.0, roll
     yield entry["arc"], bend, bend, roll, roll
@@ -136,7 +133,7 @@ def _elements(entry: dict[str, float]) -> Iterator[tuple[float, float, float, fl
 def build(design: Design, tapered: bool = True) -> OpenDriveMap:
     """Returns the map records of a design: roads in a row, linked lane by lane.
 
-    SUMO's lanes have constant widths, and netconvert displaces the neighbours of a tapered lane by
+    SUMO's lanes have constant widths, and netconvert displaces the neighbors of a tapered lane by
     up to 2 m. Without `tapered` the innermost lane always has its full width, and is open to
     traffic only where the extra lane is fully open: netconvert then displaces nothing.
     """
@@ -240,7 +237,7 @@ def _superelevation(design: Design) -> PiecewiseCubic:
 
 
 def _lane_offset(design: Design) -> PiecewiseCubic:
-    """Offset 0 is the centre of the rightmost lane; extra lanes open on the left."""
+    """Offset 0 is the center of the rightmost lane; extra lanes open on the left."""
     width = design.lane_width
     base = (design.lanes - 0.5) * width
     records = [Cubic(0.0, base)]

@@ -39,14 +39,14 @@ class Lane:
     """One lane of a section.
 
     Attributes:
-      id: negative right, positive left of the centre lane 0.
+      id: negative right, positive left of the center lane 0.
       kind: OpenDRIVE lane type.
       widths: cubic records by distance from the section's start [m]; empty when borders are given.
-      borders: outer border as t [m], the other way to give a width.
-      marks: paint on the outer border (of lane 0: on the centre line).
+      borders: outer border as t [m], the alternative to widths.
+      marks: paint on the outer border (of lane 0: on the center line).
       speeds: (distance from the section's start [m], limit [m/s]), infinite where unlimited.
       frictions: (distance from the section's start [m], coefficient).
-      predecessor, successor: lane ids in the neighbouring sections or roads.
+      predecessor, successor: lane ids in the neighboring sections or roads.
     """
 
     id: int
@@ -177,7 +177,7 @@ class Road:
 
     @cached_property
     def lane_offset(self) -> PiecewiseCubic:
-        """T of the centre lane [m]."""
+        """T of the center lane [m]."""
         return PiecewiseCubic(self.lane_offsets)
 
     def section_spans(self) -> Iterator[tuple[float, float, LaneSection]]:
@@ -224,7 +224,7 @@ class Junction:
 
 @dataclass(frozen=True)
 class OpenDriveMap:
-    """Content of a file that this project uses; `notes` lists what was left out."""
+    """Content of a file that this project uses; `notes` lists the parts left out."""
 
     roads: tuple[Road, ...]
     junctions: tuple[Junction, ...] = ()
@@ -236,7 +236,7 @@ class OpenDriveMap:
 def lane_borders(road: Road, section: LaneSection, direction: int) -> dict[int, PiecewiseCubic]:
     """Returns t of the outer border of every lane of a side, as profiles over s [m].
 
-    Lane 0 is the centre line, whose border is the lane offset.
+    Lane 0 is the center line, whose border is the lane offset.
     """
     sign = -1.0 if direction > 0 else 1.0
     border = road.lane_offset

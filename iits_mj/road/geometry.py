@@ -1,7 +1,7 @@
 """Exact evaluation of OpenDRIVE plan-view geometry: line, arc, spiral, poly3, paramPoly3.
 
 Every record gives position, heading, curvature and the speed |dP/ds| at distances ds from its
-start. Arrays have the shape of `ds`. Lengths in metres, angles in radians, curvature positive to
+start. Arrays have the shape of `ds`. Lengths in meters, angles in radians, curvature positive to
 the left. Records extrapolate naturally beyond both ends, which bridges small gaps of a map.
 """
 
@@ -15,6 +15,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from iits_mj.core.angles import wrap_angle
 from iits_mj.core.arrays import FloatArray
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
@@ -133,11 +134,6 @@ class ParamPoly3(Geometry):
     v_coefficients: tuple[float, float, float, float]
     normalized: bool = False
 
-    @property
-    def parameter_end(self) -> float:
-        """Value of p at the record's end."""
-        return 1.0 if self.normalized else self.length
-
     def _derivatives(self, p: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         _, bu, cu, du = self.u_coefficients
         _, bv, cv, dv = self.v_coefficients
@@ -155,7 +151,7 @@ class ParamPoly3(Geometry):
     @cached_property
     def _arc_length(self) -> tuple[FloatArray, FloatArray]:
         """Table of p and the arc length up to p, (n,) each."""
-        p = np.linspace(0.0, self.parameter_end, 257)
+        p = np.linspace(0.0, 1.0 if self.normalized else self.length, 257)
         width = np.diff(p)[:, None]
         pieces = (self._norm(p[:-1, None] + width * _UNIT_NODES) * _UNIT_WEIGHTS).sum(axis=1)
         return p, np.concatenate(([0.0], np.cumsum(pieces * width[:, 0])))
@@ -168,7 +164,7 @@ class ParamPoly3(Geometry):
         wanted = ds * (arc[-1] / self.length)
         index = np.clip(np.searchsorted(arc, wanted, side="right") - 1, 0, table.size - 2)
         p = table[index] + (wanted - arc[index]) / np.maximum(self._norm(table[index]), 1e-12)
-        # Newton on arc(p) = wanted; the integral from the table's node is a smooth short one.
+        # Newton on arc(p) = wanted; the integral from the table's node is short and smooth.
         for _ in range(3):
             width = p - table[index]
             points = table[index][..., None] + width[..., None] * _UNIT_NODES
@@ -202,8 +198,8 @@ class Poly3(Geometry):
     coefficients: tuple[float, float, float, float]
 
     @cached_property
-    def _curve(self) -> tuple[ParamPoly3, float]:
-        """The same curve with u as parameter, and the u at which its arc length is `length`."""
+    def _normalized(self) -> ParamPoly3:
+        """The curve over p from 0 to 1, which ends at the u whose arc length is `length`."""
         along = (0.0, 1.0, 0.0, 0.0)
         extent = self.length
         for _ in range(50):
@@ -212,11 +208,6 @@ class Poly3(Geometry):
             if abs(error) < 1e-12 * max(1.0, self.length):
                 break
             extent += error / float(curve._norm(np.array(extent)))
-        return curve, extent
-
-    @cached_property
-    def _normalized(self) -> ParamPoly3:
-        _, extent = self._curve
         a, b, c, d = self.coefficients
         scaled = (a, b * extent, c * extent**2, d * extent**3)
         return ParamPoly3(
@@ -235,11 +226,6 @@ class PlanJump(NamedTuple):
     dx: float
     dy: float
     heading: float
-
-
-def wrap_angle(angle: FloatArray | float) -> FloatArray:
-    """Angle brought to (-pi, pi]."""
-    return np.asarray(np.pi - np.mod(np.pi - np.asarray(angle), 2.0 * np.pi))
 
 
 class PlanView:
@@ -265,11 +251,11 @@ class PlanView:
         return PlanarPoint(*(row.reshape(s.shape) for row in result))
 
     def jumps(self) -> list[PlanJump]:
-        """Steps of position and heading between neighbouring records."""
+        """Steps of position and heading between neighboring records."""
         steps = []
         for before, after in zip(self.records, self.records[1:], strict=False):
             end = before.evaluate(after.s - before.s)
             start = after.evaluate(0.0)
-            turn = float(wrap_angle(float(start.heading) - float(end.heading)))
+            turn = wrap_angle(float(start.heading) - float(end.heading))
             steps.append(PlanJump(after.s, float(start.x - end.x), float(start.y - end.y), turn))
         return steps

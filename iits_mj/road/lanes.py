@@ -3,8 +3,8 @@
 Lanes have borders, limits, paint and friction over the route's chain parameter.
 
 They are counted from the right, 0 being the rightmost driving lane; offsets are positive to the
-left of the route's reference line. Widths are taken horizontally (a cross slope of 0.1 rad changes
-them by 0.5 %), as SUMO's network has them.
+left of the route's reference line. Widths are horizontal, as in SUMO's network (a cross slope of
+0.1 rad changes them by 0.5 %).
 """
 
 from __future__ import annotations
@@ -97,23 +97,24 @@ def lane_bands(piece: Piece) -> list[LaneBand]:
 def _band(piece: Piece, s_start: float, s_end: float, section: LaneSection) -> LaneBand:
     direction = piece.direction
     origin = piece.p_at(s_start)
+    low, high = sorted((s_start, s_end))
     borders = lane_borders(piece.road, section, direction)
     opposite = lane_borders(piece.road, section, -direction)
 
     def offset(border: PiecewiseCubic) -> PiecewiseCubic:
-        travelled = border.along(s_start, s_end, direction, origin)
-        return combine([(float(direction), travelled)], -piece.shift)
+        traveled = border.along(s_start, s_end, direction, origin)
+        return combine([(float(direction), traveled)], -piece.shift)
 
     def steps(records: Sequence[tuple[float, T]], default: T) -> Steps[T]:
         places = [(section.s + start, value) for start, value in records]
-        inner = [(s, v) for s, v in places if min(s_start, s_end) < s < max(s_start, s_end)]
-        before = [value for s, value in places if s <= min(s_start, s_end)]
+        inner = [(s, v) for s, v in places if low < s < high]
+        before = [value for s, value in places if s <= low]
         first = before[-1] if before else (places[0][1] if places else default)
         values = [first, *(value for _, value in inner)]
-        starts = [min(s_start, s_end), *(s for s, _ in inner)]
+        starts = [low, *(s for s, _ in inner)]
         if direction > 0:
             return Steps([piece.p_at(s) for s in starts], values)
-        ends = [*starts[1:], max(s_start, s_end)]
+        ends = [*starts[1:], high]
         return Steps([piece.p_at(s) for s in reversed(ends)], list(reversed(values)))
 
     side = section.side(direction)
@@ -121,23 +122,21 @@ def _band(piece: Piece, s_start: float, s_end: float, section: LaneSection) -> L
     road_speed = [
         (record.s - section.s, piece.road.speed_at(record.s)) for record in piece.road.types
     ]
-    default_speed = piece.road.speed_at(min(s_start, s_end))
-    lanes = []
-    for lane in section.driving(direction):
-        lanes.append(
-            RouteLane(
-                lane=lane,
-                right=offset(borders[lane.id]),
-                left=offset(borders[inner_id[lane.id]]),
-                speed=steps(lane.speeds or road_speed, default_speed),
-                friction=steps(lane.frictions, DEFAULT_FRICTION),
-            )
+    default_speed = piece.road.speed_at(low)
+    lanes = [
+        RouteLane(
+            lane=lane,
+            right=offset(borders[lane.id]),
+            left=offset(borders[inner_id[lane.id]]),
+            speed=steps(lane.speeds or road_speed, default_speed),
+            friction=steps(lane.frictions, DEFAULT_FRICTION),
         )
+        for lane in section.driving(direction)
+    ]
     no_mark = RoadMark(0.0)
-    painted = [route_lane.lane for route_lane in lanes]
-    painted_ids = [lane.id for lane in painted] + [inner_id[painted[-1].id]]
+    painted = [route_lane.lane.id for route_lane in lanes]
     marks = []
-    for identity in painted_ids:
+    for identity in (*painted, inner_id[painted[-1]]):
         owner = section.lane(identity)
         records = [(mark.start, mark) for mark in owner.marks] if owner else []
         marks.append(steps(records, no_mark))

@@ -24,7 +24,7 @@ __all__ = ["Lanes", "measured_route", "route_from_csv"]
 
 _GRADE_MAX = 0.25
 _CURVATURE_MAX = 0.2
-# Below it a clothoid is laid as a straight line or an arc [1/m].
+# Clothoids whose curvature changes by less become straight lines or arcs [1/m].
 _SAME_CURVATURE = 1e-9
 
 
@@ -41,7 +41,7 @@ def measured_route(
     The reference line is the middle of the rightmost lane, which lies on the measured heights.
 
     Args:
-      station: rising [m]; the first is the road's station 0.
+      station: increasing [m]; the first is the road's station 0.
       height: [m].
       heading: [rad]; only the first is used, the curvature gives the others; default: 0.
       curvature: positive to the left [1/m]; default: a straight road.
@@ -77,14 +77,8 @@ def route_from_csv(path: str | Path, lanes: Lanes | None = None) -> Route:
     wanted = [(name,) for name in ("s_m", "z_m", *extra)]
     station, height, *others = read_columns(path, "road", wanted)
     table = dict(zip(extra, others, strict=True))
-    return measured_route(
-        station,
-        height,
-        table.get("heading_rad"),
-        table.get("curvature_1pm"),
-        lanes,
-        Path(path).name,
-    )
+    heading, curvature = table.get("heading_rad"), table.get("curvature_1pm")
+    return measured_route(station, height, heading, curvature, lanes, Path(path).name)
 
 
 def _columns(name: str, station: ArrayLike, values: ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -1,14 +1,13 @@
 """Parses OpenDRIVE (1.4 to 1.8, right-hand traffic) into the records of `elements`.
 
-Element and attribute names follow ASAM OpenDRIVE 1.6. Content that changes neither the road's place
-nor how it is driven (outlines of objects, controllers, vendor data) is not read. Other content that
-is not supported is refused, or left out with a note.
+Element and attribute names follow ASAM OpenDRIVE 1.6. Content that affects neither the road's place
+nor driving (outlines of objects, controllers, vendor data) is not read. Other unsupported content
+is refused, or left out with a note.
 """
 
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from iits_mj.road.elements import (
@@ -26,7 +25,7 @@ from iits_mj.road.elements import (
 )
 from iits_mj.road.geometry import Arc, Geometry, Line, ParamPoly3, Poly3, Spiral
 from iits_mj.road.polynomials import Cubic
-from iits_mj.road.xml_input import Reader, parse_xml, read_file
+from iits_mj.road.xml_input import Reader, parse_xml
 
 LENGTH_LIMIT = 1e6
 CURVATURE_LIMIT = 10.0
@@ -37,21 +36,11 @@ _UNITS = {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704}
 _UNLIMITED = ("no limit", "undefined")
 
 
-def load(path: str | Path) -> OpenDriveMap:
-    """Reads a map file.
-
-    Raises:
-      MapError: the file cannot be used; the message names file, road and what is wrong.
-    """
-    path = Path(path)
-    return parse(read_file(path), str(path))
-
-
 def parse(content: bytes, source: str) -> OpenDriveMap:
     """Reads a map from the bytes of a file; `source` names it in errors.
 
     Raises:
-      MapError: as for `load`.
+      MapError: the map cannot be used; the message names the source, the road and the reason.
     """
     root = parse_xml(content, source)
     reader = Reader(source)
@@ -172,9 +161,8 @@ def _read_plan(place: Reader, item: Element) -> tuple[Geometry, ...]:
     records = [] if view is None else view.findall("geometry")
     if not records:
         place.fail("has no <geometry> in its <planView>")
-    geometries = [_read_geometry(place, record) for record in records]
-    geometries.sort(key=lambda geometry: geometry.s)
-    return tuple(geometries)
+    geometries = (_read_geometry(place, record) for record in records)
+    return tuple(sorted(geometries, key=lambda geometry: geometry.s))
 
 
 def _read_geometry(place: Reader, record: Element) -> Geometry:
@@ -184,10 +172,10 @@ def _read_geometry(place: Reader, record: Element) -> Geometry:
     heading = where.number(record, "hdg", low=-1e4, high=1e4)
     length = where.number(record, "length", low=0.0, high=LENGTH_LIMIT)
     shape = next(iter(record), None)
-    tag = "none" if shape is None else shape.tag
-    if shape is None or tag == "line" or length == 0.0:
-        if shape is None:
-            where.fail("has no shape; one of line, arc, spiral, poly3, paramPoly3 is needed")
+    if shape is None:
+        where.fail("has no shape; one of line, arc, spiral, poly3, paramPoly3 is needed")
+    tag = shape.tag
+    if tag == "line" or length == 0.0:
         return Line(s, x, y, heading, length)
 
     def curvature(name: str) -> float:
@@ -287,31 +275,21 @@ def _read_structures(place: Reader, objects: Element | None) -> tuple[Structure,
             continue
         identity = place.text(item, "id")
         where = place.within(f"{item.tag} {identity!r}")
-        result.append(
-            Structure(
-                kind=item.tag,
-                id=identity,
-                s=where.number(item, "s", low=0.0),
-                length=where.number(item, "length", low=0.0),
-                name=item.get("name", ""),
-                subtype=item.get("type", "standard"),
-            )
-        )
+        s, length = (where.number(item, name, low=0.0) for name in ("s", "length"))
+        name, subtype = item.get("name", ""), item.get("type", "standard")
+        result.append(Structure(item.tag, identity, s, length, name, subtype))
     return tuple(sorted(result, key=lambda structure: structure.s))
 
 
 def _read_lanes(place: Reader, lanes: Element, road_length: float) -> tuple[LaneSection, ...]:
-    """Lane sections of a road in order of s.
-
-    Raises:
-      MapError: there is none, or one is wrong.
-    """
-    sections = [_read_section(place, item) for item in lanes.findall("laneSection")]
-    sections.sort(key=lambda section: section.s)
-    sections = [section for section in sections if section.s < road_length]
+    """Lane sections that begin on the road, in order of s."""
+    found = (_read_section(place, item) for item in lanes.findall("laneSection"))
+    sections = tuple(
+        section for section in sorted(found, key=lambda one: one.s) if section.s < road_length
+    )
     if not sections:
         place.fail("has no <laneSection>")
-    return tuple(sections)
+    return sections
 
 
 def _read_speed(place: Reader, record: Element) -> float:

@@ -17,7 +17,7 @@ from iits_mj.core.arrays import FloatArray
 
 
 class Cubic(NamedTuple):
-    """One record; `start` in metres, coefficients in powers of metres."""
+    """One record; `start` in meters, coefficients in powers of meters."""
 
     start: float
     a: float = 0.0

@@ -27,14 +27,14 @@ _TURN = 2.0 * math.pi
 _VALUES, _SLOPES = slice(0, 4), slice(4, 8)
 _CURVATURE, _HEADING, _P = 8, 9, 10
 _ROWS = 11
-# Of the first rows: those of the plane, and all polynomials.
+# Numbers of leading rows: those of the plane, and all polynomials.
 _PLANE, _ALL = 2, 4
-# Number of pieces that are cached as polynomials: far more than a truck's length needs.
+# Number of pieces that are cached as polynomials, far more than a truck covers.
 _PIECES_KEPT = 4096
 
 # Coefficients of powers 0 to 3 of the way through a piece, from 0 to 1.
 Coefficients = tuple[float, float, float, float]
-# Of x, y, z and superelevation; heading and curvature at the piece's begin, the curvature's rise.
+# Of x, y, z and superelevation; heading and curvature at the piece's start, the curvature's change.
 KnotPiece = tuple[Coefficients, Coefficients, Coefficients, Coefficients, float, float, float]
 
 
@@ -63,7 +63,7 @@ class ReferenceLine:
     """Knots of a continuous chain of roads."""
 
     def __init__(self, chain: ContinuousChain, spacing: float = KNOT_SPACING) -> None:
-        """Samples the chain at knots about `spacing` metres apart."""
+        """Samples the chain at knots about `spacing` meters apart."""
         p = np.linspace(0.0, chain.length, max(math.ceil(chain.length / spacing), 1) + 1)
         state = chain.state(p)
         speed = np.hypot(state[1, X], state[1, Y])
@@ -108,15 +108,14 @@ class ReferenceLine:
 
     def parameter_at(self, station: float) -> float:
         """Chain parameter at one station; the fast form of `parameter`."""
-        if self._p_is_station or not 0.0 < station < self.length:
-            outside = min(station, 0.0) + max(station - self.length, 0.0)
-            return station if self._p_is_station else self._end_parameter(station) + outside
+        if self._p_is_station:
+            return station
+        if not 0.0 < station < self.length:
+            end = float(self._knots[_P, 0 if station <= 0.0 else -1])
+            return end + (min(station, 0.0) + max(station - self.length, 0.0))
         i = min(int(station / self.spacing), self._last)
         low, high = self._knots[_P, i : i + 2].tolist()
         return float(low + (station / self.spacing - i) * (high - low))
-
-    def _end_parameter(self, station: float) -> float:
-        return float(self._knots[_P, 0 if station <= 0.0 else -1])
 
     def station(self, p: ArrayLike) -> FloatArray:
         """Station at chain parameters p within the chain."""
@@ -182,7 +181,7 @@ class ReferenceLine:
 
     @staticmethod
     def _heading(slopes: FloatArray, knot: FloatArray) -> FloatArray:
-        """Headings, as continuous as those of the knots before them [rad]."""
+        """Headings on the same turn as those of the knots before them [rad]."""
         angle = np.arctan2(slopes[1], slopes[0])
         turns = np.round((angle - knot[_HEADING]) / _TURN)
         return np.asarray(angle - _TURN * turns)
@@ -200,7 +199,7 @@ class ReferenceLine:
         return piece, position - i, station - inside
 
     def _piece(self, i: int) -> KnotPiece:
-        """Polynomials between knot i and the next one, kept for the truck's other axles."""
+        """Returns the polynomials between knot i and the next one, and caches them."""
         if len(self._pieces) >= _PIECES_KEPT:
             self._pieces.clear()
         h, pairs = self.spacing, self._knots[:, i : i + 2].tolist()
@@ -240,9 +239,9 @@ class ReferenceLine:
     def locate(self, x: float, y: float, near_station: float | None = None) -> tuple[float, float]:
         """Station and offset of a point of the map; the inverse of `evaluate` in the plane.
 
-        `near_station` (within some tens of metres) makes it quick and resolves crossings; without
-        it, or when the point is not near there, the whole line is searched. Beyond the ends the
-        line extends along its tangents.
+        `near_station` (within some tens of meters) speeds the search up and resolves crossings.
+        Without it, or when the point is far from it, the whole line is searched. Beyond the ends
+        the line extends along its tangents.
         """
         if not (math.isfinite(x) and math.isfinite(y)):
             raise InputError(f"a point of the map must be finite, not ({x}, {y})")
@@ -272,7 +271,7 @@ class ReferenceLine:
         return None
 
     def _scan(self, x: float, y: float, station: float) -> tuple[float, float]:
-        """The best of a fine grid, for points at the centre of a bend where Newton circles."""
+        """The best of a fine grid, for points at the center of a bend where Newton circles."""
         grid = station + np.linspace(-10.0, 10.0, 2001)
         point = self.evaluate(grid)
         best = int(np.argmin(np.hypot(point.x - x, point.y - y)))
@@ -283,13 +282,13 @@ class ReferenceLine:
 
 
 def _cubic(values: tuple[float, float], slopes: tuple[float, float], h: float) -> Coefficients:
-    """Hermite polynomial between two knots `h` metres apart."""
+    """Hermite polynomial between two knots `h` meters apart."""
     a, rise = values[0], values[1] - values[0]
     u, v = h * slopes[0], h * slopes[1]
     return a, u, 3.0 * rise - 2.0 * u - v, u + v - 2.0 * rise
 
 
 def _hermite(cubic: Coefficients, t: float, h: float) -> tuple[float, float]:
-    """Value and slope over station at the way t through a piece of `h` metres."""
+    """Value and slope over station at the way t through a piece of `h` meters."""
     a, u, c, d = cubic
     return a + t * (u + t * (c + t * d)), (u + t * (2.0 * c + 3.0 * t * d)) / h

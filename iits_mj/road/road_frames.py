@@ -1,13 +1,12 @@
 """Roads of a map one by one: from (station, lane, offset) to a point of the surface, and back.
 
-`Route` lays a chain of roads end to end for the truck; here every road stands for itself, because
-traffic also drives where no chain goes. The geometry is the same: exact records, with the steps
-inside a road blended (`iits_mj.road.seams`).
+`Route` joins a chain of roads end to end for the truck. Here every road is separate, because
+traffic also drives on roads outside the chain. The geometry is the same: exact records, with the
+steps inside a road blended (`iits_mj.road.seams`).
 """
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_right
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -24,8 +23,8 @@ from iits_mj.road.reference_line import ReferenceLine, RoadPoint
 from iits_mj.road.route import SUPERELEVATION_LIMIT
 from iits_mj.road.seams import ContinuousChain
 
-HALF_STEP = 0.05  # [m]: differences over twice this give heading and grade of a lane's centre
-# [m]: netconvert lays tapered lanes up to 2 m beside their place; a whole lane is wider.
+HALF_STEP = 0.05  # [m], half of the distance over which heading and grade are differences
+# netconvert displaces tapered lanes by up to 2 m; a whole lane is wider [m].
 NAME_TOLERANCE = 2.5
 
 
@@ -48,9 +47,9 @@ class SurfacePoint(NamedTuple):
 
 
 class RoadFrame:
-    """One road: reference line, and its lanes' centres.
+    """One road: reference line, and its lanes' centers.
 
-    Stations are metres along the reference line, as OpenDRIVE's s.
+    Stations are meters along the reference line, as OpenDRIVE's s.
 
     Attributes:
       road: the road; length: [m].
@@ -59,14 +58,13 @@ class RoadFrame:
       MapError: its records jump by more than can be blended.
     """
 
-    def __init__(self, road_map: RoadMap, road: Road, limit: float = SUPERELEVATION_LIMIT) -> None:
-        """`limit` is the steepest cross slope [rad]; a steeper road is scaled down, as routes."""
+    def __init__(self, road_map: RoadMap, road: Road) -> None:
+        """Scales cross slopes above `SUPERELEVATION_LIMIT` down, as a route does."""
         self.road = road
-        s = np.linspace(0.0, road.length, max(int(road.length), 10))
-        steepest = float(np.max(np.abs(road.superelevation.evaluate(s))))
-        scale = limit / steepest if steepest > limit else 1.0
         source = str(road_map.path)
         pieces = join(road_map.roads, [(road.id, 1)], source)
+        steepest = pieces[0].steepest()
+        scale = SUPERELEVATION_LIMIT / steepest if steepest > SUPERELEVATION_LIMIT else 1.0
         self.line = ReferenceLine(ContinuousChain(pieces, source, scale))
         self.length = road.length
         self._starts = [section.s for section in road.sections]
@@ -107,11 +105,11 @@ class RoadFrame:
         return speeds[0][1] if speeds else self.road.speed_at(s)
 
     def center(self, lane: int, s: FloatArray, section: int) -> FloatArray:
-        """T of a lane's centre as one lane section has it, also beyond that section's ends [m]."""
+        """T of a lane's center by one lane section, also beyond the section's ends [m]."""
         return self._centers[section][lane].evaluate(s)
 
     def center_at(self, lane: int, s: float) -> float:
-        """T of a lane's centre at one station [m]."""
+        """T of a lane's center at one station [m]."""
         return self._centers[self.section(s)][lane].at(s)
 
     def span(self, section: int) -> tuple[float, float]:
@@ -126,20 +124,20 @@ class RoadFrame:
         gaps = np.array(
             [np.maximum(np.maximum(self._starts[i] - s, s - self._ends[i]), 0.0) for i in known]
         )
-        # Where two meet, the one that begins there.
+        # Where two sections meet, the one that begins there counts.
         latest = len(known) - 1 - np.argmin(gaps[::-1], axis=0)
         return np.asarray(known, dtype=np.intp)[latest]
 
     def evaluate(
         self, lanes: Mapping[int, int], s: ArrayLike, offset: ArrayLike = 0.0
     ) -> SurfacePoint:
-        """Points beside a lane's centre, in the lane's direction of travel.
+        """Points beside a lane's center, in the lane's direction of travel.
 
         Args:
           lanes: by lane section, the OpenDRIVE id the lane has there: negative right, driven along
             s; positive left, driven against it.
           s: stations [m], shape (n,).
-          offset: to the left of the lane's centre, in travel [m], shape (n,) or a number.
+          offset: to the left of the lane's center, in travel [m], shape (n,) or a number.
         """
         s = np.atleast_1d(np.asarray(s, dtype=float))
         sense = 1.0 if next(iter(lanes.values())) < 0 else -1.0
@@ -166,9 +164,9 @@ class RoadFrame:
         )
 
     def nearest_lane(self, section: int, s: float, t: float, named: int) -> int:
-        """The lane of a section that a point belongs to: the one of that name, if it is near it.
+        """The lane of a section that a point belongs to: the named one if the point is near it.
 
-        Else the nearest of the lanes of the same side, driving lanes before others.
+        Otherwise the nearest lane of the same side; driving lanes come first.
         """
         centers = self._centers[section]
         if named in centers and abs(centers[named].at(s) - t) <= NAME_TOLERANCE:
@@ -193,7 +191,7 @@ class RoadFrame:
 
 
 class RoadFrames(dict[str, RoadFrame]):
-    """The frames of a map's roads, made when they are first asked for."""
+    """The frames of a map's roads, made on first use."""
 
     def __init__(self, road_map: RoadMap) -> None:
         super().__init__()
@@ -203,11 +201,6 @@ class RoadFrames(dict[str, RoadFrame]):
         """Makes a road's frame; a KeyError names a road that is not of the map."""
         frame = self[road] = RoadFrame(self.road_map, self.road_map.roads[road])
         return frame
-
-
-def wrap(angle: float) -> float:
-    """Angle brought to [-pi, pi]."""
-    return math.remainder(angle, 2.0 * math.pi)
 
 
 def _lane_sides(

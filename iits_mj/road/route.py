@@ -1,11 +1,12 @@
 """OpenDRIVE maps and the routes through them.
 
-A route gives position, height, grade, lanes and friction along the ego's direction of travel; every
-other part of the project asks it.
+A route gives position, height, grade, lanes and friction along the ego's direction of travel to
+every other part of the project.
 """
 
 from __future__ import annotations
 
+import copy
 import math
 from bisect import bisect_right
 from collections.abc import Callable
@@ -81,10 +82,6 @@ class RoadMap:
         """Returns the built-in highway of 15 km; its SUMO net is `highway.net.xml` beside it."""
         return cls.from_opendrive(MAPS / "highway.xodr")
 
-    def routes(self) -> list[tuple[str, int]]:
-        """Returns (road id, direction) of every place where a chain can begin."""
-        return self._graph.starts()
-
     def route(
         self,
         start: str | None = None,
@@ -96,7 +93,7 @@ class RoadMap:
         Args:
           start: "ID" or "ID:-1" of the first road; by default the longest chain of the map.
           superelevation_limit: a route whose cross slope exceeds it anywhere [rad] has all its
-            cross slopes scaled down to it, because a truck would fall over.
+            cross slopes scaled down to it, because a truck would tip over.
           knot_spacing: of the reference line's samples [m].
 
         Raises:
@@ -144,15 +141,10 @@ class Route:
         self.patches: tuple[FrictionPatch, ...] = ()
         self._bands = [band for piece in chain.pieces for band in lane_bands(piece)]
         self._starts = [band.p_start for band in self._bands]
+        starts = [float(self.line.station(piece.p_start)) for piece in chain.pieces]
         self.segments = tuple(
-            RouteSegment(
-                piece.road.id,
-                piece.direction,
-                piece.s_start,
-                piece.s_end,
-                float(self.line.station(piece.p_start)),
-            )
-            for piece in chain.pieces
+            RouteSegment(piece.road.id, piece.direction, piece.s_start, piece.s_end, start)
+            for piece, start in zip(chain.pieces, starts, strict=True)
         )
         values = {
             value for band in self._bands for lane in band.lanes for value in lane.friction.values
@@ -206,7 +198,7 @@ class Route:
         return len(self._band(station)[0].lanes)
 
     def lane_exists(self, lane: int, station: float) -> bool:
-        """Whether a lane is there and at least 2 m wide."""
+        """Whether a lane exists and is at least 2 m wide."""
         band, p = self._band(station)
         if not 0 <= lane < len(band.lanes):
             return False
@@ -214,7 +206,7 @@ class Route:
         return chosen.left.at(p) - chosen.right.at(p) >= USABLE_LANE_WIDTH
 
     def lane_offset(self, lane: int, station: Stations) -> Stations:
-        """Offset of a lane's centre [m]; where there is no such lane, of the one nearest to it."""
+        """Offset of a lane's center [m]; of the nearest lane where there is no such lane."""
 
         def center(band: LaneBand) -> Terms:
             chosen = _lane(band, lane)
@@ -223,7 +215,7 @@ class Route:
         return self._profile(station, center)
 
     def lane_width(self, lane: int, station: Stations) -> Stations:
-        """Width of a lane [m]; where there is no such lane, of the one nearest to it."""
+        """Width of a lane [m]; of the nearest lane where there is no such lane."""
 
         def width(band: LaneBand) -> Terms:
             chosen = _lane(band, lane)
@@ -282,7 +274,7 @@ class Route:
         start: float = -np.inf,
         end: float = np.inf,
     ) -> Route:
-        """The same route with another friction over [start, end), possibly split at an offset.
+        """Returns the route with another friction over [start, end), possibly split at an offset.
 
         Raises:
           InputError: a coefficient outside [0, 2].
@@ -290,8 +282,7 @@ class Route:
         right = left if right is None else right
         for value in (left, right):
             in_range("friction", value, 0.0, 2.0)
-        other = object.__new__(Route)
-        other.__dict__.update(self.__dict__)
+        other = copy.copy(self)
         other.patches = (*self.patches, FrictionPatch(start, end, left, right, split))
         return other
 

@@ -1,8 +1,8 @@
 """Blends the steps between records and roads of a chain into one continuous curve.
 
-Real maps have errors: roads overlap or leave gaps of up to a metre, records start a few millimetres
+Real maps have errors: roads overlap or leave gaps of up to a meter, records start a few millimeters
 or milliradians off, elevation records meet with different grades. Here a chain of roads becomes a
-curve over one parameter p (metres of road s travelled) that is continuous with its first
+curve over one parameter p (meters of road s travelled) that is continuous with its first
 derivative in x, y, z and superelevation. At a seam each side takes half of the step of value and
 slope, fading out over a window by cubic polynomials; outside windows the curve is exact.
 """
@@ -14,9 +14,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import FloatArray, IndexArray
 from iits_mj.core.errors import MapError
 from iits_mj.road.chain import Piece
 
@@ -63,15 +63,11 @@ class ContinuousChain:
         places = np.array([*inside, *self._ends[:-1]])
         return np.sort(np.concatenate((places, places - 1e-9)))
 
-    def piece_index(self, p: ArrayLike) -> NDArray[np.intp]:
-        """Index of the piece at chain parameters."""
-        index = np.searchsorted(self._ends, np.asarray(p, dtype=float), side="right")
-        return np.minimum(index, len(self.pieces) - 1)
-
     def state(self, p: ArrayLike) -> FloatArray:
         """Blended values and derivatives by p, shape (3, 4, n); see `Piece.state`."""
         p = np.atleast_1d(np.asarray(p, dtype=float))
-        index = self.piece_index(p)
+        index = np.searchsorted(self._ends, p, side="right")
+        index = np.minimum(index, len(self.pieces) - 1)
         result = np.empty((3, 4, p.size))
         s = np.empty_like(p)
         for i in np.unique(index):
@@ -84,19 +80,14 @@ class ContinuousChain:
         return result
 
     def _blend(
-        self,
-        seam: Seam,
-        p: FloatArray,
-        s: FloatArray,
-        index: NDArray[np.intp],
-        result: FloatArray,
+        self, seam: Seam, p: FloatArray, s: FloatArray, index: IndexArray, result: FloatArray
     ) -> None:
         near = np.flatnonzero(np.abs(p - seam.p) < seam.windows.max())
         if near.size == 0:
             return
         after = index[near] > seam.piece
         if seam.s is not None:
-            # Records count from their start on, in either direction of travel; so do seams.
+            # A record, and so a seam, counts from its start on in either direction of travel.
             beyond = s[near] >= seam.s
             beyond = beyond if self.pieces[seam.piece].direction > 0 else ~beyond
             after |= (index[near] == seam.piece) & beyond

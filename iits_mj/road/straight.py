@@ -1,4 +1,4 @@
-"""One-way roads with equal lanes as map records: the plain model, tests and measured roads."""
+"""One-way roads with equal lanes as map records, for plain routes, tests and measured roads."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def one_way_road(
     elevations: tuple[Cubic, ...],
     lanes: Lanes,
 ) -> OpenDriveMap:
-    """Returns a road with lanes along s only; its reference line is the rightmost lane's centre."""
+    """Returns a road with lanes along s only; its reference line is the rightmost lane's center."""
     right = tuple(
         Lane(
             id=-i,

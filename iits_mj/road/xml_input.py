@@ -1,7 +1,7 @@
 """Reads XML from untrusted files, and checked numbers from its attributes.
 
-The standard parser runs with handlers of expat that refuse a document type declaration, and with it
-every entity, before any of it is expanded.
+The standard parser runs with expat handlers that refuse a document type declaration, and so every
+entity, before it is expanded.
 """
 
 from __future__ import annotations
@@ -115,9 +115,9 @@ class Reader:
         """Raises MapError at this place."""
         raise MapError(f"{self.place}: {message}")
 
-    def text(self, element: Element, name: str, default: str | None = None) -> str:
-        """Returns an attribute as text; without a default it must exist."""
-        value = element.get(name, default)
+    def text(self, element: Element, name: str) -> str:
+        """Returns an attribute as text; it must exist."""
+        value = element.get(name)
         if value is None:
             self.fail(f"<{element.tag}> has no attribute {name!r}")
         return value

@@ -1,8 +1,8 @@
-"""Work on several machines: tasks split by seed on a Ray cluster (extra `scale`).
+"""Tasks on several machines: split by seed on a Ray cluster (extra `scale`).
 
 `RayExecutor` is a `concurrent.futures.Executor`; its results are bit-identical to those of the
-processes of one machine. `Shards` stores finished work, so that a stopped head resumes with the
-rest.
+processes of one machine. `Shards` stores finished tasks, so that a new head resumes with the
+remaining ones.
 """
 
 from iits_mj.scale.ray_executor import RayExecutor

@@ -23,14 +23,14 @@ from iits_mj.validation.harness.run_cache import drive_digest
 
 # Number of times that a task is repeated when its worker or node dies.
 RETRIES = 10
-# Tasks submitted to Ray for each core: running ones and waiting ones.
+# Tasks submitted to Ray per core, running and waiting.
 _AHEAD = 3
 _POLL_TIME = 0.2  # [s]
 _CONNECT_TIMEOUT = 5.0  # [s]
 
 
 class ClusterError(Error):
-    """The cluster is not available, or a task failed on it for good."""
+    """The cluster is not available, or a task failed on it permanently."""
 
 
 class RayExecutor(Executor):
@@ -41,8 +41,8 @@ class RayExecutor(Executor):
     digest of its code.
 
     Args:
-      address: "HOST:PORT" of the cluster's head, "auto" for the one this machine belongs to, or
-        "local" for a new one on this machine alone, which ends with the executor.
+      address: "HOST:PORT" of the cluster's head, "auto" for the cluster of this machine, or "local"
+        for a new cluster of this machine alone, which ends with the executor.
       digest: returns the digest of the code that runs the tasks; picklable.
 
     Raises:
@@ -140,8 +140,8 @@ class RayExecutor(Executor):
             answer = self._ray.get(reference)
         except Exception as error:
             # Ray puts the remote traceback before the error itself.
-            reason = str(error).strip().splitlines() or [type(error).__name__]
-            task.future.set_exception(ClusterError(f"the cluster gave up a task: {reason[-1]}"))
+            reason = _lines(error)[-1]
+            task.future.set_exception(ClusterError(f"the cluster gave up a task: {reason}"))
             return
         if isinstance(answer, _Refused):
             task.future.set_exception(Error(answer.reason))
@@ -207,8 +207,11 @@ def _connect(ray: Any, address: str) -> None:
             **({"include_dashboard": False} if address == "local" else {}),
         )
     except Exception as error:
-        reason = str(error).strip().splitlines() or [type(error).__name__]
-        raise _no_cluster(address, reason[0]) from error
+        raise _no_cluster(address, _lines(error)[0]) from error
+
+
+def _lines(error: Exception) -> list[str]:
+    return str(error).strip().splitlines() or [type(error).__name__]
 
 
 def _check_port(address: str) -> None:

@@ -1,4 +1,4 @@
-"""Stores finished work in shards: one complete file for each part of the work."""
+"""Stores the rows of finished tasks in shards: one complete file for each group of tasks."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Shards(Generic[Row]):
     """A folder of CSV files, each moved into place when it is complete.
 
     Args:
-      folder: made with the first file.
+      folder: created with the first file.
       row_type: dataclass of the rows, of str, int and float.
       what: name of the rows in messages.
     """
@@ -53,7 +53,7 @@ class Shards(Generic[Row]):
         """Writes the rows of some tasks to a file that is named after the tasks.
 
         Raises:
-          InputError: it cannot be written.
+          InputError: the file cannot be written.
         """
         name = hashlib.sha256(repr(list(tasks)).encode()).hexdigest()[:16]
         path = self.folder / f"shard-{name}.csv"
@@ -84,14 +84,14 @@ Task = TypeVar("Task")
 
 @dataclass(frozen=True)
 class Plan(Generic[Task, Row]):
-    """Description of work that is done in shards.
+    """Description of tasks that run in shards.
 
     Attributes:
       work: makes a task's row; picklable, and the row depends on the task alone.
       task_of: returns the task of a row.
-      describe: returns a task in a few words.
+      describe: describes a task in a few words.
       what: name of the tasks in messages.
-      size: of a shard.
+      size: number of tasks in a shard.
     """
 
     work: Callable[[Task], Row]
@@ -109,12 +109,12 @@ def run_sharded(
     jobs: int,
     make_pool: Callable[[int], Executor] | None = None,
 ) -> None:
-    """Does the tasks that are not in a shard yet, and passes all rows to `keep`.
+    """Runs the tasks that no shard contains yet, and passes all rows to `keep`.
 
-    One worker does a shard, which is stored completely or not at all.
+    One worker runs the tasks of a shard, which is stored completely or not at all.
 
     Args:
-      plan: of the work.
+      plan: of the tasks.
       tasks: all different.
       shards: that store the rows.
       keep: called with the stored rows, then with those of each shard as it ends.
@@ -151,7 +151,7 @@ def run_sharded(
     if faults:
         raise TasksError(
             f"{len(faults)} {plan.what} could not be done: {'; '.join(faults)}; the others are "
-            "stored, the same command does the rest"
+            "stored: repeat the command to run these again"
         )
 
 
@@ -163,7 +163,7 @@ class _Outcome:
 
 
 def _work(shard: tuple[Any, ...], plan: Plan[Any, Any]) -> _Outcome:
-    """Does a shard's tasks; a task that fails does not stop the others."""
+    """Runs a shard's tasks; a task that fails does not stop the others."""
     rows, faults = [], []
     for task in shard:
         try:

@@ -8,7 +8,7 @@ print(summary.to_text())
 """
 
 from iits_mj.simulation.config import DriveConfig, ServeConfig
-from iits_mj.simulation.frame import Frame
+from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.lock_step import LockStep, Observer
 from iits_mj.simulation.loop import Simulation
 from iits_mj.simulation.server import Server
@@ -17,8 +17,8 @@ from iits_mj.simulation.telemetry import Telemetry
 
 __all__ = [
     "DriveConfig",
+    "DriveFrame",
     "DriveSummary",
-    "Frame",
     "LockStep",
     "Observer",
     "ServeConfig",

@@ -1,6 +1,6 @@
 """Logs of a drive: commands and states for a recording, and the frames of the truck's bus.
 
-It also has the stored options of a recorded drive, and the checks of options beside a recording.
+The module also stores the options of a drive in its recording and checks options against it.
 """
 
 from __future__ import annotations
@@ -18,13 +18,12 @@ import numpy as np
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Scene, Trajectory, VehicleCommand
-from iits_mj.j1939 import Frame as BusFrame
-from iits_mj.j1939 import LogWriter
+from iits_mj.j1939 import Frame, LogWriter
 from iits_mj.j1939.state import TruckSender
 from iits_mj.parameters import TruckParameters
 from iits_mj.plugin import library_path
 from iits_mj.simulation.config import DriveConfig
-from iits_mj.simulation.frame import Frame
+from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.lock_step import LockStep, Observer
 from iits_mj.truck import Truck
 from traffic_bridge import Recorder, Recording, read_events
@@ -32,9 +31,9 @@ from traffic_bridge.modes.resim import config_of
 
 # Time, positions, speeds, activations, histories and the plugins' states.
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
-# Files whose content the recording holds or checks by its hash.
+# Options that name files; the recording stores or hashes their content.
 FILES = ("map", "recording", "events", "speed_profile")
-# Options of SUMO's traffic, without effect on recorded traffic.
+# Options of SUMO traffic, without effect on recorded traffic.
 OF_SUMO = (
     *("density", "traffic_speed", "traffic_mode"),
     *("lane_change", "lane_discipline", "traffic_scope", "seed"),
@@ -43,7 +42,7 @@ _MODES = {"InterSim": "inter", "PureSim": "pure"}
 
 
 def truck_versions(parameters: TruckParameters) -> dict[str, str]:
-    """Returns versions and hashes that the truck's physics depends on."""
+    """Returns the versions and hashes that determine the truck's physics."""
     figures = json.dumps(dataclasses.asdict(parameters), sort_keys=True, default=_json_value)
     return {
         "mujoco": mujoco.__version__,
@@ -57,7 +56,7 @@ def _json_value(value: Any) -> Any:
 
 
 def stored_options(config: DriveConfig) -> dict[str, Any]:
-    """Returns the options of a drive as plain values, files by their names."""
+    """Returns the options of a drive as plain values; files are stored by name."""
     values = {field.name: getattr(config, field.name) for field in dataclasses.fields(DriveConfig)}
     return {
         name: value.name if isinstance(value, Path) else value for name, value in values.items()
@@ -65,7 +64,7 @@ def stored_options(config: DriveConfig) -> dict[str, Any]:
 
 
 class StateHash:
-    """Hash of the truck's physics at every frame so far; its first 64 bits belong to the frame."""
+    """Running hash of the truck's physics; its first 64 bits are stored with each frame."""
 
     def __init__(self, truck: Truck) -> None:
         self._model, self._data = truck.model, truck.data
@@ -73,21 +72,14 @@ class StateHash:
         self._hash = hashlib.sha256()
 
     def add(self) -> int:
-        """Adds the present state and returns the hash up to it."""
+        """Adds the present state; returns the first 64 bits of the hash so far."""
         mujoco.mj_getState(self._model, self._data, self._state, _STATE)
         self._hash.update(self._state.tobytes())
         return int.from_bytes(self._hash.digest()[:8], "big")
 
 
 class DriveLog(Observer):
-    """Writes the commands and the truck's states of a drive into a recorder.
-
-    Args:
-      recorder: of the traffic.
-      clock: of the drive, at its start.
-      truck: the truck that is driven.
-      config: of the drive.
-    """
+    """Writes the commands and the hashes of the truck's states into a recorder of the traffic."""
 
     def __init__(
         self, recorder: Recorder, clock: LockStep, truck: Truck, config: DriveConfig
@@ -112,20 +104,20 @@ class DriveLog(Observer):
 
 
 class BusLog(Closing, Observer):
-    """Observer that writes the traffic of the truck's bus; used as a context manager.
+    """Observer that writes the frames of the truck's bus to a file; a context manager.
 
-    Frames are in the order of time, which starts at 0. At one instant the reports come first, then
-    the command that answers them.
+    Frames are in the order of time, which starts at 0. At one instant the reports precede the
+    command that answers them.
 
     Args:
-      path: of the file; its suffix chooses the format.
-      truck: whose bus it is.
+      path: of the file; its suffix selects the format.
+      truck: sends the reports.
 
     Attributes:
       count: frames written.
 
     Raises:
-      BusError: the file cannot be written, or there is no such format.
+      BusError: the file cannot be written, or the format is unknown.
     """
 
     period = 0.01
@@ -138,7 +130,7 @@ class BusLog(Closing, Observer):
         self._sender = TruckSender(truck.parameters)
         self._writer = LogWriter(path)
 
-    def observe(self, simulation: LockStep, frame: Frame) -> None:
+    def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         """Writes the reports that are due."""
         del simulation
         # Log files keep microseconds, and the sum of many steps is not exact.
@@ -146,25 +138,25 @@ class BusLog(Closing, Observer):
         for report in self._sender.frames(state, self._truck.report()):
             self.sent(report)
 
-    def sent(self, frame: BusFrame) -> None:
+    def sent(self, frame: Frame) -> None:
         """Writes a frame."""
         self._writer.write(frame)
         self.count += 1
 
     def close(self) -> None:
-        """Finishes the file; the drive may go on without this observer."""
+        """Completes the file; the drive may continue without this observer."""
         self._writer.close()
 
 
 def check_given(config: DriveConfig, given: Collection[str]) -> None:
-    """Refuses options of SUMO's traffic in a drive with recorded traffic alone.
+    """Refuses options of SUMO traffic that were set in a drive with recorded traffic alone.
 
     Args:
       config: of a drive.
       given: names of the options that were set.
 
     Raises:
-      InputError: one is set.
+      InputError: such an option was set.
     """
     if config.recording is None or config.reactive:
         return
@@ -172,8 +164,8 @@ def check_given(config: DriveConfig, given: Collection[str]) -> None:
         if name in given:
             flag = name.replace("_", "-")
             raise InputError(
-                f"--{flag} has no meaning in recorded traffic, which is not changed; leave it out, "
-                "or add --reactive for SUMO traffic around it"
+                f"--{flag} has no effect on recorded traffic; leave it out, or add --reactive for "
+                "additional SUMO traffic"
             )
 
 
@@ -183,13 +175,13 @@ def check_options(
     """Refuses options that were set and differ from those of a recording.
 
     Args:
-      recording: of a drive, or of traffic.
+      recording: of a drive, or of traffic alone.
       name: of the recording in messages.
-      asked: the options.
-      given: names of the options that were set; the others are taken from the recording.
+      asked: the requested options.
+      given: names of the options that were set; the recording determines the others.
 
     Raises:
-      InputError: one differs, or the events' file cannot be used.
+      InputError: an option differs, or the file of events cannot be used.
     """
     values = stored_options(asked)
     then = options_of(recording, name) if "drive" in recording.meta else _of_traffic(recording)
@@ -198,32 +190,34 @@ def check_options(
             continue
         flag, value = field.name.replace("_", "-"), values[field.name]
         if field.name not in then:
-            raise InputError(f"{name}: does not hold {flag}, asked is {flag} {value}")
+            raise InputError(f"{name}: has no {flag}; leave --{flag} out")
         if value != then[field.name]:
             raise InputError(
-                f"{name}: made with {flag} {then[field.name]}, asked is {flag} {value}"
+                f"{name}: made with {flag} {then[field.name]}, not {value}; leave --{flag} out"
             )
     if "events" in given and asked.events is not None:
         events, stored = read_events(asked.events), config_of(recording, name).events
         if events != stored:
-            was = "other events than those" if stored else "no events, asked are those"
-            raise InputError(f"{name}: made with {was} of {asked.events}")
+            was = "other events than" if stored else "no events, not with"
+            raise InputError(f"{name}: made with {was} {asked.events}; leave --events out")
 
 
 def options_of(recording: Recording, name: str) -> dict[str, Any]:
     """Returns the options of a recorded drive.
 
     Raises:
-      InputError: the recording is of traffic without a drive.
+      InputError: the recording has no drive, only traffic.
     """
     drive = recording.meta.get("drive")
     if not isinstance(drive, dict) or not isinstance(drive.get("options"), dict):
-        raise InputError(f"{name}: is of a traffic without a drive: its truck cannot be driven")
+        raise InputError(
+            f"{name}: traffic without a drive, so no truck can drive again; leave --truck out"
+        )
     return dict(drive["options"])
 
 
 def _of_traffic(recording: Recording) -> dict[str, Any]:
-    """Returns the options that a recording of traffic without a drive has."""
+    """Returns the options of a recording of traffic without a drive."""
     meta = recording.meta
     config = meta.get("config")
     stored = config if isinstance(config, Mapping) else {}

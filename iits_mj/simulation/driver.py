@@ -1,4 +1,4 @@
-"""Drivers that repeat commands: those of a CAN log, and those of a recording."""
+"""Drivers that repeat the commands of a CAN log or of a recording."""
 
 from __future__ import annotations
 
@@ -11,15 +11,14 @@ import numpy as np
 from controllers.stack import Stack
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision, EgoState, Scene, Trajectory, VehicleCommand
-from iits_mj.j1939 import CommandReceiver, command_to_frames, pgn_of
-from iits_mj.j1939 import Frame as BusFrame
+from iits_mj.j1939 import CommandReceiver, Frame, command_to_frames, pgn_of
 from iits_mj.j1939.network import CONTROLLER
 from iits_mj.j1939.receiver import STEERING_ANGLE_MAX
 from iits_mj.road import Route
-from iits_mj.simulation.frame import Frame
+from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.lock_step import LockStep, Observer
 
-# Longest silence of the whole bus within a drive [s]; a clock that was set leaves years.
+# Longest silence of the bus within a drive [s]; a logger whose clock is set may leave years.
 LONGEST_SILENCE = 60.0
 _STEERING = "IITS_COMMAND"
 
@@ -27,21 +26,21 @@ _STEERING = "IITS_COMMAND"
 class LogDriver(Observer):
     """A `Driver` that sends the frames of a log, and an observer that ends the drive with the log.
 
-    The drive starts with the log's first frame and ends with the last one before a silence of more
-    than `LONGEST_SILENCE`. Each 20 ms the receiver gets the frames up to that instant: a log of
-    `iits-mj drive` gives the same drive, and frames of other logs are obeyed up to 20 ms late.
+    The drive starts with the log's first frame and ends with the last frame before a silence of
+    more than `LONGEST_SILENCE`. Every 20 ms the receiver gets the frames up to that instant: a log
+    of `iits-mj drive` gives the same drive, and frames of other logs act up to 20 ms late.
     Nothing is planned: the trajectory and the reference speed are not a number.
 
     Args:
-      read: opens the log and gives its frames, in the order of time [s].
+      read: opens the log and returns its frames, in the order of time [s].
       route: the truck's road.
       steering_angle_max: of the truck's steering wheel [rad].
-      source: the only sender to obey; default: every one except the truck's own control units.
-      keeper: steers in place of the log, for logs without steering commands.
+      source: the only sender to obey; default: every sender except the truck's control units.
+      keeper: steers instead of the log, for logs without steering commands.
 
     Attributes:
       receiver: the truck's side, which counts accepted and rejected frames.
-      heard: frames read so far; lane_changes: from one lane to another.
+      heard: number of frames read; lane_changes: number of changes from one lane to another.
     """
 
     last_decision = Decision.KEEP
@@ -49,7 +48,7 @@ class LogDriver(Observer):
 
     def __init__(
         self,
-        read: Callable[[], Iterable[BusFrame]],
+        read: Callable[[], Iterable[Frame]],
         route: Route,
         *,
         steering_angle_max: float = STEERING_ANGLE_MAX,
@@ -61,8 +60,8 @@ class LogDriver(Observer):
         self._steering_angle_max = steering_angle_max
         self._source = source
         self._keeper = keeper
-        self._left: Iterator[BusFrame] = iter(())
-        self._next: BusFrame | None = None
+        self._left: Iterator[Frame] = iter(())
+        self._next: Frame | None = None
         self._end = ""
         self.receiver = self._new_receiver()
         self.heard = self.lane_changes = 0
@@ -81,13 +80,13 @@ class LogDriver(Observer):
         self._left = iter(self._read())
         self._next = next(self._left, None)
         if self._next is None:
-            raise InputError("the CAN log has no J1939 frame: nothing to drive by")
+            raise InputError("the CAN log has no J1939 frame: use a log with command frames")
         self._start = self._next.time
         if self._keeper is not None:
             self._keeper.reset()
 
     def plan(self, scene: Scene) -> Trajectory:
-        """Returns an unknown plan, or the keeper's path; counts lane changes."""
+        """Returns an unknown plan, or the path of `keeper`; counts lane changes."""
         lane = int(self._route.lane_at(scene.ego.station, scene.ego.offset))
         if lane >= 0:
             self.lane_changes += self._lane not in (None, lane)
@@ -96,12 +95,12 @@ class LogDriver(Observer):
         if self._keeper is None:
             return nothing_planned(scene.time)
         plan = self._keeper.plan(scene)
-        # Accelerator and brakes come from the log: the keeper's speed is not followed.
+        # The log has accelerator and brakes: the truck does not follow the keeper's speed.
         unknown = np.full_like(plan.speed, np.nan)
         return dataclasses.replace(plan, speed=unknown, acceleration=unknown)
 
     def control(self, ego: EgoState) -> VehicleCommand:
-        """Returns the command of the frames up to now."""
+        """Returns the command of the frames received up to now."""
         time = round(ego.time, 6)
         self._hear(time)
         if self._keeper is not None:
@@ -113,8 +112,8 @@ class LogDriver(Observer):
         del station
         return math.nan
 
-    def observe(self, simulation: LockStep, frame: Frame) -> None:
-        """Ends the drive when the log has no more frames, or none for a long time."""
+    def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
+        """Ends the drive at the end of the log or before a long silence."""
         del frame
         if self._next is None:
             simulation.stop(self._end)
@@ -127,23 +126,23 @@ class LogDriver(Observer):
                 return
             self.heard += 1
             if self._passes(frame):
-                self.receiver.receive(BusFrame(frame.can_id, frame.data, stamp))
+                self.receiver.receive(Frame(frame.can_id, frame.data, stamp))
             self._next = self._following(frame.time)
 
-    def _following(self, time: float) -> BusFrame | None:
-        """Returns the frame after one of a time [s]; None at the end and before a long silence."""
+    def _following(self, time: float) -> Frame | None:
+        """Returns the frame after one at `time` [s]; None at the end or before a long silence."""
         frame = next(self._left, None)
-        # The comparison is false for a time that is not a number, too.
+        # Negated, so that a time that is not a number counts as a silence.
         if frame is not None and not frame.time - time <= LONGEST_SILENCE:
             self._end = (
                 f"reached a gap in the log: frame {self.heard + 1} ({frame.can_id:08X}) comes "
-                f"{frame.time - time:.0f} s after the one before; {LONGEST_SILENCE:g} s at most"
+                f"{frame.time - time:.0f} s after the one before; allowed: {LONGEST_SILENCE:g} s"
             )
             return None
         return frame
 
-    def _passes(self, frame: BusFrame) -> bool:
-        """Returns False for frames that the keeper replaces."""
+    def _passes(self, frame: Frame) -> bool:
+        """Returns False for a frame that the keeper replaces or that another sender sent."""
         if self._keeper is None:
             return True
         return frame.pgn != pgn_of(_STEERING) and self._source in (None, frame.source)
@@ -163,7 +162,7 @@ class LogDriver(Observer):
 
 
 def nothing_planned(time: float) -> Trajectory:
-    """Returns a plan with unknown values and a known time."""
+    """Returns a plan with a known time; everything else is not a number."""
     unknown = np.full(2, np.nan)
     return Trajectory(
         time=np.array([time, time + 1.0]),
@@ -185,7 +184,7 @@ class CommandPlayer:
     """A `Driver` that repeats recorded commands.
 
     Args:
-      recorded: the command for a number, counted from 0 at `reset`, and a state.
+      recorded: returns the command of a number, counted from 0 at `reset`, in a state.
     """
 
     last_decision = Decision.KEEP

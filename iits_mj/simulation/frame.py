@@ -1,4 +1,4 @@
-"""A drive at one instant: `Frame`, the signals that the driver sees, and what ends a drive."""
+"""A drive at one instant, the road signals that the driver sees, and the ends of a drive."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ from traffic_bridge import LightAhead, Traffic
 
 # A drive ends when the front bumper is this close to the end of the route [m].
 END_MARGIN = 5.0
-# No truck recovers from this roll; the physics stays sound for a while and diverges when the truck
-# lies on its roof [rad].
+# A truck does not recover from this roll [rad]. The physics stays valid for a while longer and
+# diverges when the truck lies on its roof.
 ROLL_OVER = 1.2
-# The truck has left the road when it is this far off it: the rear bumper before the road's start,
-# or the steer axle's centre beside the paved surface of both directions with shoulders [m].
+# The truck has left the road when its rear bumper is this far before the road's start, or the steer
+# axle's centre this far beside the pavement of both directions, shoulders included [m].
 LEAVE_MARGIN = 5.0
-# A changed speed limit further away than this is not seen [m].
+# The driver sees changed speed limits up to this distance [m].
 SIGHT = 500.0
 # Stop lines of the lanes of one crossing lie within this [m].
 SAME_LINE = 15.0
-# A stop line is reported until the front bumper is this far beyond it, so that a truck that stops
-# on the line still sees it; more than the truck drives in a cycle [m].
+# A stop line is reported until the front bumper is this far beyond it [m]: a truck that stops on
+# the line still sees it, and no cycle is long enough to skip it.
 BEHIND = 4.0
-# Below this speed a time gap says nothing [m/s].
+# Below this speed a time gap has no meaning [m/s].
 _SLOWEST = 1.0
 
 _numbers = operator.attrgetter(
@@ -48,13 +48,13 @@ _numbers = operator.attrgetter(
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
-    """One instant of a drive.
+class DriveFrame:
+    """State of a drive at one instant.
 
     Attributes:
       time: simulation time [s].
-      ego: the truck now; scene: what the driver saw at the start of this 100 ms cycle.
-      trajectory: the plan that is followed; command: what the truck is sent.
+      ego: the truck now; scene: the driver's scene at the start of this 100 ms cycle.
+      trajectory: the plan that is followed; command: the command that reaches the truck.
       decision: the last decision of the decision maker.
       lane: the truck's lane from the right, -1 outside every lane; lane_count: lanes here.
       grade: of the road at the steer axle, dz/ds; curvature: of the route [1/m], positive left.
@@ -95,7 +95,7 @@ class DivergedError(Error):
 
 
 class Ending(NamedTuple):
-    """Why a drive is over, in words, and whether that is a failure."""
+    """Reason why a drive is over, and whether it is a failure."""
 
     reason: str
     failed: bool
@@ -105,7 +105,7 @@ def check_finite(ego: EgoState) -> None:
     """Checks that every number of a state is finite.
 
     Raises:
-      DivergedError: one is not.
+      DivergedError: a number is not finite; names it.
     """
     if all(map(math.isfinite, (*_numbers(ego), *ego.brake_pressures))):
         return
@@ -119,7 +119,7 @@ def check_finite(ego: EgoState) -> None:
 
 
 def find_ending(ego: EgoState, route: Route, footprint: EgoFootprint) -> Ending | None:
-    """Returns a roll-over or the end of the route, None when neither is reached."""
+    """Returns a roll-over or the end of the route; None without either."""
     if abs(ego.roll) > ROLL_OVER:
         return Ending(f"rolled over at t = {ego.time:.2f} s", failed=True)
     if ego.station + footprint.front_overhang >= route.length - END_MARGIN:
@@ -128,9 +128,9 @@ def find_ending(ego: EgoState, route: Route, footprint: EgoFootprint) -> Ending 
 
 
 def find_leaving(ego: EgoState, route: Route, footprint: EgoFootprint) -> Ending | None:
-    """Returns where the truck left the road, before its start or sideways; None while it is on it.
+    """Returns the end of a drive that left the road, before its start or sideways; else None.
 
-    The physics continues the road's plane there; the real terrain is not known.
+    Beyond the road the physics continues the road's plane; the real terrain is unknown.
     """
     at = f"at t = {ego.time:.2f} s, {LEAVE_MARGIN:g} m"
     if ego.station + footprint.front_overhang - footprint.length < -LEAVE_MARGIN:
@@ -148,11 +148,7 @@ def read_signals(
 ) -> RoadSignals:
     """Returns the next light (or the one just passed) and the changed limits near the truck.
 
-    Args:
-      traffic: the running traffic, None for an empty road.
-      ego: the truck.
-      route: its road.
-      footprint: its size.
+    Without traffic, or without events in it, there are none.
     """
     signals = None if traffic is None else traffic.signal_controller()
     if signals is None:
@@ -161,7 +157,7 @@ def read_signals(
     light = signals.light_ahead(front - BEHIND)
     lane = int(route.lane_at(ego.station, ego.offset))
     own = signals.light_ahead(front - BEHIND, lane) if light is not None and lane >= 0 else None
-    # Lanes may be numbered differently at the line; the truck must not run it for that reason.
+    # Lane numbers may change before the line; without this the truck could run a light.
     if own is not None and light is not None and own.station < light.station + SAME_LINE:
         light = own
     zones = tuple(
@@ -178,7 +174,10 @@ def _light_message(light: LightAhead) -> TrafficLight:
 
 
 def _light_state(letter: str) -> LightState:
-    """Returns the state of a SUMO letter: "o", "O" off; "u" red with yellow; "s" green arrow."""
+    """Returns the state of a SUMO letter, "o" and "O" being off, "u" red with yellow.
+
+    "s" is a green arrow that requires a stop.
+    """
     if letter in "gGoO":
         return LightState.GREEN
     if letter == "s":

@@ -19,7 +19,7 @@ _ROUNDING = 1e-6
 
 
 def truck_boxes(ego: EgoState, parameters: TruckParameters) -> tuple[FloatArray, FloatArray]:
-    """Corners of tractor and semitrailer in the map frame, each of shape (4, 2) [m]."""
+    """Returns corners of tractor and semitrailer in the map frame, each of shape (4, 2) [m]."""
     tractor, trailer = _truck_corners(ego, parameters)
     return np.array(tractor), np.array(trailer)
 
@@ -30,10 +30,10 @@ def nearest_box_distance(
     parameters: TruckParameters,
     horizon: float = 80.0,
 ) -> float:
-    """Distance from tractor or semitrailer to the nearest vehicle's box [m], in the plane.
+    """Returns the distance in the plane from the truck to the nearest vehicle's box [m].
 
-    0 when two boxes overlap; inf when no vehicle's center is within `horizon` of the steer axle on
-    the truck's level: a vehicle on a bridge above does not count.
+    It is 0 when two boxes overlap, and inf when no vehicle's centre is within `horizon` of the
+    steer axle [m]. Vehicles on another level, such as a bridge above, are ignored.
     """
     frame = VehicleFrame.of(vehicles).near(ego.x, ego.y, horizon)
     level = (frame.lanes >= 0) | (np.abs(frame.column("z") - ego.z) < LEVEL_OVER_TRUCK)
@@ -42,7 +42,7 @@ def nearest_box_distance(
         box_corners(x, y, yaw, 0.5 * long, 0.5 * long, wide) for x, y, yaw, long, wide in places
     ]
     units = _truck_corners(ego, parameters)
-    # In the order of the lower bound: most pairs need no exact distance.
+    # Sorted by the lower bound: most pairs need no exact distance.
     pairs = sorted(
         (separation(unit, other), u, o)
         for u, unit in enumerate(units)

@@ -1,8 +1,8 @@
 """The lock-step: one clock on which a truck, its driver and the scene advance together.
 
-`LockStep` is given everything else: the truck, who drives it, where scenes come from and who
-watches. `iits_mj.simulation.Simulation` is the lock-step of a drive in traffic; the validation
-hands in scenes, drivers and recorders of its own.
+`LockStep` takes the truck, its driver, the source of scenes and the observers as arguments.
+`iits_mj.simulation.Simulation` is the lock-step of a drive in traffic; the validation passes its
+own scenes, drivers and recorders.
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision, EgoState, Scene, Trajectory, VehicleCommand
 from iits_mj.core.timing import CONTROL_PERIOD, CYCLE_PERIOD, TIMESTEP
-from iits_mj.j1939 import CommandReceiver, CommandSender
-from iits_mj.j1939 import Frame as BusFrame
+from iits_mj.j1939 import CommandReceiver, CommandSender, Frame
 from iits_mj.j1939.receiver import STEERING_ANGLE_MAX
-from iits_mj.simulation.frame import Frame
+from iits_mj.simulation.frame import DriveFrame
 
 
 class Driver(Protocol):
@@ -47,7 +46,7 @@ class Driver(Protocol):
 
 
 class DrivenTruck(Protocol):
-    """What the lock-step needs of a truck; `iits_mj.truck.Truck` has it."""
+    """The methods of a truck that the lock-step calls; `iits_mj.truck.Truck` is one."""
 
     def observe(self) -> EgoState:
         """Returns the present state."""
@@ -60,24 +59,24 @@ class DrivenTruck(Protocol):
 
 
 class Observer:
-    """Watches a drive without changing it; derive from it and override what you need.
+    """Base class that watches a drive without changing it; every method may be overridden.
 
     Attributes:
       period: time between two calls of `observe` [s], a whole number of physics steps.
-      reads_bus: whether `sent` is called; the frames are encoded only for observers that ask.
+      reads_bus: whether `sent` is called; frames are encoded only for such observers.
     """
 
     period: float = CYCLE_PERIOD
     reads_bus: bool = False
 
-    def observe(self, simulation: LockStep, frame: Frame) -> None:
+    def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         """Receives the drive at its start and after every period; may call `simulation.stop`."""
 
     def planned(self, scene: Scene, trajectory: Trajectory) -> None:
         """Receives every plan and the scene it was made for, the first plan included."""
 
     def commanded(self, ego: EgoState, wanted: VehicleCommand, obeyed: VehicleCommand) -> None:
-        """Receives every command before the physics advance with it.
+        """Receives every command before the physics advances with it.
 
         Args:
           ego: the state that the command answers.
@@ -85,31 +84,30 @@ class Observer:
           obeyed: the command that reaches the truck.
         """
 
-    def sent(self, frame: BusFrame) -> None:
+    def sent(self, frame: Frame) -> None:
         """Receives every command frame in the order of sending."""
 
 
 class Sender(Protocol):
     """The controller's end of the bus."""
 
-    def frames(self, command: VehicleCommand, time: float) -> list[BusFrame]:
+    def frames(self, command: VehicleCommand, time: float) -> list[Frame]:
         """Returns the frames that are due at this time [s]."""
 
 
 class CommandPath:
     """Passes commands from the driver to the truck, directly or as J1939 frames.
 
-    Directly, the truck gets the command as it is, and the frames are those that would carry it.
-    Over bytes, the truck gets what its `CommandReceiver` makes of the frames.
+    On the direct path the truck gets the unchanged command, and the frames are only for listeners.
+    Over bytes, the truck gets the command that its `CommandReceiver` decodes from the frames.
 
     Args:
-      over_bytes: whether the truck obeys the frames.
+      over_bytes: whether the truck obeys the frames; also an attribute.
       steering_angle_max: of the truck's steering wheel [rad].
-      sender: makes the controller's end; default: each message at its own rate.
+      sender: makes the controller's end; default: sends each message at its own rate.
 
     Attributes:
-      over_bytes: whether the truck obeys the frames.
-      receiver: the truck's side; it receives nothing where commands pass directly.
+      receiver: the truck's side; it receives nothing on the direct path.
     """
 
     def __init__(
@@ -133,21 +131,21 @@ class CommandPath:
         self,
         command: VehicleCommand,
         time: float,
-        listeners: Sequence[Callable[[BusFrame], None]] = (),
+        listeners: Sequence[Callable[[Frame], None]] = (),
     ) -> VehicleCommand:
-        """Returns what reaches the truck of a command; calls the listeners with its frames.
+        """Returns the command that reaches the truck; calls the listeners with its frames.
 
         Args:
           command: of the driver.
-          time: at which it is given [s].
-          listeners: called with each frame; without any, a direct command is not encoded.
+          time: of the command [s].
+          listeners: called with each frame; without listeners a direct command is not encoded.
 
         Raises:
           InputError: the command cannot be encoded.
         """
         if not (self.over_bytes or listeners):
             return command
-        # Log files keep microseconds: the drive must be the same when it is repeated from a log.
+        # Log files keep microseconds: a drive repeated from a log must be the same.
         time = round(time, 6)
         frames = self._sender.frames(command, time)
         for frame in frames:
@@ -164,27 +162,26 @@ class LockStep(Closing):
     """Advances a truck, its driver and the scene on one clock.
 
     A control step lasts 20 ms. Its order: the truck is observed; when the last plan is 100 ms old,
-    the scene of this observation is taken and planned; the driver commands; the observers are
-    called; the truck obeys and the physics advance.
+    the driver plans in the scene of this observation; the driver commands; the observers are
+    called; the truck obeys and the physics advances.
 
-    `plan` may be called before the control step of the same instant: that plan then holds.
-    `Simulation` does so at the end of each cycle, so that the frame it returns shows the new plan.
-    Its plan and the command after it then answer two observations of one instant, whose stations
-    differ by rounding (the road position is searched from the last one found), while in a plain
-    lock-step they answer the same observation.
+    `Simulation` plans at the end of each cycle, before the control step of the same instant, so
+    that the frame that it returns shows the new plan. This plan and the next command then answer
+    two observations of one instant, whose stations differ by rounding because the road position is
+    searched from the last one found. In a plain lock-step they answer the same observation.
 
     Args:
       truck: at the start of its drive.
-      driver: who drives.
+      driver: plans and commands.
       scenes: returns the scene of a state.
-      observers: who watches.
+      observers: called at their periods.
       timestep: of the truck's physics [s], which divides 20 ms.
-      path: the way of the commands to the truck; default: directly.
+      path: from the driver's commands to the truck; default: the direct path.
 
     Attributes:
-      truck, driver, observers, timestep, path: as given.
+      truck, driver, observers, timestep, path: the arguments.
       scene, trajectory: of the last plan; command: the last one that reached the truck.
-      ended: why the drive is over, "" while it is not.
+      ended: reason of the end, "" while the drive goes on.
 
     Raises:
       InputError: 20 ms is not a multiple of the time step.
@@ -204,8 +201,8 @@ class LockStep(Closing):
         self._cycle_steps = round(CYCLE_PERIOD / timestep)
         if abs(self._control_steps * timestep - CONTROL_PERIOD) > 1e-9:
             raise InputError(
-                f"timestep {timestep!r} s: the commands' period of {CONTROL_PERIOD} s must be a "
-                "multiple of it"
+                f"timestep {timestep!r} s: the period of the commands, {CONTROL_PERIOD} s, must be "
+                "a multiple of it"
             )
         self.truck: DrivenTruck = truck
         self.driver = driver
@@ -223,7 +220,7 @@ class LockStep(Closing):
 
     @property
     def time(self) -> float:
-        """Time since the start [s], exact multiples of the time step."""
+        """Time since the start [s], a multiple of the time step."""
         return self._steps * self.timestep
 
     def stop(self, reason: str) -> None:
@@ -231,22 +228,18 @@ class LockStep(Closing):
         self.ended = self.ended or reason
 
     def advance(self, duration: float, until: Callable[[EgoState], bool] = lambda _: False) -> bool:
-        """Drives for a duration, or to the end of the control step whose state ends the drive.
+        """Drives for at most `duration` [s]; returns whether `until` ended the drive.
 
-        Args:
-          duration: at most [s].
-          until: whether the state that a command answered is the last one.
-
-        Returns:
-          Whether a state ended the drive.
+        `until` is called with the state at the start of every control step; a true result makes
+        this step the last one.
         """
         return any(until(self._control_step()) for _ in range(round(duration / CONTROL_PERIOD)))
 
     def close(self) -> None:
-        """Releases what the drive holds; may be called again."""
+        """Releases the resources of the drive; may be called again."""
 
     def _control_step(self) -> EgoState:
-        """Advances 20 ms and returns the state at their start; see the class for the order."""
+        """Advances 20 ms and returns the state at the start."""
         ego = self._observe()
         if self._steps >= self._plan_due:
             self._plan(ego)

@@ -1,4 +1,4 @@
-"""`Simulation`: a drive of the truck in traffic, on the lock-step.
+"""`Simulation`: the lock-step of a drive of the truck in traffic.
 
 The truck advances every 2 ms, the controller every 20 ms, traffic and planner every 100 ms.
 """
@@ -23,7 +23,7 @@ from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.drive_log import DriveLog
 from iits_mj.simulation.frame import (
     DivergedError,
-    Frame,
+    DriveFrame,
     check_finite,
     find_ending,
     read_signals,
@@ -43,25 +43,25 @@ from traffic_bridge import Mirror, Recorder, Traffic, VehicleFrame
 
 
 class Simulation(LockStep):
-    """A truck with its stack on a route, in traffic.
+    """A truck with its driving stack on a route in traffic.
 
     Args:
       config: of the drive.
-      driver: makes the driver for the simulation's route; default: the stack of the configuration.
-      edit_spec: called on the model's `MjSpec` before it is compiled, for cameras and the size of
-        the offscreen buffer.
-      traffic: makes the traffic for the route and the truck's size; default: the configuration's.
-      record: keep traffic, commands and states for `save_recording`.
+      driver: makes the driver for a route and a truck; default: the stack of the configuration.
+      edit_spec: called on the model's `MjSpec` before compilation, for cameras and the size of the
+        offscreen buffer.
+      traffic: makes the traffic for a route and a truck's size; default: the configuration's.
+      record: keeps traffic, commands and states for `save_recording`.
       visuals: adds road and landscape for pictures; the physics is the same without.
-      timestep: of the physics [s], a divisor of 0.02 s: up to 0.005, which trains a decision
-        maker as well in less time.
+      timestep: of the physics [s], a divisor of 0.02 s up to 0.005; the largest one trains a
+        decision maker as well in less time.
 
     Attributes:
       config, route, truck, mirror, traffic: the parts; vehicles: the traffic now.
-      driver: who drives; path: the way of its commands to the truck.
+      driver: of the truck; path: from its commands to the truck.
       frame: the drive at the end of the last cycle.
-      ended: why the drive is over, "" while it is not.
-      collision: the truck touched another vehicle; failed: that, or it rolled over, or the
+      ended: reason of the end, "" while the drive goes on.
+      collision: the truck touched another vehicle; failed: it did, it rolled over, or the
         simulation diverged.
 
     Raises:
@@ -128,8 +128,8 @@ class Simulation(LockStep):
             self.close()
             raise
 
-    def reset(self) -> Frame:
-        """Puts everything back to the start; the same drive follows, bit for bit."""
+    def reset(self) -> DriveFrame:
+        """Returns to the start; the drive then repeats bit for bit."""
         config = self.config
         lane, station = config.start_lane, config.start_station
         offset = float(self.route.lane_offset(lane, station))
@@ -166,13 +166,13 @@ class Simulation(LockStep):
         """The stack that drives.
 
         Raises:
-          InputError: another driver drives.
+          InputError: the driver is not a stack.
         """
         if not isinstance(self.driver, Stack):
-            raise InputError(f"no stack drives here, but a {type(self.driver).__name__}")
+            raise InputError(f"the driver is a {type(self.driver).__name__}, not a Stack")
         return self.driver
 
-    def cycle(self, observers: Sequence[Observer] = ()) -> Frame:
+    def cycle(self, observers: Sequence[Observer] = ()) -> DriveFrame:
         """Advances 100 ms and returns the frame at its end.
 
         Raises:
@@ -196,16 +196,16 @@ class Simulation(LockStep):
     def run(
         self,
         observers: Sequence[Observer] = (),
-        progress: Callable[[Frame], None] | None = None,
+        progress: Callable[[DriveFrame], None] | None = None,
     ) -> DriveSummary:
-        """Drives to the end of the time or of the route, to a collision or a roll-over.
+        """Drives to the end of the time or of the route, a collision or a roll-over.
 
         Args:
-          observers: see `Observer`; they also see the instant of the start and its plan.
-          progress: called after each 100 ms.
+          observers: called from the first instant and plan on; see `Observer`.
+          progress: called every 100 ms.
 
         Raises:
-          DivergedError: see `cycle`; `summary` has the figures up to then.
+          DivergedError: the simulation diverged; `summary` has the figures up to then.
         """
         for observer in observers:
             observer.planned(self.scene, self.trajectory)
@@ -221,7 +221,7 @@ class Simulation(LockStep):
         """Returns the figures so far.
 
         Args:
-          ended: why it stops here, when the drive is not over.
+          ended: reason of a premature end.
         """
         warnings = {
             mujoco.mjtWarning(i).name.removeprefix("mjWARN_"): int(warning.number)
@@ -239,13 +239,13 @@ class Simulation(LockStep):
         )
 
     def save_recording(self, path: Path) -> Path:
-        """Writes the traffic and the truck's way through it, for `Recording.load`.
+        """Writes the traffic and the truck's drive to a file for `Recording.load`.
 
         Raises:
           InputError: the simulation does not record, or the file cannot be written.
         """
         if self._recorder is None:
-            raise InputError("this simulation does not record: make it with record=True")
+            raise InputError("this simulation does not record: use Simulation(..., record=True)")
         return self._recorder.save(path)
 
     def close(self) -> None:
@@ -258,7 +258,7 @@ class Simulation(LockStep):
         return Scene(ego.time, ego, self.vehicles, self.truck.footprint, signals)
 
     def _observe(self) -> EgoState:
-        """Observes the truck and adds the distance since the last time, by the trapezoidal rule."""
+        """Observes the truck and adds the distance since the last call, by the trapezoidal rule."""
         try:
             ego = self.truck.observe()
             check_finite(ego)
@@ -274,18 +274,18 @@ class Simulation(LockStep):
         return DivergedError(reason)
 
     def _advance_physics(self, steps: int) -> None:
-        """Advances the truck; stops in between for observers whose period has passed."""
+        """Advances the truck and calls the observers that are due in between."""
         periods = [round(observer.period / self.timestep) for observer in self.observers]
         end = self._steps + steps
         while self._steps < end:
             due = [period - self._steps % period for period in periods]
             self._advance_bodies(min([end - self._steps, *due]))
-            # At the end of the cycle the observers are shown the new plan, by `cycle`.
+            # At the end of a cycle, `cycle` shows the new plan to the observers.
             if self._steps % self._cycle_steps:
                 self._show()
 
     def _advance_bodies(self, steps: int) -> None:
-        # While a contact is possible in this cycle, bodies are moved and checked at every step.
+        # While a contact is possible in this cycle, every step moves and checks the bodies.
         stride = 1 if self._watching and self._touched is None else steps
         for _ in range(0, steps, stride):
             if stride < steps:
@@ -299,14 +299,14 @@ class Simulation(LockStep):
             self._steps += stride
 
     def _show(self) -> None:
-        """Calls the observers whose period has passed."""
+        """Calls the observers that are due."""
         due = [o for o in self.observers if self._steps % round(o.period / self.timestep) == 0]
         if not due:
             return
         frame = self.frame
         if frame.time != self.time:
-            # Observing moves the truck's memory of its place on the route: a copy is observed, so
-            # that watching leaves no trace in the bits that follow.
+            # `observe` updates the place on the route that the truck remembers. Observing a copy
+            # leaves the bits of the drive independent of the observers.
             ego = copy.copy(self.truck).observe()
             frame = dataclasses.replace(frame, time=self.time, ego=ego, command=self.command)
             self._move_bodies()
@@ -316,7 +316,7 @@ class Simulation(LockStep):
     def _move_bodies(self, *, new: bool = False) -> None:
         """Moves the traffic's bodies to their present places; `new` after a step of the traffic.
 
-        They exert no force: between two steps of the traffic only pictures and contacts need them.
+        They exert no force: between two steps of the traffic only pictures and contacts use them.
         """
         ego_xy = self.truck.data.body("tractor").xpos[:2]
         elapsed = self._steps % self._cycle_steps * self.timestep
@@ -333,12 +333,12 @@ class Simulation(LockStep):
         if new:
             self._watching = self.mirror.may_touch(self.truck.data, CYCLE_PERIOD)
 
-    def _make_frame(self, ego: EgoState) -> Frame:
+    def _make_frame(self, ego: EgoState) -> DriveFrame:
         route = self.route
         lane = int(route.lane_at(ego.station, ego.offset))
         point = route.evaluate(ego.station, ego.offset)
         ahead, behind = self.scene.neighbors.corridor_gaps(lane)
-        return Frame(
+        return DriveFrame(
             time=self.time,
             ego=ego,
             scene=self.scene,
@@ -360,13 +360,13 @@ class Simulation(LockStep):
         )
 
     def _note_contact(self) -> None:
-        """Keeps the first contact, with its time."""
+        """Stores the first contact with its time."""
         if self._touched is None and (found := self.mirror.contacts(self.truck.data)):
             self._touched = (self.time, *found[0])
 
     def _check_end(self, ego: EgoState) -> None:
         if self._watching:
-            # The contacts of the last step belong to the vehicles' last places.
+            # The contacts of the last step are those of the vehicles' former places.
             mujoco.mj_fwdPosition(self.truck.model, self.truck.data)
             self._note_contact()
         if self._touched is not None:

@@ -1,4 +1,4 @@
-"""The parts of a simulation, made from its configuration: map, traffic and stack."""
+"""Makes the map, the traffic and the driving stack of a simulation from its configuration."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ _ROOM = 10.0
 
 
 def check_start(start: TruckStart, route: Route, footprint: EgoFootprint) -> None:
-    """Checks a start against the route.
+    """Checks that a start is on the route and that its lane exists there.
 
     Raises:
-      InputError: it is not on the route, or its lane does not exist there.
+      InputError: it is not; the message has the allowed values.
     """
     first, last = footprint.length, route.length - END_MARGIN - _ROOM
     if not first <= start.start_station <= last:
@@ -64,7 +64,7 @@ def check_start(start: TruckStart, route: Route, footprint: EgoFootprint) -> Non
 
 
 def load_map(path: Path | None) -> RoadMap:
-    """Returns the map of a file, or the built-in highway.
+    """Returns the map of a file; without a path, the built-in highway.
 
     Raises:
       MapError: the file cannot be used.
@@ -73,7 +73,7 @@ def load_map(path: Path | None) -> RoadMap:
 
 
 def make_recorder(config: DriveConfig, route: Route, footprint: EgoFootprint) -> Recorder:
-    """Returns the traffic on the route in a recorder.
+    """Returns a recorder of the configured traffic on the route.
 
     Raises:
       InputError: the events cannot be used, or the traffic is not SUMO's alone.
@@ -82,24 +82,24 @@ def make_recorder(config: DriveConfig, route: Route, footprint: EgoFootprint) ->
     if config.recording is None:
         traffic = make_traffic(config, route, footprint)
     if not isinstance(traffic, PureSim):
-        raise InputError("only SUMO traffic can be recorded; use traffic-mode inter or pure")
+        raise InputError("only SUMO traffic can be recorded: use traffic-mode inter or pure")
     return Recorder(traffic)
 
 
 def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> Traffic | None:
-    """Returns the traffic on the route, None for an empty road.
+    """Returns the configured traffic on the route; None for an empty road.
 
     Raises:
-      InputError: the recording or the events cannot be used together with the other options.
+      InputError: the recording or the events contradict another option or cannot be used.
     """
     if config.reactive and config.recording is None:
-        raise InputError("reactive traffic is around a recording; name one, or leave it out")
+        raise InputError("reactive adds traffic to a recording: name one, or leave reactive out")
     if config.reactive and config.traffic_mode != "inter":
-        raise InputError("reactive traffic is SUMO's and sees the truck; use traffic-mode inter")
+        raise InputError("reactive adds SUMO traffic that sees the truck: use traffic-mode inter")
     replayed = config.recording is not None and not config.reactive
     without_sumo = replayed or config.traffic_mode == "none"
     if config.events is not None and without_sumo:
-        raise InputError("events happen in SUMO traffic only; use traffic-mode inter or pure")
+        raise InputError("only SUMO traffic has events: use traffic-mode inter or pure")
     if config.recording is not None and without_sumo:
         return RepSim(route, config.recording)
     if without_sumo:
@@ -125,16 +125,16 @@ def make_stack(
     parameters: TruckParameters,
     reference: SpeedReference | None = None,
 ) -> Stack:
-    """Returns the pipeline from scene to command at the configured reference speed.
+    """Returns the driving stack of a configuration.
 
     Args:
       config: of the drive.
       route: the truck's road.
       parameters: of the truck.
-      reference: gives the reference speed; default: `make_reference`.
+      reference: source of the reference speed; default: `make_reference`.
 
     Raises:
-      InputError: the speed profile or the band of speeds is not usable.
+      InputError: the speed profile or the range of speeds is not usable.
     """
     planner = PlannerConfig()
     speed = dataclasses.replace(planner.speed, cruise_speed=config.speed)
@@ -150,32 +150,32 @@ def make_stack(
 def make_reference(
     config: DriveConfig, route: Route, parameters: TruckParameters
 ) -> SpeedReference:
-    """Returns the source of the reference speed: a profile's file, PCC, or a constant.
+    """Returns the source of the reference speed: a speed profile, PCC, or a constant.
 
     Raises:
-      InputError: the profile's file is not usable or not of this road, or the band is empty.
+      InputError: the profile is not usable or of another road, or the range is empty.
     """
     banded = config.speed_min is not None or config.speed_max is not None
     if config.speed_profile is not None:
         if banded:
             raise InputError(
-                "a speed-profile is driven as it stands: speed-min and speed-max are of "
-                "speed-planner pcc; leave them out"
+                "a speed-profile is followed unchanged: leave speed-min and speed-max out, which "
+                "only speed-planner pcc uses"
             )
         if config.speed_planner == "cruise":
-            raise InputError("a speed-profile is driven as it stands: leave speed-planner out")
+            raise InputError("a speed-profile is followed unchanged: leave speed-planner out")
         profile = read_profile(config.speed_profile)
         name = f"speed profile {str(config.speed_profile)!r}"
         check_covers(profile, config.start_station, float(route.length), name)
         return ProfileReference(profile)
     if config.speed_planner == "cruise":
         if banded:
-            raise InputError("speed-min and speed-max are of speed-planner pcc; leave them out")
+            raise InputError("only speed-planner pcc uses speed-min and speed-max: leave them out")
         return CruiseReference(config.speed)
-    # CasADi and SciPy's optimizers are loaded only where they plan.
+    # Load CasADi and SciPy's optimizers only for PCC.
     from controllers.pcc import PccReference, RecedingConfig
 
-    # No limit of wall time: the load of the computer must not change the drive.
+    # Without a limit of wall time: the load of the computer must not change the drive.
     receding = RecedingConfig(time_limit=math.inf)
     try:
         return PccReference(route, pcc_config(config), parameters, receding)
@@ -186,10 +186,10 @@ def make_reference(
 
 
 def pcc_config(config: DriveConfig) -> PccConfig:
-    """Returns set speed and band of PCC.
+    """Returns set speed and range of speeds for PCC.
 
     Raises:
-      InputError: the reference speed is not within the band.
+      InputError: the reference speed is outside the range.
     """
     from controllers.pcc import PccConfig
 

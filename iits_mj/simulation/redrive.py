@@ -1,4 +1,4 @@
-"""Repeats a recorded drive from its commands, truck and traffic, and compares every bit."""
+"""Repeats a recorded drive from its commands and compares truck and traffic bit by bit."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from iits_mj.road import Route
 from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.drive_log import FILES, StateHash, options_of, truck_versions
 from iits_mj.simulation.driver import CommandPlayer
-from iits_mj.simulation.frame import Frame
+from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.loop import Simulation
 from iits_mj.simulation.parts import load_map
 from iits_mj.truck import Truck
@@ -31,10 +31,10 @@ class RedriveError(Error):
 
 
 class Redriven(NamedTuple):
-    """What was identical.
+    """Size and hashes of a re-run that is bit-identical.
 
     Attributes:
-      frames: of the traffic, the reset included; commands: that the truck got.
+      frames: number, the reset included; commands: number that reached the truck.
       pose_hash: of the traffic's poses; truck_hash: of the truck's states, 64 bits.
     """
 
@@ -48,7 +48,7 @@ def redrive(
     recording: Recording,
     name: str,
     map_path: Path | None,
-    progress: Callable[[Frame], None] | None = None,
+    progress: Callable[[DriveFrame], None] | None = None,
 ) -> Redriven:
     """Repeats a recorded drive.
 
@@ -59,8 +59,8 @@ def redrive(
       progress: called after each 100 ms.
 
     Raises:
-      InputError: it was made with another map, version or parameters, or holds no drive.
-      RedriveError: a pose or a state is not bit-identical; says which and when.
+      InputError: another map, version or parameter made it, or it has no drive.
+      RedriveError: a pose or a state is not bit-identical; names it and its time.
       TrafficError: SUMO failed.
     """
     config = _config(recording, name, map_path)
@@ -85,7 +85,7 @@ def redrive(
             if progress is not None and k:
                 progress(frame)
     if poses.hexdigest() != recording.meta.get("digest"):
-        raise RedriveError("the recorded hash of the poses is not that of the recorded poses")
+        raise RedriveError("the hash of the recorded poses differs from the recorded hash")
     last = recording.truck_hash[-1] if len(recording.truck_hash) else 0
     count = int(np.searchsorted(recording.command_time, recording.time[-1] - 1e-6))
     return Redriven(len(recording), count, poses.hexdigest(), f"{int(last):016x}")
@@ -108,23 +108,23 @@ def _compare_truck(recording: Recording, k: int, ego: EgoState, state_hash: int)
 
 
 def _config(recording: Recording, name: str, map_path: Path | None) -> DriveConfig:
-    """Returns the recorded options; commands were recorded at the truck, so they pass directly."""
+    """Returns the recorded options; the recorded commands pass directly to the truck."""
     options = options_of(recording, name)
     known = {field.name for field in dataclasses.fields(DriveConfig)}
     if set(options) != known:
         other = sorted(set(options) ^ known)
-        raise InputError(f"{name}: made with other options than there are now: {', '.join(other)}")
+        raise InputError(f"{name}: made with other options than today's: {', '.join(other)}")
     if len(recording) == 0 or len(recording.truck_hash) == 0:
-        raise InputError(f"{name}: has no state of the truck")
+        raise InputError(f"{name}: has no states of the truck, so that nothing can be compared")
     files = dict.fromkeys(known.intersection(FILES))
     try:
         return DriveConfig(**{**options, **files, "map": map_path, "commands": "direct"})
     except (TypeError, InputError) as error:
-        raise InputError(f"{name}: its options are not usable: {error}") from error
+        raise InputError(f"{name}: a stored option is not usable: {error}") from error
 
 
 def _recorded(recording: Recording, number: int, ego: EgoState) -> VehicleCommand:
-    """Returns a command of the recording; RedriveError when there is none of this time."""
+    """Returns a command of the recording; raises RedriveError without one at this time."""
     times = recording.command_time
     if number >= len(times) or abs(times[number] - ego.time) > 1e-6:
         raise RedriveError(f"the recording has no command of t = {ego.time:.2f} s")

@@ -1,7 +1,7 @@
 """The truck as a device under test: it obeys a CAN bus and reports on it, in soft real time.
 
-A tick lasts 10 ms. When it is due, the truck's reports of that instant are sent; then the frames
-received since the last tick are obeyed for the following 10 ms.
+A tick lasts 10 ms. At each tick the truck sends its reports of that instant; then it obeys the
+frames received since the last tick for the following 10 ms.
 """
 
 from __future__ import annotations
@@ -38,19 +38,18 @@ TICK_STEPS = round(TICK / TIMESTEP)
 class Pace:
     """Waits for ticks of a fixed period and measures their lateness.
 
-    After a late tick the next ones do not wait until the clock is reached again; no tick is left
-    out. When the lag exceeds `longest_lag`, the clock is set back instead: simulated time stays
-    behind, and `slipped` counts by how much.
+    After a late tick the next ticks do not wait until the clock is reached again; no tick is
+    skipped. When the lag exceeds `longest_lag`, the clock is set back instead: simulated time stays
+    behind, and `slipped` adds up the difference.
 
     Args:
-      period: of a tick [s].
-      longest_lag: lag that is caught up [s].
-      late_after: lateness from which a tick counts as late [s]; default half a period.
-      clock: monotonic time [s]; sleep: waits for so many seconds.
+      period: of a tick [s]; a tick is late when it lags by more than half of it.
+      longest_lag: longest lag that is caught up [s].
+      clock: monotonic time [s]; sleep: waits for a number of seconds.
 
     Attributes:
-      ticks, late: number of ticks and of late ones; worst, total: lateness of the ticks [s].
-      slips, slipped: number of times that the clock was set back, and by how much in all [s].
+      ticks, late: number of ticks and of late ticks; worst, total: lateness of the ticks [s].
+      slips: number of times that the clock was set back; slipped: total time [s].
     """
 
     def __init__(
@@ -58,16 +57,14 @@ class Pace:
         period: float,
         *,
         longest_lag: float = 0.05,
-        late_after: float | None = None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         for name, value in (("period", period), ("longest_lag", longest_lag)):
             if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"pace: {name} = {value!r} s: use a positive time")
+                raise InputError(f"pace: {name} = {value!r} s: use a positive, finite time")
         self.period = period
         self.longest_lag = longest_lag
-        self.late_after = 0.5 * period if late_after is None else late_after
         self._clock, self._sleep = clock, sleep
         self.ticks = self.late = self.slips = 0
         self.worst = self.total = self.slipped = 0.0
@@ -85,7 +82,7 @@ class Pace:
         if self._start is None:
             self._start = now
         due = self._start + self._since_start * self.period
-        # Sleeping may end early by rounding of the clock.
+        # Rounding of the clock may end a sleep early.
         while (ahead := due - now) > 0.0:
             self._sleep(ahead)
             now = self._clock()
@@ -94,7 +91,7 @@ class Pace:
         self.ticks += 1
         self.total += lateness
         self.worst = max(self.worst, lateness)
-        self.late += lateness > self.late_after
+        self.late += lateness > 0.5 * self.period
         if lateness > self.longest_lag:
             self.slips += 1
             self.slipped += lateness
@@ -106,13 +103,13 @@ class TruckBus(Closing):
     """Reports a truck on a link, answers requests, and passes commands to a receiver.
 
     Args:
-      link: the bus; it is closed with this.
+      link: the bus; `close` closes it.
       receiver: gets every received frame.
       parameters: of the truck, for its percent torques and configurations.
-      log: gets every frame, sent and received, until it cannot be written; it is closed with this.
+      log: gets every frame, sent and received, until a write fails; `close` closes it.
 
     Attributes:
-      link, receiver: as given; units: the truck's control units in the network.
+      link, receiver: the arguments; units: the truck's control units in the network.
       log_failure: why the log ends early, "" when it is complete.
     """
 
@@ -130,12 +127,12 @@ class TruckBus(Closing):
         self.log_failure = ""
         self._state, self._report = EgoState(), TruckReport()
         self._due: list[Frame] = []
-        # Addresses are claimed before the first frame, and again when the bus was reopened.
+        # The units claim addresses before the first frame, and again after the bus reopens.
         self._claimed_at_restart = -1
         self.units = ControlUnits(unit_names(sorted(truck_addresses())))
 
     def prepare(self, state: EgoState, report: TruckReport) -> None:
-        """Encodes the frames that are due at the state's time, so that `exchange` can send at once.
+        """Encodes the frames that are due at the state's time; `exchange` sends them.
 
         Raises:
           BusError: a value is not finite.
@@ -144,10 +141,9 @@ class TruckBus(Closing):
         self._due = self._sender.frames(state, report)
 
     def exchange(self, time: float) -> None:
-        """Sends the prepared frames, receives, answers requests and passes frames to the receiver.
+        """Sends the prepared frames, passes received frames to the receiver, answers requests.
 
-        Args:
-          time: of all frames sent and received [s].
+        `time` [s] is that of all frames sent and received.
         """
         if self._claimed_at_restart != self.link.restarts:
             self._claimed_at_restart = self.link.restarts
@@ -166,7 +162,7 @@ class TruckBus(Closing):
         self.finish_log()
 
     def finish_log(self) -> None:
-        """Completes the log and continues without one; may be called again."""
+        """Completes the log and continues without a log; may be called again."""
         log, self._log = self._log, None
         if log is None:
             return
@@ -176,7 +172,7 @@ class TruckBus(Closing):
             self.log_failure = self.log_failure or str(error)
 
     def _log_frame(self, frame: Frame) -> None:
-        """Logs a frame; a log that cannot be written is finished, and the bus continues without."""
+        """Logs a frame; after a failed write the bus continues without the log."""
         if self._log is None:
             return
         try:
@@ -201,14 +197,14 @@ class Server(Closing):
       config: truck, start and bus.
       tell: called with a line of text when the bus or the commands are lost or return, and when
         the log is lost.
-      clock: monotonic time [s]; sleep: waits for so many seconds.
+      clock: monotonic time [s]; sleep: waits for a number of seconds.
 
     Attributes:
       config, route, truck, pace: the parts; receiver: of the commands; bus: the truck's end of it.
-      state: of the truck now; command: that it obeys.
+      state: of the truck now; command: obeyed now.
       silent: True while required commands are missing.
-      ended: reason, "" before the end; failed: the truck rolled over or left the road, or the
-        simulation diverged.
+      ended: reason of the end, "" before it; failed: the truck rolled over or left the road, or
+        the simulation diverged.
 
     Raises:
       MapError: the map cannot be read. InputError: the start is not on the route.
@@ -272,13 +268,13 @@ class Server(Closing):
 
     @property
     def time(self) -> float:
-        """Simulated time [s], exact multiples of a tick."""
+        """Simulated time [s], a multiple of a tick."""
         return self._ticks * TICK
 
     def tick(self) -> None:
         """Waits until the next tick is due and serves it.
 
-        When the simulation diverges, serving ends with the state before that tick.
+        After a divergence of the simulation, serving ends with the state before that tick.
         """
         self.pace.wait()
         self.bus.exchange(self.time)
@@ -298,7 +294,7 @@ class Server(Closing):
         self._check_end()
 
     def run(self) -> ServeSummary:
-        """Serves to the end of the time or of the road, or until `stop`; completes the log."""
+        """Serves until the time or the road ends or `stop` is called; completes the log."""
         wall, processor = self._clock(), time.process_time()
         while not self.ended:
             self.tick()
@@ -308,7 +304,7 @@ class Server(Closing):
         return self.summary(processor / elapsed if elapsed > 0.0 else 0.0)
 
     def stop(self, reason: str) -> None:
-        """Ends serving after the present tick; may be called from a signal handler or a thread."""
+        """Ends serving after the present tick; signal handlers and threads may call it."""
         self.ended = self.ended or reason
 
     def summary(self, processor_load: float = 0.0) -> ServeSummary:
@@ -363,33 +359,32 @@ class Server(Closing):
         return state
 
     def _decide(self) -> VehicleCommand:
-        """Returns the command that the truck obeys now, from the bus or for its safe state."""
+        """Returns the command to obey now, from the bus or from the fallback."""
         received = self.receiver.command(self.time)
         loss = self.receiver.loss(self.time)
         self._watch_loss(loss)
         if loss.body is Heard.NEVER and self.config.start_speed == 0.0:
-            # No controller has appeared yet: the truck stays parked.
+            # No controller has sent a command yet: the truck stays parked.
             return dataclasses.replace(received, parking_brake=1.0)
         if self.config.on_silence == "stop":
             return self._fallback.command(self.state, received, loss.driver)
         return received
 
     def _watch_loss(self, loss: Loss) -> None:
-        """Notices when the commands are lost or return."""
-        came = loss.body is not Heard.NEVER
-        self._silent_ticks += came and loss.driver
+        """Counts and reports losses and returns of the commands."""
+        self._silent_ticks += loss.body is not Heard.NEVER and loss.driver
         if loss.driver == self.silent:
             return
         self.silent = loss.driver
         if self.silent:
             self._silences += 1
-            missing = ", ".join(UNIT_NAMES[name] for name in loss.silent) or "none of them heard"
+            missing = ", ".join(UNIT_NAMES[name] for name in loss.silent)
             self._tell(f"commands lost at t = {self.time:.2f} s: {missing}")
         else:
             self._tell(f"commands obeyed from t = {self.time:.2f} s")
 
     def _report_bus(self) -> None:
-        """Reports the changes of the link since the last tick in their order."""
+        """Reports the changes of the link since the last tick, in their order."""
         link = self.bus.link
         new = list(
             itertools.takewhile(lambda c: c is not self._last_change, reversed(link.changes))
@@ -400,17 +395,13 @@ class Server(Closing):
                 self._tell(f"CAN bus {link.name} is up again")
             else:
                 why = f": {change.reason}" if change.state is LinkState.DOWN else ""
-                self._tell(
-                    f"CAN bus {link.name} is {change.state.value}, will be opened again{why}"
-                )
+                self._tell(f"CAN bus {link.name} is {change.state.value}, will be reopened{why}")
 
     def _report_log(self) -> None:
-        """Reports once that the log has ended early."""
+        """Reports once that the log ended early."""
         if self.bus.log_failure and not self._log_reported:
             self._log_reported = True
-            self._tell(
-                f"nothing more is logged from t = {self.time:.2f} s on: {self.bus.log_failure}"
-            )
+            self._tell(f"the log ends at t = {self.time:.2f} s: {self.bus.log_failure}")
 
     def _check_end(self) -> None:
         place = (self.state, self.route, self.truck.footprint)

@@ -1,4 +1,4 @@
-"""Summaries: the figures of a drive and of a served truck, and how a drive ended."""
+"""Summaries of a drive and of a served truck."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 
 from iits_mj.core.messages import LightState, PlanMode
 from iits_mj.core.units import DIESEL_DENSITY
-from iits_mj.simulation.frame import Frame
+from iits_mj.simulation.frame import DriveFrame
 
-# Units of the figures, which stand in their names in JSON.
+# Units that are appended to the names of the figures in JSON.
 _UNITS = {
     "duration": "s",
     "first_red_light": "s",
@@ -38,7 +38,7 @@ def to_text(rows: Sequence[tuple[str, str]]) -> str:
 
 
 def counts_text(counts: Mapping[str, int]) -> str:
-    """Returns "3 x this, 2 x that", the most frequent first, or "none"."""
+    """Returns "3 x this, 2 x that" with the most frequent first, or "none"."""
     ordered = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
     return ", ".join(f"{count} x {name}" for name, count in ordered if count) or "none"
 
@@ -57,14 +57,43 @@ def _metres(value: float, otherwise: str) -> str:
     return f"{value:.2f} m" if math.isfinite(value) else otherwise
 
 
-@dataclass(frozen=True, slots=True)
-class DriveSummary:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Summary:
+    """Figures that a drive and a served truck share, SI units.
+
+    Attributes:
+      ended: reason, in words; failed: whether this is a failure.
+      duration: simulated time [s]; distance [m]; mean_speed, max_speed [m/s].
+    """
+
+    ended: str
+    failed: bool
+    duration: float
+    distance: float
+    mean_speed: float
+    max_speed: float
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Returns names and values with units, for tables."""
+        raise NotImplementedError
+
+    def to_text(self) -> str:
+        """Returns the rows as aligned plain text."""
+        return to_text(self.rows())
+
+    def as_dict(self) -> dict[str, Any]:
+        """Returns all figures for JSON, units in the names; None for a value that is not finite."""
+        return _with_units(asdict(self))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveSummary(_Summary):
     """Figures of one drive, SI units.
 
     Attributes:
-      ended: reason, in words; collision: True when the truck touched another vehicle.
+      ended, duration, distance, mean_speed, max_speed: see `ServeSummary`.
       failed: True after a collision or a roll-over, or when the simulation diverged.
-      duration: simulated time [s]; distance [m]; mean_speed, max_speed [m/s].
+      collision: True when the truck touched another vehicle.
       lane_changes: completed; refused: requested and refused.
       red_lights_run: stop lines that the front bumper crossed at red; first_red_light: time of the
         first [s], None without one.
@@ -76,13 +105,7 @@ class DriveSummary:
       warnings: MuJoCo's warnings that were raised, by name.
     """
 
-    ended: str
     collision: bool
-    failed: bool
-    duration: float
-    distance: float
-    mean_speed: float
-    max_speed: float
     lane_changes: int
     refused: int
     red_lights_run: int
@@ -119,7 +142,7 @@ class DriveSummary:
             ("red lights run", red_lights),
             ("emergency brakings", f"{self.emergency_brakings}"),
             ("closest gap ahead", _metres(self.closest_gap, "no vehicle was ahead in the lane")),
-            ("closest vehicle", _metres(self.closest_box, "none came near")),
+            ("closest vehicle", _metres(self.closest_box, "none nearby")),
             ("fuel", f"{self.fuel:.2f} kg{consumption}"),
             ("largest lateral acceleration", f"{self.max_lateral_acceleration:.2f} m/s2"),
             ("largest articulation", f"{math.degrees(self.max_articulation):.2f} deg"),
@@ -127,12 +150,8 @@ class DriveSummary:
             ("engine warnings", counts_text(self.warnings)),
         ]
 
-    def to_text(self) -> str:
-        """Returns the rows as aligned plain text."""
-        return to_text(self.rows())
-
     def as_dict(self) -> dict[str, Any]:
-        """Returns everything for JSON, units in the names; None for a figure that is not finite."""
+        """Returns all figures for JSON, units in the names; None for a value that is not finite."""
         return _with_units(asdict(self) | {"fuel_per_100km_l": self.fuel_per_100km})
 
 
@@ -150,7 +169,7 @@ class SummaryBuilder:
     _front: float = math.inf
     _braking: bool = False
 
-    def add(self, frame: Frame) -> None:
+    def add(self, frame: DriveFrame) -> None:
         """Adds one frame."""
         ego = frame.ego
         self._add_red_light(frame)
@@ -165,8 +184,8 @@ class SummaryBuilder:
         )
         self.max_articulation = max(self.max_articulation, abs(ego.articulation))
 
-    def _add_red_light(self, frame: Frame) -> None:
-        """Adds a stop line that the front bumper has crossed at red since the last frame."""
+    def _add_red_light(self, frame: DriveFrame) -> None:
+        """Counts a stop line that the front bumper has crossed at red since the last frame."""
         front = frame.ego.station + frame.scene.footprint.front_overhang
         light = frame.scene.signals.light
         red = light is not None and light.state is LightState.RED
@@ -176,7 +195,7 @@ class SummaryBuilder:
 
     def build(
         self,
-        last: Frame,
+        last: DriveFrame,
         *,
         wall_time: float,
         ended: str,
@@ -210,34 +229,28 @@ class SummaryBuilder:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class ServeSummary:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServeSummary(_Summary):
     """Figures of a served truck, SI units.
 
     Attributes:
       ended: reason, in words.
       failed: True after a roll-over, off the road, or when the simulation diverged.
       duration: simulated time [s]; distance [m]; mean_speed, max_speed, last_speed [m/s].
-      accepted: command frames obeyed, by message; rejected: invalid ones, by message and reason.
-      passed_over: valid ones for another truck or from an unauthorized sender, likewise.
-      lost: command frames that never arrived, by the counters of the others, by message.
-      silences: number of losses of the commands; silent_time: their duration in all [s].
-      sent, received, dropped: frames of the bus; ignored: other than J1939 frames, by kind.
+      accepted: command frames obeyed, by message; rejected: invalid frames, by message and reason.
+      passed_over: valid frames for another truck or from an unauthorized sender, likewise.
+      lost: missing command frames, by message, counted by the counters of the others.
+      silences: number of losses of the commands; silent_time: total duration [s].
+      sent, received, dropped: frames of the bus; ignored: frames that are not J1939, by kind.
       requests: answered, refused and ignored, and claims contested.
-      bus_failures: number of losses of the bus; bus_restarts: reopened; bus_state: at the end.
+      bus_failures: number of losses of the bus; bus_restarts: of reopenings; bus_state: at the end.
       log_failure: why the log of the bus ends early, "" when it is complete.
       ticks: of 10 ms; late_ticks: more than half a tick behind the clock.
       worst_lateness, mean_lateness: of a tick [s].
-      slips, slipped: number of times that the clock was set back, and by how much in all [s].
+      slips: number of times that the clock was set back; slipped: total time [s].
       processor_load: processor time over wall time.
     """
 
-    ended: str
-    failed: bool
-    duration: float
-    distance: float
-    mean_speed: float
-    max_speed: float
     last_speed: float
     accepted: dict[str, int]
     rejected: dict[str, int]
@@ -271,20 +284,20 @@ class ServeSummary:
             ("distance", f"{self.distance / 1e3:z.3f} km"),
             (
                 "speed",
-                f"mean {self.mean_speed:z.2f} m/s, most {self.max_speed:z.2f} m/s, last "
+                f"mean {self.mean_speed:z.2f} m/s, highest {self.max_speed:z.2f} m/s, last "
                 f"{self.last_speed:z.2f} m/s",
             ),
             ("commands accepted", counts_text(self.accepted)),
             ("commands rejected", counts_text(self.rejected)),
-            ("commands passed over", counts_text(self.passed_over)),
-            ("commands that never came", counts_text(self.lost)),
-            ("commands lost", f"{self.silences} times, {self.silent_time:.2f} s in all"),
+            ("commands ignored", counts_text(self.passed_over)),
+            ("commands missing", counts_text(self.lost)),
+            ("commands lost", f"{self.silences} times, {self.silent_time:.2f} s in total"),
             ("frames", f"{self.sent} sent, {self.received} received, {self.dropped} dropped"),
             ("not J1939", counts_text(self.ignored)),
             ("requests", counts_text(self.requests)),
             (
                 "bus",
-                f"{self.bus_state}; lost {self.bus_failures} times, opened again "
+                f"{self.bus_state}; lost {self.bus_failures} times, reopened "
                 f"{self.bus_restarts} times",
             ),
             ("late ticks", f"{self.late_ticks} of {self.ticks} ({late:.2f} %)"),
@@ -298,11 +311,3 @@ class ServeSummary:
         if self.log_failure:
             rows.append(("log", f"ends early: {self.log_failure}"))
         return rows
-
-    def to_text(self) -> str:
-        """Returns the rows as aligned plain text."""
-        return to_text(self.rows())
-
-    def as_dict(self) -> dict[str, Any]:
-        """Returns everything for JSON, units in the names."""
-        return _with_units(asdict(self))

@@ -1,14 +1,15 @@
 """The telemetry of a drive, its plots, and the figures of its speed planner.
 
-The telemetry has one row each 100 ms and is written as CSV with units in the header. Rows go to a
-temporary file, which replaces the target when the drive ends: an interrupted drive keeps its rows,
-and an older table is never left half overwritten.
+The telemetry is a CSV table with units in the header and one row every 100 ms. Rows go to a
+temporary file that replaces the target when the drive ends: an interrupted drive keeps its rows,
+and an older table is never half overwritten.
 """
 
 from __future__ import annotations
 
 import csv
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -24,7 +25,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.output_files import OutputFile
 from iits_mj.core.results import Line, Panel
 from iits_mj.core.units import KMH, RPM
-from iits_mj.simulation.frame import Frame
+from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.lock_step import Driver, LockStep, Observer
 from iits_mj.simulation.summary import counts_text
 
@@ -34,9 +35,9 @@ STATION = "station [m]"
 _GAP_SHOWN = 300.0
 _PRESSURES = ("front_left", "front_right", "rear_left", "rear_right", "trailer")
 
-# Column name with its unit, and its source; SI except engine speed and brake pressure, which have
-# their customary units.
-COLUMNS: dict[str, Callable[[Frame], Value]] = {
+# Column name with its unit, and its source. SI units, except the usual ones of engine speed and
+# brake pressure.
+COLUMNS: dict[str, Callable[[DriveFrame], Value]] = {
     "time [s]": lambda f: f.time,
     "station [m]": lambda f: f.ego.station,
     "offset [m]": lambda f: f.ego.offset,
@@ -97,13 +98,13 @@ COLUMNS: dict[str, Callable[[Frame], Value]] = {
 
 
 class Telemetry(Closing, Observer):
-    """Observer that writes the table and keeps its columns for plots.
+    """Observer that writes the table and keeps its columns for plots; a context manager.
 
-    Used as a context manager; on leaving it the table appears at `path`. An empty cell means that
-    there is no such vehicle.
+    The table appears at `path` when the context ends; with None there is no file. A cell without a
+    finite value, such as the gap to a missing vehicle, is empty.
 
     Raises:
-      InputError: the table cannot be written, on construction.
+      InputError: the table cannot be written.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -118,7 +119,7 @@ class Telemetry(Closing, Observer):
         self._writer = csv.writer(self._file, lineterminator="\n")
         self._writer.writerow(COLUMNS)
 
-    def observe(self, simulation: LockStep, frame: Frame) -> None:
+    def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         """Adds one row."""
         del simulation
         row = [value(frame) for value in COLUMNS.values()]
@@ -146,11 +147,11 @@ class Telemetry(Closing, Observer):
         """Returns one numeric column as an array of shape (rows,).
 
         Raises:
-          InputError: there is no such column.
+          InputError: the column is unknown.
         """
         names = list(COLUMNS)
         if name not in names:
-            raise InputError(f"telemetry has no column {name!r}; there are: {', '.join(names)}")
+            raise InputError(f"telemetry has no column {name!r}; use one of: {', '.join(names)}")
         index = names.index(name)
         return np.array([row[index] for row in self._rows], dtype=float)
 
@@ -164,7 +165,7 @@ def _cell(value: Value) -> str:
 def drive_figures(telemetry: Telemetry) -> dict[str, list[Panel]]:
     """Returns the plots over station by name: "longitudinal", "lateral" and "traffic".
 
-    Quantities without a value, as the plan of a drive by a log, are not drawn.
+    A quantity without values, such as the plan in a drive by a log, is left out.
     """
     makers = {"longitudinal": longitudinal, "lateral": lateral, "traffic": traffic}
     figures = {}
@@ -179,16 +180,18 @@ def drive_figures(telemetry: Telemetry) -> dict[str, list[Panel]]:
     return figures
 
 
+def _line(telemetry: Telemetry, label: str, name: str, scale: float = 1.0, role: str = "") -> Line:
+    return Line(label, telemetry.column(STATION), scale * telemetry.column(name), role)
+
+
 def longitudinal(telemetry: Telemetry) -> list[Panel]:
     """Returns speed, gear, brake pressure and grade over station."""
-    column, station = telemetry.column, telemetry.column(STATION)
-
-    def line(label: str, name: str, scale: float = 1.0, role: str = "") -> Line:
-        return Line(label, station, scale * column(name), role)
+    line = functools.partial(_line, telemetry)
 
     def axle(label: str, name: str) -> Line:
-        left, right = (column(f"brake_pressure_{name}_{side} [kPa]") for side in ("left", "right"))
-        return Line(label, station, 0.5 * (left + right))
+        names = (f"brake_pressure_{name}_{side} [kPa]" for side in ("left", "right"))
+        left, right = (telemetry.column(name) for name in names)
+        return Line(label, telemetry.column(STATION), 0.5 * (left + right))
 
     speeds = (
         line("reference", "reference_speed [m/s]", 1.0 / KMH, "reference"),
@@ -209,12 +212,8 @@ def longitudinal(telemetry: Telemetry) -> list[Panel]:
 
 
 def lateral(telemetry: Telemetry) -> list[Panel]:
-    """Returns path across the road, lateral acceleration, articulation, steering over station."""
-    station = telemetry.column(STATION)
-
-    def line(label: str, name: str, scale: float = 1.0, role: str = "") -> Line:
-        return Line(label, station, scale * telemetry.column(name), role)
-
+    """Returns offset, lateral acceleration, articulation and steering over station."""
+    line = functools.partial(_line, telemetry)
     degrees = 180.0 / np.pi
     path = (
         line("planned", "planned_offset [m]", 1.0, "reference"),
@@ -237,7 +236,7 @@ def lateral(telemetry: Telemetry) -> list[Panel]:
 
 
 def traffic(telemetry: Telemetry) -> list[Panel]:
-    """Returns lane and gaps over station; a gap is drawn only where there is a vehicle."""
+    """Returns lane and gaps over station; gaps to missing vehicles are not drawn."""
     station, target = telemetry.column(STATION), telemetry.column("target_lane [-]")
     lanes = (
         Line("target", station, np.where(target >= 0.0, target, np.nan), "reference"),
@@ -257,7 +256,7 @@ def traffic(telemetry: Telemetry) -> list[Panel]:
 
 
 def speed_rows(driver: Driver) -> list[tuple[str, str]]:
-    """Returns names and values of the speed planner for tables; empty without one."""
+    """Returns names and values of the speed planner's figures; empty without a planner."""
     if not isinstance(driver, Stack):
         return []
     reference = driver.reference
@@ -285,9 +284,9 @@ def speed_rows(driver: Driver) -> list[tuple[str, str]]:
 
 
 def speed_object(driver: Driver) -> dict[str, Any]:
-    """Returns the same for JSON, {"speed_planner": {...}}; empty without a speed planner."""
+    """Returns the speed planner's figures for JSON, {"speed_planner": {...}}, or {}."""
     if isinstance(driver, Stack) and isinstance(driver.reference, CruiseReference):
-        # A requested cruise has no reason; a cruise in place of PCC has one.
+        # A requested cruise has no reason; a cruise that replaces PCC has one.
         reason = driver.reference.reason
         return {"speed_planner": {"fallback": "cruise", "reason": reason}} if reason else {}
     report = _report(driver)
@@ -312,6 +311,6 @@ def speed_object(driver: Driver) -> dict[str, Any]:
 
 
 def _report(driver: Driver) -> Any:
-    """Returns the report of PCC; None for another speed reference."""
+    """Returns the report of PCC, None without PCC."""
     report = getattr(driver.reference, "report", None) if isinstance(driver, Stack) else None
     return None if report is None else report()

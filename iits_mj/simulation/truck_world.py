@@ -1,4 +1,4 @@
-"""Trips of the MuJoCo truck in SUMO traffic, one decision a step."""
+"""Trips of the MuJoCo truck in SUMO traffic, one decision per step."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ _BEYOND = 1_000.0
 
 
 class PendingDecision:
-    """A decision maker that returns the learner's decision once, and keeps the lane otherwise.
+    """A decision maker that returns the learner's decision once, and otherwise keeps the lane.
 
     Attributes:
-      pending: the next decision, None when it was used.
+      pending: the next decision; None after its use.
     """
 
     name = "asked"
@@ -51,14 +51,14 @@ class PendingDecision:
 class TruckWorld(Closing):
     """The full chain as a `controllers.decision.trip.World`, on the built-in highway.
 
-    InterSim traffic, planner, tracking and the truck are those of a drive. A training trip may have
-    a larger time step, no bodies for pictures, and traffic on only the road that it needs.
+    InterSim traffic, planner, tracking and truck are those of a drive. A training trip may have a
+    larger time step, no bodies for pictures, and traffic on the needed part of the road only.
 
     Args:
       timestep: of the physics [s].
       payload_height: of the load's centre of gravity above the road [m]; default: the truck's.
       visuals: adds bodies for pictures.
-      edit_spec: called on the model's `MjSpec` before it is compiled, for cameras.
+      edit_spec: called on the model's `MjSpec` before compilation, for cameras.
 
     Attributes:
       simulation: of the trip; None before the first one.
@@ -82,10 +82,10 @@ class TruckWorld(Closing):
         self._decisions = PendingDecision()
 
     def reset(self, generator: np.random.Generator, trip: TripConfig | None = None) -> Observation:
-        """Starts a trip at the traffic's speed in the right lane; returns the observation.
+        """Starts a trip in the right lane at the traffic's speed; returns the observation.
 
         Args:
-          generator: gives the seed of the traffic.
+          generator: draws the seed of the traffic.
           trip: default: the densest of the paper's cells.
 
         Raises:
@@ -102,7 +102,7 @@ class TruckWorld(Closing):
             start_station=trip.start_station,
             start_speed=min(trip.traffic_speed, trip.reference_speed),
             decision="keep",
-            # Its observations and rewards are those of a constant reference speed.
+            # Observations and rewards assume a constant reference speed.
             speed_planner="cruise",
             seed=seed,
         )
@@ -115,7 +115,7 @@ class TruckWorld(Closing):
         )
         simulation.stack.decision_maker = self._decisions
         self._decisions.reset()
-        # The first question, at the start, was answered with "keep".
+        # At the start the stack has asked for a decision and kept its lane.
         while not (self._asks_next(simulation) or self._over(simulation)):
             simulation.cycle()
         self.log = TripLog(trip)
@@ -123,23 +123,23 @@ class TruckWorld(Closing):
         return simulation.stack.history.observation()
 
     def context(self) -> DecisionContext:
-        """Returns what a decision maker is given now.
+        """Returns the input of a decision maker at this instant.
 
         Raises:
-          InputError: no trip was begun.
+          InputError: no trip has begun.
         """
         simulation = self.running
         return simulation.stack.context(simulation.scene)
 
     def tell(self, decision: Decision) -> None:
-        """Sets the stack's next decision, for callers that advance the simulation themselves."""
+        """Sets the next decision, for callers that advance the simulation themselves."""
         self._decisions.pending = decision
 
     def step(self, decision: Decision) -> TripStep:
-        """Carries out or refuses a decision and drives until the next one is due.
+        """Executes or refuses a decision and drives until the next decision is due.
 
         Raises:
-          InputError: no trip was begun, or it is over.
+          InputError: no trip has begun, or it is over.
           DivergedError, TrafficError: the simulation failed.
         """
         simulation = self.running
@@ -149,7 +149,7 @@ class TruckWorld(Closing):
         before = stack.lane_changes, stack.refused, stack.unsafe
         self.tell(decision)
         log.begin()
-        # The stack asks in the first cycle; after the last one it is about to ask again.
+        # The stack asks for a decision in the first cycle, and again after the last one.
         while not self._over(simulation):
             frame = simulation.cycle()
             log.charge_speed(frame.ego.speed, CYCLE_PERIOD)
@@ -179,7 +179,7 @@ class TruckWorld(Closing):
         """Simulation of the trip.
 
         Raises:
-          InputError: no trip was begun.
+          InputError: no trip has begun.
         """
         if self.simulation is None:
             raise InputError("the trip has not begun: call reset first")
@@ -202,6 +202,6 @@ class TruckWorld(Closing):
             footprint=footprint,
             fill_ahead=min(TrafficConfig.fill_ahead, reach + _BEYOND),
         )
-        # libsumo holds one simulation: a second world of this process gets a process of its own.
+        # libsumo holds one simulation: a second world gets its own process.
         mode = SeparateTraffic if sumo_runs_here() else InterSim
         return mode(route, settings, seed=seed)

@@ -47,7 +47,7 @@ def build_environment(
     environment_kwargs: Mapping[str, Any] | None = None,
     visualize_reward: bool = False,
 ) -> control.Environment:
-    """Builds a task's environment.
+    """Returns the environment of a task.
 
     Args:
       domain_name: "truck".
@@ -61,10 +61,10 @@ def build_environment(
       InputError: unknown domain or task.
     """
     if domain_name not in DOMAINS:
-        raise InputError(f"domain {domain_name!r} is unknown; there is: {', '.join(DOMAINS)}")
+        raise InputError(f"domain {domain_name!r} is unknown; use: {', '.join(DOMAINS)}")
     tasks = DOMAINS[domain_name].SUITE
     if task_name not in tasks:
-        raise InputError(f"task {task_name!r} is unknown; there are: {', '.join(tasks)}")
+        raise InputError(f"task {task_name!r} is unknown; use one of: {', '.join(tasks)}")
     settings = dict(task_kwargs or {})
     if environment_kwargs is not None:
         settings["environment_kwargs"] = dict(environment_kwargs)
@@ -77,7 +77,7 @@ load = build_environment
 
 
 def twin(environment: control.Environment) -> control.Environment:
-    """Another environment of the same task on the same compiled model, with data of its own.
+    """Returns a second environment of a task with the same compiled model and its own data.
 
     Raises:
       Error: the task's physics cannot be copied (SUMO's traffic).

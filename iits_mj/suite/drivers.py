@@ -1,12 +1,10 @@
-"""Scripted drivers: one per task, which solves it from the task's observations alone.
+"""Scripted drivers, one per task: baselines that solve it from its observations alone.
 
-They are baselines:
-
-    environment = suite.load("truck", "dock")
-    driver = suite.DRIVERS["dock"]
-    step = environment.reset()
-    while not step.last():
-        step = environment.step(driver(step.observation))
+environment = suite.load("truck", "dock")
+driver = suite.DRIVERS["dock"]
+step = environment.reset()
+while not step.last():
+step = environment.step(driver(step.observation))
 """
 
 from __future__ import annotations
@@ -23,32 +21,32 @@ from iits_mj.suite.tasks.path import PATH_PREVIEW
 
 ScriptedDriver = Callable[[Mapping[str, FloatArray]], FloatArray]
 
-# Ratio of steering wheel to road wheels, wheelbase [m], understeer that is compensated [s2/m].
+# Ratio of steering wheel to road wheels, wheelbase [m], compensated understeer [s2/m].
 _RATIO, _WHEELBASE, _UNDERSTEER = 21.0, 4.6, 0.01
 # Kingpin to the trailer's axle group [m].
 _TRAILER = 7.7
 
 
 def cruise(seen: Mapping[str, FloatArray]) -> FloatArray:
-    """Proportional to the speed error, with the grade fed forward."""
+    """Controls the speed in proportion to its error, with feedforward of the grade."""
     drive = 0.3 - 0.6 * _one(seen, "speed_error") + 8.0 * float(seen["grade_ahead"][0])
     return _clipped(drive)
 
 
 def stop(seen: Mapping[str, FloatArray]) -> FloatArray:
-    """Follows the speed profile of a stop with 1.2 m/s2 at the line."""
+    """Follows the speed profile of a stop at the line with 1.2 m/s2."""
     wanted = math.sqrt(2.4 * max(_one(seen, "distance") - 0.5, 0.0))
     drive = 0.5 * (min(wanted, 20.0) - _one(seen, "speed")) - (0.3 if wanted < 20.0 else 0.0)
     return _clipped(drive)
 
 
 def hill_start(seen: Mapping[str, FloatArray]) -> FloatArray:
-    """Pedal by the grade, more when rolling back."""
+    """Sets the pedal by the grade, higher while the truck rolls back."""
     return _clipped(0.5 + 4.0 * _one(seen, "grade") + 2.0 * max(_one(seen, "rolled_back"), 0.0))
 
 
 def lane_keep(seen: Mapping[str, FloatArray]) -> FloatArray:
-    """Feeds the curvature 25 m ahead forward, offset and heading back."""
+    """Steers by feedforward of the curvature 25 m ahead and feedback of offset and heading."""
     ahead = float(seen["curvature_ahead"][1])
     wheels = (_WHEELBASE + _UNDERSTEER * 20.0**2 * 0.8) * ahead
     wheels -= 0.02 * _one(seen, "lane_error") + 0.35 * _one(seen, "heading_error")
@@ -56,7 +54,7 @@ def lane_keep(seen: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def platoon(seen: Mapping[str, FloatArray]) -> FloatArray:
-    """Keeps the lane and the gap; follows speed and acceleration of the truck ahead."""
+    """Keeps the lane and the gap by speed and acceleration of the truck ahead."""
     action = lane_keep(seen)
     wanted = 0.8 * _one(seen, "acceleration_ahead") + 0.12 * _one(seen, "gap_error")
     wanted -= 0.7 * _one(seen, "speed_error")
@@ -65,7 +63,7 @@ def platoon(seen: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def lane_change(seen: Mapping[str, FloatArray]) -> FloatArray:
-    """Steers with the curvature of the path 20 m ahead."""
+    """Steers by the curvature of the path 20 m ahead."""
     here, near, far = 0.0, *(float(v) for v in seen["path_ahead"][[1, 2]])
     first, second = PATH_PREVIEW[1], PATH_PREVIEW[2]
     bend = 2.0 * ((far - near) / (second - first) - (near - here) / first) / second
@@ -76,7 +74,7 @@ def lane_change(seen: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def tight_turn(seen: Mapping[str, FloatArray]) -> FloatArray:
-    """Steers along the arc, and back to it."""
+    """Steers along the arc, with feedback of offset and heading."""
     turning = 0.0 < _one(seen, "past_entry") < 0.5 * math.pi * TURN_RADIUS
     wheels = math.atan(_WHEELBASE / TURN_RADIUS) if turning else 0.0
     wheels -= 0.9 * _one(seen, "heading_error") + 0.35 * _one(seen, "offset")
@@ -85,7 +83,7 @@ def tight_turn(seen: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def dock(seen: Mapping[str, FloatArray]) -> FloatArray:
-    """Steers the trailer by the articulation, and the articulation by the tractor."""
+    """Steers the articulation with the tractor, and the trailer with the articulation."""
     distance, aside = _one(seen, "distance"), _one(seen, "aside")
     heading, bend = _one(seen, "trailer_heading"), _one(seen, "articulation")
     wanted = float(np.clip(_TRAILER * (0.22 * heading - 0.018 * aside), -0.35, 0.35))
@@ -98,7 +96,7 @@ def dock(seen: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def highway(seen: Mapping[str, FloatArray]) -> FloatArray:
-    """Overtakes a slower vehicle on the left, or on the right, if the lane beside is free."""
+    """Overtakes a slower vehicle if the adjacent lane is free."""
     ahead, behind = seen["ahead"].reshape(-1, 3), seen["behind"].reshape(-1, 3)
     own = ahead[np.abs(ahead[:, 1]) < 2.0]
     if not len(own) or own[0, 0] > 80.0 or own[0, 2] > 0.5:
@@ -106,9 +104,8 @@ def highway(seen: Mapping[str, FloatArray]) -> FloatArray:
     side = 1.0 if _one(seen, "offset") < 2.0 else -1.0
     beside = np.abs(ahead[:, 1] - 4.0 * side) < 2.0
     room = float(np.min(ahead[beside, 0], initial=250.0))
-    free = not (np.abs(behind[:, 1] - 4.0 * side) < 2.0).any() or bool(
-        (behind[np.abs(behind[:, 1] - 4.0 * side) < 2.0, 0] < -45.0).all()
-    )
+    followers = behind[np.abs(behind[:, 1] - 4.0 * side) < 2.0, 0]
+    free = (followers < -45.0).all()
     return np.array([side if free and room > own[0, 0] + 30.0 else 0.0])
 
 
@@ -127,7 +124,7 @@ def _speed_held(seen: Mapping[str, FloatArray]) -> float:
 
 
 def _steered(drive: float, wheels: float, steer_max: float) -> FloatArray:
-    """Action of a pedal and a road-wheel angle [rad]."""
+    """Returns the action of a pedal and a road-wheel angle [rad]."""
     return np.clip(np.array([drive, _RATIO * wheels / steer_max]), -1.0, 1.0)
 
 

@@ -1,13 +1,13 @@
-"""The truck for `dm_control.mjcf` and `dm_control.composer`: attach any number to an arena.
+"""The truck as a `dm_control.composer.Entity`, of which an arena may have several.
 
     arena = composer.Arena()
     truck = TruckEntity(payload=20_000.0)
     frame = arena.add_free_entity(truck)
     use_options(arena.mjcf_model)
 
-The tires stand on the plane z = 0, whatever the arena shows there, unless its model has a road
-(`iits_mj.model.road_table`). Commands are the truck's ten actuators, `truck.actuators`. Physics and
-environments of dm_control step in two halves by default: use `legacy_step=False`.
+The tires roll on the plane z = 0, independent of the arena's floor, unless the model has a road
+(`iits_mj.model.road_table`). `truck.actuators` are the ten commands. Physics and environments of
+dm_control step in two halves by default: use `legacy_step=False`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from dm_control.composer.observation import observable
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.core.units import GRAVITY
 from iits_mj.model.builder import truck_spec, truck_xml
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
 from iits_mj.plugin import register
 from iits_mj.truck import COMMAND_FIELDS
 
@@ -29,11 +29,11 @@ from iits_mj.truck import COMMAND_FIELDS
 def truck_mjcf(
     payload: float, parameters: TruckParameters | None = None, *, visuals: bool = True
 ) -> mjcf.RootElement:
-    """Returns the truck without its free joint, to be attached with one.
+    """Returns the truck without its free joint, for `add_free_entity`.
 
     Args:
       payload: [kg].
-      parameters: default: the shipped figures.
+      parameters: default: the shipped ones.
       visuals: adds the visual geoms.
 
     Raises:
@@ -56,7 +56,7 @@ def truck_mjcf(
 def use_options(model: mjcf.RootElement, timestep: float = TIMESTEP) -> None:
     """Gives an arena the integrator, solver, gravity and time step [s] of the truck's model.
 
-    `composer.Arena` has other ones, for manipulation.
+    Those of `composer.Arena` suit manipulation.
     """
     model.option.integrator = "implicitfast"
     model.option.cone = "pyramidal"
@@ -70,7 +70,7 @@ class TruckEntity(composer.Entity):
 
     def _build(
         self,
-        payload: float = 36_000.0,
+        payload: float = MAX_PAYLOAD,
         parameters: TruckParameters | None = None,
         *,
         visuals: bool = True,
@@ -89,12 +89,12 @@ class TruckEntity(composer.Entity):
 
     @property
     def actuators(self) -> tuple[Any, ...]:
-        """The commands, in the order of `VehicleCommand`."""
+        """The commands, in the order of the fields of `VehicleCommand`."""
         return tuple(self._model.find("actuator", name) for name in COMMAND_FIELDS)
 
     @property
     def tractor(self) -> Any:
-        """Body of the tractor; its origin is the steer axle's middle on the ground."""
+        """Body of the tractor; its origin is the middle of the steer axle on the ground."""
         return self._model.find("body", "tractor")
 
     @property
@@ -108,12 +108,12 @@ class TruckObservables(composer.Observables):
 
     @composer.observable
     def velocity(self) -> observable.MJCFFeature:
-        """Of the steer axle's middle in the tractor's frame [m/s], shape (3,)."""
+        """Velocity of the steer axle's middle in the tractor's frame [m/s], shape (3,)."""
         return self._sensor("tractor_velocity")
 
     @composer.observable
     def angular_velocity(self) -> observable.MJCFFeature:
-        """Of the tractor [rad/s], shape (3,)."""
+        """Angular velocity of the tractor [rad/s], shape (3,)."""
         return self._sensor("tractor_gyro")
 
     @composer.observable
@@ -123,12 +123,12 @@ class TruckObservables(composer.Observables):
 
     @composer.observable
     def engine_speed(self) -> observable.MJCFFeature:
-        """[rad/s], shape (1,)."""
+        """Engine speed [rad/s], shape (1,)."""
         return self._sensor("engine_speed")
 
     @composer.observable
     def gear(self) -> observable.MJCFFeature:
-        """-1 in reverse, 0 in neutral, 1 to 12; shape (1,)."""
+        """Gear: -1 in reverse, 0 in neutral, else 1 to 12; shape (1,)."""
         return self._sensor("gear")
 
     def _sensor(self, name: str) -> observable.MJCFFeature:
@@ -136,7 +136,7 @@ class TruckObservables(composer.Observables):
 
 
 def _add_visuals(root: ET.Element, parameters: TruckParameters, payload: float) -> None:
-    """Adds visual geoms and their assets, but keeps the mechanics, which `to_xml` rounds."""
+    """Adds visual geoms and their assets; copies no mechanics, which `to_xml` rounds."""
     spec = truck_spec(parameters, payload)
     spec.compile()
     seen = ET.fromstring(spec.to_xml())

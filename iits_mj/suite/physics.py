@@ -1,6 +1,6 @@
 """`Physics` of the domain with named getters, its cameras, and observations that tasks share.
 
-No other part of the tasks knows names of the model.
+Names of bodies and sensors of the model occur only here.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Observed:
     """Description of a task's observation.
 
     Attributes:
-      scale: usual size in `unit`, by which it is divided for a learner.
+      scale: usual size in `unit`; a learner sees the observation divided by it.
       unit: SI unit, "1" for pure numbers.
       meaning: in words.
       source: sensor, body or site of the model, or the road.
@@ -55,7 +55,7 @@ INSTRUMENTS = {
         8e5, "Pa", "mean of the five circuits", "sensors `brake_pressure_*`"
     ),
 }
-# For tasks at a nearly constant speed, where the gear carries no information.
+# For tasks at a nearly constant speed, in which the gear has no information.
 WITHOUT_GEAR = {name: entry for name, entry in INSTRUMENTS.items() if name != "gear"}
 
 BENDING = {
@@ -70,12 +70,12 @@ BENDING = {
 
 
 def wide(bending: dict[str, Observed]) -> dict[str, Observed]:
-    """Returns the same observations scaled for maneuvers at walking pace, with larger angles."""
+    """Returns the observations with the scales of maneuvers at walking pace."""
     sizes = {"articulation": 0.5, "yaw_rate": 0.2, "steering_wheel_angle": 10.0}
     return {name: replace(entry, scale=sizes[name]) for name, entry in bending.items()}
 
 
-# Fixed to the tractor: name to position and the picture's x and y axes in its frame.
+# Cameras fixed to the tractor: position, and the picture's x and y axes, in its frame.
 CAMERAS = {
     "chase": ((-27.0, 0.0, 8.0), (0.0, -1.0, 0.0), (0.22, 0.0, 0.98)),
     "side": ((-5.0, -24.0, 4.0), (1.0, 0.0, 0.0), (0.0, 0.09, 0.99)),
@@ -84,7 +84,7 @@ CAMERAS = {
 
 
 def add_cameras(spec: mujoco.MjSpec, prefix: str = "") -> None:
-    """Adds the suite's cameras to the tractor of that prefix."""
+    """Adds the suite's cameras to the tractor with this prefix."""
     tractor = spec.body(f"{prefix}tractor")
     for name, (position, right, up) in CAMERAS.items():
         axes = np.column_stack([right, up, np.cross(right, up)])
@@ -95,7 +95,7 @@ def add_cameras(spec: mujoco.MjSpec, prefix: str = "") -> None:
 
 
 def _reading(name: str, doc: str) -> Callable[[Physics], float]:
-    """Makes a getter of `Physics` for a field of the truck's state."""
+    """Returns a getter of `Physics` for a field of the truck's state."""
 
     def get(physics: Physics) -> float:
         return float(getattr(physics.ego(), name))
@@ -128,25 +128,23 @@ class Physics(BasePhysics):
     engine_torque = _reading("engine_torque", "Engine torque [N m].")
 
     truck: Truck
-    # Advances the data instead of this physics, see `iits_mj.envs.vector`.
+    # Replaces `step` of MuJoCo, see `iits_mj.envs.vector`.
     stepper: Callable[[int], None] | None = None
 
     @classmethod
     def from_truck(cls, truck: Truck) -> Physics:
-        """Takes over a truck: its `data` becomes that of the physics."""
+        """Returns the physics of a truck, whose `data` becomes that of the physics."""
         physics: Physics = cls.from_model(wrapper.MjModel(truck.model))
         physics._bind(truck)
         return physics
 
     @classmethod
     def of_fleet(cls, fleet: TruckFleet) -> tuple[Physics, ...]:
-        """One for each truck of a fleet, all of the fleet's own data."""
-        found = []
-        for truck in fleet.trucks:
-            physics = cls(wrapper.MjData(fleet.data))
+        """Returns a physics for each truck of a fleet; all share the fleet's data."""
+        members = tuple(cls(wrapper.MjData(fleet.data)) for _ in fleet.trucks)
+        for physics, truck in zip(members, fleet.trucks, strict=True):
             physics._bind(truck)
-            found.append(physics)
-        return tuple(found)
+        return members
 
     def _bind(self, truck: Truck) -> None:
         self.truck = truck
@@ -170,7 +168,7 @@ class Physics(BasePhysics):
         self._bind(truck)
 
     def copy(self, share_model: bool = False) -> Physics:
-        """A copy with its own data (and model, unless shared)."""
+        """Returns a copy with its own data (and model, unless shared)."""
         twin: Physics = super().copy(share_model=share_model)
         truck = copy.copy(self.truck)
         truck.model = twin.model.ptr
@@ -190,7 +188,7 @@ class Physics(BasePhysics):
         return self.truck.route
 
     def place(self, station: float, offset: float, speed: float, **attitude: float) -> None:
-        """Puts the truck on its road, rolling freely; see `Truck.reset`."""
+        """Puts the truck on its road, coasting; see `Truck.reset`."""
         self.truck.reset(station=station, offset=offset, speed=speed, **attitude)
         self._key = b""
 
@@ -199,7 +197,7 @@ class Physics(BasePhysics):
         self.truck.command(command)
 
     def ego(self) -> EgoState:
-        """The truck's state now."""
+        """Returns the truck's state now."""
         key = self.data.time.hex().encode() + self.data.qpos.tobytes() + self.data.qvel.tobytes()
         if key != self._key:
             self._state = self.truck.observe()
@@ -207,19 +205,19 @@ class Physics(BasePhysics):
         return self._state
 
     def trailer_station(self) -> float:
-        """Middle of the trailer's axle group along the road [m]."""
+        """Returns the station of the middle of the trailer's axle group [m]."""
         x, y, _ = self.data.site_xpos[self._trailer_axles].tolist()
         return self.route.locate(x, y, self.station() - self._behind)[0]
 
     def trailer_rear(self) -> tuple[float, float, float]:
-        """Middle of the trailer's rear end in the world (x, y) [m], and its yaw [rad]."""
+        """Returns x, y of the middle of the trailer's rear end [m], and its yaw [rad]."""
         ego = self.ego()
         corners = truck_boxes(ego, self.truck.parameters)[1]
         x, y = corners[2:].mean(axis=0).tolist()
         return x, y, ego.yaw - ego.articulation
 
     def outline_offsets(self) -> FloatArray:
-        """Offsets from the road's line of points around tractor and trailer [m], shape (n,)."""
+        """Returns offsets of points around tractor and trailer from the road's line [m], (n,)."""
         ego = self.ego()
         tractor, trailer = truck_boxes(ego, self.truck.parameters)
         points = np.concatenate([_around(tractor, 4), _around(trailer, 16)])
@@ -227,17 +225,17 @@ class Physics(BasePhysics):
         return np.array([self.route.locate(x, y, near)[1] for x, y in points.tolist()])
 
     def heading_error(self) -> float:
-        """Tractor's heading less the road's [rad]."""
+        """Returns the tractor's heading minus the road's [rad]."""
         ego = self.ego()
         heading = float(self.route.evaluate(ego.station, 0.0).heading)
         return float(np.arctan2(np.sin(ego.yaw - heading), np.cos(ego.yaw - heading)))
 
     def grade_ahead(self, distances: tuple[float, ...]) -> FloatArray:
-        """Grade of the road at distances ahead of the steer axle [m], shape (n,)."""
+        """Returns the road's grade at distances ahead of the steer axle [m], shape (n,)."""
         return np.asarray(self._road_ahead(distances).grade, dtype=float)
 
     def curvature_ahead(self, distances: tuple[float, ...]) -> FloatArray:
-        """Curvature of the road at distances ahead [1/m], shape (n,), positive to the left."""
+        """Returns the road's curvature at distances ahead [1/m], shape (n,), left positive."""
         return np.asarray(self._road_ahead(distances).curvature, dtype=float)
 
     def _road_ahead(self, distances: tuple[float, ...]) -> RoadPoint:
@@ -245,16 +243,16 @@ class Physics(BasePhysics):
         return self.route.evaluate(stations)
 
     def gear(self) -> int:
-        """Gear, 1 to 12; 0 in neutral, -1 in reverse."""
+        """Returns the gear, 1 to 12; 0 in neutral, -1 in reverse."""
         return self.ego().gear
 
     def brake_pressure(self) -> float:
-        """Mean of the five circuits [Pa]."""
+        """Returns the mean brake pressure of the five circuits [Pa]."""
         return float(np.mean(self.ego().brake_pressures))
 
 
 def _around(corners: FloatArray, parts: int) -> FloatArray:
-    """Points around a box, `parts` to each side; (4, 2) to (4 * parts, 2)."""
+    """Returns points around a box, `parts` per side: (4, 2) to (4 * parts, 2)."""
     share = np.arange(parts)[:, None] / parts
     following = np.roll(corners, -1, axis=0)
     sides = [a + share * (b - a) for a, b in zip(corners, following, strict=True)]

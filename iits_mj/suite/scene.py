@@ -1,4 +1,4 @@
-"""Roads of the tasks, marks on them, and the colors that show the reward."""
+"""Roads of the tasks, their markers, and the colors that show the reward."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from iits_mj.road.design import Design, build
 from iits_mj.suite.physics import Physics
 
 LANE_WIDTH = 4.0
-# The outer tire's arc of 12.5 m (PBS), less half the steer axle's width over the tires.
+# The outer tire's arc of 12.5 m (PBS) minus half the steer axle's width over the tires.
 TURN_RADIUS = 12.5 - 1.25
 TURN_ENTRY = 60.0
 _SPEED_LIMIT = 22.22
@@ -27,12 +27,12 @@ _REPLACED = {"truck_paint": "self", "trailer_curtain": "effector"}
 
 
 def flat() -> Route:
-    """5 km, straight and level."""
+    """Returns a straight, level road of 5 km."""
     return Route.straight(length=5_000.0, lanes=2)
 
 
 def uphill() -> Route:
-    """2 km straight, always uphill, with grades of 4 to 9 % in steps of 300 m."""
+    """Returns a straight uphill road of 2 km with grades of 4 to 9 % in steps of 300 m."""
     grades = [(300.0 * (k + 1), 0.01 * (5 + k), 60.0) for k in range(5)]
     return _route(
         "suite_uphill", ((2_000.0, 0.0, 0.0, 0.0, 0.0),), tuple(grades), initial_grade=0.04
@@ -40,7 +40,7 @@ def uphill() -> Route:
 
 
 def turn() -> Route:
-    """Straight, a 90 degree turn to the left, straight: the line of the steer axle's middle."""
+    """Returns a 90 degree turn to the left between straights, the steer axle's path."""
     bend = 1.0 / TURN_RADIUS
     alignment = (
         (TURN_ENTRY, 0.0, 0.0, 0.0, 0.0),
@@ -51,21 +51,19 @@ def turn() -> Route:
 
 
 def yard() -> Route:
-    """200 m of level ground along x, wide enough to turn about."""
+    """Returns 200 m of level ground along x, wide enough for a turn."""
     return Route.straight(length=200.0, lanes=3)
 
 
 def hills() -> Route:
-    """8 km straight over hills of 400 m, grades within +/-4 %."""
-    grades = []
+    """Returns a straight road of 8 km over hills of 400 m, with grades within +/-4 %."""
     size = (0.02, -0.03, 0.04, -0.02, 0.03, -0.04, 0.01, -0.01)
-    for index in range(19):
-        grades.append((400.0 * (index + 1), size[index % len(size)], 250.0))
+    grades = [(400.0 * (k + 1), size[k % len(size)], 250.0) for k in range(19)]
     return _route("suite_hills", ((8_000.0, 0.0, 0.0, 0.0, 0.0),), tuple(grades))
 
 
 def winding() -> Route:
-    """5 km of clothoid, arc, clothoid, to the left and right in turn, radii of 500 to 900 m."""
+    """Returns 5 km of alternating left and right bends with clothoids, radii 500 to 900 m."""
     alignment = [(200.0, 0.0, 0.0, 0.0, 0.0)]
     radii = (900.0, -700.0, 600.0, -500.0, 800.0, -600.0, 500.0, -900.0)
     for radius in radii:
@@ -85,7 +83,7 @@ def _route(
     grades: tuple[tuple[float, float, float], ...] = (),
     **settings: float,
 ) -> Route:
-    """A route of two lanes with shoulders; `settings` are further fields of `Design`."""
+    """Returns a route of two lanes with shoulders; `settings` are other fields of `Design`."""
     length = sum(element[0] for element in alignment)
     fields: dict[str, Any] = {"lanes": 2, "left_shoulder": 1.0, "right_shoulder": 2.5, **settings}
     design = Design(
@@ -101,7 +99,7 @@ def _route(
 
 
 def add_reward_colors(spec: mujoco.MjSpec) -> None:
-    """Gives cab, trailer and target the materials with which dm_control shows the reward."""
+    """Gives cab, trailer and target the materials that dm_control colors by the reward."""
     for name, (default, highlight) in _COLORS.items():
         spec.add_material(name=name, rgba=default)
         spec.add_material(name=f"{name}_default", rgba=default)
@@ -112,13 +110,13 @@ def add_reward_colors(spec: mujoco.MjSpec) -> None:
 
 
 def movable(spec: mujoco.MjSpec, name: str, size: tuple[float, float, float]) -> None:
-    """Adds a flat box in the target's color on a mocap body, which `move` puts on the road."""
+    """Adds a flat box in the target's color on a mocap body that `move` places."""
     body = spec.worldbody.add_body(name=name, mocap=True)
     _add(body, f"{name}_box", size)
 
 
 def move(physics: Physics, name: str, station: float, offset: float) -> None:
-    """Puts a movable mark on the road [m]."""
+    """Places a movable box on the road [m]."""
     point = physics.route.evaluate(station, offset)
     model = physics.model.ptr
     physics.data.mocap_pos[model.body(name).mocapid[0]] = (
@@ -139,7 +137,7 @@ def mark(
 
 
 def cone(spec: mujoco.MjSpec, name: str, x: float, y: float) -> None:
-    """Adds a traffic cone, as a slim post."""
+    """Adds a traffic cone as a slim post."""
     _add(spec.worldbody, name, (0.12, 0.35, 0.0), (x, y, 0.35), mujoco.mjtGeom.mjGEOM_CYLINDER)
 
 

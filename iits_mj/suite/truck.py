@@ -10,8 +10,9 @@ from dm_control.rl import control
 from dm_control.utils import containers
 
 from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig
-from iits_mj.core.errors import InputError
+from iits_mj.core.checks import one_of
 from iits_mj.core.timing import CYCLE_PERIOD, TIMESTEP
+from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.simulation.truck_world import TruckWorld
 from iits_mj.suite import scene
 from iits_mj.suite.physics import Physics, add_cameras
@@ -25,13 +26,13 @@ SUITE = containers.TaggedTasks()
 
 
 def _factory(name: str, kind: type[DrivingTask]) -> Callable[..., control.Environment]:
-    """Returns the function of the domain that builds a task's environment."""
+    """Returns the function that builds a task's environment."""
 
     def build(
         *,
         time_limit: float | None = None,
         random: Any = None,
-        payload: float = 36_000.0,
+        payload: float = MAX_PAYLOAD,
         payload_height: float | None = None,
         visuals: bool = True,
         environment_kwargs: Mapping[str, Any] | None = None,
@@ -86,13 +87,13 @@ def highway(
     visuals: bool = True,
     environment_kwargs: Mapping[str, Any] | None = None,
 ) -> control.Environment:
-    """Choose lanes in SUMO traffic; 180 s.
+    """Choose lanes in SUMO traffic for 180 s.
 
     Args:
       time_limit: end of an episode [s].
       random: seed or `numpy.random.RandomState` of the task.
       density: of the traffic, "dense", "medium" or "sparse".
-      traffic_speed: its speed limit [m/s].
+      traffic_speed: speed limit of the traffic [m/s].
       payload: on the semitrailer [kg].
       payload_height: of the load's centre of gravity above the road [m], 1.3 to 3.
       visuals: adds the visual geoms.
@@ -101,8 +102,7 @@ def highway(
     Raises:
       InputError: an argument is not allowed. TrafficError: SUMO is not usable.
     """
-    if density not in SPAWN_PROBABILITY:
-        raise InputError(f"density {density!r} is unknown; allowed: {', '.join(SPAWN_PROBABILITY)}")
+    one_of("density", density, SPAWN_PROBABILITY)
     trip = TripConfig(
         spawn_probability=SPAWN_PROBABILITY[density],
         traffic_speed=traffic_speed,
@@ -120,6 +120,6 @@ def highway(
 
 
 def _add_common(spec: mujoco.MjSpec) -> None:
-    """Adds colors and cameras of every task."""
+    """Adds the colors and cameras that all tasks share."""
     scene.add_reward_colors(spec)
     add_cameras(spec)

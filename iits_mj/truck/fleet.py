@@ -9,6 +9,7 @@ import mujoco
 from iits_mj.core.checks import in_range
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.model.builder import truck_spec
 from iits_mj.parameters import TruckParameters
 from iits_mj.plugin import register
@@ -22,7 +23,7 @@ TRUCKS_MAX = 31 - _FIRST_BIT
 
 
 class TruckFleet:
-    """Trucks that share a road, a clock and the contacts between them.
+    """Trucks that share a road and a clock and collide with each other.
 
     All names of truck k begin with `prefix(k)`: body `truck0/tractor`, sensor `truck1/speed`.
     `trucks[k]` commands and reads one truck; `reset` and `step` act on all.
@@ -46,7 +47,7 @@ class TruckFleet:
         *,
         route: Route,
         parameters: TruckParameters | None = None,
-        timestep: float = 0.002,
+        timestep: float = TIMESTEP,
         visuals: bool = True,
         edit_spec: Callable[[mujoco.MjSpec], None] | None = None,
     ) -> TruckFleet:
@@ -109,7 +110,7 @@ class TruckFleet:
         return self.observe()
 
     def step(self, n: int = 1) -> None:
-        """Advances all by `n` time steps.
+        """Advances all trucks by `n` time steps.
 
         Raises:
           Error: the simulation diverged.

@@ -12,6 +12,7 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import in_range, is_number, shown
 from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import group_center
 from iits_mj.road import Route
 
 # No truck rolls faster: well above what the tires and the driveline are made for.
@@ -23,7 +24,7 @@ class TruckPlacement:
     """A place and motion of a truck on its road, rolling freely.
 
     Attributes:
-      station: of the steer axle's centre on the route [m].
+      station: of the steer axle's center on the route [m].
       offset: of the same, to the left [m].
       speed: of the steer axle along the tractor [m/s], zero or positive.
       heading: of the tractor against the road, positive to the left [rad].
@@ -74,7 +75,7 @@ class Poser:
             ]
             for axle in parameters.axles
         }
-        self._trailer_axles = float(np.mean([a.position for a in parameters.semitrailer.axles]))
+        self._trailer_axles = group_center(parameters.semitrailer.axles)
 
     def pose(self, data: mujoco.MjData, place: TruckPlacement) -> None:
         """Writes the pose: tractor and trailer on their axles."""
@@ -108,7 +109,7 @@ class Poser:
         bogie_station = place.station - reach - self._trailer_axles
         bogie = self._point(bogie_station, place.offset)
         across = self._across(bogie_station)
-        # The trailer's frame lies at the kingpin's height above the road, also at the bogie.
+        # The trailer's x axis is at the kingpin's height above the road, also at the bogie.
         ahead, behind = (self._point(bogie_station + d, place.offset) for d in (1.0, -1.0))
         along = ahead - behind
         bogie = bogie + _frame(along, across)[:, 2] * p.fifth_wheel.height

@@ -29,7 +29,7 @@ _VERTICAL = 2
 
 
 def sensor_addresses(model: mujoco.MjModel, prefix: str) -> dict[str, int]:
-    """Returns where each sensor of a truck begins in `sensordata`, by name without prefix."""
+    """Returns the first index of each sensor of a truck in `sensordata`, by name without prefix."""
     sensors = [model.sensor(i) for i in range(model.nsensor)]
     return {
         sensor.name.removeprefix(prefix): int(sensor.adr[0])
@@ -58,7 +58,7 @@ class Reporter:
             if model.actuator(i).name.startswith(prefix)
         }
         controls = {name: int(model.actuator_ctrladr[i]) for name, i in actuators.items()}
-        # The plural sensor of all wheels is not the field of that name.
+        # The sensor `wheel_speeds` holds angular speeds of all wheels, the field speeds in m/s.
         places = {n: _SENSORS.get(n, (n, 0)) for n in _FIELDS if n != "wheel_speeds"}
         sensed = {name: address[s] + i for name, (s, i) in places.items() if s in address}
         commanded = {n: controls[n] for n in _FIELDS if n in controls and n not in sensed}

@@ -8,7 +8,7 @@
     drives["tractor_gyro"]          # (3 scenarios, 80 instants, 3 components)
     drives.units["tractor_gyro"]    # "rad/s"
 
-The physics is `mujoco.batch`; every drive is bit for bit the one of `Truck.step`.
+The physics is `mujoco.batch`; every drive equals the one of `Truck.step` bit for bit.
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.model.sensor_table import sensor_unit
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
 from iits_mj.road import Route
 from iits_mj.truck.placement import TruckPlacement
 from iits_mj.truck.truck import COMMAND_FIELDS, Truck
@@ -44,7 +45,7 @@ SIGNALS = (
     "gear",
     "fuel_used",
 )
-# State from which a step of the physics starts.
+# State at the start of a physics step.
 _STATE = ("time", "qpos", "qvel", "act", "plugin_state", "qacc_warmstart")
 
 
@@ -61,7 +62,7 @@ class Scenario:
 
     route: Route
     place: TruckPlacement = field(default_factory=TruckPlacement)
-    payload: float = 36_000.0
+    payload: float = MAX_PAYLOAD
     parameters: Mapping[str, Any] | None = None
 
 
@@ -73,8 +74,8 @@ class Rollouts:
       time: of the instants [s], shape (instants,).
       values: of each sensor, by its name in the model.
       units: of each sensor.
-      diverged: whether the physics of a drive diverged, shape (scenarios,); its values from then on
-        are the last ones.
+      diverged: whether the physics of a drive diverged, shape (scenarios,); its last values are
+        then repeated.
     """
 
     time: FloatArray
@@ -101,7 +102,7 @@ def roll_out(
     period: float = 0.1,
     signals: Sequence[str] = SIGNALS,
     threads: int = 0,
-    timestep: float = 0.002,
+    timestep: float = TIMESTEP,
 ) -> Rollouts:
     """Drives all scenarios with open-loop commands.
 

@@ -24,6 +24,7 @@ from iits_mj.core.messages import (
     XbrEbiMode,
     XbrMode,
 )
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.model.builder import truck_spec
 from iits_mj.model.road_table import add_road_table
 from iits_mj.model.scenery.road_scene import add_road
@@ -88,7 +89,7 @@ def compile_scene(
 
 
 def bring_up_to_date(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Computes the sensors of the current state; after a step they are those before it.
+    """Computes the sensors of the current state; after a step they belong to the state before.
 
     The solver's first guess is restored, so that an observation does not change later bits.
     """
@@ -163,7 +164,7 @@ class Truck:
         payload_height: float | None = None,
         parameters: TruckParameters | Mapping[str, Any] | str | Path | None = None,
         route: Route | None = None,
-        timestep: float = 0.002,
+        timestep: float = TIMESTEP,
         visuals: bool = True,
         edit_spec: Callable[[mujoco.MjSpec], None] | None = None,
     ) -> Truck:
@@ -171,7 +172,7 @@ class Truck:
 
         Args:
           payload: [kg]; default: the greatest, 36 t, for 55 t in all.
-          payload_height: of the load's centre of gravity above the road [m], 1.3 to 3; default: the
+          payload_height: of the load's center of gravity above the road [m], 1.3 to 3; default: the
             parameters', 2.23 m.
           parameters: of the truck, or an overlay (TOML file or mapping) over the shipped figures.
           route: the road; default: a flat plane, driven along x.

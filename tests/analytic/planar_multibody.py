@@ -1,14 +1,14 @@
 """An independent peer of the analytic models: two rigid bodies in the plane, joined by a hitch.
 
-Newton-Euler in ground coordinates, angles of any size. Constraint forces hold what must hold: two
-Lagrange multipliers are the hitch's force, the third is the drive force that keeps the tractor's
-own forward speed. Slip angles are exact arcs; the tires' law is linear. Nothing is shared with the
-analytic module but the numbers that describe the truck.
+Newton-Euler in ground coordinates, angles of any size. Three Lagrange multipliers are the
+constraint forces: two at the hitch, and the drive force that keeps the tractor's forward speed.
+Slip angles are exact arcs; the tire law is linear. The model shares only the truck's parameters
+with the analytic module.
 
     python tests/analytic/planar_multibody.py
 
 prints how well the linear model agrees with it in a step steer of 10 s, laden and empty, and the
-angle at which the first signal leaves 1 %.
+angle at which the first signal differs by 1 %.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ WITHOUT_GAMMA = READINGS[2]
 
 
 def _any_truck(seed):
-    """A truck of random numbers, so that no coincidence of ours can hide a wrong term."""
+    """A truck of random numbers, so that no coincidence of our truck's hides a wrong term."""
     rng = np.random.default_rng(seed)
     tandem, group = rng.uniform(2.0, 3.0), rng.uniform(6.0, 9.0)
     half, spacing = rng.uniform(0.4, 0.9), rng.uniform(1.0, 1.6)
@@ -63,7 +63,7 @@ def test_lagrange_gives_the_matrices_of_the_package_for_any_truck(seed):
     assert page.greatest_difference(_any_truck(seed), 10.0 + seed) < 1e-13
 
 
-def test_wrong_number_is_noticed_by_the_comparison():
+def test_comparison_notices_a_wrong_number():
     model = _any_truck(7)
     wrong = dataclasses.replace(model, L_h=1.01 * model.L_h)
     derived = page.numeric(derive().matrices, wrong, V80)
@@ -101,7 +101,7 @@ def test_minus_signs_and_the_tractors_yaw_rate_make_the_printed_equations_right(
     assert _zero(matrices(CORRECTED).A_h - derive().matrices.A_h.subs(bare))
 
 
-def test_print_is_wrong_in_the_inertial_terms_only():
+def test_printed_equations_are_wrong_in_the_inertial_terms_only():
     bare = dict.fromkeys(TRAILS, 0)
     wrong = matrices(PRINTED).A_h - derive().matrices.A_h.subs(bare)
     m_c, m_t, v = symbols.m_c, symbols.m_t, symbols.v
@@ -178,7 +178,7 @@ def test_without_tires_only_the_drive_force_changes_the_kinetic_energy():
     assert sp.simplify(_power_surplus(CORRECTED)) == 0
 
 
-def test_printed_inertial_terms_do_work_out_of_nothing():
+def test_printed_inertial_terms_create_energy():
     surplus = _power_surplus(PRINTED)
     numbers = {symbol: sp.Integer(3 + i) for i, symbol in enumerate(surplus.free_symbols)}
     assert surplus.subs(numbers) != 0
@@ -206,7 +206,7 @@ def test_printed_tire_ground_balance_has_three_misprints():
     assert _zero(wrong - sp.Matrix([0, rear, moment]))
 
 
-def test_page_has_the_block_that_the_script_renews(tmp_path):
+def test_script_renews_its_block_of_the_page(tmp_path):
     text = page.ROOT.joinpath("docs/analytic.md").read_text(encoding="utf-8")
     copy = tmp_path / "analytic.md"
     copy.write_text(text, encoding="utf-8")

@@ -44,7 +44,7 @@ def test_linear_model_agrees_with_the_multibody_for_a_truck_unlike_ours():
 
 
 def test_disagreement_falls_with_the_square_of_the_steer_angle():
-    """So what is left is the multibody's geometry; no linear term differs."""
+    """The rest is the multibody's geometry: no linear term differs."""
     large, small = (disagreement(LADEN, V80, _road_wheel(d), 8.0) for d in (30.0, 10.0))
     for name in SIGNALS:
         assert large[name] / small[name] == pytest.approx(9.0, rel=0.15), name
@@ -82,11 +82,11 @@ def test_multibody_without_tires_keeps_its_kinetic_energy():
     np.testing.assert_allclose(motion.energy, motion.energy[0], rtol=1e-5)
 
 
-def test_slow_multibody_off_tracks_as_the_kinematic_model_says():
+def test_slow_multibody_off_tracks_like_the_kinematic_model():
     lengths = Kinematic.from_parameters(PARAMETERS)
     time = np.linspace(0.0, 100.0, 1001)
     motion = PlanarTruck(LADEN).drive(1.5, lambda now: 0.08 * min(now / 5.0, 1.0), time)
-    # The scrub of tandem and tri-axle keeps a slow truck a little from the slip-free one.
+    # The scrub of tandem and tri-axle makes a slow truck differ a little from the slip-free one.
     phi = lengths.L * motion.yaw_rate[-1] / motion.speed[-1]
     psi = -np.arctan2(lengths.L_1, lengths.L / np.tan(phi)) - np.arcsin(
         lengths.L_2 / np.hypot(lengths.L_1, lengths.L / np.tan(phi))

@@ -78,7 +78,7 @@ def test_plugin_gets_the_coefficient_at_nominal_load():
         assert cornering_stiffness(common.nominal_load, tire, common) == pytest.approx(stiffness)
 
 
-def test_coefficients_hold_at_the_laden_axle_loads_and_give_the_wanted_understeer():
+def test_coefficients_hold_at_the_laden_axle_loads_and_give_the_intended_understeer():
     loads = static_axle_loads(PARAMETERS, 36_000.0)
     for axle, load in zip(PARAMETERS.axles, loads, strict=True):
         tire = PARAMETERS.tires[axle.tire]

@@ -1,4 +1,4 @@
-"""What the measures mean: against the nonlinear multibody, and at their edges."""
+"""Handling measures against the nonlinear multibody, and at their limits."""
 
 import dataclasses
 
@@ -185,7 +185,7 @@ def test_unstable_truck_has_no_steady_measures(measure):
 
 
 @pytest.mark.parametrize("radius", [0.0, -50.0, float("nan"), float("inf")])
-def test_off_tracking_wants_a_radius(radius):
+def test_off_tracking_needs_a_radius(radius):
     with pytest.raises(InputError, match="radius"):
         steady_off_tracking(LADEN.at(V80), radius)
     with pytest.raises(InputError, match="radius"):

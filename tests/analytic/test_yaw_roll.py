@@ -41,7 +41,7 @@ def _step(model):
 @pytest.mark.parametrize("payload", PAYLOADS)
 @pytest.mark.parametrize("trail", [True, False])
 @pytest.mark.parametrize("cruise_speed", [0.0, V80])
-def test_without_its_effects_it_is_the_yaw_sideslip_model(payload, trail, cruise_speed):
+def test_without_its_effects_the_model_equals_the_yaw_sideslip_model(payload, trail, cruise_speed):
     options = {"pneumatic_trail": trail, "cruise_speed": cruise_speed}
     plane = YawSideslip.from_parameters(PARAMETERS, payload, **options).at(V80)
     system = _model(payload, **options).at(V80)
@@ -66,7 +66,7 @@ def test_every_effect_changes_the_response(payload, effect):
 
 @pytest.mark.parametrize("payload", PAYLOADS)
 @pytest.mark.parametrize("coupling", [None, 0.0])
-def test_stable_at_80_kmh(payload, coupling):
+def test_truck_with_roll_is_stable_at_80_kmh(payload, coupling):
     model = YawRoll.from_parameters(PARAMETERS, payload, cruise_speed=V80, roll_coupling=coupling)
     system = model.at(V80)
     assert system.stable
@@ -78,7 +78,7 @@ def test_masses_and_roll_inertia_are_those_of_the_parameters(payload):
     bodies = roll_bodies(PARAMETERS, payload, 0.0, 0.0)
     trailer, tractor = laden_trailer(PARAMETERS, payload), PARAMETERS.tractor
     assert bodies.inertia[0, 0] == pytest.approx(tractor.mass + trailer.mass, rel=1e-12)
-    # All roll together about the road: Steiner's sum, whatever is split off as axle.
+    # Common roll about the road: Steiner's sum, for any split into bodies and axles.
     together = np.zeros(len(bodies.inertia))
     together[PHI_C:] = 1.0
     about_road = tractor.inertia_x + tractor.mass * tractor.cg_height**2
@@ -109,7 +109,7 @@ def test_tipping_about_the_road_takes_weight_times_height(payload):
 
 
 def _stiff_truck(roll_center):
-    """On tires that do not give, with all roll centers at this height [m]."""
+    """A truck on rigid tires with all roll centers at this height [m]."""
     tires = {
         kind: dataclasses.replace(tire, vertical_stiffness=1e13)
         for kind, tire in PARAMETERS.tires.items()
@@ -160,7 +160,7 @@ def _modes(system):
 
 
 @pytest.mark.parametrize(("payload", "band"), [(36_000.0, (0.8, 1.6)), (0.0, (2.0, 3.5))])
-def test_roll_mode_lies_where_it_does_on_trucks(payload, band):
+def test_roll_mode_lies_in_the_band_of_real_trucks(payload, band):
     with_roll, _ = _modes(_model(payload, "roll").at(V80))
     in_band = with_roll[(with_roll > band[0]) & (with_roll < band[1])]
     assert len(in_band) == 1
@@ -168,7 +168,7 @@ def test_roll_mode_lies_where_it_does_on_trucks(payload, band):
     assert not np.any((without > band[0]) & (without < band[1]))
 
 
-def test_high_load_rolls_more_and_slower():
+def test_truck_with_a_high_payload_rolls_more():
     high = PARAMETERS.with_payload_height(PARAMETERS.payload.cg_height_max)
     low = PARAMETERS.with_payload_height(PARAMETERS.payload.cg_height_min)
     gains = []
@@ -188,7 +188,7 @@ def test_trailer_rolls_more_than_a_tractor_that_does_not_hold_it():
 
 
 def test_relaxation_adds_the_phase_lag_of_sigma_over_speed():
-    # Equal lag of all tires: where the lag is short, all forces come later by sigma / v.
+    # Equal lag of all tires: a short lag delays all forces by sigma / v.
     frequency = np.array([0.05])
     common = dataclasses.replace(
         PARAMETERS.tire_common, relaxation_lateral=0.4, relaxation_load_exponent=0.0
@@ -206,7 +206,7 @@ def test_relaxation_adds_the_phase_lag_of_sigma_over_speed():
     assert np.angle(states[1]) < np.angle(direct.frequency_response(frequency)[0, 1])
 
 
-def test_relaxation_length_grows_with_load_from_a_shortest_one():
+def test_relaxation_length_grows_with_load_above_its_minimum():
     common = PARAMETERS.tire_common
     tires = np.array([2 * PARAMETERS.tires[axle.tire].count for axle in PARAMETERS.axles])
     at_nominal = relaxation_lengths(PARAMETERS, tires * common.nominal_load)
@@ -285,7 +285,7 @@ def test_tractor_lifts_its_nose_as_the_simulated_truck_does(payload):
 
 
 @pytest.mark.parametrize("payload", PAYLOADS)
-def test_it_explains_the_step_steer_of_the_simulated_truck(payload):
+def test_yaw_roll_model_explains_the_step_steer_of_the_simulated_truck(payload):
     (recording,) = step_steers(payload, (np.deg2rad(3.0),), 0.002)
     speed = float(recording.speed.mean())
     model = YawRoll.from_parameters(PARAMETERS, payload, cruise_speed=speed)

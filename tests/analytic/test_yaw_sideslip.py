@@ -26,7 +26,7 @@ V80 = 80.0 / 3.6
 
 
 def _lumped(model):
-    """The same truck with each axle group lumped in its centre and without pneumatic trail."""
+    """The same truck with each axle group lumped in its center and without pneumatic trail."""
     return dataclasses.replace(
         model,
         tractor_arms=np.full(2, model.tractor_arms.mean()),

@@ -1,4 +1,4 @@
-"""A drive's bag, read back by MCAP's own ROS 2 reader, and its modules run again."""
+"""A drive's bag, read by MCAP's own ROS 2 reader, and its modules repeated."""
 
 import dataclasses
 import json
@@ -35,7 +35,7 @@ DURATION = 6.0
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory):
-    """Folder of a drive's bag, and the frames and states that were seen while it was driven."""
+    """Folder of a drive's bag, the frames of the drive, and the number of CAN frames."""
     folder = tmp_path_factory.mktemp("drive")
     seen = []
 
@@ -57,7 +57,7 @@ def drive(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def read(drive):
-    """Topic to (time [s], message) by the independent reader."""
+    """(time [s], message) by topic, from the independent reader."""
     (path,) = (drive[0] / "bag").glob("*.mcap")
     found = {}
     with path.open("rb") as stream:
@@ -69,7 +69,7 @@ def read(drive):
     return found
 
 
-def test_all_topics_are_there_at_their_rates(read):
+def test_all_topics_have_their_rates(read):
     assert set(read) == set(TOPICS)
     for topic, period in (
         ("/traffic/scene", 0.1),
@@ -81,11 +81,11 @@ def test_all_topics_are_there_at_their_rates(read):
         times = np.array([time for time, _ in read[topic]])
         assert times[0] == 0.0
         np.testing.assert_allclose(np.diff(times), period, atol=1e-6)
-    told = json.loads(read["/drive"][0][1].data)
-    assert told["options"]["decision"] == "mobil"
+    settings = json.loads(read["/drive"][0][1].data)
+    assert settings["options"]["decision"] == "mobil"
 
 
-def test_odometry_twist_and_transforms_are_the_trucks(drive, read):
+def test_odometry_twist_and_transforms_are_those_of_the_truck(drive, read):
     frames = {round(frame.time, 3): frame for frame in drive[1]}
     transforms = dict(read["/tf"])
     twists = dict(read["/vehicle/twist"])
@@ -120,7 +120,7 @@ def test_rotations_are_those_of_a_rotation_matrix():
 
     standard = StandardMessages(typestore().types.__getitem__, TruckParameters.load())
     turn = standard.quaternion(0.4, 0.1, -0.2)
-    # Nose down by 0.1 rad lowers what lies ahead; rolled by -0.2 the left side is low.
+    # Nose down by 0.1 rad: points ahead are lower. Rolled by -0.2 rad: the left side is low.
     assert 2.0 * (turn.x * turn.z - turn.w * turn.y) == pytest.approx(-math.sin(0.1))
     left = 2.0 * (turn.y * turn.z + turn.w * turn.x)
     assert left == pytest.approx(math.cos(0.1) * math.sin(-0.2))
@@ -149,7 +149,7 @@ def test_can_frames_are_those_of_the_bus_log(drive, read):
     assert len(message.data) == 8
 
 
-def test_a_bag_gives_back_what_was_said_bit_for_bit(drive):
+def test_messages_of_a_bag_are_bit_identical(drive):
     bag = read_bag(drive[0] / "bag")
     frames = drive[1]
     assert len(bag.scenes) == len(frames)
@@ -162,17 +162,17 @@ def test_a_bag_gives_back_what_was_said_bit_for_bit(drive):
             )
 
 
-def test_values_that_may_be_missing_survive():
+def test_optional_values_are_read_back():
     store = typestore()
     signals = RoadSignals(
         TrafficLight(120.0, LightState.RED, None, None),
         (SpeedZone(1.0, 2.0, 13.9), SpeedZone(3.0, 4.0, 8.0, lane=0)),
     )
     scene = Scene(1.5, dataclasses.replace(Scene(0.0, _ego()).ego, gear=-1), (TrackedVehicle("a"),))
-    for said in (scene, dataclasses.replace(scene, signals=signals), VehicleCommand(0.25)):
-        kind = message_types.type_name(type(said))
-        raw = store.serialize_cdr(message_types.encode(said, store.types.__getitem__), kind)
-        assert message_types.decode(store.deserialize_cdr(raw, kind), type(said)) == said
+    for message in (scene, dataclasses.replace(scene, signals=signals), VehicleCommand(0.25)):
+        kind = message_types.type_name(type(message))
+        raw = store.serialize_cdr(message_types.encode(message, store.types.__getitem__), kind)
+        assert message_types.decode(store.deserialize_cdr(raw, kind), type(message)) == message
 
 
 def _ego():
@@ -182,20 +182,20 @@ def _ego():
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_each_module_says_the_same_again_to_the_last_bit(drive, stage):
+def test_each_repeated_module_is_bit_identical(drive, stage):
     found = run_stage(read_bag(drive[0] / "bag"), stage)
     assert found.count >= (4 if stage == "decision" else round(DURATION / 0.1))
     assert (found.differing, found.first, found.largest) == (0, None, {})
 
 
-def test_another_module_in_its_place_is_compared(drive):
+def test_differences_of_another_module_are_reported(drive):
     bag = read_bag(drive[0] / "bag")
     light = run_stage(bag, "vehicle", payload=0.0)
     assert light.differing == light.count
     assert light.first == 0.0
     assert light.largest["mass"] == 36_000.0
     assert 0.0 < light.largest["speed"] < 10.0
-    # A recorded answer that MOBIL would not give, to the lane that is not there.
+    # A recorded decision that MOBIL never makes: a change to a missing lane.
     first, *others = bag.decided
     strange = dataclasses.replace(first, decision=Decision.RIGHT)
     found = run_stage(dataclasses.replace(bag, decided=[strange, *others]), "decision")
@@ -203,7 +203,7 @@ def test_another_module_in_its_place_is_compared(drive):
     assert found.largest["decision"] == abs(Decision.RIGHT - first.decision)
 
 
-def test_the_commands_write_and_replay(drive, tmp_path, capsys):
+def test_commands_write_a_bag_and_replay_its_stages(drive, tmp_path, capsys):
     folder = tmp_path / "bag"
     code = cli.main(
         ["drive", "--duration", "1", "--no-video", "--traffic-mode", "none", "--bag", str(folder),
@@ -213,8 +213,8 @@ def test_the_commands_write_and_replay(drive, tmp_path, capsys):
     assert (folder / "metadata.yaml").exists()
     capsys.readouterr()
     assert cli.main(["replay-stage", str(folder), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert [check["value"] for check in told["checks"]] == [0.0] * 4
+    settings = json.loads(capsys.readouterr().out)
+    assert [check["value"] for check in settings["checks"]] == [0.0] * 4
     assert cli.main(["replay-stage", str(folder), "--stage", "vehicle", "--payload", "0"]) == 1
     assert "mass: at most 3.6e+04 apart" in capsys.readouterr().out
     assert cli.main(["replay-stage", str(folder), "--stage", "traffic"]) == 2
@@ -229,14 +229,14 @@ def test_unusable_bags_are_refused(drive, tmp_path):
         run_stage(bag, "brakes")
     with pytest.raises(InputError, match="leave --map out"):
         run_stage(bag, "planning", tmp_path / "map.xodr")
-    with pytest.raises(InputError, match="other options than there are now: colour"):
+    with pytest.raises(InputError, match="a version with other options: colour"):
         dataclasses.replace(bag, options={**bag.options, "colour": "red"}).config()
     with (
         Simulation(DriveConfig(duration=1.0, traffic_mode="none"), visuals=False) as simulation,
         pytest.raises(InputError, match="cannot be written"),
     ):
         BagWriter(drive[0] / "bag", simulation)
-    # A bag from elsewhere.
+    # A bag of another program.
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     store = typestore()
@@ -245,7 +245,7 @@ def test_unusable_bags_are_refused(drive, tmp_path):
         connection = writer.add_connection("/chatter", kind, typestore=store)
         message = store.types[kind](data="hello")
         writer.write(connection, 0, store.serialize_cdr(message, kind))
-    with pytest.raises(InputError, match=r"of no drive of ours: it lacks /drive"):
+    with pytest.raises(InputError, match=r"holds no drive: it lacks /drive"):
         read_bag(tmp_path / "other")
 
 

@@ -28,7 +28,7 @@ MAPS = {
 
 
 def fails(capsys: pytest.CaptureFixture[str], *words: str, code: int = 2) -> str:
-    """Runs a command line that must fail; the one line that it says."""
+    """Runs a command line that must fail; returns its one line of error."""
     assert cli.main(list(words)) == code
     captured = capsys.readouterr()
     lines = captured.err.strip().splitlines()
@@ -39,7 +39,7 @@ def fails(capsys: pytest.CaptureFixture[str], *words: str, code: int = 2) -> str
     return lines[0]
 
 
-def test_version_is_the_packages(capsys: pytest.CaptureFixture[str]) -> None:
+def test_version_is_that_of_the_package(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["--version"]) == 0
     assert capsys.readouterr().out == f"iits-mj {iits_mj.__version__}\n"
 
@@ -59,7 +59,7 @@ def test_every_command_explains_its_flags(command: str, capsys: pytest.CaptureFi
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reported"),
     [
         ((), "a command is missing"),
         (("fly",), "command 'fly' is not known; use one of: drive"),
@@ -91,13 +91,13 @@ def test_every_command_explains_its_flags(command: str, capsys: pytest.CaptureFi
 )
 def test_wrong_use_is_one_line_and_exit_code_2(
     words: tuple[str, ...],
-    told: str,
+    reported: str,
     capsys: pytest.CaptureFixture[str],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert told in fails(capsys, *words)
+    assert reported in fails(capsys, *words)
 
 
 @pytest.mark.parametrize("kind", MAPS)
@@ -121,7 +121,7 @@ def test_huge_map_is_refused_before_it_fills_the_memory(
 
 
 @pytest.mark.parametrize("command", ["drive", "record"])
-def test_unwritable_output_is_found_before_driving(
+def test_unwritable_output_is_refused_before_driving(
     command: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -138,13 +138,13 @@ def test_unwritable_output_is_found_before_driving(
     assert blocker.read_text() == "mine"
 
 
-def test_unwritable_report_is_found_before_measuring(
+def test_unwritable_report_is_refused_before_measuring(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").write_text("")
-    told = fails(capsys, "bench", "--report", str(tmp_path / "file" / "x"))
-    assert "--report" in told
-    assert "cannot be written" in told
+    reported = fails(capsys, "bench", "--report", str(tmp_path / "file" / "x"))
+    assert "--report" in reported
+    assert "cannot be written" in reported
 
 
 def test_view_without_a_display_says_so(
@@ -155,7 +155,7 @@ def test_view_without_a_display_says_so(
     assert "no display" in fails(capsys, "view")
 
 
-def test_fault_of_the_program_is_one_line_and_its_own_exit_code(
+def test_fault_of_the_program_is_one_line_and_exit_code_70(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(doctor, "run", lambda options: 1 / 0)
@@ -186,7 +186,7 @@ def test_doctor_exits_1_and_names_a_remedy_when_something_needed_is_missing(
     assert "remedy: install it" in capsys.readouterr().out
 
 
-def test_doctor_finds_this_installation_well(capsys: pytest.CaptureFixture[str]) -> None:
+def test_doctor_accepts_this_installation(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["doctor", "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["ok"] is True

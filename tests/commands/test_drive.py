@@ -1,4 +1,4 @@
-"""`iits-mj drive`, `record` and `replay` as somebody at the shell meets them, without a display."""
+"""The commands `drive`, `record`, `replay` and `view`, without a display."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Sources(html.parser.HTMLParser):
         self.found += [value or "" for name, value in attrs if name in ("src", "href")]
 
 
-def test_drive_leaves_telemetry_plots_summary_and_a_self_contained_report(
+def test_drive_writes_telemetry_plots_summary_and_a_self_contained_report(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
@@ -75,7 +75,7 @@ def test_drive_with_json_prints_one_object(
     assert captured.err == ""
 
 
-def test_without_opengl_it_drives_reports_and_says_why_there_is_no_video(
+def test_drive_without_opengl_reports_why_there_is_no_video(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def no_opengl(*arguments: object, **settings: object) -> None:
@@ -93,7 +93,7 @@ def test_without_opengl_it_drives_reports_and_says_why_there_is_no_video(
     assert not [name for name in listing(tmp_path) if "partial" in name]
 
 
-def test_interrupted_drive_keeps_and_reports_what_was_driven(
+def test_interrupted_drive_keeps_its_telemetry_and_report(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cycle = Simulation.cycle
@@ -129,7 +129,7 @@ def test_drive_that_rolls_over_ends_there_and_fails(
     assert 1.0 < summary["duration_s"] < 3.0
 
 
-def test_drive_that_diverges_keeps_and_reports_what_was_driven(
+def test_drive_that_diverges_keeps_its_telemetry_and_report(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     step = Truck.step
@@ -150,7 +150,7 @@ def test_drive_that_diverges_keeps_and_reports_what_was_driven(
     assert (tmp_path / "report.html").is_file()
 
 
-def test_recording_is_verified_bit_for_bit_and_driven_in(
+def test_recording_is_verified_bit_for_bit_and_replayed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "traffic.npz"
@@ -170,7 +170,7 @@ def test_damaged_recording_is_one_line(tmp_path: Path, capsys: pytest.CaptureFix
 
 
 class Window:
-    """Stands in for MuJoCo's viewer, which needs a display; closed after 20 pictures."""
+    """Replaces MuJoCo's viewer, which needs a display; closes after 20 pictures."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         self.cam = mujoco.MjvCamera()

@@ -1,4 +1,4 @@
-"""What `iits-mj pcc` shows."""
+"""The command `pcc`."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def test_an_unknown_method_is_refused(profile):
         Options(road=profile, method="euler")
 
 
-def test_the_stack_reads_the_profile_back(profile, tmp_path):
+def test_the_stack_reads_the_profile(profile, tmp_path):
     out = tmp_path / "speed.csv"
     measure(Options(road=profile, method="distance", profile=out))
     written = np.loadtxt(out, delimiter=",", skiprows=1)
@@ -78,7 +78,7 @@ def test_a_band_without_the_set_speed_is_refused_in_the_flags_own_units(profile)
         Options(road=profile, v_ref=100.0)
 
 
-def test_start_cuts_a_table_as_it_cuts_a_map(profile):
+def test_start_cuts_a_table_like_a_map(profile):
     whole = load_profile(Options(road=profile))
     part = load_profile(Options(road=profile, start=1_000.0, length=2_000.0))
     assert part.station == pytest.approx(np.arange(1_000.0, 3_001.0, 50.0))
@@ -92,7 +92,7 @@ def test_a_start_off_the_road_is_named(profile, start):
             load_profile(Options(road=road, start=start))
 
 
-def test_a_trip_in_other_time_falls_short_with_the_reason(profile):
+def test_a_trip_in_unequal_time_falls_short_with_the_reason(profile):
     results = measure(Options(road=profile, v_min=71.5, mass=70_000.0, method="distance"))
     time = next(c for c in results.checks if c.name.startswith("trip time of the plan"))
     assert time.value < 0.999
@@ -100,7 +100,7 @@ def test_a_trip_in_other_time_falls_short_with_the_reason(profile):
     assert any("equal time" in note for note in results.notes)
 
 
-def test_weights_of_acceleration_beyond_reason_are_refused(profile):
+def test_huge_weights_of_acceleration_are_refused(profile):
     with pytest.raises(InputError, match="k-a"):
         Options(road=profile, k_a=1e9)
 

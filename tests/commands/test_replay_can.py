@@ -1,4 +1,4 @@
-"""`iits-mj drive --can-log` and `iits-mj replay-can` as somebody at the shell meets them."""
+"""The commands `drive --can-log` and `replay-can`."""
 
 from __future__ import annotations
 
@@ -52,13 +52,13 @@ def test_log_of_a_drive_in_traffic_gives_the_same_motion_on_an_empty_road(
     assert all((tmp_path / name).is_file() for name in pictures)
 
 
-def test_drive_by_a_log_in_json_says_what_was_accepted_and_rejected(
+def test_json_of_a_drive_by_a_log_counts_accepted_and_rejected_frames(
     tmp_path: Path, capsys: Capture
 ) -> None:
     log = tmp_path / "bus.log"
     with LogWriter(log) as writer:
         for cycle in range(60):
-            # A counter that sticks for one cycle, and then jumps.
+            # A counter that repeats for one cycle and then jumps.
             counter = 9 if cycle == 10 else cycle
             for frame in command_to_frames(VehicleCommand(0.4), counter, 0.02 * cycle):
                 writer.write(frame)
@@ -89,7 +89,7 @@ def test_decoding_writes_a_table_and_does_not_drive(
     assert len(rows(table)) > few
 
 
-def test_decoding_in_json_says_what_was_on_the_bus(
+def test_json_of_a_decoded_log_summarizes_the_bus(
     drive: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     words = ["replay-can", str(drive / "bus.asc"), "--decode", str(tmp_path / "t.csv"), "--json"]
@@ -105,7 +105,7 @@ def test_decoding_in_json_says_what_was_on_the_bus(
 
 
 @pytest.mark.parametrize("flag", ["--decode", "--can-log"])
-def test_a_log_is_never_written_over_while_it_is_read(
+def test_a_log_is_never_overwritten_by_its_own_output(
     flag: str, tmp_path: Path, capsys: Capture
 ) -> None:
     log, other = tmp_path / "bus.csv", tmp_path / "link.csv"
@@ -122,7 +122,7 @@ def test_a_log_is_never_written_over_while_it_is_read(
 
 @pytest.fixture(scope="module")
 def revved(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A second and a half of a recorded truck whose driver treads on the pedal."""
+    """Log of 1.5 s of a recorded truck whose driver presses the pedal."""
     recorded = outside("j1939/KWTruck.txt")
     path = tmp_path_factory.mktemp("revved") / "revved.log"
     first = None
@@ -146,7 +146,7 @@ def test_recorded_pedal_drives_the_truck_in_its_lane(
     assert max(pedals) > 0.05
 
 
-def test_recorded_pedal_is_not_obeyed_while_nobody_steers(
+def test_recorded_pedal_is_not_obeyed_without_steering(
     revved: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     assert cli.main(["replay-can", str(revved), "--source", "0", "--out", str(tmp_path)]) == 0
@@ -156,7 +156,7 @@ def test_recorded_pedal_is_not_obeyed_while_nobody_steers(
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reported"),
     [
         (["replay-can"], "FILE"),
         (["replay-can", "missing.asc"], "missing.asc"),
@@ -168,13 +168,17 @@ def test_recorded_pedal_is_not_obeyed_while_nobody_steers(
         (["drive", "--duration", "1", "--no-video", "--can-log", "bus.xyz"], ".asc"),
     ],
 )
-def test_wrong_use_is_told_on_one_line(
-    words: list[str], told: str, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+def test_wrong_use_is_one_line(
+    words: list[str],
+    reported: str,
+    tmp_path: Path,
+    capsys: Capture,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "README.md").write_text("# Not a log\n")
     assert cli.main(words) == 2
     captured = capsys.readouterr()
-    assert told in captured.err
+    assert reported in captured.err
     assert captured.err.count("\n") == 1
     assert captured.out == ""

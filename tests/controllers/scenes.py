@@ -1,4 +1,4 @@
-"""Scenes for the tests: cars on a route, and a truck that follows its plan exactly."""
+"""Scenes for the tests: cars on a route, a truck that follows its plan exactly, given decisions."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from controllers.planning.planner import Planner, PlannerConfig
+from controllers.planning.config import PlannerConfig
+from controllers.planning.planner import Planner
 from iits_mj.core.messages import Decision, EgoState, Scene, TrackedVehicle, Trajectory
 from iits_mj.road import Route
 
@@ -29,6 +30,33 @@ def car(route, name, station, lane, speed, **fields) -> TrackedVehicle:
 def moved(vehicle: TrackedVehicle, time: float) -> TrackedVehicle:
     """The vehicle after `time` seconds at constant speed."""
     return dataclasses.replace(vehicle, station=vehicle.station + vehicle.speed * time)
+
+
+def advanced(ego: EgoState, plan: Trajectory) -> EgoState:
+    """State 0.1 s later of a truck that follows a plan exactly."""
+    return dataclasses.replace(
+        ego,
+        time=round(ego.time + 0.1, 6),
+        station=float(plan.station[1]),
+        offset=float(plan.offset[1]),
+        speed=float(plan.speed[1]),
+        acceleration=float(plan.acceleration[1]),
+    )
+
+
+class Script:
+    """Makes given decisions by whole seconds, such as Script(at2=Decision.LEFT)."""
+
+    name = "script"
+
+    def __init__(self, **moments: Decision) -> None:
+        self.moments = moments
+
+    def reset(self):
+        pass
+
+    def decide(self, context):
+        return self.moments.get(f"at{round(context.scene.time)}", Decision.KEEP)
 
 
 class RightLaneEnds:
@@ -55,7 +83,7 @@ class RightLaneEnds:
 
 
 class Ideal:
-    """Runs a planner with a truck that does exactly what was planned."""
+    """Runs a planner with a truck that follows the plan exactly."""
 
     def __init__(self, route, station, lane, speed, config: PlannerConfig | None = None) -> None:
         self.planner = Planner(route, config)
@@ -76,14 +104,7 @@ class Ideal:
             plan = self.planner.plan(Scene(time, self.ego, around), decide(time))
             self.plans.append(plan)
             self.states.append(self.ego)
-            self.ego = dataclasses.replace(
-                self.ego,
-                time=round(time + 0.1, 6),
-                station=float(plan.station[1]),
-                offset=float(plan.offset[1]),
-                speed=float(plan.speed[1]),
-                acceleration=float(plan.acceleration[1]),
-            )
+            self.ego = advanced(self.ego, plan)
         return self
 
 

@@ -1,15 +1,16 @@
-"""Red lights on the MuJoCo truck: it stands before the line, and stays there until it is green."""
+"""The MuJoCo truck stops before the line of a red light and stays there until it is green."""
 
 import math
 
 import pytest
 
+from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.validation.planning.stops import cases, drive_to_red
 
 QUICK = [
-    (16.67, 36_000.0, -0.06, False),
+    (16.67, MAX_PAYLOAD, -0.06, False),
     (16.67, 0.0, -0.06, False),
-    (16.67, 36_000.0, 0.0, True),
+    (16.67, MAX_PAYLOAD, 0.0, True),
 ]
 
 
@@ -17,7 +18,7 @@ def judge(speed, payload, grade, known, *, braking):
     drive = drive_to_red(speed, payload, grade, known=known)
     assert not drive.ran_red
     assert drive.braking < braking
-    # On green it goes on.
+    # It continues on green.
     assert math.isfinite(drive.crossed)
     if known:
         assert drive.record["speed"].min() > 1.0 or 0.0 < drive.place < 1.5
@@ -33,7 +34,7 @@ def test_the_truck_crosses_no_red_line_brakes_gently_and_stands_before_it(
 
 
 @pytest.mark.parametrize(("speed", "grade", "sight"), [(8.0, -0.06, 60.0), (12.0, 0.0, 100.0)])
-def test_an_empty_truck_brakes_no_harder_where_its_engine_brake_gives_out(speed, grade, sight):
+def test_an_empty_truck_brakes_no_harder_where_its_engine_brake_fades(speed, grade, sight):
     drive = drive_to_red(speed, 0.0, grade, known=False, green=2.8 * sight / speed, sight=sight)
     assert not drive.ran_red
     assert drive.braking < 2.0

@@ -1,4 +1,4 @@
-"""What each query for "ahead" counts, and boxes that touch."""
+"""Which vehicles each query counts as ahead, and when boxes touch."""
 
 import math
 

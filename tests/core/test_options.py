@@ -52,7 +52,7 @@ def test_every_kind_of_value_is_parsed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         ((), "required: FILE"),
         (("x", "--speed", "fast"), "--speed: 'fast' is not a number"),
@@ -73,14 +73,14 @@ def test_every_kind_of_value_is_parsed() -> None:
         (("x", "--size", "-64x64"), "size"),
     ],
 )
-def test_wrong_use_is_told_in_one_sentence(words: tuple[str, ...], told: str) -> None:
+def test_wrong_use_is_reported_in_one_sentence(words: tuple[str, ...], message: str) -> None:
     with pytest.raises(InputError) as error:
         parse(*words)
-    assert told in str(error.value)
+    assert message in str(error.value)
     assert "\n" not in str(error.value)
 
 
-def test_python_callers_meet_the_same_bounds() -> None:
+def test_python_callers_get_the_same_bounds() -> None:
     with pytest.raises(InputError, match="speed 50 is not allowed"):
         Example(file=Path("x"), speed=50.0)
     with pytest.raises(InputError, match="name 'z'"):
@@ -106,7 +106,7 @@ def test_an_option_given_with_its_default_value_is_known_as_given() -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "told"),
+    ("values", "message"),
     [
         ({"speed": "fast"}, "speed 'fast' is not a number"),
         ({"speed": True}, "speed True is not a number"),
@@ -116,6 +116,6 @@ def test_an_option_given_with_its_default_value_is_known_as_given() -> None:
         ({"name": 3}, "name 3 is not text"),
     ],
 )
-def test_a_python_value_of_another_kind_is_refused(values: dict[str, Any], told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_a_python_value_of_another_kind_is_refused(values: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         Example(file=Path("x"), **values)

@@ -19,7 +19,7 @@ def write(tmp_path, text):
     return path
 
 
-def test_columns_come_in_the_order_asked_for(tmp_path):
+def test_columns_are_returned_in_the_requested_order(tmp_path):
     path = write(tmp_path, "Z, other ,S_m\n5,x,0\n6,,10\n")
     s, z = read_columns(path, "road", NAMES)
     assert s.tolist() == [0.0, 10.0]
@@ -30,7 +30,7 @@ def test_columns_come_in_the_order_asked_for(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "columns s_m and z_m are wanted"),
+        ("", "columns s_m and z_m are needed"),
         ("s_m,x\n0,1\n", "found"),
         ("s_m,z_m\n0,1\n0,one\n", "not a number in row 2"),
         ("s_m,z_m\n0\n1,2\n", "not a number"),
@@ -39,13 +39,13 @@ def test_columns_come_in_the_order_asked_for(tmp_path):
         ("s_m,z_m\n0,1\n1,inf\n", "not finite, the first in row 2"),
     ],
 )
-def test_what_is_no_table_is_refused_by_name(tmp_path, text, words):
+def test_an_unusable_table_is_refused_with_its_file_name(tmp_path, text, words):
     with pytest.raises(InputError, match=words) as refused:
         read_columns(write(tmp_path, text), "road", NAMES)
     assert "table.csv" in str(refused.value)
 
 
-def test_bytes_that_are_no_text_and_missing_files_are_refused(tmp_path):
+def test_missing_files_and_binary_files_are_refused(tmp_path):
     path = tmp_path / "table.csv"
     with pytest.raises(InputError, match="cannot be read"):
         read_columns(path, "road", NAMES)
@@ -54,8 +54,8 @@ def test_bytes_that_are_no_text_and_missing_files_are_refused(tmp_path):
         read_columns(path, "road", NAMES)
 
 
-def test_marks_comments_and_empty_rows_harm_no_reader(tmp_path):
-    # What spreadsheets and editors leave behind.
+def test_every_reader_accepts_byte_order_marks_comments_and_empty_rows(tmp_path):
+    # Spreadsheets and editors leave these behind.
     def dirty(header, rows):
         body = "\n\n".join(",".join(f"{x:g}" for x in row) for row in rows)
         return write(tmp_path, f"\ufeff# from a test\n{header}\n\n{body}\n,\n\n")

@@ -1,4 +1,4 @@
-"""What the README and the manual show must run, and what they link to must be there."""
+"""The examples in README and manual run as printed, and the links of the pages exist."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import pytest
 from iits_mj import cli
 from tests.paths import ROOT
 
-ROOT = ROOT
 PAGES = [
     ROOT / "README.md",
     ROOT / "CONTRIBUTING.md",
@@ -24,20 +23,47 @@ def blocks(page: Path, language: str) -> list[str]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_links_lead_somewhere(page: Path) -> None:
+def test_links_lead_to_existing_files(page: Path) -> None:
     links = re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8"))
     missing = [link for link in links if "://" not in link and not (page.parent / link).exists()]
     assert missing == []
 
 
-def test_readme_python_runs() -> None:
-    examples = blocks(ROOT / "README.md", "python")
-    assert len(examples) == 3
+@pytest.mark.parametrize(("name", "count"), [("README.md", 3), ("docs/learning.md", 6)])
+def test_each_python_example_of_the_page_runs_on_its_own(name: str, count: int) -> None:
+    examples = blocks(ROOT / name, "python")
+    assert len(examples) == count
     for example in examples:
-        exec(compile(example.replace("duration=60.0", "duration=1.0"), "README.md", "exec"), {})
+        exec(compile(example.replace("duration=60.0", "duration=1.0"), name, "exec"), {})
 
 
-def test_shown_command_lines_are_understood(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    "name",
+    [
+        "docs/powertrain.md",
+        "docs/brakes.md",
+        "docs/j1939_drive.md",
+        "docs/j1939_logs.md",
+        "docs/j1939_serve.md",
+        "iits_mj/j1939/README.md",
+    ],
+)
+def test_python_examples_of_the_page_run_one_after_the_other(
+    name: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    examples = blocks(ROOT / name, "python")
+    assert examples
+    names: dict[str, object] = {}
+    for example in examples:
+        exec(compile(example, name, "exec"), names)
+    assert capsys.readouterr().out
+
+
+def test_the_command_line_accepts_every_printed_command() -> None:
     lines = [
         line
         for page in PAGES
@@ -49,10 +75,3 @@ def test_shown_command_lines_are_understood(capsys: pytest.CaptureFixture[str]) 
     for line in lines:
         words = line.split("#")[0].split()[1:]
         assert cli.understood(words), line
-
-
-def test_the_learning_pages_python_runs() -> None:
-    examples = blocks(ROOT / "docs" / "learning.md", "python")
-    assert len(examples) == 6
-    for example in examples:
-        exec(compile(example, "learning.md", "exec"), {})

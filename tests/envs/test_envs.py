@@ -55,7 +55,7 @@ def test_an_id_alone_is_found_after_import_of_the_environments():
 
 
 def _printed(program):
-    """Lines that a program prints in a process of its own."""
+    """Returns the lines that a program prints in a separate process."""
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, cwd="/", check=True
     )
@@ -73,7 +73,7 @@ def test_every_driving_task_of_the_suite_has_an_environment():
 
 
 @pytest.mark.parametrize("name", LOW_LEVEL)
-def test_gymnasiums_checker_has_nothing_to_say(name):
+def test_gymnasiums_checker_has_no_complaint(name):
     environment = gymnasium.make(f"iits_mj.envs:{name}")
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
@@ -104,7 +104,7 @@ def test_seeds_decide_the_episode():
     environment.close()
 
 
-def test_truncation_at_the_time_limit_is_no_termination():
+def test_the_time_limit_truncates_without_termination():
     environment = gymnasium.make("iits_mj/Cruise-v0", time_limit=0.5)
     environment.reset(seed=0)
     outcomes = [environment.step(np.zeros(1, np.float32))[2:4] for _ in range(5)]
@@ -207,7 +207,7 @@ def test_highway_passes_gymnasiums_checker(highway):
         check_env(highway.unwrapped, skip_render_check=True)
 
 
-def test_pictures_are_of_the_size_that_is_told():
+def test_pictures_have_the_documented_size():
     environment = gymnasium.make("iits_mj/Stop-v0", render_mode="rgb_array")
     environment.reset(seed=0)
     picture = environment.render()
@@ -216,7 +216,7 @@ def test_pictures_are_of_the_size_that_is_told():
     environment.close()
 
 
-def test_a_window_is_followed_and_its_thread_has_ended_when_it_is_closed(monkeypatch):
+def test_closing_a_window_ends_its_thread(monkeypatch):
     class Window:
         def __init__(self):
             self.cam = types.SimpleNamespace()
@@ -250,7 +250,7 @@ def test_a_window_is_followed_and_its_thread_has_ended_when_it_is_closed(monkeyp
     assert not window.thread.is_alive()
 
 
-def test_two_highways_in_one_process_are_each_what_they_are_alone(highway):
+def test_two_highways_in_one_process_are_independent(highway):
     alone = highway.reset(seed=5)[0]
     alone_next = highway.step(np.int64(1))[0]
     highway.reset(seed=6)
@@ -288,7 +288,7 @@ def test_speed_planning_repeats_bit_for_bit_and_counts_in_fuel(planning):
     np.testing.assert_array_equal(runs[0], runs[1])
 
 
-def test_the_set_speed_is_driven(planning):
+def test_the_truck_follows_the_set_speed(planning):
     for action, share in ((-1.0, 0.8), (1.0, 1.1)):
         planning.reset(seed=4)
         for _ in range(6):

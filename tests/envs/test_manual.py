@@ -12,7 +12,7 @@ from iits_mj.envs.platoon import PlatoonEnv
 from iits_mj.suite.tasks import DRIVING_TASKS
 
 
-def test_the_pages_are_those_of_the_code():
+def test_the_manual_pages_match_the_code():
     for name, page in manual.pages().items():
         assert (manual.FOLDER / name).read_text(encoding="utf-8") == page, (
             f"{name} is not what the code makes: python tools/environment_manual.py"
@@ -27,7 +27,7 @@ def test_every_environment_and_task_has_its_page():
 
 
 @pytest.mark.parametrize("task", [*DRIVING_TASKS, "highway"])
-def test_what_a_page_tells_of_a_task_is_what_the_task_does(task):
+def test_observations_rewards_and_actions_of_a_task_match_its_page(task):
     if task == "highway":
         pytest.importorskip("libsumo")
     environment = suite.load("truck", task, task_kwargs={"random": 0, "visuals": False})
@@ -40,7 +40,7 @@ def test_what_a_page_tells_of_a_task_is_what_the_task_does(task):
     environment.close()
 
 
-def test_the_decisions_observation_is_told_feature_by_feature():
+def test_pages_list_every_feature_of_the_decision_observation():
     for name in ("highway.md", "highway_fast.md"):
         page = manual.pages()[name]
         rows = [line for line in page.splitlines() if re.match(r"\| \d \| `", line)][
@@ -51,7 +51,7 @@ def test_the_decisions_observation_is_told_feature_by_feature():
         assert [float(cell[-1].split()[0]) for cell in cells] == SCALE.tolist()
 
 
-def test_the_names_in_the_xml_are_there():
+def test_the_model_has_the_documented_names():
     environment = suite.load("truck", "lane_keep", task_kwargs={"visuals": False})
     model = environment.physics.model
     names = {

@@ -15,7 +15,7 @@ def environment():
 
 
 def _driven(environment, seed, act):
-    """Rewards (steps, agents), gap errors (steps, agents) and speeds (steps, agents)."""
+    """Returns rewards, gap errors and speeds, each of shape (steps, agents), and both ends."""
     environment.reset(seed=seed)
     rewards, gaps, speeds = [], [], []
     while environment.agents:
@@ -45,7 +45,7 @@ def test_the_scripted_platoon_holds_lane_and_gaps(environment):
     assert (gaps[:, 0] == 0.0).all()
 
 
-def test_who_does_nothing_leaves_the_lane_and_ends_it_for_all(environment):
+def test_a_truck_without_steering_leaves_the_lane_and_ends_the_episode_for_all(environment):
     rewards, _, _, terminated, truncated = _driven(environment, 0, _nothing)
     assert any(terminated.values())
     assert all(terminated[a] != truncated[a] for a in terminated)
@@ -83,7 +83,7 @@ def test_a_disturbance_does_not_grow_along_the_platoon(environment):
     assert (np.diff(dips) < 0.3).all()
 
 
-def test_seeds_decide_and_repeat_bit_for_bit(environment):
+def test_equal_seeds_repeat_bit_for_bit(environment):
     first = _driven(environment, 7, _drive)
     again = _driven(environment, 7, _drive)
     other = _driven(environment, 8, _drive)
@@ -103,7 +103,7 @@ def test_rewards_are_the_products_of_their_terms(environment):
     assert environment.state().shape == (3 * len(environment.observation_names),)
 
 
-def test_the_first_truck_alone_knows_the_set_speed(environment):
+def test_only_the_first_truck_observes_the_set_speed(environment):
     environment.reset(seed=2)
     before = environment.seen("truck1")
     environment.tasks[0].target += 1.0

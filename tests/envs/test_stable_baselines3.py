@@ -1,4 +1,4 @@
-"""Stable-Baselines3 trains on the environments as they are, and a short training helps."""
+"""Stable-Baselines3 trains on the unchanged environments, and a short training helps."""
 
 import gymnasium
 import numpy as np
@@ -22,7 +22,7 @@ def one_thread():
 
 
 def _score(act, name, **settings):
-    """Mean return over the same episodes for all."""
+    """Returns the mean return over the same episodes."""
     environment = gymnasium.make(name, **settings)
     returns = []
     for episode in range(EPISODES):
@@ -54,14 +54,14 @@ def test_ppo_learns_to_start_on_a_hill():
         "MlpPolicy", gymnasium.make(name, **settings), learning_rate=1e-3, n_steps=400,
         batch_size=100, gamma=0.97, policy_kwargs={"log_std_init": -0.5}, seed=0, device="cpu",
     )  # fmt: skip
-    # Its first idea, no pedal, moves no truck uphill; neither does a pedal that trembles.
+    # The untrained policy hardly uses the pedal, and a random pedal moves no truck uphill.
     assert _score(_learned(model), name, **settings) < 0.1
     assert _score(_random, name, **settings) < 0.1
     model.learn(4_000)
     assert _score(_learned(model), name, **settings) > 1.0
 
 
-def test_dqn_learns_not_to_ask_for_what_is_refused():
+def test_dqn_learns_to_avoid_refused_changes():
     name, settings = "iits_mj/HighwayFast-v0", {"duration": 60.0}
     model = DQN(
         "MlpPolicy", gymnasium.make(name, **settings), learning_rate=5e-4, learning_starts=200,
@@ -73,7 +73,7 @@ def test_dqn_learns_not_to_ask_for_what_is_refused():
 
 
 @pytest.mark.parametrize("name", ["iits_mj/LaneKeep-v0", "iits_mj/HighwayFast-v0"])
-def test_stable_baselines3_checker_has_nothing_to_say(name):
+def test_stable_baselines3_checker_has_no_complaint(name):
     environment = gymnasium.make(name).unwrapped
     check_env(environment, skip_render_check=True)
     assert environment.observation_space.dtype == np.float32

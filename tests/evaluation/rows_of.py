@@ -1,4 +1,4 @@
-"""Trials that nobody drove, for tests of what is made of them."""
+"""Artificial trials for tests of files, figures and pages."""
 
 import math
 import os
@@ -45,7 +45,7 @@ def rows(losses, cell=("dense", 12.5), floor: float = 0.01, changes=None):
 
 
 def die_once(mark: Path, asked: Task) -> Trial:
-    """A drive whose process is killed the first time."""
+    """A drive whose process dies the first time."""
     if asked.seed == 3 and not mark.exists():
         mark.touch()
         os._exit(1)

@@ -1,4 +1,4 @@
-"""Trials of decision makers: paired seeds, files that can be resumed, any number of processes."""
+"""Trials of decision makers: paired seeds, interrupted runs, several processes."""
 
 import csv
 import functools
@@ -31,7 +31,7 @@ CONFIG = EvaluateConfig(trials=2, methods="keep,aggressive", cells="dense-12.5,m
 
 
 class Fake:
-    """Drives without a world; some trials fail."""
+    """Replaces the drives by artificial trials; some fail."""
 
     def __init__(self, faulty=(), order=None):
         self.driven, self.faulty, self.order = [], faulty, order
@@ -44,7 +44,7 @@ class Fake:
             keep(trial(asked, 0.1 + 1e-4 * (asked.seed % 7), code=drives.trial_code(asked.world)))
 
 
-def test_the_code_of_fast_trials_is_every_module_of_the_fast_world(tmp_path):
+def test_digest_of_fast_trials_covers_every_module_of_the_fast_world(tmp_path):
     assert drives.trial_code("fast") != drives.trial_code("full")
     for name in ("__init__.py", "env.py", "changes.py"):
         (tmp_path / name).write_text("")
@@ -55,7 +55,7 @@ def test_the_code_of_fast_trials_is_every_module_of_the_fast_world(tmp_path):
     assert run_cache.drive_digest(package) != before
 
 
-def test_no_seed_is_of_two_kinds():
+def test_kinds_of_seeds_do_not_overlap():
     starts = (trip.TRAINING_SEEDS, trip.VALIDATION_SEEDS, trip.TEST_SEEDS)
     assert all(b - a >= trip.SEEDS_EACH for a, b in itertools.pairwise(starts))
     for kind, start in (("validation", starts[1]), ("test", starts[2])):
@@ -64,7 +64,7 @@ def test_no_seed_is_of_two_kinds():
         assert trial_seed(5, 999, config) < start + trip.SEEDS_EACH
 
 
-def test_all_methods_meet_the_same_traffic_trial_by_trial():
+def test_all_methods_have_the_same_traffic_in_each_trial():
     driven = [t for t in tasks_of(CONFIG) if t.density != "empty"]
     assert len(driven) == len(set(driven)) == 2 * 2 * 2
     by_method = {name: [t.seed for t in driven if t.method == name] for name in CONFIG.names()}
@@ -78,12 +78,12 @@ def test_all_methods_meet_the_same_traffic_trial_by_trial():
     assert {t.seed % 1000 for t in first} == {0}
 
 
-def test_the_free_road_is_driven_once_a_speed():
+def test_free_road_is_driven_once_for_each_speed():
     free = [t for t in tasks_of(CONFIG) if t.density == "empty"]
     assert [(t.traffic_speed, t.method) for t in free] == [(12.5, "keep"), (15.0, "keep")]
 
 
-def test_what_is_in_the_file_is_not_driven_again(tmp_path):
+def test_trials_in_the_file_are_not_driven_again(tmp_path):
     config = replace(CONFIG, file=tmp_path / "trials.csv")
     first, second = Fake(), Fake()
     made = run(config, drive_all=first)
@@ -95,7 +95,7 @@ def test_what_is_in_the_file_is_not_driven_again(tmp_path):
     assert {t.seed % 1000 for t in more.driven} == {2}
 
 
-def test_what_was_driven_before_a_fault_is_kept(tmp_path):
+def test_trials_before_a_fault_are_kept(tmp_path):
     config = replace(CONFIG, file=tmp_path / "trials.csv")
     bad = tasks_of(config)[-1].seed
     with pytest.raises(TrafficError, match="SUMO fell over"):
@@ -106,19 +106,19 @@ def test_what_was_driven_before_a_fault_is_kept(tmp_path):
 
 
 @pytest.mark.parametrize("cut", [1, 3, 17, 60])
-def test_half_a_last_row_is_dropped_with_a_message_and_driven_again(tmp_path, cut):
+def test_incomplete_last_row_is_removed_with_a_message_and_driven_again(tmp_path, cut):
     config = replace(CONFIG, file=tmp_path / "trials.csv")
     run(config, drive_all=Fake())
     whole = config.file.read_bytes()
     config.file.write_bytes(whole[:-cut])
-    told, again = [], Fake()
-    run(config, say=told.append, drive_all=again)
+    messages, again = [], Fake()
+    run(config, say=messages.append, drive_all=again)
     assert len(again.driven) == 1
-    assert "ended with an incomplete row" in told[0]
+    assert "ended with an incomplete row" in messages[0]
     assert config.file.read_bytes() == whole
 
 
-def test_half_a_header_is_an_empty_file(tmp_path):
+def test_incomplete_header_counts_as_an_empty_file(tmp_path):
     config = replace(CONFIG, file=tmp_path / "trials.csv")
     config.file.write_text("world,dens")
     assert len(run(config, say=lambda text: None, drive_all=Fake())) == len(tasks_of(config))
@@ -133,7 +133,7 @@ def test_a_foreign_file_is_refused_and_left_as_it_is(tmp_path, text):
     assert path.read_text() == text
 
 
-def test_the_files_bytes_do_not_tell_the_order(tmp_path):
+def test_file_does_not_depend_on_the_order_of_the_trials(tmp_path):
     def content(order):
         path = tmp_path / "trials.csv"
         path.unlink(missing_ok=True)
@@ -156,7 +156,7 @@ def test_other_weights_are_driven_and_the_rules_are_kept(tmp_path):
         ("ddqn", trials.weights_digest("ddqn", policy))
     ]
     assert {t.method for t in rows} == {"keep", "aggressive", "ddqn"}
-    # The first policy's rows are still there.
+    # The rows of the first policy are kept.
     assert len(trials.read_trials(config.file, print)) == 4
     assert trials.weights_digest("aggressive", policy) == ""
     assert trials.weights_digest("ddqn", None) == trials.weights_digest("ddqn", SHIPPED)
@@ -170,7 +170,7 @@ def test_weights_that_cannot_drive_are_refused_before_the_first_trial(tmp_path):
     with pytest.raises(InputError, match=r"policy\.npz.* is not a readable npz"):
         run(config, drive_all=idle)
     assert idle.driven == []
-    # Who does not ask for the policy does not need it.
+    # Without the method ddqn the policy is not read.
     assert len(run(replace(config, methods="keep"), drive_all=idle)) == len(idle.driven) > 0
 
 
@@ -183,7 +183,7 @@ def test_weights_that_change_while_trials_are_driven_are_refused(tmp_path):
         drives.drive(asked, policy)
 
 
-def test_without_driving_the_files_trials_are_all_there_is(tmp_path):
+def test_no_drive_uses_only_the_trials_of_the_file(tmp_path):
     config = replace(CONFIG, file=tmp_path / "trials.csv")
     run(replace(config, trials=1), drive_all=Fake())
     idle = Fake()
@@ -202,7 +202,7 @@ def test_without_driving_the_files_trials_are_all_there_is(tmp_path):
         ({"weights": SHIPPED.with_name("none.npz")}, "cannot be read"),
     ],
 )
-def test_what_cannot_be_is_refused(settings, message):
+def test_unusable_settings_are_refused(settings, message):
     with pytest.raises(InputError, match=message):
         tasks_of(EvaluateConfig(**settings))
 
@@ -239,7 +239,7 @@ def test_many_failures_end_the_run():
     assert next(count) < 50
 
 
-def test_a_file_that_cannot_be_written_is_no_fault_of_the_trial():
+def test_unwritable_file_ends_the_run_with_its_own_error():
     def keep(row):
         raise InputError("the disk is full")
 
@@ -259,7 +259,7 @@ def test_a_process_that_dies_loses_no_trial(tmp_path):
     assert (tmp_path / "died").exists()
 
 
-def test_one_file_is_of_one_run_at_a_time(tmp_path):
+def test_two_runs_cannot_use_one_file_at_a_time(tmp_path):
     config = replace(CONFIG, file=tmp_path / "trials.csv")
     with (
         trials.locked(config.file),
@@ -270,7 +270,7 @@ def test_one_file_is_of_one_run_at_a_time(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["trials.csv"]
 
 
-def test_real_trials_in_two_processes_are_those_of_one(tmp_path):
+def test_real_trials_in_two_processes_equal_those_of_one_process(tmp_path):
     def rows(jobs):
         config = EvaluateConfig(
             trials=1,
@@ -288,7 +288,7 @@ def test_real_trials_in_two_processes_are_those_of_one(tmp_path):
     assert two == rows(1)
     assert [row["density"] for row in two] == ["dense", "empty"]
     loss = [float(row["speed_loss"]) for row in two]
-    # 15 m/s of 16.67 at the start.
+    # The speed is 15 m/s at the start, the reference 16.67 m/s.
     assert all(0.0 < value < 0.101 for value in loss)
     assert all(row["ended"] == "reached the end of the time" for row in two)
     way = [float(row["distance"]) for row in two]

@@ -17,7 +17,7 @@ FOUR = ("conservative", "neutral", "aggressive", "ddqn")
 
 
 def spread(mean, count=12, step=1e-3):
-    """Losses around a mean, each different, and so are the differences of two of these."""
+    """Different losses around a mean, with different differences between two means."""
     return [mean + step * (i - 0.5 * (count - 1)) + 1e-6 * mean * i**2 for i in range(count)]
 
 
@@ -26,7 +26,7 @@ def judged(losses, floor=0.01, **settings):
     return cell
 
 
-def test_the_interval_is_students():
+def test_interval_is_students():
     known = estimate([1.0, 2.0, 3.0, 4.0])
     assert known.std == pytest.approx(math.sqrt(5.0 / 3.0))
     # 3.182446 is the 97.5 % quantile of 3 degrees of freedom.
@@ -37,7 +37,7 @@ def test_the_interval_is_students():
     assert estimate([]).count == 0
 
 
-def test_both_tests_are_scipys():
+def test_paired_tests_agree_with_scipy():
     generator = np.random.default_rng(1)
     a, b = generator.normal(0.0, 1.0, 30), generator.normal(0.4, 1.0, 30)
     difference = paired(a, b)
@@ -48,13 +48,13 @@ def test_both_tests_are_scipys():
     assert (difference.low, difference.high) == pytest.approx(tuple(interval))
 
 
-def test_nothing_is_told_by_one_trip_or_by_equal_ones():
+def test_one_trip_or_equal_trips_have_a_p_of_one():
     for a, b in (([1.0], [2.0]), ([1.0, 2.0], [1.0, 2.0])):
         assert (paired(a, b).t_p, paired(a, b).wilcoxon_p) == (1.0, 1.0)
 
 
 def test_holm_by_hand():
-    # 3 x 0.01, 2 x 0.03, and the last is not below the one before it.
+    # 3 x 0.01, 2 x 0.03; the last value is at least the one before it.
     assert holm([0.04, 0.01, 0.03]) == pytest.approx([0.06, 0.03, 0.06])
     assert holm([0.9, 0.8]) == [1.0, 1.0]
     assert holm([]) == []
@@ -71,22 +71,22 @@ def test_the_policy_wins_when_it_is_lowest_beyond_chance():
 def test_the_policy_loses_when_a_rule_is_lower_beyond_chance():
     losses = dict(zip(FOUR, map(spread, (0.30, 0.27, 0.25, 0.26)), strict=True))
     assert judged(losses).verdict == "loses"
-    # Whether the free road was driven or not.
+    # Also without trials of the free road.
     assert judged(losses, floor=math.nan).verdict == "loses"
 
 
-def test_pairs_are_of_the_same_traffic_whatever_the_order_of_rows():
+def test_pairs_have_the_same_traffic_in_any_order_of_rows():
     made = rows({"aggressive": spread(0.25), "ddqn": spread(0.24)})
     (cell,) = figures(made[::-1], CELL, FOUR)
     difference = cell.against["aggressive"]
-    # The traffic explains all of the spread: nothing of it is in the difference.
+    # The traffic explains all of the spread: the difference has none.
     assert difference.std == pytest.approx(0.0, abs=1e-4)
     missing = [t for t in made if (t.method, t.seed) != ("aggressive", 0)]
     (cell,) = figures(missing, CELL, FOUR)
     assert (cell.against["aggressive"].count, cell.loss["ddqn"].count) == (11, 12)
 
 
-def test_a_cell_without_room_is_trivial_and_asks_only_that_it_is_not_worse():
+def test_cell_without_room_is_trivial_and_only_bounds_the_loss():
     losses = dict(zip(FOUR, map(spread, (0.013, 0.0125, 0.0125, 0.014)), strict=True))
     cell = judged(losses, floor=0.01)
     assert cell.trivial
@@ -96,18 +96,18 @@ def test_a_cell_without_room_is_trivial_and_asks_only_that_it_is_not_worse():
     assert list(bounds.values()) == ["<= 0.3", ""]
 
 
-def test_a_policy_that_loses_where_there_is_no_room_loses():
+def test_policy_loses_a_cell_without_room_if_it_is_much_worse():
     losses = dict(zip(FOUR, map(spread, (0.013, 0.0125, 0.0125, 0.035)), strict=True))
     assert judged(losses, floor=0.01).verdict == "loses"
 
 
 def noise(mean, number, count=12):
-    """Losses about a mean that chance makes."""
+    """Random losses with a given mean."""
     drawn = np.random.default_rng(number).normal(0.0, 0.05, count)
     return list(mean + drawn - drawn.mean())
 
 
-def test_a_difference_within_chance_is_level_and_not_trivial_however_the_intervals_lie():
+def test_difference_within_chance_is_level_and_not_trivial():
     losses = {name: noise(0.25, number) for number, name in enumerate(FOUR)}
     cell = judged(losses)
     assert cell.verdict == "level"
@@ -117,7 +117,7 @@ def test_a_difference_within_chance_is_level_and_not_trivial_however_the_interva
 
 
 @pytest.mark.parametrize(("best", "winnable"), [(0.24, False), (0.15, True)])
-def test_a_cell_leaves_something_to_win_when_a_stronger_rule_wins(best, winnable):
+def test_cell_is_winnable_if_a_stronger_rule_wins(best, winnable):
     losses = {name: noise(0.25, number) for number, name in enumerate(FOUR)}
     losses |= {"mobil": noise(0.26, 7), "lookahead": noise(best, 8)}
     made = rows(losses, floor=0.01)
@@ -125,7 +125,7 @@ def test_a_cell_leaves_something_to_win_when_a_stronger_rule_wins(best, winnable
     assert (cell.verdict, cell.winnable) == ("level", winnable)
     assert cell.stronger["lookahead"].mean == pytest.approx(100.0 * (best - 0.25))
     checks = [c for c in results.checks if "speed loss, ddqn less" in c.name][:2]
-    # The lowest mean is asked for in any case, certainty where another shows that it can be had.
+    # The lowest mean is always required, significance only in a winnable cell.
     assert [c.must for c in checks] == ["< 0", "< 0.05" if winnable else ""]
     assert ("more to win" in cell.reason) is winnable
     assert ("no stronger rule wins" in cell.reason) is not winnable
@@ -155,7 +155,7 @@ def test_checks_state_the_claims_of_every_cell():
     assert max(map(len, results.notes[1:])) <= 110
 
 
-def test_level_means_not_worse_by_more_than_chance():
+def test_policy_is_level_if_it_is_not_worse_by_more_than_chance():
     made = rows({"ddqn": [0.2, 0.3, 0.25], "lookahead": [0.21, 0.27, 0.25]})
     results, _ = summarize(made, EvaluateConfig(trials=3, cells="dense-12.5"))
     checks = {c.name: c for c in results.checks}

@@ -1,4 +1,4 @@
-"""The page of decision makers: made of a file of trials, without driving."""
+"""The page of decision makers from a file of trials."""
 
 import json
 import re
@@ -35,7 +35,7 @@ def show(file, *words):
     return cli.main(["evaluate", "--trials", "3", "--no-drive", "--file", str(file), *words])
 
 
-def test_the_page_has_tables_pictures_and_what_they_are_of(file, tmp_path, capsys):
+def test_page_has_tables_pictures_and_the_origin_of_the_figures(file, tmp_path, capsys):
     out = tmp_path / "page"
     assert show(file, "--report", str(out)) == 1
     text = (out / "evaluate.md").read_text()
@@ -60,7 +60,7 @@ def test_the_page_has_tables_pictures_and_what_they_are_of(file, tmp_path, capsy
     assert "**" not in re.sub(r"<style>.*?</style>", "", web, flags=re.DOTALL)
 
 
-def test_a_part_of_the_rows_makes_a_page(file, tmp_path, capsys):
+def test_page_of_a_part_of_the_rows(file, tmp_path, capsys):
     whole = file.read_text().splitlines(keepends=True)
     file.write_text("".join(line for line in whole if "sparse" not in line and "mobil" not in line))
     show(file, "--report", str(tmp_path / "part"))
@@ -72,7 +72,7 @@ def test_a_part_of_the_rows_makes_a_page(file, tmp_path, capsys):
     assert "has none of these trials" in capsys.readouterr().err
 
 
-def test_json_is_the_checks(file, capsys):
+def test_json_has_the_checks(file, capsys):
     assert show(file, "--json") == 1
     shown = json.loads(capsys.readouterr().out)
     checks = {check["name"]: check for check in shown["checks"]}
@@ -80,14 +80,14 @@ def test_json_is_the_checks(file, capsys):
     assert checks["dense 12.5: speed loss, ddqn less aggressive"]["ok"]
 
 
-def test_the_terminals_tables_are_narrow(file, capsys):
+def test_tables_for_the_terminal_fit_100_columns(file, capsys):
     show(file)
     table = [line for line in capsys.readouterr().out.splitlines() if line.startswith("  ")]
     assert len(table) == 6 * 7
     assert max(map(len, table)) <= 100
 
 
-def test_the_command_says_what_is_not_the_default(tmp_path):
+def test_command_has_the_settings_that_differ_from_the_defaults(tmp_path):
     config = EvaluateConfig(trials=5, cells="dense-15", weights=tmp_path / "mine.npz", jobs=4)
     assert command_of(config) == "iits-mj evaluate --trials 5 --cells dense-15 --weights mine.npz"
 

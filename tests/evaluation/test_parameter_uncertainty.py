@@ -26,7 +26,7 @@ CONFIG = MonteCarloConfig(samples=60)
 
 
 def sample(task, **changes):
-    """A truck whose brakes alone matter."""
+    """An artificial sample whose figures depend on the brakes alone."""
     factors = drawn_truck(Spread.load(), task.seed).factors
     figures = {
         "rollover_threshold": 0.36,
@@ -53,7 +53,7 @@ def test_the_shipped_truck_is_first_and_seeds_differ_between_sets():
     assert len(first) == 61
 
 
-def test_quantiles_and_correlations_are_those_of_the_rows(rows):
+def test_quantiles_and_correlations_agree_with_the_rows(rows):
     results = summarize(CONFIG, rows)
     named = {check.name: check for check in results.checks}
     stops = np.array([row.stop_distance for row in rows[1:]])
@@ -77,7 +77,7 @@ def test_trucks_that_miss_a_standard_are_counted(rows):
     assert [check.value for check in short] == [pytest.approx(95.0), pytest.approx(95.0)]
 
 
-def test_a_distribution_wants_the_shipped_truck_and_two_more(rows):
+def test_distribution_needs_the_shipped_truck_and_two_drawn_trucks(rows):
     for some in (rows[1:], rows[:2]):
         with pytest.raises(InputError, match="at least two drawn"):
             summarize(CONFIG, some)
@@ -93,7 +93,7 @@ def test_samples_are_written_with_their_factors(rows, tmp_path):
     assert float(table[5]["stop_distance"]) == pytest.approx(24.0 / drawn)
 
 
-def test_the_shipped_truck_is_measured_as_the_validation_does():
+def test_shipped_truck_has_the_figures_of_the_validation():
     found = measure(SampleTask(NOMINAL, 36_000.0, 0.002, ""))
     assert found.rollover_threshold == tilt_table(36_000.0, 0.002).threshold
     assert 1.0 < found.rearward_amplification < 1.5
@@ -102,14 +102,14 @@ def test_the_shipped_truck_is_measured_as_the_validation_does():
     assert 25.0 < found.fuel < 45.0
 
 
-def test_shards_are_whole_or_not_there(tmp_path, rows):
+def test_incomplete_shard_is_not_read(tmp_path, rows):
     shards = Shards(tmp_path / "kept", Sample, "samples")
     assert shards.rows() == []
     parts = in_shards(rows, 25)
     assert [len(part) for part in parts] == [25, 25, 11]
     for part in parts:
         shards.keep([row.task for row in part], part)
-    # What a kill in the middle of writing leaves is no shard.
+    # A partly written file of a killed process is not a shard.
     (tmp_path / "kept" / "shard-0.part").write_text("seed,payl")
     assert sorted(shards.rows(), key=lambda row: row.seed) == rows
     before = {path: path.read_bytes() for path in shards.files()}

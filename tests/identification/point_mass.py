@@ -1,4 +1,4 @@
-"""A truck as a point mass, integrated by explicit Euler: logs of which every number is known."""
+"""A truck as a point mass, integrated by explicit Euler: logs with known parameters."""
 
 from __future__ import annotations
 
@@ -56,13 +56,13 @@ def drive(
 
     Args:
       seed: of the noise.
-      gains: of the three circuits, over the parameters'.
+      gains: of the three circuits, over those of the parameters.
       scale: real over recorded engine torque.
       duration: [s].
       flat: level road.
       coast: False holds one pedal.
       brake: "together" all circuits, "in turn" one after the other, "" none.
-      noise: of the recorded speed, share.
+      noise: of the recorded speed [1].
     """
     rng = np.random.default_rng(seed)
     loads, radii = _radii()
@@ -88,7 +88,7 @@ def drive(
             target = 700.0
         if t < shift_until:
             target = 0.0
-        # No engine steps its torque.
+        # The torque of an engine has no steps.
         torque += np.clip(target - torque, -3000.0 * STEP, 3000.0 * STEP)
         braking = bool(brake) and 48.0 <= phase < 56.0 and v > 7.0
         demand = -1.0 - 0.5 * (cycle % 3) if braking else 0.0
@@ -108,7 +108,7 @@ def drive(
         felt = 0.0 if flat else share @ _slope(x - np.array(places))
         angle = np.arctan(felt)
         force -= MASS * 9.81 * (np.sin(angle) + ROLLING * np.cos(angle)) + 0.6 * DRAG * v * v
-        # The mechanism's friction holds the brake up to the hysteresis when it is let off.
+        # During a release the mechanism's friction holds the brake up to the hysteresis.
         through = np.minimum(np.maximum(through, pressure), pressure + brakes.hysteresis_pressure)
         above = np.maximum(through - brakes.push_out_pressure, 0.0)
         force -= (np.array(gains) * per_pascal) @ above

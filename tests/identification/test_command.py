@@ -1,4 +1,4 @@
-"""The command: what it reads, writes and refuses."""
+"""`iits-mj identify`: inputs, outputs and errors."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from iits_mj.identification.log import read_grade
 from iits_mj.parameters import TruckParameters
 from tests.identification.point_mass import MASS, PARAMETERS, drive
 
-# Without pressures; the demand tells where the brakes were on.
+# Without pressures; the mode of the demand shows the use of the brakes.
 SEEN = "speed,grade,gear,engine_torque,shift_in_process,command_xbr_mode"
 
 
@@ -60,7 +60,7 @@ def test_left_out_signals_are_not_used(table):
     assert any("brake_gain: not identifiable" in note for note in report.notes)
 
 
-def test_columns_of_another_name_are_found_by_signals(table, tmp_path):
+def test_signals_option_names_columns_with_other_titles(table, tmp_path):
     renamed = tmp_path / "foreign.csv"
     renamed.write_text(table.read_text().replace("speed [km/h]", "v [km/h]", 1))
     own = run(IdentifyConfig(log=table, signals=SEEN))
@@ -68,7 +68,7 @@ def test_columns_of_another_name_are_found_by_signals(table, tmp_path):
     assert [c.value for c in other.checks] == [c.value for c in own.checks]
 
 
-def test_grade_is_taken_from_a_number_or_a_table(log, tmp_path):
+def test_grade_is_read_from_a_number_or_a_table(log, tmp_path):
     level = read_grade("0.02", log)
     assert np.all(level["grade"] == 0.02)
     path = tmp_path / "road.csv"
@@ -116,7 +116,7 @@ def test_unusable_signals_give_one_clear_error(log):
         log.only(["yaw_rate"])
 
 
-def test_each_signal_keeps_the_times_of_its_own_samples():
+def test_each_signal_keeps_its_own_sample_times():
     slow = Series(np.arange(0.0, 30.0, 0.5), np.arange(60.0))
     fast = Series(np.arange(0.0, 30.0, 0.1), np.zeros(300))
     log = Log({"speed": slow, "yaw_rate": fast})
@@ -126,7 +126,7 @@ def test_each_signal_keeps_the_times_of_its_own_samples():
     assert log.held("speed", [0.5])[0] == 1.0
 
 
-def test_a_truck_that_shows_nothing_is_an_error_not_an_empty_file(tmp_path):
+def test_standing_truck_gives_an_error_and_no_overlay(tmp_path):
     path = tmp_path / "still.csv"
     rows = [f"{0.1 * k:.1f},0,0,0,0" for k in range(100)]
     path.write_text("time,speed,grade,gear,engine_torque\n" + "\n".join(rows))

@@ -1,4 +1,4 @@
-"""Hidden masses and forces must come back from logs that an independent integration made."""
+"""Hidden masses and forces must come back from logs of an independent integration."""
 
 import numpy as np
 import pytest
@@ -80,7 +80,7 @@ def test_circuits_that_brake_together_show_only_their_common_gain(found):
 
 
 @pytest.mark.slow
-def test_circuits_that_brake_in_turn_show_a_gain_each():
+def test_gain_of_each_circuit_comes_back_if_circuits_brake_in_turn():
     gains = (0.8, 0.95, 1.1)
     log = drive(gains=gains, brake="in turn", duration=600.0)
     result = identify(log, PARAMETERS, groups=("motion",))
@@ -89,7 +89,7 @@ def test_circuits_that_brake_in_turn_show_a_gain_each():
         assert result[f"brake_gain_{circuit}"].value == pytest.approx(gain, rel=0.05)
 
 
-def test_brakes_that_were_never_used_are_not_invented():
+def test_unused_brakes_are_not_identified():
     result = identify(drive(brake="", duration=300.0), PARAMETERS)
     for name in ("brake_gain", "front_dead_time", "trailer_build_up_time"):
         assert not result[name].identifiable
@@ -106,7 +106,7 @@ def test_constant_speed_on_the_flat_shows_neither_resistance():
         assert result[name].reason
 
 
-def test_onset_of_a_demand_in_a_slow_table_leaves_the_dead_time_open():
+def test_dead_time_is_not_identified_from_a_slow_table():
     estimate = identify(drive(), PARAMETERS, groups=("brakes",))["trailer_dead_time"]
     assert not estimate.identifiable
     assert "50 ms" in estimate.reason
@@ -114,7 +114,7 @@ def test_onset_of_a_demand_in_a_slow_table_leaves_the_dead_time_open():
     assert estimate.value == estimate.prior != DEAD_TIME
 
 
-def test_log_without_grade_or_pressures_says_so():
+def test_reasons_name_missing_grade_and_pressures():
     log = drive(duration=60.0)
     bare = log.only([name for name in log.signals if name != "grade" and "pressure" not in name])
     result = identify(bare, PARAMETERS)

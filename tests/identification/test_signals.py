@@ -1,4 +1,4 @@
-"""Grade from heights, gear changes, tables in overlays, and replays that cannot be."""
+"""Grade from heights, gear changes, tables in overlays, and impossible replays."""
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ def test_duration_of_gear_changes_is_their_mean():
 
 
 def test_slow_or_short_logs_show_no_gear_change_times():
-    for log, words in ((_changes(0.1), "100 ms"), (_changes(0.02, count=2), "are wanted")):
+    for log, words in ((_changes(0.1), "100 ms"), (_changes(0.02, count=2), "are needed")):
         for estimate in identify_shifts(log, PARAMETERS):
             assert not estimate.identifiable
             assert words in estimate.reason

@@ -23,7 +23,7 @@ HIDDEN = {
 
 
 def _weave(time, state):
-    """Single sines and short pulls of the steering wheel, back to the lane's heading."""
+    """Single sines and short pulls of the steering wheel, with a return to the lane's heading."""
     rng = np.random.default_rng(int(time / 3.0))
     size = rng.uniform(0.3, 0.7) * rng.choice([-1.0, 1.0])
     sine = np.sin(2.0 * np.pi * (time % 3.0) / 3.0)
@@ -61,7 +61,7 @@ def test_steering_ratio_comes_back_within_1_percent(found):
 
 
 @pytest.mark.slow
-def test_ratio_is_found_by_motion_where_the_road_wheels_are_not_seen(log):
+def test_steering_ratio_comes_back_from_motion_without_the_road_wheel_angle(log):
     blind = log.only([name for name in log.signals if name != "road_wheel_angle"])
     result = identify(blind, PARAMETERS, mass=MASS, groups=("steering",))
     assert result["steering_ratio"].value == pytest.approx(19.5, rel=0.05)
@@ -83,7 +83,7 @@ def test_tractor_alone_does_not_show_the_trailers_tires(log):
     assert "too weak" in estimate.reason
 
 
-def test_without_a_mass_no_stiffness_is_invented(log):
+def test_stiffness_is_not_identified_without_a_mass(log):
     level = log.only([name for name in log.signals if name != "engine_torque"])
     result = identify(level, PARAMETERS, groups=("steering",))
     for kind in ("steer", "drive", "trailer"):

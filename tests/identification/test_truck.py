@@ -1,6 +1,6 @@
-"""Hidden parameters of the simulated truck must come back from what its bus carries.
+"""Hidden parameters of the simulated truck must come back from the frames of its bus.
 
-Speeds have 1 % of white noise; torque, pressures and all else are as coarse as the frames are.
+Speeds have 1 % of white noise; the other signals have the resolution of the frames.
 """
 
 import numpy as np
@@ -96,12 +96,12 @@ def test_truck_with_identified_values_repeats_the_drive(found, log, tmp_path):
 
 
 @pytest.mark.slow
-def test_truck_with_half_its_payload_and_shipped_values_does_not(log):
+def test_truck_with_half_its_payload_and_shipped_values_does_not_repeat_the_drive(log):
     before = replay(log, PARAMETERS, 0.5 * PARAMETERS.payload.mass_max)
     assert before.accuracy() < 95.0
 
 
-def test_overlay_holds_what_was_found_and_nothing_else(found):
+def test_overlay_has_only_the_identified_parameters(found):
     tree = overlay(found)
     assert set(tree["air_brake"]) == {
         "torque_per_pressure",
@@ -115,7 +115,7 @@ def test_overlay_holds_what_was_found_and_nothing_else(found):
     assert loaded.engine.pedal_map.values.shape == PARAMETERS.engine.pedal_map.values.shape
 
 
-def test_candump_log_gives_what_its_frames_give(recorded, tmp_path):
+def test_candump_log_equals_its_frames(recorded, tmp_path):
     rows, _, _ = recorded
     part = frames(rows[:1000], PARAMETERS, {**LONGITUDINAL, "IITS_ATTITUDE": 0.1})
     path = tmp_path / "drive.log"
@@ -131,7 +131,7 @@ def test_candump_log_gives_what_its_frames_give(recorded, tmp_path):
         assert shown.series(name).time == pytest.approx(direct.series(name).time, abs=1e-5)
 
 
-def test_bus_tells_the_crankshafts_torque_although_it_sends_the_indicated_one(recorded, log):
+def test_crankshaft_torque_comes_back_from_the_indicated_torque_on_the_bus(recorded, log):
     rows, _, _ = recorded
     time = np.array([state.time for state, _, _ in rows])
     torque = np.array([state.engine_torque for state, _, _ in rows])

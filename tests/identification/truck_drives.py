@@ -1,4 +1,4 @@
-"""Drives of a truck with hidden parameters, and the frames that its bus would carry."""
+"""Drives of a truck with hidden parameters, and the frames of its bus."""
 
 from __future__ import annotations
 
@@ -7,44 +7,43 @@ import dataclasses
 import numpy as np
 
 from iits_mj.core.messages import VehicleCommand, XbrMode
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.identification.replay import graded_road
 from iits_mj.j1939 import command_to_frames, encode, make_group, pgn_of
 from iits_mj.j1939.mapping import reports
 from iits_mj.j1939.quantities import ReferenceTorques, quantities
 from iits_mj.truck import Truck
 
-PERIOD = 0.02
-
 
 def drive(truck, command, duration):
-    """Rows (state, report, command) every 20 ms; the truck obeys `command(time, state)`."""
-    steps = round(PERIOD / truck.model.opt.timestep)
+    """Rows (state, report, command) of each control period for a `command(time, state)`."""
+    steps = round(CONTROL_PERIOD / truck.model.opt.timestep)
     rows = []
-    for tick in range(round(duration / PERIOD)):
+    for tick in range(round(duration / CONTROL_PERIOD)):
         state = truck.observe()
-        given = command(tick * PERIOD, state)
+        given = command(tick * CONTROL_PERIOD, state)
         truck.command(given)
         rows.append((state, truck.report(), given))
         truck.step(steps)
     return rows
 
 
-# What a drive along a road, and one with steering, is identified from, and how often it is sent.
+# Messages for the identification of a drive along a road and of a steered drive: periods [s].
 LONGITUDINAL = {"EEC1": 0.02, "EEC3": 0.25, "ETC1": 0.02, "ETC2": 0.1, "EBC3": 0.1}
 LONGITUDINAL |= {"IITS_MOTION": 0.02, "IITS_TRAILER": 0.1, "IITS_ROUTE": 0.1}
 LATERAL = {"VDC2": 0.02, "IITS_TRAILER": 0.02, "IITS_MOTION": 0.02}
 
 
 def frames(rows, parameters, messages, *, noise=0.01, seed=0, commands=True):
-    """Frames of a drive: speeds with white noise, all else as exact as the bus is.
+    """Frames of a drive: speeds with white noise, other signals with the resolution of the bus.
 
     Args:
       rows: of `drive`.
-      parameters: give the reference torque.
+      parameters: with the reference torque.
       messages: names of the truck's messages and their periods [s]; commands come every 20 ms.
       noise: standard deviation of the speeds' noise, share of the speed.
       seed: of the noise.
-      commands: sends the pedal and the brake demand, too.
+      commands: sends the pedal and the brake demand as well.
     """
     known_quantities = quantities()
     heard = {pgn_of("EEC2"), pgn_of("XBR")}
@@ -59,7 +58,7 @@ def frames(rows, parameters, messages, *, noise=0.01, seed=0, commands=True):
         noisy = dataclasses.replace(state, speed=state.speed * factor)
         values = {name: q(noisy, report, references) for name, q in known_quantities.items()}
         for name, period in messages.items():
-            if tick % round(period / PERIOD) == 0:
+            if tick % round(period / CONTROL_PERIOD) == 0:
                 known = {
                     r.signal: values[r.quantity] / r.scale
                     for r in signals[name]
@@ -70,13 +69,13 @@ def frames(rows, parameters, messages, *, noise=0.01, seed=0, commands=True):
 
 
 def hill_drive(seed=0):
-    """Pedal and brake in turn, in steps at odd times: accelerate, cruise, coast, brake."""
+    """Pedal and brake in turn, in steps at irregular times: accelerate, cruise, coast, brake."""
     rng = np.random.default_rng(seed)
     plan = []
     start = 0.0
     while start < 2000.0:
         accelerate, ease, coast = rng.uniform(8, 18), rng.uniform(0, 6), rng.uniform(3, 9)
-        if len(plan) % 5 == 2:  # air drag wants speed
+        if len(plan) % 5 == 2:  # air drag shows at high speed
             accelerate, coast = rng.uniform(40, 50), rng.uniform(18, 25)
         brake, rest = rng.uniform(1.7, 3.5), rng.uniform(2, 3)
         demand, pedal = -rng.uniform(0.8, 2.2), rng.uniform(0.5, 0.8)

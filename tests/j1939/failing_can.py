@@ -1,4 +1,4 @@
-"""A python-can interface that fails on demand, as a driver does whose device goes away."""
+"""A python-can interface that fails on demand, as the driver of a removed device."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import can
 
 
 class Medium:
-    """What the tests do to all buses of the interface.
+    """State of all buses of the interface, set by the tests.
 
     Attributes:
-      openable, readable, writable: what works now.
-      off: the controller says bus-off.
-      waiting: messages, or errors to be raised, for the next readers.
-      written: what was sent; opened, closed: how often.
+      openable, readable, writable: whether these operations work.
+      off: whether the controller reports bus-off.
+      waiting: messages to receive, or errors to raise.
+      written: sent messages; opened, closed: number of times.
     """
 
     def __init__(self) -> None:
@@ -24,7 +24,7 @@ class Medium:
 
 
 class FailingBus(can.BusABC):
-    """Stands for a device; `medium` is put there by the test."""
+    """A bus of the interface; tests replace `medium`."""
 
     medium = Medium()
 

@@ -61,7 +61,7 @@ def test_every_signal_of_every_frame_is_a_row(tmp_path):
     assert speeds[-1]["status"] == "error"
 
 
-def test_what_is_not_known_passes_with_its_bytes(tmp_path):
+def test_unknown_and_malformed_frames_are_listed_with_their_bytes(tmp_path):
     rows, _ = table(tmp_path, log())
     (row,) = [row for row in rows if row["pgn"] == "65000"]
     assert (row["message"], row["signal"], row["value"], row["unit"]) == ("", "data", "01ab", "hex")
@@ -70,7 +70,7 @@ def test_what_is_not_known_passes_with_its_bytes(tmp_path):
     assert (row["message"], row["value"]) == ("EEC1", "000000")
 
 
-def test_a_long_message_comes_after_its_last_packet(tmp_path):
+def test_a_long_message_follows_its_last_packet(tmp_path):
     rows, summary = table(tmp_path, log())
     row = rows[-1]
     assert (row["message"], row["pgn"], row["priority"], row["spn"]) == ("VI", "65260", "", "237")
@@ -81,7 +81,7 @@ def test_a_long_message_comes_after_its_last_packet(tmp_path):
     assert summary.transport.messages == 1
 
 
-def test_signals_without_a_value_can_be_left_out(tmp_path):
+def test_unavailable_signals_can_be_omitted(tmp_path):
     rows, _ = table(tmp_path, log(), only_values=True)
     assert {row["status"] for row in rows if not row["value"]} == {"error"}
     assert {row["signal"] for row in rows if row["message"] == "EEC1"} == {
@@ -91,7 +91,7 @@ def test_signals_without_a_value_can_be_left_out(tmp_path):
     }
 
 
-def test_numbers_of_the_table_are_those_of_the_bus(tmp_path):
+def test_table_keeps_the_resolution_of_the_signals(tmp_path):
     frames = [encode(VW(axle_location=16.0, axle_weight_kg=9677.5), time=1_753_900_000.123456)]
     rows, _ = table(tmp_path, frames)
     assert rows[0]["time_s"] == "1753900000.123456"
@@ -101,7 +101,7 @@ def test_numbers_of_the_table_are_those_of_the_bus(tmp_path):
     }
 
 
-def test_summary_tells_count_period_and_bounds_by_sender():
+def test_summary_has_count_period_and_bounds_per_sender():
     frames = [*log(), encode(EEC1(engine_speed_rpm=900.0), source=0x31, time=1.0)]
     summary = summarize(frames)
     engine = summary.traffic[61444, 0, 255]
@@ -117,7 +117,7 @@ def test_summary_tells_count_period_and_bounds_by_sender():
     assert "long messages put together: 1" in text
 
 
-def test_summary_tells_what_the_transport_lost():
+def test_summary_counts_lost_long_messages():
     summary = summarize(log()[:-1])
     assert summary.transport.failures == {Failure.TIME_OUT: 1}
     assert "long messages, time-out: 1" in summary.text()
@@ -129,7 +129,7 @@ def test_summary_of_an_empty_log_is_empty():
     assert len(summary.text().splitlines()) == 2
 
 
-def test_a_table_that_cannot_be_written_or_read_to_its_end_leaves_no_file(tmp_path):
+def test_a_failed_table_leaves_no_file(tmp_path):
     with pytest.raises(BusError, match=r"table .*cannot be written"):
         write_table(log(), tmp_path / "missing" / "table.csv")
 
@@ -149,7 +149,7 @@ def test_a_table_that_cannot_be_written_or_read_to_its_end_leaves_no_file(tmp_pa
         write_table(log(), "/dev/full")
 
 
-def test_a_table_that_is_interrupted_leaves_no_file(tmp_path):
+def test_an_interrupted_table_leaves_no_file(tmp_path):
     def interrupted():
         yield log()[0]
         raise KeyboardInterrupt
@@ -159,7 +159,7 @@ def test_a_table_that_is_interrupted_leaves_no_file(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_file_that_may_not_be_written_stays_as_it_is(tmp_path, monkeypatch):
+def test_a_write_protected_file_keeps_its_content(tmp_path, monkeypatch):
     path = tmp_path / "table.csv"
     path.write_text("kept")
 

@@ -33,11 +33,11 @@ def _frame(command, counter, name, time=0.0, destination=None):
     )
 
 
-def _to_everybody(frame):
+def _to_all_units(frame):
     return Frame(frame.can_id | 0xFF00, frame.data, frame.time)
 
 
-def test_command_survives_the_bus_up_to_the_signals_steps():
+def test_command_crosses_the_bus_within_the_resolution_of_the_signals():
     receiver = CommandReceiver()
     assert all(_send(receiver, COMMAND, 0, 1.0))
     received = receiver.command(1.0)
@@ -57,7 +57,7 @@ def test_every_field_of_the_command_has_its_row_in_the_order_of_the_controls():
     assert [row.elements[0] for row in commands()] == names
 
 
-def test_every_selector_and_the_parking_brake_survive():
+def test_every_selector_position_and_the_parking_brake_cross_the_bus():
     receiver = CommandReceiver()
     for counter, mode in enumerate(TransmissionMode):
         command = VehicleCommand(parking_brake=1.0, transmission_mode=mode)
@@ -81,7 +81,7 @@ def test_tsc1_checksum_known_answer():
     assert tsc1_checksum(frame) == ((1113 >> 6) % 4 + (1113 >> 3) + 1113) % 8
 
 
-def test_silent_bus_takes_the_truck_to_its_safe_state():
+def test_silent_bus_leads_to_the_safe_command():
     receiver = CommandReceiver()
     _send(receiver, COMMAND, 0, 0.0)
     safe = receiver.command(1.0)
@@ -89,12 +89,12 @@ def test_silent_bus_takes_the_truck_to_its_safe_state():
     assert (safe.xbr_mode, safe.xbr_demand) == (XbrMode.OFF, 0.0)
     assert (safe.engine_brake, safe.retarder) == (0.0, 0.0)
     assert safe.xbr_ebi_mode is XbrEbiMode.FRICTION_ONLY
-    # A driver who was braking keeps braking.
+    # The driver's brake pedal keeps its position.
     assert safe.brake_pedal == pytest.approx(0.2, abs=0.002)
     assert safe.steering_wheel_angle == pytest.approx(-0.7, abs=1e-3)
 
 
-def test_nothing_received_is_the_safe_state():
+def test_command_before_the_first_frame_is_the_safe_one():
     assert CommandReceiver().command(0.0) == VehicleCommand()
 
 
@@ -119,15 +119,15 @@ def test_each_retarder_has_its_own_value_counter_and_time_out():
     assert receiver.accepted == {"TSC1 to 15": 1, "TSC1 to 16": 1}
 
 
-def test_torque_control_of_the_engine_passes_the_retarders_by():
+def test_torque_control_of_the_engine_is_ignored_by_the_retarders():
     to_engine = Frame(_frame(COMMAND, 1, "TSC1").can_id & ~0xFF00, b"\xff" * 8)
     receiver = CommandReceiver()
     assert not receiver.receive(to_engine)
     assert not receiver.rejected
 
 
-def test_torque_control_to_everybody_reaches_both_retarders():
-    frame = _to_everybody(_frame(COMMAND, 1, "TSC1", 0.0, 0x0F))
+def test_torque_control_to_the_global_address_reaches_both_retarders():
+    frame = _to_all_units(_frame(COMMAND, 1, "TSC1", 0.0, 0x0F))
     receiver = CommandReceiver()
     assert receiver.receive(with_byte8(frame, 1, tsc1_checksum(frame)))
     received = receiver.command(0.0)
@@ -142,7 +142,7 @@ def test_override_off_releases_the_retarder_at_once():
     assert receiver.command(0.02).engine_brake == pytest.approx(0.5)
 
 
-def test_a_sender_without_a_driver_leaves_the_brake_pedal_where_it_is():
+def test_a_sender_without_a_driver_keeps_the_brake_pedal():
     good = _frame(COMMAND, 1, "IITS_COMMAND")
     frame = Frame(good.can_id, good.data[:3] + b"\xff" + good.data[4:])
     receiver = CommandReceiver()
@@ -152,7 +152,7 @@ def test_a_sender_without_a_driver_leaves_the_brake_pedal_where_it_is():
 
 
 @pytest.mark.parametrize("mode", XbrEbiMode)
-def test_every_way_of_integrating_endurance_brakes_survives(mode):
+def test_every_endurance_brake_integration_mode_crosses_the_bus(mode):
     receiver = CommandReceiver()
     _send(receiver, dataclasses.replace(COMMAND, xbr_ebi_mode=mode), 0, 0.0)
     assert receiver.command(0.0).xbr_ebi_mode is mode
@@ -177,7 +177,7 @@ def test_any_flipped_bit_in_a_protected_frame_is_rejected(name, destination):
         data[bit // 8] ^= 1 << bit % 8
         receiver = CommandReceiver()
         accepted = receiver.receive(Frame(good.can_id, bytes(data)))
-        # TSC1's checksum has 3 of the 4 bits; its top bit must be checked, too.
+        # TSC1's checksum uses 3 of the 4 bits; the highest bit must be checked as well.
         assert not accepted, bit
 
 
@@ -209,14 +209,14 @@ def _reworked(name, byte, value):
         ("IITS_COMMAND", 3, 0xFB),
     ],
 )
-def test_error_codes_and_values_out_of_range_are_never_acted_upon(name, byte, value):
+def test_error_codes_and_values_out_of_range_are_rejected(name, byte, value):
     receiver = CommandReceiver()
     assert not receiver.receive(_reworked(name, byte, value))
     assert sum(receiver.rejected.values()) == 1
     assert receiver.command(0.0) == VehicleCommand()
 
 
-def test_commands_to_other_addresses_pass_by():
+def test_commands_to_other_addresses_are_ignored():
     frame = _frame(COMMAND, 1, "XBR")
     other = Frame(frame.can_id & ~0xFF00 | 0x3300, frame.data)
     receiver = CommandReceiver()
@@ -239,6 +239,6 @@ def test_commands_to_other_addresses_pass_by():
         {"steering_wheel_angle": 40.0},
     ],
 )
-def test_impossible_command_is_refused_before_the_bus(change):
+def test_invalid_command_is_refused_before_it_is_sent(change):
     with pytest.raises(InputError, match=next(iter(change))):
         command_to_frames(dataclasses.replace(COMMAND, **change), 0)

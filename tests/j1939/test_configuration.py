@@ -15,10 +15,9 @@ from iits_mj.j1939.configuration import (
 from iits_mj.j1939.groups import EC1, EEC1, EEC3, ERC1, RC
 from iits_mj.j1939.network import DRIVELINE_RETARDER, ENGINE, ENGINE_RETARDER
 from iits_mj.parameters import TruckParameters
-from tests.paths import ROOT
+from tests.paths import outside
 
 PARAMETERS = TruckParameters.load()
-KENWORTH = ROOT / "../shared/data/j1939/KWTruck.txt"
 RPM = 60.0 / (2.0 * math.pi)
 
 
@@ -44,14 +43,14 @@ def test_torque_points_of_the_engine_follow_its_full_load_curve():
     speeds, percents = curve(engine_configuration(PARAMETERS), "engine", (1, 3, 4, 5, 2))
     drag = np.interp(engine.full_load_speed, engine.drag_speed, engine.drag_torque)
     indicated = 100.0 * (engine.full_load_torque + drag) / engine.reference_torque
-    told = np.interp(engine.full_load_speed * RPM, speeds, percents)
-    # Five points for a curve of twelve.
-    assert np.abs(told - indicated).max() < 5.0
+    sent_curve = np.interp(engine.full_load_speed * RPM, speeds, percents)
+    # Five points approximate a curve of twelve.
+    assert np.abs(sent_curve - indicated).max() < 5.0
     assert max(percents) == pytest.approx(indicated.max(), abs=0.5)
     assert speeds[0] == pytest.approx(engine.idle_speed * RPM)
 
 
-def test_engine_has_no_torque_left_at_its_high_idle():
+def test_engine_has_no_torque_at_its_high_idle():
     engine = engine_configuration(PARAMETERS)
     begin, end = engine.engine_speed_point_2_rpm, engine.engine_speed_point_6_rpm
     fall = engine.governor_gain_percent_per_rpm * (end - begin)
@@ -65,7 +64,7 @@ def test_engine_brake_gives_its_rated_power_at_its_rated_speed():
     torque = -group.number("retarder_torque_point_5_percent") / 100.0
     power = speed * torque * group.number("reference_retarder_torque_nm")
     assert power == pytest.approx(PARAMETERS.engine.engine_brake_power)
-    # It does nothing at idle, and at most the rated torque.
+    # It has no torque at idle, and never more than the rated torque.
     _, percents = curve(group, "retarder", range(1, 6))
     assert percents[0] == 0.0
     assert min(percents) == -100.0
@@ -81,17 +80,16 @@ def test_retarder_holds_its_torque_to_its_power_limit():
     assert power[4] == pytest.approx(PARAMETERS.retarder.power_max)
 
 
-def test_a_truck_without_retarder_tells_of_none():
+def test_a_truck_without_retarder_sends_no_retarder_configuration():
     none = dataclasses.replace(PARAMETERS.retarder, torque_max=0.0)
     bare = dataclasses.replace(PARAMETERS, retarder=none)
     assert set(retarder_configurations(bare)) == {ENGINE_RETARDER}
 
 
-def test_a_listener_learns_the_reference_torques_of_the_truck():
+def test_a_listener_receives_the_reference_torques_of_the_truck():
     receiver = ConfigurationReceiver(ReferenceTorques(1000.0, 1000.0, 1000.0))
-    told = sum(receiver.receive(frame) for frame in sent(1.0))
-    assert told == 3
-    # A step of 1 N m on the bus.
+    assert sum(receiver.receive(frame) for frame in sent(1.0)) == 3
+    # The resolution on the bus is 1 N m.
     for learned, true in zip(
         dataclasses.astuple(receiver.references),
         dataclasses.astuple(ReferenceTorques.of(PARAMETERS)),
@@ -107,7 +105,7 @@ def test_configurations_are_repeated_every_5_s_by_each_unit():
         assert times == pytest.approx([0.0, 5.0, 10.0])
 
 
-def test_a_drive_that_begins_anew_broadcasts_from_its_beginning():
+def test_a_new_drive_repeats_the_broadcasts_from_its_start():
     sender = ConfigurationSender(PARAMETERS)
 
     def drive():
@@ -118,7 +116,7 @@ def test_a_drive_that_begins_anew_broadcasts_from_its_beginning():
     assert drive() == first
 
 
-def test_percent_torque_is_read_by_what_the_engine_says_of_itself():
+def test_percent_torque_refers_to_the_engines_own_reference_torque():
     receiver = StateReceiver(references=ReferenceTorques(engine=2700.0))
     receiver.receive(encode(EEC1(actual_engine_torque_percent=50.0, engine_speed_rpm=1200.0)))
     receiver.receive(encode(EEC3(nominal_friction_torque_percent=0.0)))
@@ -138,7 +136,7 @@ def test_percent_torque_is_read_by_what_the_engine_says_of_itself():
         RC(reference_retarder_torque_nm=500.0, retarder_location=5.0),
     ],
 )
-def test_what_is_not_told_changes_nothing(group):
+def test_configuration_without_a_valid_reference_torque_changes_nothing(group):
     known = ReferenceTorques(1.0, 2.0, 3.0)
     receiver = ConfigurationReceiver(known)
     pgn = 65251 if isinstance(group, EC1) else 65249
@@ -146,7 +144,7 @@ def test_what_is_not_told_changes_nothing(group):
     assert receiver.references == known
 
 
-def test_broken_configurations_and_times_do_no_harm():
+def test_malformed_configurations_are_ignored_and_times_must_be_finite():
     receiver = ConfigurationReceiver(ReferenceTorques())
     assert not any(receiver.receive(frame) for frame in broadcast(65251, bytes(20), 0))
     assert not receiver.receive(Frame(0x1CECFF00, b"", math.nan))
@@ -154,10 +152,9 @@ def test_broken_configurations_and_times_do_no_harm():
         ConfigurationSender(PARAMETERS).frames(math.nan)
 
 
-@pytest.mark.skipif(not KENWORTH.is_file(), reason="the recorded frames are not here")
-def test_reference_torques_of_a_real_truck_are_learned_from_its_bus():
+def test_reference_torques_of_a_real_truck_are_read_from_its_bus():
     receiver = ConfigurationReceiver(ReferenceTorques(retarder=3500.0))
-    for frame in read_log(KENWORTH):
+    for frame in read_log(outside("j1939/KWTruck.txt")):
         receiver.receive(frame)
     # Engine and exhaust brake; it has no other retarder.
     assert receiver.references == ReferenceTorques(1109.0, 450.0, 3500.0)

@@ -119,7 +119,7 @@ def test_fuel_rate_and_axle_weight_known_answers():
     assert encode(VW(axle_weight_kg=9677.5)).data[1:3] == (19355).to_bytes(2, "little")
 
 
-def test_missing_signals_say_not_available():
+def test_missing_signals_are_not_available():
     frame = encode(EEC1())
     assert frame.data == b"\xff" * 8
     assert decode(frame).group.engine_speed_rpm is Status.NOT_AVAILABLE
@@ -133,7 +133,7 @@ def test_missing_signals_say_not_available():
         (b"\xff\xff\xff\x00\xfb\xff\xff\xff", Status.OUT_OF_RANGE),
     ],
 )
-def test_codes_of_a_16_bit_signal_are_told_apart(data, status):
+def test_codes_of_a_16_bit_signal_are_distinguished(data, status):
     decoded = decode(Frame(make_id(3, 61444, 0), data))
     assert decoded.group.engine_speed_rpm is status
     with pytest.raises(BusError, match=status.value):
@@ -145,14 +145,14 @@ def test_error_code_can_be_sent():
     assert frame.data[1] == 0xFE
 
 
-def test_groups_match_from_any_source_and_unknown_groups_pass():
+def test_groups_are_decoded_from_any_source_and_unknown_groups_are_none():
     frame = encode(EEC1(engine_speed_rpm=700.0), source=0x31)
     assert decode(frame).group.number("engine_speed_rpm") == 700.0
     assert decode(frame).source == 0x31
     assert decode(Frame(make_id(6, 65260, 0), b"\x00" * 8)) is None
 
 
-def test_bad_values_are_refused_with_their_names():
+def test_invalid_values_are_refused_with_their_names():
     with pytest.raises(BusError, match="engine_speed_rpm"):
         encode(EEC1(engine_speed_rpm=float("nan")))
     with pytest.raises(BusError, match="engine_speed_rpm"):
@@ -183,19 +183,19 @@ def test_retarder_torque_is_byte_2_of_erc1_in_percent_above_minus_125():
     assert frame.data[1] == 85
 
 
-def test_torque_control_to_the_driveline_retarder_is_known_to_the_byte():
+def test_identifier_of_torque_control_to_the_driveline_retarder():
     frame = encode(TSC1(override_control_mode=2), destination=0x10)
     assert frame.can_id == 0x0C00102A
 
 
-def test_manual_page_is_made_from_the_dbc_and_the_table_of_signals():
+def test_manual_page_is_up_to_date_with_dbc_and_table_of_signals():
     page = PAGE.read_text(encoding="utf-8")
     assert fill(page) == page, "run `python tools/j1939_manual.py`"
     for name in tables():
         assert f"<!-- begin {name} -->" in page
 
 
-def test_every_row_of_the_table_is_a_signal_of_the_dbc_and_said_once():
+def test_every_row_of_the_table_is_a_unique_signal_of_the_dbc():
     for rows in (commands(), reports()):
         keys = [(row.message, row.signal, row.address) for row in rows]
         assert len(set(keys)) == len(keys)
@@ -233,11 +233,11 @@ def test_a_typed_message_is_an_immutable_value_that_can_be_copied_and_pickled():
     assert IitsTrailer(articulation=0.5).MESSAGE == "IITS_TRAILER"
 
 
-def test_a_typed_message_left_empty_knows_nothing():
+def test_fields_of_a_typed_message_default_to_not_available():
     assert {value for _, value in EEC1().items()} == {NOT_AVAILABLE}
 
 
-def test_a_code_that_a_signal_does_not_have_is_refused():
+def test_a_status_without_a_code_is_refused():
     with pytest.raises(BusError, match="no code"):
         encode(XBR(xbr_control_mode=Status.ERROR))
     with pytest.raises(BusError, match="no code"):
@@ -245,7 +245,7 @@ def test_a_code_that_a_signal_does_not_have_is_refused():
 
 
 @pytest.mark.parametrize("name", message_names())
-def test_each_field_is_where_the_dbc_has_it(name):
+def test_each_field_agrees_with_cantools(name):
     # Against cantools' own physical values, signal by signal.
     layout = layouts().get_message_by_name(name)
     for signal in layout.signals:
@@ -258,7 +258,7 @@ def test_each_field_is_where_the_dbc_has_it(name):
 
 
 @pytest.mark.parametrize("name", message_names())
-def test_each_signal_alone_has_the_place_that_it_has_in_the_message(name):
+def test_a_partial_codec_places_each_signal_as_the_whole_message(name):
     for field in dataclasses.fields(group_type(name)):
         alone = codec_of(name).part({field.name: 1.0})
         data = alone.pack([1.0], saturate=True)
@@ -269,7 +269,7 @@ def test_each_signal_alone_has_the_place_that_it_has_in_the_message(name):
         assert value == getattr(group, field.name)
 
 
-def test_values_are_in_the_caller_s_unit_both_ways():
+def test_values_are_converted_to_and_from_the_callers_unit():
     engine = codec_of("EEC1").part({"engine_speed_rpm": math.pi / 30.0})
     data = engine.pack([100.0])
     assert data == pack(make_group("EEC1", {"engine_speed_rpm": 100.0 / (math.pi / 30.0)}))
@@ -277,7 +277,7 @@ def test_values_are_in_the_caller_s_unit_both_ways():
     assert speed == pytest.approx(100.0, abs=0.5 * 0.125 * math.pi / 30.0)
 
 
-def test_what_is_refused_is_told_in_the_caller_s_unit():
+def test_range_errors_are_in_the_callers_unit():
     pedal = codec_of("EEC2").part({"accelerator_pedal_position_percent": 0.01})
     with pytest.raises(BusError, match=r"= 1\.5: allowed is 0 to 1$"):
         pedal.pack([1.5])
@@ -287,24 +287,24 @@ def test_what_is_refused_is_told_in_the_caller_s_unit():
 
 
 @pytest.mark.parametrize("value", [None, Status.NOT_AVAILABLE])
-def test_what_nobody_knows_is_all_ones(value):
+def test_unknown_values_are_all_ones(value):
     speed = codec_of("EEC1").part({"engine_speed_rpm": 1.0})
     assert speed.pack([value]) == b"\xff" * 8
     assert speed.unpack(b"\xff" * 8) == [Status.NOT_AVAILABLE]
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 10**400])
-def test_no_number_gets_into_a_message_that_is_none(value):
-    with pytest.raises(BusError, match="a finite number is wanted"):
+def test_numbers_that_are_not_finite_are_refused(value):
+    with pytest.raises(BusError, match="a finite number is needed"):
         codec_of("EEC1").part({"engine_speed_rpm": 2.0}).pack([value], saturate=True)
 
 
-def test_a_part_of_a_message_has_the_message_s_length():
-    with pytest.raises(BusError, match="EEC1 has 7 bytes: 8 are wanted"):
+def test_a_partial_codec_has_the_length_of_the_message():
+    with pytest.raises(BusError, match="EEC1 has 7 bytes: 8 are needed"):
         codec_of("EEC1").part({}).unpack(bytes(7))
 
 
-def test_the_identifier_is_the_sender_s_and_receiver_s():
+def test_the_identifier_contains_sender_and_receiver():
     frame = Frame(identifier("TSC1", 0x2A, 0x10), b"")
     assert (frame.source, frame.destination, name_of(frame.pgn)) == (0x2A, 0x10, "TSC1")
     assert name_of(0xFFFF) is None
@@ -312,7 +312,7 @@ def test_the_identifier_is_the_sender_s_and_receiver_s():
         identifier("TSC1", 300)
 
 
-def test_a_frame_never_changes():
+def test_a_frame_is_immutable():
     frame = Frame(1, b"\x00", 0.5)
     for name in ("can_id", "data", "time"):
         with pytest.raises(dataclasses.FrozenInstanceError):

@@ -15,18 +15,17 @@ from iits_mj.j1939 import (
 )
 from iits_mj.j1939.groups import EC1, RC
 
-# Texts as control units of real trucks send them: fields left empty, the last "*" left out.
 NO_FAULT = bytes.fromhex("00ff00000000ffff")
 
 
-def test_vehicle_identification_ends_at_its_star():
+def test_vehicle_identification_ends_at_the_asterisk():
     group = read_group(65260, b"TESTVIN0123456789*")
     assert group == VehicleIdentification("TESTVIN0123456789")
     assert group.to_bytes() == b"TESTVIN0123456789*"
     assert read_group(65260, b"TESTVIN0123456789\xff\xff") == group
 
 
-def test_component_identification_has_four_fields_and_those_left_out_are_empty():
+def test_missing_fields_of_component_identification_are_empty():
     assert read_group(65259, b"MAKE1*M-1*123*7*") == ComponentIdentification(
         "MAKE1", "M-1", "123", "7"
     )
@@ -36,13 +35,13 @@ def test_component_identification_has_four_fields_and_those_left_out_are_empty()
     )
 
 
-def test_software_identification_has_as_many_fields_as_it_says():
+def test_software_identification_has_the_stated_number_of_fields():
     assert read_group(65242, b"\x0249_02*0040**junk*") == SoftwareIdentification(("49_02", "0040"))
     assert read_group(65242, b"\x03A*B") == SoftwareIdentification(("A", "B"))
     assert read_group(65242, b"\x00") == SoftwareIdentification(())
 
 
-def test_text_that_is_none_does_not_get_through():
+def test_invalid_texts_are_replaced_or_refused():
     assert read_group(65260, b"A\x07B\xe9C*").vehicle_identification_number == "A?B?C"
     with pytest.raises(BusError, match="vehicle_identification_number"):
         VehicleIdentification("A*B").to_bytes()
@@ -61,7 +60,7 @@ words = st.text("ABC123 -_.", max_size=20).map(str.strip)
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(words, min_size=4, max_size=4), st.lists(words, max_size=8).map(tuple))
-def test_identities_come_back_as_they_were(fields, versions):
+def test_identifications_are_read_back_unchanged(fields, versions):
     for group in (
         VehicleIdentification(fields[0]),
         ComponentIdentification(*fields),
@@ -70,7 +69,7 @@ def test_identities_come_back_as_they_were(fields, versions):
         assert read_group(group.PGN, group.to_bytes()) == group
 
 
-def test_a_unit_without_faults_says_so_in_one_frame():
+def test_a_unit_without_faults_sends_one_frame():
     faults = read_group(65226, NO_FAULT)
     assert faults.faults == ()
     assert faults.malfunction_lamp == 0.0
@@ -78,7 +77,7 @@ def test_a_unit_without_faults_says_so_in_one_frame():
     assert faults.to_bytes() == NO_FAULT
 
 
-def test_fault_codes_are_known_to_the_bit():
+def test_fault_codes_known_answers():
     # Amber lamp; SPN 100 (oil pressure) too low (FMI 1), five times.
     faults = read_group(65226, bytes.fromhex("04ff64000105ffff"))
     assert faults.amber_warning_lamp == 1.0
@@ -97,7 +96,7 @@ def test_seven_faults_take_thirty_bytes():
     assert read_group(65226, data) == group
 
 
-def test_faults_that_cannot_be_are_refused():
+def test_invalid_faults_are_refused():
     for fault in (Fault(1 << 19, 0), Fault(1, 32), Fault(1, 1, 128), Fault(-1, 1)):
         with pytest.raises(BusError, match=r"fault's \w+ = "):
             ActiveFaults(faults=(fault,)).to_bytes()
@@ -119,12 +118,12 @@ some_faults = st.builds(
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(lamps, min_size=8, max_size=8), st.lists(some_faults, max_size=12).map(tuple))
-def test_faults_come_back_as_they_were(switches, faults):
+def test_faults_are_read_back_unchanged(switches, faults):
     group = ActiveFaults(*switches, faults)
     assert read_group(65226, group.to_bytes()) == group
 
 
-def test_reference_torque_stands_in_bytes_20_and_21_of_the_engine_configuration():
+def test_reference_torque_is_bytes_20_and_21_of_the_engine_configuration():
     data = bytearray(b"\xff" * 39)
     data[19:21] = (2200).to_bytes(2, "little")
     assert read_group(65251, bytes(data)) == EC1(reference_engine_torque_nm=2200.0)
@@ -157,7 +156,7 @@ def test_older_and_newer_engine_configurations_are_shorter_and_longer():
         read_group(65251, data[:27])
 
 
-def test_retarder_configuration_is_known_to_the_byte():
+def test_retarder_configuration_known_answer():
     group = RC(retarder_type=1.0, retarder_location=3.0, reference_retarder_torque_nm=3200.0)
     data = bytearray(b"\xff" * 19)
     data[0] = 0x31

@@ -1,4 +1,4 @@
-"""The same drive commanded in process and through bytes."""
+"""The same drive with direct commands and with commands over the bus."""
 
 import numpy as np
 import pytest
@@ -47,9 +47,9 @@ def over_the_bus():
     return speeds(pass_on)
 
 
-def test_a_drive_through_bytes_is_the_drive_in_process_up_to_the_signals_steps():
+def test_a_drive_over_the_bus_equals_the_direct_drive_within_the_signals_resolution():
     direct, bus = speeds(lambda command, cycle, time: command), over_the_bus()
-    # Every part of the drive did something.
+    # Every part of the drive changes the speed.
     assert direct[149] > direct[299] + 0.8
     assert direct[299] > direct[399] + 1.5
     assert direct[399] > direct[499] + 1.5
@@ -57,11 +57,11 @@ def test_a_drive_through_bytes_is_the_drive_in_process_up_to_the_signals_steps()
     assert np.abs(bus - direct).max() > 0.0
 
 
-def test_a_drive_through_bytes_repeats_bit_for_bit():
+def test_a_drive_over_the_bus_is_bit_reproducible():
     assert np.array_equal(over_the_bus(), over_the_bus())
 
 
-def test_retarder_brakes_until_its_message_has_been_silent_for_its_time_out():
+def test_retarder_releases_after_the_time_out_of_its_message():
     truck = Truck.load(payload=0.0, visuals=False)
     truck.reset(speed=20.0)
     receiver = CommandReceiver()

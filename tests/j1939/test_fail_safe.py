@@ -1,4 +1,4 @@
-"""The fail-safe matrix: every command message against everything that can be wrong with it."""
+"""The fail-safe matrix: every command message against every fault."""
 
 import dataclasses
 import math
@@ -36,7 +36,7 @@ FIRST = VehicleCommand(
     brake_pedal=0.2,
     xbr_ebi_mode=XbrEbiMode.INTEGRATION,
 )
-# Another value for every field, so that whatever is taken of it shows.
+# Another value for every field, so that any accepted field is visible.
 OTHER = VehicleCommand(
     accelerator_pedal=0.9,
     xbr_demand=-6.0,
@@ -81,7 +81,7 @@ def frame_of(unit, command, counter, time, source=None, priority=None):
 
 
 def sealed(unit, frame):
-    """With the checksum that its content asks for."""
+    """The frame with the right checksum."""
     if unit == "EEC2":
         return frame
     check = tsc1_checksum if unit.startswith("TSC1") else xbr_checksum
@@ -89,14 +89,14 @@ def sealed(unit, frame):
 
 
 def edited(unit, frame, first_bit, length, raw):
-    """The frame with a field replaced, and a checksum that is right."""
+    """The frame with another value of a field, and the right checksum."""
     word = int.from_bytes(frame.data, "little")
     word = word & ~((1 << length) - 1 << first_bit) | raw << first_bit
     return sealed(unit, dataclasses.replace(frame, data=word.to_bytes(8, "little")))
 
 
 def driven():
-    """A receiver that has heard the first command at 0 s, with counter 3."""
+    """A receiver that received the first command at 0 s, with counter 3."""
     receiver = CommandReceiver()
     for frame in command_to_frames(FIRST, 3, 0.0):
         assert receiver.receive(frame)
@@ -107,8 +107,8 @@ def counts(receiver):
     return {**receiver.rejected, **receiver.ignored}
 
 
-def never_acted_upon(unit, frame, reason):
-    """Asserts that a frame changes nothing, is counted by its reason, and prolongs nothing."""
+def assert_rejected(unit, frame, reason):
+    """Asserts that a frame has no effect, is counted by its reason, and extends no time-out."""
     receiver = driven()
     before = receiver.command(0.04)
     assert not receiver.receive(frame)
@@ -116,7 +116,7 @@ def never_acted_upon(unit, frame, reason):
     name = "TSC1" if reason in (Reason.ADDRESS, Reason.SENDER) and unit[0] == "T" else unit
     assert counts(receiver) == {f"{name}: {reason.value}": 1}
     assert receiver.command(0.3) == driven().command(0.3)
-    # The good one that follows is obeyed.
+    # The following valid frame is obeyed.
     following = frame_of(unit, OTHER, 4, 0.06)
     if reason not in (Reason.OUT_OF_RANGE, Reason.ERROR, Reason.NOT_AVAILABLE):
         assert receiver.receive(following)
@@ -128,7 +128,7 @@ def test_silence_ends_a_command_after_its_time_out_and_not_before(unit):
     first, released = driven().command(0.0), VehicleCommand()
 
     def asked(time):
-        """The command at a time, while the others keep talking."""
+        """The command at a time, while the other messages are still sent."""
         receiver = driven()
         for k in range(1, math.floor(time / 0.01) + 1):
             for other in UNITS:
@@ -141,18 +141,18 @@ def test_silence_ends_a_command_after_its_time_out_and_not_before(unit):
         assert getattr(within, name) == getattr(first, name)
         left = first if unit == "IITS_COMMAND" else released
         assert getattr(after, name) == getattr(left, name)
-    # Nobody steers: nobody drives.
+    # Without steering, the accelerator is released.
     assert (after.accelerator_pedal == 0.0) == (unit in ("EEC2", "IITS_COMMAND"))
 
 
 @pytest.mark.parametrize("unit", PROTECTED)
-def test_a_repeated_counter_is_never_acted_upon(unit):
-    never_acted_upon(unit, frame_of(unit, OTHER, 3, 0.04), Reason.REPEATED)
+def test_a_repeated_counter_is_rejected(unit):
+    assert_rejected(unit, frame_of(unit, OTHER, 3, 0.04), Reason.REPEATED)
 
 
 @pytest.mark.parametrize("unit", PROTECTED)
 @pytest.mark.parametrize("skip", [2, 3, 7])
-def test_frames_lost_on_the_way_are_counted_and_the_one_that_arrives_is_obeyed(unit, skip):
+def test_lost_frames_are_counted_and_the_next_frame_is_obeyed(unit, skip):
     receiver = driven()
     assert receiver.receive(frame_of(unit, OTHER, 3 + skip, 0.04))
     assert receiver.command(0.04) != driven().command(0.04)
@@ -161,7 +161,7 @@ def test_frames_lost_on_the_way_are_counted_and_the_one_that_arrives_is_obeyed(u
 
 
 @pytest.mark.parametrize("unit", PROTECTED)
-def test_every_second_frame_lost_leaves_the_truck_under_command(unit):
+def test_the_command_stays_in_force_with_every_second_frame_lost(unit):
     receiver = driven()
     for k in range(1, 50):
         assert receiver.receive(frame_of(unit, OTHER, 3 + 2 * k, 0.04 * k))
@@ -170,7 +170,7 @@ def test_every_second_frame_lost_leaves_the_truck_under_command(unit):
 
 
 @pytest.mark.parametrize("unit", PROTECTED)
-def test_a_wrong_checksum_is_never_acted_upon(unit):
+def test_a_wrong_checksum_is_rejected(unit):
     good = frame_of(unit, OTHER, 4, 0.04)
     for bit in range(64):
         word = int.from_bytes(good.data, "little") ^ 1 << bit
@@ -179,7 +179,7 @@ def test_a_wrong_checksum_is_never_acted_upon(unit):
         assert receiver.command(0.04) == driven().command(0.04)
         assert sum(receiver.rejected.values()) == 1
     wrong = with_byte8(good, 4, good.data[7] >> 4 ^ 1)
-    never_acted_upon(unit, wrong, Reason.CHECKSUM)
+    assert_rejected(unit, wrong, Reason.CHECKSUM)
 
 
 OUT, ERROR, MISSING = Reason.OUT_OF_RANGE, Reason.ERROR, Reason.NOT_AVAILABLE
@@ -202,7 +202,7 @@ FIELD_FAULTS = [
         (unit, first, length, raw, reason)
         for unit in ("TSC1 to 15", "TSC1 to 16")
         for first, length, raw, reason in (
-            # -101 and +1 percent; speed control and limits; counters that there are not.
+            # -101 and +1 percent; speed control and limits; undefined counters.
             (24, 8, 24, OUT),
             (24, 8, 126, OUT),
             (24, 8, 0xFB, OUT),
@@ -230,11 +230,11 @@ FIELD_FAULTS = [
 
 
 @pytest.mark.parametrize(("unit", "first", "length", "raw", "reason"), FIELD_FAULTS)
-def test_a_field_that_is_not_valid_is_never_acted_upon(unit, first, length, raw, reason):
-    never_acted_upon(unit, edited(unit, frame_of(unit, OTHER, 4, 0.04), first, length, raw), reason)
+def test_an_invalid_field_is_rejected(unit, first, length, raw, reason):
+    assert_rejected(unit, edited(unit, frame_of(unit, OTHER, 4, 0.04), first, length, raw), reason)
 
 
-def test_a_selector_that_there_is_not_is_never_acted_upon():
+def test_an_undefined_selector_position_is_rejected():
     receiver = driven()
     good = frame_of("IITS_COMMAND", OTHER, 4, 0.04)
     assert not receiver.receive(edited("IITS_COMMAND", good, 20, 2, 3))
@@ -243,7 +243,7 @@ def test_a_selector_that_there_is_not_is_never_acted_upon():
 
 
 @pytest.mark.parametrize("unit", PROTECTED)
-def test_a_frame_with_a_bad_field_does_not_break_the_sequence(unit):
+def test_a_frame_with_an_invalid_field_does_not_break_the_sequence(unit):
     receiver = driven()
     first, length, raw = (24, 8, 0xFE) if unit.startswith("TSC1") else (0, 16, 0xFE00)
     bad = edited(unit, frame_of(unit, OTHER, 4, 0.04), first, length, raw)
@@ -253,34 +253,34 @@ def test_a_frame_with_a_bad_field_does_not_break_the_sequence(unit):
 
 @pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("length", [0, 1, 7])
-def test_a_wrong_length_is_never_acted_upon(unit, length):
+def test_a_wrong_length_is_rejected(unit, length):
     good = frame_of(unit, OTHER, 4, 0.04)
-    never_acted_upon(unit, dataclasses.replace(good, data=good.data[:length]), Reason.LENGTH)
+    assert_rejected(unit, dataclasses.replace(good, data=good.data[:length]), Reason.LENGTH)
 
 
 @pytest.mark.parametrize("unit", ["XBR", "TSC1 to 15", "TSC1 to 16"])
 @pytest.mark.parametrize("destination", [0x00, 0x0C, 0x31, 0xFE])
-def test_a_wrong_destination_is_never_acted_upon(unit, destination):
+def test_a_wrong_destination_is_ignored(unit, destination):
     good = frame_of(unit, OTHER, 4, 0.04)
     can_id = good.can_id & ~0xFF00 | destination << 8
     elsewhere = sealed(unit, dataclasses.replace(good, can_id=can_id))
-    never_acted_upon(unit, elsewhere, Reason.ADDRESS)
+    assert_rejected(unit, elsewhere, Reason.ADDRESS)
 
 
 @pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("source", [0x00, 0x03, 0x0B, 0x0F, 0x10, 0xFE, 0xFF])
-def test_the_trucks_own_addresses_and_no_address_are_never_acted_upon(unit, source):
-    never_acted_upon(unit, frame_of(unit, OTHER, 4, 0.04, source), Reason.SENDER)
+def test_the_trucks_own_the_null_and_the_global_address_are_ignored(unit, source):
+    assert_rejected(unit, frame_of(unit, OTHER, 4, 0.04, source), Reason.SENDER)
 
 
 @pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("time", [math.nan, math.inf, -math.inf])
-def test_a_time_that_is_not_finite_is_never_acted_upon(unit, time):
-    never_acted_upon(unit, frame_of(unit, OTHER, 4, time), Reason.TIME)
+def test_a_time_that_is_not_finite_is_rejected(unit, time):
+    assert_rejected(unit, frame_of(unit, OTHER, 4, time), Reason.TIME)
 
 
 @pytest.mark.parametrize("unit", UNITS)
-def test_a_frame_that_was_overtaken_is_never_acted_upon(unit):
+def test_an_older_frame_is_rejected(unit):
     receiver = driven()
     assert receiver.receive(frame_of(unit, FIRST, 4, 0.04))
     assert not receiver.receive(frame_of(unit, OTHER, 5, 0.02))
@@ -289,7 +289,7 @@ def test_a_frame_that_was_overtaken_is_never_acted_upon(unit):
 
 
 @pytest.mark.parametrize("unit", UNITS)
-def test_a_clock_that_starts_anew_locks_nobody_out(unit):
+def test_senders_are_obeyed_again_after_the_clock_restarts(unit):
     receiver = CommandReceiver()
     receiver.receive(frame_of("IITS_COMMAND", FIRST, 3, 3600.0))
     assert receiver.receive(frame_of(unit, FIRST, 4, 3600.0))
@@ -300,7 +300,7 @@ def test_a_clock_that_starts_anew_locks_nobody_out(unit):
     assert getattr(receiver.command(0.0), name) == pytest.approx(wanted, abs=0.01)
 
 
-def test_a_frame_of_the_far_future_commands_nothing_now():
+def test_a_frame_of_the_far_future_is_not_in_force():
     receiver = CommandReceiver()
     for frame in command_to_frames(FIRST, 0, 1000.0):
         receiver.receive(frame)
@@ -310,13 +310,13 @@ def test_a_frame_of_the_far_future_commands_nothing_now():
     assert command.retarder == 0.0
 
 
-def test_the_safe_command_stands_at_a_time_that_is_not_a_number():
+def test_the_command_at_a_time_that_is_not_a_number_is_the_safe_one():
     command = driven().command(math.nan)
     assert (command.accelerator_pedal, command.xbr_mode) == (0.0, XbrMode.OFF)
     assert (command.engine_brake, command.retarder) == (0.0, 0.0)
 
 
-def test_a_sender_that_is_stuck_does_not_come_back_by_waiting():
+def test_a_sender_with_a_stuck_counter_does_not_recover_by_waiting():
     receiver = driven()
     for k in range(1, 50):
         time = 0.3 * k
@@ -326,7 +326,7 @@ def test_a_sender_that_is_stuck_does_not_come_back_by_waiting():
     assert receiver.rejected["XBR: counter repeated"] == 49
 
 
-def test_after_a_bus_off_the_first_frames_are_obeyed_whatever_their_counter():
+def test_the_first_frames_after_a_bus_off_are_obeyed_with_any_counter():
     receiver = driven()
     assert receiver.command(5.0).accelerator_pedal == 0.0
     for frame in command_to_frames(OTHER, 12, 5.0):
@@ -337,7 +337,7 @@ def test_after_a_bus_off_the_first_frames_are_obeyed_whatever_their_counter():
     assert not receiver.rejected
 
 
-def test_four_frames_lost_in_a_row_are_not_felt():
+def test_four_consecutive_lost_frames_leave_the_command_in_force():
     receiver = CommandReceiver()
     for k in range(100):
         if k % 10 > 3:
@@ -348,7 +348,7 @@ def test_four_frames_lost_in_a_row_are_not_felt():
             assert k < 5 or receiver.command(0.02 * k + later).xbr_mode is XbrMode.MAXIMUM
 
 
-def test_with_one_frame_in_ten_lost_the_truck_is_driven():
+def test_the_command_stays_in_force_with_one_frame_in_ten_lost():
     receiver = CommandReceiver()
     for k in range(100):
         if k % 10:
@@ -357,11 +357,11 @@ def test_with_one_frame_in_ten_lost_the_truck_is_driven():
         assert k < 1 or receiver.command(0.02 * k).xbr_mode is XbrMode.MAXIMUM
 
 
-def test_the_end_stops_are_the_trucks():
+def test_the_end_stops_are_those_of_the_truck():
     assert TruckParameters.load().steering.angle_max == STEERING_ANGLE_MAX
 
 
-def test_the_lowest_brake_demand_is_the_models():
+def test_the_lowest_brake_demand_is_that_of_the_model():
     control = Truck.load(payload=0.0, visuals=False).model.actuator("xbr_demand")
     assert tuple(control.ctrlrange) == (XBR_DEMAND_MIN, 0.0)
 
@@ -374,7 +374,7 @@ def test_an_angle_at_the_end_stop_is_not_rounded_beyond_it():
         assert abs(receiver.command(0.0).steering_wheel_angle) <= STEERING_ANGLE_MAX
 
 
-def test_what_the_truck_reports_commands_nothing():
+def test_the_trucks_own_reports_are_no_commands():
     receiver = CommandReceiver()
     for frame in state_to_frames(EgoState(engine_speed=120.0, speed=20.0)):
         assert not receiver.receive(frame)
@@ -382,14 +382,11 @@ def test_what_the_truck_reports_commands_nothing():
     assert not receiver.rejected
 
 
-# Several senders --------------------------------------------------------------------------------
-
-
 def braking(demand, mode=XbrMode.MAXIMUM):
     return VehicleCommand(xbr_demand=demand, xbr_mode=mode)
 
 
-def test_the_strongest_of_equal_brake_demands_counts():
+def test_the_strongest_brake_demand_of_equal_priority_is_obeyed():
     receiver = CommandReceiver()
     receiver.receive(frame_of("XBR", braking(-2.0), 0, 0.0, 0x2A))
     receiver.receive(frame_of("XBR", braking(-5.0), 9, 0.0, 0x30))
@@ -397,7 +394,7 @@ def test_the_strongest_of_equal_brake_demands_counts():
     assert receiver.command(0.0).xbr_demand == pytest.approx(-5.0, abs=0.001)
 
 
-def test_the_priority_of_a_brake_demand_counts_before_its_strength():
+def test_the_brake_demand_with_the_highest_priority_is_obeyed():
     receiver = CommandReceiver()
     receiver.receive(frame_of("XBR", braking(-1.0, XbrMode.ADDITION), 0, 0.0, 0x2A, priority=0))
     receiver.receive(frame_of("XBR", braking(-8.0), 0, 0.0, 0x30, priority=1))
@@ -406,7 +403,7 @@ def test_the_priority_of_a_brake_demand_counts_before_its_strength():
     assert command.xbr_mode is XbrMode.ADDITION
 
 
-def test_a_brake_demand_that_is_silent_or_off_leaves_the_other_one():
+def test_a_silent_or_released_brake_demand_leaves_the_other_one_in_force():
     receiver = CommandReceiver()
     receiver.receive(frame_of("XBR", braking(-8.0), 0, 0.0, 0x30, priority=0))
     for k in range(6):
@@ -420,7 +417,7 @@ def test_a_brake_demand_that_is_silent_or_off_leaves_the_other_one():
 @pytest.mark.parametrize(
     ("unit", "field"), [("TSC1 to 15", "engine_brake"), ("TSC1 to 16", "retarder")]
 )
-def test_retarder_requests_go_by_priority_then_by_strength(unit, field):
+def test_retarder_requests_are_ranked_by_priority_then_by_strength(unit, field):
     receiver = CommandReceiver()
 
     def ask(share, source, priority, counter=0):
@@ -447,7 +444,7 @@ def test_each_sender_has_its_own_counter(unit):
 
 
 @pytest.mark.parametrize("unit", ["EEC2", "IITS_COMMAND"])
-def test_pedal_and_steering_belong_to_who_holds_them_until_it_is_silent(unit):
+def test_pedal_and_steering_belong_to_the_first_sender_until_it_is_silent(unit):
     receiver = CommandReceiver()
     time_out = 0.25 if unit == "EEC2" else 0.1
     name = FIELDS[unit][0]
@@ -467,13 +464,13 @@ def test_pedal_and_steering_belong_to_who_holds_them_until_it_is_silent(unit):
         wanted = OTHER if taken else FIRST
         if time <= 0.1 + time_out or taken:
             assert value(time) == pytest.approx(getattr(wanted, name), abs=0.003)
-    # Who held it before has to wait in turn.
+    # The previous holder has to wait now.
     assert not receiver.receive(frame_of(unit, FIRST, 20, 0.4, 0x2A))
     assert receiver.ignored[f"{unit}: held by another sender"] > 5
     assert not receiver.rejected
 
 
-def test_named_sources_are_the_only_ones_obeyed():
+def test_only_the_given_sources_are_obeyed():
     receiver = CommandReceiver(sources={0x00, 0x31})
     assert receiver.receive(frame_of("EEC2", FIRST, 0, 0.0, 0x00))
     assert receiver.receive(frame_of("XBR", FIRST, 0, 0.0, 0x31))
@@ -482,12 +479,9 @@ def test_named_sources_are_the_only_ones_obeyed():
 
 
 @pytest.mark.parametrize("sources", [{254}, {-1}, {1.5}, {"42"}, {True}])
-def test_sources_that_are_no_address_are_refused(sources):
+def test_sources_that_are_no_addresses_are_refused(sources):
     with pytest.raises(InputError, match="source"):
         CommandReceiver(sources=sources)
-
-
-# Time-outs and loss -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(TimeOuts)])
@@ -509,11 +503,11 @@ def test_time_outs_are_five_periods_of_the_message():
         assert time_out == pytest.approx(5.0 * cycle_time(message))
 
 
-def test_the_page_tells_the_time_outs_as_they_are():
+def test_the_manual_page_has_the_present_time_outs():
     page = ROOT / "docs" / "j1939_fail_safe.md"
-    told = dict(re.findall(r"^\| (\S[^|]*) \| ([\d.]+) s(?: each)? \|", page.read_text(), re.M))
+    shown = dict(re.findall(r"^\| (\S[^|]*) \| ([\d.]+) s(?: each)? \|", page.read_text(), re.M))
     limits = TimeOuts()
-    assert {name: float(seconds) for name, seconds in told.items()} == {
+    assert {name: float(seconds) for name, seconds in shown.items()} == {
         "EEC2": limits.pedal,
         "XBR": limits.xbr,
         "TSC1 to 15, to 16": limits.engine_retarder,
@@ -535,13 +529,13 @@ def test_a_new_receiver_has_lost_the_driver_but_no_command():
     assert loss.driver
 
 
-def test_nothing_is_lost_while_everything_is_heard():
+def test_no_command_is_lost_while_all_are_received():
     loss = driven().loss(0.05)
     assert loss.silent == ()
     assert not loss.driver
 
 
-def test_silence_is_told_message_by_message():
+def test_silence_is_reported_per_message():
     receiver = driven()
     assert receiver.loss(0.2).silent == ("xbr", "body")
     everything = ("pedal", "xbr", "engine_retarder", "driveline_retarder", "body")
@@ -549,7 +543,7 @@ def test_silence_is_told_message_by_message():
     assert receiver.loss(0.3).driver
 
 
-def test_a_driver_who_steers_but_whose_pedal_is_silent_is_lost():
+def test_the_driver_is_lost_when_the_accelerator_falls_silent():
     receiver = CommandReceiver()
     for k in range(20):
         receiver.receive(frame_of("IITS_COMMAND", FIRST, k, 0.02 * k))
@@ -559,7 +553,7 @@ def test_a_driver_who_steers_but_whose_pedal_is_silent_is_lost():
     assert receiver.loss(0.38).driver
 
 
-def test_a_brake_demand_that_falls_silent_while_it_brakes_is_a_lost_driver():
+def test_the_driver_is_lost_when_an_active_brake_demand_falls_silent():
     receiver = CommandReceiver()
     for k in range(20):
         receiver.receive(frame_of("IITS_COMMAND", FIRST, k, 0.02 * k))
@@ -570,7 +564,7 @@ def test_a_brake_demand_that_falls_silent_while_it_brakes_is_a_lost_driver():
     assert receiver.loss(0.3).driver
 
 
-def test_a_brake_demand_that_was_released_is_not_lost():
+def test_a_released_brake_demand_is_not_lost():
     receiver = CommandReceiver()
     assert receiver.receive(frame_of("XBR", VehicleCommand(), 0, 0.0))
     assert receiver.receive(frame_of("TSC1 to 16", VehicleCommand(), 0, 0.0))

@@ -38,7 +38,7 @@ def test_any_eight_bytes_decode_to_finite_numbers_or_a_status(name, data):
 
 @settings(max_examples=400, deadline=None)
 @given(name=st.sampled_from(SHORT), data=EIGHT_BYTES)
-def test_encode_undoes_decode_on_the_grid(name, data):
+def test_encode_inverts_decode_on_the_grid(name, data):
     first = decode(Frame(make_id(6, pgn_of(name), 0), data))
     known = {k: v for k, v in first.group.items() if v is not Status.OUT_OF_RANGE}
     again = decode(encode(make_group(name, known)))
@@ -48,7 +48,7 @@ def test_encode_undoes_decode_on_the_grid(name, data):
 
 @settings(max_examples=400, deadline=None)
 @given(name=st.sampled_from(message_names()), data=st.data())
-def test_numbers_are_those_that_cantools_reads_and_bytes_those_that_it_writes(name, data):
+def test_numbers_and_bytes_agree_with_cantools(name, data):
     layout = layouts().get_message_by_name(name)
     sent = data.draw(st.binary(min_size=layout.length, max_size=layout.length))
     theirs = layout.decode(sent, decode_choices=False)
@@ -57,7 +57,7 @@ def test_numbers_are_those_that_cantools_reads_and_bytes_those_that_it_writes(na
     known = {signal: value for signal, value in ours.items() if not isinstance(value, Status)}
     for signal, value in known.items():
         assert value == pytest.approx(theirs[signal], rel=1e-12, abs=1e-12)
-    # What is left out is all ones, as J1939 has what is not available.
+    # Unavailable signals are all ones.
     ones = {s.name: (1 << s.length) - 1 for s in layout.signals}
     raw = layout.decode(sent, decode_choices=False, scaling=False)
     raw = {signal: raw[signal] if signal in known else ones[signal] for signal in ones}
@@ -94,7 +94,7 @@ def test_random_frames_never_command_anything_out_of_range(ids, data, name, know
     shares=st.tuples(*[st.floats(0.0, 1.0)] * 3),
     ebi_mode=st.sampled_from(XbrEbiMode),
 )
-def test_every_lawful_command_survives(pedal, demand, mode, angle, counter, shares, ebi_mode):
+def test_every_valid_command_crosses_the_bus(pedal, demand, mode, angle, counter, shares, ebi_mode):
     command = VehicleCommand(
         pedal,
         demand,

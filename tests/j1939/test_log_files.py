@@ -33,7 +33,7 @@ def moved(frames, by):
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("start", [0.0, 1_753_900_000.25])
-def test_log_gives_the_frames_back_with_their_times(tmp_path, suffix, start):
+def test_log_is_read_back_with_its_times(tmp_path, suffix, start):
     frames = moved(FRAMES, start)
     path = write(tmp_path / f"drive{suffix}", frames)
     assert list(read_log(path)) == frames
@@ -47,7 +47,7 @@ def test_log_gives_the_frames_back_with_their_times(tmp_path, suffix, start):
     start=st.integers(0, 2_000_000_000 * 10**6),
     steps=st.lists(st.integers(0, 3 * 10**6), max_size=8),
 )
-def test_every_microsecond_survives(tmp_path, suffix, start, steps):
+def test_times_are_kept_to_the_microsecond(tmp_path, suffix, start, steps):
     times = [start + sum(steps[:i]) for i in range(len(steps) + 1)]
     frames = [Frame(0x18FEF100, b"\x00" * 8, round(time * 1e-6, 6)) for time in times]
     path = write(tmp_path / f"drive{suffix}", frames)
@@ -69,7 +69,7 @@ def test_other_tools_read_our_logs_as_extended_frames(tmp_path, suffix):
 
 
 @pytest.mark.parametrize("suffix", [".asc", ".blf", ".csv", ".log"])
-def test_frames_that_j1939_does_not_know_are_left_out(tmp_path, suffix):
+def test_frames_of_other_kinds_are_omitted(tmp_path, suffix):
     path = tmp_path / f"mixed{suffix}"
     with can.Logger(path) as logger:
         logger(can.Message(timestamp=1.0, arbitration_id=0x123, is_extended_id=False, data=b"a"))
@@ -79,13 +79,13 @@ def test_frames_that_j1939_does_not_know_are_left_out(tmp_path, suffix):
     assert [(f.can_id, f.data) for f in read_log(path)] == [(0x18FEF100, b"abc")]
 
 
-def test_can_fd_frames_are_left_out(tmp_path):
+def test_can_fd_frames_are_omitted(tmp_path):
     path = tmp_path / "fd.log"
     path.write_text("(1.0) can0 18FEF100##1001122334455667788\n(2.0) can0 18FEF100#00 R\n")
     assert [(f.data, f.time) for f in read_log(path)] == [(b"\x00", 2.0)]
 
 
-def test_a_log_runs_forward(tmp_path):
+def test_times_of_a_log_do_not_decrease(tmp_path):
     frames = [Frame(1, b"", 5.0), Frame(2, b"", 4.0), Frame(3, b"", 6.0)]
     for suffix in SUFFIXES:
         path = write(tmp_path / f"back{suffix}", frames)
@@ -105,7 +105,7 @@ CONSOLE = """
 
 
 @pytest.mark.parametrize("name", ["drive.txt", "drive.log", "no_suffix"])
-def test_console_text_of_candump_is_read_whatever_the_file_is_called(tmp_path, name):
+def test_console_text_of_candump_is_read_from_a_file_of_any_name(tmp_path, name):
     path = tmp_path / name
     path.write_text(CONSOLE)
     assert list(read_log(path)) == [
@@ -127,7 +127,7 @@ def test_console_text_with_dates_counts_from_1970(tmp_path, monkeypatch):
     assert second - first == pytest.approx(1.000002, abs=1e-6)
 
 
-def test_a_line_cut_off_by_a_power_cut_is_dropped_and_one_in_the_middle_is_an_error(tmp_path):
+def test_an_incomplete_last_line_is_dropped_and_one_in_the_middle_is_an_error(tmp_path):
     line = " (000.000000)  can1  18F11031   [8]  00 01 FF FF FF FF FF FF\n"
     path = tmp_path / "drive.txt"
     path.write_text(line + line[:50])
@@ -161,7 +161,7 @@ def test_a_loggers_blocks_are_read_with_their_microseconds(tmp_path):
         list(read_log(path))
 
 
-def test_a_wrong_suffix_does_no_harm(tmp_path):
+def test_a_log_with_a_wrong_suffix_is_read(tmp_path):
     for suffix in [".asc", ".blf", ".csv", ".log", ".trc"]:
         right = write(tmp_path / f"a{suffix}", FRAMES)
         wrong = right.rename(tmp_path / "wrong.bin")
@@ -175,7 +175,7 @@ def test_python_cans_database_is_read(tmp_path):
     assert list(read_log(path)) == [Frame(0x18FEF100, b"abc", 1.25)]
 
 
-def test_asc_of_another_tool_gives_the_date_where_it_has_one(tmp_path):
+def test_asc_of_another_tool_is_read_with_its_date(tmp_path):
     lines = (
         "date Sat Sep 30 15:06:13.191 2017\nbase hex  timestamps absolute\n"
         "internal events logged\n{}"
@@ -190,7 +190,7 @@ def test_asc_of_another_tool_gives_the_date_where_it_has_one(tmp_path):
     (frame,) = read_log(path)
     assert frame.time == 1.5
     path.write_text(lines.format("").replace("absolute", "relative"))
-    with pytest.raises(BusError, match="absolute ones are wanted"):
+    with pytest.raises(BusError, match="absolute ones are needed"):
         list(read_log(path))
 
 
@@ -217,14 +217,14 @@ def test_an_empty_log_has_no_frames(tmp_path, name):
         ("x.asc.gz", gzip.compress(b"date x\n" * 10, mtime=0)[:-9], "end"),
     ],
 )
-def test_a_file_that_is_no_log_or_broken_gives_one_clear_error(tmp_path, name, bytes_, why):
+def test_a_damaged_or_foreign_file_is_named_in_the_error(tmp_path, name, bytes_, why):
     path = tmp_path / name
     path.write_bytes(bytes_)
     with pytest.raises(BusError, match=rf"(?s)CAN log .*{name}.*cannot be read.*{why}"):
         list(read_log(path))
 
 
-def test_missing_files_and_folders_give_one_clear_error(tmp_path):
+def test_missing_files_and_folders_are_named_in_the_error(tmp_path):
     with pytest.raises(BusError, match=r"missing\.asc.*No such file"):
         list(read_log(tmp_path / "missing.asc"))
     with pytest.raises(BusError, match="cannot be read"):
@@ -234,13 +234,13 @@ def test_missing_files_and_folders_give_one_clear_error(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["drive.txt", "drive", "drive.blf.gz", "drive.mf4", "drive.db"])
-def test_a_suffix_that_is_not_written_is_refused_with_those_that_are(tmp_path, name):
+def test_an_unknown_suffix_is_refused_with_the_allowed_ones(tmp_path, name):
     with pytest.raises(BusError, match=r"must be one of \.asc, \.blf"):
         LogWriter(tmp_path / name)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_writer_refuses_what_has_no_time_and_what_comes_after_its_end(tmp_path):
+def test_a_writer_refuses_invalid_times_and_frames_after_closing(tmp_path):
     writer = LogWriter(tmp_path / "drive.log")
     for time in (math.nan, math.inf, -1e-6, 1e12):
         with pytest.raises(BusError, match="allowed"):
@@ -255,7 +255,7 @@ def test_a_writer_refuses_what_has_no_time_and_what_comes_after_its_end(tmp_path
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("times", [(0.0, 1e10), (1.7e9, 1e10)])
-def test_every_format_holds_every_time_that_is_allowed(tmp_path, suffix, times):
+def test_every_format_stores_every_allowed_time(tmp_path, suffix, times):
     path = tmp_path / f"drive{suffix}"
     with LogWriter(path) as writer:
         for time in times:
@@ -282,7 +282,7 @@ SAMPLES = {
     suffix=st.sampled_from(list(SAMPLES)),
     rest=st.binary(max_size=600) | st.text("0123456789ABCDEFx#() \n.[],;DTdrR", max_size=200),
 )
-def test_any_file_gives_frames_or_the_one_error(tmp_path, suffix, rest):
+def test_any_file_gives_frames_or_a_bus_error(tmp_path, suffix, rest):
     path = tmp_path / f"any{suffix}"
     path.write_bytes(SAMPLES[suffix] + (rest.encode() if isinstance(rest, str) else rest))
     frames, said = [], str(path)

@@ -1,4 +1,4 @@
-"""The one table of signals against DBC, model, messages, the standard's numbers and the page."""
+"""The table of signals against DBC, model, messages, the standard's numbers and the manual page."""
 
 import csv
 
@@ -13,7 +13,7 @@ from iits_mj.j1939.mapping import commands, reports, sender
 from iits_mj.j1939.quantities import quantities
 from iits_mj.truck import Truck
 
-# Priority and address that J1939 gives to each group and its sender.
+# Priority of each group and address of its sender in J1939.
 STANDARD = {
     "XBR": (3, 0x2A),
     "TSC1": (3, 0x2A),
@@ -74,7 +74,7 @@ def numbered(rows):
     return {paper.number: paper.name for row in rows for paper in row.paper if paper.number}
 
 
-def test_the_papers_four_inputs_are_there_in_its_order_and_are_the_first_controls():
+def test_the_papers_four_inputs_are_the_first_controls_in_its_order():
     assert numbered(commands()) == {
         1: "PedalPos",
         2: "XBR1_ExternalAccele",
@@ -86,19 +86,19 @@ def test_the_papers_four_inputs_are_there_in_its_order_and_are_the_first_control
     assert [row.elements[0] for row in commands() if row.paper] == first
 
 
-def test_the_papers_sixteen_outputs_are_there_with_a_sensor_each():
+def test_each_of_the_papers_sixteen_outputs_has_a_sensor():
     outputs = numbered(reports())
     assert sorted(outputs) == list(range(1, 17))
-    # The three that the paper names.
+    # The paper names three of them.
     assert {"engine torque", "engine speed", "shift position"} <= set(outputs.values())
     assert all(row.elements for row in reports() if row.paper)
 
 
-def test_every_quantity_is_known_and_every_field_of_the_truck_is_sent():
+def test_every_reported_quantity_is_computed_and_every_field_of_the_truck_is_sent():
     known = quantities()
     assert {row.quantity for row in reports()} - set(known) == {"axle_load"}
     sent = {row.quantity for row in reports()}
-    # Sent under other names, or as what follows from them.
+    # Sent under other names, or as derived quantities.
     other = {"time", "yaw", "engine_torque", "brake_pressures", "wheel_speeds", "axle_loads"}
     other |= {"clutch_engagement", "xbr_mode", "xbr_active", "transmission_mode"}
     other |= {"engine_brake_torque", "retarder_torque"}
@@ -113,7 +113,7 @@ def test_priorities_and_addresses_are_those_of_j1939(name, wanted):
     assert (frame.priority, frame.source) == wanted
 
 
-def test_own_messages_go_out_at_the_priority_of_control():
+def test_own_messages_have_the_priority_of_control():
     for name in message_names():
         if name.startswith("IITS_"):
             assert Frame(layouts().get_message_by_name(name).frame_id, b"").priority == 3
@@ -125,7 +125,7 @@ def test_suspect_parameter_numbers_are_the_standard_ones(signal, spn):
     assert layouts().get_message_by_name(message).get_signal_by_name(name).spn == spn
 
 
-def test_what_is_not_our_own_has_a_suspect_parameter_number():
+def test_only_our_own_signals_lack_a_suspect_parameter_number():
     for row in (*commands(), *reports()):
         assert bool(layout(row).spn) is not row.message.startswith("IITS_"), row
 
@@ -144,7 +144,7 @@ def table_of_page(name):
 
 
 @pytest.mark.parametrize(("name", "rows"), [("commands", commands()), ("reports", reports())])
-def test_the_page_has_every_row_with_signal_number_and_elements(name, rows):
+def test_the_manual_page_has_every_row_with_signal_number_and_elements(name, rows):
     lines = table_of_page(name)
     assert len(lines) == len(rows)
     for row, cells in zip(rows, lines, strict=True):
@@ -155,14 +155,14 @@ def test_the_page_has_every_row_with_signal_number_and_elements(name, rows):
             assert f"`{row.elements[-1]}`" in named
 
 
-def test_the_page_has_the_papers_inputs_and_outputs_in_their_order():
+def test_the_manual_page_has_the_papers_inputs_and_outputs_in_order():
     lines = table_of_page("paper")
     wanted = [("in", number) for number in range(1, 5)] + [("out", n) for n in range(1, 17)]
     found = dict.fromkeys(tuple(cells[0].split()) for cells in lines if cells[0] != "more")
     assert [(way, int(number)) for way, number in found] == wanted
 
 
-def test_the_page_lists_exactly_what_stays_not_available():
+def test_the_manual_page_lists_exactly_the_unavailable_signals():
     silent = {
         cells[0].strip("`"): set(cells[1].replace("`", "").split(", "))
         for cells in table_of_page("silent")
@@ -174,7 +174,7 @@ def test_the_page_lists_exactly_what_stays_not_available():
         assert silent.get(message, set()) == names - sent
 
 
-def test_the_table_has_no_row_of_another_way_and_no_field_left_over():
+def test_every_row_of_the_table_has_nine_cells_and_one_of_two_ways():
     text = (PAGE.parent / "signals.csv").read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if not line.startswith("#")]
     rows = list(csv.reader(lines))

@@ -1,4 +1,4 @@
-"""Control units claim their addresses and answer requests, as public J1939 has it."""
+"""Address claims and answers to requests by public facts of J1939."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TESTER = 0xF9
 EEC1 = Frame(0x0CF00400, bytes(8))
 EEC2 = Frame(0x0CF00300, bytes(8))
 ETC2 = Frame(0x18F00503, bytes(8))
-# Its many frames come later.
+# A group that follows as a broadcast.
 LONG = 65251
 
 
@@ -36,7 +36,7 @@ def units() -> ControlUnits:
     return ControlUnits(unit_names([0, 3, 11]))
 
 
-def test_claims_carry_the_names_of_all_units_to_everybody(units: ControlUnits) -> None:
+def test_claims_carry_the_names_of_all_units_to_the_global_address(units: ControlUnits) -> None:
     claims = units.claims(2.0)
     assert [frame.source for frame in claims] == [0, 3, 11]
     assert {(f.pgn, f.destination, f.priority, f.time) for f in claims} == {(60928, 255, 6, 2.0)}
@@ -60,7 +60,7 @@ def test_no_two_units_of_the_truck_have_the_same_name() -> None:
     assert len({name.to_bytes() for name in strangers.values()}) == 3
 
 
-def test_name_has_its_fields_where_j1939_81_puts_them() -> None:
+def test_name_has_its_fields_at_the_bits_of_j1939_81() -> None:
     name = Name(
         identity=0x12345,
         manufacturer=0x2A,
@@ -86,7 +86,7 @@ def test_name_has_its_fields_where_j1939_81_puts_them() -> None:
         Name(identity=1 << 21)
 
 
-def test_request_to_all_is_answered_by_whoever_sends_the_group(units: ControlUnits) -> None:
+def test_request_to_all_is_answered_by_the_units_that_send_the_group(units: ControlUnits) -> None:
     assert units.answer([request(EEC1.pgn, TESTER)], _groups) == [EEC1]
     assert units.answer([request(65262, TESTER)], _groups) == []
     assert units.counts == {"answered": 1}
@@ -100,19 +100,19 @@ def test_unit_refuses_a_group_that_it_does_not_send(units: ControlUnits) -> None
     assert units.counts == {"refused": 1, "answered": 1}
 
 
-def test_unit_does_not_refuse_what_comes_later(units: ControlUnits) -> None:
+def test_unit_does_not_refuse_a_group_that_follows_as_a_broadcast(units: ControlUnits) -> None:
     assert units.answer([request(LONG, TESTER, 0)], _groups) == []
     assert units.counts == {"answered": 1}
 
 
-def test_addresses_are_told_on_request(units: ControlUnits) -> None:
-    everybody = units.answer([request(ADDRESS_CLAIMED, TESTER)], _groups)
-    assert [frame.source for frame in everybody] == [0, 3, 11]
+def test_addresses_are_claimed_on_request(units: ControlUnits) -> None:
+    claims = units.answer([request(ADDRESS_CLAIMED, TESTER)], _groups)
+    assert [frame.source for frame in claims] == [0, 3, 11]
     one = units.answer([request(ADDRESS_CLAIMED, TESTER, 3)], _groups)
     assert [(frame.pgn, frame.source) for frame in one] == [(ADDRESS_CLAIMED, 3)]
 
 
-def test_others_requests_and_broken_ones_are_left_alone(units: ControlUnits) -> None:
+def test_requests_to_others_and_malformed_ones_are_not_answered(units: ControlUnits) -> None:
     to_another = request(EEC1.pgn, TESTER, 0x21)
     too_short = Frame(request(EEC1.pgn, TESTER).can_id, b"\x04\xf0")
     our_own = request(EEC1.pgn, 3)
@@ -120,7 +120,7 @@ def test_others_requests_and_broken_ones_are_left_alone(units: ControlUnits) -> 
     assert units.counts == {"ignored": 1}
 
 
-def test_smaller_name_takes_the_address_and_the_unit_falls_silent(units: ControlUnits) -> None:
+def test_smaller_name_wins_the_address_and_the_unit_stops_sending(units: ControlUnits) -> None:
     mine = units.claims()[1]
     smaller = Frame(mine.can_id, bytes(8))
     (given_up,) = units.answer([smaller], _groups)
@@ -130,10 +130,10 @@ def test_smaller_name_takes_the_address_and_the_unit_falls_silent(units: Control
     assert units.owns(EEC1)
     assert units.answer([request(ETC2.pgn, TESTER, 3)], _groups) == []
     assert [frame.source for frame in units.claims()] == [0, 11]
-    # Asked for its claim it says that it has no address.
+    # On request it claims the null address.
     assert units.answer([request(ADDRESS_CLAIMED, TESTER, 3)], _groups) == [given_up]
-    everybody = units.answer([request(ADDRESS_CLAIMED, TESTER)], _groups)
-    assert [frame.source for frame in everybody] == [0, 0xFE, 11]
+    claims = units.answer([request(ADDRESS_CLAIMED, TESTER)], _groups)
+    assert [frame.source for frame in claims] == [0, 0xFE, 11]
 
 
 def test_greater_name_is_answered_with_our_claim(units: ControlUnits) -> None:
@@ -143,7 +143,7 @@ def test_greater_name_is_answered_with_our_claim(units: ControlUnits) -> None:
     assert units.lost == set()
 
 
-def test_flood_of_requests_makes_no_flood_of_answers(units: ControlUnits) -> None:
+def test_flood_of_requests_gets_a_limited_number_of_answers(units: ControlUnits) -> None:
     flood = [request(ADDRESS_CLAIMED, TESTER)] * 10_000
     assert len(units.answer(flood, _groups)) <= MOST_ANSWERS + 2
     assert units.counts["ignored"] > 9_000

@@ -1,4 +1,4 @@
-"""Any frames at any times: the command stays lawful, and so does the truck."""
+"""Random frames at random times: the command stays valid, and the truck's state finite."""
 
 import dataclasses
 import math
@@ -21,7 +21,7 @@ UNITS = ("EEC2", "XBR", "TSC1", "TSC1 to 15", "TSC1 to 16", "IITS_COMMAND")
 MOST_REASONS = len(UNITS) * len(Reason)
 
 
-def lawful(command):
+def valid(command):
     """Whether every field is finite and in its range."""
     shares = (
         command.accelerator_pedal,
@@ -39,7 +39,7 @@ def lawful(command):
 
 
 def sealed(frame):
-    """With the checksum that its content asks for, and for TSC1 a counter that there is."""
+    """The frame with the right checksum, and for TSC1 a counter in its range."""
     if len(frame.data) != 8 or frame.pgn == pgn_of("EEC2"):
         return frame
     counter = frame.data[7] & 0x0F
@@ -50,7 +50,7 @@ def sealed(frame):
 
 @st.composite
 def frames(draw):
-    """A frame, often one that commands, often with the right checksum; its time may be anything."""
+    """A frame with any time, often a command, often with the right checksum."""
     known = draw(st.booleans())
     can_id = draw(st.integers(0, (1 << 29) - 1))
     if known:
@@ -66,13 +66,13 @@ def frames(draw):
 
 @settings(max_examples=150, deadline=None)
 @given(heard=st.lists(frames(), max_size=40), times=st.lists(st.floats(), max_size=5))
-def test_any_sequence_of_frames_and_times_gives_a_lawful_command(heard, times):
+def test_any_sequence_of_frames_and_times_gives_a_valid_command(heard, times):
     receiver = CommandReceiver()
     for frame in heard:
         receiver.receive(frame)
-        assert lawful(receiver.command(frame.time))
+        assert valid(receiver.command(frame.time))
     for time in times:
-        assert lawful(receiver.command(time))
+        assert valid(receiver.command(time))
         receiver.loss(time)
     assert len(receiver.rejected) + len(receiver.ignored) <= MOST_REASONS
 
@@ -90,10 +90,10 @@ STEPS = st.lists(
 
 @settings(max_examples=200, deadline=None)
 @given(steps=STEPS)
-def test_the_brake_demand_in_force_is_the_last_one_that_was_sound_and_no_repetition(steps):
+def test_the_brake_demand_in_force_is_the_last_valid_one_that_is_not_repeated(steps):
     receiver = CommandReceiver(TimeOuts(xbr=0.1))
     time, counter = 0.0, 0
-    # What the rules say: last counter, last demand and its time.
+    # Expected state: last counter, last demand and its time.
     last_counter, demand, demanded_at = None, 0.0, -math.inf
     for pause, ahead, wanted, kind in steps:
         time += pause
@@ -122,7 +122,7 @@ def test_the_brake_demand_in_force_is_the_last_one_that_was_sound_and_no_repetit
     ),
     asked=st.floats(0.3, 0.5),
 )
-def test_of_several_brake_demands_the_first_by_priority_and_strength_is_in_force(demands, asked):
+def test_the_first_brake_demand_by_priority_and_strength_is_in_force(demands, asked):
     receiver = CommandReceiver(TimeOuts(xbr=0.2))
     for source, (priority, demand, time) in demands.items():
         command = VehicleCommand(xbr_demand=demand, xbr_mode=XbrMode.MAXIMUM)
@@ -144,7 +144,7 @@ def _random_frames(generator, count):
     kinds = generator.integers(0, 4, count)
     which = generator.integers(0, len(PGNS), count)
     addresses = generator.choice([0x0B, 0x0F, 0x10, 0xFF], count)
-    # Who counts as it likes, and who counts rightly.
+    # Senders with random and with right counters.
     sources = generator.integers(0, 3, count) + np.where(kinds == 3, 0x2A, 0x40)
     lengths = generator.integers(0, 9, count)
     counters = [0] * 1024
@@ -160,7 +160,7 @@ def _random_frames(generator, count):
         can_id = 3 << 26 | (pgn | address) << 8 | source
         content = bytearray(data[i].tobytes())
         if kinds[i] == 3:
-            # In sequence, and with plausible modes, so that much of it is obeyed.
+            # In sequence and with plausible modes, so that many frames are obeyed.
             key = int(which[i]) * 256 + source
             counters[key] = (counters[key] + 1) % (8 if pgn == 0 else 16)
             content[7] = counters[key]
@@ -171,7 +171,7 @@ def _random_frames(generator, count):
 
 
 def survive(count, per_step, payload):
-    """Frames into the receiver, its commands into the truck; the truck at the end."""
+    """Feeds random frames to a receiver and its commands to the truck; returns the receiver."""
     generator = np.random.default_rng(1939)
     receiver = CommandReceiver()
     truck = Truck.load(payload=payload, route=Route.straight(length=5000.0), visuals=False)
@@ -180,7 +180,7 @@ def survive(count, per_step, payload):
         receiver.receive(dataclasses.replace(frame, time=truck.time))
         if i % per_step == 0:
             command = receiver.command(truck.time)
-            assert lawful(command)
+            assert valid(command)
             truck.command(command)
             truck.step(10)
             data = truck.data
@@ -193,7 +193,7 @@ def survive(count, per_step, payload):
 
 def test_20_000_random_frames_leave_the_truck_finite():
     receiver = survive(20_000, 40, 0.0)
-    # The test would be worth little if nothing were obeyed.
+    # Every unit obeyed many frames.
     assert all(receiver.accepted[unit] > 100 for unit in UNITS if unit != "TSC1")
 
 

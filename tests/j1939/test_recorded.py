@@ -1,4 +1,4 @@
-"""Frames recorded on real trucks, where the files are at hand."""
+"""Frames recorded on real trucks; the tests need outside data."""
 
 import csv
 import itertools
@@ -16,17 +16,14 @@ from iits_mj.j1939 import (
     summarize,
     write_table,
 )
-from tests.paths import ROOT
+from tests.paths import DATA, needs
 
-DATA = ROOT / "../shared/data/j1939"
-# An engine revved by its pedal while the truck stands; and a truck with its engine off.
-KENWORTH = DATA / "KWTruck.txt"
-LOGGER = DATA / "SampleTruckData.bin"
+# A truck at standstill whose engine is revved by the pedal, and a truck with its engine off.
+KENWORTH = DATA / "j1939/KWTruck.txt"
+LOGGER = DATA / "j1939/SampleTruckData.bin"
 ENGINE, GEARBOX, BRAKES, EXHAUST_BRAKE = 0x00, 0x03, 0x0B, 0x29
 
-pytestmark = pytest.mark.skipif(
-    not (KENWORTH.is_file() and LOGGER.is_file()), reason="the recorded frames are not here"
-)
+pytestmark = [needs("j1939/KWTruck.txt"), needs("j1939/SampleTruckData.bin")]
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +65,7 @@ def test_revved_engine_of_a_real_truck_reads_near_2060_rpm(revved):
     assert speed.maximum == pytest.approx(2060.0, abs=5.0)
 
 
-def test_engine_that_is_off_reads_0_rpm_and_the_wheels_stand(standing):
+def test_stopped_engine_and_wheels_of_a_real_truck_read_zero(standing):
     speed = signal(standing, "EEC1", "engine_speed_rpm", ENGINE)
     assert (speed.minimum, speed.maximum, speed.missing) == (0.0, 0.0, 0)
     for name, field in (("EBC2", "front_axle_speed_kph"), ("CCVS1", "wheel_based_speed_kph")):
@@ -77,9 +74,9 @@ def test_engine_that_is_off_reads_0_rpm_and_the_wheels_stand(standing):
         assert (wheels.minimum, wheels.maximum) == (0.0, 0.0)
 
 
-def test_wheels_of_a_truck_that_stands_with_its_engine_revved_read_almost_nothing(revved):
+def test_wheels_read_almost_zero_while_the_engine_is_revved_at_standstill(revved):
     assert signal(revved, "EBC2", "front_axle_speed_kph", BRAKES).maximum == 0.0
-    # Taken from the gearbox's output, which the converter drags along for a moment.
+    # From the gearbox output, which the converter turns for a moment.
     assert signal(revved, "CCVS1", "wheel_based_speed_kph", ENGINE).maximum < 0.5
     assert signal(revved, "ETC1", "output_shaft_speed_rpm", GEARBOX).maximum < 15.0
 
@@ -133,8 +130,8 @@ def test_a_real_truck_sends_at_the_rates_of_our_dbc(revved, name, source):
 def test_long_messages_of_a_real_bus_are_whole(revved, standing):
     assert revved.transport.messages == 42
     assert not revved.transport.failures
-    # Three of 394 broadcasts lack a packet in the log; nobody answers the 38 requests to send,
-    # which the engine gives up; some packets are in the log twice.
+    # Three of 394 broadcasts lack a packet in the log; no unit answers the 38 requests to send,
+    # which the engine aborts; some packets are in the log twice.
     assert standing.transport.messages == 391
     assert standing.transport.failures == {
         Failure.REPLACED: 3,
@@ -154,14 +151,14 @@ def test_vehicle_identification_of_a_real_truck_has_the_right_check_digit(revved
     assert vin[8] == "0123456789X"[remainder]
 
 
-def test_units_of_a_real_truck_tell_their_makers(revved, standing):
+def test_units_of_a_real_truck_identify_their_manufacturers(revved, standing):
     makes = {source: texts(revved, 65259, "make", source) for source in (0x00, 0x03, 0x0B, 0x31)}
     assert makes == {0x00: ["CMMNS"], 0x03: ["ALLSN"], 0x0B: ["BNDWS"], 0x31: ["PACCR"]}
     assert len(revved.traffic[65242, ENGINE, 255].signals) == 6
     assert texts(standing, 65259, "model", 0xFE) == ["SSS-MaxxForce"]
 
 
-def test_faults_of_a_real_brake_controller_are_its_own(standing):
+def test_faults_of_a_real_brake_controller_are_those_of_its_sensors(standing):
     faults = standing.traffic[65226, BRAKES, 255]
     assert faults.count == 315
     assert faults.signals["amber_warning_lamp"].maximum == 1.0
@@ -171,7 +168,7 @@ def test_faults_of_a_real_brake_controller_are_its_own(standing):
     assert "fault_8_spn" not in faults.signals
 
 
-def test_engine_configuration_of_a_real_truck_holds_its_idle_and_reference_torque(revved, standing):
+def test_engine_configuration_of_a_real_truck_has_idle_speed_and_torque(revved, standing):
     for summary, torque, idle in ((revved, 1109.0, 775.0), (standing, 2187.0, 600.0)):
         reference = signal(summary, "EC1", "reference_engine_torque_nm", ENGINE)
         assert (reference.minimum, reference.maximum) == (torque, torque)
@@ -188,8 +185,8 @@ def test_retarder_configuration_of_a_real_truck_names_an_exhaust_brake(revved):
     assert all(-100.0 < torque < 0.0 for torque in torques)
 
 
-def test_a_real_bus_commands_nothing_but_the_pedal(kenworth):
-    # Its gearbox talks torque control to the engine, which is none of our retarders.
+def test_a_real_bus_commands_only_the_pedal(kenworth):
+    # Its gearbox sends torque control to the engine, which is no retarder of ours.
     receiver = CommandReceiver()
     assert any(frame.pgn == 0 and frame.destination == 0 for frame in kenworth)
     for frame in kenworth:
@@ -199,7 +196,7 @@ def test_a_real_bus_commands_nothing_but_the_pedal(kenworth):
 
 
 @pytest.mark.parametrize("suffix", [".asc", ".blf", ".log", ".trc"])
-def test_real_frames_go_through_our_logs_unchanged(kenworth, tmp_path, suffix):
+def test_recorded_frames_are_written_and_read_back_unchanged(kenworth, tmp_path, suffix):
     part = kenworth[:5000]
     with LogWriter(tmp_path / f"real{suffix}") as writer:
         for frame in part:
@@ -207,7 +204,7 @@ def test_real_frames_go_through_our_logs_unchanged(kenworth, tmp_path, suffix):
     assert list(read_log(tmp_path / f"real{suffix}")) == part
 
 
-def test_table_of_a_real_log_has_every_frame_known_or_not(tmp_path):
+def test_table_of_a_real_log_has_known_and_unknown_frames(tmp_path):
     frames = list(itertools.islice(read_log(LOGGER), 3000))
     path = tmp_path / "table.csv"
     summary = write_table(frames, path)

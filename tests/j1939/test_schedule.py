@@ -1,4 +1,4 @@
-"""When cyclic messages are due."""
+"""Due times of cyclic messages."""
 
 import math
 
@@ -16,7 +16,7 @@ def times_sent(schedule, times, place=0):
 
 def test_a_period_is_kept_for_an_hour_without_drift():
     schedule = Schedule([0.02])
-    # Time as MuJoCo adds it up, with all its rounding.
+    # Time accumulates with rounding, as in MuJoCo.
     time, sent = 0.0, 0
     for _ in range(3_600_000 // 10):
         sent += len(schedule.due(time))
@@ -24,7 +24,7 @@ def test_a_period_is_kept_for_an_hour_without_drift():
     assert sent == 3600 * 50
 
 
-def test_a_late_message_keeps_its_grid_and_misses_are_not_made_up():
+def test_a_late_message_keeps_its_grid_and_missed_ones_are_not_sent():
     schedule = Schedule([0.1])
     assert times_sent(schedule, [0.0, 0.07, 0.13, 0.19, 0.2, 0.55, 0.56, 0.6]) == [
         0.0,
@@ -35,7 +35,7 @@ def test_a_late_message_keeps_its_grid_and_misses_are_not_made_up():
     ]
 
 
-def test_nothing_is_due_twice_at_one_time():
+def test_no_message_is_due_twice_at_the_same_time():
     schedule = Schedule([0.01, 1.0])
     assert schedule.due(5.0) == [0, 1]
     assert schedule.due(5.0) == []
@@ -49,7 +49,7 @@ def test_offset_delays_a_message_from_the_first_call_on():
     assert schedule.due(7.1) == [0]
 
 
-def test_a_drive_that_begins_anew_begins_its_schedule_anew():
+def test_a_new_drive_restarts_the_schedule():
     schedule = Schedule([1.0])
     assert schedule.due(40.0) == [0]
     assert schedule.due(40.5) == []
@@ -58,7 +58,7 @@ def test_a_drive_that_begins_anew_begins_its_schedule_anew():
 
 
 @given(st.lists(st.floats(0.0, 0.05), min_size=1, max_size=200))
-def test_no_more_frames_than_periods_have_passed_at_any_pace(steps):
+def test_at_most_one_frame_per_period_is_due_at_any_rate_of_calls(steps):
     schedule = Schedule([0.02])
     time, sent = 0.0, len(schedule.due(0.0))
     for step in steps:
@@ -68,13 +68,13 @@ def test_no_more_frames_than_periods_have_passed_at_any_pace(steps):
 
 
 @pytest.mark.parametrize("period", [0.0, -0.1, float("nan"), float("inf")])
-def test_a_period_is_a_positive_number(period):
+def test_a_period_must_be_positive(period):
     with pytest.raises(InputError, match="period"):
         Schedule([period])
 
 
 @pytest.mark.parametrize("time", [float("nan"), float("inf")])
-def test_a_time_is_a_finite_number(time):
+def test_a_time_must_be_finite(time):
     with pytest.raises(InputError, match="time"):
         Schedule([0.02]).due(time)
 

@@ -1,4 +1,4 @@
-"""What truck and controller send, and how often."""
+"""Frames of truck and controller, and their rates."""
 
 from collections import Counter
 
@@ -57,18 +57,18 @@ def test_every_report_has_its_rate():
     assert sent == {message: 10 * rate for message, rate in wanted.items()}
 
 
-def test_every_report_is_heard_once_in_the_first_tenth_of_a_second():
+def test_every_report_is_sent_within_the_first_tenth_of_a_second():
     first = {(name(f), f.source) for frames in ticks(StateSender(), 0.1) for f in frames}
     assert first == {(name(f), f.source) for f in state_to_frames(EgoState(), REPORT)}
 
 
-def test_reports_of_the_trucks_motion_are_of_one_instant():
+def test_reports_of_the_trucks_motion_are_sent_at_the_same_instant():
     for frames in ticks(StateSender(), 1.0):
         own = {name(frame) for frame in frames} & set(OWN)
         assert own in (set(), set(OWN))
 
 
-def test_no_tick_carries_more_than_twice_the_mean_but_for_the_axle_weights():
+def test_no_tick_has_more_than_twice_the_mean_load_without_axle_weights():
     loads = [sum(name(f) != "VW" for f in frames) for frames in ticks(StateSender(), 2.0)]
     assert max(loads) <= 2 * sum(loads) / len(loads)
 
@@ -85,17 +85,17 @@ def test_the_senders_are_deterministic():
     assert ticks(StateSender(), 3.0) == ticks(StateSender(), 3.0)
 
 
-def test_rates_hold_whatever_the_tick():
+def test_rates_are_kept_with_a_longer_tick():
     sent = Counter(
         name(frame) for frames in ticks(StateSender(), 10.0, tick=0.02) for frame in frames
     )
     assert sent["EEC1"] == pytest.approx(500, abs=1)
-    # A group cannot come more often than its sender is asked.
+    # A group is not sent more often than its sender is called.
     assert sent["VDC2"] == 500
     assert sent["CCVS1"] == 100
 
 
-def test_a_request_is_answered_by_who_sends_the_group():
+def test_a_request_is_answered_by_the_sender_of_the_group():
     sender, state = StateSender(), EgoState(mass=19_000.0)
     answer = sender.answer(pgn_of("CVW"), 0xFF, state, REPORT)
     assert [name(frame) for frame in answer] == ["CVW"]
@@ -109,7 +109,7 @@ def test_a_request_is_answered_by_who_sends_the_group():
     assert sender.answer(65535, 0xFF, state) == []
 
 
-def test_a_controller_that_starts_late_has_a_complete_state_within_a_second():
+def test_a_late_controller_has_the_complete_state_within_a_second():
     truck = Truck.load(payload=0.0, visuals=False)
     truck.reset(speed=15.0)
     sender, receiver = StateSender(), StateReceiver()
@@ -125,11 +125,11 @@ def test_a_controller_that_starts_late_has_a_complete_state_within_a_second():
     assert state.speed == pytest.approx(truck.observe().speed, abs=0.05)
     report = receiver.report()
     unheard = {field for field in TruckReport.__slots__ if getattr(report, field) in (None, ())}
-    # Only what follows from these is sent.
+    # Only quantities derived from these fields are sent.
     assert unheard == {"clutch_engagement", "xbr_mode", "xbr_active"}
 
 
-def test_a_state_that_is_not_finite_is_never_sent():
+def test_a_state_that_is_not_finite_is_refused():
     sender = StateSender()
     with pytest.raises(BusError, match="speed"):
         sender.frames(EgoState(speed=float("nan")))
@@ -139,7 +139,7 @@ def test_a_state_that_is_not_finite_is_never_sent():
         sender.frames(EgoState(), TruckReport(wheel_speeds=(1.0, float("inf"))))
 
 
-def test_every_command_has_its_rate_and_the_first_call_sends_all():
+def test_every_command_has_its_rate_and_the_first_call_sends_all_messages():
     sender = CommandSender()
     times = {}
     for k in range(1000):
@@ -170,7 +170,7 @@ def test_counters_of_commands_run_without_gap_or_repetition():
         assert counters == [k % modulus for k in range(len(counters))]
 
 
-def test_commands_at_their_rates_are_all_taken_and_never_time_out():
+def test_commands_at_their_rates_are_all_accepted_and_never_time_out():
     sender, receiver = CommandSender(), CommandReceiver()
     command = VehicleCommand(
         accelerator_pedal=0.4, xbr_demand=-1.0, xbr_mode=XbrMode.MAXIMUM, retarder=0.5
@@ -192,18 +192,18 @@ def test_a_controller_sends_from_its_own_address():
 
 
 @pytest.mark.parametrize("change", [{"accelerator_pedal": 1.1}, {"xbr_demand": float("nan")}])
-def test_a_command_out_of_range_is_never_sent(change):
+def test_a_command_out_of_range_is_refused(change):
     with pytest.raises(InputError, match=next(iter(change))):
         CommandSender().frames(VehicleCommand(**change), 0.0)
 
 
 @pytest.mark.parametrize("source", [-1, 254, 255, "42"])
-def test_a_controller_needs_an_address(source):
+def test_a_controller_address_must_be_valid(source):
     with pytest.raises(InputError, match="source"):
         CommandSender(source)
 
 
-def test_codes_that_nobody_knows_are_not_sent():
+def test_undefined_codes_are_sent_as_not_available():
     report = TruckReport(transmission_mode=7.0, xbr_mode=9.0, xbr_active=1.0, gear_engaged=99.0)
     groups = {d.name: d.group for d in map(decode, state_to_frames(EgoState(), report))}
     assert groups["ETC2"].requested_range is Status.NOT_AVAILABLE

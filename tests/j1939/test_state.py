@@ -92,7 +92,7 @@ TOLERANCE = {
 }
 
 
-def test_state_survives_the_bus_up_to_the_signals_steps():
+def test_state_crosses_the_bus_within_the_resolution_of_the_signals():
     receiver = StateReceiver()
     for frame in state_to_frames(STATE, REPORT):
         receiver.receive(frame)
@@ -116,12 +116,12 @@ REPORT_TOLERANCE = {
 }
 
 
-def test_the_report_of_these_tests_leaves_nothing_out():
+def test_the_report_of_these_tests_has_every_field():
     for field in dataclasses.fields(REPORT):
         assert getattr(REPORT, field.name) not in (None, ()), field.name
 
 
-def test_report_survives_the_bus_up_to_the_signals_steps():
+def test_report_crosses_the_bus_within_the_resolution_of_the_signals():
     receiver = StateReceiver()
     for frame in state_to_frames(STATE, REPORT):
         receiver.receive(frame)
@@ -129,13 +129,13 @@ def test_report_survives_the_bus_up_to_the_signals_steps():
     for field in dataclasses.fields(REPORT):
         sent, got = getattr(REPORT, field.name), getattr(received, field.name)
         if field.name in ("clutch_engagement", "xbr_mode", "xbr_active"):
-            # Only what follows from these is sent: driveline engaged, what the brakes execute.
+            # Only derived quantities are sent: driveline engaged, demand that the brakes execute.
             assert got is None
         else:
             assert got == pytest.approx(sent, abs=REPORT_TOLERANCE.get(field.name, 1e-6))
 
 
-def test_either_retarder_reports_its_own_torque_and_the_engines_counts_at_the_crankshaft():
+def test_each_retarder_reports_its_torque_and_that_of_the_engine_acts_at_the_crankshaft():
     braking = dataclasses.replace(
         REPORT,
         engine_torque_percent=0.0,
@@ -178,12 +178,12 @@ def test_every_row_of_the_table_names_sensors_or_controls_of_the_model():
             name, _, place = element.rstrip("]").partition("[")
             assert name in names, row.quantity
             assert not place or int(place) < sizes[name], row.quantity
-    # Only masses are no sensor's: they are the truck's parameters.
+    # Masses are parameters of the truck, not sensors.
     bare = {row.quantity for row in reports() if not row.elements}
     assert bare == {"mass", "tractor_mass", "trailer_mass", "cargo_mass"}
 
 
-def test_retarder_of_another_address_is_not_taken_for_ours():
+def test_retarder_of_another_address_is_ignored():
     receiver = StateReceiver()
     frame = encode(ERC1(actual_retarder_torque_percent=-50.0), source=0x29)
     assert not receiver.receive(frame)
@@ -199,14 +199,14 @@ def test_retarder_of_another_address_is_not_taken_for_ours():
         (XbrMode.MAXIMUM, 1.0, 0.0, 3.0),
     ],
 )
-def test_brakes_say_whose_demand_they_execute(mode, active, pedal, code):
+def test_brakes_report_the_source_of_the_executed_demand(mode, active, pedal, code):
     report = dataclasses.replace(REPORT, xbr_mode=mode, xbr_active=active, brake_pedal=pedal)
     said = {decode(f).name: decode(f) for f in state_to_frames(STATE, report)}
     assert said["EBC5"].group.number("xbr_active_control_mode") == code
     assert said["EBC1"].group.number("ebs_brake_switch") == float(pedal > 0.0)
 
 
-def test_the_truck_reports_what_it_does():
+def test_reports_of_the_truck_agree_with_its_state():
     truck = Truck.load(payload=0.0, visuals=False)
     truck.reset(speed=15.0)
     truck.command(brake_pedal=0.25)
@@ -219,7 +219,7 @@ def test_the_truck_reports_what_it_does():
     assert len(receiver.report().axle_loads) == 6
     assert sum(receiver.report().axle_loads) == pytest.approx(19_000 * 9.81, rel=0.02)
     assert receiver.state().speed == pytest.approx(state.speed, abs=1e-3)
-    # One percent of the reference torque is the step of either percentage.
+    # The resolution of both percentages is one percent of the reference torque.
     assert receiver.state().engine_torque == pytest.approx(state.engine_torque, abs=27.0)
 
 
@@ -241,7 +241,7 @@ def test_axle_weights_are_one_frame_each():
 
 
 @pytest.mark.parametrize("field", ["x", "yaw", "engine_torque"])
-def test_a_state_that_is_not_finite_never_reaches_the_bus(field):
+def test_a_state_that_is_not_finite_is_refused(field):
     with pytest.raises(BusError, match=field):
         state_to_frames(dataclasses.replace(STATE, **{field: float("nan")}))
 
@@ -249,6 +249,6 @@ def test_a_state_that_is_not_finite_never_reaches_the_bus(field):
 @pytest.mark.parametrize(
     "change", [{"retarder_torque": float("nan")}, {"axle_loads": (1.0, float("inf"))}]
 )
-def test_a_report_that_is_not_finite_never_reaches_the_bus(change):
+def test_a_report_that_is_not_finite_is_refused(change):
     with pytest.raises(BusError, match=next(iter(change))):
         state_to_frames(STATE, dataclasses.replace(REPORT, **change))

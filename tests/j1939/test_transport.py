@@ -39,7 +39,7 @@ def content(length, seed=0):
 
 
 @pytest.mark.parametrize("length", [9, 13, 14, 15, 100, 1784, 1785])
-def test_broadcast_of_any_length_comes_back_as_it_was(length):
+def test_broadcast_of_any_length_is_reassembled(length):
     data = content(length)
     frames = broadcast(65226, data, 0x0B, time=2.0)
     ((message,), reader) = put_together(frames)
@@ -50,7 +50,7 @@ def test_broadcast_of_any_length_comes_back_as_it_was(length):
     assert not reader.failures
 
 
-def test_broadcast_is_known_to_the_byte():
+def test_broadcast_known_answer():
     frames = broadcast(65260, b"TESTVIN0123456789*", 0)
     assert [(frame.can_id, frame.data.hex()) for frame in frames] == [
         (0x1CECFF00, "20120003ffecfe00"),
@@ -77,13 +77,13 @@ def test_packets_of_a_broadcast_are_50_ms_apart():
         ({"source": 256}, "source"),
     ],
 )
-def test_what_cannot_be_broadcast_is_refused(change, why):
+def test_invalid_broadcasts_are_refused(change, why):
     arguments = {"pgn": 65226, "data": bytes(20), "source": 0} | change
     with pytest.raises(BusError, match=why):
         broadcast(**arguments)
 
 
-def test_a_sender_keeps_its_messages_apart_and_its_packets_50_ms():
+def test_a_sender_sends_one_message_at_a_time_with_50_ms_between_packets():
     sender = BroadcastSender(0x0B)
     sender.put(65226, content(30))
     sender.put(65259, content(20))
@@ -96,7 +96,7 @@ def test_a_sender_keeps_its_messages_apart_and_its_packets_50_ms():
     assert gaps == pytest.approx([0.05] * 9)
 
 
-def test_a_sender_that_is_asked_late_sends_late_and_never_faster():
+def test_packets_after_a_late_call_keep_their_spacing():
     sender = BroadcastSender(0x0B, spacing=0.06)
     sender.put(65226, content(30))
     asked = [0.0, 0.2, 0.21, 0.22, 0.5, 0.55, 0.57, 1.0]
@@ -104,7 +104,7 @@ def test_a_sender_that_is_asked_late_sends_late_and_never_faster():
     assert times == [0.0, 0.2, 0.5, 0.57, 1.0]
 
 
-def test_a_sender_refuses_what_cannot_be_broadcast():
+def test_a_sender_refuses_invalid_messages_times_and_spacings():
     sender = BroadcastSender(0)
     with pytest.raises(BusError, match="8 bytes"):
         sender.put(65226, bytes(8))
@@ -133,7 +133,7 @@ def test_transfers_of_several_sources_and_to_several_addresses_do_not_mix():
 
 @settings(max_examples=100, deadline=None)
 @given(st.data())
-def test_any_order_of_several_senders_frames_gives_all_their_messages(data):
+def test_messages_of_several_senders_are_reassembled_in_any_order_of_frames(data):
     lengths = data.draw(st.lists(st.integers(9, 60), min_size=1, max_size=5))
     streams = [broadcast(65226, content(n, s), s) for s, n in enumerate(lengths)]
     order = data.draw(st.permutations([s for s, fs in enumerate(streams) for _ in fs]))
@@ -144,7 +144,7 @@ def test_any_order_of_several_senders_frames_gives_all_their_messages(data):
 
 @settings(max_examples=150, deadline=None)
 @given(st.data())
-def test_lost_repeated_and_swapped_packets_never_make_a_message_that_was_not_sent(data):
+def test_lost_repeated_and_swapped_packets_never_give_a_wrong_message(data):
     frames = [f for s in range(3) for f in broadcast(65226, content(50, s), s)]
     heads = [frame for frame in frames if frame.pgn == CM]
     packets = [frame for frame in frames if frame.pgn == DT]
@@ -162,7 +162,7 @@ def test_a_packet_after_more_than_750_ms_is_too_late():
     assert len(put_together(sent(0.75))[0]) == 1
     messages, reader = put_together(sent(0.751))
     assert messages == []
-    # The two packets after it belong to nothing any more.
+    # The packets after it belong to no transfer.
     assert reader.failures == {Failure.TIME_OUT: 1, Failure.NO_SESSION: 3}
 
 
@@ -180,14 +180,14 @@ def test_packets_out_of_order_lose_the_message():
     assert reader.failures[Failure.SEQUENCE] == 1
 
 
-def test_a_packet_that_comes_twice_does_no_harm():
+def test_a_repeated_packet_is_ignored():
     first, a, b, c = broadcast(65226, content(21), 0)
     messages, reader = put_together([first, a, a, b, b, c, c])
     assert [m.data for m in messages] == [content(21)]
     assert reader.failures == {Failure.REPEATED: 3}
 
 
-def test_a_packet_that_comes_again_with_other_bytes_loses_the_message():
+def test_a_repeated_packet_with_other_bytes_loses_the_message():
     first, a, b, c = broadcast(65226, content(21), 0)
     other = Frame(a.can_id, a.data[:-1] + bytes([a.data[-1] ^ 1]))
     messages, reader = put_together([first, a, other, b, c])
@@ -195,14 +195,14 @@ def test_a_packet_that_comes_again_with_other_bytes_loses_the_message():
     assert reader.failures[Failure.SEQUENCE] == 1
 
 
-def test_a_new_broadcast_takes_the_place_of_the_unfinished_one():
+def test_a_new_broadcast_replaces_an_incomplete_one():
     old, new = broadcast(65226, content(30), 0), broadcast(65259, content(20), 0)
     messages, reader = put_together(old[:3] + new)
     assert [(m.pgn, m.data) for m in messages] == [(65259, content(20))]
     assert reader.failures == {Failure.REPLACED: 1}
 
 
-def test_a_log_that_begins_again_does_not_go_on_with_the_old_transfer():
+def test_a_restarted_log_does_not_continue_an_old_transfer():
     frames = broadcast(65226, content(21), 0, time=100.0)
     again = [Frame(f.can_id, f.data, f.time - 100.0) for f in frames]
     messages, reader = put_together(frames[:2] + again[2:])
@@ -210,7 +210,7 @@ def test_a_log_that_begins_again_does_not_go_on_with_the_old_transfer():
     assert reader.failures[Failure.TIME_OUT] == 1
 
 
-def test_a_time_that_is_no_number_ends_a_transfer():
+def test_a_time_that_is_not_a_number_ends_a_transfer():
     first, a, *_ = broadcast(65226, content(21), 0)
     messages, reader = put_together([first, Frame(a.can_id, a.data, float("nan"))])
     assert messages == []
@@ -218,7 +218,7 @@ def test_a_time_that_is_no_number_ends_a_transfer():
 
 
 def addressed(data, windows, source=0x00, destination=0x03, pgn=65260):
-    """A transfer to one address; each window is the first packet and how many."""
+    """A transfer to one address; a window has its first packet and the number of packets."""
     frames = [rts(data, pgn, source, destination)]
     for first, count in windows:
         frames.append(cm(CTS, [count, first], pgn, destination, source))
@@ -234,14 +234,14 @@ def addressed(data, windows, source=0x00, destination=0x03, pgn=65260):
     "windows",
     [[(1, 6)], [(1, 2), (3, 2), (5, 2)], [(1, 4), (3, 4)], [(1, 6), (2, 1)], [(1, 2), (1, 6)]],
 )
-def test_transfer_to_one_address_is_read_from_outside_with_what_is_asked_for_again(windows):
+def test_transfer_to_one_address_is_reassembled_with_repeated_requests(windows):
     data = content(40)
     messages, reader = put_together(addressed(data, windows))
     assert [(m.pgn, m.source, m.destination, m.data) for m in messages] == [(65260, 0, 3, data)]
     assert set(reader.failures) <= {Failure.REPEATED}
 
 
-def test_a_receiver_that_asks_to_wait_keeps_the_transfer_open():
+def test_a_receiver_that_requests_a_pause_keeps_the_transfer_open():
     head, clear, *rest = addressed(content(20), [(1, 3)])
     wait = [cm(CTS, [0, 0xFF], 65260, 3, 0, time=t) for t in (1.0, 2.0, 3.0)]
     rest = [Frame(f.can_id, f.data, 3.5) for f in [clear, *rest]]
@@ -259,21 +259,21 @@ def test_either_side_can_abort(who):
     assert reader.failures == {Failure.ABORTED: 1}
 
 
-def test_abort_of_another_message_ends_nothing():
+def test_abort_of_another_message_does_not_end_a_transfer():
     head, *rest = addressed(content(40), [(1, 6)])
     messages, reader = put_together([head, cm(ABORT, [3], 65259, 3, 0), *rest])
     assert len(messages) == 1
     assert reader.failures == {Failure.NO_SESSION: 1}
 
 
-def test_a_message_that_its_receiver_has_and_we_have_not_is_lost():
+def test_a_message_that_only_its_receiver_has_completely_is_lost():
     frames = addressed(content(40), [(1, 6)])
     messages, reader = put_together(frames[:5] + frames[-1:])
     assert messages == []
     assert reader.failures == {Failure.SEQUENCE: 1}
 
 
-def test_a_receiver_that_asks_for_what_comes_after_a_packet_we_missed_ends_the_transfer():
+def test_a_clear_to_send_beyond_a_missed_packet_ends_the_transfer():
     frames = addressed(content(40), [(1, 2), (3, 4)])
     messages, reader = put_together([f for i, f in enumerate(frames) if i != 3])
     assert messages == []
@@ -295,7 +295,7 @@ def test_a_receiver_that_asks_for_what_comes_after_a_packet_we_missed_ends_the_t
         Frame(make_id(7, CM, 0, 255), b""),
     ],
 )
-def test_connection_frames_that_cannot_be_are_counted_and_begin_nothing(frame):
+def test_invalid_connection_frames_are_counted_and_start_no_transfer(frame):
     _, reader = put_together([frame])
     assert reader.failures == {Failure.HEADER: 1}
     messages, reader = put_together([dt(1, b"", 0)], reader)
@@ -303,7 +303,7 @@ def test_connection_frames_that_cannot_be_are_counted_and_begin_nothing(frame):
     assert reader.failures[Failure.NO_SESSION] == 1
 
 
-def test_what_is_under_way_at_the_end_is_counted():
+def test_open_transfers_at_the_end_are_counted():
     reader = Reassembler()
     put_together(broadcast(65226, content(30), 0)[:-1], reader)
     put_together(broadcast(65226, content(30), 1), reader)
@@ -311,7 +311,7 @@ def test_what_is_under_way_at_the_end_is_counted():
     assert reader.failures == {Failure.TIME_OUT: 1}
 
 
-def test_beyond_the_greatest_number_of_transfers_the_most_silent_goes():
+def test_too_many_transfers_end_the_one_with_the_longest_silence():
     reader = Reassembler(max_sessions=2)
     streams = [broadcast(65226, content(20, s), s) for s in range(3)]
     started = [stream[0] for stream in streams] + [f for s in streams for f in s[1:]]
@@ -341,14 +341,14 @@ any_frames = st.builds(
 
 @settings(max_examples=300, deadline=None)
 @given(st.lists(transport_frames | any_frames, max_size=60))
-def test_any_frames_raise_nothing(frames):
+def test_any_frames_are_received_without_an_error(frames):
     messages, reader = put_together(frames)
     reader.finish()
     assert len(messages) == reader.messages
     assert all(1 <= len(message.data) <= 1785 for message in messages)
 
 
-def test_memory_stays_bounded_whatever_comes():
+def test_number_of_open_transfers_is_bounded():
     reader = Reassembler()
     for source in range(40):
         for destination in range(250):

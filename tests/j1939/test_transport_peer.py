@@ -1,4 +1,4 @@
-"""Against can-j1939, a transport protocol written by others: what one sends, the other reads."""
+"""Transfers to and from can-j1939, an independent implementation of the transport protocol."""
 
 import random
 import time
@@ -14,7 +14,7 @@ TRUCK, TOOL = 0x00, 0xF9
 
 
 class Unit:
-    """A control unit of the peer on a wire of ours; its clock runs as fast as it is asked."""
+    """A control unit of the peer on our wire; its clock is controlled by the test."""
 
     def __init__(self, address, wire, window=3):
         self.address, self.wire, self.received = address, wire, []
@@ -47,7 +47,7 @@ class Unit:
 
 
 def run(units, wire):
-    """Lets the units talk until nobody says more; all frames that were on the wire."""
+    """Runs the units until none sends any more; returns all frames on the wire."""
     said = 0
     for _ in range(600):
         heard = len(wire)
@@ -56,7 +56,7 @@ def run(units, wire):
                 unit.hear(wire[said])
             said += 1
         for unit in units:
-            # A little later: what it waits for between packets is over, a time-out is not.
+            # 0.06 s later: past the spacing of packets, before any time-out.
             unit.layer.async_job_thread(time.time() + 0.06)
         if heard == len(wire) == said:
             break
@@ -69,7 +69,7 @@ def read(frames):
 
 
 @pytest.mark.parametrize("length", [9, 14, 15, 300, 1785])
-def test_a_peers_broadcast_is_read(length):
+def test_a_broadcast_of_the_peer_is_reassembled(length):
     wire = []
     unit = Unit(TRUCK, wire)
     data = random.Random(length).randbytes(length)
@@ -82,7 +82,7 @@ def test_a_peers_broadcast_is_read(length):
 
 
 @pytest.mark.parametrize("length", [9, 14, 15, 300, 1785])
-def test_our_broadcast_is_read_by_the_peer(length):
+def test_our_broadcast_is_reassembled_by_the_peer(length):
     unit = Unit(TOOL, [])
     data = random.Random(length).randbytes(length)
     for frame in broadcast(65226, data, TRUCK):
@@ -91,7 +91,7 @@ def test_our_broadcast_is_read_by_the_peer(length):
 
 
 @pytest.mark.parametrize("window", [1, 3, 255])
-def test_a_talk_between_two_peers_is_read_from_outside(window):
+def test_a_transfer_between_two_peers_is_reassembled(window):
     wire = []
     units = [Unit(TRUCK, wire, window), Unit(TOOL, wire, window)]
     data = random.Random(window).randbytes(100)

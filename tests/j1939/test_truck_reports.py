@@ -1,4 +1,4 @@
-"""What the truck's bytes say while it launches, shifts, brakes, reverses and stands."""
+"""Reports of the truck on the bus in launch, gear changes, braking, reversing and standstill."""
 
 import pytest
 
@@ -24,7 +24,7 @@ from iits_mj.j1939 import (
 )
 from iits_mj.j1939.groups import CCVS1, EEC2, ETC2, VDC2, IitsTrailer
 from iits_mj.truck import Truck
-from tests.paths import ROOT
+from tests.paths import outside
 
 OPERATOR, TRANSMISSION, BRAKES = 1, 6, 10
 
@@ -46,7 +46,7 @@ def said(subject):
 
 
 def drive(subject, command, seconds, tick=0.05):
-    """The truck's word at every tick while it obeys one command."""
+    """Reports of the truck at every tick under one command."""
     subject.command(command)
     found = []
     for _ in range(round(seconds / tick)):
@@ -61,7 +61,7 @@ def launch():
     return drive(truck(), VehicleCommand(accelerator_pedal=0.5), 12.0)
 
 
-def test_clutch_slips_all_of_the_engines_speed_at_the_start_and_nothing_in_gear(launch):
+def test_clutch_slip_is_nearly_100_percent_at_launch_and_zero_when_engaged(launch):
     slips = [groups["ETC1"].number("clutch_slip_percent") for groups in launch]
     assert slips[0] > 90.0
     engaged = [g["ETC1"] for g in launch if g["ETC1"].number("driveline_engaged") == 1.0]
@@ -78,7 +78,7 @@ def test_shafts_turn_in_the_ratio_that_the_gearbox_reports(launch):
             assert etc1.number("input_shaft_speed_rpm") == pytest.approx(geared, rel=0.01)
 
 
-def test_current_gear_lags_behind_the_selected_one_in_a_change_that_the_gearbox_commands(launch):
+def test_current_gear_lags_behind_the_selected_gear_during_a_change(launch):
     gears = [(g["ETC2"].number("current_gear"), g["ETC2"].number("selected_gear")) for g in launch]
     changing = [g for g, (current, wanted) in zip(launch, gears, strict=True) if current < wanted]
     assert len(changing) > 10
@@ -86,7 +86,7 @@ def test_current_gear_lags_behind_the_selected_one_in_a_change_that_the_gearbox_
     assert all(g["EEC1"].number("engine_torque_mode") == TRANSMISSION for g in changing)
 
 
-def test_driven_wheels_gain_on_the_front_axle_when_they_pull():
+def test_driven_wheels_turn_faster_than_the_front_axle_under_traction():
     def lead(pedal):
         found = drive(truck(speed=6.0), VehicleCommand(accelerator_pedal=pedal), 3.0)[-1]["EBC2"]
         rear = found.number("relative_speed_rear1_left_kph")
@@ -95,18 +95,18 @@ def test_driven_wheels_gain_on_the_front_axle_when_they_pull():
     assert lead(1.0) - lead(0.0) > 0.005
 
 
-def test_wheel_speeds_are_those_of_wheels_and_not_of_the_ground():
+def test_reported_wheel_speeds_include_brake_slip():
     subject = truck(payload=0.0, speed=20.0)
     found = drive(subject, VehicleCommand(brake_pedal=0.7), 1.5)[-1]
     ground = subject.observe().speed / KMH
     assert 20.0 < ground < 65.0
     front = found["EBC2"].number("front_axle_speed_kph")
-    # Slip of a braked tire.
+    # The slip of a braked tire.
     assert 0.005 < 1.0 - front / ground < 0.3
     assert found["CCVS1"].number("wheel_based_speed_kph") < 0.995 * ground
 
 
-def test_speeds_of_a_reversing_truck_have_no_sign_but_its_motion_has():
+def test_only_the_motion_of_a_reversing_truck_is_signed():
     subject = truck()
     command = VehicleCommand(accelerator_pedal=0.3, transmission_mode=TransmissionMode.REVERSE)
     found = drive(subject, command, 8.0)[-1]
@@ -126,7 +126,7 @@ def test_speeds_of_a_reversing_truck_have_no_sign_but_its_motion_has():
     assert subject.report().propeller_shaft_speed < 0.0
 
 
-def test_a_braking_xbr_shows_at_the_brakes_and_not_as_a_pressed_pedal():
+def test_xbr_braking_is_reported_by_the_brakes_and_not_as_a_pressed_pedal():
     command = VehicleCommand(accelerator_pedal=0.5, xbr_demand=-1.5, xbr_mode=XbrMode.MAXIMUM)
     found = drive(truck(speed=20.0), command, 1.0)[-1]
     assert found["EBC5"].number("foundation_brake_use") == 1.0
@@ -135,14 +135,14 @@ def test_a_braking_xbr_shows_at_the_brakes_and_not_as_a_pressed_pedal():
     assert found["EBC5"].number("xbr_acceleration_limit") == pytest.approx(-10.0)
     assert found["CCVS1"].number("brake_switch") == 0.0
     assert found["EBC1"].number("ebs_brake_switch") == 0.0
-    # The pedal is down and gets nothing.
+    # The pedal is pressed but has no effect.
     assert found["EEC1"].number("engine_torque_mode") == BRAKES
     assert found["EEC1"].number("engine_control_source_address") == 0x0B
     assert found["EEC1"].number("driver_demand_torque_percent") > 30.0
     assert found["EEC1"].number("actual_engine_torque_percent") < 10.0
 
 
-def test_retarder_says_whether_the_driver_or_the_brakes_want_its_torque():
+def test_retarder_reports_whether_driver_or_brakes_demand_its_torque():
     lever = drive(truck(speed=20.0), VehicleCommand(retarder=0.4), 1.5)[-1]["ERC1", 0x10]
     assert lever.number("retarder_torque_mode") == OPERATOR
     assert lever.number("retarder_control_source_address") == 0x10
@@ -158,7 +158,7 @@ def test_retarder_says_whether_the_driver_or_the_brakes_want_its_torque():
     assert brakes.number("intended_retarder_torque_percent") < -10.0
 
 
-def test_fuel_economy_is_endless_in_overrun_zero_at_idle_and_a_trucks_in_between():
+def test_fuel_economy_is_at_its_limit_in_overrun_and_zero_at_idle():
     coasting = drive(truck(speed=20.0), VehicleCommand(), 2.0)[-1]["LFE1"]
     assert coasting.number("engine_fuel_rate_l_per_h") == 0.0
     assert coasting.number("instantaneous_fuel_economy_km_per_l") == pytest.approx(125.5, abs=0.01)
@@ -170,7 +170,7 @@ def test_fuel_economy_is_endless_in_overrun_zero_at_idle_and_a_trucks_in_between
 
 
 @pytest.mark.parametrize("payload", [0.0, 36e3])
-def test_weights_on_the_bus_are_the_trucks(payload):
+def test_weights_on_the_bus_are_those_of_the_truck(payload):
     subject = truck(payload)
     subject.command(parking_brake=1.0)
     subject.step(1000)
@@ -184,14 +184,14 @@ def test_weights_on_the_bus_are_the_trucks(payload):
     assert weights[0].number("trailer_weight_kg") == 10_100.0 + payload
 
 
-def test_receiver_takes_the_mass_from_the_bus():
+def test_receiver_reads_the_mass_from_the_bus():
     receiver = StateReceiver()
     for frame in state_to_frames(EgoState(mass=27_340.0)):
         receiver.receive(frame)
     assert receiver.state().mass == 27_340.0
 
 
-def test_a_real_truck_without_our_messages_still_tells_speed_gear_and_acceleration():
+def test_speed_gear_and_acceleration_are_read_without_our_own_messages():
     receiver = StateReceiver()
     receiver.receive(encode(CCVS1(wheel_based_speed_kph=72.0), source=0x27))
     receiver.receive(encode(ETC2(current_gear=11), source=3))
@@ -202,7 +202,7 @@ def test_a_real_truck_without_our_messages_still_tells_speed_gear_and_accelerati
     assert state.acceleration == pytest.approx(-1.5)
 
 
-def test_a_controllers_pedal_is_not_taken_for_the_engines_report():
+def test_a_controllers_pedal_is_no_report_of_the_engine():
     receiver = StateReceiver()
     command = EEC2(accelerator_pedal_position_percent=80.0)
     assert not receiver.receive(encode(command, source=0x2A))
@@ -211,7 +211,7 @@ def test_a_controllers_pedal_is_not_taken_for_the_engines_report():
     assert receiver.report().accelerator_pedal == pytest.approx(0.8)
 
 
-def test_codes_leave_the_last_value_as_it_is():
+def test_status_codes_keep_the_last_value():
     receiver = StateReceiver()
     receiver.receive(encode(CCVS1(wheel_based_speed_kph=36.0)))
     for code in (Status.ERROR, Status.NOT_AVAILABLE):
@@ -219,7 +219,7 @@ def test_codes_leave_the_last_value_as_it_is():
     assert receiver.report().wheel_based_speed == pytest.approx(10.0)
 
 
-def test_a_locked_wheels_lag_ends_at_the_signals_limit():
+def test_relative_speed_of_a_locked_wheel_saturates_at_the_signal_limit():
     report = TruckReport(wheel_speeds=(20.0, 20.0, 0.0, 20.0, 20.0, 20.0))
     groups = {d.name: d.group for d in map(decode, state_to_frames(EgoState(), report))}
     assert groups["EBC2"].number("relative_speed_rear1_left_kph") == pytest.approx(-7.8125)
@@ -235,14 +235,14 @@ def test_neutral_has_no_ratio():
     assert said(subject)["ETC2"].number("current_gear") == 0.0
 
 
-def test_another_makers_message_of_our_number_is_not_heard():
+def test_a_message_of_another_manufacturer_with_our_pgn_is_ignored():
     receiver = StateReceiver()
     assert not receiver.receive(encode(IitsTrailer(articulation=0.5), source=0x0B))
     assert receiver.receive(encode(IitsTrailer(articulation=0.5)))
     assert receiver.state().articulation == pytest.approx(0.5, abs=1e-4)
 
 
-def test_malformed_frames_are_counted_and_change_nothing():
+def test_malformed_frames_are_counted_and_ignored():
     receiver = StateReceiver()
     sound = encode(CCVS1(wheel_based_speed_kph=36.0))
     assert not receiver.receive(Frame(sound.can_id, sound.data[:3]))
@@ -251,13 +251,9 @@ def test_malformed_frames_are_counted_and_change_nothing():
     assert receiver.state() == EgoState()
 
 
-RECORDED = ROOT.parent / "shared" / "data" / "j1939"
-
-
-@pytest.mark.skipif(not RECORDED.is_dir(), reason="the recorded frames are not at hand")
-def test_a_recorded_trucks_own_frames_tell_its_state():
+def test_state_of_a_real_truck_is_read_from_its_recorded_frames():
     receiver, speeds = StateReceiver(), []
-    for frame in read_log(RECORDED / "KWTruck.txt"):
+    for frame in read_log(outside("j1939/KWTruck.txt")):
         receiver.receive(frame)
         if frame.pgn == pgn_of("EEC1"):
             speeds.append(receiver.state().engine_speed / RPM)

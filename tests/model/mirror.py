@@ -1,4 +1,4 @@
-"""Reflection of the truck's coordinates in its middle plane: what is left comes out right."""
+"""Reflection of the truck's coordinates in its middle plane: left becomes right."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The drawn road lies where the physics has it, and nothing floats, hides or collides."""
+"""The drawn road matches the road of the physics, lies above the ground and has no contacts."""
 
 import mujoco
 import numpy as np
@@ -45,7 +45,8 @@ def mesh_points(model, word):
     return np.concatenate(found)
 
 
-def test_road_touches_nothing(model):
+def test_road_has_one_light_and_touches_nothing(model):
+    assert model.nlight == 1
     assert model.ngeom < 450
     assert not model.geom_contype.any()
     assert not model.geom_conaffinity.any()
@@ -63,10 +64,10 @@ def test_inside_a_bend_each_stretch_of_road_draws_its_own_ground():
         rim = corridor.across(edge)
         reach = np.linalg.norm(points[..., :2] - rim[:, None, :2], axis=-1)
         _, nearest = landscape.height(points[..., 0], points[..., 1])
-        # Where another stretch is nearer, it is not by more than the two share.
+        # Beyond the middle of two stretches each draws no more ground than both share.
         assert np.max(reach - nearest) < OVERLAP + 0.5
         reaches.append(reach.max())
-    # On the outer side, and away from the bend, the ground goes on to where the far one begins.
+    # On the outer side, and away from the bend, the ground extends to the far ground.
     assert min(reaches) > 100.0
 
 
@@ -125,7 +126,7 @@ def test_tunnel_is_below_ground_and_bridge_above(highway, landscape):
             assert np.all(sign * (ground - point.z) > 0.5)
 
 
-def test_dashes_are_six_metres_long_every_fifteen(highway):
+def test_dashes_are_six_meters_long_every_fifteen(highway):
     paint = markings(Corridor.sample(highway), 2500.0, 2800.0)["road_marking"]
     stations = sorted(
         round(highway.locate(x, y, 2600.0)[0], 1)
@@ -159,15 +160,6 @@ def test_sloping_straight_road_lies_on_its_plain():
 
 def test_open_route_gets_run_outs(highway):
     assert run_outs(highway) == (400.0, 400.0)
-
-
-def test_scene_without_visuals_has_light_and_sky_only():
-    spec = mujoco.MjSpec()
-    add_road(spec, Route.straight(), visuals=False)
-    model = spec.compile()
-    assert model.ngeom == 0
-    assert model.nlight == 1
-    assert model.ntex == 1
 
 
 def test_tunnel_curbs_and_floor_cover_the_ground_on_both_sides(highway):

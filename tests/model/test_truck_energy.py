@@ -1,4 +1,4 @@
-"""Energy of the truck: what it loses went into tires, air and dampers, and none is made."""
+"""The truck loses its energy to tires, air and dampers, and gains none."""
 
 import mujoco
 import numpy as np
@@ -18,7 +18,7 @@ def load(payload, timestep=0.002):
 
 
 class Energy:
-    """What MuJoCo counts (motion, height, joint and tendon springs) and the tires' compression."""
+    """Energy of motion, height, joint and tendon springs, and of the tires' compression."""
 
     def __init__(self, truck):
         self.data, tires = truck.data, truck.parameters.tires
@@ -35,7 +35,7 @@ class Energy:
 
 
 class Losses:
-    """Power that leaves the truck, by what the road and the air do to it [W]."""
+    """Power that road, air and dampers take from the truck [W]."""
 
     def __init__(self, truck):
         self.model, self.data, self.p = truck.model, truck.data, truck.parameters
@@ -77,7 +77,7 @@ class Losses:
 
 @pytest.mark.parametrize("steering", [0.0, 0.8], ids=["straight", "turning"])
 @pytest.mark.parametrize("payload", [0.0, 36_000.0])
-def test_unpowered_truck_loses_what_road_and_air_take(payload, steering):
+def test_unpowered_truck_loses_the_energy_that_road_and_air_take(payload, steering):
     truck = load(payload)
     truck.reset(speed=20.0)
     truck.command(transmission_mode=NEUTRAL, steering_wheel_angle=steering)
@@ -88,14 +88,14 @@ def test_unpowered_truck_loses_what_road_and_air_take(payload, steering):
         truck.step(1)
         values.append(energy())
         lost += losses() * truck.model.opt.timestep if k else 0.0
-    # What is left: aligning moments, play of the couplings, the gearbox in neutral.
+    # Not counted: aligning moments, play of the couplings, the gearbox in neutral.
     assert values[0] - values[-1] == pytest.approx(lost, rel=0.02)
     assert np.diff(values).max() < 0.0
 
 
 @pytest.mark.parametrize("timestep", [0.001, 0.005])
 @pytest.mark.parametrize("payload", [0.0, 36_000.0])
-def test_truck_dropped_from_20_cm_gains_nothing_and_comes_to_rest(payload, timestep):
+def test_truck_dropped_from_20_cm_gains_no_energy_and_comes_to_rest(payload, timestep):
     truck = load(payload, timestep)
     energy, data = Energy(truck), truck.data
     truck.command(transmission_mode=NEUTRAL)
@@ -107,7 +107,7 @@ def test_truck_dropped_from_20_cm_gains_nothing_and_comes_to_rest(payload, times
         values.append(energy())
     weight = truck.parameters.gross_mass(payload) * GRAVITY
     assert max(values) < start
-    # Strain of the treads comes back now and then; it is not counted in `energy`.
+    # `energy` does not count the strain of the treads, which returns now and then.
     assert np.maximum(np.diff(values), 0.0).sum() < 0.01 * 0.2 * weight
     truck.command(parking_brake=1.0)
     truck.step(round(8.0 / timestep))

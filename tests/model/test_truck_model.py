@@ -1,4 +1,4 @@
-"""What a maintainer of a model collection would check of `mjcf/` and the builder."""
+"""The files of `mjcf/` and the builder: loads, names, inertias, equilibrium, reset, warnings."""
 
 import re
 
@@ -61,7 +61,7 @@ def test_provenance_table_of_the_readme_is_current():
 
 
 @pytest.mark.parametrize("payload", sorted(AXLE_LOADS_KN))
-def test_axle_loads_are_those_of_the_truck_and_stay_so(payload):
+def test_axle_loads_at_rest_are_the_published_ones_and_stay_constant(payload):
     model = build(payload)
     data = mujoco.MjData(model)
     for _ in range(1000):
@@ -83,7 +83,7 @@ def test_truck_at_qpos0_is_in_equilibrium_for_any_payload(payload):
 
 def test_payload_moves_the_static_loads_to_the_tri_axle():
     share = [sum(static_axle_loads(PARAMETERS, p)[3:]) / p for p in (18_000.0, 36_000.0)]
-    assert share[0] > share[1]  # the tare counts for less
+    assert share[0] > share[1]  # the tare's share falls
 
 
 @pytest.mark.parametrize("payload", [-1.0, 36_001.0, float("nan"), float("inf")])
@@ -131,11 +131,11 @@ def test_every_element_has_a_name_of_its_own_in_snake_case(scene):
 
 
 @pytest.mark.parametrize("payload", [0.0, 1.0, 36_000.0])
-def test_masses_and_inertias_are_those_of_bodies_that_can_exist(payload):
+def test_masses_and_inertias_are_physically_possible(payload):
     model = build(payload)
     for i in range(1, model.nbody):
         body = model.body(i)
-        if body.mass == 0.0:  # places: centres of pressure, and the load of an empty truck
+        if body.mass == 0.0:  # massless: pressure centers, and the payload of an empty truck
             assert model.body_dofnum[i] == 0, body.name
             continue
         least, middle, most = sorted(body.inertia)
@@ -143,7 +143,7 @@ def test_masses_and_inertias_are_those_of_bodies_that_can_exist(payload):
         assert least + middle >= most, body.name
 
 
-def test_model_files_give_the_truck_that_python_loads(laden):
+def test_model_files_give_the_same_truck_as_python(laden):
     shipped = mujoco.MjModel.from_xml_path(str(iits_mj.mjcf_path("truck.xml")))
     state = []
     for model in (laden, shipped):
@@ -156,7 +156,7 @@ def test_model_files_give_the_truck_that_python_loads(laden):
     np.testing.assert_allclose(state[1], state[0], atol=1e-4)
 
 
-def test_reset_and_keyframe_forget_all_that_was(laden):
+def test_reset_and_keyframe_restore_the_initial_state_bit_for_bit(laden):
     full = mujoco.mjtState.mjSTATE_INTEGRATION
     fresh, reset, keyed = (mujoco.MjData(laden) for _ in range(3))
     for data in (reset, keyed):
@@ -230,14 +230,14 @@ def test_start_shift_steer_and_brake_leave_no_warning(timestep):
 
 
 @pytest.mark.parametrize("height", [1.3, 3.0])
-def test_load_lies_where_it_is_asked_to_lie(height):
+def test_payload_lies_at_the_requested_height(height):
     truck = iits_mj.Truck.load(payload_height=height, visuals=False)
     model, data = truck.model, truck.data
     body, site = model.body("payload"), data.site("payload_cg")
     assert data.xipos[body.id][2] == pytest.approx(height, abs=1e-6)
     np.testing.assert_allclose(site.xpos, data.xipos[body.id], atol=1e-9)
     assert truck.parameters.payload.cg_height == height
-    # The level road does not see the height: same loads, still in equilibrium.
+    # On a level road the height does not matter: same loads, still in equilibrium.
     for _ in range(500):
         mujoco.mj_step(model, data)
     np.testing.assert_allclose(axle_loads(model, data), AXLE_LOADS_KN[36_000.0], rtol=0.005)

@@ -1,4 +1,4 @@
-"""Left and right of the truck are alike: in its parts, at rest, rolling, and in every motion."""
+"""The truck is symmetric: in its parts, at rest, rolling, and in every motion."""
 
 import mujoco
 import numpy as np
@@ -52,7 +52,7 @@ def test_joints_have_the_same_spring_damper_and_range_on_both_sides(truck):
         np.testing.assert_array_equal(left.range, -right.range[::-1])
 
 
-def test_what_is_not_paired_lies_on_the_middle_plane(truck):
+def test_bodies_without_a_twin_lie_on_the_middle_plane(truck):
     model = truck.model
     for i in range(1, model.nbody):
         body = model.body(i)
@@ -61,7 +61,7 @@ def test_what_is_not_paired_lies_on_the_middle_plane(truck):
 
 
 @pytest.mark.parametrize("payload", [0.0, 36_000.0])
-def test_tires_at_rest_carry_the_same_on_both_sides_and_nothing_sideways(payload):
+def test_tires_at_rest_carry_equal_loads_and_no_side_force(payload):
     truck = Truck.load(payload, visuals=False)
     truck.step(1000)
     truck.observe()
@@ -85,7 +85,7 @@ def test_truck_rolling_straight_does_not_drift_sideways(payload):
 
 
 def test_mirrored_commands_give_the_mirrored_motion(truck):
-    """Steering, driving and braking: any term that knows left from right would show."""
+    """Steering, driving and braking show any term that differs between left and right."""
     model, mirror = truck.model, Mirror(truck.model)
     truck.reset(speed=20.0)
     ours, theirs = mujoco.MjData(model), mujoco.MjData(model)
@@ -99,6 +99,6 @@ def test_mirrored_commands_give_the_mirrored_motion(truck):
         theirs.ctrl[:] = mirror.control(ours.ctrl)
         mujoco.mj_step(model, ours)
         mujoco.mj_step(model, theirs)
-    assert abs(ours.qpos[1]) > 3.0  # it did go somewhere
+    assert abs(ours.qpos[1]) > 3.0  # the truck moved to the side
     np.testing.assert_allclose(theirs.qpos, mirror.position(ours.qpos), atol=1e-9)
     np.testing.assert_allclose(theirs.qvel, mirror.velocity(ours.qvel), atol=1e-9)

@@ -1,4 +1,4 @@
-"""The truck's look has no part in its physics and fits the truck's size."""
+"""Visual geoms do not affect the physics and fit the truck's size."""
 
 import mujoco
 import numpy as np
@@ -75,7 +75,7 @@ def test_cab_is_as_long_wide_and_high_as_the_parameters_say(model):
     tractor = PARAMETERS.tractor
     assert high[0] == pytest.approx(tractor.front_overhang, abs=0.03)
     assert high[2] == pytest.approx(tractor.height, abs=0.01)
-    # Mirrors stand out by a third of a metre, as they do.
+    # Mirrors stand out by a third of a meter.
     assert 0.5 * tractor.width < high[1] < 0.5 * tractor.width + 0.40
     assert 0.15 < low[2] < 0.35
 

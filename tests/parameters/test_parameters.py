@@ -1,4 +1,4 @@
-"""The truck's figures as files: complete, finite, with provenance; wrong files are refused."""
+"""The truck's parameter files are complete, finite and have provenance; wrong ones are refused."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
 from iits_mj.parameters.files import provenance
 
 
-def test_every_figure_has_unit_grade_and_a_place():
+def test_every_parameter_has_a_value_a_unit_and_a_grade():
     rows = provenance()
     assert len(rows) > 150
     for name, value, unit, grade, _ in rows:
@@ -76,7 +76,7 @@ def test_missing_file_is_named():
         TruckParameters.load("nowhere.toml")
 
 
-def test_load_may_lie_low_or_high_and_changes_nothing_else():
+def test_payload_height_changes_only_the_payload():
     p = TruckParameters.load()
     high = p.with_payload_height(2.8)
     assert high.payload.cg_height == 2.8
@@ -85,7 +85,7 @@ def test_load_may_lie_low_or_high_and_changes_nothing_else():
 
 
 @pytest.mark.parametrize("height", [1.29, 3.01, float("nan"), float("inf")])
-def test_load_under_the_floor_or_over_the_roof_is_refused(height):
+def test_payload_below_the_floor_or_above_the_roof_is_refused(height):
     with pytest.raises(InputError, match=r"payload_height = .* m: allowed is 1\.3 to 3 m"):
         TruckParameters.load().with_payload_height(height)
 

@@ -26,7 +26,7 @@ def test_factors_stay_within_their_bounds_and_reach_them():
         assert quantity.high - 0.05 * width < factors.max() <= quantity.high
 
 
-def test_every_drawn_truck_has_valid_parameters_that_are_the_shipped_ones_times_the_factors():
+def test_parameters_of_a_drawn_truck_are_the_shipped_ones_times_the_factors():
     spread, shipped = Spread.load(), TruckParameters.load()
     for seed in range(20):
         drawn = spread.draw(np.random.default_rng(seed))
@@ -69,7 +69,7 @@ def test_unusable_spreads_are_refused(tmp_path, content, message):
         Spread.load(file)
 
 
-def test_a_spread_of_ones_own():
+def test_a_user_defined_spread_scales_its_parameter():
     spread = Spread((Quantity("friction", ("tire_common.friction_lateral",), 0.5, 0.5),))
     drawn = spread.draw(np.random.default_rng(0))
     assert drawn.overlay == {"tire_common": {"friction_lateral": pytest.approx(0.41)}}

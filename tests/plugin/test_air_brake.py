@@ -58,7 +58,7 @@ def test_75_percent_of_the_pressure_within_0_6_s_at_every_axle(demand):
     assert reached.min() > 0.2
 
 
-def test_brakes_of_a_tractor_let_go_within_0_55_s():
+def test_brakes_of_a_tractor_release_within_0_55_s():
     """FMVSS 121 S5.3.4: from 655 to 34 kPa."""
     sled = Sled(50_000.0, speed=90 * KMH).run(2.0, brake_pedal=1.0)
     names = ("brake_pressure_front_left", "brake_pressure_rear_left")
@@ -100,7 +100,7 @@ def test_laden_truck_is_held_on_an_8_percent_grade_without_creep(grade):
     assert abs(rows[-1, 0] - rows[-2500, 0]) < 1e-7
 
 
-def test_parking_brake_holds_on_a_12_percent_grade_and_lets_go():
+def test_parking_brake_holds_on_a_12_percent_grade_and_releases():
     sled = Sled(55_000.0, grade=-0.12, rolling=False)
     rows = sled.record(20.0, "position", parking_brake=1.0)
     assert abs(rows[-1, 0] - rows[2500, 0]) < 1e-5
@@ -121,7 +121,7 @@ def test_hill_hold_keeps_the_truck_for_some_seconds_on_an_upgrade_only():
     assert held["speed"] < -0.3
 
 
-def test_holding_a_standing_truck_winds_nothing_up():
+def test_holding_at_standstill_does_not_wind_up_the_integral():
     sled = Sled(19_000.0, speed=3.0).run(20.0, xbr_demand=-0.5, **XBR)
     before = sled[TRAILER]
     sled.run(60.0)

@@ -86,7 +86,7 @@ def test_integral_does_not_wind_up_where_the_brakes_can_do_no_more():
     assert after[0] == pytest.approx(after[1], abs=0.1)
 
 
-def test_xbr_lets_go_gradually():
+def test_xbr_releases_gradually():
     """No gradual release: the demand ends within the jerk limit, not at once."""
     sled = Sled(40_000.0, speed=22.0, rolling=False).run(4.0, xbr_demand=-2.0, **XBR)
     speed = sled.record(1.5, "speed", xbr_demand=0.0)[:, 0]

@@ -1,4 +1,4 @@
-"""Who brakes: driver and XBR together, friction and endurance brakes, the engine's traction."""
+"""Combination of driver and XBR, of friction and endurance brakes, and the engine's traction."""
 
 import mujoco
 import numpy as np
@@ -21,7 +21,7 @@ def deceleration(mass=40_000.0, seconds=3.0, speed=80 * KMH, **controls):
 
 
 @pytest.mark.parametrize("pedal", [0.05, 0.15, 0.3])
-def test_brake_pedal_asks_for_its_share_of_the_greatest_deceleration(pedal):
+def test_brake_pedal_demands_its_share_of_the_greatest_deceleration(pedal):
     wanted = pedal * BRAKE.pedal_deceleration
     assert deceleration(brake_pedal=pedal) == pytest.approx(wanted, rel=0.03)
 
@@ -66,7 +66,7 @@ def test_endurance_only_leaves_the_friction_brakes_alone():
     assert np.all(rows[:, 1] == 0)
 
 
-def test_endurance_only_leaves_the_driver_the_friction_brakes():
+def test_endurance_only_keeps_friction_braking_for_the_driver():
     sled = Sled(40_000.0, speed=80 * KMH)
     controls = {"xbr_demand": -0.5, "xbr_mode": 2, "xbr_ebi_mode": 1}
     sled.run(2.0, brake_pedal=0.3, **controls)
@@ -101,7 +101,7 @@ def test_abs_switches_the_endurance_brakes_off():
     assert np.all(rows[2:, 1][active] <= 0)
 
 
-def test_deceleration_control_makes_up_for_a_grade_that_nobody_told_it():
+def test_deceleration_control_compensates_an_unknown_grade():
     for grade in (-0.04, 0.03):
         sled = Sled(50_000.0, speed=80 * KMH, grade=grade).run(5.0, xbr_demand=-1.5, xbr_mode=2)
         before = sled["speed"]
@@ -110,7 +110,7 @@ def test_deceleration_control_makes_up_for_a_grade_that_nobody_told_it():
 
 
 @pytest.mark.parametrize("factor", [0.6, 1.0, 1.5])
-def test_load_sensing_knows_a_mass_that_was_changed_in_the_model(factor):
+def test_load_sensing_uses_the_present_mass_of_the_model(factor):
     """Domain randomization scales the masses of a compiled model."""
     sled = Sled(30_000.0, speed=70 * KMH)
     body = sled.model.body("sled").id

@@ -94,7 +94,7 @@ def test_abs_cycling_uses_air():
     assert cycling > 1.2
 
 
-def test_spring_brakes_come_on_when_the_air_is_gone():
+def test_spring_brakes_apply_without_air():
     small = DRY | {("air_brake", "reservoir_volume"): "0.01 0.02 0.02"}
     sled = Sled(30_000.0, speed=60 * KMH, changes=small)
     sled.run(1.0)
@@ -108,7 +108,7 @@ def test_spring_brakes_come_on_when_the_air_is_gone():
         assert sled.run(1.0, accelerator_pedal=0.5)["speed"] < 0.01
 
 
-def test_full_reservoirs_hold_the_springs_off():
+def test_full_reservoirs_release_the_spring_brakes():
     sled = Sled(30_000.0, speed=60 * KMH).run(0.5)
     for _ in range(100):
         assert np.all(sled.run(0.02).wheels("brake_torques") == 0)

@@ -1,4 +1,4 @@
-"""Brakes against the engine: traction is cut while somebody brakes, and comes back smoothly."""
+"""Brakes against the engine: braking cuts the traction, which returns smoothly afterwards."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ XBR = {"xbr_demand": -1.5, "xbr_mode": 2.0}
 
 
 @pytest.mark.parametrize("controls", [XBR, {"brake_pedal": 0.15}], ids=["xbr", "pedal"])
-def test_engine_stops_pulling_while_somebody_brakes(controls):
+def test_braking_cuts_the_traction_of_the_engine(controls):
     sled = Sled(40_000.0, speed=60 * KMH).run(4.0, accelerator_pedal=0.8)
     assert sled["propeller_shaft_torque"] > 1000
     sled.run(2.5, **controls)
@@ -19,7 +19,7 @@ def test_engine_stops_pulling_while_somebody_brakes(controls):
     assert (before - sled["speed"]) / 2.0 == pytest.approx(1.5, rel=0.04)
 
 
-def test_traction_comes_back_after_braking():
+def test_traction_returns_after_braking():
     sled = Sled(40_000.0, speed=60 * KMH).run(3.0, accelerator_pedal=0.5).run(2.0, **XBR)
     rows = sled.record(5.0, "propeller_shaft_torque", "speed", xbr_demand=0.0)
     assert rows[-1, 0] > 500

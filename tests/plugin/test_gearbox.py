@@ -99,7 +99,7 @@ def test_hard_braking_skips_gears_downward_and_never_stalls():
     assert rows[-1, 1] == GEARBOX.start_gear
 
 
-def test_gear_in_the_making_is_replaced_when_the_truck_is_braked_to_a_stop_meanwhile():
+def test_target_gear_is_replaced_during_hard_braking():
     """Full braking from just above the speed of a downshift: the new gear is soon too high."""
     sled = Sled(LIGHT, speed=20 * KMH, rolling=False).run(1.5, accelerator_pedal=0.3)
     rows = sled.record(
@@ -127,7 +127,7 @@ def test_truck_starts_in_second_on_a_grade_without_rolling_back(mass, grade):
     assert rows[-1, 2] > 2.5
 
 
-def test_first_gear_is_taken_only_where_second_cannot_start():
+def test_first_gear_is_used_only_if_second_cannot_start():
     """28 %: first gear's full torque carries 55 t, second's does not. Held until it is pulled."""
     gears = []
     for grade in (0.2, 0.28):

@@ -117,7 +117,7 @@ def test_engine_brake_has_its_rated_power_at_its_rated_speed():
     assert power == pytest.approx(expected, rel=0.01)
 
 
-def test_rolling_truck_is_found_in_gear_with_the_clutch_closed():
+def test_rolling_truck_starts_in_gear_with_the_clutch_closed():
     sled = Sled(speed=80 * KMH)
     rows = sled.record(1.0, "engine_speed", "speed", "clutch_engagement", "gear")
     assert rows[0, 3] == 12
@@ -263,7 +263,7 @@ def test_unknown_sensor_is_refused_with_the_known_names():
 
 
 @pytest.mark.parametrize("timestep", [0.001, 0.005])
-def test_engine_neither_stalls_nor_races_under_any_commands(timestep):
+def test_engine_neither_stalls_nor_overspeeds_under_any_commands(timestep):
     random = np.random.default_rng(3)
     sled = Sled(19_000.0, speed=10.0, timestep=timestep)
     for _ in range(100):

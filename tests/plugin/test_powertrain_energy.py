@@ -1,4 +1,4 @@
-"""Energy and fuel of the powertrain: every joule of the engine is found again."""
+"""Energy balance and fuel of the powertrain."""
 
 import mujoco
 import numpy as np
@@ -64,7 +64,7 @@ def hilly_drive(timestep):
 
 
 @pytest.mark.parametrize("timestep", [0.001, 0.002, 0.005])
-def test_engine_work_is_found_again_at_the_shaft_as_loss_or_stored(timestep):
+def test_engine_work_equals_shaft_work_losses_and_stored_energy(timestep):
     audit = hilly_drive(timestep)
     work, missing = audit.balance()
     assert work > 1e6

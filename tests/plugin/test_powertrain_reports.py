@@ -1,4 +1,4 @@
-"""What the powertrain's control units say about gears and torque in a launch and its shifts."""
+"""Reports of the powertrain about gears and torque in a launch with gear changes."""
 
 import mujoco
 import numpy as np
@@ -37,7 +37,7 @@ def launch():
     return dict(zip(NAMES, rows.T, strict=True))
 
 
-def test_current_gear_is_the_last_one_in_until_the_next_one_is_in(launch):
+def test_current_gear_is_the_last_engaged_one_until_the_next_one_engages(launch):
     target, engaged = launch["gear"], launch["gear_engaged"]
     changing = launch["shift_in_process"] > 0
     assert np.all(engaged[~changing] == target[~changing])
@@ -59,7 +59,7 @@ def test_input_shaft_turns_with_the_engine_while_no_gear_is_in(launch):
     assert np.count_nonzero(between & same) > 100
 
 
-def test_gearbox_takes_the_torque_in_a_change_and_the_pedal_has_it_otherwise(launch):
+def test_gearbox_controls_the_torque_only_in_a_change(launch):
     changing = launch["shift_in_process"] > 0
     assert set(launch["engine_torque_mode"][changing]) == {TRANSMISSION}
     assert set(launch["engine_torque_mode"][~changing]) == {ACCELERATOR}
@@ -84,20 +84,20 @@ def test_floored_pedal_of_a_laden_truck_ends_at_what_the_driver_asks_for_near_fu
     assert torque[-1] == pytest.approx(driver[-1], rel=2e-3)
 
 
-def test_nobody_asks_for_torque_with_the_pedal_up():
+def test_no_torque_is_requested_with_the_pedal_up():
     rows = Sled(19_000.0, sensors=SENSORS).record(
         1.0, "engine_torque_mode", "engine_torque_percent_driver"
     )
     assert np.all(rows == NO_REQUEST)
 
 
-def test_the_report_is_the_five_sensors_in_one():
+def test_the_report_contains_the_values_of_five_sensors():
     sled = Sled(19_000.0, sensors=SENSORS)
     sled.run(3.0, accelerator_pedal=0.6)
     assert sled.wheels("powertrain_report") == pytest.approx([sled[name] for name in REPORT])
 
 
-def test_wheel_speeds_are_the_wheels_own():
+def test_wheel_speeds_are_those_of_the_joints():
     sled = Sled(19_000.0, speed=10.0)
     sled.run(1.0, xbr_demand=-2.0, xbr_mode=2)
     mujoco.mj_forward(sled.model, sled.data)

@@ -1,4 +1,4 @@
-"""The retarder, and the answer of engine brake and retarder to what the brakes ask for."""
+"""The retarder, and the response of engine brake and retarder to demands of the brakes."""
 
 import mujoco
 import numpy as np
@@ -130,13 +130,13 @@ def test_demand_of_the_brakes_is_met_by_drag_then_engine_brake_then_retarder():
     assert endurance(sled)[0] == pytest.approx(most, rel=0.01)
 
 
-def test_torque_at_the_wheels_is_what_the_powertrain_tells_the_brakes():
+def test_torque_at_the_wheels_equals_the_powertrains_message_to_the_brakes():
     sled = at_shaft_speed(110.0)
     demanding(sled, 4.0, 2000.0)
     assert endurance(sled)[0] == -sled["propeller_shaft_torque"] == pytest.approx(2000, rel=0.01)
 
 
-def test_engine_promises_nothing_with_the_clutch_open_or_in_neutral():
+def test_engine_offers_no_torque_with_an_open_clutch_or_in_neutral():
     assert endurance(Sled().run(1.0))[1] == 0
     sled = at_shaft_speed(110.0).run(1.0)
     with_engine = endurance(sled)[1]
@@ -146,7 +146,7 @@ def test_engine_promises_nothing_with_the_clutch_open_or_in_neutral():
     assert with_engine > retarder + 500
 
 
-def test_retarder_fills_the_gap_that_an_engine_leaves_when_its_gear_is_taken_out():
+def test_retarder_replaces_the_engine_brake_when_the_gear_disengages():
     sled = at_shaft_speed(110.0)
     demanding(sled, 4.0, 2500.0)
     engine_share = 1 - sled["retarder_torque"] / GEARBOX.driveline_efficiency / 2500
@@ -167,7 +167,7 @@ def test_demand_is_held_through_the_downshifts_of_a_slow_stop():
     assert -rows[:, 0].min() < 1.15 * 2500
 
 
-def test_engine_brake_and_retarder_let_go_when_abs_works_on_the_driven_wheels():
+def test_engine_brake_and_retarder_release_when_abs_acts_on_driven_wheels():
     sled = at_shaft_speed(110.0).run(3.0, retarder=1.0, engine_brake=1.0)
     held = sled["retarder_torque"]
     assert held > 3000
@@ -178,7 +178,7 @@ def test_engine_brake_and_retarder_let_go_when_abs_works_on_the_driven_wheels():
     assert sled["retarder_torque"] == pytest.approx(held, rel=0.01)
 
 
-def test_abs_of_a_driven_wheel_turns_the_levers_off_until_it_is_over():
+def test_abs_of_a_driven_wheel_overrides_the_levers():
     sled = Sled(19_000.0, speed=80 * KMH, grip=0.25)
     sled.run(1.0, retarder=0.3, engine_brake=0.3)
     assert sled["retarder_torque"] > 500
@@ -203,7 +203,7 @@ def test_demand_waits_while_the_driver_accelerates():
     assert sled["propeller_shaft_torque"] > 500
 
 
-def test_brakes_cut_the_engine_and_give_the_accelerator_back_smoothly():
+def test_brakes_cut_the_accelerator_and_restore_it_smoothly():
     sled = at_shaft_speed(110.0)
     sled.command(accelerator_pedal=1.0)
     demanding(sled, 12.0, 0.0)
@@ -233,7 +233,7 @@ def test_braking_on_a_descent_does_not_depend_on_the_time_step(timestep):
     np.testing.assert_allclose(ends[0], ends[1], rtol=0.01)
 
 
-def test_retarder_state_is_restored_bit_by_bit():
+def test_restored_retarder_state_is_bit_identical():
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
     sled = Sled(55_000.0, grade=-0.05, speed=70 * KMH).run(5.0, retarder=0.7, engine_brake=0.4)
     state = np.zeros(mujoco.mj_stateSize(sled.model, kind))

@@ -1,4 +1,4 @@
-"""The instrument panel shows what the frame says."""
+"""The instrument panel shows the values of the frame."""
 
 import time
 from types import SimpleNamespace
@@ -106,7 +106,7 @@ def test_overlay_fits_every_size(route, size):
     assert drawn(route, size).shape == (size[1], size[0], 3)
 
 
-def test_extreme_values_are_drawn_not_refused(route):
+def test_extreme_values_are_drawn(route):
     wild = {"speed": -40.0, "gear": -1, "engine_speed": 900.0, "brake_pressures": (1e9,) * 5}
     drawn(route, ego={**wild, "station": 5000.0}, grade=9.0, speed_limit=float("inf"))
 

@@ -22,7 +22,7 @@ PANEL = Panel(
 
 
 class Content(html.parser.HTMLParser):
-    """Collects tags and what they refer to."""
+    """Collects tags, their sources and text."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -58,7 +58,7 @@ def test_same_panels_give_the_same_png_bytes() -> None:
     assert first == second
 
 
-def test_units_stand_on_both_axes() -> None:
+def test_both_axes_have_units() -> None:
     figure = plots.draw([PANEL])
     assert figure.axes[0].get_xlabel() == "time [s]"
     assert figure.axes[0].get_ylabel() == "speed [m/s]"
@@ -111,7 +111,7 @@ def test_large_video_is_linked_instead(tmp_path: Path, monkeypatch: pytest.Monke
     assert page.sources == ["drive.mp4", "drive.mp4"]
 
 
-def test_text_from_outside_cannot_become_markup() -> None:
+def test_text_cannot_become_markup() -> None:
     mark = "<img src=x>"
     section = Section(
         mark, notes=[mark], sentences=[mark], header=[mark], rows=[[f"**{mark}**"]],
@@ -123,7 +123,7 @@ def test_text_from_outside_cannot_become_markup() -> None:
     assert page.tags.count("strong") == 1
 
 
-def test_results_page_names_what_falls_short(tmp_path: Path) -> None:
+def test_results_page_names_checks_that_fall_short(tmp_path: Path) -> None:
     found = Results("bench", checks=[Check("step", 20.0, "us", 10.0, "<= 15")])
     found.figures["cost_of_a_step"] = [PANEL]
     web, _ = write_results_page(found, "0.1.0", tmp_path)
@@ -132,7 +132,7 @@ def test_results_page_names_what_falls_short(tmp_path: Path) -> None:
     assert "img" in page.tags
 
 
-def test_writing_replaces_the_old_page_whole_and_leaves_nothing_beside_it(tmp_path: Path) -> None:
+def test_writing_replaces_the_old_page_and_leaves_no_other_file(tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     path.write_text("old")
     Page("new").write(path)
@@ -140,7 +140,7 @@ def test_writing_replaces_the_old_page_whole_and_leaves_nothing_beside_it(tmp_pa
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
 
 
-def test_every_picture_of_a_markdown_page_lies_beside_it(tmp_path: Path) -> None:
+def test_every_picture_of_a_markdown_page_is_in_its_folder(tmp_path: Path) -> None:
     _, page = write_results_page(results(), "1.0", tmp_path)
     pictures = re.findall(r"!\[[^]]*\]\(([^)]+)\)", page.read_text())
     assert len(pictures) == 2
@@ -148,7 +148,7 @@ def test_every_picture_of_a_markdown_page_lies_beside_it(tmp_path: Path) -> None
         assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
 
 
-def test_markdown_page_says_what_falls_short_and_has_a_section_for_each_part(
+def test_markdown_page_lists_failed_checks_and_has_a_section_for_each_part(
     tmp_path: Path,
 ) -> None:
     text = write_results_page(results(), "1.0", tmp_path)[1].read_text()
@@ -183,5 +183,5 @@ def test_cells_cannot_break_a_markdown_table() -> None:
 
 
 @pytest.mark.parametrize(("text", "name"), [("validate step-size", "validate-step-size")])
-def test_file_names_are_plain(text: str, name: str) -> None:
+def test_file_names_have_no_special_characters(text: str, name: str) -> None:
     assert pages.slug(text) == name

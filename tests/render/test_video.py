@@ -1,7 +1,8 @@
-"""Films and their parts; what needs OpenGL skips where there is none."""
+"""Videos, cameras and pictures; tests that need OpenGL are skipped without it."""
 
 import math
 import sys
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -14,7 +15,7 @@ from iits_mj.render import offscreen
 from iits_mj.render.cameras import CAMERAS, FollowCamera
 from iits_mj.render.lane_sketch import add_trajectory
 from iits_mj.render.offscreen import Offscreen, camera_pose, check_size
-from iits_mj.render.video import Mp4Encoder, VideoWriter
+from iits_mj.render.video import Mp4Encoder, VideoObserver
 from iits_mj.road import RoadMap
 from iits_mj.truck import Truck
 
@@ -52,7 +53,7 @@ def opengl():
     try:
         offscreen.make_context(16, 16).free()
     except RenderError as error:
-        pytest.skip(f"no OpenGL here: {error}")
+        pytest.skip(f"OpenGL is missing: {error}")
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +130,7 @@ def test_camera_in_the_tunnel_is_inside_the_tube(truck, name, lane):
         assert 0.5 < height < TUNNEL_ROOF
 
 
-def test_film_has_the_size_and_number_of_its_pictures(tmp_path):
+def test_video_has_the_size_and_number_of_its_pictures(tmp_path):
     import imageio_ffmpeg
 
     path = tmp_path / "film.mp4"
@@ -148,7 +149,7 @@ def test_film_has_the_size_and_number_of_its_pictures(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["film.mp4"]
 
 
-def test_failed_film_leaves_the_old_one_and_nothing_half_written(tmp_path):
+def test_failed_video_leaves_the_old_video_and_no_partial_file(tmp_path):
     path = tmp_path / "film.mp4"
     path.write_bytes(b"old")
 
@@ -199,7 +200,7 @@ def test_ribbon_stops_where_the_scene_is_full(scene):
 
 
 @pytest.mark.usefixtures("opengl")
-def test_pictures_show_the_truck_and_hide_what_is_far_or_behind(scene):
+def test_pictures_show_the_truck_and_hide_distant_geoms(scene):
     model, data = scene
     groups = model.geom_group.copy()
     with Offscreen(model, SIZE) as view:
@@ -212,19 +213,21 @@ def test_pictures_show_the_truck_and_hide_what_is_far_or_behind(scene):
     assert picture.shape == (120, 160, 3)
     red = (picture[..., 0] > 120) & (picture[..., 1] < 60)
     assert red.any()
-    # The red box stands left of the road, so it is in the left half.
+    # The red box is to the left of the road.
     assert np.argwhere(red)[:, 1].mean() < 80
 
 
 @pytest.mark.usefixtures("opengl")
-def test_writer_films_a_moving_model(scene, tmp_path):
+def test_video_shows_a_moving_model(scene, tmp_path):
     model, data = scene
     path = tmp_path / "film.mp4"
-    with VideoWriter(path, model, (161, 121), 10, "side") as writer:
+    truck = SimpleNamespace(model=model, data=data, route=SimpleNamespace(tunnels=()))
+    frame = SimpleNamespace(trajectory=plan(), ego=SimpleNamespace(station=0.0))
+    with VideoObserver(path, truck, (161, 121), "side", 10, overlay=False) as video:
         for i in range(3):
             data.time = 0.1 * i
             data.qpos[0] = 2.0 * i
             mujoco.mj_forward(model, data)
-            writer.add(data, plan())
-        assert writer.frames == 3
+            video.observe(None, frame)
+        assert video.frames == 3
     assert path.stat().st_size > 500

@@ -1,4 +1,4 @@
-"""Reads SUMO nets and runs netconvert, to compare roads with."""
+"""Reads SUMO nets and runs netconvert, for comparison with our roads."""
 
 from __future__ import annotations
 
@@ -10,14 +10,16 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import pytest
 
-from tests.paths import ROOT
+from tests.paths import DATA, needs
 
-SHARED_MAPS = ROOT / "../shared/data/xodr"
-
-
-def shared_maps() -> list[Path]:
-    return sorted(SHARED_MAPS.glob("*.xodr")) if SHARED_MAPS.is_dir() else []
+NAMES = ("crest-curve", "curves_elevation", "e6mini", "fabriksgatan_traffic_lights", "velodrome")
+OUTSIDE_MAPS = [
+    pytest.param(DATA / file, marks=needs(file), id=Path(file).stem)
+    for file in (f"xodr/esmini_{name}.xodr" for name in NAMES)
+]
+"""Real maps from outside the repository, as parameters of a test."""
 
 
 def netconvert() -> str | None:

@@ -55,12 +55,12 @@ def test_closed_loop_gives_one_lap():
     assert route.length == pytest.approx(100.0)
 
 
-def test_cycle_of_roads_ends_after_every_road_was_driven_once():
+def test_chain_through_a_cycle_drives_every_road_once():
     a, b = road("1", link=successor("2")), road("2", geometry=line(100.0), link=successor("1"))
     assert names(road_map(a, b).route()) == [("1", 1), ("2", 1)]
 
 
-def test_link_to_a_road_that_is_not_there_ends_the_chain():
+def test_link_to_a_missing_road_ends_the_chain():
     assert names(road_map(road("1", link=successor("99"))).route()) == [("1", 1)]
 
 
@@ -81,7 +81,7 @@ def test_chain_passes_a_junction_where_lanes_are_linked():
     assert names(route) == [("1", 1), ("5", 1), ("2", 1)]
 
 
-def test_a_great_grid_of_roads_is_searched_in_bounded_time():
+def test_a_large_grid_of_roads_is_searched_to_its_end():
     size = 12
     roads, junctions = [], []
     for i in range(size):

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.special import fresnel
 
+from iits_mj.core.angles import wrap_angles
 from iits_mj.road.geometry import (
     Arc,
     Geometry,
@@ -15,7 +16,6 @@ from iits_mj.road.geometry import (
     PlanView,
     Poly3,
     Spiral,
-    wrap_angle,
 )
 
 PLACE = (0.0, 12.0, -7.0, 0.6)
@@ -67,8 +67,8 @@ def test_heading_speed_and_curvature_are_the_derivatives_of_position(geometry):
     before, here, after = (geometry.evaluate(s + d) for d in (-h, 0.0, h))
     dx, dy = (after.x - before.x) / (2 * h), (after.y - before.y) / (2 * h)
     assert np.allclose(np.hypot(dx, dy), here.speed, atol=1e-7)
-    assert np.allclose(wrap_angle(np.arctan2(dy, dx) - here.heading), 0.0, atol=1e-7)
-    turn = wrap_angle(after.heading - before.heading) / (2 * h) / here.speed
+    assert np.allclose(wrap_angles(np.arctan2(dy, dx) - here.heading), 0.0, atol=1e-7)
+    turn = wrap_angles(after.heading - before.heading) / (2 * h) / here.speed
     assert np.allclose(turn, here.curvature, atol=1e-7)
 
 
@@ -84,19 +84,19 @@ def test_arc_ends_on_its_circle():
     assert (float(point.x), float(point.y)) == pytest.approx((0.0, 1000.0), abs=1e-9)
 
 
-def test_poly3_is_walked_by_arc_length_not_by_u():
+def test_poly3_is_evaluated_by_arc_length_not_by_u():
     curve = Poly3(0.0, 0.0, 0.0, 0.0, 50.0, (0.0, 0.5, 0.0, 0.0))
     point = curve.evaluate(50.0)
     assert float(np.hypot(point.x, point.y)) == pytest.approx(50.0, abs=1e-9)
 
 
-def test_normalized_cubic_is_walked_evenly():
+def test_normalized_cubic_is_evaluated_at_even_distances():
     curve = ParamPoly3(0.0, 0.0, 0.0, 0.0, 80.0, (0.0, 10.0, 60.0, 10.0), (0.0,) * 4, True)
     point = curve.evaluate(np.linspace(0.0, 80.0, 9))
     assert np.allclose(np.diff(point.x), 10.0, atol=1e-8)
 
 
-def test_at_a_joint_either_record_can_be_asked():
+def test_evaluation_at_a_joint_takes_the_record_before_or_after():
     plan = PlanView((Line(0.0, 0.0, 0.0, 0.0, 10.0), Line(10.0, 10.5, 0.0, 0.0, 10.0)))
     assert float(plan.evaluate(10.0, -1).x) == 10.0
     assert float(plan.evaluate(10.0, 1).x) == 10.5

@@ -20,7 +20,7 @@ STATION = np.arange(0.0, ROUTE.length, 1.0)
 POINT = ROUTE.evaluate(STATION)
 
 
-def test_shipped_map_is_what_the_writer_makes_of_the_table():
+def test_shipped_map_equals_the_written_design_table():
     assert (MAPS / "highway.xodr").read_text(encoding="utf-8") == to_xml(highway())
 
 
@@ -54,17 +54,17 @@ def test_curvature_never_jumps():
     assert np.abs(np.diff(POINT.curvature)).max() < 2e-5
 
 
-def test_grades_stay_within_5_percent_and_use_them():
+def test_grades_reach_but_do_not_exceed_5_percent():
     assert np.abs(POINT.grade).max() <= 0.05 + 1e-9
     assert POINT.grade.max() > 0.045
     assert POINT.grade.min() < -0.045
-    # The paper's road: mean size 2.4 %, spread 2.8 %.
+    # The paper's road: mean magnitude 2.4 %, standard deviation 2.8 %.
     assert 0.02 < np.abs(POINT.grade).mean() < 0.03
     assert 0.025 < POINT.grade.std() < 0.033
 
 
-def test_vertical_curves_are_those_of_80_km_h():
-    # K = 26 m per per cent of grade change or more (AASHTO crest curve at 80 km/h).
+def test_vertical_curves_suit_80_km_h():
+    # K of at least 26 m per percent of grade change (AASHTO crest curve at 80 km/h).
     assert np.abs(np.diff(POINT.grade)).max() < 0.01 / 26.0
 
 
@@ -80,7 +80,7 @@ def test_road_leans_into_its_bends_by_at_most_4_percent():
     assert (POINT.curvature * POINT.superelevation)[bent].max() < 0.0
 
 
-def test_origin_of_offsets_is_the_centre_of_the_right_lane():
+def test_origin_of_offsets_is_the_center_of_the_right_lane():
     assert np.abs(ROUTE.lane_offset(0, STATION)).max() < 1e-6
     assert np.abs(ROUTE.lane_width(0, STATION) - 4.0).max() < 1e-6
 
@@ -103,7 +103,7 @@ def test_third_lane_opens_and_closes_gradually():
     assert np.abs(np.diff(left)).max() < 0.04
 
 
-def test_tunnel_and_bridge_are_where_the_first_drive_and_the_valley_are():
+def test_tunnel_lies_on_the_first_2_km_and_tunnel_and_bridge_have_realistic_lengths():
     ((start, end),) = ROUTE.tunnels
     assert 500.0 <= end - start <= 900.0
     assert end < 1900.0
@@ -111,7 +111,7 @@ def test_tunnel_and_bridge_are_where_the_first_drive_and_the_valley_are():
     assert 100.0 < end - start < 500.0
 
 
-def test_limits_are_80_km_h_but_60_in_the_tunnel():
+def test_speed_limits_are_80_km_h_and_60_in_the_tunnel():
     assert ROUTE.speed_limit(500.0) == 22.22
     assert ROUTE.speed_limit(1300.0, 1) == 16.67
     assert ROUTE.speed_limit(8500.0) == 19.44
@@ -156,7 +156,7 @@ def test_incomplete_design_table_is_refused(tmp_path):
     with pytest.raises(InputError, match="lane_width"):
         Design.load(path)
     path.write_text("= nonsense")
-    with pytest.raises(InputError, match="not a readable"):
+    with pytest.raises(InputError, match=r"design table .* cannot be read"):
         Design.load(path)
 
 

@@ -96,7 +96,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_malformed_map_gives_one_clear_line(name, tmp_path):
+def test_malformed_map_is_refused_in_one_clear_line(name, tmp_path):
     text, expected = BAD[name]
     path = tmp_path / "bad.xodr"
     path.write_text(text)

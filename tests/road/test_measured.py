@@ -1,4 +1,4 @@
-"""Roads from measured figures pass through them, smoothly."""
+"""Roads from measurements pass smoothly through the measured heights."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def test_curvature_and_first_heading_make_the_plan_view():
     assert float(route.evaluate(400.0).heading) - 0.3 == pytest.approx(turned, abs=1e-4)
 
 
-def test_lanes_limit_and_friction_are_those_asked_for():
+def test_lanes_limit_and_friction_are_as_requested():
     route = measured_route(STATION, HEIGHT, lanes=Lanes(3, 3.5, 20.0, 0.4))
     assert route.lane_count(50.0) == 3
     assert route.lane_width(2, 50.0) == pytest.approx(3.5)
@@ -65,13 +65,13 @@ def test_a_csv_with_a_byte_order_mark_and_comments_is_read(tmp_path):
         (STATION, HEIGHT, np.full(STATION.size, 0.5), "curvature 0.5 1/m"),
     ],
 )
-def test_columns_that_are_no_road_are_refused_with_the_reason(station, height, curvature, words):
+def test_columns_that_do_not_describe_a_road_are_refused(station, height, curvature, words):
     with pytest.raises(InputError, match=words):
         measured_route(station, height, curvature=curvature)
 
 
 @pytest.mark.parametrize("text", ["", "s_m,x\n0,1\n", "s_m,z_m\n0,one\n", "s_m,z_m\n0,1,2\n"])
-def test_a_file_that_is_no_road_is_refused_by_name(tmp_path, text):
+def test_a_file_that_does_not_describe_a_road_is_refused_by_name(tmp_path, text):
     file = tmp_path / "broken.csv"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=r"broken\.csv"):

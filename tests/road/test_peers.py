@@ -5,28 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from iits_mj.core.angles import wrap_angle, wrap_angles
 from iits_mj.core.errors import MapError
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.chain import Piece
 from iits_mj.road.elements import Road
-from iits_mj.road.geometry import wrap_angle
 from iits_mj.road.seams import ContinuousChain
-from tests.road.map_peers import SHARED_MAPS, convert, netconvert, read_net, shared_maps
+from tests.paths import outside
+from tests.road.map_peers import OUTSIDE_MAPS, convert, netconvert, read_net
 
 DISTANCE = 0.05
 ANGLE = np.radians(0.5)
 BUILTIN = RoadMap.builtin().path
-MAPS = [path for path in shared_maps() if "soderleden" not in path.name]
-ALL = [*MAPS, BUILTIN]
-SODERLEDEN = SHARED_MAPS / "esmini_soderleden.xodr"
+ALL = [*OUTSIDE_MAPS, pytest.param(BUILTIN, id=BUILTIN.stem)]
 
 needs_netconvert = pytest.mark.skipif(netconvert() is None, reason="netconvert is not installed")
-
-
-def test_shared_maps_are_compared():
-    if not MAPS:
-        pytest.skip("the folder ../shared/data/xodr is absent")
-    assert len(MAPS) == 5
 
 
 def single(content: RoadMap, road: Road, direction: int) -> Route:
@@ -36,7 +29,7 @@ def single(content: RoadMap, road: Road, direction: int) -> Route:
     return Route(content, ContinuousChain([piece], "peer", roll_scale=0.0))
 
 
-@pytest.mark.parametrize("path", ALL, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", ALL)
 def test_reference_line_agrees_with_pyxodr(path):
     network = pytest.importorskip("pyxodr.road_objects.network")
     content = RoadMap.from_opendrive(path)
@@ -63,11 +56,11 @@ def test_reference_line_agrees_with_pyxodr(path):
         chord = np.arctan2(step[:, 1], step[:, 0])
         long = np.hypot(*step.T) > 0.8
         middle = road.plan.evaluate(0.5 * (s[2:] + s[:-2])).heading
-        assert np.abs(wrap_angle(chord - middle))[long].max() < ANGLE, road.id
+        assert np.abs(wrap_angles(chord - middle))[long].max() < ANGLE, road.id
 
 
 @needs_netconvert
-@pytest.mark.parametrize("path", MAPS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", OUTSIDE_MAPS)
 def test_lanes_agree_with_netconvert(path, tmp_path):
     net = tmp_path / "peer.net.xml"
     assert convert(path, net).returncode == 0
@@ -94,7 +87,7 @@ def test_lanes_agree_with_netconvert(path, tmp_path):
             compared += 1
             assert offset == pytest.approx(route.lane_offset(index, station), abs=DISTANCE)
             assert z == pytest.approx(route.evaluate(station).z, abs=DISTANCE)
-            # Mean heading over 4 m, because the net's points are rounded to a centimetre.
+            # Mean heading over 4 m, because the net's points are rounded to a centimeter.
             ends = [[np.interp(d + e, along, lane.shape[:, k]) for k in (0, 1)] for e in (-2, 2)]
             direction = np.arctan2(ends[1][1] - ends[0][1], ends[1][0] - ends[0][0])
             stretch = np.linspace(*(route.locate(*end, station)[0] for end in ends), 21)
@@ -115,13 +108,12 @@ def test_netconvert_reads_the_built_in_highway_with_its_tapers(tmp_path):
     assert len(read_net(tmp_path / "x.net.xml")) > 20
 
 
-@pytest.mark.skipif(not SODERLEDEN.is_file(), reason="the folder ../shared/data/xodr is absent")
-def test_direct_junction_is_refused_in_one_line_that_says_what_to_do():
+def test_direct_junction_is_refused_with_the_advice_to_use_another_map():
     with pytest.raises(MapError, match=r"soderleden.*direct junction.*another map"):
-        RoadMap.from_opendrive(SODERLEDEN)
+        RoadMap.from_opendrive(outside("xodr/esmini_soderleden.xodr"))
 
 
-@pytest.mark.parametrize("path", ALL, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", ALL)
 def test_route_lies_within_a_millimetre_of_the_exact_records(path):
     route = RoadMap.from_opendrive(path).route()
     seams = np.array([seam.p for seam in route.chain.seams])
@@ -135,7 +127,7 @@ def test_route_lies_within_a_millimetre_of_the_exact_records(path):
         assert np.abs(point.z - piece.road.elevation.evaluate(s)).max(initial=0.0) < 1e-3
 
 
-@pytest.mark.parametrize("path", MAPS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", OUTSIDE_MAPS)
 def test_real_map_gives_a_smooth_drivable_route(path):
     route = RoadMap.from_opendrive(path).route()
     assert route.length > 390.0

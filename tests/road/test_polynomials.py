@@ -21,7 +21,7 @@ def test_scalar_and_vector_evaluation_agree(s):
 
 
 @given(s=st.floats(15.0, 90.0), direction=st.sampled_from([1, -1]))
-def test_a_profile_seen_along_travel_has_the_same_values(s, direction):
+def test_a_profile_over_travel_has_the_same_values(s, direction):
     start, end = (10.0, 95.0) if direction > 0 else (95.0, 10.0)
     travelled = PROFILE.along(start, end, direction, 1000.0)
     p = 1000.0 + abs(s - start)

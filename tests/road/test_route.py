@@ -71,7 +71,7 @@ def test_locate_refuses_a_point_that_is_not_finite():
         FORTH.locate(math.nan, 0.0)
 
 
-def test_point_at_the_centre_of_a_bend_is_located_at_its_radius():
+def test_point_at_the_center_of_a_bend_is_located_at_its_radius():
     geometry = '<geometry s="0" x="0" y="0" hdg="0" length="60"><arc curvature="0.05"/></geometry>'
     text = document(road(geometry=geometry, length=60))
     route = RoadMap(parse(text.encode(), "arc"), "arc").route()
@@ -141,7 +141,7 @@ def test_speed_limits_come_from_lane_then_road():
     assert BACK.speed_limit(10.0, 0) == pytest.approx(50.0 / 3.6)
 
 
-def test_paint_is_found_on_its_boundary():
+def test_road_marks_are_found_on_their_boundary():
     assert [FORTH.boundary_mark(i, 10.0).kind for i in range(3)] == [
         "solid",
         "broken",
@@ -218,14 +218,14 @@ def test_straight_route_refuses_nan(name):
         Route.straight(**{name: math.nan})
 
 
-def test_beyond_its_ends_a_route_goes_straight_on():
+def test_a_route_continues_straight_beyond_its_ends():
     before, start = FORTH.evaluate(-10.0), FORTH.evaluate(0.0)
     assert math.hypot(before.x - start.x, before.y - start.y) == pytest.approx(10.0)
     assert before.z == pytest.approx(start.z - 10.0 * start.grade)
     assert before.curvature == 0.0
 
 
-def test_steep_cross_slopes_are_scaled_to_what_a_truck_can_stand():
+def test_cross_slopes_above_the_limit_are_scaled_down_to_it():
     content = wide_map()
     route = content.route("1:+1", superelevation_limit=0.03)
     s = np.linspace(0.0, 100.0, 101)
@@ -233,3 +233,31 @@ def test_steep_cross_slopes_are_scaled_to_what_a_truck_can_stand():
     assert np.allclose(route.evaluate(s).superelevation, exact * 0.5, atol=1e-6)
     assert "3.4 degrees are scaled down to 1.7" in route.notes[0]
     assert FORTH.notes == ()
+
+
+@pytest.fixture(scope="module")
+def places():
+    line = HIGHWAY.line
+    random = np.random.default_rng(3).uniform(-60.0, line.length + 60.0, 2000).tolist()
+    return [*random, 0.0, line.length, line.spacing, -1.0, line.length + 1.0]
+
+
+def test_highway_points_agree_for_scalars_and_arrays(places):
+    line = HIGHWAY.line
+    offsets = np.random.default_rng(4).uniform(-9.0, 9.0, len(places))
+    every = np.array(line.evaluate(np.array(places), offsets))
+    each = [line.evaluate(s, o) for s, o in zip(places, offsets.tolist(), strict=True)]
+    # Sines and arc tangents of NumPy and of Python may differ in the last bit.
+    assert np.allclose(np.array(each).T, every, rtol=1e-14, atol=1e-12)
+
+
+def test_height_equals_the_height_of_the_point_bit_for_bit(places):
+    line = HIGHWAY.line
+    assert all(line.height(s) == line.evaluate(s).z for s in places)
+
+
+def test_cached_pieces_do_not_change_the_points(places):
+    line = HIGHWAY.line
+    first = [line.evaluate(s, 2.0) for s in places]
+    again = [line.evaluate(s, 2.0) for s in reversed(places)]
+    assert again[::-1] == first

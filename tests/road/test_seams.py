@@ -67,7 +67,7 @@ def largest_steps(route: Route, step: float) -> dict[str, float]:
     before=st.floats(-0.05, 0.05),
     after=st.floats(-0.05, 0.05),
 )
-def test_dirty_joint_is_smooth_at_2_ms_of_20_m_per_s(along, across, turn, rise, before, after):
+def test_faulty_joint_is_smooth_in_steps_of_4_cm(along, across, turn, rise, before, after):
     route = two_roads(along, across, turn, rise, (before, after))
     steps = largest_steps(route, 0.04)
     assert steps["position"] < 0.041
@@ -84,7 +84,7 @@ def test_dirty_joint_is_smooth_at_2_ms_of_20_m_per_s(along, across, turn, rise, 
     before=st.floats(-0.05, 0.05),
     after=st.floats(-0.05, 0.05),
 )
-def test_away_from_a_dirty_joint_the_route_is_exact(along, across, rise, before, after):
+def test_route_is_exact_away_from_a_faulty_joint(along, across, rise, before, after):
     route = two_roads(along, across, 0.0, rise, (before, after))
     for station, offset in ((100.0, -1.0), (140.0, 2.0)):
         point = route.evaluate(station, offset)
@@ -106,7 +106,7 @@ def test_overlap_is_trimmed_and_gap_is_bridged(along):
     assert np.allclose(np.diff(x), 0.5, atol=1e-6)
 
 
-def test_grade_spike_of_20_percent_is_no_jump():
+def test_grade_step_of_20_percent_is_blended():
     route = two_roads(grades=(0.0, 0.2))
     assert largest_steps(route, 0.04)["grade"] < 1e-3
     assert np.abs(route.evaluate(np.arange(0.0, 180.0, 1.0)).grade).max() < 1e-9

@@ -3,16 +3,15 @@ from __future__ import annotations
 import pytest
 
 from iits_mj.core.errors import MapError
+from iits_mj.road import RoadMap
 from iits_mj.road.elements import OpenDriveMap
 from iits_mj.road.geometry import Arc, Line, ParamPoly3, Poly3, Spiral
-from iits_mj.road.opendrive import load, parse
+from iits_mj.road.opendrive import parse
 from iits_mj.road.straight import straight_road
 from iits_mj.road.writer import to_xml, write
-from tests.road.map_peers import shared_maps
+from tests.road.map_peers import OUTSIDE_MAPS
 from tests.road.opendrive_text import document, road
 from tests.road.test_route import PROFILES, SPIRAL, WIDE
-
-MAPS = [path for path in shared_maps() if "soderleden" not in path.name]
 
 
 def test_written_map_reads_back_equal():
@@ -45,11 +44,10 @@ def test_every_geometry_is_written_exactly():
         assert parse(to_xml(content).encode(), "x") == content
 
 
-@pytest.mark.skipif(not MAPS, reason="the folder ../shared/data/xodr is absent")
-def test_real_maps_read_back_equal():
-    for path in MAPS:
-        content = load(path)
-        assert parse(to_xml(content).encode(), path.name) == content, path.name
+@pytest.mark.parametrize("path", OUTSIDE_MAPS)
+def test_real_map_reads_back_equal(path):
+    content = RoadMap.from_opendrive(path).content
+    assert parse(to_xml(content).encode(), path.name) == content
 
 
 def test_text_is_escaped():

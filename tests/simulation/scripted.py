@@ -16,7 +16,7 @@ from iits_mj.simulation.telemetry import COLUMNS
 from iits_mj.truck import Truck
 
 NUMBERS = [name for name in COLUMNS if name != "plan_mode [-]"]
-# What a drive by a log does not know.
+# Columns that a drive by a log does not have.
 PLANNED = (
     "reference_speed [m/s]",
     "target_lane [-]",
@@ -30,7 +30,7 @@ DRIVEN = [name for name in COLUMNS if name not in PLANNED]
 
 
 class Scripted:
-    """Decides at whole seconds of a script."""
+    """Decision maker that follows a script of whole seconds."""
 
     name = "scripted"
 
@@ -55,7 +55,7 @@ def simulation(script: Mapping[int, Decision], **settings: object) -> Simulation
 def drive(
     script: Mapping[int, Decision], path: CommandPath | None = None, **settings: object
 ) -> Telemetry:
-    """Telemetry of a scripted drive, over another path where one is given."""
+    """Returns the telemetry of a scripted drive, over another path if one is given."""
     telemetry = Telemetry(None)
     with simulation(script, **settings) as driven:
         if path is not None:

@@ -1,4 +1,4 @@
-"""The bus is cut while the stack drives through it, and comes back."""
+"""The bus fails while the stack drives over it, and returns."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ class Chain(Observer):
         self.cycle, self.cut, self.rows = 0, False, []
 
     def control(self, ego):
-        """What the truck obeys: the stack's frames, or the fallback without them."""
+        """Returns the command of the stack's frames, or of the fallback without frames."""
         command = self.stack.control(ego)
         if not self.cut:
             for frame in command_to_frames(command, self.cycle, ego.time):
@@ -52,7 +52,7 @@ class Chain(Observer):
         self.rows.append((ego.time, ego.offset - middle, ego.speed))
 
     def drive(self, duration, cut=False):
-        """Rows of time, distance to the lane's middle, speed."""
+        """Returns rows of time, distance to the lane's middle, speed."""
         self.cut, self.rows = cut, []
         self.lock_step.advance(duration)
         return np.array(self.rows)
@@ -80,7 +80,7 @@ def test_a_bus_that_returns_drives_the_truck_again():
     assert chain.fallback.source is CommandSource.COMMANDS
     assert rows[-1, REAL_SPEED] > rows[:, REAL_SPEED].min() + 1.0
     assert np.abs(rows[:, OFFSET]).max() < 0.4
-    # The counters went on while nobody heard: no frame of the new start is lost.
+    # The counters continued during the cut: no frame after it is rejected.
     assert not chain.receiver.rejected
 
 
@@ -95,7 +95,7 @@ def test_a_parked_truck_sets_off_again_when_the_bus_returns():
     assert rows[:, REAL_SPEED].min() > -0.15
 
 
-def test_a_gap_within_the_time_outs_is_not_felt():
+def test_a_gap_shorter_than_the_time_outs_does_not_stop_the_truck():
     chain = Chain(0.0)
     chain.drive(1.0)
     chain.drive(0.08, cut=True)
@@ -104,7 +104,7 @@ def test_a_gap_within_the_time_outs_is_not_felt():
     assert rows[:, REAL_SPEED].min() > SPEED - 0.5
 
 
-def test_released_the_truck_rolls_on_with_the_wheel_held():
+def test_without_a_fallback_the_truck_coasts_with_the_wheel_held():
     chain = Chain(0.0, stops=False)
     chain.drive(2.0)
     angle = chain.truck.last_command().steering_wheel_angle

@@ -1,4 +1,4 @@
-"""A drive commanded through J1939 frames, the log of its bus, and the drive that the log gives."""
+"""A drive over J1939 frames, the log of its bus, and the drive repeated from the log."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SHORT = 12.0
 
 
 class EveryCycle:
-    """Sends all messages each 20 ms, so that nothing but the signals' steps comes between."""
+    """Sends all messages every 20 ms, so that only the signal resolution changes commands."""
 
     def __init__(self) -> None:
         self.cycles = 0
@@ -90,7 +90,7 @@ def apart(one: Telemetry, other: Telemetry, column: str) -> float:
     return float(np.abs(one.column(column) - other.column(column)).max())
 
 
-def test_drive_through_bytes_is_the_drive_in_process_up_to_the_signals_steps(
+def test_drive_over_bytes_equals_the_direct_drive_up_to_the_signal_resolution(
     direct: Telemetry,
 ) -> None:
     bus = drive(LEFT_AT_3, CommandPath(over_bytes=True, sender=EveryCycle), duration=SHORT)
@@ -111,18 +111,18 @@ def test_messages_at_their_own_rates_leave_the_drive_within_a_decimetre(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("payload", [36_000.0, 0.0])
-def test_a_minute_with_two_lane_changes_stays_together(payload: float) -> None:
+def test_a_minute_with_two_lane_changes_is_nearly_the_same_over_bytes(payload: float) -> None:
     settings = {"duration": 60.0, "payload": payload}
     straight = drive(THERE_AND_BACK, **settings)
     steps = drive(THERE_AND_BACK, CommandPath(over_bytes=True, sender=EveryCycle), **settings)
     rates = drive(THERE_AND_BACK, commands="j1939", **settings)
     for name, other in (("signals' steps", steps), ("messages' rates", rates)):
-        # Shown by -s: the figures of docs/j1939_drive.md.
+        # `pytest -s` shows the figures of docs/j1939_drive.md.
         found = ", ".join(f"{apart(other, straight, c):.2g} {c}" for c in COMPARED)
         print(f"\n{payload:g} kg, {name}: {found}")
     assert straight.column("lane_changes [-]")[-1] == 2
-    # A wheel that rests in the steering's play by a signal's step elsewhere lets the truck drift by
-    # some centimeters before crossing the play is worth it.
+    # A steering wheel that rests in the play one signal step off lets the truck drift by some
+    # centimetres before the controller crosses the play.
     assert 0.0 < apart(steps, straight, "station [m]") < 0.25
     for other in (steps, rates):
         assert apart(other, straight, "station [m]") < 0.25
@@ -131,20 +131,20 @@ def test_a_minute_with_two_lane_changes_stays_together(payload: float) -> None:
         assert apart(other, straight, "speed [m/s]") < 0.06
 
 
-def test_drive_through_bytes_repeats_bit_for_bit_and_logging_leaves_no_trace(
+def test_drive_over_bytes_repeats_bit_for_bit_and_logging_changes_nothing(
     over_bytes: Telemetry, logged: Logged
 ) -> None:
     assert np.array_equal(table(over_bytes), table(logged.telemetry), equal_nan=True)
 
 
-def test_reset_of_a_drive_through_bytes_gives_the_same_drive() -> None:
+def test_reset_repeats_a_drive_over_bytes() -> None:
     with simulation({}, duration=1.0, commands="j1939") as driven:
         first = watch(driven)
         driven.reset()
         assert np.array_equal(table(first), table(watch(driven)), equal_nan=True)
 
 
-def test_log_gives_the_drive_again_bit_for_bit(logged: Logged) -> None:
+def test_log_repeats_the_drive_bit_for_bit(logged: Logged) -> None:
     again, replay = by_log(logged.logs["asc"])
     assert replay.ended == "reached the end of the log"
     assert np.array_equal(table(again, DRIVEN), table(logged.telemetry, DRIVEN), equal_nan=True)
@@ -153,14 +153,14 @@ def test_log_gives_the_drive_again_bit_for_bit(logged: Logged) -> None:
     assert replay.driver.lane_changes == 1
 
 
-def test_plan_of_a_drive_by_a_log_is_not_known(logged: Logged) -> None:
+def test_plan_of_a_drive_by_a_log_is_unknown(logged: Logged) -> None:
     again, _ = by_log(logged.logs["blf"], duration=1.0)
     assert np.isnan(again.column("planned_speed [m/s]")).all()
     assert np.isnan(again.column("reference_speed [m/s]")).all()
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_every_format_holds_the_same_frames_at_the_same_microseconds(
+def test_every_log_format_has_the_same_frames_at_the_same_microseconds(
     logged: Logged, suffix: str
 ) -> None:
     for frame, other in itertools.zip_longest(
@@ -195,8 +195,8 @@ def test_other_tools_read_plausible_values_at_the_rates_of_the_messages(logged: 
     assert min(wheels) == pytest.approx(driven.min(), abs=0.5)
     assert max(wheels) == pytest.approx(driven.max(), abs=0.5)
     angles = [decoded["steering_wheel_angle_request"] for decoded in signals["IITS_COMMAND"]]
-    told = logged.telemetry.column("command_steering_wheel_angle [rad]")
-    assert max(angles) == pytest.approx(told.max(), abs=0.02)
+    reported = logged.telemetry.column("command_steering_wheel_angle [rad]")
+    assert max(angles) == pytest.approx(reported.max(), abs=0.02)
     for name in ("XBR", "IITS_COMMAND"):
         counts = [
             decoded[next(key for key in decoded if key.endswith("_counter"))]
@@ -205,7 +205,7 @@ def test_other_tools_read_plausible_values_at_the_rates_of_the_messages(logged: 
         assert all((b - a) % 16 == 1 for a, b in itertools.pairwise(counts))
 
 
-def test_straight_commands_pass_untouched_and_their_frames_are_told() -> None:
+def test_direct_commands_pass_unchanged_and_listeners_get_their_frames() -> None:
     path = CommandPath(over_bytes=False)
     heard: list[Frame] = []
     command = VehicleCommand(accelerator_pedal=0.3333, steering_wheel_angle=0.12345)
@@ -215,7 +215,9 @@ def test_straight_commands_pass_untouched_and_their_frames_are_told() -> None:
     assert not path.receiver.accepted
 
 
-def test_log_of_straight_commands_gives_the_drive_up_to_the_signals_steps(tmp_path: Path) -> None:
+def test_log_of_direct_commands_repeats_the_drive_up_to_the_signal_resolution(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "drive.log"
     with simulation({}, duration=6.0) as driven, BusLog(path, driven.truck) as log:
         telemetry = watch(driven, log)
@@ -224,7 +226,7 @@ def test_log_of_straight_commands_gives_the_drive_up_to_the_signals_steps(tmp_pa
     assert apart(again, telemetry, "offset [m]") < 0.005
 
 
-def test_drive_goes_on_when_its_log_is_closed_and_another_log_begins_anew(tmp_path: Path) -> None:
+def test_drive_continues_without_its_closed_log_and_a_second_log_is_equal(tmp_path: Path) -> None:
     paths = [tmp_path / "first.log", tmp_path / "second.log"]
     with simulation({}, duration=1.0, commands="j1939") as driven:
         for path in paths:
@@ -252,26 +254,26 @@ def driven_by(frames: list[Frame], duration: float = 5.0, **settings: object) ->
     return replay.driver
 
 
-def test_of_a_log_without_steering_the_accelerator_is_not_obeyed(logged: Logged) -> None:
+def test_accelerator_of_a_log_without_steering_is_not_obeyed(logged: Logged) -> None:
     driver = driven_by(frames_without(logged.logs["asc"], 0xFF00), duration=1.0)
     assert driver.receiver.accepted["EEC2"] > 0
     assert driver.receiver.command(0.9).accelerator_pedal == 0.0
 
 
-def test_sender_that_is_not_asked_for_is_not_obeyed(logged: Logged) -> None:
+def test_only_the_selected_sender_of_a_log_is_obeyed(logged: Logged) -> None:
     frames = list(read_log(logged.logs["asc"]))
     driver = driven_by(frames, duration=1.0, source=0x21)
     assert not driver.receiver.accepted
     assert driver.receiver.ignored["XBR: from an address that is not obeyed"] == 51
 
 
-def test_truck_in_a_log_of_commands_alone_is_safe_after_their_end() -> None:
+def test_accelerator_is_released_after_the_last_command_of_a_log() -> None:
     frames = [
         frame
         for k in range(50)
         for frame in command_to_frames(VehicleCommand(accelerator_pedal=0.5), k, 0.02 * k)
     ]
-    # A later frame of somebody else keeps the log going.
+    # A later frame of another sender extends the log.
     frames.append(Frame(0x18FEF100, b"\xff" * 8, 2.0))
     driver = driven_by(frames, duration=1.9)
     assert driver.receiver.command(0.98).accelerator_pedal == pytest.approx(0.5, abs=0.01)
@@ -301,14 +303,14 @@ def test_a_log_whose_clock_jumps_by_years_ends_at_the_jump(
     replay = drive_by(year)
     assert replay.time < 0.5
     assert re.search(r"frame 51 \(18FEF100\) comes 3153\d{4} s after .*60 s", replay.ended)
-    # What is shorter than that is driven through.
+    # A shorter silence does not end the drive.
     monkeypatch.setattr(log_driver, "LONGEST_SILENCE", 2.0)
     replay = drive_by(2.1, year)
     assert replay.time == pytest.approx(2.1, abs=0.2)
     assert "frame 52 " in replay.ended
 
 
-def test_empty_log_and_unknown_format_are_told(tmp_path: Path) -> None:
+def test_empty_log_and_unknown_format_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no J1939 frame"):
         driven_by([])
     with (
@@ -318,7 +320,7 @@ def test_empty_log_and_unknown_format_are_told(tmp_path: Path) -> None:
         BusLog(tmp_path / "drive.xyz", driven.truck)
 
 
-def test_reports_and_commands_of_a_log_stand_in_the_order_of_time(logged: Logged) -> None:
+def test_reports_and_commands_of_a_log_are_in_the_order_of_time(logged: Logged) -> None:
     frames = list(read_log(logged.logs["asc"]))
     assert frames[0].time == 0.0
     assert all(a.time <= b.time for a, b in itertools.pairwise(frames))

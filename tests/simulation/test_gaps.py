@@ -34,7 +34,7 @@ def test_box_distance_of_known_squares(other: np.ndarray, distance: float) -> No
     assert box_distance(other, square(0.0, 0.0)) == pytest.approx(distance, abs=1e-12)
 
 
-def test_crossing_boxes_overlap_though_no_corner_lies_inside() -> None:
+def test_crossing_boxes_overlap_without_a_corner_inside() -> None:
     long = square(0.0, 0.0) * [10.0, 0.1]
     assert box_distance(long, long[:, ::-1].copy()) == 0.0
 
@@ -76,7 +76,7 @@ def test_nearest_box_distance_sees_a_car_beside_the_trailer() -> None:
     assert gaps.nearest_box_distance(EgoState(), (), parameters) == math.inf
 
 
-def test_who_is_on_a_bridge_above_is_neither_ahead_nor_near() -> None:
+def test_vehicle_on_a_bridge_above_is_neither_ahead_nor_near() -> None:
     parameters = TruckParameters.load()
     ego = EgoState(station=100.0)
     above = TrackedVehicle("a", x=-3.0, z=6.0, yaw=1.5, station=130.0, lane=-1)
@@ -95,7 +95,7 @@ def _distance_by_arrays(corners: np.ndarray, box: np.ndarray) -> float:
     return float(np.linalg.norm(relative - along[..., None] * edge, axis=-1).min())
 
 
-def test_the_nearest_of_many_boxes_has_the_bits_of_looking_at_all_of_them() -> None:
+def test_distance_to_the_nearest_box_is_the_least_of_all_distances_bit_for_bit() -> None:
     parameters, rng = TruckParameters.load(), np.random.default_rng(5)
     apart = 0
     for _ in range(200):

@@ -1,4 +1,4 @@
-"""`examples/keep_speed.py`: what it takes from the bus, how it steers, and how it is called."""
+"""`examples/keep_speed.py`: its bus, its steering, and its command line."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ EXAMPLES = ROOT / "examples"
 
 
 class Clock:
-    """Time that passes only when somebody waits."""
+    """A clock that advances only during a sleep."""
 
     def __init__(self) -> None:
         self.now = 0.0
@@ -34,7 +34,7 @@ class Clock:
 
 
 class Silence:
-    """A bus that nobody else is on."""
+    """A bus without other members."""
 
     def __init__(self) -> None:
         self.sent: list[can.Message] = []
@@ -66,7 +66,7 @@ def hear(controller: object, frame: Frame, source: int | None = None) -> None:
     controller.take(to_can(Frame(can_id, frame.data, frame.time)))  # type: ignore[attr-defined]
 
 
-def test_speed_that_is_not_available_is_no_speed(example: ModuleType, clock: Clock) -> None:
+def test_speed_that_is_not_available_is_ignored(example: ModuleType, clock: Clock) -> None:
     controller = example.Controller(Silence(), 60.0 / 3.6)
     good = encode(groups.CCVS1(wheel_based_speed_kph=59.0))
     hear(controller, good)
@@ -78,7 +78,7 @@ def test_speed_that_is_not_available_is_no_speed(example: ModuleType, clock: Clo
         hear(controller, good)
         hear(controller, Frame(good.can_id, bytes(data)))
         assert controller.heard["wheel_based_speed_kph"] == (raw / 256.0 if taken else 59.0)
-    # For half a second the last one serves, then the truck counts as silent.
+    # The last speed is valid for half a second, then the truck counts as silent.
     hear(controller, good)
     clock.now += 0.4
     assert "CCVS1 wheel_based_speed_kph" not in controller.missing()
@@ -87,7 +87,7 @@ def test_speed_that_is_not_available_is_no_speed(example: ModuleType, clock: Clo
     assert "CCVS1 wheel_based_speed_kph" in controller.missing()
 
 
-def test_speed_of_another_unit_and_of_a_frame_that_is_cut_is_not_taken(
+def test_speed_of_another_unit_and_of_a_short_frame_is_ignored(
     example: ModuleType, clock: Clock
 ) -> None:
     del clock
@@ -102,7 +102,7 @@ def test_speed_of_another_unit_and_of_a_frame_that_is_cut_is_not_taken(
 
 
 class Served:
-    """The bus of a served truck, whose time passes while its controller waits for frames."""
+    """The bus of a served truck; its time advances while the controller waits for frames."""
 
     def __init__(self, server: Server, bus: can.BusABC) -> None:
         self.server, self.bus = server, bus
@@ -142,7 +142,7 @@ def angles(
 
 
 @pytest.mark.parametrize(("kmh", "payload"), [(5.0, 0.0), (13.0, 36_000.0)])
-def test_a_slow_truck_comes_to_its_line_without_the_wheel_being_thrown(
+def test_a_slow_truck_reaches_its_line_with_small_steering_angles(
     example: ModuleType, clock: Clock, kmh: float, payload: float
 ) -> None:
     drive = list(angles(example, clock, kmh / 3.6, payload, 20.0))
@@ -152,12 +152,12 @@ def test_a_slow_truck_comes_to_its_line_without_the_wheel_being_thrown(
     assert max(abs(line) for _, line in late) < 0.25
 
 
-def test_speed_below_the_wanted_one_is_pedal_and_no_brake_and_the_other_way_round(
+def test_low_speed_gives_pedal_and_high_speed_gives_brake(
     example: ModuleType,
 ) -> None:
     keeper = example.SpeedKeeper()
     assert keeper.step(5.0, 16.7, 55_000.0, 0.02) == (keeper.FULL, 0.0)
-    # Ten minutes up a hill that is too steep wind nothing up.
+    # Ten minutes on a hill that is too steep cause no wind-up.
     for _ in range(30_000):
         keeper.step(5.0, 11.7, 55_000.0, 0.02)
     pedal, demand = keeper.step(-1.0, 17.7, 55_000.0, 0.02)
@@ -168,14 +168,14 @@ def test_speed_below_the_wanted_one_is_pedal_and_no_brake_and_the_other_way_roun
 
 @pytest.mark.parametrize("example_name", ["keep_speed.py", "stack_over_bus.py"])
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reported"),
     [
         (["--speed", "nan", "--duration", "-1"], "5 to 90"),
         (["--channel", "10.0.0.1"], "10.0.0.1"),
     ],
 )
-def test_wrong_use_of_an_example_is_one_line_before_anything_is_waited_for(
-    example_name: str, words: list[str], told: str
+def test_wrong_use_of_an_example_is_one_line_without_a_wait(
+    example_name: str, words: list[str], reported: str
 ) -> None:
     done = subprocess.run(
         [sys.executable, str(EXAMPLES / example_name), *words],
@@ -187,4 +187,4 @@ def test_wrong_use_of_an_example_is_one_line_before_anything_is_waited_for(
     assert done.returncode == 2
     assert done.stdout == ""
     assert len(done.stderr.splitlines()) == 1, done.stderr
-    assert told in done.stderr
+    assert reported in done.stderr

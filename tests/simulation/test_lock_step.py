@@ -1,4 +1,4 @@
-"""The order of the lock-step, with a truck, a driver and a scene that only note their calls."""
+"""The order of calls in the lock-step of a truck, a driver and an observer."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from iits_mj.simulation.lock_step import LockStep, Observer
 
 
 class Calls(Observer):
-    """Truck, driver, scenes and observer in one."""
+    """Truck, driver, source of scenes and observer in one, which record their calls."""
 
     def __init__(self) -> None:
         self.names: list[str] = []

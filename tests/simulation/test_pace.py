@@ -1,4 +1,4 @@
-"""Soft real time keeps account of every tick and leaves none out."""
+"""Soft real time counts every tick and skips none."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from iits_mj.simulation.server import Pace
 
 
 class Clock:
-    """Monotonic time that passes only by sleeping and working; sleeps wake a little late."""
+    """A clock that advances by sleep and work; a sleep ends a little late."""
 
     def __init__(self, oversleep: float = 0.0) -> None:
         self.now = 50.0
@@ -38,7 +38,7 @@ def test_ticks_do_not_drift_with_the_work_and_the_sleep() -> None:
     assert pace.mean == pytest.approx(0.0002, rel=0.01)
 
 
-def test_short_lag_is_made_up_for_and_counted() -> None:
+def test_short_lag_is_caught_up_and_counted() -> None:
     clock = Clock()
     pace = _pace(clock)
     pace.wait()
@@ -51,7 +51,7 @@ def test_short_lag_is_made_up_for_and_counted() -> None:
     assert clock.now == pytest.approx(50.05)
 
 
-def test_long_lag_sets_the_clock_anew_and_is_told() -> None:
+def test_long_lag_sets_the_clock_back_and_is_counted() -> None:
     clock = Clock()
     pace = _pace(clock)
     pace.wait()

@@ -1,4 +1,4 @@
-"""A recorded drive is driven again from its commands: the same bits, or the first difference."""
+"""A recorded drive is repeated from its commands, bit for bit or with the first difference."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ import pytest
 
 from iits_mj import cli
 from iits_mj.core.errors import InputError
-from iits_mj.simulation import DriveConfig, Frame, Observer, Simulation
+from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation
 from iits_mj.simulation import drive_log as drive_log_module
 from iits_mj.simulation.drive_log import check_options
 from iits_mj.simulation.parts import load_map
 from iits_mj.simulation.redrive import RedriveError, redrive
 from traffic_bridge import PureSim, Recorder, Recording, RepSim, TrafficConfig
 
-# A cruise: at once on the accelerator, as the tests want it.
+# A cruise uses the accelerator from the start.
 CONFIG = DriveConfig(
     duration=4.0, density="dense", start_station=2500.0, seed=3, speed_planner="cruise"
 )
@@ -37,7 +37,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def edited(path: Path, **changes: Any) -> Recording:
-    """The recording with other arrays or entries of its meta."""
+    """Returns the recording with other arrays or entries of its meta."""
     recording = Recording.load(path)
     meta = recording.meta | changes.pop("meta", {})
     return dataclasses.replace(recording, meta=meta, **changes)
@@ -55,7 +55,7 @@ def test_recording_holds_every_command_and_the_truck_at_every_frame(recorded: Pa
     assert recording.meta["drive"]["options"]["seed"] == 3
 
 
-def test_drive_is_driven_again_bit_for_bit_in_another_process(recorded: Path) -> None:
+def test_drive_is_repeated_bit_for_bit_in_another_process(recorded: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "iits_mj.cli", "replay", str(recorded), "--verify", "--truck"],
         env=dict(os.environ, PYTHONHASHSEED="11"),
@@ -69,7 +69,9 @@ def test_drive_is_driven_again_bit_for_bit_in_another_process(recorded: Path) ->
     assert f"200 commands, hash of states {int(recording.truck_hash[-1]):016x}"[:-4] in done.stdout
 
 
-def test_drive_over_j1939_is_driven_again_from_what_the_truck_obeyed(tmp_path: Path) -> None:
+def test_drive_over_j1939_is_repeated_from_the_commands_that_reached_the_truck(
+    tmp_path: Path,
+) -> None:
     config = dataclasses.replace(CONFIG, commands="j1939", duration=1.0)
     with Simulation(config, record=True, visuals=False) as simulation:
         simulation.run()
@@ -93,7 +95,7 @@ def test_a_changed_state_that_the_truck_does_not_report_is_found(recorded: Path)
         redrive(edited(recorded, truck_hash=hashes), "drive", None)
 
 
-def test_missing_commands_are_told(recorded: Path) -> None:
+def test_missing_commands_are_reported(recorded: Path) -> None:
     recording = Recording.load(recorded)
     short = edited(
         recorded, command_time=recording.command_time[:30], commands=recording.commands[:30]
@@ -130,22 +132,26 @@ def test_another_map_is_refused(recorded: Path, tmp_path: Path) -> None:
         redrive(Recording.load(recorded), "drive", path)
 
 
-def test_options_that_are_given_must_be_those_of_then(recorded: Path) -> None:
+def test_given_options_must_equal_the_recorded_options(recorded: Path) -> None:
     recording = Recording.load(recorded)
     check_options(recording, "drive", DriveConfig(), ())
     check_options(recording, "drive", CONFIG, [f.name for f in dataclasses.fields(DriveConfig)])
-    with pytest.raises(InputError, match="made with density dense, asked is density sparse"):
+    with pytest.raises(
+        InputError, match="made with density dense, not sparse; leave --density out"
+    ):
         check_options(recording, "drive", DriveConfig(density="sparse"), ["density"])
-    with pytest.raises(InputError, match="made with seed 3, asked is seed 0"):
+    with pytest.raises(InputError, match="made with seed 3, not 0; leave --seed out"):
         check_options(recording, "drive", DriveConfig(seed=0), ["seed"])
 
 
-def test_events_that_are_given_must_be_those_of_then(recorded: Path, tmp_path: Path) -> None:
+def test_given_events_must_equal_the_recorded_events(recorded: Path, tmp_path: Path) -> None:
     closure = '[[events]]\nevent = "lane_closure"\nlane = 0\nstart = 2700.0\nend = {}\n'
     first, other = tmp_path / "first.toml", tmp_path / "other.toml"
     first.write_text(closure.format(2750.0))
     other.write_text(closure.format(2760.0))
-    with pytest.raises(InputError, match=r"drive: made with no events, .*other\.toml"):
+    with pytest.raises(
+        InputError, match=r"drive: made with no events, not with .*other\.toml; leave"
+    ):
         check_options(Recording.load(recorded), "drive", DriveConfig(events=other), {"events"})
     with Simulation(
         dataclasses.replace(CONFIG, events=first, duration=1.0), record=True, visuals=False
@@ -153,11 +159,11 @@ def test_events_that_are_given_must_be_those_of_then(recorded: Path, tmp_path: P
         simulation.run()
         recording = Recording.load(simulation.save_recording(tmp_path / "works"))
     check_options(recording, "works", DriveConfig(events=first), {"events"})
-    with pytest.raises(InputError, match=r"made with other events than those of .*other\.toml"):
+    with pytest.raises(InputError, match=r"made with other events than .*other\.toml; leave"):
         check_options(recording, "works", DriveConfig(events=other), {"events"})
 
 
-def test_traffic_without_a_truck_answers_for_its_own_options_alone(
+def test_recording_of_traffic_alone_has_only_options_of_traffic(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     route = load_map(None).route()
@@ -169,8 +175,8 @@ def test_traffic_without_a_truck_answers_for_its_own_options_alone(
     words = ["--density", "sparse", "--seed", "4", "--traffic-mode", "pure"]
     assert cli.main(["replay", path, "--verify", *words]) == 0
     for flag, value, said in (
-        ("--seed", "0", "made with seed 4, asked is seed 0"),
-        ("--payload", "36000", "does not hold payload"),
+        ("--seed", "0", "made with seed 4, not 0"),
+        ("--payload", "36000", "has no payload; leave --payload out"),
     ):
         assert cli.main(["replay", path, "--verify", flag, value]) == 2
         assert said in capsys.readouterr().err
@@ -188,7 +194,7 @@ def test_traffic_without_a_truck_answers_for_its_own_options_alone(
         ("payload_height", "high"),
     ],
 )
-def test_a_stored_option_of_another_kind_is_one_clear_error(
+def test_a_stored_option_of_another_type_is_one_clear_error(
     recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: Any
 ) -> None:
     drive = Recording.load(recorded).meta["drive"]
@@ -196,17 +202,17 @@ def test_a_stored_option_of_another_kind_is_one_clear_error(
     path = edited(recorded, meta={"drive": drive}).save(tmp_path / "edited.npz")
     assert cli.main(["replay", str(path), "--verify", "--truck"]) == 2
     said = capsys.readouterr().err
-    assert "edited.npz: its options are not usable: " + option.replace("_", "-") in said
+    assert "edited.npz: a stored option is not usable: " + option.replace("_", "-") in said
 
 
 @pytest.mark.parametrize("versions", [None, [], "old", {"mujoco": 3}])
-def test_stored_versions_of_another_kind_are_another_version(recorded: Path, versions: Any) -> None:
+def test_stored_versions_of_another_type_are_refused(recorded: Path, versions: Any) -> None:
     drive = Recording.load(recorded).meta["drive"] | {"versions": versions}
     with pytest.raises(InputError, match=r"drive: made with mujoco (unknown|3), here is"):
         redrive(edited(recorded, meta={"drive": drive}), "drive", None)
 
 
-def test_stored_settings_that_are_not_usable_name_their_file(
+def test_error_in_stored_settings_names_the_file(
     recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     config = Recording.load(recorded).meta["config"]
@@ -217,7 +223,7 @@ def test_stored_settings_that_are_not_usable_name_their_file(
 
 
 @pytest.mark.parametrize("there", ["d1", "d1.npz"])
-def test_a_folder_in_the_place_of_a_recording_is_told_before_the_drive(
+def test_a_folder_in_the_place_of_a_recording_is_refused_before_the_drive(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
@@ -233,7 +239,7 @@ def test_a_folder_in_the_place_of_a_recording_is_told_before_the_drive(
     assert [path.name for path in tmp_path.iterdir()] == [there]
 
 
-def test_a_recording_that_cannot_be_written_is_named_as_it_was_given(
+def test_error_names_an_unwritable_recording_as_given(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").write_text("")
@@ -243,21 +249,21 @@ def test_a_recording_that_cannot_be_written_is_named_as_it_was_given(
     assert "--FILE" not in said
 
 
-def test_options_of_another_time_are_refused(recorded: Path) -> None:
+def test_recorded_options_that_no_longer_exist_are_refused(recorded: Path) -> None:
     drive = Recording.load(recorded).meta["drive"]
     drive = drive | {"options": drive["options"] | {"wind": 3.0}}
-    with pytest.raises(InputError, match="other options than there are now: wind"):
+    with pytest.raises(InputError, match="other options than today's: wind"):
         redrive(edited(recorded, meta={"drive": drive}), "drive", None)
 
 
-def test_traffic_without_a_drive_has_no_truck_to_drive(recorded: Path) -> None:
+def test_recording_of_traffic_alone_has_no_truck_to_repeat(recorded: Path) -> None:
     recording = Recording.load(recorded)
     meta = {name: value for name, value in recording.meta.items() if name != "drive"}
     with pytest.raises(InputError, match="without a drive"):
         redrive(dataclasses.replace(recording, meta=meta), "drive", None)
 
 
-def test_another_driver_meets_the_recorded_traffic_unchanged(recorded: Path) -> None:
+def test_recorded_traffic_is_the_same_for_another_driver(recorded: Path) -> None:
     config = DriveConfig(recording=recorded, duration=1.0, start_station=2600.0, decision="neutral")
     recording = Recording.load(recorded)
     with Simulation(config, visuals=False) as simulation:
@@ -267,7 +273,7 @@ def test_another_driver_meets_the_recorded_traffic_unchanged(recorded: Path) -> 
             assert simulation.vehicles == recording.frames[k]
 
 
-def test_live_traffic_joins_the_recorded_one_on_request(recorded: Path) -> None:
+def test_reactive_adds_sumo_traffic_to_the_recorded_traffic(recorded: Path) -> None:
     config = DriveConfig(
         recording=recorded, reactive=True, duration=1.0, start_station=2500.0, density="dense"
     )
@@ -277,7 +283,7 @@ def test_live_traffic_joins_the_recorded_one_on_request(recorded: Path) -> None:
         live = [v for v in simulation.vehicles if v.id.startswith("live.")]
         others = [v for v in simulation.vehicles if not v.id.startswith("live.")]
         assert live
-        # The recording was cut at the same range of view.
+        # The recording has the same range of view.
         assert others == [v for v in recording.frames[1] if v in others]
         assert others
 
@@ -288,18 +294,18 @@ def test_live_traffic_joins_the_recorded_one_on_request(recorded: Path) -> None:
         (["--truck"], "--verify --truck"),
         (["--reactive", "--traffic-mode", "none", "--out", "out"], "use traffic-mode inter"),
         (["--verify", "--density", "sparse"], "made with density dense"),
-        (["--verify", "--truck", "--payload", "1000"], "made with payload 36000.0, asked"),
-        # The defaults of these flags, given all the same.
-        (["--verify", "--seed", "0"], "made with seed 3, asked is seed 0"),
-        (["--verify", "--truck", "--duration", "120"], "made with duration 4.0, asked is"),
+        (["--verify", "--truck", "--payload", "1000"], "made with payload 36000.0, not 1000.0"),
+        # Flags with their default values.
+        (["--verify", "--seed", "0"], "made with seed 3, not 0"),
+        (["--verify", "--truck", "--duration", "120"], "made with duration 4.0, not 120"),
         (["--verify", "--events", "missing.toml"], "missing.toml: cannot be read"),
         (["--verify", "--truck", "--events", "missing.toml"], "missing.toml: cannot be read"),
         (["--verify", "--reactive"], "made with reactive False"),
-        (["--verify", "--out", "out"], "--out has no meaning with --verify"),
-        (["--density", "dense"], "--density has no meaning in recorded traffic"),
-        (["--lane-change", "mobil"], "--lane-change has no meaning in recorded traffic"),
-        (["--seed", "0"], "--seed has no meaning in recorded traffic"),
-        (["--traffic-mode", "inter"], "--traffic-mode has no meaning in recorded traffic"),
+        (["--verify", "--out", "out"], "--out has no effect with --verify"),
+        (["--density", "dense"], "--density has no effect on recorded traffic"),
+        (["--lane-change", "mobil"], "--lane-change has no effect on recorded traffic"),
+        (["--seed", "0"], "--seed has no effect on recorded traffic"),
+        (["--traffic-mode", "inter"], "--traffic-mode has no effect on recorded traffic"),
     ],
 )
 def test_wrong_use_is_one_line(
@@ -317,7 +323,7 @@ def test_wrong_use_is_one_line(
     assert reason in said[0]
 
 
-def test_a_recording_that_differs_ends_with_1_and_says_where(
+def test_a_recording_that_differs_exits_with_1_and_names_the_difference(
     recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     recording = Recording.load(recorded)
@@ -336,14 +342,14 @@ def test_options_are_stored_as_plain_values(recorded: Path) -> None:
     assert json.loads(json.dumps(options)) == options
 
 
-def test_replayed_bodies_are_where_the_replay_has_them_between_two_frames(recorded: Path) -> None:
+def test_bodies_of_replayed_vehicles_follow_the_replay_between_frames(recorded: Path) -> None:
     config = DriveConfig(recording=recorded, duration=1.0, start_station=2500.0)
     apart: list[float] = []
 
     class Watch(Observer):
         period = 0.02
 
-        def observe(self, simulation: Simulation, frame: Frame) -> None:
+        def observe(self, simulation: Simulation, frame: DriveFrame) -> None:
             assert isinstance(simulation.traffic, RepSim)
             vehicles = simulation.traffic.at(frame.time)
             for name in simulation.mirror.shown:

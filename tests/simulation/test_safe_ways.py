@@ -1,12 +1,11 @@
-"""On the MuJoCo truck: who stands is passed, a start fits the bends, turns are waited before."""
+"""Drives past a stopped vehicle, into bends, and through a turn with oncoming traffic."""
 
 import pytest
 
 from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.loop import Simulation
-from tests.paths import ROOT
+from tests.paths import outside
 
-MAPS = ROOT / "../shared/data/xodr"
 STOPPED = """
 [[events]]
 event = "stopped_vehicle"
@@ -18,16 +17,9 @@ duration = 200.0
 """
 
 
-def needed(name):
-    path = MAPS / name
-    if not path.exists():
-        pytest.skip(f"the map is not there: ../shared/data/xodr/{name}")
-    return path
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("model", ["mobil", "lc2013"])
-def test_a_truck_that_stands_behind_a_stopped_van_passes_it(tmp_path, model):
+def test_a_truck_stopped_behind_a_stopped_van_passes_it(tmp_path, model):
     events = tmp_path / "events.toml"
     events.write_text(STOPPED)
     config = DriveConfig(
@@ -46,9 +38,9 @@ def test_a_truck_that_stands_behind_a_stopped_van_passes_it(tmp_path, model):
         assert simulation.frame.ego.station > 150.0
 
 
-def test_a_start_is_held_to_the_bends_ahead():
+def test_start_speed_is_limited_by_the_bends_ahead():
     config = DriveConfig(
-        map=needed("esmini_curves_elevation.xodr"),
+        map=outside("xodr/esmini_curves_elevation.xodr"),
         start_station=940.0,
         start_speed=22.0,
         speed=25.0,
@@ -63,9 +55,9 @@ def test_a_start_is_held_to_the_bends_ahead():
 
 
 def turn(seed, duration, payload=0.0):
-    """A turn to the left with a light, oncoming cars stopping where the trailer will sweep."""
+    """A left turn at a light; oncoming cars stop in the area that the trailer sweeps."""
     return DriveConfig(
-        map=needed("esmini_fabriksgatan_traffic_lights.xodr"),
+        map=outside("xodr/esmini_fabriksgatan_traffic_lights.xodr"),
         payload=payload,
         start_speed=12.0,
         traffic_scope="both",
@@ -81,7 +73,7 @@ def test_no_oncoming_vehicle_is_touched_in_a_turn_on_green():
         assert not summary.failed
         assert summary.red_lights_run == 0
         assert simulation.frame.ego.station > 100.0
-        # A car stands on the ground that the trailer needs: there is no way, and it is said.
+        # A stopped car blocks the area that the trailer sweeps; the plan names this reason.
         assert "stands in the way" in simulation.frame.trajectory.reason
 
 
@@ -89,7 +81,7 @@ def test_no_oncoming_vehicle_is_touched_in_a_turn_on_green():
 @pytest.mark.parametrize(
     ("seed", "payload", "duration"), [(6, 0.0, 65.0), (6, 36e3, 70.0), (1, 0.0, 160.0)]
 )
-def test_the_turn_is_driven_as_soon_as_its_ground_is_free(seed, payload, duration):
+def test_the_turn_is_driven_once_its_area_is_free(seed, payload, duration):
     with Simulation(turn(seed, duration, payload)) as simulation:
         summary = simulation.run()
         assert not summary.failed

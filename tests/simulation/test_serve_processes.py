@@ -1,4 +1,4 @@
-"""Two processes and a real clock: somebody's own controller drives the served truck over UDP."""
+"""Two processes and a real clock: an external controller drives the served truck over UDP."""
 
 from __future__ import annotations
 
@@ -19,13 +19,12 @@ import pytest
 
 from tests.paths import ROOT
 
-ROOT = ROOT
 GROUP = "239.74.163.2"
 SERVE = [sys.executable, "-m", "iits_mj.cli", "serve", "--json"]
 
 
 def _multicast_is_routed() -> bool:
-    """Whether a datagram to the group comes back to this machine."""
+    """Returns whether a datagram to the group returns to this machine."""
     membership = socket.inet_aton(GROUP) + struct.pack("@I", socket.INADDR_ANY)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
@@ -45,7 +44,7 @@ pytestmark = pytest.mark.skipif(
 
 @pytest.fixture
 def port() -> int:
-    """A free UDP port, so that tests beside each other share no bus."""
+    """A free UDP port, so that parallel tests share no bus."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("", 0))
         return int(probe.getsockname()[1])
@@ -92,13 +91,13 @@ def _drive(example: str, port: int, seconds: int, *words: str) -> tuple[int, str
 
 
 def _figures(text: str) -> tuple[float, float]:
-    """Worst speed error [km/h] and worst distance from the line [m] of an example's result."""
+    """Returns worst speed error [km/h] and distance from the line [m] of an example."""
     found = re.search(r"worst ([\d.]+) km/h; off .* at most ([\d.]+) m", text)
     assert found is not None, text
     return float(found[1]), float(found[2])
 
 
-def test_the_example_controller_knows_nothing_of_our_code() -> None:
+def test_the_example_controller_imports_no_project_code() -> None:
     tree = ast.parse((ROOT / "examples" / "keep_speed.py").read_text(encoding="utf-8"))
     modules = {
         name.split(".")[0]
@@ -117,9 +116,9 @@ def test_controller_in_another_process_keeps_60_kmh_for_10_s(
 ) -> None:
     server = _serve(port, "--start-speed", "16.67", "--payload", "10000")
     processes.append(server)
-    code, told = _drive("keep_speed.py", port, 10, "--settle", "3")
-    assert code == 0, told
-    speed, line = _figures(told)
+    code, reported = _drive("keep_speed.py", port, 10, "--settle", "3")
+    assert code == 0, reported
+    speed, line = _figures(reported)
     assert speed < 3.0
     assert line < 0.3
     time.sleep(0.4)
@@ -138,10 +137,10 @@ def test_controller_in_another_process_keeps_60_kmh_for_60_s(
 ) -> None:
     server = _serve(port, "--start-speed", "16.67", "--start-station", "950")
     processes.append(server)
-    # Put on a grade without power the laden truck loses 3.2 km/h, which it gains at full pedal.
-    code, told = _drive(example, port, 70, "--settle", "10")
-    assert code == 0, told
-    speed, line = _figures(told)
+    # The laden truck starts on a grade without power, loses 3.2 km/h and regains it at full pedal.
+    code, reported = _drive(example, port, 70, "--settle", "10")
+    assert code == 0, reported
+    speed, line = _figures(reported)
     assert speed < 3.0
     assert line < 0.3
     summary = _summary(server)
@@ -160,7 +159,7 @@ def test_ctrl_c_ends_with_a_summary(port: int, processes: list[subprocess.Popen[
     assert json.loads(out)["summary"]["ended"] == "ended by SIGINT"
 
 
-def test_bus_that_cannot_be_had_is_one_line_with_nothing_of_the_driver_beside_it() -> None:
+def test_a_missing_can_interface_is_one_line_without_driver_output() -> None:
     done = subprocess.run(
         [*SERVE, "--bus", "socketcan", "--channel", "no_can9"],
         cwd=ROOT,
@@ -193,7 +192,7 @@ wait $served
 
 
 def _own_network() -> list[str]:
-    """A command that runs another in a network of its own, or skips the test."""
+    """Returns a command prefix for a separate network, or skips the test."""
     words = ["unshare", "--net", "--map-root-user"]
     probe = [*words, "sh", "-c", "ip link set lo up multicast on"]
     try:
@@ -201,12 +200,12 @@ def _own_network() -> list[str]:
     except OSError:
         possible = False
     if not possible:
-        pytest.skip("a network of its own cannot be made here (unshare, ip)")
+        pytest.skip("this machine has no separate networks (unshare, ip)")
     return words
 
 
 @pytest.mark.slow
-def test_truck_outlives_a_network_that_goes_down_and_comes_back() -> None:
+def test_truck_survives_a_network_that_goes_down_and_returns() -> None:
     words = [*_own_network(), "sh", "-c", NETWORK, "sh", *SERVE, "--bus", "udp_multicast"]
     done = subprocess.run(
         words,
@@ -224,5 +223,5 @@ def test_truck_outlives_a_network_that_goes_down_and_comes_back() -> None:
     assert summary["dropped"] > 100
     assert summary["silences"] >= 1
     assert summary["rejected"] == {}
-    assert "is down, will be opened again" in done.stderr
+    assert "is down, will be reopened" in done.stderr
     assert "is up again" in done.stderr

@@ -1,4 +1,4 @@
-"""The served truck: it reports at its rates, obeys the bus, and is safe without it."""
+"""The served truck reports at its rates, obeys the bus, and is safe without it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ KEEP = VehicleCommand(accelerator_pedal=0.4)
 
 
 class Clock:
-    """Time that passes only while somebody sleeps: a served second takes no second."""
+    """A clock that advances only during a sleep: a served second takes no real second."""
 
     def __init__(self) -> None:
         self.now = 0.0
@@ -52,7 +52,7 @@ class Clock:
 
 
 class Plug(VirtualBus):
-    """A virtual bus whose plug can be pulled and whose controller can be bus-off."""
+    """A virtual bus that can be unplugged or bus-off."""
 
     pulled = False
     off = False
@@ -74,23 +74,23 @@ class Plug(VirtualBus):
 
 @pytest.fixture
 def plug(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Buses are plugs, in and working."""
+    """Makes every virtual bus a `Plug` that works."""
     monkeypatch.setitem(can.interfaces.BACKENDS, "virtual", (__name__, "Plug"))
     monkeypatch.setattr(Plug, "pulled", False)
     monkeypatch.setattr(Plug, "off", False)
 
 
 class Bench:
-    """A server and a controller's bus beside it, in one process and one clock."""
+    """A server and a controller's bus in one process with one clock."""
 
     def __init__(self, **settings: object) -> None:
         self.clock = Clock()
-        self.told: list[str] = []
+        self.reported: list[str] = []
         config = ServeConfig(
             bus="virtual", channel=uuid.uuid4().hex, **{"start_speed": 16.0, **settings}
         )
         self.server = Server(
-            config, tell=self.told.append, clock=self.clock, sleep=self.clock.sleep
+            config, tell=self.reported.append, clock=self.clock, sleep=self.clock.sleep
         )
         self.bus = Bus("virtual", config.channel)
         self.heard: list[Frame] = []
@@ -127,7 +127,7 @@ def bench() -> Iterator[Callable[..., Bench]]:
         one.close()
 
 
-def test_every_report_comes_at_its_rate(bench: Callable[..., Bench]) -> None:
+def test_every_report_is_sent_at_its_rate(bench: Callable[..., Bench]) -> None:
     here = bench()
     here.serve(2.01)
     groups = [found for frame in here.heard if (found := decode(frame)) is not None]
@@ -176,7 +176,7 @@ def test_long_message_is_broadcast_again_on_request(bench: Callable[..., Bench])
     assert [(message.pgn, message.source) for message in found[1]] == [(pgn_of("EC1"), 0)]
 
 
-def test_truck_obeys_the_bus_and_tells_what_it_does(bench: Callable[..., Bench]) -> None:
+def test_truck_obeys_the_bus_and_reports_its_motion(bench: Callable[..., Bench]) -> None:
     here = bench(payload=0.0)
     here.serve(4.0, VehicleCommand(accelerator_pedal=0.9, steering_wheel_angle=0.1))
     truth = here.server.state
@@ -190,7 +190,7 @@ def test_truck_obeys_the_bus_and_tells_what_it_does(bench: Callable[..., Bench])
     assert here.server.summary().accepted["XBR"] == 200
 
 
-def test_only_the_sender_that_was_named_is_obeyed(bench: Callable[..., Bench]) -> None:
+def test_only_the_selected_sender_is_obeyed(bench: Callable[..., Bench]) -> None:
     here = bench(source=0x21)
     here.serve(0.5, KEEP)
     assert here.server.command.accelerator_pedal == 0.0
@@ -200,7 +200,7 @@ def test_only_the_sender_that_was_named_is_obeyed(bench: Callable[..., Bench]) -
     assert named.server.command.accelerator_pedal == pytest.approx(0.4)
 
 
-def test_truck_stays_parked_until_somebody_commands(bench: Callable[..., Bench]) -> None:
+def test_truck_stays_parked_until_the_first_command(bench: Callable[..., Bench]) -> None:
     here = bench(start_speed=0.0, start_station=600.0)
     here.serve(3.0)
     assert here.server.command.parking_brake == 1.0
@@ -225,7 +225,7 @@ def test_silent_bus_releases_pedal_and_brakes_and_holds_the_wheel(
     summary = here.server.summary()
     assert summary.silences == 1
     assert 0.15 < summary.silent_time < 0.35
-    assert [line.split(" at t")[0].split(" from t")[0] for line in here.told] == [
+    assert [line.split(" at t")[0].split(" from t")[0] for line in here.reported] == [
         "commands obeyed",
         "commands lost",
         "commands obeyed",
@@ -248,7 +248,7 @@ def test_silent_bus_stops_the_truck_in_its_lane_when_so_configured(
 
 
 @pytest.mark.usefixtures("plug")
-def test_truck_outlives_a_pulled_plug_and_obeys_again_after_it(
+def test_truck_survives_a_pulled_plug_and_obeys_again(
     bench: Callable[..., Bench],
 ) -> None:
     here = bench()
@@ -268,11 +268,11 @@ def test_truck_outlives_a_pulled_plug_and_obeys_again_after_it(
     summary = here.server.summary()
     assert (summary.bus_failures, summary.bus_restarts, summary.bus_state) == (1, 1, "up")
     assert summary.dropped > 100
-    assert sum("will be opened again" in line for line in here.told) == 1
+    assert sum("will be reopened" in line for line in here.reported) == 1
 
 
 @pytest.mark.usefixtures("plug")
-def test_addresses_are_claimed_again_on_a_bus_that_came_back(
+def test_addresses_are_claimed_again_on_a_bus_that_returns(
     bench: Callable[..., Bench],
 ) -> None:
     here = bench()
@@ -287,7 +287,7 @@ def test_addresses_are_claimed_again_on_a_bus_that_came_back(
 
 
 @pytest.mark.usefixtures("plug")
-def test_controller_that_recovers_from_bus_off_by_itself_is_told_as_up_again(
+def test_recovery_from_bus_off_is_reported(
     bench: Callable[..., Bench],
 ) -> None:
     here = bench()
@@ -298,42 +298,42 @@ def test_controller_that_recovers_from_bus_off_by_itself_is_told_as_up_again(
     here.serve(0.1)
     name = here.server.bus.link.name
     assert here.server.bus.link.restarts == 0
-    assert here.told == [
-        f"CAN bus {name} is bus-off, will be opened again",
+    assert here.reported == [
+        f"CAN bus {name} is bus-off, will be reopened",
         f"CAN bus {name} is up again",
     ]
 
 
 @pytest.mark.usefixtures("plug")
-def test_every_change_of_the_bus_within_a_tick_is_told(bench: Callable[..., Bench]) -> None:
+def test_every_change_of_the_bus_within_a_tick_is_reported(bench: Callable[..., Bench]) -> None:
     here = bench()
     here.serve(0.1)
     Plug.off = True
     here.server.tick()
-    first = len(here.told)
-    # Opened again while still off: up and bus-off come in one tick.
+    first = len(here.reported)
+    # Reopened while still off: up and bus-off occur in one tick.
     for _ in range(12):
         here.server.tick()
-    assert [line.split(" is ")[1] for line in here.told[first:]] == [
+    assert [line.split(" is ")[1] for line in here.reported[first:]] == [
         "up again",
-        "bus-off, will be opened again",
+        "bus-off, will be reopened",
     ]
 
 
-def test_frames_that_never_came_are_counted(bench: Callable[..., Bench]) -> None:
+def test_missing_frames_are_counted(bench: Callable[..., Bench]) -> None:
     here = bench()
     here.serve(0.2, KEEP)
     here.counter += 3
     here.serve(0.2, KEEP)
     summary = here.server.summary()
     assert (summary.lost["XBR"], summary.lost["IITS_COMMAND"]) == (3, 3)
-    assert "3 x XBR" in dict(summary.rows())["commands that never came"]
+    assert "3 x XBR" in dict(summary.rows())["commands missing"]
     assert summary.as_dict()["lost"] == summary.lost
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no full device")
 @pytest.mark.parametrize("suffix", [".asc", ".blf", ".log"])
-def test_full_disk_ends_the_log_and_not_the_serving(
+def test_full_disk_ends_the_log_but_not_the_serving(
     bench: Callable[..., Bench], tmp_path: Path, suffix: str
 ) -> None:
     path = tmp_path / f"bus{suffix}"
@@ -342,8 +342,8 @@ def test_full_disk_ends_the_log_and_not_the_serving(
     summary = here.server.run()
     assert (summary.ended, summary.failed) == ("reached the end of the time", False)
     assert summary.duration == pytest.approx(2.0)
-    assert len(here.told) == 1
-    assert here.told[0].startswith("nothing more is logged from t = ")
+    assert len(here.reported) == 1
+    assert here.reported[0].startswith("the log ends at t = ")
     assert "No space left on device" in summary.log_failure
     assert "No space left on device" in dict(summary.rows())["log"]
     here.server.close()
@@ -372,7 +372,7 @@ def test_same_frames_give_the_same_drive_bit_for_bit(bench: Callable[..., Bench]
     assert states[0] == states[1]
 
 
-def test_late_ticks_are_served_all_the_same(bench: Callable[..., Bench]) -> None:
+def test_late_ticks_are_served(bench: Callable[..., Bench]) -> None:
     here = bench()
     here.serve(0.5, KEEP)
     here.clock.now += 0.03
@@ -386,22 +386,22 @@ def test_late_ticks_are_served_all_the_same(bench: Callable[..., Bench]) -> None
     assert (summary.slips, summary.slipped) == (1, pytest.approx(2.0, abs=0.02))
 
 
-def test_serving_ends_with_its_time_when_told_and_at_the_end_of_the_road(
+def test_serving_ends_with_its_time_on_request_and_at_the_end_of_the_road(
     bench: Callable[..., Bench],
 ) -> None:
     timed = bench(duration=0.5)
     assert timed.server.run().ended == "reached the end of the time"
     assert timed.server.time == pytest.approx(0.5)
-    told = bench()
-    told.server.stop("enough")
-    assert told.server.run().ended == "enough"
-    end = told.server.route.length
+    reported = bench()
+    reported.server.stop("enough")
+    assert reported.server.run().ended == "enough"
+    end = reported.server.route.length
     near = bench(start_station=end - 25.0, start_speed=20.0, duration=20.0)
     assert near.server.run().ended == "reached the end of the route"
 
 
 @pytest.mark.parametrize(
-    ("settings", "told"),
+    ("settings", "reported"),
     [
         ({"bus": "carrier_pigeon"}, "bus 'carrier_pigeon' is not known"),
         ({"start_station": 1e6}, "is not on the route"),
@@ -410,8 +410,8 @@ def test_serving_ends_with_its_time_when_told_and_at_the_end_of_the_road(
         ({"duration": float("nan")}, "not a finite number"),
     ],
 )
-def test_unusable_settings_are_one_clear_error(settings: dict[str, object], told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_unusable_settings_are_one_clear_error(settings: dict[str, object], reported: str) -> None:
+    with pytest.raises(InputError, match=reported):
         Server(ServeConfig(**{"bus": "virtual", **settings}))
 
 
@@ -436,7 +436,7 @@ def test_truck_that_rolls_over_ends_the_serving_as_failed(
     assert 1.0 < summary.duration < 2.5
 
 
-def test_hard_bend_that_the_truck_can_take_ends_nothing(bench: Callable[..., Bench]) -> None:
+def test_a_sharp_bend_at_low_speed_does_not_end_the_serving(bench: Callable[..., Bench]) -> None:
     here = bench(start_speed=5.0, start_station=950.0)
     here.serve(2.0, VehicleCommand(steering_wheel_angle=8.0))
     assert not here.server.ended
@@ -456,7 +456,7 @@ def test_simulation_that_diverges_ends_with_its_summary(bench: Callable[..., Ben
     assert summary.as_dict()["last_speed_mps"] == pytest.approx(16.0, abs=0.5)
 
 
-def test_truck_that_backs_past_the_begin_of_the_road_ends_the_serving(
+def test_truck_that_backs_off_the_start_of_the_road_ends_the_serving(
     bench: Callable[..., Bench],
 ) -> None:
     here = bench(start_speed=0.0, start_station=20.0, payload=0.0)
@@ -493,7 +493,7 @@ def test_no_number_of_the_summary_is_minus_zero(bench: Callable[..., Bench]) -> 
     assert "-0.0" not in summary.to_text()
 
 
-def test_lost_commands_are_called_as_the_receiver_counts_them(
+def test_lost_commands_have_the_names_of_the_receivers_counters(
     bench: Callable[..., Bench],
 ) -> None:
     here = bench()

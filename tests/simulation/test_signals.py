@@ -1,4 +1,4 @@
-"""The drive tells the stack what lights and changing limits say, and the truck obeys."""
+"""A drive reports lights and changed limits to the stack, and the truck obeys them."""
 
 import dataclasses
 
@@ -16,19 +16,19 @@ from iits_mj.road import RoadMap, Route
 from iits_mj.simulation import DriveConfig, Simulation
 from iits_mj.simulation.frame import read_signals
 from iits_mj.simulation.summary import SummaryBuilder
-from tests.paths import ROOT
+from tests.paths import outside
 from traffic_bridge import InterSim, PureSim, Recorder, TrafficConfig
 
-MAP = ROOT / "../shared/data/xodr/esmini_fabriksgatan_traffic_lights.xodr"
+MAP = "xodr/esmini_fabriksgatan_traffic_lights.xodr"
 STOP_LINE = 114.25
 ROUTE = Route.straight(length=2000.0)
 
 
-def test_an_empty_road_says_nothing():
+def test_an_empty_road_has_no_signals():
     assert read_signals(None, EgoState(), ROUTE, EgoFootprint()) == RoadSignals()
 
 
-def test_limits_that_were_set_near_the_truck_are_told_in_their_order():
+def test_changed_limits_near_the_truck_are_reported_in_their_order():
     with Recorder(PureSim(ROUTE, TrafficConfig(density="empty"))) as traffic:
         traffic.reset()
         signals = traffic.traffic.signals
@@ -36,8 +36,8 @@ def test_limits_that_were_set_near_the_truck_are_told_in_their_order():
         number = signals.set_speed_limit(8.0, 400.0, 500.0, lane=1)
         signals.set_speed_limit(5.0, 1500.0, 1600.0)
         ego = EgoState(station=250.0, offset=float(ROUTE.lane_offset(0, 250.0)))
-        told = read_signals(traffic, ego, ROUTE, EgoFootprint()).zones
-        assert told == (SpeedZone(300.0, 600.0, 12.0), SpeedZone(400.0, 500.0, 8.0, 1))
+        reported = read_signals(traffic, ego, ROUTE, EgoFootprint()).zones
+        assert reported == (SpeedZone(300.0, 600.0, 12.0), SpeedZone(400.0, 500.0, 8.0, 1))
         signals.lift_speed_limit(number)
         assert len(read_signals(traffic, ego, ROUTE, EgoFootprint()).zones) == 1
 
@@ -45,10 +45,8 @@ def test_limits_that_were_set_near_the_truck_are_told_in_their_order():
 @pytest.fixture(scope="module")
 def at_the_light():
     """Frames of a drive to a light that is red for 20 s, then green."""
-    if not MAP.is_file():
-        pytest.skip(f"{MAP.name} is not here")
     config = DriveConfig(
-        map=MAP,
+        map=outside(MAP),
         density="empty",
         duration=32.0,
         start_station=40.0,
@@ -79,21 +77,19 @@ def test_the_truck_stops_at_a_red_light_within_1_m_before_its_line(at_the_light)
     assert 0.0 < STOP_LINE - (stood[-1].ego.station + 1.4) < 1.0
 
 
-def test_a_line_is_told_of_until_the_front_is_well_past_it():
-    if not MAP.is_file():
-        pytest.skip(f"{MAP.name} is not here")
-    route = RoadMap.from_opendrive(MAP).route()
+def test_a_stop_line_is_reported_until_the_front_is_well_past_it():
+    route = RoadMap.from_opendrive(outside(MAP)).route()
     with PureSim(route, TrafficConfig(density="empty")) as traffic:
         traffic.reset()
         (light,) = traffic.signals.lights()
-        told = {}
+        reported = {}
         for letter, past in (("r", 2.0), ("r", 6.0), ("s", -5.0)):
             traffic.signals.set_state(light, letter)
             ego = EgoState(station=STOP_LINE + past - 1.4)
-            told[letter, past] = read_signals(traffic, ego, route, EgoFootprint()).light
-    assert told["r", 2.0].state is LightState.RED
-    assert told["r", 6.0] is None
-    assert told["s", -5.0].state is LightState.STOP
+            reported[letter, past] = read_signals(traffic, ego, route, EgoFootprint()).light
+    assert reported["r", 2.0].state is LightState.RED
+    assert reported["r", 6.0] is None
+    assert reported["s", -5.0].state is LightState.STOP
 
 
 def test_red_lights_run_and_emergency_brakings_are_counted_and_named(at_the_light):
@@ -109,11 +105,11 @@ def test_red_lights_run_and_emergency_brakings_are_counted_and_named(at_the_ligh
     kept = summary(at_the_light)
     assert (kept.red_lights_run, kept.first_red_light, kept.emergency_brakings) == (0, None, 0)
     red = dataclasses.replace(at_the_light[0].scene.signals.light, state=LightState.RED)
-    told = RoadSignals(red)
+    reported = RoadSignals(red)
     frames = [
         dataclasses.replace(
             frame,
-            scene=dataclasses.replace(frame.scene, signals=told),
+            scene=dataclasses.replace(frame.scene, signals=reported),
             trajectory=dataclasses.replace(frame.trajectory, mode=PlanMode.EMERGENCY),
         )
         for frame in at_the_light
@@ -124,7 +120,7 @@ def test_red_lights_run_and_emergency_brakings_are_counted_and_named(at_the_ligh
     assert "red lights run" in run.to_text()
 
 
-def test_the_truck_goes_on_when_it_is_green(at_the_light):
+def test_the_truck_continues_on_green(at_the_light):
     passed = next(f.time for f in at_the_light if f.ego.station + 1.4 > STOP_LINE + 0.5)
     assert 20.0 < passed < 26.0
     assert at_the_light[-1].ego.speed > 2.0

@@ -8,20 +8,20 @@ import pytest
 
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import TrackedVehicle
-from iits_mj.simulation import DriveConfig, Frame, Observer, Simulation, Telemetry
+from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation, Telemetry
 from iits_mj.simulation.frame import DivergedError
 from iits_mj.simulation.telemetry import COLUMNS
 
 
 class Listener(Observer):
-    """Notes when it was called."""
+    """Observer that stores the times of its calls."""
 
     def __init__(self, period: float) -> None:
         self.period = period
         self.times: list[float] = []
         self.ego_times: list[float] = []
 
-    def observe(self, simulation: Simulation, frame: Frame) -> None:
+    def observe(self, simulation: Simulation, frame: DriveFrame) -> None:
         self.times.append(frame.time)
         self.ego_times.append(frame.ego.time)
 
@@ -58,7 +58,7 @@ def test_reset_gives_the_same_drive_again_bit_for_bit() -> None:
     assert np.array_equal(*tables, equal_nan=True)
 
 
-def test_watching_at_any_rate_changes_nothing() -> None:
+def test_observers_of_any_period_change_nothing() -> None:
     plain = table(drive(duration=1.0, traffic_mode="none")[0])
     telemetry = Telemetry(None)
     watchers = [Listener(0.05), Listener(0.034), Listener(0.002)]
@@ -88,7 +88,7 @@ def test_drive_ends_before_the_end_of_the_route() -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "told"),
+    ("settings", "reported"),
     [
         ({"start_station": 1.0}, "start-station 1 m is not on the route"),
         ({"start_station": 14_999.0}, "is not on the route"),
@@ -98,10 +98,10 @@ def test_drive_ends_before_the_end_of_the_route() -> None:
         ({"density": "full"}, "density 'full' is not known"),
     ],
 )
-def test_unusable_configuration_is_told_in_one_sentence(
-    settings: dict[str, object], told: str
+def test_unusable_configuration_is_one_clear_error(
+    settings: dict[str, object], reported: str
 ) -> None:
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=reported):
         Simulation(DriveConfig(**settings), visuals=False)  # type: ignore[arg-type]
 
 
@@ -110,7 +110,7 @@ def test_driving_into_a_standing_vehicle_ends_as_a_collision() -> None:
     with Simulation(config, visuals=False) as simulation:
         simulation.cycle()
         ego = simulation.frame.ego
-        # A vehicle that appears inside the truck, where no controller can avoid it.
+        # A vehicle that appears inside the truck, so that no controller can avoid it.
         place = simulation.route.evaluate(ego.station + 2.0, ego.offset)
         simulation.vehicles = (
             TrackedVehicle(
@@ -146,7 +146,7 @@ def test_stopped_drive_keeps_its_rows_and_replaces_an_older_table_whole(tmp_path
     path.write_text("older")
     config = DriveConfig(duration=5.0, traffic_mode="none")
 
-    def interrupt(frame: Frame) -> None:
+    def interrupt(frame: DriveFrame) -> None:
         assert path.read_text() == "older"
         raise KeyboardInterrupt
 
@@ -161,7 +161,7 @@ def test_stopped_drive_keeps_its_rows_and_replaces_an_older_table_whole(tmp_path
     assert [p.name for p in tmp_path.iterdir()] == ["telemetry.csv"]
 
 
-def test_table_never_holds_nan_or_inf(tmp_path: Path) -> None:
+def test_table_has_no_nan_or_inf(tmp_path: Path) -> None:
     path = tmp_path / "telemetry.csv"
     config = DriveConfig(duration=0.5 + 0.5, traffic_mode="none")
     with Simulation(config, visuals=False) as simulation, Telemetry(path) as telemetry:
@@ -174,7 +174,7 @@ def test_table_never_holds_nan_or_inf(tmp_path: Path) -> None:
     assert first[header.index("gap_ahead [m]")] == ""
 
 
-def test_recorded_traffic_is_met_again_exactly(tmp_path: Path) -> None:
+def test_recorded_traffic_is_replayed_exactly(tmp_path: Path) -> None:
     path = tmp_path / "traffic.npz"
     config = DriveConfig(duration=2.0, seed=2)
     with Simulation(config, record=True, visuals=False) as simulation:
@@ -193,8 +193,8 @@ def test_recorded_traffic_is_met_again_exactly(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("payload", "seed"), [(36_000.0, 0), (0.0, 1)])
 def test_23_minutes_of_traffic_leave_no_warning(payload, seed):
     config = DriveConfig(payload=payload, seed=seed, speed=9.8, start_speed=9.0, duration=1380.0)
-    # On a free road the plan is faster than so slow a cruise where that is cheaper, too: the road
-    # would end within 25 minutes.
+    # On a free road the plan is faster than this slow cruise where that saves fuel: the road would
+    # end within 25 minutes.
     with Simulation(config) as simulation:
         summary = simulation.run()
         data = simulation.truck.data

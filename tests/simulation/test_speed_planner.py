@@ -1,4 +1,4 @@
-"""The reference speed of a drive: PCC, cruise, a profile's file; what cannot be planned."""
+"""The reference speed of a drive: PCC, cruise or a speed profile, and their errors."""
 
 from __future__ import annotations
 
@@ -33,30 +33,30 @@ def profile(path: Path, first: float, last: float) -> Path:
     return path
 
 
-def test_each_planner_makes_its_reference(route: Route, tmp_path: Path) -> None:
+def test_each_speed_planner_has_its_reference(route: Route, tmp_path: Path) -> None:
     assert isinstance(reference(route, speed_planner="pcc"), PccReference)
     assert isinstance(reference(route, speed_planner="cruise"), CruiseReference)
     file = profile(tmp_path / "speed.csv", 0.0, 900.0)
     assert isinstance(reference(route, speed_profile=file), ProfileReference)
 
 
-def test_band_is_lawful_by_itself_and_can_be_told(route: Route) -> None:
+def test_speed_range_is_lawful_by_default_and_can_be_set(route: Route) -> None:
     found = reference(route, speed_planner="pcc", speed=20.0)
     assert isinstance(found, PccReference)
     assert (found.config.v_min, found.config.v_max) == (15.0, 25.0)
     assert found.road.v_limit.max() == pytest.approx(80.0 / 3.6, abs=0.01)
-    told = reference(route, speed_planner="pcc", speed=20.0, speed_min=18.0, speed_max=21.0)
-    assert isinstance(told, PccReference)
-    assert (told.config.v_min, told.config.v_max) == (18.0, 21.0)
+    reported = reference(route, speed_planner="pcc", speed=20.0, speed_min=18.0, speed_max=21.0)
+    assert isinstance(reported, PccReference)
+    assert (reported.config.v_min, reported.config.v_max) == (18.0, 21.0)
 
 
 @pytest.mark.parametrize("band", [{"speed_min": 21.0}, {"speed_max": 19.0}])
-def test_a_reference_speed_outside_its_band_is_refused(route: Route, band: dict) -> None:
+def test_a_reference_speed_outside_its_range_is_refused(route: Route, band: dict) -> None:
     with pytest.raises(InputError, match=r"speed 20 m/s is outside"):
         reference(route, speed_planner="pcc", speed=20.0, **band)
 
 
-def test_a_band_is_of_pcc_only(route: Route) -> None:
+def test_a_speed_range_without_pcc_is_refused(route: Route) -> None:
     with pytest.raises(InputError, match="speed-planner pcc"):
         reference(route, speed_planner="cruise", speed_min=12.0)
 
@@ -68,11 +68,11 @@ def test_flags_that_contradict_a_profile_are_refused(
     route: Route, tmp_path: Path, beside: dict
 ) -> None:
     file = profile(tmp_path / "speed.csv", 0.0, 900.0)
-    with pytest.raises(InputError, match="driven as it stands"):
+    with pytest.raises(InputError, match="followed unchanged"):
         reference(route, speed_profile=file, **beside)
 
 
-def test_json_tells_why_a_cruise_is_driven_where_pcc_was_wanted() -> None:
+def test_json_has_the_reason_of_a_cruise_that_replaces_pcc() -> None:
     short = Route.straight(length=150.0)
     found = {}
     for planner in ("pcc", "cruise"):
@@ -96,7 +96,7 @@ def test_a_road_too_short_to_plan_is_driven_at_the_reference_speed() -> None:
     assert found.at(50.0) == 15.0
 
 
-def test_drive_with_pcc_is_the_same_again_bit_for_bit() -> None:
+def test_drive_with_pcc_repeats_bit_for_bit() -> None:
     config = DriveConfig(speed_planner="pcc", traffic_mode="none", duration=3.0)
     with Simulation(config, visuals=False) as simulation:
         tables = []

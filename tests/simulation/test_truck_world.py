@@ -1,4 +1,4 @@
-"""Trips of the MuJoCo truck in SUMO traffic: what a learner is given, and at which step."""
+"""Trips of the MuJoCo truck in SUMO traffic: observations, rewards and steps of a learner."""
 
 import dataclasses
 
@@ -35,8 +35,8 @@ def world():
         yield made
 
 
-def test_the_papers_densities_are_those_of_the_traffic():
-    # Decision makers and traffic do not know each other: each has the figures.
+def test_the_papers_densities_equal_those_of_the_traffic():
+    # Decision makers and traffic do not import each other: each has its own copy.
     shared = {name: DENSITIES[name] for name in SPAWN_PROBABILITY}
     assert shared == SPAWN_PROBABILITY
 
@@ -51,7 +51,7 @@ def test_a_trip_repeats_itself_to_the_bit_and_a_seed_changes_it(world):
 
 
 def test_a_larger_step_of_the_physics_drives_the_same_trip(world):
-    world.close()  # there is one SUMO in a process
+    world.close()  # a process has one SUMO
     trip = cell_trip("dense", 12.5, SHORT)
     decisions = [Decision.KEEP] * 4 + [Decision.LEFT] + [Decision.KEEP] * 40
     losses, seen = [], []
@@ -66,7 +66,7 @@ def test_a_larger_step_of_the_physics_drives_the_same_trip(world):
     np.testing.assert_allclose(seen[0], seen[1], atol=0.01)
 
 
-def test_a_change_lasts_until_it_is_over_and_costs_ten(world):
+def test_a_lane_change_is_one_step_and_costs_ten(world):
     trip = dataclasses.replace(SHORT, spawn_probability=0.0)
     _, steps = drive(world, trip, [Decision.LEFT, Decision.KEEP])
     change, keep = steps
@@ -86,7 +86,7 @@ def test_a_change_off_the_road_is_refused_without_danger(world):
     assert (world.summary.refused, world.summary.dangerous, world.summary.changes) == (1, 0, 0)
 
 
-def test_rules_drive_in_it_by_what_they_are_given(world):
+def test_rules_decide_by_the_worlds_context(world):
     trip = cell_trip("dense", 12.5, SHORT)
     observation = world.reset(np.random.default_rng(0), trip)
     context = world.context()
@@ -103,7 +103,7 @@ def test_speed_is_charged_by_its_distance_from_the_reference(world):
     assert -6.9 < step.reward.speed < -5.6
 
 
-def test_a_trip_ends_by_time_or_way_without_termination(world):
+def test_a_trip_ends_by_time_or_distance_without_termination(world):
     by_time = dataclasses.replace(SHORT, spawn_probability=0.0, duration=3.0)
     by_way = dataclasses.replace(by_time, duration=100.0, length=40.0)
     for trip in (by_time, by_way):

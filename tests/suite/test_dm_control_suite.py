@@ -1,4 +1,4 @@
-"""dm_control's own tests of its suite, pointed at ours."""
+"""dm_control's own tests of its suite, run on the truck's suite."""
 
 import importlib.util
 import sys
@@ -28,7 +28,7 @@ def _no_sumo_left_behind():
 
 
 def _theirs(name, tasks):
-    """A test module of dm_control's suite in which `suite` is ours, with some of its tasks."""
+    """Returns a test module of dm_control in which `suite` is the truck's, with some tasks."""
     chosen = types.SimpleNamespace(**{n: getattr(suite, n) for n in suite.__all__})
     chosen.ALL_TASKS = tasks
     chosen.load = _load
@@ -46,10 +46,10 @@ def _theirs(name, tasks):
     return module
 
 
-# SUMO's task takes as long as all the others together.
+# The task with SUMO takes as long as all other tasks together.
 _SUMO = tuple(task for task in suite.ALL_TASKS if task == ("truck", "highway"))
 _OTHERS = tuple(task for task in suite.ALL_TASKS if task not in _SUMO)
-# In a dictionary: pytest collects every TestCase that a module names.
+# In a dictionary, because pytest collects every TestCase in a module's namespace.
 _BASES = {
     "others": _theirs("suite_test", _OTHERS).SuiteTest,
     "sumo": _theirs("suite_test", _SUMO).SuiteTest,
@@ -70,7 +70,7 @@ class TestLoaderConstants(_BASES["constants"]):
     pass
 
 
-def test_every_task_of_ours_is_among_those_tested():
+def test_every_task_is_tested():
     assert set(_OTHERS) | set(_SUMO) == set(suite.ALL_TASKS)
     assert len(_SUMO) == 1
     tested = [name for name in dir(TestSuite) if name.startswith("test_task_conforms_to_spec")]

@@ -74,7 +74,7 @@ def test_an_attached_truck_drives_as_the_plain_one_does(drive):
     assert attached == pytest.approx(plain.data.body("tractor").xpos[0], abs=1e-6)
 
 
-def test_what_is_only_seen_changes_no_mass():
+def test_visual_geoms_change_no_mass():
     bare, dressed = (
         mjcf.Physics.from_mjcf_model(truck_mjcf(20_000.0, visuals=seen)).model
         for seen in (False, True)
@@ -90,7 +90,7 @@ def test_a_wrong_payload_is_refused():
 
 
 def test_dm_controls_viewer_runs_a_task():
-    # In a process of its own: the viewer chooses OpenGL for a display, once for a process.
+    # In a separate process, because the viewer loads OpenGL for a display once per process.
     program = (
         "import numpy as np\n"
         "from dm_control.viewer import runtime\n"
@@ -106,7 +106,7 @@ def test_dm_controls_viewer_runs_a_task():
     assert done.returncode == 0, done.stderr
 
 
-def test_pictures_after_the_viewer_say_what_chose_the_wrong_opengl(monkeypatch):
+def test_error_of_pictures_after_the_viewer_names_the_wrong_opengl(monkeypatch):
     program = (
         "import OpenGL.platform\n"
         "from iits_mj.render.offscreen import make_context\n"

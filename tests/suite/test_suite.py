@@ -49,7 +49,7 @@ def test_random_actions_give_finite_observations_and_rewards_in_0_to_1(environme
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_actions_that_are_none_are_refused(environments, task):
+def test_invalid_actions_are_refused(environments, task):
     environment = environments[task]
     environment.reset()
     count = environment.action_spec().shape[0]
@@ -84,8 +84,8 @@ def test_episodes_begin_in_different_places(environments):
     assert len(starts) == 4
 
 
-# Share of the greatest return that the scripted driver gets, and episode's part in 0.1 s. Cruising
-# begins below the target now and then, uphill, with more to climb than the engine can.
+# Share of the greatest return that the scripted driver earns, and number of steps. Some cruises
+# start below the target on a climb that exceeds the engine's power.
 SOLVED = {
     "cruise": (0.85, 250),
     "stop": (0.85, 250),
@@ -116,7 +116,7 @@ def test_a_scripted_driver_solves_the_task_and_a_random_one_does_not(environment
 
 
 @pytest.mark.slow
-def test_who_overtakes_on_the_highway_gets_more_than_who_keeps_or_guesses():
+def test_overtaking_on_the_highway_earns_more_than_keeping_or_random_decisions():
     environment = suite.load("truck", "highway", {"visuals": False})
     random = np.random.RandomState(0)
     drivers = {
@@ -168,7 +168,7 @@ def test_height_of_the_load_is_an_argument():
     assert model.site("payload_cg").pos[2] == pytest.approx(1.5 - 1.10)
 
 
-def test_a_copy_of_the_physics_goes_its_own_way(environments):
+def test_a_copy_of_the_physics_is_independent(environments):
     environment = environments["cruise"]
     environment.reset()
     twin = environment.physics.copy()
@@ -189,7 +189,7 @@ def test_unknown_names_are_refused():
         suite.load("truck", "fly")
 
 
-def test_the_docks_distance_is_what_the_trailer_has_left(environments):
+def test_distance_to_the_dock_is_measured_from_the_trailers_rear(environments):
     environment = environments["dock"]
     environment.reset()
     physics = environment.physics
@@ -201,7 +201,7 @@ def test_the_docks_distance_is_what_the_trailer_has_left(environments):
     assert heading == pytest.approx(0.0, abs=1e-3)
 
 
-def test_the_dock_is_approached_backward_and_not_to_be_rammed(environments):
+def test_full_throttle_backs_into_the_dock_and_ends_the_episode(environments):
     environment = environments["dock"]
     full = lambda _: np.array([1.0, 0.0])  # noqa: E731
     steps = _episode(environment, full, 600)
@@ -233,7 +233,7 @@ def test_hill_starts_are_on_grades_of_4_to_9_percent(environments):
     assert max(grades) - min(grades) > 0.02
 
 
-def test_the_highway_is_not_copied_and_steps_in_whole_cycles(environments):
+def test_the_highway_refuses_copies_and_parts_of_a_cycle(environments):
     environment = environments["highway"]
     environment.reset()
     with pytest.raises(Error, match="SUMO"):
@@ -242,7 +242,7 @@ def test_the_highway_is_not_copied_and_steps_in_whole_cycles(environments):
         environment.physics.step(3)
 
 
-def test_the_truck_on_the_highway_is_the_one_of_the_physics(environments):
+def test_physics_and_simulation_of_the_highway_share_the_truck(environments):
     environment = environments["highway"]
     environment.reset()
     for _ in range(3):
@@ -252,7 +252,7 @@ def test_the_truck_on_the_highway_is_the_one_of_the_physics(environments):
     assert environment.physics.station() > 80.0
 
 
-def test_colors_show_the_reward_on_demand():
+def test_colors_show_the_reward_on_request():
     environment = suite.load("truck", "cruise", {"random": 0}, visualize_reward=True)
     environment.reset()
     colors = environment.physics.named.model.mat_rgba

@@ -20,10 +20,10 @@ STEP = 0.1
 
 
 class ArticulatedTruck:
-    """Follows the road at an offset that it changes smoothly; both units roll without slip.
+    """Follows the road at a smoothly changing offset; both units roll without slip.
 
     The steer axle moves along the path; tractor and trailer follow by the tractrix
-    dpsi/dt = v / L sin(psi of the pulling point's way - psi).
+    dpsi/dt = v / L sin(direction of the pulling point's motion - psi).
     """
 
     def __init__(self, route: Route, station: float, offset: float, speed: float) -> None:
@@ -34,7 +34,7 @@ class ArticulatedTruck:
         self._change: tuple[float, float, float, float] | None = None
 
     def change_lane(self, offset: float, duration: float) -> None:
-        """Begins to go to another offset, by a quintic from rest to rest."""
+        """Begins a quintic motion to another offset, from rest to rest."""
         self._change = (self.time, self.offset, offset, duration)
 
     @property
@@ -42,7 +42,7 @@ class ArticulatedTruck:
         return self._change is not None
 
     def advance(self, acceleration: float = 0.0) -> EgoState:
-        """One step of the traffic, in ten of the kinematics."""
+        """Advances one traffic step in ten steps of the kinematics."""
         dt = STEP / 10.0
         for _ in range(10):
             self.time += dt
@@ -74,7 +74,7 @@ class ArticulatedTruck:
         return x - WHEELBASE * math.cos(self.yaw), y - WHEELBASE * math.sin(self.yaw)
 
     def state(self) -> EgoState:
-        """What the truck reports."""
+        """The truck's state."""
         x, y = self._steer_axle()
         fifth_x, fifth_y = self._fifth_wheel()
         rear = (

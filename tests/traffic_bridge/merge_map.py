@@ -1,4 +1,4 @@
-"""A map of our own for tests: a highway with an on-ramp, a tapered lane end and a lane drop."""
+"""Maps made for tests: a highway with an on-ramp and ending lanes, a two-way road, and others."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def merge_map():
 
 
 def ramp():
-    """One lane that comes from the right and bends into the highway's direction."""
+    """A road with one lane that joins the highway from the right."""
     radius = BEND / TURN
     x = MEETING - radius * math.sin(TURN)
     y = SIDE - radius * (1.0 - math.cos(TURN))
@@ -98,7 +98,7 @@ def ramp():
 
 
 def road(identity, length, x, sections, y=0.0, lift=(0.0, 0.0), limit=LIMIT, **more):
-    """A straight road along x, uphill, banked; its limit stands in its type, not in its lanes."""
+    """A straight road along x, uphill and banked; its type holds the limit, not its lanes."""
     return Road(
         id=identity,
         length=length,
@@ -112,7 +112,7 @@ def road(identity, length, x, sections, y=0.0, lift=(0.0, 0.0), limit=LIMIT, **m
 
 
 def section(s, count, behind=0, ahead=0, closing=0.0, shift=0):
-    """Right lanes linked by number to as many as there are before and after them."""
+    """Right lanes, linked by number to `behind` preceding and `ahead` following lanes."""
     lanes = [Lane(0, "none")]
     for number in range(1, count + 1):
         width = Cubic(0.0, WIDTH)
@@ -131,7 +131,7 @@ def section(s, count, behind=0, ahead=0, closing=0.0, shift=0):
 
 
 def dirty_map():
-    """Three roads in a row: the second one overlaps, lies aside, higher, and turned a little."""
+    """Three consecutive roads; the second overlaps the first and is shifted, raised and rotated."""
     first = road("1", 300.0, 0.0, (section(0.0, 2, ahead=2),), successor=Link("road", "2", "start"))
     second = Road(
         id="2",
@@ -155,3 +155,21 @@ def dirty_map():
         elevations=(Cubic(0.0, GRADE * 300.0 + 0.15, 0.03),),
     )
     return OpenDriveMap(roads=(first, second, third), name="dirty")
+
+
+def two_way_road(length=400.0, limit=LIMIT):
+    """A straight road with one lane in each direction."""
+    width = (Cubic(0.0, 3.2),)
+    lanes = (Lane(1, "driving", width), Lane(0, "none"), Lane(-1, "driving", width))
+    return OpenDriveMap(
+        roads=(
+            Road(
+                id="1",
+                length=length,
+                geometries=(Line(0.0, 0.0, 0.0, 0.0, length),),
+                sections=(LaneSection(0.0, lanes),),
+                types=(RoadType(0.0, "rural", limit),),
+            ),
+        ),
+        name="two-way",
+    )

@@ -22,7 +22,7 @@ def config(lane_change: str = "lc2013") -> TrafficConfig:
 def record(
     route: Route, path: Path, lane_change: str = "lc2013", steps: int = STEPS
 ) -> tuple[Path, list[VehicleFrame]]:
-    """Drives 12 s and writes the file; the frames as they came."""
+    """Drives 12 s and writes the file; returns its path and the frames."""
     with Recorder(InterSim(route, config(lane_change), seed=9)) as recorder:
         frames = [recorder.reset(ego_at(route, 0.0, 1000.0, 9.0, 4.0))]
         for k in range(1, steps + 1):
@@ -32,7 +32,7 @@ def record(
 
 
 def changed(path: Path, target: Path, **meta: object) -> Path:
-    """A copy of a file with other entries of its meta."""
+    """A copy of a file with changed entries in its meta data."""
     with np.load(path) as file:
         arrays = dict(file)
     stored = json.loads(str(arrays["meta"])) | meta

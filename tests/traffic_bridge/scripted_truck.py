@@ -1,4 +1,4 @@
-"""What the tests of the traffic bridge share: a scripted truck and exact box overlap."""
+"""A scripted truck and the exact overlap of boxes, for the tests of the traffic bridge."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from iits_mj.road import Route
 
 
 def ego_at(route: Route, time: float, station: float, speed: float, offset: float) -> EgoState:
-    """A truck that follows the road at an offset."""
+    """State of a truck that follows the road at an offset."""
     point = route.evaluate(station, offset)
     return EgoState(
         time=time,
@@ -27,7 +27,7 @@ def ego_at(route: Route, time: float, station: float, speed: float, offset: floa
 
 
 def ego_box(ego: EgoState) -> np.ndarray:
-    """Corners (4, 2) of the combination, taken as straight."""
+    """Corners (4, 2) of the straight combination."""
     back = 16.5 / 2 - 1.40
     x, y = ego.x - back * math.cos(ego.yaw), ego.y - back * math.sin(ego.yaw)
     return corners(x, y, ego.yaw, 16.5, 2.55)

@@ -1,4 +1,4 @@
-"""What vehicles and frames of them may be: bounds of the figures, and one clear error."""
+"""Bounds of vehicle parameters, and contents of vehicle frames."""
 
 import dataclasses
 import math
@@ -17,7 +17,7 @@ CAR = default_types()[0]
 
 
 @pytest.mark.parametrize("name", HIGHEST)
-def test_no_vehicle_is_beyond_what_a_road_and_tires_bear(name):
+def test_a_vehicle_parameter_above_its_physical_bound_is_refused(name):
     top = HIGHEST[name]
     assert getattr(dataclasses.replace(CAR, **{name: top}), name) == top
     for wrong in (1.01 * top, 1e9, 10**400, math.nan, -0.1, "1", None, True, np.float64(1e9)):
@@ -25,19 +25,19 @@ def test_no_vehicle_is_beyond_what_a_road_and_tires_bear(name):
             dataclasses.replace(CAR, **{name: wrong})
 
 
-def test_the_vehicles_of_the_package_lie_well_within_the_bounds():
+def test_vehicles_of_the_package_stay_below_90_percent_of_the_bounds():
     for kind in (*default_types(), *calibrated_types()):
         for name, top in HIGHEST.items():
             assert getattr(kind, name) <= 0.9 * top
 
 
-def test_figures_of_numpy_are_kept_as_pythons_own():
+def test_numbers_of_numpy_become_pythons_own():
     car = dataclasses.replace(CAR, length=np.float32(4.5), colors=[[np.float32(1), 0, 0]])
     assert type(car.length) is float
     assert car.colors == ((1.0, 0.0, 0.0),)
 
 
-def test_a_change_has_the_bounds_of_the_type_and_names_a_vehicle():
+def test_a_change_beyond_the_bounds_or_of_an_unknown_vehicle_is_refused():
     with PureSim(Route.straight(length=1000.0), TrafficConfig(density=0.1), seed=1) as traffic:
         name = traffic.reset()[0].id
         for wrong in ("acceleration", "time_headway", "minimum_gap", "politeness"):
@@ -56,7 +56,7 @@ def test_a_change_has_the_bounds_of_the_type_and_names_a_vehicle():
         traffic.step()
 
 
-def test_a_frame_has_the_columns_it_names():
+def test_a_frame_returns_columns_by_name_and_refuses_unknown_names():
     frame = VehicleFrame.of([TrackedVehicle("a", x=1.0), TrackedVehicle("b", x=2.0, y=3.0)])
     assert frame.columns("y", "x").tolist() == [[0.0, 3.0], [1.0, 2.0]]
     for wrong in ("q", [], None):
@@ -84,6 +84,6 @@ def test_a_frame_has_the_columns_it_names():
         ([TrackedVehicle("a", z=math.inf)], "z is inf"),
     ],
 )
-def test_a_frame_is_made_of_vehicles_with_finite_figures(vehicles, text):
+def test_a_frame_with_unusable_vehicles_is_refused(vehicles, text):
     with pytest.raises(InputError, match=text):
         VehicleFrame.of(vehicles)

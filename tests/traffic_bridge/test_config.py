@@ -55,7 +55,7 @@ def test_unusable_settings_are_refused_with_what_is_allowed(values, text):
         TrafficConfig(**values)
 
 
-def test_free_lane_discipline_takes_the_right_lanes_pull_and_politeness_from_every_type():
+def test_free_lane_discipline_sets_keep_right_terms_and_politeness_of_every_type_to_zero():
     free = TrafficConfig(lane_discipline="free")
     for name in ("keep_right_bias", "lc_keep_right", "politeness"):
         assert {getattr(kind, name) for kind in free.types} == {0.0}
@@ -73,7 +73,7 @@ def test_a_configuration_survives_json():
     assert TrafficConfig.from_dict(json.loads(json.dumps(config.as_dict()))) == config
 
 
-def test_numbers_of_numpy_are_numbers_and_a_stored_configuration_stays_json():
+def test_a_configuration_with_numbers_of_numpy_is_stored_as_json():
     config = TrafficConfig(
         density={"car": np.float32(0.25), "truck": np.float64(0.125)},
         speed_limit=np.float32(15),
@@ -111,12 +111,12 @@ def test_numbers_of_numpy_are_numbers_and_a_stored_configuration_stays_json():
         ({"front_overhang": 17.0}, r"front_overhang = 17\.0 m: allowed is 0 to 16\.5"),
     ],
 )
-def test_a_truck_has_a_size_that_roads_carry(values, text):
+def test_a_truck_of_impossible_size_is_refused(values, text):
     with pytest.raises(InputError, match=text):
         EgoFootprint(**values)
 
 
-def test_a_simulation_is_made_of_a_route_and_a_configuration():
+def test_a_simulation_without_a_route_a_configuration_or_a_valid_seed_is_refused():
     route = Route.straight(length=1000.0)
     with pytest.raises(InputError, match="PureSim needs a TrafficConfig, not 'medium'"):
         PureSim(route, "medium")

@@ -54,8 +54,8 @@ def growth(straight, reloads, lane_change="mobil"):
         return resident_mib() - before
 
 
-def test_sixty_reloads_leak_less_than_their_share_of_5_mib_in_500(straight):
-    # One simulation of this size takes 0.6 MiB: one that stayed behind at each reload would show.
+def test_60_reloads_leak_less_than_2_mib(straight):
+    # A simulation of this size takes 0.6 MiB, so a leak of one at each reload would show.
     assert growth(straight, 60) < 5.0 * 60 / 500 + 1.0
 
 
@@ -65,7 +65,7 @@ def test_500_reloads_leak_less_than_5_mib(straight, lane_change):
     assert growth(straight, 500, lane_change) < 5.0
 
 
-def test_a_second_simulation_is_refused_with_the_way_out_and_the_first_goes_on(net):
+def test_a_second_simulation_is_refused_with_advice_and_the_first_continues(net):
     first = Session(net)
     try:
         with pytest.raises(TrafficError, match=r"already running.*TrafficWorlds"):
@@ -76,7 +76,7 @@ def test_a_second_simulation_is_refused_with_the_way_out_and_the_first_goes_on(n
         first.close()
 
 
-def test_a_simulation_that_nobody_holds_any_more_is_closed(straight):
+def test_a_simulation_without_references_is_closed(straight):
     traffic = PureSim(straight, CROWDED)
     traffic.reset()
     del traffic
@@ -87,7 +87,7 @@ def test_a_simulation_that_nobody_holds_any_more_is_closed(straight):
 def test_a_simulation_started_by_other_code_is_neither_used_nor_closed(net):
     api = load_libsumo()
     ours = Session(net)
-    # libsumo replaces a simulation without a word.
+    # libsumo replaces a simulation without an error.
     api.start(["sumo", "--net-file", str(net), "--no-step-log", "true"])
     try:
         with pytest.raises(TrafficError, match="ended or replaced by other code"):
@@ -122,7 +122,7 @@ def test_an_interrupt_during_a_step_closes_sumo(straight, monkeypatch, call):
     traffic.close()
 
 
-def test_a_killed_drive_with_ctrl_c_ends_with_sumo_closed():
+def test_ctrl_c_closes_sumo_before_the_process_ends():
     code = """
         from iits_mj.road import Route
         from traffic_bridge import PureSim, TrafficConfig
@@ -165,7 +165,7 @@ def test_a_killed_drive_with_ctrl_c_ends_with_sumo_closed():
         (r"<net.*", "", "no element found|syntax error"),
     ],
 )
-def test_a_damaged_net_gives_one_error_with_the_reason_and_leaves_no_sumo(
+def test_a_damaged_net_gives_one_error_with_the_reason_and_no_simulation(
     highway_net, tmp_path, pattern, replacement, reason
 ):
     text = highway_net.read_text()
@@ -179,7 +179,7 @@ def test_a_damaged_net_gives_one_error_with_the_reason_and_leaves_no_sumo(
     assert not load_libsumo().isLoaded()
 
 
-def test_files_that_are_no_nets_are_refused(tmp_path):
+def test_files_other_than_nets_are_refused(tmp_path):
     for name, content in (
         ("empty", b""),
         ("binary", bytes(range(256)) * 10),
@@ -206,13 +206,13 @@ def test_files_that_are_no_nets_are_refused(tmp_path):
         ('<route id="r" edges="nowhere"/>', "nowhere"),
     ],
 )
-def test_unusable_additional_files_give_one_error_and_leave_no_sumo(net, additional, reason):
+def test_unusable_additional_files_give_one_error_and_no_simulation(net, additional, reason):
     with pytest.raises(TrafficError, match=reason):
         Session(net, additional)
     assert not load_libsumo().isLoaded()
 
 
-def test_a_wrong_route_in_the_run_closes_sumo(net):
+def test_a_wrong_route_during_the_run_closes_sumo(net):
     session = Session(net)
     with (
         pytest.raises(TrafficError, match=r"while sending a bus.*nowhere"),
@@ -225,7 +225,7 @@ def test_a_wrong_route_in_the_run_closes_sumo(net):
         session.step()
 
 
-def test_temporary_files_are_gone_after_closing(net, tmp_path, monkeypatch):
+def test_temporary_files_are_removed_on_closing(net, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     session = Session(net)
     assert list(tmp_path.iterdir())
@@ -240,12 +240,12 @@ def test_temporary_files_are_gone_after_closing(net, tmp_path, monkeypatch):
 
 
 def calls_of(traffic, undo):
-    """What one can still hold of a run, as functions without arguments."""
+    """Calls through handles of a run that a user may still hold."""
     vehicles, signals = traffic.vehicles, traffic.signals
     return {
         "ids": vehicles.ids,
-        "change a class": lambda: vehicles.change("car", time_headway=9.0),
-        "put back": undo,
+        "change a type": lambda: vehicles.change("car", time_headway=9.0),
+        "undo": undo,
         "hold below": lambda: vehicles.hold_below(vehicles.ids()[0], 1.0),
         "limit": lambda: signals.set_speed_limit(3.0),
         "lift all": signals.reset_speed_limits,
@@ -257,7 +257,7 @@ def calls_of(traffic, undo):
 
 
 @pytest.mark.parametrize("newer", [True, False])
-def test_handles_of_an_ended_run_are_refused_and_leave_the_running_one_alone(straight, newer):
+def test_handles_of_an_ended_run_are_refused_and_do_not_change_the_running_one(straight, newer):
     old = PureSim(straight, CROWDED, seed=1)
     old.reset()
     calls = calls_of(old, old.vehicles.change("car", time_headway=4.0))

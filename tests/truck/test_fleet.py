@@ -29,7 +29,7 @@ def test_a_truck_of_a_fleet_drives_as_it_does_alone_bit_for_bit(pair):
     assert pair.trucks[0].report() == alone.report()
 
 
-def test_commands_and_loads_are_each_trucks_own(pair):
+def test_each_truck_has_its_own_commands_and_load(pair):
     pair.reset(
         [TruckPlacement(station=200.0, speed=10.0), TruckPlacement(station=100.0, speed=10.0)]
     )
@@ -43,7 +43,7 @@ def test_commands_and_loads_are_each_trucks_own(pair):
     assert pair.trucks[1].last_command().xbr_demand == 0.0
 
 
-def test_trucks_touch_each_other_and_never_themselves(pair):
+def test_contact_is_reported_between_trucks_and_never_within_one(pair):
     length = pair.trucks[0].footprint.length
     pair.reset(
         [TruckPlacement(station=200.0), TruckPlacement(station=200.0 - length - 3.0, speed=8.0)]
@@ -57,7 +57,7 @@ def test_trucks_touch_each_other_and_never_themselves(pair):
     assert pair.touching() == {(0, 1)}
     before = pair.observe()[0].station
     pair.step(500)
-    # It was pushed, braked as it is.
+    # The braked truck was pushed.
     assert pair.observe()[0].station > before + 0.05
 
 
@@ -67,7 +67,7 @@ def test_names_have_the_trucks_prefix(pair):
     assert pair.trucks[1].sensor("tractor_velocity").shape == (3,)
 
 
-def test_all_start_anew_at_their_places(pair):
+def test_reset_puts_every_truck_at_its_place(pair):
     states = pair.reset(
         [TruckPlacement(station=300.0, speed=5.0), TruckPlacement(station=250.0, offset=4.0)]
     )
@@ -91,7 +91,7 @@ def test_wrong_numbers_are_refused(pair):
         TruckPlacement(heading=float("nan"))
 
 
-def test_a_truck_can_be_put_askew_and_bent():
+def test_a_truck_can_start_at_an_angle_to_the_road_and_articulated():
     truck = Truck.load(0.0, route=ROUTE, visuals=False)
     ego = truck.reset(station=500.0, offset=1.0, heading=0.2, articulation=-0.3)
     assert ego.yaw == pytest.approx(0.2, abs=1e-6)

@@ -13,7 +13,7 @@ SLIPPERY = Route.straight(length=3_000.0, lanes=2, friction=0.2)
 ROLLING = TruckPlacement(station=100.0, speed=15.0)
 
 
-def test_a_drive_is_bit_for_bit_the_trucks_own():
+def test_a_rollout_equals_the_drive_of_one_truck_bit_for_bit():
     scenarios = [
         Scenario(route=ROAD, payload=payload, place=ROLLING) for payload in (0.0, 36_000.0)
     ]
@@ -36,7 +36,7 @@ def test_a_drive_is_bit_for_bit_the_trucks_own():
         assert drives["engine_speed"][1, instant] == truck.read("engine_speed")
     assert drives.time[-1] == pytest.approx(2.0)
     assert not drives.diverged.any()
-    # The empty truck with less pedal answers otherwise.
+    # The empty truck with less pedal responds differently.
     assert not np.array_equal(drives["tractor_gyro"][0], drives["tractor_gyro"][1])
 
 
@@ -53,7 +53,7 @@ def test_the_number_of_threads_changes_nothing():
         np.testing.assert_array_equal(values, runs[1][name])
 
 
-def test_less_friction_and_a_worn_tire_brake_later():
+def test_less_friction_and_worn_tires_lengthen_braking():
     overlay = {"tire_common": {"friction_longitudinal": 0.5}}
     drives = roll_out(
         [
@@ -103,7 +103,7 @@ def test_wrong_arguments_are_refused(change, message):
         roll_out(arguments.pop("scenarios"), arguments.pop("controls"), **arguments)
 
 
-def test_what_was_not_recorded_is_named():
+def test_an_unrecorded_signal_is_refused_by_name():
     drives = roll_out([Scenario(route=ROAD)], {}, duration=0.1, signals=("gear",))
     with pytest.raises(InputError, match="fuel_used"):
         drives["fuel_used"]

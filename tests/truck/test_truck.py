@@ -1,4 +1,4 @@
-"""The Truck as its users meet it: load, command, step, observe."""
+"""`Truck` as a user calls it: load, command, step, observe."""
 
 import subprocess
 import sys
@@ -77,7 +77,7 @@ def test_units_stand_in_line_on_a_grade_after_a_reset(grade):
     np.testing.assert_allclose(truck.data.qpos[7:], truck.model.qpos0[7:], atol=1e-12)
 
 
-def test_height_of_the_load_is_refused_by_name():
+def test_impossible_payload_height_is_refused_by_name():
     with pytest.raises(InputError, match="payload_height"):
         iits_mj.Truck.load(payload_height=0.5, visuals=False)
 
@@ -117,7 +117,7 @@ def test_observing_does_not_change_the_motion(truck):
             truck.step()
             if watch:
                 truck.observe()
-        truck.observe()  # brings the uncommitted half of the plugins' state up to now in both
+        truck.observe()  # updates the plugins' uncommitted state in both runs
         finals.append(state(truck.model, truck.data))
     np.testing.assert_array_equal(finals[0], finals[1])
 
@@ -179,23 +179,23 @@ def test_truck_starts_stops_holds_and_restarts_on_a_5_percent_grade(payload):
     truck.step(2500)
     held = truck.observe().station
     truck.step(5000)
-    assert truck.observe().station == pytest.approx(held, abs=1e-3), "it creeps"
+    assert truck.observe().station == pytest.approx(held, abs=1e-3), "the truck creeps"
     for _ in range(2):
         lowest = start = truck.observe().station
         truck.command(accelerator_pedal=0.7)
         for k in range(100):
-            if k == 5:  # hill start: the brake is let go once the clutch pulls
+            if k == 5:  # hill start: the brake is released once the clutch engages
                 truck.command(xbr_demand=0.0, xbr_mode=XbrMode.OFF)
             truck.step(50)
             lowest = min(lowest, truck.observe().station)
         ego = truck.observe()
         assert ego.speed > 1.5
-        assert lowest > start - 0.3, "it rolls back"
+        assert lowest > start - 0.3, "the truck rolls back"
         truck.command(accelerator_pedal=0.0, xbr_demand=-2.0, xbr_mode=XbrMode.MAXIMUM)
         truck.step(2500)
         held = truck.observe().station
         truck.step(5000)
-        assert truck.observe().station == pytest.approx(held, abs=1e-3), "it creeps"
+        assert truck.observe().station == pytest.approx(held, abs=1e-3), "the truck creeps"
     assert not truck.data.warning.number.any()
 
 
@@ -213,7 +213,7 @@ def test_wrong_command_is_refused_and_named(truck, field, value):
         truck.command(**{field: value})
 
 
-def test_a_divergence_names_the_moment_at_which_it_happened(truck):
+def test_divergence_is_reported_with_its_time(truck):
     truck.reset(speed=20.0)
     truck.step(500)
     truck.data.qvel[0] = 1e20
@@ -237,7 +237,7 @@ def test_overlay_of_parameters_changes_the_truck():
     assert truck.observe().speed == pytest.approx(20.0, abs=0.02)
 
 
-def test_importing_the_package_is_light():
+def test_importing_the_package_loads_no_heavy_library():
     code = (
         "import sys, iits_mj;"
         "heavy = {'libsumo', 'torch', 'casadi', 'matplotlib', 'scipy', 'dm_control'};"
@@ -249,7 +249,7 @@ def test_importing_the_package_is_light():
 
 
 @pytest.mark.parametrize("payload", [0.0, 20_000.0, 36_000.0])
-def test_trailer_accelerometer_sits_at_the_centre_of_gravity_of_trailer_and_load(payload):
+def test_trailer_accelerometer_sits_at_the_center_of_gravity_of_trailer_and_load(payload):
     truck = iits_mj.Truck.load(payload, visuals=False)
     model, data = truck.model, truck.data
     on_trailer = [

@@ -1,19 +1,18 @@
-"""Makes `Trajectories` of a reader's rows in any order; common to all data sets."""
+"""Makes `Trajectories` from a reader's rows in any order; common to all data sets."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import BoolArray, FloatArray, IntArray
 from iits_mj.core.errors import InputError
 from traffic_bridge.datasets.kinematics import check_speeds
-from traffic_bridge.datasets.trajectories import INSTANT, Trajectories
-
-IntArray = NDArray[np.int64]
+from traffic_bridge.datasets.trajectories import INSTANT, Trajectories, find, instant_keys
 
 LONGEST_GAP = 1.0  # [s]: a vehicle that is missing for longer continues as another one
 # [m] more than the distance at 100 m/s: a vehicle that jumps farther continues as another one.
@@ -54,7 +53,7 @@ class Rows:
     leader: NDArray[np.generic] | None = None
     speed_column: str | None = None
 
-    def must(self, good: NDArray[np.bool_], column: str, what: str) -> None:
+    def must(self, good: BoolArray, column: str, what: str) -> None:
         """Raises InputError for the first row that is not good, naming file, row and column."""
         wrong = np.flatnonzero(~good)
         if wrong.size:
@@ -87,15 +86,22 @@ def assemble(
     rows.must(rows.width > 0.0, "width", "is not positive")
     rows.must((rows.lane >= 0) & (rows.lane < lane_count), "lane", f"is outside {lane_count} lanes")
     names, vehicle = np.unique(rows.name, return_inverse=True)
-    order, extra = _sorted(rows, vehicle.astype(np.int64))
-    vehicle = vehicle[order]
-    time = rows.time[order]
+    order, repeated = _sorted(rows, vehicle.astype(np.int64))
+    vehicle, time = vehicle[order], rows.time[order]
+    speed, station, lane = rows.speed[order], rows.station[order], rows.lane[order]
     new = np.concatenate(([True], np.diff(vehicle) != 0))
-    gap, way = np.diff(time), np.abs(np.diff(rows.station[order]))
+    gap, way = np.diff(time), np.abs(np.diff(station))
     apart = np.concatenate(([False], (gap > LONGEST_GAP) | (way > LEAP + 100.0 * gap)))
     part = np.cumsum(new | apart) - 1
     first = np.flatnonzero(new | apart)
-    speed, station, lane = rows.speed[order], rows.station[order], rows.lane[order]
+    if repeated:
+        notes = (*notes, f"{repeated} rows that repeat another one are left out")
+    if len(first) > len(names):
+        notes = (
+            *notes,
+            f"{len(first) - len(names)} tracks begin again after a gap of more than "
+            f"{LONGEST_GAP:g} s or a jump",
+        )
     if rows.speed_column is not None:
         what = f"{rows.source}, column {rows.speed_column!r}"
         check_speeds(what, part, time, station, speed)
@@ -105,7 +111,7 @@ def assemble(
         rows.must(np.isfinite(rows.acceleration), "acceleration", "is not a finite number")
         acceleration = rows.acceleration[order]
     if rows.leader is None:
-        leader = leaders_ahead(time, lane, station, part)
+        leader = _leaders_ahead(time, lane, station, part)
     else:
         leader = _leaders(names, vehicle, time, part, rows.leader[order])
     return Trajectories(
@@ -124,21 +130,14 @@ def assemble(
         leader=leader,
         lane_count=lane_count,
         lane_width=lane_width,
-        notes=(*notes, *extra, *_reused(first, names)),
+        notes=notes,
     )
 
 
-def leaders_ahead(
+def _leaders_ahead(
     time: FloatArray, lane: IntArray, station: FloatArray, vehicle: IntArray
 ) -> IntArray:
-    """The next vehicle ahead in the same lane at the same instant, -1 for none.
-
-    Args:
-      time: of the rows, in any order, shape (k,) [s].
-      lane: index, shape (k,).
-      station: front bumper, shape (k,) [m].
-      vehicle: index, shape (k,).
-    """
+    """The next vehicle ahead in the same lane at the same instant, -1 for none."""
     instant = np.round(time / INSTANT).astype(np.int64)
     order = np.lexsort((station, lane, instant))
     together = (np.diff(instant[order]) == 0) & (np.diff(lane[order]) == 0)
@@ -147,14 +146,11 @@ def leaders_ahead(
     return leader
 
 
-def _sorted(rows: Rows, vehicle: IntArray) -> tuple[IntArray, tuple[str, ...]]:
-    """Order by vehicle and time, without repeated rows, and a note on these."""
+def _sorted(rows: Rows, vehicle: IntArray) -> tuple[IntArray, int]:
+    """Order by vehicle and time, without repeated rows, and the number of these."""
     order = np.lexsort((rows.time, vehicle))
     same = (np.diff(vehicle[order]) == 0) & (np.diff(rows.time[order]) < INSTANT)
-    if not same.any():
-        return order, ()
-    twice = np.flatnonzero(same)
-    a, b = order[twice], order[twice + 1]
+    a, b = order[:-1][same], order[1:][same]
     alike = (
         (np.abs(rows.station[a] - rows.station[b]) < 1e-6)
         & (rows.lane[a] == rows.lane[b])
@@ -166,14 +162,13 @@ def _sorted(rows: Rows, vehicle: IntArray) -> tuple[IntArray, tuple[str, ...]]:
             f"{rows.source}, {rows.where(int(a[k]))} and {rows.where(int(b[k]))}: vehicle "
             f"{str(rows.name[a[k]])!r} is at two places at {rows.time[a[k]]:g} s"
         )
-    keep = np.concatenate(([True], ~same))
-    return order[keep], (f"{int(same.sum())} rows that repeat another one are left out",)
+    return order[np.concatenate(([True], ~same))], len(a)
 
 
 def _slope(time: FloatArray, speed: FloatArray, first: IntArray) -> FloatArray:
     """Derivative of the speed within every track; zero for a track of one row."""
     slope = np.zeros_like(speed)
-    for a, b in zip(first, [*first[1:], len(time)], strict=True):
+    for a, b in itertools.pairwise([*first, len(time)]):
         if b - a > 1:
             slope[a:b] = np.gradient(speed[a:b], time[a:b])
     return slope
@@ -187,26 +182,16 @@ def _leaders(
     leader: NDArray[np.generic],
 ) -> IntArray:
     """Track of the named leader at the same instant, -1 if it is not in the set."""
-    place = np.minimum(np.searchsorted(names, leader), len(names) - 1)
-    raw = np.where(names[place] == leader, place, -1)
-    instant = np.round(time / INSTANT).astype(np.int64) + 2**38
-    keys, wanted = vehicle * 2**40 + instant, raw * 2**40 + instant
-    row = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-    found = (keys[row] == wanted) & (raw >= 0) & (part[row] != part)
-    return np.where(found, part[row], -1)
+    named = find(names, leader)
+    row = find(instant_keys(vehicle, time), instant_keys(named, time))
+    return np.where((named >= 0) & (row >= 0) & (part[row] != part), part[row], -1)
 
 
 def _unique_names(names: NDArray[np.generic], vehicle: IntArray) -> tuple[str, ...]:
-    """Names of the tracks: the vehicle's, with #2, #3 ... for its later ones."""
+    """Names of the tracks: the vehicle's name, with #2, #3 ... for its later tracks."""
     result, last, count = [], -1, 0
     for v in vehicle.tolist():
         count = count + 1 if v == last else 1
         last = v
         result.append(str(names[v]) if count == 1 else f"{names[v]}#{count}")
     return tuple(result)
-
-
-def _reused(first: IntArray, names: NDArray[np.generic]) -> tuple[str, ...]:
-    more = len(first) - len(names)
-    note = f"{more} tracks begin again after a gap of more than {LONGEST_GAP:g} s or a jump"
-    return (note,) if more else ()

@@ -18,7 +18,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from iits_mj.core.errors import InputError
 from traffic_bridge.datasets.assemble import Rows, assemble
 from traffic_bridge.datasets.table import Table
@@ -35,25 +35,14 @@ Size = tuple[str, float, float]
 UNKNOWN: Size = ("car", 5.0, 1.8)  # SUMO's default passenger car
 
 
-def stations_along(
+def _stations_along(
     name: NDArray[np.str_],
     time: FloatArray,
     edge: NDArray[np.str_],
     position: FloatArray,
     speed: FloatArray,
-) -> tuple[FloatArray, NDArray[np.bool_], tuple[str, ...]]:
-    """Stations along the chain of edges that most vehicles drive.
-
-    Args:
-      name: of the vehicle, shape (k,).
-      time: [s], shape (k,).
-      edge: shape (k,).
-      position: along the edge [m], shape (k,).
-      speed: [m/s], shape (k,).
-
-    Returns:
-      Stations [m], which rows are on the chain, each of shape (k,), and notes in words.
-    """
+) -> tuple[FloatArray, BoolArray, tuple[str, ...]]:
+    """Stations along the chain of edges that most vehicles drive; rows on it; notes in words."""
     edges, number = np.unique(edge, return_inverse=True)
     ways = _ways(name, time, number.astype(np.int64), position, speed)
     count = Counter({step: len(found) for step, found in ways.items()})
@@ -77,18 +66,16 @@ def stations_along(
 def _ways(
     name: NDArray[np.str_],
     time: FloatArray,
-    edge: NDArray[np.int64],
+    edge: IntArray,
     position: FloatArray,
     speed: FloatArray,
 ) -> dict[Step, list[float]]:
     """Distances between the beginnings of two edges, from each vehicle that passed both."""
     _, vehicle = np.unique(name, return_inverse=True)
     order = np.lexsort((time, vehicle))
-    passed = (np.diff(vehicle[order]) == 0) & (np.diff(edge[order]) != 0)
-    gaps = np.diff(time[order])
-    same = np.diff(vehicle[order]) == 0
+    gaps, same = np.diff(time[order]), np.diff(vehicle[order]) == 0
     usual = float(np.median(gaps[same])) if same.any() else 0.0
-    passed &= gaps < 1.5 * usual
+    passed = same & (np.diff(edge[order]) != 0) & (gaps < 1.5 * usual)
     a, b = order[:-1][passed], order[1:][passed]
     driven = 0.5 * (speed[a] + speed[b]) * gaps[passed]
     ways: dict[Step, list[float]] = {}
@@ -98,23 +85,17 @@ def _ways(
 
 
 def _chain(start: int, count: Counter[Step]) -> list[int]:
-    """The chain of edges from the most driven edge on, and back, along the most driven steps."""
+    """The chain of edges forward and back from an edge, along the most driven steps."""
     chain = [start]
-    while True:
-        onward = {b: n for (a, b), n in count.items() if a == chain[-1] and b not in chain}
-        if not onward:
-            break
+    while onward := {b: n for (a, b), n in count.items() if a == chain[-1] and b not in chain}:
         chain.append(max(sorted(onward), key=onward.__getitem__))
-    while True:
-        back = {a: n for (a, b), n in count.items() if b == chain[0] and a not in chain}
-        if not back:
-            break
+    while back := {a: n for (a, b), n in count.items() if b == chain[0] and a not in chain}:
         chain.insert(0, max(sorted(back), key=back.__getitem__))
     return chain
 
 
 def _add_skipped(begin: dict[int, float], length: Mapping[Step, float]) -> None:
-    """Adds edges between two of the chain, such as those inside junctions."""
+    """Adds edges that lie between two edges of the chain, such as those inside junctions."""
     for e in sorted({e for step in length for e in step} - begin.keys()):
         before = [begin[a] + way for (a, b), way in length.items() if b == e and a in begin]
         after = [begin[b] - way for (a, b), way in length.items() if a == e and b in begin]
@@ -123,7 +104,7 @@ def _add_skipped(begin: dict[int, float], length: Mapping[Step, float]) -> None:
 
 
 def read_fcd(table: Table, path: Path, *, types: Mapping[str, Size] | None = None) -> Trajectories:
-    """Trajectories of floating-car data; `pos`, `speed` and `lane` are needed.
+    """Trajectories of floating-car data with `pos`, `speed` and `lane`.
 
     The lane index is SUMO's, from the right; inside junctions it is that of the edge before.
     Offsets are `posLat` if it is stored.
@@ -160,7 +141,7 @@ def read_fcd(table: Table, path: Path, *, types: Mapping[str, Size] | None = Non
     edge, index = _split(table, there, lane[there])
     time = table.numbers("time", "timestep_time")[there]
     speed, position = numbers("speed"), numbers("pos")
-    station, keep, notes = stations_along(name[there], time, edge, position, speed)
+    station, keep, notes = _stations_along(name[there], time, edge, position, speed)
     index = _through_junctions(name[there], time, edge, index)
     kind, length, width, unknown = _sizes(table, there, types or {})
     has_leader = table.has(*column("leaderID"))
@@ -229,30 +210,27 @@ def read_fcd_xml(path: Path) -> Table:
 
 
 def _split(
-    table: Table, there: NDArray[np.intp], lane: NDArray[np.str_]
-) -> tuple[NDArray[np.str_], NDArray[np.int64]]:
+    table: Table, there: IndexArray, lane: NDArray[np.str_]
+) -> tuple[NDArray[np.str_], IntArray]:
     """Edge and index of SUMO lanes such as `-1#2_0`."""
     names, which = np.unique(lane, return_inverse=True)
     parts = [str(name).rpartition("_") for name in names]
     good = np.array(
         [bool(edge) and index.isdecimal() and len(index) < 4 for edge, _, index in parts]
     )
-    wrong = np.ones(table.rows, dtype=bool)
-    wrong[there] = good[which]
+    right = np.ones(table.rows, dtype=bool)
+    right[there] = good[which]
     shown = np.full(table.rows, "", dtype=lane.dtype)
     shown[there] = lane
-    table.must(wrong, "lane", shown, "must be a SUMO lane, as in 'edge_0'")
+    table.must(right, "lane", shown, "must be a SUMO lane, as in 'edge_0'")
     edges = np.array([edge for edge, _, _ in parts])
     indices = np.array([int(index) for _, _, index in parts], dtype=np.int64)
     return edges[which], indices[which]
 
 
 def _through_junctions(
-    name: NDArray[np.str_],
-    time: FloatArray,
-    edge: NDArray[np.str_],
-    index: NDArray[np.int64],
-) -> NDArray[np.int64]:
+    name: NDArray[np.str_], time: FloatArray, edge: NDArray[np.str_], index: IntArray
+) -> IntArray:
     """Lane indices; inside junctions those before the junction, or else after it."""
     inside = np.char.startswith(edge, ":")
     if not inside.any() or inside.all():
@@ -273,8 +251,9 @@ def _through_junctions(
 
 
 def _sizes(
-    table: Table, there: NDArray[np.intp], types: Mapping[str, Size]
+    table: Table, there: IndexArray, types: Mapping[str, Size]
 ) -> tuple[NDArray[np.str_], FloatArray, FloatArray, tuple[str, ...]]:
+    """Kind, length and width [m] of each row's vehicle, and notes in words."""
     known: dict[str, Size] = {t.kind: (t.kind, t.length, t.width) for t in default_types()}
     known.update(types)
     if any(kind not in KINDS for kind, _, _ in known.values()):
@@ -288,11 +267,7 @@ def _sizes(
     # SUMO writes "car@v12" for a vehicle with its own copy of the type.
     bases = [str(name).partition("@")[0] for name in names]
     sizes = [known.get(base, UNKNOWN) for base in bases]
+    kinds, lengths, widths = (np.array(column)[which] for column in zip(*sizes, strict=True))
     strange = sorted({base for base in bases if base not in known})
     notes = (f"of unknown type, taken for cars of 5 m: {', '.join(strange)[:200]}",)
-    return (
-        np.array([size[0] for size in sizes])[which],
-        np.array([size[1] for size in sizes])[which],
-        np.array([size[2] for size in sizes])[which],
-        notes if strange else (),
-    )
+    return kinds, lengths, widths, notes if strange else ()

@@ -1,7 +1,7 @@
 """Reader of highD-like recordings: `NN_tracks.csv`, `NN_tracksMeta.csv`, `NN_recordingMeta.csv`.
 
 The schema is that of Krajewski, Bock, Kloeker and Eckstein, "The highD dataset", ITSC 2018: boxes
-by their upper left corner in an image whose y points down, in metres; `width` is along x. Vehicles
+by their upper left corner in an image whose y points down, in meters; `width` is along x. Vehicles
 of `drivingDirection` 1 drive to the left in the upper lanes, those of 2 to the right in the lower.
 """
 
@@ -10,14 +10,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import FloatArray, IntArray
 from iits_mj.core.errors import InputError
 from traffic_bridge.datasets.assemble import Rows, assemble
 from traffic_bridge.datasets.ngsim import ARTICULATED_LENGTH
 from traffic_bridge.datasets.table import Table, read_csv
-from traffic_bridge.datasets.trajectories import Trajectories
+from traffic_bridge.datasets.trajectories import Trajectories, find
 
 MARKS = ("frame", "id", "x", "y", "xVelocity", "laneId")
 MARKINGS = {1: "upperLaneMarkings", 2: "lowerLaneMarkings"}
@@ -50,8 +49,9 @@ def read_highd(table: Table, path: Path, *, direction: int | None = None) -> Tra
 
     vehicle = table.integers("id")
     order = np.argsort(ids)
-    place = order[np.minimum(np.searchsorted(ids, vehicle, sorter=order), len(ids) - 1)]
-    table.must(ids[place] == vehicle, "id", vehicle, f"is not in {_beside(path, 'tracksMeta')}")
+    found = find(ids[order], vehicle)
+    table.must(found >= 0, "id", vehicle, f"is not in {tracks.path}")
+    place = order[found]
     classes = np.char.lower(tracks.texts("class"))
     tracks.must(np.isin(classes, ("car", "truck")), "class", classes, "must be Car or Truck")
 
@@ -99,12 +99,13 @@ def _beside(path: Path, what: str) -> Path:
     return other
 
 
-def _direction(heading: NDArray[np.int64], wanted: int | None) -> tuple[int, tuple[str, ...]]:
+def _direction(heading: IntArray, given: int | None) -> tuple[int, tuple[str, ...]]:
+    """The driving direction to read, and a note on the vehicles of the other."""
     there = sorted(set(heading.tolist()))
-    if wanted is not None:
-        if wanted not in there:
-            raise InputError(f"direction {wanted!r}: the recording has {there}")
-        return wanted, ()
+    if given is not None:
+        if given not in there:
+            raise InputError(f"direction {given!r}: the recording has {there}")
+        return given, ()
     chosen = max(there, key=lambda d: int((heading == d).sum()))
     other = int((heading != chosen).sum())
     if not other:
@@ -120,6 +121,6 @@ def _markings(recording: Table, name: str) -> FloatArray:
         markings = np.zeros(0)
     increasing = len(markings) >= 2 and bool(np.all(np.diff(markings) > 1.0))
     recording.must(
-        np.array([increasing]), name, [text], "must be two or more increasing numbers of metres"
+        np.array([increasing]), name, [text], "must be two or more increasing numbers of meters"
     )
     return markings

@@ -5,19 +5,19 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import BoolArray, FloatArray, IntArray
 from iits_mj.core.errors import InputError
 from traffic_bridge.datasets.trajectories import INSTANT, Trajectories
 
-# Widths of the paper [s].
+# Widths of the kernels in Thiemann et al. [s].
 POSITION_WIDTH = 0.5
 SPEED_WIDTH = 1.0
 ACCELERATION_WIDTH = 4.0
-REACH = 3.0  # the kernel is cut at this many widths, as in the paper
+REACH = 3.0  # the kernel is cut at this many widths, as in Thiemann et al.
 # [s] over which distances are compared: long enough that the noise of raw positions, tenths of a
 # meter, does not matter.
 WINDOW = 2.0
@@ -50,11 +50,11 @@ def exponential_average(values: FloatArray, width: float) -> FloatArray:
 
     Args:
       values: evenly spaced, shape (n,).
-      width: of the kernel, in samples; 0 leaves the values as they are.
+      width: of the kernel, in samples, positive.
     """
     count = len(values)
     reach = min(math.ceil(REACH * width), (count - 1) // 2)
-    if reach < 1 or width <= 0.0:
+    if reach < 1:
         return values.copy()
     weights = np.exp(-np.arange(reach + 1) / width)
     # Sums over windows of growing half-width, each from the one before.
@@ -65,13 +65,8 @@ def exponential_average(values: FloatArray, width: float) -> FloatArray:
     return total / weight
 
 
-def without_noise(
-    trajectories: Trajectories,
-    position_width: float = POSITION_WIDTH,
-    speed_width: float = SPEED_WIDTH,
-    acceleration_width: float = ACCELERATION_WIDTH,
-) -> Trajectories:
-    """Trajectories with averaged positions, speeds and accelerations: a filter for noisy positions.
+def without_noise(trajectories: Trajectories) -> Trajectories:
+    """Trajectories with averaged positions, speeds and accelerations, against noisy positions.
 
     C. Thiemann, M. Treiber and A. Kesting, "Estimating acceleration and lane-changing dynamics from
     Next Generation Simulation trajectory data", Transportation Research Record 2088 (2008):
@@ -81,16 +76,10 @@ def without_noise(
 
     Args:
       trajectories: raw ones, with rows evenly spaced in time.
-      position_width: of the kernel for positions [s].
-      speed_width: of the kernel for speeds [s].
-      acceleration_width: of the kernel for accelerations [s].
 
     Raises:
-      InputError: a width is negative, or a track is not evenly spaced.
+      InputError: a track is not evenly spaced.
     """
-    for width in (position_width, speed_width, acceleration_width):
-        if not (math.isfinite(width) and width >= 0.0):
-            raise InputError(f"width {width!r} of the noise filter: must be zero or positive")
     t = trajectories
     station, speed, acceleration = t.station.copy(), t.speed.copy(), t.acceleration.copy()
     across = t.lane + t.offset / t.lane_width
@@ -106,10 +95,10 @@ def without_noise(
             )
         raw_speed = np.gradient(t.station[rows], t.step)
         raw_acceleration = np.gradient(raw_speed, t.step)
-        station[rows] = exponential_average(t.station[rows], position_width / t.step)
-        across[rows] = exponential_average(across[rows], position_width / t.step)
-        speed[rows] = exponential_average(raw_speed, speed_width / t.step)
-        acceleration[rows] = exponential_average(raw_acceleration, acceleration_width / t.step)
+        station[rows] = exponential_average(t.station[rows], POSITION_WIDTH / t.step)
+        across[rows] = exponential_average(across[rows], POSITION_WIDTH / t.step)
+        speed[rows] = exponential_average(raw_speed, SPEED_WIDTH / t.step)
+        acceleration[rows] = exponential_average(raw_acceleration, ACCELERATION_WIDTH / t.step)
     return dataclasses.replace(
         t,
         station=station,
@@ -122,7 +111,7 @@ def without_noise(
 
 
 def check_speeds(
-    what: str, vehicle: NDArray[np.int64], time: FloatArray, station: FloatArray, speed: FloatArray
+    what: str, vehicle: IntArray, time: FloatArray, station: FloatArray, speed: FloatArray
 ) -> None:
     """Compares the distances between positions with those that the speeds give.
 
@@ -148,15 +137,18 @@ def check_speeds(
         return
     ratio = said / driven if driven else np.inf
     named = [words for factor, words in FACTORS if abs(ratio / factor - 1.0) < NEAR]
-    likely = f"a factor of {named[0]}" if named else "no usual factor of units: other columns?"
+    likely = (
+        f"a factor of {named[0]}"
+        if named
+        else "no usual factor of units: are these the right columns?"
+    )
     raise InputError(
-        f"{what}: the median speed is {said:.3g} m/s where the positions make {driven:.3g} m/s, "
-        f"{likely}"
+        f"{what}: the median speed is {said:.3g} m/s, by the positions {driven:.3g} m/s, {likely}"
     )
 
 
 def _means(
-    vehicle: NDArray[np.int64], time: FloatArray, station: FloatArray, speed: FloatArray
+    vehicle: IntArray, time: FloatArray, station: FloatArray, speed: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Mean speeds over the windows, from positions and from speeds, shape (w,) each [m/s]."""
     order = np.lexsort((time, vehicle))
@@ -192,7 +184,13 @@ class Motion:
     def __add__(self, other: Motion) -> Motion:
         return Motion(self.value + other.value, self.rate + other.rate, self.bend + other.bend)
 
-    def pick(self, chosen: NDArray[np.bool_]) -> Motion:
+    @classmethod
+    def of_spline(cls, spline: Any, at: FloatArray) -> Motion:
+        """Values and derivatives of one of SciPy's splines at instants of shape (n,)."""
+        bend = spline.derivative(2)(at) if spline.k >= 2 else np.zeros_like(at)
+        return cls(spline(at), spline.derivative(1)(at), bend)
+
+    def pick(self, chosen: BoolArray) -> Motion:
         """The instants of a mask of shape (n,)."""
         return Motion(self.value[chosen], self.rate[chosen], self.bend[chosen])
 
@@ -224,15 +222,10 @@ def fit(time: FloatArray, value: FloatArray, at: FloatArray, spacing: float) -> 
     else:
         ends = [np.full(degree + 1, time[0]), inner, np.full(degree + 1, time[-1])]
         spline = make_lsq_spline(time, value, np.concatenate(ends), k=degree)
-    zero = np.zeros_like(at)
-    return Motion(
-        spline(at),
-        spline.derivative(1)(at),
-        spline.derivative(2)(at) if degree >= 2 else zero,
-    )
+    return Motion.of_spline(spline, at)
 
 
-def calm(time: FloatArray, value: FloatArray, at: FloatArray, width: float) -> Motion:
+def smooth(time: FloatArray, value: FloatArray, at: FloatArray, width: float) -> Motion:
     """Cubic spline through Gaussian averages of points, without overshoot.
 
     For a quantity that is constant most of the time and then changes, as the lane does.
@@ -250,10 +243,7 @@ def calm(time: FloatArray, value: FloatArray, at: FloatArray, width: float) -> M
     count = max(round((time[-1] - time[0]) / usual), 1) + 1
     even = np.linspace(time[0], time[-1], count)
     samples = gaussian_filter1d(np.interp(even, time, value), width / usual, mode="nearest")
-    degree = min(DEGREE, count - 1)
-    spline = make_interp_spline(even, samples, k=degree)
-    bend = spline.derivative(2)(at) if degree >= 2 else np.zeros_like(at)
-    return Motion(spline(at), spline.derivative(1)(at), bend)
+    return Motion.of_spline(make_interp_spline(even, samples, k=min(DEGREE, count - 1)), at)
 
 
 def split_jumps(
@@ -287,7 +277,7 @@ def transitions(steps: list[tuple[float, float]], at: FloatArray, duration: floa
       at: instants, shape (n,) [s].
       duration: of a transition, positive [s].
     """
-    value, rate, bend = np.zeros_like(at), np.zeros_like(at), np.zeros_like(at)
+    value, rate, bend = np.zeros((3, *at.shape))
     for middle, size in steps:
         p = np.clip((at - middle) / duration + 0.5, 0.0, 1.0)
         value += size * p**3 * (10.0 + p * (6.0 * p - 15.0))

@@ -3,50 +3,36 @@
 Spellings of the header: `Vehicle_ID, Frame_ID, ..., v_Vel, ..., Lane_ID, Preceding, ...` (CSV of
 data.transportation.gov, with `Location`), `Vehicle ID, ..., Vehicle Velocity, ..., Lane
 Identification, Preceding Vehicle, ...` (data dictionary), and none (the original text files, whose
-18 columns stand in the dictionary's order).
+18 columns are in the dictionary's order).
 """
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import BoolArray, FloatArray, IntArray
 from iits_mj.core.errors import InputError
 from traffic_bridge.datasets.assemble import Rows, assemble
-from traffic_bridge.datasets.kinematics import check_speeds
+from traffic_bridge.datasets.kinematics import FOOT, check_speeds
 from traffic_bridge.datasets.table import Table
 from traffic_bridge.datasets.trajectories import Trajectories
 
 FRAME = 0.1  # [s]
-FOOT = 0.3048  # [m]
 UNITS = {"ft": FOOT, "m": 1.0}
 LANE_WIDTH = 12.0 * FOOT  # of US-101 and I-80
-ARTICULATED_LENGTH = 14.0  # [m]: a rigid truck of the United States is hardly longer than 12.2 m
+ARTICULATED_LENGTH = 14.0  # [m]: rigid trucks of the United States have up to about 12.2 m
 HIGHEST_LANE = 30
 CAR_LENGTH = (3.0, 8.0)  # [m]: where the median length of a set's automobiles must lie
 
 TEXT_COLUMNS = (
-    "Vehicle_ID",
-    "Frame_ID",
-    "Total_Frames",
-    "Global_Time",
-    "Local_X",
-    "Local_Y",
-    "Global_X",
-    "Global_Y",
-    "v_Length",
-    "v_Width",
-    "v_Class",
-    "v_Vel",
-    "v_Acc",
-    "Lane_ID",
-    "Preceding",
-    "Following",
-    "Space_Headway",
-    "Time_Headway",
+    *("Vehicle_ID", "Frame_ID", "Total_Frames", "Global_Time"),
+    *("Local_X", "Local_Y", "Global_X", "Global_Y"),
+    *("v_Length", "v_Width", "v_Class", "v_Vel", "v_Acc"),
+    *("Lane_ID", "Preceding", "Following", "Space_Headway", "Time_Headway"),
 )
 PAIR_MARKS = ("preceding_local_y", "preceding_vel", "frame_id", "v_vel", "local_y")
 MARKS = (("Frame_ID",), ("Local_Y",), ("Lane_ID", "Lane Identification"))
@@ -90,7 +76,7 @@ def read_ngsim(
     classes = table.texts("v_Class", "Vehicle Class")
     if table.rows and classes[0].endswith(".0"):
         classes = np.char.replace(classes, ".0", "")
-    kind = kinds_of(classes, length, table, table.rows)
+    kind = _kinds(classes, length, table)
     _check_units(path, length[keep & (classes == "2")], units)
     across = table.numbers("Local_X") * scale
     preceding = table.integers("Preceding", "Preceding Vehicle", "Preceeding")
@@ -114,34 +100,23 @@ def read_ngsim(
     return assemble(rows, lanes, LANE_WIDTH, notes)
 
 
-def kinds_of(
-    classes: NDArray[np.str_], length: FloatArray, table: Table, rows: int
-) -> NDArray[np.str_]:
+def _kinds(classes: NDArray[np.str_], length: FloatArray, table: Table) -> NDArray[np.str_]:
     """Kind of vehicle by NGSIM's class and the length.
 
     Class 1, motorcycles, and class 2, automobiles, are "car" (sizes as recorded); class 3 is
-    "articulated" from 14 m, otherwise "truck".
-
-    Args:
-      classes: "1", "2" or "3", shape (k,).
-      length: of the vehicles, shape (k,) [m].
-      table: for messages.
-      rows: of the table; `classes` may be a multiple of them.
-
-    Raises:
-      InputError: another class.
+    "articulated" from 14 m, otherwise "truck". There may be several classes for a row of the table.
     """
     known = np.isin(classes, ("1", "2", "3"))
-    for start in range(0, len(classes), rows):
-        part = slice(start, start + rows)
+    for start in range(0, len(classes), table.rows):
+        part = slice(start, start + table.rows)
         table.must(known[part], "v_class", classes[part], "must be 1, 2 or 3")
     trucks = np.where(length >= ARTICULATED_LENGTH, "articulated", "truck")
     return np.where(classes == "3", trucks, "car")
 
 
 def _chosen(
-    table: Table, lane_id: NDArray[np.int64], main_lanes: int | None, location: str | None
-) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
+    table: Table, lane_id: IntArray, main_lanes: int | None, location: str | None
+) -> tuple[BoolArray, tuple[str, ...]]:
     """The rows to read as a mask, and notes on the others."""
     keep = np.ones(table.rows, dtype=bool)
     notes = []
@@ -187,12 +162,14 @@ def _time(table: Table) -> FloatArray:
 
 
 def _check_units(path: Path, length: FloatArray, units: str) -> None:
+    """Refuses automobiles whose median length is impossible in the given units."""
     low, high = CAR_LENGTH
     if length.size and not low <= float(np.median(length)) <= high:
         other = "m" if units == "ft" else "ft"
         raise InputError(
-            f"data set {path}, column 'v_Length': automobiles of {float(np.median(length)):.1f} m "
-            f"in the middle, read in {units}: is the file in {other}? Say units={other!r} then"
+            f"data set {path}, column 'v_Length': the median length of automobiles is "
+            f"{float(np.median(length)):.1f} m in {units}: is the file in {other}? Then use "
+            f"units={other!r}"
         )
 
 
@@ -235,7 +212,7 @@ def read_ngsim_pairs(table: Table, path: Path) -> Trajectories:
         source=f"data set {path}",
         where=lambda k: table.where(int(order[k]) % count),
         name=names[order],
-        kind=kinds_of(classes, length, table, count)[order],
+        kind=_kinds(classes, length, table)[order],
         length=length[order],
         width=both("v_width")[order],
         time=time[order],
@@ -257,8 +234,8 @@ def read_ngsim_pairs(table: Table, path: Path) -> Trajectories:
 
 
 def _first_of_each(
-    names: NDArray[np.str_], frame: NDArray[np.int64], station: FloatArray, table: Table
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    names: NDArray[np.str_], frame: IntArray, station: FloatArray, table: Table
+) -> tuple[IntArray, BoolArray]:
     """First row of every vehicle and frame, sorted, and a mask of the first row of each vehicle."""
     _, number = np.unique(names, return_inverse=True)
     order = np.lexsort((np.arange(len(names)), frame, number))
@@ -272,16 +249,13 @@ def _first_of_each(
     return order, new
 
 
-def _fill(offset: FloatArray, time: FloatArray, new: NDArray[np.bool_]) -> FloatArray:
+def _fill(offset: FloatArray, time: FloatArray, new: BoolArray) -> FloatArray:
     """Offsets with the unknown ones interpolated in time within every vehicle."""
     filled = offset.copy()
-    starts = np.flatnonzero(new)
-    for a, b in zip(starts, [*starts[1:], len(offset)], strict=True):
+    for a, b in itertools.pairwise([*np.flatnonzero(new), len(offset)]):
         known = np.isfinite(offset[a:b])
-        if known.all():
-            continue
         if not known.any():
             filled[a:b] = 0.0
-            continue
-        filled[a:b] = np.interp(time[a:b], time[a:b][known], offset[a:b][known])
+        elif not known.all():
+            filled[a:b] = np.interp(time[a:b], time[a:b][known], offset[a:b][known])
     return filled

@@ -44,25 +44,24 @@ def read_trajectories(path: str | Path, **options: Any) -> Trajectories:
         _refuse(given, path, "a recording of ours")
         return of_recording(Recording.load(path), f"recording {path}", route)
     if head.startswith(b"PAR1"):
-        table = read_parquet(path)
-        return _read_table(table, path, given)
+        return _read_table(read_parquet(path), path, given)
     if head.lstrip().startswith(b"<"):
         return _call(fcd.read_fcd, fcd.read_fcd_xml(path), path, given)
     first = _first_line(head, path)
     if not any(mark.isalpha() for mark in first):
         if len(first.split()) != len(ngsim.TEXT_COLUMNS):
-            raise InputError(f"data set {path}: of no known format; known are {FORMATS}")
+            raise _unknown(path)
         return _call(ngsim.read_ngsim, read_text(path, ngsim.TEXT_COLUMNS), path, given)
     delimiter = max(",;\t", key=first.count)
     if delimiter not in first or not _known([plain(name) for name in first.split(delimiter)]):
-        raise InputError(f"data set {path}: of no known format; known are {FORMATS}")
+        raise _unknown(path)
     return _read_table(read_csv(path, delimiter), path, given)
 
 
 def _read_table(table: Table, path: Path, given: dict[str, Any]) -> Trajectories:
     reader = _known([plain(name) for name in table.names])
     if reader is None:
-        raise InputError(f"data set {path}: of no known format; known are {FORMATS}")
+        raise _unknown(path)
     return _call(reader, table, path, given)
 
 
@@ -119,4 +118,8 @@ def _first_line(head: bytes, path: Path) -> str:
     try:
         return head.splitlines()[0].decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"data set {path}: of no known format; known are {FORMATS}") from error
+        raise _unknown(path) from error
+
+
+def _unknown(path: Path) -> InputError:
+    return InputError(f"data set {path}: of no known format; known are {FORMATS}")

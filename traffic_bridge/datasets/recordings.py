@@ -8,9 +8,8 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from numpy.typing import NDArray
 
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import FloatArray, IntArray
 from iits_mj.core.errors import InputError
 from iits_mj.road import Route
 from traffic_bridge.datasets.assemble import Rows, assemble
@@ -78,7 +77,7 @@ def of_recording(
 
 
 def _lanes(
-    lane: NDArray[np.int64], offset: FloatArray, station: FloatArray, route: Route | None
+    lane: IntArray, offset: FloatArray, station: FloatArray, route: Route | None
 ) -> tuple[FloatArray, float]:
     """Offset of the center of each row's lane, and the width of a lane [m]."""
     indices = np.unique(lane).tolist()

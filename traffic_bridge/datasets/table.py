@@ -10,12 +10,12 @@ import importlib
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import BoolArray, FloatArray, IntArray
 from iits_mj.core.errors import InputError
 
 _THOUSANDS = r"^\s*-?\d{1,3}(,\d{3})+(\.\d+)?\s*$"
@@ -27,12 +27,12 @@ def load(module: str, path: object) -> Any:
         return importlib.import_module(f"pyarrow.{module}" if module else "pyarrow")
     except ImportError as error:
         raise InputError(
-            f"data set {path}: reading it needs pyarrow, to be had by: pip install 'iits-mj[data]'"
+            f"data set {path}: reading it needs pyarrow: pip install 'iits-mj[data]'"
         ) from error
 
 
 def plain(name: str) -> str:
-    """A column's name in small letters without spaces and underscores, for comparison."""
+    """A column's name in lower case without spaces and underscores, for comparison."""
     return re.sub(r"[\s_]", "", name.strip().lower())
 
 
@@ -93,11 +93,11 @@ class Table:
             self.must(np.isfinite(numbers), name, numbers, "must be a finite number")
         return numbers
 
-    def integers(self, *names: str) -> NDArray[np.int64]:
+    def integers(self, *names: str) -> IntArray:
         """A column of whole numbers, shape (n,); InputError as of `numbers`."""
         numbers = self.numbers(*names)
         whole = (numbers == np.round(numbers)) & (np.abs(numbers) < 2**53)
-        self.must(whole, self._find(names)[0], numbers, "must be a whole number")
+        self.must(whole, self.name(*names), numbers, "must be a whole number")
         return numbers.astype(np.int64)
 
     def texts(self, *names: str) -> NDArray[np.str_]:
@@ -107,7 +107,7 @@ class Table:
             return values.astype(str)
         return np.array(values.cast("string").fill_null("").to_pylist(), dtype=str)
 
-    def must(self, good: NDArray[np.bool_], name: str, column: Any, what: str) -> None:
+    def must(self, good: BoolArray, name: str, column: Any, what: str) -> None:
         """Raises InputError for the first value that is not good."""
         wrong = np.flatnonzero(~good)
         if wrong.size:
@@ -152,26 +152,23 @@ class Table:
                 f"data set {self.path}, column {name!r}: {values.type}, must be numbers"
             ) from error
         if values.null_count and finite:
-            row = values.is_null().to_numpy(zero_copy_only=False).argmax()
-            raise InputError(
-                f"data set {self.path}, {self.where(int(row))}, column {name!r}: is missing"
-            )
+            self._refuse(int(values.is_null().to_numpy(zero_copy_only=False).argmax()), name, None)
         return np.asarray(values.to_numpy(), dtype=np.float64)
 
-    def _refuse_text(self, name: str, values: list[Any]) -> None:
+    def _refuse_text(self, name: str, values: list[Any]) -> NoReturn:
         for row, value in enumerate(values):
-            if value is None or not str(value).strip():
-                raise InputError(
-                    f"data set {self.path}, {self.where(row)}, column {name!r}: is missing"
-                )
             try:
                 float(value)
-            except ValueError:
-                raise InputError(
-                    f"data set {self.path}, {self.where(row)}, column {name!r}: "
-                    f"{str(value)[:40]!r} is not a number"
-                ) from None
+            except (TypeError, ValueError):
+                self._refuse(row, name, value)
         raise InputError(f"data set {self.path}, column {name!r}: not readable as numbers")
+
+    def _refuse(self, row: int, name: str, value: Any) -> NoReturn:
+        missing = value is None or not str(value).strip()
+        what = "is missing" if missing else f"{str(value)[:40]!r} is not a number"
+        raise InputError(
+            f"data set {self.path}, {self.where(row)}, column {name!r}: {what}"
+        ) from None
 
 
 def read_parquet(path: Path) -> Table:
@@ -206,7 +203,7 @@ def read_csv(path: Path, delimiter: str) -> Table:
             )
             names = reader.schema.names
         if len({plain(name) for name in names}) != len(names):
-            raise InputError(f"data set {path}: a column's name is there twice: {', '.join(names)}")
+            raise InputError(f"data set {path}: a column's name occurs twice: {', '.join(names)}")
         with pyarrow.input_stream(path, compression="detect") as stream:
             content = csv.read_csv(
                 stream,

@@ -11,11 +11,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import BoolArray, FloatArray, IntArray
 from iits_mj.core.errors import InputError
 from traffic_bridge.vehicles.types import KINDS
-
-IntArray = NDArray[np.int64]
 
 INSTANT = 1e-3  # [s]: rows nearer in time than this belong to the same instant
 _FLOATS = ("time", "station", "offset", "speed", "acceleration")
@@ -134,12 +132,11 @@ class Trajectories:
           vehicle: indices, shape (n,); negative ones have no row.
           time: [s], shape (n,).
         """
-        keys = _instants(self.vehicle, self.time)
-        wanted = _instants(np.asarray(vehicle, dtype=np.int64), np.asarray(time, dtype=float))
-        place = np.minimum(np.searchsorted(keys, wanted), max(len(keys) - 1, 0))
-        if not len(keys):
-            return np.full(wanted.shape, -1, dtype=np.int64)
-        return np.where((keys[place] == wanted) & (np.asarray(vehicle) >= 0), place, -1)
+        number = np.asarray(vehicle, dtype=np.int64)
+        row = find(
+            instant_keys(self.vehicle, self.time), instant_keys(number, np.asarray(time, float))
+        )
+        return np.where(number >= 0, row, -1)
 
     def select(self, keep: ArrayLike) -> Trajectories:
         """The rows of a mask of shape (k,); vehicles without rows are left out, also as leaders."""
@@ -166,8 +163,6 @@ class Trajectories:
         """The rows from the time `start` up to, not including, `end` [s]."""
         return self.select((self.time >= start - 0.5 * INSTANT) & (self.time < end - 0.5 * INSTANT))
 
-    # Checks --------------------------------------------------------------------------------------
-
     def _lock(self, name: str, array: NDArray[np.generic]) -> None:
         array.flags.writeable = False
         object.__setattr__(self, name, array)
@@ -176,7 +171,7 @@ class Trajectories:
         count = len(self.ids)
         if len(set(self.ids)) != count:
             twice = next(name for i, name in enumerate(self.ids) if name in self.ids[:i])
-            raise InputError(f"{self.source}: vehicle {twice!r} is there twice")
+            raise InputError(f"{self.source}: vehicle {twice!r} occurs twice")
         if (
             len(self.kinds) != count
             or self.length.shape != (count,)
@@ -184,7 +179,7 @@ class Trajectories:
         ):
             raise InputError(
                 f"{self.source}: {count} ids, {len(self.kinds)} kinds, lengths of shape "
-                f"{self.length.shape}, widths of shape {self.width.shape}: must be as many"
+                f"{self.length.shape}, widths of shape {self.width.shape}: must be equal numbers"
             )
         for name, kind in zip(self.ids, self.kinds, strict=True):
             if kind not in KINDS:
@@ -232,9 +227,7 @@ class Trajectories:
         known = (self.leader >= -1) & (self.leader < count) & (self.leader != self.vehicle)
         self._must(known, "leader", self.leader, "must be another vehicle's index, or -1")
 
-    def _must(
-        self, good: NDArray[np.bool_], name: str, column: NDArray[np.generic], what: str
-    ) -> None:
+    def _must(self, good: BoolArray, name: str, column: NDArray[np.generic], what: str) -> None:
         wrong = np.flatnonzero(~good)
         if wrong.size:
             k = int(wrong[0])
@@ -246,10 +239,18 @@ class Trajectories:
             )
 
 
-def _instants(vehicle: IntArray, time: FloatArray) -> IntArray:
+def instant_keys(vehicle: IntArray, time: FloatArray) -> IntArray:
     """One integer for each vehicle and instant, in the order of the rows."""
     instant = np.round(time / INSTANT).astype(np.int64)
     return vehicle * np.int64(2**40) + (instant + np.int64(2**38))
+
+
+def find(keys: NDArray[np.generic], wanted: NDArray[np.generic]) -> IntArray:
+    """Index of each wanted key in the increasing keys, -1 where it is missing."""
+    if not len(keys):
+        return np.full(wanted.shape, -1, dtype=np.int64)
+    place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return np.where(keys[place] == wanted, place, -1)
 
 
 @dataclass(frozen=True, eq=False)

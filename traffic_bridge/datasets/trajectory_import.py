@@ -12,19 +12,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import FloatArray, IntArray
 from iits_mj.core.checks import in_range
 from iits_mj.core.errors import InputError
 from iits_mj.road import Route
-from traffic_bridge.datasets.kinematics import Motion, calm, fit, split_jumps, transitions
+from traffic_bridge.datasets.kinematics import Motion, fit, smooth, split_jumps, transitions
 from traffic_bridge.datasets.trajectories import Trajectories
 from traffic_bridge.recording.recording import Recording
 from traffic_bridge.recording.rows import COLUMNS
 from traffic_bridge.vehicles.types import default_types
-
-IntArray = NDArray[np.int64]
 
 LANE_CHANGE = 3.5  # [s], as TrafficConfig.lane_change_duration: for instantaneous lane changes
 JUMP = 0.5  # [lanes] between two rows: an instantaneous lane change
@@ -89,7 +86,7 @@ class ImportConfig:
 def import_trajectories(
     trajectories: Trajectories, route: Route, config: ImportConfig | None = None
 ) -> Recording:
-    """A recording of the trajectories on a route, for `RepSim` and `iits-mj replay`.
+    """A recording that places the trajectories on a route, for `RepSim` and `iits-mj replay`.
 
     A vehicle is present from its first to its last recorded instant, while all of it is on the
     route. Times begin at zero.
@@ -149,7 +146,7 @@ def _lane_map(t: Trajectories, given: Mapping[int, int] | None) -> dict[int, int
                 f"lane_map {lanes!r}: the set has lanes 0 to {t.lane_count - 1}, the right one 0"
             )
     if len(set(lanes.values())) != len(lanes) or not lanes:
-        raise InputError(f"lane_map {lanes!r}: every lane needs a lane of its own")
+        raise InputError(f"lane_map {lanes!r}: each lane needs its own target lane")
     return lanes
 
 
@@ -164,12 +161,12 @@ def _check_lanes(t: Trajectories, route: Route, start: float, lanes: Mapping[int
                 raise InputError(
                     f"{t.source}: its lane {lane} becomes lane {target}, which the map does "
                     f"not have at station {station:.0f} m ({route.lane_count(station)} lanes "
-                    "there): choose lane_map or start_station otherwise"
+                    "there): choose another lane_map or start_station"
                 )
 
 
 def _stretches(t: Trajectories, index: int, lanes: Mapping[int, int]) -> list[slice]:
-    """Stretches of two or more of a vehicle's rows in the lanes that are used."""
+    """Stretches of two or more of a vehicle's rows in the lanes of the map."""
     rows = t.rows(index)
     used = np.isin(t.lane[rows], list(lanes))
     edges = np.flatnonzero(np.diff(np.concatenate(([False], used, [False])).astype(int)))
@@ -201,7 +198,7 @@ def _place(
     if not there.any():
         return None
     frame, along, cross = frame[there], along.pick(there), cross.pick(there)
-    # The spline's overshoot must not roll a standing vehicle back.
+    # The spline may overshoot, but a standing vehicle must not roll back.
     along = Motion(np.maximum.accumulate(along.value), np.maximum(along.rate, 0.0), along.bend)
     offset, width = _offsets(route, cross.value, along.value, max(lanes.values()))
     across = cross.rate * width
@@ -214,9 +211,9 @@ def _place(
 def _across(time: FloatArray, value: FloatArray, at: FloatArray, duration: float) -> Motion:
     """Motion across the road, in lanes, with instantaneous lane changes spread over time."""
     if duration <= 0.0:
-        return calm(time, value, at, ACROSS_WIDTH)
+        return smooth(time, value, at, ACROSS_WIDTH)
     base, steps = split_jumps(time, value, JUMP)
-    return calm(time, base, at, ACROSS_WIDTH) + transitions(steps, at, duration)
+    return smooth(time, base, at, ACROSS_WIDTH) + transitions(steps, at, duration)
 
 
 def _offsets(
@@ -246,7 +243,7 @@ def _taper(route: Route, cross: FloatArray, station: FloatArray, highest: int) -
 
 
 def _columns(placed: _Placed, route: Route, step: float) -> FloatArray:
-    """The values of a recording's rows, in the order of its columns."""
+    """The values of a vehicle's rows in the order of `COLUMNS`, shape (len(COLUMNS), n)."""
     station, offset = placed.station.value, placed.offset.value
     point = route.evaluate(station, offset)
     # On the inside of a bend the distance is shorter for the same station.

@@ -11,17 +11,18 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from iits_mj.core.angles import wrap_angle
 from iits_mj.core.errors import InputError
 
 # Of a 16.5 m combination within 96/53/EC, from either end of it [m].
 KINGPIN_FROM_FRONT = 4.5
 AXLES_FROM_REAR = 3.8
 SHORTEST = 12.0
-# A center that moved farther than this in one step was moved by SUMO, without a path [m].
+# A center that moved farther than this in one step was teleported by SUMO [m].
 LONGEST_STEP = 8.0
 BACKWARDS = 0.5  # cosine between motion and heading below which the motion is ignored
 STEEPEST = 0.95  # sine of the largest angle between center's heading and semitrailer in a bend
-AT_REST = 1e-6  # [m]: so little motion has no direction
+AT_REST = 1e-6  # [m]: smaller motion has no direction
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,7 @@ class Articulation:
           direction: of the motion [rad].
           way: its length [m]; negative to go back in time.
         """
-        half = 0.5 * math.remainder(direction - trailer_yaw, 2.0 * math.pi)
+        half = 0.5 * wrap_angle(direction - trailer_yaw)
         return direction - 2.0 * math.atan(math.tan(half) * math.exp(-way / self.axles))
 
     def tractor_yaw(self, yaw: float, trailer_yaw: float) -> float:
@@ -150,7 +151,7 @@ class TrailerMemory:
     ) -> list[float]:
         """Yaw of the semitrailers in a new frame [rad].
 
-        A new vehicle, or one that SUMO has moved, is assumed to be in a steady bend.
+        A new vehicle, or one that SUMO has teleported, is assumed to be in a steady bend.
 
         Args:
           names: of the n trucks; others are forgotten.

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from iits_mj.core.boxes import axis_gaps
 from iits_mj.model.visuals.shapes import VISUAL_GROUP, add_mesh
 from traffic_bridge.mirror.looks import Unit
 from traffic_bridge.vehicles.types import VehicleType
@@ -114,9 +115,7 @@ def add_unit(
 
 
 def _mesh_name(kind: VehicleType, unit: Unit, part: str) -> str:
-    return (
-        f"{PREFIX}_{kind.name}_{unit.name}_{part}" if unit.name else f"{PREFIX}_{kind.name}_{part}"
-    )
+    return f"{unit_name(f'{PREFIX}_{kind.name}', unit)}_{part}"
 
 
 class ContactFinder:
@@ -165,19 +164,14 @@ class ContactFinder:
             mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, velocity, 0)
             vx, vy = velocity[3:5].tolist()
             xx, _, xz, yx, _, yz = data.geom_xmat[geom, :6].tolist()
-            (x, y, _), (length, width, height) = (
-                data.geom_xpos[geom].tolist(),
-                model.geom_size[geom].tolist(),
-            )
+            x, y, _ = data.geom_xpos[geom].tolist()
+            length, width, height = model.geom_size[geom].tolist()
             # A tilted hull covers more ground.
             lean = height * math.hypot(xz, yz)
             spin = abs(float(velocity[2])) * math.hypot(length, width)
             yaw = math.atan2(yx, xx)
-            found.append(
-                Outline(
-                    x, y, math.cos(yaw), math.sin(yaw), length + lean, width + lean, vx, vy, spin
-                )
-            )
+            box = x, y, math.cos(yaw), math.sin(yaw), length + lean, width + lean
+            found.append(Outline(*box, vx, vy, spin))
         return found
 
 
@@ -205,27 +199,14 @@ class Outline:
 
 
 def separation(a: Outline, b: Outline) -> float:
-    """A lower bound of the distance of two rectangles, by separating axes [m]; <= 0: they overlap.
-
-    It is exact unless two corners face each other.
-    """
-    dx, dy = b.x - a.x, b.y - a.y
-    cosine = abs(a.ahead_x * b.ahead_x + a.ahead_y * b.ahead_y)
-    sine = abs(a.ahead_x * b.ahead_y - a.ahead_y * b.ahead_x)
-    return max(
-        abs(dx * a.ahead_x + dy * a.ahead_y)
-        - (a.half_length + b.half_length * cosine + b.half_width * sine),
-        abs(dy * a.ahead_x - dx * a.ahead_y)
-        - (a.half_width + b.half_length * sine + b.half_width * cosine),
-        abs(dx * b.ahead_x + dy * b.ahead_y)
-        - (b.half_length + a.half_length * cosine + a.half_width * sine),
-        abs(dy * b.ahead_x - dx * b.ahead_y)
-        - (b.half_width + a.half_length * sine + a.half_width * cosine),
-    )
+    """A lower bound of the distance of two rectangles [m]; zero or negative: they overlap."""
+    one = a.ahead_x, a.ahead_y, a.half_length, a.half_width
+    other = b.ahead_x, b.ahead_y, b.half_length, b.half_width
+    return float(max(axis_gaps(b.x - a.x, b.y - a.y, one, other)))
 
 
 def may_touch(a: Outline, b: Outline, within: float) -> bool:
-    """Whether two rectangles may touch within a time [s], whatever they do until then."""
+    """Whether two rectangles may touch within a time [s], however they brake and steer."""
     closing = math.hypot(a.velocity_x - b.velocity_x, a.velocity_y - b.velocity_y)
     closing += a.spin + b.spin
     return separation(a, b) <= closing * within + 0.5 * ACCELERATION * within**2 + SLACK

@@ -92,18 +92,19 @@ def wheels(places: Sequence[tuple[float, float, float, float]]) -> tuple[Shape, 
     return merge(tires), merge(rims)
 
 
+def both_sides(x: float, y: float, z: float, size: tuple[float, float, float]) -> list[Box]:
+    """Two boxes of a size, on the left and on the right [m]."""
+    return [((x, side * y, z), size) for side in (1.0, -1.0)]
+
+
 def lamps(x: float, width: float, z: float) -> Shape:
     """Two lamps at one end of a body of a width [m]."""
-    y = 0.5 * width - 0.24
-    return boxes([((x, side * y, z), (0.08, 0.30, 0.12)) for side in (1.0, -1.0)])
+    return boxes(both_sides(x, 0.5 * width - 0.24, z, (0.08, 0.30, 0.12)))
 
 
 def plates(outline: Sequence[tuple[float, float]], width: float) -> Shape:
     """A flat outline in x and z on both sides of a body of a width: side windows, stripes."""
     return prism(outline, 0.5 * width - 0.01, 0.02).with_mirror()
-
-
-# Cars and vans ------------------------------------------------------------------------------------
 
 
 def _car(kind: VehicleType) -> tuple[Unit, ...]:
@@ -172,7 +173,7 @@ def _car(kind: VehicleType) -> tuple[Unit, ...]:
             panel(roof_rear, h - 0.06),
         ]
     )
-    mirrors = boxes([((half - 1.75, s * (w + 0.04), 0.98), (0.12, 0.16, 0.11)) for s in (1, -1)])
+    mirrors = boxes(both_sides(half - 1.75, w + 0.04, 0.98, (0.12, 0.16, 0.11)))
     track = kind.width - 0.01
     wheel_base = 0.58 * kind.length
     tires, rims = wheels(
@@ -230,9 +231,6 @@ def _van(kind: VehicleType) -> tuple[Unit, ...]:
     return (Unit("", meshes, (block(half, -half, kind.width, h),)),)
 
 
-# Trucks -------------------------------------------------------------------------------------------
-
-
 def _cab(front: float, width: float, height: float) -> Meshes:
     """A cab over the engine; the bumper is at x = front."""
     sill, top = 1.62, 0.78 * height
@@ -257,7 +255,7 @@ def _cab(front: float, width: float, height: float) -> Meshes:
     dark = [
         ((front - 0.25, 0.0, 0.52), (0.48, width, 0.36)),
         ((front - 0.01, 0.0, 1.18), (0.06, width - 0.8, 0.55)),
-        *[((front - 0.20, s * (0.5 * width + 0.10), 2.15), (0.14, 0.20, 0.55)) for s in (1, -1)],
+        *both_sides(front - 0.20, 0.5 * width + 0.10, 2.15, (0.14, 0.20, 0.55)),
     ]
     return {
         "paint": prism(outline, -0.5 * width, width),
@@ -288,7 +286,7 @@ def _axles(places: Sequence[float], width: float, *, steered: bool) -> tuple[Sha
 
 def _underrun_bar(rear: float, width: float) -> list[Box]:
     """The bar at the rear and its two arms."""
-    arms = [((rear + 0.12, side * 0.42, 0.85), (0.10, 0.08, 0.55)) for side in (1.0, -1.0)]
+    arms = both_sides(rear + 0.12, 0.42, 0.85, (0.10, 0.08, 0.55))
     return [((rear + 0.10, 0.0, 0.55), (0.14, width - 0.2, 0.16)), *arms]
 
 
@@ -339,9 +337,7 @@ def _tractor(kind: VehicleType, front: float) -> Unit:
             ((0.0, 0.0, 1.08), (0.9, 0.9, 0.08)),
         ]
     )
-    fenders = boxes(
-        [((drive, side * (0.5 * width - 0.32), 1.05), (1.15, 0.60, 0.05)) for side in (1.0, -1.0)]
-    )
+    fenders = boxes(both_sides(drive, 0.5 * width - 0.32, 1.05, (1.15, 0.60, 0.05)))
     meshes = {
         "paint": cab["paint"],
         "glass": cab["glass"],
@@ -363,7 +359,7 @@ def _semitrailer(kind: VehicleType, rear: float, axles: float) -> Unit:
             ((0.5 * (front + rear), 0.0, 1.03), (front - rear - 0.6, 0.90, 0.18)),
             *_underrun_bar(rear, width),
             # Landing legs, and the side guards between them and the axles.
-            *[((-1.6, side * 0.75, 0.70), (0.16, 0.16, 0.70)) for side in (1.0, -1.0)],
+            *both_sides(-1.6, 0.75, 0.70, (0.16, 0.16, 0.70)),
             *[
                 ((0.5 * (axles - 0.2), side * (0.5 * width - 0.06), z), (3.6, 0.06, 0.12))
                 for side in (1.0, -1.0)

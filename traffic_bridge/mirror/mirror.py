@@ -32,7 +32,7 @@ from traffic_bridge.vehicles.types import VehicleType, default_types
 
 DEFAULT_POOL = {"car": 14, "van": 5, "truck": 4, "articulated": 4}
 LARGEST_POOL = 500
-PARKING_DEPTH = -500.0  # [m]: unused bodies wait here, out of every camera's reach
+PARKING_DEPTH = -500.0  # [m]: unused bodies are here, out of every camera's view
 PARKING_SPACING = 25.0  # [m]: stacked bodies would be slow in collision detection
 # `may_touch` skips vehicles that are farther away than this relative speed covers, plus `NEARBY`.
 SPEED_MAX = 100.0  # [m/s]
@@ -53,7 +53,7 @@ class Mirror:
         shown. Default: 14 cars, 5 vans, 4 trucks, 4 articulated trucks; types of your own share
         the number of their look.
       view_range: vehicles farther away than this are not shown [m].
-      types: dimensions, looks and colors; default: the shipped ones.
+      types: dimensions, looks and colors; default: those of the package.
       step_length: of the traffic [s].
       visuals: adds visible shapes; without them, the bodies only take part in contact detection.
 
@@ -74,7 +74,7 @@ class Mirror:
         types = sorted(types or default_types(), key=lambda kind: kind.look == "articulated")
         names = [kind.name for kind in types]
         if len(set(names)) != len(names):
-            raise InputError(f"types {', '.join(names)}: each name may be there once")
+            raise InputError(f"types {', '.join(names)}: each name may occur once")
         counts = _counts(DEFAULT_POOL if pool is None else pool, types, shared=pool is None)
         for name, value in (("view_range", view_range), ("step_length", step_length)):
             if not is_number(value) or value <= 0.0:
@@ -96,8 +96,6 @@ class Mirror:
         self._mocap: list[tuple[int, ...]] = []
         self._index = np.zeros(0, dtype=np.intp)
         self._finder: ContactFinder | None = None
-
-    # Building ----------------------------------------------------------------------------------
 
     def add_to(self, spec: mujoco.MjSpec) -> None:
         """Adds the pool's bodies to a specification, at their parking positions."""
@@ -132,8 +130,6 @@ class Mirror:
         self._slots.clear()
         self._units.clear()
         self._show_taken()
-
-    # Showing -----------------------------------------------------------------------------------
 
     def update(
         self,
@@ -170,7 +166,9 @@ class Mirror:
             changed = self._slots.assign(frame, *ego_xy)
             for slot in changed:
                 if slot.vehicle is None:
-                    self._park(data, slot)
+                    for unit, mocap in enumerate(self._mocap[slot.place]):
+                        data.mocap_pos[mocap] = _parking(slot, unit)
+                        data.mocap_quat[mocap] = (1.0, 0.0, 0.0, 0.0)
             if changed:
                 self._show_taken()
             self._units.take(frame, self._slots.rows)
@@ -201,13 +199,6 @@ class Mirror:
             ],
             dtype=np.intp,
         )
-
-    def _park(self, data: mujoco.MjData, slot: Slot) -> None:
-        for unit, mocap in enumerate(self._mocap[slot.place]):
-            data.mocap_pos[mocap] = _parking(slot, unit)
-            data.mocap_quat[mocap] = (1.0, 0.0, 0.0, 0.0)
-
-    # Contact -----------------------------------------------------------------------------------
 
     def contacts(self, data: mujoco.MjData) -> list[tuple[str, str]]:
         """(vehicle id, truck body) of every pair in contact, sorted; contacts exert no force.

@@ -6,14 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from iits_mj.core.vehicles import VehicleFrame
 from traffic_bridge.vehicles.types import VehicleType
 
-IntArray = NDArray[np.intp]
-
-# A vehicle with a slot counts as this much nearer, so that two at the edge do not alternate.
+# The distance of a vehicle with a slot counts less, so that two at the edge do not alternate.
 LOYALTY = 0.85
 APART = 1e12  # [m2] between the types in a common ranking by squared distance
 
@@ -111,13 +108,10 @@ class Slots:
         if not self._missing and (chosen == self._held).all():
             return []
         gone = [slot for slot in self.taken if slot.row < 0 or not chosen[slot.row]]
-        return self._hand_over(frame, gone, np.flatnonzero(chosen & ~self._held).tolist())
-
-    def _hand_over(self, frame: VehicleFrame, gone: list[Slot], rows: list[int]) -> list[Slot]:
         for slot in gone:
             slot.vehicle, slot.row = None, -1
         changed = {slot.place: slot for slot in gone}
-        for row in rows:
+        for row in np.flatnonzero(chosen & ~self._held).tolist():
             slot = self._free_slot(int(self._types[row]), frame.ids[row], changed)
             slot.vehicle, slot.row = frame.ids[row], row
             changed[slot.place] = slot

@@ -6,9 +6,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import FloatArray, IndexArray
 from iits_mj.core.vehicles import COLUMNS, VehicleFrame
 from traffic_bridge.mirror.articulation import Articulation, Pose, TrailerMemory, units
 from traffic_bridge.mirror.bodies import Outline
@@ -16,8 +15,6 @@ from traffic_bridge.mirror.looks import Unit
 from traffic_bridge.mirror.slots import Slot
 from traffic_bridge.modes.observation import TIGHT_TURN
 from traffic_bridge.vehicles.types import VehicleType
-
-IntArray = NDArray[np.intp]
 
 # x, y, z, yaw, pitch, roll, yaw_rate, speed, acceleration, lateral_speed.
 STATE = COLUMNS[:10]
@@ -52,7 +49,6 @@ class VehicleUnits:
         looks: Sequence[tuple[Unit, ...]],
         step_length: float,
     ) -> None:
-        self._looks = looks
         self._step_length = step_length
         self._trucks = {
             number: Articulation.of_length(kind.length)
@@ -96,14 +92,14 @@ class VehicleUnits:
         self.position = np.zeros((len(self.slots), 3))
         self.quaternion = np.zeros((len(self.slots), 4))
 
-    def take(self, frame: VehicleFrame, rows: IntArray) -> None:
+    def take(self, frame: VehicleFrame, rows: IndexArray) -> None:
         """Reads the vehicles' states from a new frame.
 
         Args:
           frame: of the traffic.
           rows: of the vehicles in it, in the order of the slots.
         """
-        self._before, self._state = self._state, state_of(frame, rows)
+        self._before, self._state = self._state, np.asarray(frame.values.T[: len(STATE), rows])
         self._trend: FloatArray | None = None
         if self._joint:
             places = [
@@ -121,7 +117,11 @@ class VehicleUnits:
           elapsed: that time [s].
           known: vehicles whose poses at that time are known; the others are extrapolated.
         """
-        now = self._moved(elapsed) if elapsed != 0.0 else self._state[:6]
+        now = self._state[:6]
+        if elapsed != 0.0:
+            if self._trend is None:
+                self._trend = trend(self._state, self._before, self._step_length)
+            now = moved(self._state, self._trend, elapsed, self._step_length)
         if known is not None:
             now = self._corrected(now, known)
         k, count = self._single, now.shape[1]
@@ -138,11 +138,6 @@ class VehicleUnits:
         self.position[k:count] = self.position[count:] = [kingpin for kingpin, _, _ in places]
         self.quaternion[k:count] = [tractor for _, tractor, _ in places]
         self.quaternion[count:] = [trailer for _, _, trailer in places]
-
-    def _moved(self, elapsed: float) -> FloatArray:
-        if self._trend is None:
-            self._trend = trend(self._state, self._before, self._step_length)
-        return moved(self._state, self._trend, elapsed, self._step_length)
 
     def _corrected(self, now: FloatArray, known: VehicleFrame) -> FloatArray:
         """Poses, shape (6, n), in which those of the vehicles of a frame are replaced."""
@@ -196,11 +191,6 @@ def _extent(unit: Unit, kind: VehicleType) -> tuple[float, float, float, float]:
     width = max(size[1] for _, size in unit.hull)
     # Even at an angle of 90 degrees, the tractor's farthest corner is within the whole length.
     return front, rear, width, kind.length if unit.name else math.hypot(front, 0.5 * width)
-
-
-def state_of(frame: VehicleFrame, rows: NDArray[np.intp]) -> FloatArray:
-    """The columns named by `STATE` of some vehicles, shape (len(STATE), n)."""
-    return np.asarray(frame.values.T[: len(STATE), rows])
 
 
 def trend(state: FloatArray, last: FloatArray, step_length: float) -> FloatArray:

@@ -1,1 +1,1 @@
-"""The modes of the traffic: PureSim, InterSim, RepSim, ReSim, MixedSim, in parallel or not."""
+"""The modes of the traffic: PureSim, InterSim, RepSim, ReSim and MixedSim, and their parts."""

@@ -9,8 +9,15 @@ import numpy as np
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint, EgoState
 from iits_mj.road import Route
+from traffic_bridge.config import TrafficConfig
 from traffic_bridge.modes.smoothing import Box
-from traffic_bridge.modes.teleported_vehicle import EGO_TYPE, END, LaneOverlap, TeleportedVehicle
+from traffic_bridge.modes.teleported_vehicle import (
+    ALONG,
+    EGO_TYPE,
+    END,
+    LaneOverlap,
+    TeleportedVehicle,
+)
 from traffic_bridge.network.route_lanes import LaneTable, RouteLanes
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles.ego_room import EgoRoom
@@ -19,8 +26,7 @@ EGO = "ego"
 SHADOW = "shadow"
 ASTRAY = 50.0  # [m] between the ego's (station, offset) and its (x, y), at most
 AXIS_POINTS = 17  # along the combination
-SHORTEST = 0.5  # [m] of the truck that must be on the route to be in SUMO
-ALONG = "along.0"  # SUMO's route along the ego's
+SHORTEST = 0.5  # [m]: with less than this length on the route, the truck is not in SUMO
 AGAINST = "ego.against"  # SUMO's route along the oncoming lanes
 
 
@@ -28,8 +34,8 @@ def check_ego(ego: EgoState, route: Route | None = None) -> None:
     """Checks that an ego state is finite and consistent.
 
     Args:
-      ego: to check.
-      route: to compare its station and offset with its x and y; None: no comparison.
+      ego: the state.
+      route: on which its station and offset must agree with its x and y; None: no comparison.
 
     Raises:
       InputError: names the field.
@@ -50,14 +56,14 @@ def check_ego(ego: EgoState, route: Route | None = None) -> None:
     apart = math.hypot(ego.x - point.x, ego.y - point.y)
     if not apart <= ASTRAY:
         raise InputError(
-            f"ego.station = {ego.station:g}, ego.offset = {ego.offset:g}: that place of the route "
+            f"ego.station = {ego.station:g}, ego.offset = {ego.offset:g}: that point of the route "
             f"is {apart:.3g} m from ego.x = {ego.x:g}, ego.y = {ego.y:g}; at most {ASTRAY:g} m are "
             "allowed"
         )
 
 
 def ego_type_xml(footprint: EgoFootprint) -> str:
-    """The ego's `vType`: SUMO only needs its size, because the truck drives itself."""
+    """The ego's `vType`; SUMO uses only its size, because the truck moves from outside."""
     return (
         f'<vType id="{EGO_TYPE}" length="{footprint.length}" width="{footprint.width}" '
         'minGap="2.5" maxSpeed="40" carFollowModel="IDM" accel="1" decel="4" emergencyDecel="6" '
@@ -66,38 +72,24 @@ def ego_type_xml(footprint: EgoFootprint) -> str:
 
 
 class EgoInTraffic:
-    """Moves the truck in SUMO every step.
+    """Moves the truck in SUMO in every step.
 
     In SUMO a vehicle has one lane. While the truck occupies two lanes, in a lane change or with its
     trailer still in the old lane, a second vehicle of the same length (the shadow) drives in the
     other lane beside it, so that no vehicle there hits its side. On an oncoming lane the shadow
     stands still, and oncoming vehicles stop before it.
-
-    Args:
-      session: the running SUMO.
-      lanes: of the route.
-      route: the ego's road.
-      footprint: size of the combination.
-      step: length of a step [s].
     """
 
-    def __init__(
-        self,
-        session: Session,
-        lanes: RouteLanes,
-        route: Route,
-        footprint: EgoFootprint,
-        step: float,
-    ) -> None:
+    def __init__(self, session: Session, lanes: RouteLanes, config: TrafficConfig) -> None:
         self._session = session
         self._api = session.api
         self._lanes = lanes
-        self._route = route
-        self._footprint = footprint
-        self._step = step
-        # The truck by its name, the shadows by the SUMO route that they are on.
+        self._route = lanes.route
+        self._config = config
+        self._footprint = config.footprint
+        # The truck by its name, the shadows by their SUMO routes.
         self._teleported: dict[str, TeleportedVehicle] = {}
-        self._overlap = LaneOverlap(lanes, route)
+        self._overlap = LaneOverlap(lanes)
         self._has_way_against = False
         self._shadows = 0
 
@@ -109,7 +101,7 @@ class EgoInTraffic:
         return x, y, *self._route.locate(x, y, ego.station + reach)
 
     def boxes(self, ego: EgoState) -> tuple[Box, Box]:
-        """The truck on the road, twice: with the tractor's offset and with the trailer's."""
+        """The truck's box on the road at the tractor's offset and at the trailer's."""
         size = self._footprint
         middle = ego.station + size.front_overhang - 0.5 * size.length
         return (
@@ -117,13 +109,8 @@ class EgoInTraffic:
             Box(middle, ego.trailer_offset, ego.speed, size.length, size.width),
         )
 
-    def room(self, ego: EgoState, traffic_speed: float) -> EgoRoom:
-        """The space that the truck needs when the road is populated.
-
-        Args:
-          ego: the truck.
-          traffic_speed: typical speed of the traffic [m/s].
-        """
+    def room(self, ego: EgoState) -> EgoRoom:
+        """The space that the truck needs when the road is populated."""
         _, _, station, offset = self.front(ego)
         part = np.linspace(0.0, 1.0, AXIS_POINTS)
         offsets = ego.trailer_offset + part * (offset - ego.trailer_offset)
@@ -134,14 +121,14 @@ class EgoInTraffic:
             ego.speed,
             np.stack((points.x, points.y), axis=1),
             self._footprint,
-            traffic_speed,
+            self._config.speed_limit,
         )
 
     def place(self, ego: EgoState) -> None:
-        """Moves the truck (and its shadows) to its pose at the end of the coming step.
+        """Moves the truck and its shadows to their places at the end of the next step.
 
-        SUMO removes vehicles at the end of their route. So the truck stays there, shortened to the
-        part that is still on the route, until its rear is past the end.
+        SUMO removes vehicles at the end of their route. So the truck stays there, shortened to its
+        part on the route, until its rear has passed the end.
         """
         x, y, station, offset = self.front(ego)
         length = self._footprint.length
@@ -158,32 +145,14 @@ class EgoInTraffic:
             lane = self._route.lane_at(station, offset)
             truck = self._known(EGO)
             truck.cut(length, hidden)
-            self._put(truck, ego, station, offset, lane, (x, y))
+            self._overlap.put(truck, lane, station, offset, (x, y), ego.yaw, ego.speed)
             edges = self._overlap.edges(self._footprint.width, (ego.offset, ego.trailer_offset))
             self._place_shadow(ego, station, self._overlap.second(lane, station, edges), hidden)
             against = self._overlap.opposite(station, edges)
             self._place_against(against, station - length + hidden, edges)
 
-    def _put(
-        self,
-        vehicle: TeleportedVehicle,
-        ego: EgoState,
-        station: float,
-        offset: float,
-        lane: int,
-        point: tuple[float, float],
-    ) -> None:
-        speed = max(ego.speed, 0.0)
-        if lane >= 0:
-            table = self._overlap.table(lane, station)
-            if table is not None:
-                position = table.position_of(station)
-                vehicle.put(table, position, offset - table.at(position)[1], speed)
-                return
-        vehicle.move(*self._lanes.to_sumo(*point), ego.yaw, speed)
-
     def _place_shadow(self, ego: EgoState, station: float, second: int, hidden: float) -> None:
-        """Puts the shadow into a second lane of the route; -1: none."""
+        """Puts the shadow into a second lane of the route, or removes it for -1."""
         if second < 0:
             self._drop(ALONG)
             return
@@ -191,12 +160,13 @@ class EgoInTraffic:
         shadow.cut(self._footprint.length, hidden)
         offset = float(self._route.lane_offset(second, station))
         point = self._route.evaluate(station, offset)
-        self._put(shadow, ego, station, offset, second, (float(point.x), float(point.y)))
+        place = float(point.x), float(point.y)
+        self._overlap.put(shadow, second, station, offset, place, ego.yaw, ego.speed)
 
     def _place_against(
         self, table: LaneTable | None, rear: float, edges: tuple[float, float]
     ) -> None:
-        """Puts a shadow into an oncoming lane, its front at the truck's rear; None: none."""
+        """Puts a shadow into an oncoming lane, its front at the truck's rear; None removes it."""
         if table is None:
             self._drop(AGAINST)
             return
@@ -208,7 +178,7 @@ class EgoInTraffic:
         self._known(AGAINST).put(table, max(position, 0.0), 0.0, 0.0)
 
     def _known(self, role: str) -> TeleportedVehicle:
-        """The truck or a shadow, added to SUMO if it is not there."""
+        """The truck or a shadow, added to SUMO if it is missing."""
         if role not in self._teleported:
             name = role
             if role != EGO:
@@ -216,7 +186,7 @@ class EgoInTraffic:
                 self._shadows += 1
             way = AGAINST if role == AGAINST else ALONG
             self._teleported[role] = TeleportedVehicle(
-                self._session, self._lanes, name, self._step, way=way
+                self._session, self._lanes, name, self._config.step_length, way=way
             )
         return self._teleported[role]
 

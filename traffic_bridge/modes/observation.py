@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import KeysView, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,58 +11,34 @@ from numpy.typing import NDArray
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import EgoState
 from iits_mj.core.vehicles import COLUMNS, VehicleFrame
-from iits_mj.road import Route
-from traffic_bridge.modes.smoothing import Box, LateralSmoother, Shift
+from traffic_bridge.config import TrafficConfig
+from traffic_bridge.modes.smoothing import Box, LateralSmoother, Shift, nearest_turn
 from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles.registry import Vehicles
 
 IntArray = NDArray[np.intp]
 
-VIEW_MARGIN = 30.0  # [m]: lanes are chosen by their bounding boxes, vehicles by their centers
-VIEW_KEPT = 50.0  # [m] the ego moves before the lanes in view are chosen again
-HISTORY = 4  # lanes that are stored per vehicle: a long one can be on several short lanes
+VIEW_MARGIN = 30.0  # [m]: lanes are selected by their bounding boxes, vehicles by their centers
+VIEW_KEPT = 50.0  # [m] of the ego's motion before the lanes in view are selected again
+HISTORY = 4  # lanes stored per vehicle: a long vehicle can be on several short lanes
 TIGHT_TURN = 2.0  # [m/s]: below it the box does not turn further with the lateral motion
-_TURN = 2.0 * np.pi
 # Rows of a frame's columns.
 _SPEED, _ACCELERATION, _LATERAL, _STATION, _OFFSET = (
     COLUMNS.index(name) for name in ("speed", "acceleration", "lateral_speed", "station", "offset")
 )
 _SIZE = slice(COLUMNS.index("length"), COLUMNS.index("height") + 1)
-# Reading the vehicles of a lane costs about as much as reading the lanes of three vehicles.
-LANE_COST = 3
-
-
-@dataclass(frozen=True)
-class _Body:
-    """The constant properties of a vehicle: kind and length, width, height [m]."""
-
-    kind: str
-    size: tuple[float, float, float]
+LANE_COST = 3  # vehicles whose lanes are read in about the time of reading one lane's vehicles
 
 
 class Observation:
     """Reads the traffic of a running simulation after each step.
 
-    Args:
-      session: the running SUMO.
-      lanes: of the route.
-      vehicles: the registry.
-      route: the ego's road.
-      view_range: vehicles within this distance of the ego are read [m].
-      step_length: time between two readings [s].
-      lane_change_duration: see `LateralSmoother` [s].
+    Vehicles within `config.view_range` of the ego are read.
     """
 
     def __init__(
-        self,
-        session: Session,
-        lanes: RouteLanes,
-        vehicles: Vehicles,
-        route: Route,
-        view_range: float,
-        step_length: float,
-        lane_change_duration: float,
+        self, session: Session, lanes: RouteLanes, vehicles: Vehicles, config: TrafficConfig
     ) -> None:
         self._api = session.api
         self._get_speed = session.getter("vehicle", "getSpeed")
@@ -73,19 +48,17 @@ class Observation:
         self._get_ids = session.getter("lane", "getLastStepVehicleIDs")
         self._lanes = lanes
         self._vehicles = vehicles
-        self._route = route
-        self._range = view_range
-        self._step = step_length
-        self._smoother = LateralSmoother(lane_change_duration)
-        self._bodies: dict[str, _Body] = {}
+        self._range = config.view_range
+        self._step = config.step_length
+        self._smoother = LateralSmoother(config.lane_change_duration)
         self._last_lane: dict[str, str] = {}
         self._history: dict[str, tuple[str, ...]] = {}
         self._view_place: tuple[float, float] | None = None
         self._view: list[str] = []
-        # The lanes in view at the last reading, and the vehicles of each.
+        # The lanes in view at the last reading, and the vehicles on each.
         self._lists: list[tuple[str, ...]] = []
         self._listed: list[str] = []
-        # Vehicles of the last reading; most often they are the same in the next one.
+        # Vehicles of the last reading; the next one usually has the same vehicles.
         self._names: list[str] = []
         self._on: list[str] = []
         self._kinds: list[str] = []
@@ -94,10 +67,13 @@ class Observation:
         self._speed: FloatArray = np.zeros(0)
 
     def forget(self, name: str) -> None:
-        """Drops a vehicle that has left."""
-        self._bodies.pop(name, None)
+        """Drops a vehicle that has left the traffic."""
         self._last_lane.pop(name, None)
         self._history.pop(name, None)
+
+    def names(self) -> KeysView[str]:
+        """Names of the vehicles with stored data, as a set view."""
+        return self._last_lane.keys()
 
     @property
     def held(self) -> dict[str, float]:
@@ -109,7 +85,7 @@ class Observation:
 
         Args:
           ego: the truck.
-          obstacles: boxes that the vehicles avoid besides each other, see `LateralSmoother`.
+          obstacles: further boxes that the vehicles avoid, see `LateralSmoother`.
         """
         same = self._find_vehicles(ego)
         names, on = self._names, self._on
@@ -121,7 +97,7 @@ class Observation:
         speed, acceleration = columns[_SPEED], columns[_ACCELERATION]
         speed[:] = list(map(self._get_speed, names))
         if same:
-            # SUMO's own definition; reading it would take as long as the speed.
+            # SUMO's definition; reading the value would take as long as reading the speed.
             np.divide(speed - self._speed, self._step, out=acceleration)
         else:
             acceleration[:] = list(map(self._get_acceleration, names))
@@ -152,7 +128,7 @@ class Observation:
         )
         for shift in shifts:
             self._shift(columns, shift, route_lane, int(direction[shift.number]))
-        columns[3] -= _TURN * np.round(columns[3] / _TURN)
+        columns[3] = nearest_turn(columns[3])
         frame = VehicleFrame(names, self._kinds, route_lane, columns)
         return frame if ego is None else frame.near(ego.x, ego.y, self._range)
 
@@ -172,10 +148,10 @@ class Observation:
         columns[_OFFSET, k] += direction * shift.offset
         if direction > 0:
             station, offset = float(columns[_STATION, k]), float(columns[_OFFSET, k])
-            route_lane[k] = self._route.lane_at(station, offset)
+            route_lane[k] = self._lanes.route.lane_at(station, offset)
 
     def _find_vehicles(self, ego: EgoState | None) -> bool:
-        """Finds the vehicles and their lanes; returns whether they are those of the last time."""
+        """Finds the vehicles and their lanes; returns whether the vehicles are unchanged."""
         count = self._api.vehicle.getIDCount()
         view = [] if ego is None else self._lanes_in_view(ego.x, ego.y)
         if view and LANE_COST * len(view) <= count:
@@ -205,7 +181,7 @@ class Observation:
             dx, dy = x - self._view_place[0], y - self._view_place[1]
             if dx * dx + dy * dy < VIEW_KEPT * VIEW_KEPT:
                 return self._view
-        names, boxes = self._lanes.boxes()
+        names, boxes = self._lanes.boxes
         sumo_x, sumo_y = self._lanes.to_sumo(x, y)
         reach = self._range + VIEW_MARGIN + VIEW_KEPT
         dx = np.maximum(np.maximum(boxes[0] - sumo_x, sumo_x - boxes[2]), 0.0)
@@ -215,13 +191,13 @@ class Observation:
         return self._view
 
     def _note(self, names: list[str], on: list[str]) -> None:
-        """Updates sizes, kinds and lanes of the vehicles if they differ from the last time."""
+        """Updates sizes, kinds and lanes of the vehicles if they have changed."""
         if names == self._names and on == self._on:
             return
         if names != self._names:
-            bodies = [self._body(name) for name in names]
-            self._kinds = [body.kind for body in bodies]
-            self._size = np.array([body.size for body in bodies]).T
+            types = [self._vehicles.type_of(name) for name in names]
+            self._kinds = [each.kind for each in types]
+            self._size = np.array([(each.length, each.width, each.height) for each in types]).T
         before = self._last_lane
         for name, lane in zip(names, on, strict=True):
             last = before.get(name)
@@ -235,7 +211,7 @@ class Observation:
         self._names, self._on = names, on
 
     def _behind(self, name: str, lane: str, position: float) -> tuple[int, float]:
-        """Lane and position of a place before the beginning of a vehicle's lane."""
+        """Number of the lane, and position, of a place before the beginning of a vehicle's lane."""
         came_from = self._history.get(name, ())
         while position < 0.0:
             before = self._lanes.before(lane)
@@ -244,11 +220,3 @@ class Observation:
             lane = next((known for known in came_from if known in before), before[0])
             position += self._lanes.table(lane).length
         return self._lanes.poses.number(lane), position
-
-    def _body(self, name: str) -> _Body:
-        found = self._bodies.get(name)
-        if found is None:
-            kind = self._vehicles.type_of(name)
-            found = _Body(kind.kind, (kind.length, kind.width, kind.height))
-            self._bodies[name] = found
-        return found

@@ -1,8 +1,8 @@
-"""Several traffic simulations at once, each in its own process, because libsumo holds only one.
+"""Runs several traffic simulations at once, each in its own process, as libsumo holds only one.
 
     with TrafficWorlds([WorldSpec(route, config, seed=k) for k in range(8)]) as worlds:
         frames = worlds.reset(egos)
-        frames = worlds.step(egos)      # all of them, 0.1 s on, in parallel
+        frames = worlds.step(egos)      # all of them by 0.1 s, in parallel
 
 The results are bit-identical to those of the same mode in this process. The processes are spawned,
 so a script that makes worlds needs the usual `if __name__ == "__main__":`.
@@ -21,11 +21,10 @@ from iits_mj.core.messages import EgoState
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
-from traffic_bridge.modes.sumo_modes import InterSim, Mode, PureSim
+from traffic_bridge.modes.sumo_modes import MODES, Mode, PureSim
 from traffic_bridge.modes.world_process import END_TIME, Failure, WorldProcess, message_of
 
-MODES: dict[str, type[PureSim]] = {"InterSim": InterSim, "PureSim": PureSim}
-START_TIME = 120.0  # [s] for a process to import what it needs
+START_TIME = 120.0  # [s] for the imports of a process
 INTERRUPTED = "was ended by an interrupt; reset it to start it again"
 
 
@@ -64,9 +63,9 @@ class WorldSpec:
 class TrafficWorlds(Closing):
     """N traffic simulations in parallel, stepped together.
 
-    Every method waits for all worlds that it asks. If one of them fails, the others complete the
-    request; the first failure is raised with the number of its world. A failed world can be used
-    again after a reset, also if its process has died.
+    Every method waits for the answers of its worlds. If one world fails, the others complete the
+    request; the first failure is raised with the number of its world. A failed world works again
+    after a reset, also if its process has ended.
 
     Args:
       specs: one for each world.
@@ -74,7 +73,6 @@ class TrafficWorlds(Closing):
 
     Attributes:
       specs: one for each world, with the present seeds.
-      timeout: as given.
 
     Raises:
       InputError: no spec, or a value that is not usable.
@@ -140,7 +138,7 @@ class TrafficWorlds(Closing):
         given_egos = self._egos(egos, asked)
         specs = list(self.specs)
         if seeds is not None:
-            given = _one_a_world("seeds", seeds, asked)
+            given = _one_per_world("seeds", seeds, asked)
             for k, seed in zip(asked, given, strict=True):
                 specs[k] = replace(specs[k], seed=whole("seed", seed))
         messages = [
@@ -203,21 +201,21 @@ class TrafficWorlds(Closing):
         Args:
           path: public name in `PureSim`, with dots.
           *arguments: of the method.
-          worlds: numbers of the worlds to ask; None: all.
+          worlds: numbers of the worlds; None: all.
           **options: of the method.
 
         Returns:
           The results, in the order of `worlds`; None for a function, which stays in its process.
 
         Raises:
-          InputError: there is no such name, the method refuses its arguments, or they cannot be
-            sent to another process (functions of a script, open files); then no world is asked.
+          InputError: there is no such name, the method refuses its arguments, or the arguments
+            cannot be pickled (functions of a script, open files); then no world gets the call.
           TrafficError: the simulation fails, or the result cannot be sent back.
         """
         asked = self._asked(worlds)
         if not isinstance(path, str):
             raise InputError(f"{shown(path)} to call: must be a name, such as 'vehicles.change'")
-        message = message_of(("call", path, arguments, options), f"what {path!r} is called with")
+        message = message_of(("call", path, arguments, options), f"the arguments of {path!r}")
         self._send(asked, [message] * len(asked))
         return self._collect(asked, self.timeout)
 
@@ -229,8 +227,6 @@ class TrafficWorlds(Closing):
             world.ask_to_end()
         for world in worlds:
             world.end(patience=END_TIME)
-
-    # Inside ------------------------------------------------------------------------------------
 
     def _asked(self, worlds: Sequence[int] | None) -> tuple[int, ...]:
         if not self._worlds:
@@ -251,7 +247,7 @@ class TrafficWorlds(Closing):
     ) -> tuple[EgoState | None, ...]:
         if egos is None:
             return (None,) * len(asked)
-        given = _one_a_world("egos", egos, asked)
+        given = _one_per_world("egos", egos, asked)
         for k, ego in zip(asked, given, strict=True):
             if not (ego is None or isinstance(ego, EgoState)):
                 raise InputError(f"ego of world {k}: {shown(ego)} is neither an EgoState nor None")
@@ -264,14 +260,14 @@ class TrafficWorlds(Closing):
                 self._worlds[k].end()
                 self._worlds[k] = WorldProcess(self.specs[k])
         except BaseException:
-            # Their ready messages would not be received.
+            # Nothing would receive their ready messages.
             for k in dead:
                 self._worlds[k].end("was not started; reset it to start it again")
             raise
         self._collect(dead, START_TIME)
 
     def _send(self, asked: Sequence[int], messages: Sequence[bytes]) -> None:
-        """Sends the messages; after an interrupt, ends the worlds that already got theirs."""
+        """Sends the messages; after an interrupt, ends the worlds that have a message."""
         begun: list[int] = []
         try:
             for k, message in zip(asked, messages, strict=True):
@@ -283,7 +279,7 @@ class TrafficWorlds(Closing):
             raise
 
     def _collect(self, asked: Sequence[int], timeout: float) -> tuple[Any, ...]:
-        """One answer of each world, in order; raises the first failure at the end."""
+        """The answers of the worlds, in order; raises the first failure at the end."""
         answers: list[Any] = []
         first: Error | None = None
         try:
@@ -293,7 +289,7 @@ class TrafficWorlds(Closing):
                     first = answer.raised_by(k)
                 answers.append(answer)
         except BaseException:
-            # After an interrupt, an old answer would be mistaken for the next one.
+            # After an interrupt, an old answer would look like the next one.
             for k in asked[len(answers) :]:
                 self._worlds[k].end(INTERRUPTED)
             raise
@@ -302,14 +298,14 @@ class TrafficWorlds(Closing):
         return tuple(answers)
 
 
-def _one_a_world(what: str, given: Any, asked: tuple[int, ...]) -> tuple[Any, ...]:
+def _one_per_world(what: str, given: Any, asked: tuple[int, ...]) -> tuple[Any, ...]:
     if isinstance(given, (str, bytes, Mapping)) or not isinstance(given, Iterable):
         raise InputError(
-            f"{what} = {shown(given)}: must be a sequence of {len(asked)}, one a world"
+            f"{what} = {shown(given)}: must be a sequence of {len(asked)}, one per world"
         )
     entries = tuple(given)
     if len(entries) != len(asked):
-        raise InputError(f"{len(entries)} {what} for {len(asked)} worlds: one a world is needed")
+        raise InputError(f"{len(entries)} {what} for {len(asked)} worlds: one per world is needed")
     return entries
 
 
@@ -340,11 +336,7 @@ class SeparateTraffic(Mode):
 
     @property
     def time(self) -> float:
-        """Traffic time since the reset [s].
-
-        Raises:
-          TrafficError: it was not reset yet.
-        """
+        """Traffic time since the reset [s]; TrafficError before the first reset."""
         return float(self._running.call("time")[0])
 
     def reset(self, ego: EgoState | None = None) -> VehicleFrame:
@@ -355,7 +347,7 @@ class SeparateTraffic(Mode):
         if lights := self._worlds.call("signals.lights")[0]:
             self.close()
             raise InputError(
-                f"traffic in a process of its own cannot tell of lights, and {lights[0]!r} is one"
+                f"traffic in a process of its own cannot report lights; the road has {lights[0]!r}"
             )
         return vehicles
 

@@ -1,28 +1,25 @@
-"""Puts replayed vehicles into a running SUMO, whose traffic reacts to them."""
+"""Puts replayed vehicles into a running SUMO simulation, whose traffic reacts to them."""
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple
 
-from iits_mj.road import Route
 from traffic_bridge.modes.teleported_vehicle import END, LaneOverlap, TeleportedVehicle
-from traffic_bridge.network.route_lanes import LaneTable, RouteLanes
+from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.recording.replay import InterpolatedRecording
 from traffic_bridge.session import Session
 
-# Names in SUMO: of a replayed vehicle, and the ending of its second one in another lane.
+# Parts of names in SUMO: of replayed vehicles, and of their copies in a second lane.
 PREFIX = "replayed."
 OVERLAP_SUFFIX = ".overlap"
-CENTERED = 0.25  # [m] from its lane's center: such a vehicle reaches into no other lane
-# [s] before a recorded lane change at which a vehicle occupies its target lane, as if it indicated.
+CENTERED = 0.25  # [m] from its lane's center, within which a vehicle reaches into no other lane
+# [s] before a recorded lane change in which a vehicle occupies its target lane, as if it indicated.
 INDICATED = 3.0
-
-_COLUMNS = ("x", "y", "yaw", "speed", "station", "offset", "length", "width")
 
 
 class _Place(NamedTuple):
-    """A vehicle after the coming step: its lane and the values named by `_COLUMNS`."""
+    """A vehicle after the next step: its lane and columns of its frame."""
 
     lane: int
     x: float
@@ -36,41 +33,39 @@ class _Place(NamedTuple):
 
     @property
     def front(self) -> float:
-        """Station of the front bumper, which SUMO uses [m]."""
+        """Station of the front bumper, SUMO's reference point [m]."""
         return self.station + 0.5 * self.length
+
+    @property
+    def front_point(self) -> tuple[float, float]:
+        """X and y of the front bumper, map frame [m]."""
+        ahead = 0.5 * self.length
+        return self.x + ahead * math.cos(self.yaw), self.y + ahead * math.sin(self.yaw)
 
 
 class ReplayedVehicles:
     """Moves replayed vehicles in SUMO to their recorded places.
 
-    A vehicle that reaches into a second lane, or soon changes to it, occupies both.
-
-    Args:
-      session: the running SUMO.
-      lanes: of the route.
-      route: the ego's road.
-      replay: the recorded vehicles.
-      step: length of a step [s].
+    A vehicle that reaches into a second lane, or soon changes to it, occupies both. `step` is the
+    length of a traffic step [s].
     """
 
     def __init__(
         self,
         session: Session,
         lanes: RouteLanes,
-        route: Route,
         replay: InterpolatedRecording,
         step: float,
     ) -> None:
         self._session = session
         self._lanes = lanes
-        self._route = route
         self._replay = replay
         self._step = step
-        self._overlap = LaneOverlap(lanes, route)
+        self._overlap = LaneOverlap(lanes)
         self._teleported: dict[str, TeleportedVehicle] = {}
 
     def place(self, time: float) -> None:
-        """Moves all vehicles to their places at a time [s], the end of the coming step."""
+        """Moves all vehicles to their places at a time [s], the end of the next step."""
         wanted = self._wanted(time)
         with self._session.guard("placing the replayed vehicles"):
             for name in sorted(self._teleported.keys() - wanted.keys()):
@@ -81,7 +76,15 @@ class ReplayedVehicles:
                     self._teleported[name] = TeleportedVehicle(
                         self._session, self._lanes, name, self._step, size
                     )
-                self._put(self._teleported[name], place)
+                self._overlap.put(
+                    self._teleported[name],
+                    place.lane,
+                    place.front,
+                    place.offset,
+                    place.front_point,
+                    place.yaw,
+                    place.speed,
+                )
 
     def _wanted(self, time: float) -> dict[str, _Place]:
         """The places of the vehicles by their names in SUMO."""
@@ -89,13 +92,13 @@ class ReplayedVehicles:
         soon = self._replay.at(min(time + INDICATED, self._replay.duration))
         ahead = dict(zip(soon.ids, soon.lanes.tolist(), strict=True))
         wanted: dict[str, _Place] = {}
-        rows = frame.columns(*_COLUMNS).T.tolist()
+        rows = frame.columns(*_Place._fields[1:]).T.tolist()
         for name, lane, row in zip(frame.ids, frame.lanes.tolist(), rows, strict=True):
             place = _Place(lane, *row)
             if lane < 0:
                 wanted[PREFIX + name] = place
                 continue
-            if place.front >= self._route.length - END:
+            if place.front >= self._lanes.route.length - END:
                 continue
             wanted[PREFIX + name] = place
             second = self._second_lane(place, ahead.get(name, lane))
@@ -108,23 +111,9 @@ class ReplayedVehicles:
         if abs(goal - place.lane) == 1 and goal >= 0 and self._overlap.table(goal, place.front):
             return goal
         table = self._overlap.table(place.lane, place.front)
-        if table is not None and abs(_side(table, place)) < CENTERED:
-            return -1
+        if table is not None:
+            center = table.at(table.position_of(place.front))[1]
+            if abs(place.offset - center) < CENTERED:
+                return -1
         edges = self._overlap.edges(place.width, (place.offset,))
         return self._overlap.second(place.lane, place.front, edges)
-
-    def _put(self, vehicle: TeleportedVehicle, place: _Place) -> None:
-        table = self._overlap.table(place.lane, place.front) if place.lane >= 0 else None
-        speed = max(place.speed, 0.0)
-        if table is not None:
-            vehicle.put(table, table.position_of(place.front), _side(table, place), speed)
-            return
-        ahead = 0.5 * place.length
-        x = place.x + ahead * math.cos(place.yaw)
-        y = place.y + ahead * math.sin(place.yaw)
-        vehicle.move(*self._lanes.to_sumo(x, y), place.yaw, speed)
-
-
-def _side(table: LaneTable, place: _Place) -> float:
-    """Distance of a vehicle from a lane's center, positive to the left [m]."""
-    return place.offset - table.at(table.position_of(place.front))[1]

@@ -14,7 +14,7 @@ from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.modes.replayed_vehicles import OVERLAP_SUFFIX, PREFIX, ReplayedVehicles
-from traffic_bridge.modes.resim import check_map
+from traffic_bridge.modes.resim import check_map, load
 from traffic_bridge.modes.sumo_modes import Mode, PureSim
 from traffic_bridge.modes.sumo_traffic import SumoTraffic
 from traffic_bridge.recording.recording import Recording
@@ -30,8 +30,8 @@ class RepSim(Mode):
       recording: file written by `Recorder.save`, or the recording itself.
       view_range: only vehicles within this distance of the ego are returned [m].
       step_length: time of a step [s].
-      other_map: allow a recording of another map, for instance of one with changed signs: vehicles
-        keep their recorded poses, wherever the road is.
+      other_map: allow a recording of another map, for instance a map with changed signs: vehicles
+        keep their recorded poses, independent of the road.
 
     Attributes:
       replay: the recording as a function of time.
@@ -54,8 +54,7 @@ class RepSim(Mode):
                 f"view_range {view_range!r}, step_length {step_length!r}: "
                 "must be positive, the step at most 1 s"
             )
-        loaded = recording if isinstance(recording, Recording) else Recording.load(recording)
-        name = "recording" if isinstance(recording, Recording) else f"recording {recording}"
+        loaded, name = load(recording)
         if not other_map:
             check_map(loaded, name, route)
         if loaded.meta.get("schema") == 1:
@@ -77,7 +76,7 @@ class RepSim(Mode):
         return self.replay.duration
 
     def reset(self, ego: EgoState | None = None) -> VehicleFrame:
-        """Goes back to the beginning."""
+        """Returns to the beginning."""
         self._steps = 0
         return self.at(0.0, ego)
 
@@ -107,7 +106,7 @@ class RepSim(Mode):
 
 
 def on_road(recording: Recording, route: Route) -> Recording:
-    """A recording of version 1 with pitch and roll added from the road's slopes."""
+    """A recording of schema 1 with pitch and roll from the road's slopes."""
     place = {name: k for k, name in enumerate(COLUMNS)}
     columns = np.array(recording.columns)
     point = route.evaluate(columns[place["station"]], columns[place["offset"]])
@@ -125,11 +124,11 @@ LIVE = "live."  # prefix of the names of SUMO's vehicles
 
 
 class MixedSim(PureSim):
-    """Replayed vehicles and SUMO's traffic, which brakes for and overtakes them.
+    """Replayed vehicles, and SUMO's traffic, which brakes for them and overtakes them.
 
     The replayed vehicles have their recorded names and poses. The names of SUMO's vehicles begin
-    with "live.". A replayed vehicle does not react: it can drive into a slower or stopped vehicle
-    of SUMO (see `conflicts`).
+    with "live.". A replayed vehicle does not react: it can hit a slower or stopped vehicle of
+    SUMO's traffic (see `conflicts`).
 
     Args:
       route: the ego's road.
@@ -193,7 +192,7 @@ class MixedSim(PureSim):
 
     def _prepare(self, world: SumoTraffic) -> None:
         world.replayed = ReplayedVehicles(
-            world.session, world.lanes, self.route, self.replay, self.config.step_length
+            world.session, world.lanes, self.replay, self.config.step_length
         )
 
     def _note_conflicts(self) -> None:

@@ -12,13 +12,18 @@ from iits_mj.core.messages import EgoState
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
-from traffic_bridge.modes.sumo_modes import InterSim, Mode, PureSim
+from traffic_bridge.modes.sumo_modes import MODES, Mode, PureSim
 from traffic_bridge.network.nets import build_network
 from traffic_bridge.recording.provenance import demand_same, net_hash, versions
 from traffic_bridge.recording.recording import PoseDigest, Recording
 from traffic_bridge.recording.rows import COLUMNS
 
-MODES: dict[str, type[PureSim]] = {"PureSim": PureSim, "InterSim": InterSim}
+
+def load(recording: str | Path | Recording) -> tuple[Recording, str]:
+    """A recording, read if a path is given, and its name in error messages."""
+    if isinstance(recording, Recording):
+        return recording, "recording"
+    return Recording.load(recording), f"recording {recording}"
 
 
 def check_map(recording: Recording, name: str, route: Route) -> None:
@@ -40,7 +45,7 @@ def traffic_of(recording: Recording, name: str, route: Route) -> PureSim:
       route: the ego's road.
 
     Raises:
-      InputError: it was made with another map, net or version, or cannot be re-run at all.
+      InputError: it was made with another map, net or version, or cannot be re-run.
     """
     meta = recording.meta
     mode = meta.get("mode")
@@ -78,10 +83,10 @@ def _texts(values: Any) -> dict[str, str]:
 
 
 def difference(recorded: VehicleFrame, found: VehicleFrame) -> str:
-    """The first difference between two frames, in words; "" if they are bit-identical."""
+    """Describes the first difference between two frames; "" if they are bit-identical."""
     if recorded.ids != found.ids:
-        who = sorted(set(recorded.ids) ^ set(found.ids))[0]
-        return f"vehicle {who!r} is {'missing' if who in recorded.ids else 'there in addition'}"
+        name = min(set(recorded.ids) ^ set(found.ids))
+        return f"vehicle {name!r} is {'missing' if name in recorded.ids else 'there in addition'}"
     if recorded.kinds != found.kinds or not np.array_equal(recorded.lanes, found.lanes):
         return "kinds or lanes differ"
     apart = recorded.values.view(np.uint64) != found.values.view(np.uint64)
@@ -107,15 +112,14 @@ class ReSim(Mode):
       recording: the given one; config: its settings.
 
     Raises:
-      InputError: the file cannot be used, or was made with another map, version or option; the
-        message says which.
+      InputError: the file cannot be used, or was made with another map, version or option, named
+        in the message.
     """
 
     def __init__(
         self, route: Route, path: str | Path | Recording, config: TrafficConfig | None = None
     ) -> None:
-        self.recording = path if isinstance(path, Recording) else Recording.load(path)
-        self._name = "recording" if isinstance(path, Recording) else f"recording {path}"
+        self.recording, self._name = load(path)
         self.route = route
         self._traffic = traffic_of(self.recording, self._name, route)
         self.config = self._traffic.config
@@ -137,14 +141,14 @@ class ReSim(Mode):
         return len(self.recording)
 
     def reset(self, ego: EgoState | None = None) -> VehicleFrame:  # noqa: ARG002
-        """Starts the re-run. The truck's state comes from the recording, not the argument."""
+        """Starts the re-run with the recorded state of the truck; ignores the argument."""
         self._digest = PoseDigest()
         self._frame = 0
         self._apart = ""
         return self._note(self._traffic.reset(self.recording.ego_at(0)))
 
     def step(self, ego: EgoState | None = None) -> VehicleFrame:  # noqa: ARG002
-        """Re-runs the next step. The truck's state comes from the recording, not the argument.
+        """Re-runs the next step with the recorded state of the truck; ignores the argument.
 
         Raises:
           TrafficError: the recording has ended.
@@ -165,7 +169,7 @@ class ReSim(Mode):
         return frame
 
     def verify(self) -> str:
-        """Runs on to the end and compares the poses with the recorded ones.
+        """Runs to the end and compares the poses with the recorded ones.
 
         Returns:
           The hash of all poses.

@@ -1,12 +1,12 @@
 """Turns SUMO's instantaneous lane changes into lateral motion by quintic polynomials.
 
 SUMO moves a vehicle to the next lane within one step. The difference between SUMO's position and
-the shown one (the residual) starts as minus the jump and goes to zero with zero speed and
+the shown one (the residual) starts as minus the jump and decays to zero with zero speed and
 acceleration at both ends, as drivers do in 3-4 s (Toledo and Zohar, "Modeling duration of lane
 changes", Transportation Research Record 1999, 2007, find a mean of 4.6 s, 1 to 13 s).
-The motion is faster if the vehicle would otherwise touch another one that SUMO lets it pass because
-it is in the new lane already. If that is not enough, as behind a standing truck, the vehicle is
-slowed down until it is clear of the other one.
+In SUMO the vehicle is already in the new lane and may pass vehicles of the old lane. If it would
+touch one of them, its lateral motion is faster. If that is not enough, as behind a stopped truck,
+it slows down until it is clear of the other vehicle.
 """
 
 from __future__ import annotations
@@ -31,13 +31,18 @@ SIDE_SPEED, STEEPEST = 0.5, 0.7
 JUMP = 0.3  # [m] in one step: more than a lane's taper or a map's seam moves a vehicle
 SHORTEST = 1.0  # [s]
 SIDE_MARGIN = 0.3  # [m]
-HELD_GAP = 0.7  # [m] kept to a standing vehicle ahead during the change
+HELD_GAP = 0.7  # [m] kept to a stopped vehicle ahead during the change
 TAIL_GAP = 2.0  # [m] kept behind a vehicle that changes lanes
 HELD_SPEED = 1.5  # [m/s]: a vehicle slower than its limit by more than this is not limited
-CREEP = 0.3  # [m/s], the lowest limit, so that a vehicle does not wait for ever
+CREEP = 0.3  # [m/s], the lowest limit, so that no vehicle waits for ever
 # Vehicles matter to a change within these distances between centers, along and across [m].
 REACH, SIDEWAYS = 100.0, 3.2
 CLEARED_BY = 0.62  # fraction of the change after which the old lane is free (quintic: 3/4 done)
+
+
+def nearest_turn(angles: FloatArray) -> FloatArray:
+    """The same angles from -pi to pi [rad]; rounds otherwise than `iits_mj.core.angles`."""
+    return np.asarray(angles - 2.0 * np.pi * np.round(angles / (2.0 * np.pi)))
 
 
 def quintic(
@@ -67,9 +72,9 @@ def quintic(
 
 @dataclass
 class SidewaysMotion:
-    """A residual on its way to zero: polynomial, age and duration in its own time [s].
+    """A decaying residual: polynomial, and age and duration in its own time [s].
 
-    `pace` is the rate of its own time, 0 to 1.
+    `pace` is the rate of its own time, 0 to 1; None before the first step.
     """
 
     coefficients: tuple[float, float, float, float, float, float]
@@ -106,10 +111,10 @@ class SidewaysMotion:
 
 
 class Shift(NamedTuple):
-    """Distance of a vehicle from its lane's center and its derivatives, left positive.
+    """Lateral distance of a vehicle from its lane's center, with derivatives, left positive.
 
     Attributes:
-      number: of the vehicle in the arrays.
+      number: index of the vehicle in the arrays.
       offset: [m]; speed: [m/s]; acceleration: [m/s2].
     """
 
@@ -143,7 +148,7 @@ class LateralSmoother:
       duration: of a lane change at speed [s]; 0 turns the smoothing off.
 
     Attributes:
-      held: speed limit of vehicles so that none touches another during a change [m/s], by name.
+      held: speed limits that prevent contact during lane changes [m/s], by vehicle.
     """
 
     def __init__(self, duration: float) -> None:
@@ -174,13 +179,13 @@ class LateralSmoother:
         dt: float,
         obstacles: Sequence[Box] = (),
     ) -> list[Shift]:
-        """Distances at which vehicles are shown from their lanes' centers after a step.
+        """Lateral distances of the shown vehicles from their lanes' centers after a step.
 
         Args:
-          names: of the n vehicles; all others are forgotten.
+          names: of the n vehicles; data of all others are dropped.
           lane: number of each vehicle's lane, shape (n,); jumps occur only between lanes.
-          pose: x, y and heading of the lanes' centers under the vehicles' centers [m], [rad], each
-            of shape (n,).
+          pose: x, y and heading of the lanes' centers at the vehicles' centers [m], [rad], each of
+            shape (n,).
           speed: [m/s], shape (n,).
           size: length and width, shape (2, n) or more rows [m].
           road: station, offset of the lanes' centers on the route [m] and the direction on it (+1
@@ -189,7 +194,7 @@ class LateralSmoother:
           obstacles: other boxes (the truck).
 
         Returns:
-          The vehicles off their lane's center, by increasing number.
+          The vehicles off their lanes' centers, in the order of their numbers.
         """
         if self.duration <= 0.0:
             return []
@@ -222,10 +227,8 @@ class LateralSmoother:
     def _jumps(
         self, names: list[str], lane: NDArray[np.intp], pose: Rows
     ) -> list[tuple[int, float]]:
-        """Vehicles whose lane's center has jumped, and by how much to the left [m]."""
-        if not self._names:
-            return []
-        if lane is self._lane:
+        """Vehicles whose lane's center has jumped, and the jumps to the left [m]."""
+        if not self._names or lane is self._lane:
             return []
         if names == self._names:
             now = before = np.flatnonzero(lane != self._lane)
@@ -237,9 +240,7 @@ class LateralSmoother:
             return []
         x, y, heading = (row[now] for row in pose)
         old_x, old_y, old_heading = (row[before] for row in self._last)
-        turn = heading - old_heading
-        turn -= 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
-        course = old_heading + 0.5 * turn
+        course = old_heading + 0.5 * nearest_turn(heading - old_heading)
         across = (y - old_y) * np.cos(course) - (x - old_x) * np.sin(course)
         jumped = np.abs(across) > JUMP
         return list(zip(now[jumped].tolist(), across[jumped].tolist(), strict=True))
@@ -254,7 +255,7 @@ class LateralSmoother:
         )
 
     def _hasten(self, name: str, shift: Shift, boxes: _Boxes) -> bool:
-        """Shortens a change so that the vehicle leaves the old lane before its gap there is closed.
+        """Shortens a change so that the vehicle leaves the old lane before its gap there closes.
 
         Returns:
           Whether that gap is nearly closed.
@@ -284,7 +285,7 @@ class LateralSmoother:
     def _hold(self, name: str, change: SidewaysMotion, own: Box, conflicts: list[Box]) -> None:
         """Limits the speeds of the vehicle behind others, and of others behind the vehicle.
 
-        A follower in the old lane keeps clear of the rear, which swings out while the box turns.
+        A follower in the old lane keeps clear of the rear, which swings out as the box turns.
         """
         way = 1.0 if own.speed >= 0.0 else -1.0
         due = CLEARED_BY * max(change.duration - change.age, 0.1) / URGENT_PACE
@@ -345,7 +346,7 @@ class _Boxes:
 
 
 def _gap(own: Box, other: Box) -> tuple[float, float]:
-    """Free distance along the route between two boxes [m]; the sign of the other's side."""
+    """Free distance along the route between two boxes [m], and +1 if the other is ahead."""
     apart = other.station - own.station
     sign = 1.0 if apart > 0.0 else -1.0 if apart < 0.0 else 0.0
     return abs(apart) - 0.5 * (other.length + own.length), sign

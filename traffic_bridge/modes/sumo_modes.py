@@ -1,7 +1,7 @@
-"""PureSim and InterSim, and the interface that all modes share.
+"""PureSim and InterSim, and the interface of all modes.
 
-Every mode is used in the same way: `reset(ego)`, then `step(ego)` each 0.1 s with the truck's state
-at the end of the step, then `close()`; each is a context manager.
+Every mode has the same use: `reset(ego)`, then `step(ego)` each 0.1 s with the truck's state at the
+end of the step, then `close()`; each is a context manager.
 """
 
 from __future__ import annotations
@@ -35,34 +35,26 @@ class Traffic(Protocol):
         """Traffic time since the reset [s]."""
 
     def reset(self, ego: EgoState | None = None) -> VehicleFrame:
-        """Starts again; returns the vehicles at time zero, sorted by name."""
+        """Starts the traffic again; returns the vehicles at time zero, sorted by name."""
 
     def step(self, ego: EgoState | None = None) -> VehicleFrame:
-        """Advances one step, to the ego's time; returns the vehicles then, sorted by name."""
+        """Advances one step; `ego` is the state at its end. Returns the vehicles then, sorted."""
 
     def close(self) -> None:
         """Ends the traffic; may be called again."""
+        return
 
     def signal_controller(self) -> TrafficController | None:
-        """Returns the lights and changing limits; None where the traffic has none."""
-
-    def exact_vehicles(self, time: float) -> VehicleFrame | None:
-        """Returns the vehicles whose places between two steps are known; None without any."""
-
-
-class Mode(Closing):
-    """Base of every mode: a context manager, without lights and places between two steps."""
-
-    def close(self) -> None:
-        """Ends the traffic; may be called again."""
-
-    def signal_controller(self) -> TrafficController | None:
-        """Returns the lights and changing limits; None where the traffic has none."""
+        """Returns the lights and changing limits; None if the traffic has none."""
         return None
 
     def exact_vehicles(self, time: float) -> VehicleFrame | None:  # noqa: ARG002
-        """Returns the vehicles whose places between two steps are known; None without any."""
+        """Returns the vehicles with known places between two steps; None if there are none."""
         return None
+
+
+class Mode(Traffic, Closing):
+    """Base of every mode: a context manager with the defaults of `Traffic`."""
 
 
 class PureSim(Mode):
@@ -115,20 +107,21 @@ class PureSim(Mode):
 
     @property
     def session(self) -> Session:
-        """The running SUMO, for functions that this interface does not have."""
+        """The running SUMO, for functions outside this interface."""
         return self._running.session
 
     def reset(self, ego: EgoState | None = None) -> VehicleFrame:
         """Starts SUMO again and populates the road.
 
         Args:
-          ego: the truck, with free space around it. None: no truck; all vehicles are reported.
+          ego: the truck, around which space is kept free; None: no truck, and all vehicles are
+            reported.
 
         Returns:
           The vehicles at time zero, sorted by name.
 
         Raises:
-          TrafficError: SUMO fails, or runs already in this process.
+          TrafficError: SUMO fails, or already runs in this process.
           MapError: SUMO cannot use the map.
         """
         self.close()
@@ -175,7 +168,7 @@ class PureSim(Mode):
 class InterSim(PureSim):
     """Traffic that reacts to the truck: brakes for it and overtakes it without cutting in.
 
-    The truck is in SUMO with its true pose and the length of the whole combination. Arguments and
+    In SUMO the truck has its true pose and the length of the whole combination. Arguments and
     errors are those of `PureSim`; `reset` without an ego puts the truck at the route's beginning.
     """
 
@@ -206,6 +199,9 @@ class InterSim(PureSim):
             offset=offset,
             trailer_offset=offset,
         )
+
+
+MODES: dict[str, type[PureSim]] = {mode.mode: mode for mode in (InterSim, PureSim)}
 
 
 def _checked_route(mode: str, route: object) -> Route:

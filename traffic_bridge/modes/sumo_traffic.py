@@ -1,4 +1,4 @@
-"""The running SUMO simulation of one route: demand, lane changes, observation."""
+"""Runs a SUMO simulation on one route: demand, lane changes, observation."""
 
 from __future__ import annotations
 
@@ -30,10 +30,11 @@ class SumoTraffic:
       config: settings.
       seed: of all random numbers.
       with_ego: the traffic reacts to the truck.
-      lanes: of an earlier simulation on the same route, to save time.
+      lanes: of an earlier simulation on the same route, reused to save time.
 
     Attributes:
       replayed: recorded vehicles that are put into SUMO, or None.
+      observation: reads the vehicles after each step.
 
     Raises:
       MapError, TrafficError: see `build_network` and `Session`.
@@ -47,7 +48,6 @@ class SumoTraffic:
         with_ego: bool,
         lanes: RouteLanes | None = None,
     ) -> None:
-        self.route = route
         self.config = config
         self.replayed: ReplayedVehicles | None = None
         self._steps = 0
@@ -68,25 +68,17 @@ class SumoTraffic:
             self._demand = Demand(
                 self.session, lanes, self.vehicles, config, rng, self.signals.limits
             )
-        self._ego = EgoInTraffic(self.session, lanes, route, config.footprint, config.step_length)
+        self._ego = EgoInTraffic(self.session, lanes, config)
         self._with_ego = with_ego
         self._held: set[str] = set()
         self._api = self.session.api
-        self._observation = Observation(
-            self.session,
-            lanes,
-            self.vehicles,
-            route,
-            view_range=config.view_range,
-            step_length=config.step_length,
-            lane_change_duration=config.lane_change_duration,
-        )
+        self.observation = Observation(self.session, lanes, self.vehicles, config)
         self._lane_changer = (
             LaneChanger(self.session, lanes.graph, self.vehicles, config)
             if config.lane_change == "mobil"
             else None
         )
-        self.vehicles.when_forgotten(self._observation.forget)
+        self.vehicles.when_forgotten(self.observation.forget)
         if self._lane_changer is not None:
             self.vehicles.when_forgotten(self._lane_changer.forget)
 
@@ -101,7 +93,7 @@ class SumoTraffic:
             self.signals.begin(None if ego is None else ego.station)
             if self.replayed is not None:
                 self.replayed.place(0.0)
-            self._demand.fill(None if ego is None else self._ego.room(ego, self.config.speed_limit))
+            self._demand.fill(None if ego is None else self._ego.room(ego))
         if self._with_ego and ego is not None:
             self._ego.place(ego)
         self.session.step()
@@ -111,7 +103,7 @@ class SumoTraffic:
             return self._observe(ego)
 
     def advance(self, ego: EgoState | None) -> VehicleFrame:
-        """Advances one step; `ego` is its state at the end. Returns the vehicles there."""
+        """Advances one step; `ego` is the state at its end. Returns the vehicles then."""
         with self.session.guard("adding vehicles"):
             station = None if ego is None else ego.station
             if self._steps % LOST_CHECK == 0:
@@ -132,10 +124,10 @@ class SumoTraffic:
 
     def _observe(self, ego: EgoState | None) -> VehicleFrame:
         boxes = self._ego.boxes(ego) if self._with_ego and ego is not None else ()
-        frame = self._observation.read(ego, boxes)
-        held = self._observation.held
+        frame = self.observation.read(ego, boxes)
+        held = self.observation.held
         if held or self._held:
-            # The limits of lane changes come on top of SUMO's car-following.
+            # The limits of lane changes apply in addition to SUMO's car-following.
             set_speed = self._api.vehicle.setSpeed
             for name in sorted(self._held - held.keys()):
                 if name in self.vehicles:

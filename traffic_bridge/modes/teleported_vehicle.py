@@ -1,35 +1,29 @@
-"""Vehicles of SUMO that are moved from outside: the truck, its shadow, replayed vehicles."""
+"""Vehicles that are moved in SUMO from outside: the truck, its shadow, replayed vehicles."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
 
-from iits_mj.road import Route
 from traffic_bridge.network.route_lanes import LaneTable, RouteLanes
 from traffic_bridge.session import Session
 
-OVERLAP = 0.3  # [m]: from this overlap on a vehicle is also in the second lane
-EGO_TYPE = "ego"  # the type of all teleported vehicles; SUMO only needs their size
-# moveToXY: 2 keeps the exact pose, 0 and 1 would move it to the lane's center.
+OVERLAP = 0.3  # [m]: with more overlap than this a vehicle is also in the second lane
+EGO_TYPE = "ego"  # the type of all teleported vehicles; SUMO uses only their size
+ALONG = "along.0"  # SUMO's route along the ego's route
+# Keeps the exact pose in moveToXY; 0 and 1 would move the vehicle to the lane's center.
 EXACT_POSE = 2
-FASTEST = 60.0  # [m/s]: a vehicle that moved faster was set to another place
-ROLLBACK = 0.3  # [m] that a vehicle may roll back before it is set to another place
+JUMP_SPEED = 60.0  # [m/s]: a faster vehicle is set to its place instead of driven there
+ROLLBACK = 0.3  # [m] that a vehicle may roll back before it is set to its place
 END = 1.0  # [m] before the end of the route: SUMO removes vehicles at the end
 MATCH_RADIUS = 30.0  # [m] in which SUMO looks for the lane; SUMO's default of 100 costs more
 
 
 class LaneOverlap:
-    """Finds the second lane that a vehicle reaches into, along the route or opposite to it.
+    """Finds the lanes under a vehicle, and puts it there."""
 
-    Args:
-      lanes: of the route.
-      route: the ego's road.
-    """
-
-    def __init__(self, lanes: RouteLanes, route: Route) -> None:
+    def __init__(self, lanes: RouteLanes) -> None:
         self._lanes = lanes
-        self._route = route
         open_lanes = {table.id for edge in lanes.oncoming_edges for table in lanes.of_edge(edge)}
         # First and last station, half the width [m], table.
         self._opposite = [
@@ -56,7 +50,7 @@ class LaneOverlap:
           edges: see `edges`.
         """
         for edge in edges:
-            other = int(self._route.lane_at(station, edge))
+            other = int(self._lanes.route.lane_at(station, edge))
             if other not in (-1, lane) and self.table(other, station) is not None:
                 return other
         return -1
@@ -68,10 +62,38 @@ class LaneOverlap:
     def opposite(self, station: float, edges: Iterable[float]) -> LaneTable | None:
         """The oncoming lane that a vehicle reaches into, or None; see `second`."""
         for edge in edges if self._opposite else ():
-            # Most of the time the side is in a lane of the route.
-            if self._route.lane_at(station, edge) < 0 and (found := self._at(station, edge)):
+            # Usually the side is in a lane of the route.
+            if self._lanes.route.lane_at(station, edge) < 0 and (found := self._at(station, edge)):
                 return found
         return None
+
+    def put(
+        self,
+        vehicle: TeleportedVehicle,
+        lane: int,
+        station: float,
+        offset: float,
+        point: tuple[float, float],
+        yaw: float,
+        speed: float,
+    ) -> None:
+        """Moves a vehicle to its place at the end of the next step, on or off the lanes.
+
+        Args:
+          vehicle: to move.
+          lane: of the route, -1 off its lanes.
+          station: of its front bumper [m].
+          offset: of its front bumper [m].
+          point: x and y of its front bumper, map frame [m].
+          yaw: of the vehicle [rad].
+          speed: of the vehicle [m/s]; backwards counts as zero.
+        """
+        table = self.table(lane, station) if lane >= 0 else None
+        if table is None:
+            vehicle.move(*self._lanes.to_sumo(*point), yaw, max(speed, 0.0))
+            return
+        position = table.position_of(station)
+        vehicle.put(table, position, offset - table.at(position)[1], max(speed, 0.0))
 
     def _at(self, station: float, offset: float) -> LaneTable | None:
         for low, high, half, table in self._opposite:
@@ -83,18 +105,18 @@ class LaneOverlap:
 
 
 class TeleportedVehicle:
-    """A vehicle of SUMO that is moved to a given place in every step.
+    """A vehicle in SUMO that is moved to a given place in every step.
 
-    SUMO's search for the lane of a point costs more than everything else in a step, and is not
-    exact in bends. So the vehicle is driven along its lane, at the speed that takes it to its place
-    in one step, and moved where it changes lanes. Only off the lanes SUMO searches.
+    SUMO's search for the lane of a point costs more than the rest of a step, and is not exact in
+    bends. So the vehicle drives along its lane, at the speed that takes it to its place in one
+    step, and is moved where it changes lanes. Only off the lanes SUMO searches.
 
     Args:
       session: the running SUMO.
       lanes: of the route.
       name: of the vehicle.
-      step: length of a step [s].
-      size: length and width [m]; default: those of the ego's type.
+      step: length of a traffic step [s].
+      size: length and width [m]; None: those of the ego's type.
       way: name of its SUMO route.
     """
 
@@ -105,7 +127,7 @@ class TeleportedVehicle:
         name: str,
         step: float,
         size: tuple[float, float] | None = None,
-        way: str = "along.0",
+        way: str = ALONG,
     ) -> None:
         self.name = name
         self._cut = False
@@ -127,7 +149,7 @@ class TeleportedVehicle:
         self._api.vehicle.remove(self.name)
 
     def cut(self, length: float, hidden: float) -> None:
-        """Shortens the vehicle by its front part that is beyond the end of the route.
+        """Shortens the vehicle by its front part beyond the end of the route.
 
         Args:
           length: of the whole vehicle [m].
@@ -138,28 +160,28 @@ class TeleportedVehicle:
             self._api.vehicle.setLength(self.name, length - hidden)
 
     def put(self, table: LaneTable, position: float, side: float, speed: float) -> None:
-        """Moves it to a position on a lane at the end of the coming step.
+        """Moves it to a position on a lane at the end of the next step.
 
         Args:
           table: the lane.
-          position: along it [m].
-          side: distance from the lane's centre, positive to the left [m].
-          speed: its own [m/s].
+          position: along the lane [m].
+          side: distance from the lane's center, positive to the left [m].
+          speed: of the vehicle [m/s].
         """
         vehicle = self._api.vehicle
         here = self._get_lane(self.name)
         way = None
-        # A shortened vehicle does not advance in SUMO, but has its speed for those behind.
+        # A shortened vehicle does not advance in SUMO, but shows its speed to its followers.
         if here and not self._cut:
             way = self._lanes.distance(here, self._get_position(self.name), table, position)
-        if way is None or not -ROLLBACK <= way <= FASTEST * self._step:
+        if way is None or not -ROLLBACK <= way <= JUMP_SPEED * self._step:
             way = min(speed * self._step, position)
             vehicle.moveTo(self.name, table.id, position - way)
         vehicle.setSpeed(self.name, max(way, 0.0) / self._step)
         vehicle.setLateralLanePosition(self.name, side)
 
     def move(self, x: float, y: float, yaw: float, speed: float) -> None:
-        """Moves it to a point off the lanes, in SUMO's coordinates, at the end of the step."""
+        """Moves it to a point off the lanes, in SUMO's coordinates, at the end of the next step."""
         angle = 90.0 - math.degrees(yaw)
         vehicle = self._api.vehicle
         vehicle.moveToXY(self.name, "", -1, x, y, angle, EXACT_POSE, MATCH_RADIUS)

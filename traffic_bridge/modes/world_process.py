@@ -1,4 +1,4 @@
-"""One traffic simulation in its own process: the code of the process, and the caller's handle."""
+"""Runs one traffic simulation in its own process; the caller holds a `WorldProcess`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from iits_mj.core.output_files import TemporaryFolder
 if TYPE_CHECKING:
     from traffic_bridge.modes.sumo_modes import PureSim
 
-# Exceptions when a process is started; AssertionError in a daemon, which may have no children.
+# Raised when a process cannot be started; AssertionError in a daemon, which may have no children.
 _NOT_STARTED = (
     OSError,
     RuntimeError,
@@ -33,8 +33,8 @@ _NOT_STARTED = (
     AttributeError,
     TypeError,
 )
-END_TIME = 5.0  # [s] for a process to end by itself
-_TERMINATED = 128 + signal.SIGTERM  # exit code, as shells have it
+END_TIME = 5.0  # [s] for a process to end on request
+_TERMINATED = 128 + signal.SIGTERM  # exit code, as in shells
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,9 @@ class Failure:
     """An error in a world.
 
     Attributes:
-      kind: class of our exception.
+      kind: class of the exception to raise.
       text: its message.
-      trace: traceback in the process, for errors that are not ours; else empty.
+      trace: traceback in the process for errors of other classes; else empty.
     """
 
     kind: type[Error]
@@ -63,18 +63,18 @@ def message_of(content: tuple[Any, ...], what: str) -> bytes:
     """A message to a world as bytes; InputError if its content cannot be pickled."""
     try:
         return bytes(ForkingPickler.dumps(content))
-    except Exception as error:  # pickling runs code of what is pickled
+    except Exception as error:  # pickling runs code of the pickled objects
         raise InputError(f"{what} cannot be handed to another process: {error}") from error
 
 
 class WorldProcess:
     """Handle of a process in which one traffic simulation runs.
 
-    The process has its own folder for temporary files, also of SUMO. Both sides remove it, so that
-    nothing is left if one of them is killed.
+    The process has its own folder for temporary files, also SUMO's. Both sides remove it, so that
+    no file is left if one of them is killed.
 
     Args:
-      make: makes the simulation, in the process; must be picklable.
+      make: makes the simulation in the process; must be picklable.
 
     Raises:
       TrafficError: the process cannot be started.
@@ -105,7 +105,7 @@ class WorldProcess:
 
     @property
     def alive(self) -> bool:
-        """Whether it can be asked."""
+        """Whether the process can answer."""
         return not self._ended and self._process.is_alive()
 
     @property
@@ -117,12 +117,12 @@ class WorldProcess:
         """Sends a message of `message_of`; `receive` returns the answer.
 
         Raises:
-          TrafficError: the last answer was not received yet.
+          TrafficError: the previous answer was not received.
         """
         if self._working:
             raise TrafficError("a step is under way: receive_step() comes first")
         self._working = True
-        # `receive` reports a process that has died.
+        # `receive` reports a process that has ended.
         with contextlib.suppress(OSError):
             if not self._ended:
                 self._link.send_bytes(message)
@@ -140,7 +140,9 @@ class WorldProcess:
             self.end(f"gave no answer for {timeout:g} s and was ended; reset it to start it again")
         except (EOFError, OSError):
             self._process.join(1.0)
-            self.end(f"its process ended by itself ({self._cause()}); reset it to start it again")
+            self.end(
+                f"its process ended unexpectedly ({self._cause()}); reset it to start it again"
+            )
         return Failure(TrafficError, self._ended)
 
     def ask_to_end(self) -> None:
@@ -176,10 +178,10 @@ class WorldProcess:
 
 
 def serve(link: Connection, make: Callable[[], PureSim], folder: str) -> None:
-    """The code of the process: answers one message after the other until the end."""
-    # Ctrl-C reaches the whole process group; the caller decides about its worlds.
+    """Answers one message after the other in the process, until the end."""
+    # Ctrl-C reaches the whole process group, but only the caller ends its worlds.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # Python (for daemons) and `timeout` end a process so; SUMO is closed before.
+    # Python (for daemons) and `timeout` end a process by SIGTERM; SUMO is closed before.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(_TERMINATED))
     tempfile.tempdir = folder
     traffic: PureSim | None = None
@@ -189,7 +191,7 @@ def serve(link: Connection, make: Callable[[], PureSim], folder: str) -> None:
         traffic = make()
 
     try:
-        # The end of the link is the end of the caller.
+        # The link ends when the caller ends.
         with contextlib.suppress(EOFError, OSError):
             _answer(link, begin)
             while traffic is not None and (message := link.recv_bytes()):
@@ -228,7 +230,7 @@ def _remove(folder: str) -> None:
 
 
 def _do(traffic: PureSim, message: bytes) -> Any:
-    content = _read(message, InputError, "what was handed over")
+    content = _read(message, InputError, "the message")
     if isinstance(content, Failure):
         return content
     what, *arguments = content

@@ -1,1 +1,1 @@
-"""The roads of a map as SUMO sees them: nets, lanes, graphs and positions."""
+"""The roads of a map in SUMO: nets, lanes, graphs and positions."""

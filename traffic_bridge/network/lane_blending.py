@@ -1,57 +1,56 @@
 """Removes the steps between the roads under SUMO's lanes: at seams and inside junctions.
 
-Maps can have some decimeters between roads that follow each other. Where one lane leads to exactly
-one lane, each side takes half of the step, faded out over a window by a cubic, as on the ego's
-route (`iits_mj.road.seams`). Inside a junction a lane starts and ends where its neighbors do.
+In some maps consecutive roads are some decimeters apart. Where one lane leads to exactly one lane,
+each side takes half of the step, faded out over a window by a cubic, as on the ego's route
+(`iits_mj.road.seams`). Inside a junction a lane starts and ends where its neighbors do.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 
 import numpy as np
 
+from iits_mj.core.angles import wrap_angle
 from iits_mj.core.arrays import FloatArray
-from iits_mj.road.road_frames import SurfacePoint, wrap
+from iits_mj.road.road_frames import SurfacePoint
 from traffic_bridge.network.net_file import NetFile
 
 WINDOW = 30.0  # [m] over which half of a step fades out
-STEP_LIMIT = 3.0  # [m]: ends that are farther apart do not belong together (as on routes)
+STEP_LIMIT = 3.0  # [m]: lane ends farther apart do not meet (as on routes)
 SHORT = 0.5  # [m]: a joint this short has no direction of its own
 _HEADING = SurfacePoint._fields.index("heading")
 
 
-class LaneSeams:
-    """Which lane ends meet.
+def lane_seams(net: NetFile, joints: Collection[str]) -> tuple[dict[str, str], dict[str, str]]:
+    """The lanes that meet at a seam, where one lane leads to exactly one lane.
 
     Args:
       net: the file.
       joints: SUMO's own short lanes inside junctions, which lie on no road.
 
-    Attributes:
-      after, before: the lane that follows or precedes a lane, by lane.
+    Returns:
+      The lane after a lane, and the lane before a lane, by lane id.
     """
-
-    def __init__(self, net: NetFile, joints: frozenset[str]) -> None:
-        after: dict[str, list[str]] = {}
-        before: dict[str, list[str]] = {}
-        for link in net.connections:
-            if not link.start.startswith(":"):
-                after.setdefault(link.start, []).append(link.end)
-                before.setdefault(link.end, []).append(link.start)
-        self.after: dict[str, str] = {}
-        self.before: dict[str, str] = {}
-        for link in net.connections:
-            start, end = link.start, link.end
-            plain = not link.via or link.via in joints
-            if plain and after.get(start) == [end] and before[end] == [start]:
-                self.after[start], self.before[end] = end, start
+    ends: dict[str, list[str]] = {}
+    starts: dict[str, list[str]] = {}
+    for link in net.connections:
+        if not link.start.startswith(":"):
+            ends.setdefault(link.start, []).append(link.end)
+            starts.setdefault(link.end, []).append(link.start)
+    after = {}
+    for link in net.connections:
+        plain = not link.via or link.via in joints
+        if plain and ends.get(link.start) == [link.end] and starts[link.end] == [link.start]:
+            after[link.start] = link.end
+    return after, {end: start for start, end in after.items()}
 
 
 def half_step(here: SurfacePoint, there: SurfacePoint) -> FloatArray | None:
-    """Half of the step from one end to another; None if they are equal or too far apart."""
+    """Half of the step from one lane end to another; None if it is zero or too large."""
     step = np.array([float(b[0] - a[0]) for a, b in zip(here, there, strict=True)])
-    step[_HEADING] = wrap(step[_HEADING])
+    step[_HEADING] = wrap_angle(step[_HEADING])
     if math.hypot(step[0], step[1]) > STEP_LIMIT or abs(step[2]) > STEP_LIMIT:
         return None
     return 0.5 * step if np.abs(step).max() > 1e-9 else None
@@ -60,14 +59,14 @@ def half_step(here: SurfacePoint, there: SurfacePoint) -> FloatArray | None:
 def blended(
     point: SurfacePoint, distance: FloatArray, length: float, step: FloatArray, at_end: bool
 ) -> SurfacePoint:
-    """Points of a lane moved by a step that fades with the distance from one end.
+    """Points of a lane, moved by a step that fades with the distance from one end.
 
     Args:
-      point: of the lane, columns of shape (n,).
+      point: points of the lane, columns of shape (n,).
       distance: from the lane's beginning [m], shape (n,).
       length: of the lane [m]; the windows of its two ends do not overlap.
-      step: at the end that moves, in the order of `SurfacePoint`, shape (6,).
-      at_end: the lane's end moves, not its beginning.
+      step: at the moved end, in the order of `SurfacePoint`, shape (6,).
+      at_end: True moves the lane's end, False its beginning.
     """
     window = min(WINDOW, 0.5 * length)
     u = np.minimum((length - distance if at_end else distance) / window, 1.0)
@@ -79,9 +78,9 @@ def blended(
 
 
 def joint(start: SurfacePoint, end: SurfacePoint, u: FloatArray) -> SurfacePoint:
-    """A cubic Hermite curve from point to point, at fractions u of it."""
+    """Points at the fractions u of a cubic Hermite curve between two points."""
     gap = math.hypot(float(end.x[0] - start.x[0]), float(end.y[0] - start.y[0]))
-    turn = np.array([wrap(float(end.heading[0] - start.heading[0]))])
+    turn = np.array([wrap_angle(float(end.heading[0] - start.heading[0]))])
     bank = start.bank + u * (end.bank - start.bank)
     if gap < SHORT:
         x, y, z, grade = (
@@ -114,16 +113,16 @@ def moved(
     end: SurfacePoint,
     given_end: SurfacePoint | None,
 ) -> SurfacePoint:
-    """A lane inside a junction, moved to begin at `start` and end at `end`.
+    """Points of a lane inside a junction, moved so that it begins at `start` and ends at `end`.
 
-    The steps from its own ends (`given_start`, `given_end`; None: no step) fade along it with the
-    fractions u.
+    The steps at its own ends (`given_start`, `given_end`; None: no step) fade along the lane with
+    the fractions u.
     """
     columns = []
     for k, column in enumerate(point):
         steps = []
         for wanted, given in ((start, given_start), (end, given_end)):
             step = 0.0 if given is None else float(wanted[k][0] - given[k][0])
-            steps.append(wrap(step) if point._fields[k] == "heading" else step)
+            steps.append(wrap_angle(step) if point._fields[k] == "heading" else step)
         columns.append(column + (1.0 - u) * steps[0] + u * steps[1])
     return SurfacePoint(*columns)

@@ -1,4 +1,4 @@
-"""How the lanes and edges of a net are connected, and the quickest paths through it."""
+"""Connections between the lanes and edges of a net, and the quickest paths through it."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from iits_mj.core.errors import InputError, TrafficError
 from iits_mj.road import Route
 from traffic_bridge.network.net_file import NetEdge, NetFile, NetLane
 
-# The edge that follows an edge on a vehicle's way; None at the end of the way.
+# The next edge on a vehicle's way; None at its end.
 Onward = Callable[[str], str | None]
 
-LOOK_AHEAD = 400.0  # [m] in which slower lanes matter
-GENTLE = 1.2  # [m/s2], a braking every vehicle can do (judgement)
+LOOK_AHEAD = 400.0  # [m] ahead of a vehicle in which the limits of lanes matter
+GENTLE = 1.2  # [m/s2], a deceleration that every vehicle can reach (judgement)
 LEAST_SPEED = 0.1  # [m/s]: a limit of nearly zero gives a long time instead of a division by zero
 
 
 class LaneGraph:
-    """The lanes of a net and how they are connected.
+    """The lanes of a net and their connections.
 
     Args:
-      lanes: all of them.
+      lanes: of the net.
       links: (lane that begins at its end, edge to which it leads) of each lane, by id.
-      connections: (start, end) of each connection between two lanes, over the junction.
+      connections: (start, end) of each connection between two lanes, across the junction.
 
     Attributes:
       lanes: by id, sorted.
@@ -61,7 +61,7 @@ class LaneGraph:
         return cls(net.lanes.values(), net.links, ((c.start, c.end) for c in net.connections))
 
     def after(self, lane: NetLane, onward: Onward) -> NetLane | None:
-        """The lane that a vehicle drives on to at a lane's end; None if its way ends there."""
+        """The next lane of a vehicle at the end of a lane; None if its way ends there."""
         links = self._links[lane.id]
         if lane.internal:
             return self.lanes[links[0][0]] if links else None
@@ -73,11 +73,11 @@ class LaneGraph:
         return self._before[lane.id]
 
     def from_entries(self, edges: Collection[str], reach: float) -> dict[str, float]:
-        """Distance of the beginnings of lanes from where traffic enters [m], by lane.
+        """Distance from the nearest entrance to the beginning of each lane [m], by lane.
 
         Args:
           edges: edges at whose beginnings traffic enters.
-          reach: lanes farther away are left out [m].
+          reach: lanes farther away are omitted [m].
         """
         found = {lane.id: 0.0 for lane in self.lanes.values() if lane.edge in edges}
         todo = list(found)
@@ -91,18 +91,18 @@ class LaneGraph:
         return found
 
     def leads_to(self, lane: str) -> list[str]:
-        """The driving lanes that a lane leads to over the junction, sorted."""
+        """The driving lanes to which a lane leads across the junction, sorted."""
         return sorted(self._leads_to.get(lane, ()))
 
     def reach(self, lane: str, edges: tuple[str, ...]) -> float:
-        """Distance from the beginning of a lane to where a vehicle must have left it [m].
+        """Distance from the beginning of a lane within which a vehicle must leave it [m].
 
         Args:
           lane: on the first edge.
-          edges: to drive along.
+          edges: of the vehicle's way.
 
         Returns:
-          Infinite if the lane leads along all edges; 0 if cars may not drive on it.
+          Infinite if the lane leads along all edges; 0 if it is closed to cars.
         """
         key = (lane, edges)
         if key not in self._reaches:
@@ -116,8 +116,8 @@ class LaneGraph:
 
         Args:
           lane: on the first edge.
-          position: on it [m].
-          edges: to drive along.
+          position: on the lane [m].
+          edges: of the vehicle's way.
         """
         here = self.lanes[lane]
         limit, distance = here.speed, here.length - position
@@ -136,7 +136,7 @@ class LaneGraph:
     def _find_reach(self, lane: str, edges: tuple[str, ...]) -> float:
         if not self.lanes[lane].is_driving:
             return 0.0
-        # From the last edge backwards; of several lanes that follow, the best one counts.
+        # From the last edge backwards; of several following lanes, the best one counts.
         reach: dict[str, float] = {}
         for here, after in zip(reversed(edges), (None, *reversed(edges[1:])), strict=True):
             at_edge = {}
@@ -162,7 +162,7 @@ def edges_along(net: NetFile, route: Route, sense: int) -> tuple[str, ...]:
     Args:
       net: of the route's map.
       route: the ego's road.
-      sense: along the route (+1), or in the opposite direction (-1; empty if there are no edges).
+      sense: +1 along the route, -1 in the opposite direction (empty if there are no edges).
 
     Raises:
       TrafficError: the net does not hold the route's roads.
@@ -170,7 +170,7 @@ def edges_along(net: NetFile, route: Route, sense: int) -> tuple[str, ...]:
     known = sorted(edge.id for edge in net.edges if not edge.internal)
     chain: list[str] = []
     for segment in route.segments if sense > 0 else reversed(route.segments):
-        # A road inside a junction has become internal lanes between two edges.
+        # netconvert turns a road inside a junction into internal lanes between two edges.
         if route.road_map.roads[segment.road_id].junction not in (None, "-1", ""):
             continue
         base = ("-" if segment.direction * sense > 0 else "") + segment.road_id
@@ -207,7 +207,7 @@ class MapPath:
 
     Attributes:
       edges: SUMO edges in driving order, without those inside junctions.
-      length: from the beginning of the first to the end of the last edge, junctions included [m].
+      length: from the beginning of the first edge to the end of the last, with junctions [m].
       time: at the speed limits [s].
     """
 
@@ -219,11 +219,11 @@ class MapPath:
 class MapPaths:
     """The graph of a net's edges that are open to cars, and the quickest paths through it.
 
-    Paths rely on lane changes: an edge leads on if any of its lanes does.
+    Paths rely on lane changes: an edge leads to another edge if any of its lanes does.
 
     Attributes:
       ids: of the edges, sorted.
-      entrances: edges to which no edge leads; exits: edges that lead to no edge.
+      entrances: edges without a preceding edge; exits: edges without a following edge.
     """
 
     def __init__(self, net: NetFile) -> None:
@@ -287,8 +287,7 @@ class MapPaths:
         if not np.isfinite(times[i, j]):
             reached = ", ".join(sorted(self.reachable(start) - {start})[:8]) or "no other edge"
             raise InputError(
-                f"there is no way from edge {start!r} to edge {end!r}; from {start!r} one reaches "
-                f"{reached}"
+                f"there is no way from edge {start!r} to edge {end!r}; {start!r} leads to {reached}"
             )
         chain = [j]
         while chain[-1] != i:
@@ -321,7 +320,7 @@ class MapPaths:
 
     @cached_property
     def _searched(self) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-        """Times between all pairs of edges [s], and the edge before each on the way to it."""
+        """Times between all pairs of edges [s], and the last edge before each on the way to it."""
         from scipy.sparse import csr_array
         from scipy.sparse.csgraph import dijkstra
 

@@ -1,11 +1,11 @@
-"""Where SUMO's lanes lie on the road's surface, on and off the ego's route and inside junctions.
+"""Position of SUMO's lanes on the road's surface: on the ego's route, off it and in junctions.
 
-SUMO's shapes are polylines without cross slope. So a lane's position comes from the roads that it
-was made of; netconvert's shape only tells which part of a road the lane covers.
+SUMO's shapes are polylines without cross slope. So a lane's position comes from the road that
+netconvert made the lane from; the shape only shows which part of that road the lane covers.
 
 A lane inside a junction connects the lanes before and after it without a step: it follows its
-connecting road, moved by the differences at both ends (some centimeters). A short joint of SUMO's
-own, without a road, is a cubic from end to end.
+connecting road, moved by the differences at both ends (some centimeters). SUMO's own short joints,
+which have no road, are cubics from end to end.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError, TrafficError
 from iits_mj.road.road_frames import RoadFrame, RoadFrames, SurfacePoint
-from traffic_bridge.network.lane_blending import LaneSeams, blended, half_step, joint, moved
+from traffic_bridge.network.lane_blending import blended, half_step, joint, lane_seams, moved
 from traffic_bridge.network.net_file import NetConnection, NetFile, NetLane, distances_along
 
 STEP = 2.0  # [m] between the points that measure the length of a lane's center
@@ -30,7 +30,7 @@ class LaneSurface(NamedTuple):
     """Samples of one SUMO lane, arrays of shape (n,).
 
     Attributes:
-      position: along the lane, as SUMO counts [m], evenly spaced from 0 to the lane's length.
+      position: along the lane in SUMO's measure [m], evenly spaced from 0 to the lane's length.
       x, y, z: of the lane's center on the road's surface, map frame [m].
       heading: of travel [rad]; continuous along the lane.
       grade: dz over horizontal distance, positive uphill in travel.
@@ -50,9 +50,9 @@ class LaneSurface(NamedTuple):
 class Stretch:
     """The part of a road that a SUMO lane covers: stations `s` at fractions `part` of its length.
 
-    Fractions grow evenly with the length of the lane's center, averaged over the lanes of an edge,
-    so that vehicles at the same position of neighboring lanes are side by side. `lanes` are the
-    lane's OpenDRIVE ids by lane section.
+    Fractions grow in proportion to the length of the lane's center, averaged over the lanes of an
+    edge, so that vehicles at equal positions of neighboring lanes are side by side. `lanes` holds
+    the lane's OpenDRIVE id in each lane section.
     """
 
     frame: RoadFrame
@@ -80,7 +80,7 @@ class Stretch:
 
     def part_at(self, s: float) -> float:
         """Fraction of the lane at a station, 0 to 1."""
-        order = slice(None) if self.s[-1] > self.s[0] else slice(None, None, -1)
+        order = slice(None, None, int(self.sense))
         return float(np.interp(s, self.s[order], self.part[order]))
 
 
@@ -95,13 +95,13 @@ class JunctionLane(NamedTuple):
 class LaneSurfaces:
     """Surfaces of every lane of a net.
 
-    Attributes:
-      lanes: by SUMO's id.
-      inside: lanes inside junctions and the connection that each is part of.
-
     Args:
       net: the file.
-      frames: of the map it was made from.
+      frames: of the map from which the net was made.
+
+    Attributes:
+      lanes: by SUMO's id.
+      inside: the connection of each lane inside a junction.
 
     Raises:
       TrafficError: the net names a road or lane that the map does not have.
@@ -114,7 +114,7 @@ class LaneSurfaces:
         self._stretches: dict[str, Stretch | None] = {}
         self.inside = self._find_inside()
         joints = (name for name in self.inside if self.lanes[name].origin is None)
-        self._seams = LaneSeams(net, frozenset(joints))
+        self._after, self._before = lane_seams(net, frozenset(joints))
         self._steps: dict[str, tuple[FloatArray | None, FloatArray | None]] = {}
         for lane in self.lanes.values():
             if lane.origin is not None:
@@ -147,7 +147,7 @@ class LaneSurfaces:
 
         Args:
           name: SUMO lane id.
-          position: along the lane, as SUMO counts [m], shape (n,).
+          position: along the lane in SUMO's measure [m], shape (n,).
           offset: to the left of its center [m], shape (n,) or a number.
 
         Raises:
@@ -163,8 +163,8 @@ class LaneSurfaces:
         point = stretch.frame.evaluate(stretch.lanes, stretch.s_at(part), offset)
         if name not in self._steps:
             self._steps[name] = (
-                self._half_step(stretch, self._seams.before.get(name), 0),
-                self._half_step(stretch, self._seams.after.get(name), -1),
+                self._half_step(stretch, self._before.get(name), 0),
+                self._half_step(stretch, self._after.get(name), -1),
             )
         start, end = self._steps[name]
         if start is not None:
@@ -183,8 +183,6 @@ class LaneSurfaces:
                 self._stretches[each.id] = found
         return self._stretches[name]
 
-    # Inside ------------------------------------------------------------------------------------
-
     def _check(self, lane: NetLane, road: str, number: int) -> None:
         if road not in self._frames.road_map.roads or all(
             section.lane(number) is None for section in self._frames.road_map.roads[road].sections
@@ -196,7 +194,7 @@ class LaneSurfaces:
             )
 
     def _find_inside(self) -> dict[str, JunctionLane]:
-        """The lanes inside junctions; one connection may be two lanes long."""
+        """The lanes inside junctions; one connection may consist of two lanes."""
         found = {}
         for connection in self._net.connections:
             if connection.start.startswith(":") or not connection.via:
@@ -228,10 +226,10 @@ class LaneSurfaces:
         return [Stretch(frame, names, part, s) for names in named]
 
     def _names(self, lane: NetLane, frame: RoadFrame, s: FloatArray) -> dict[int, int]:
-        """OpenDRIVE ids of a SUMO lane in every lane section that it runs through.
+        """OpenDRIVE ids of a SUMO lane in every lane section on its way.
 
-        The net's own name is usually right, also where netconvert draws a tapered lane beside its
-        true position; but an edge may run through sections that count their lanes differently.
+        The id in the net is usually right, also where netconvert draws a tapered lane beside its
+        true position; but the sections of one edge may number their lanes differently.
         """
         given = 0 if lane.origin is None else lane.origin[1]
         shape = self._map_shape(lane)
@@ -267,7 +265,7 @@ class LaneSurfaces:
         return lane.shape - np.asarray(self._net.offset)
 
     def _half_step(self, stretch: Stretch, neighbor: str | None, end: int) -> FloatArray | None:
-        """By how much a lane's end moves to meet its neighbor; None if it does not move."""
+        """Displacement of a lane's end so that it meets its neighbor; None if it does not move."""
         other = None if neighbor is None else self.stretch(neighbor)
         if other is None or other.frame is stretch.frame:
             return None

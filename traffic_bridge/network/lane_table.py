@@ -19,12 +19,11 @@ from iits_mj.road import Route
 from traffic_bridge.network.lane_surface import LaneSurface
 from traffic_bridge.network.net_file import NetLane, distances_along
 
-SAMPLE_SPACING = 5.0  # [m] of cubic pieces: exact to millimetres in a motorway's bends
-JUNCTION_SPACING = 1.0  # [m] where a truck's turn has a radius of some metres
+SAMPLE_SPACING = 5.0  # [m] of cubic pieces: exact to millimeters in a motorway's bends
+JUNCTION_SPACING = 1.0  # [m] where a truck's turn has a radius of some meters
 NEWTON_STEPS = 12
 SETTLED = 1e-6  # [m]
 FARTHEST_STEP = 30.0  # [m] of Newton's method
-POSE_ROWS = ("x", "y", "z", "station", "offset", "heading", "pitch", "roll", "curvature")
 # Columns of a stack of lanes: four coefficients of x, y and z, then two of each other row.
 _CUBIC = 3
 _LINEAR = 6
@@ -42,8 +41,8 @@ class LaneTable:
       lane: index from the right among the route's driving lanes; -1 for other lanes.
       direction: +1 in the route's direction of travel, -1 for the route's oncoming lanes, 0 for
         lanes of other roads.
-      length: as SUMO counts positions [m].
-      spacing: between samples, in SUMO's positions [m].
+      length: in SUMO's measure of positions [m].
+      spacing: between samples, in the same measure [m].
       station, offset: of the lane's center at the samples, on the route [m], shape (n,).
       pose: x, y, z, heading, pitch, roll, curvature of the lane's center on the road's surface in
         its own direction, in the map frame, heading continuous, shape (7, n).
@@ -67,10 +66,10 @@ class LaneTable:
         return stations.tolist(), self.offset.tolist()
 
     def at(self, position: float) -> tuple[float, float]:
-        """Station and offset at a position along the lane; beyond its ends straight on.
+        """Station and offset at a position along the lane, extrapolated beyond its ends.
 
         Beyond the ends a meter along the lane is a meter of station, because the slope of an
-        internal lane of some centimeters means nothing.
+        internal lane of some centimeters is not meaningful.
         """
         s, d = self._plain
         last = len(d) - 1
@@ -120,10 +119,10 @@ def locate_along(
     """Stations and offsets of the points of a route's lane, all at once by Newton's method.
 
     Args:
-      route: to locate on.
-      x: of the points in the map frame, in the order of the lane [m], shape (n,).
+      route: the ego's road.
+      x: of the points, in the order of the lane, map frame [m], shape (n,).
       y: likewise.
-      near: station near the first point.
+      near: station near the first point [m].
       direction: +1 where stations increase along the lane, -1 where they decrease.
     """
     first, _ = route.locate(float(x[0]), float(y[0]), near)
@@ -143,7 +142,7 @@ def locate_along(
 def locate_each(
     route: Route, x: FloatArray, y: FloatArray, near: float | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Nearest stations and offsets of points, one after the other; shape (n,) each."""
+    """Nearest stations and offsets of points, located one by one; shape (n,) each."""
     station, offset = np.empty(len(x)), np.empty(len(x))
     for k in range(len(x)):
         station[k], offset[k] = route.locate(float(x[k]), float(y[k]), near)
@@ -156,42 +155,26 @@ def route_pose(route: Route, station: FloatArray, offset: FloatArray, direction:
     point = route.evaluate(station, offset)
     stretch = np.maximum(1.0 - point.curvature * offset, 0.2)
     way = per_sample(station) * stretch
-    # Some internal lanes have no length, and no direction but the road's.
+    # Some internal lanes have no length; their direction is the road's.
     aside = np.divide(per_sample(offset), way, out=np.zeros_like(way), where=np.abs(way) > 1e-6)
     heading = np.unwrap(point.heading + np.arctan(aside) + (math.pi if direction < 0 else 0.0))
     sense = float(direction)
-    return with_curvature(
-        np.stack(
-            (
-                point.x,
-                point.y,
-                point.z,
-                heading,
-                -sense * np.arctan(point.grade),
-                sense * point.superelevation,
-            )
-        )
-    )
+    pitch, roll = -sense * np.arctan(point.grade), sense * point.superelevation
+    return with_curvature(point.x, point.y, point.z, heading, pitch, roll)
 
 
 def surface_pose(surface: LaneSurface) -> FloatArray:
     """Pose of a lane's center from its road's surface, shape (7, n); see `LaneTable`."""
-    return with_curvature(
-        np.stack(
-            (
-                surface.x,
-                surface.y,
-                surface.z,
-                np.unwrap(surface.heading),
-                -np.arctan(surface.grade),
-                surface.bank,
-            )
-        )
-    )
+    heading, pitch = np.unwrap(surface.heading), -np.arctan(surface.grade)
+    return with_curvature(surface.x, surface.y, surface.z, heading, pitch, surface.bank)
 
 
-def with_curvature(pose: FloatArray) -> FloatArray:
-    """Adds the curvature, the change of heading over the distance, shape (6, n) to (7, n)."""
+def with_curvature(*rows: FloatArray) -> FloatArray:
+    """Stacks x, y, z, heading, pitch and roll and adds the curvature, shape (7, n).
+
+    The curvature is the change of heading over the distance.
+    """
+    pose = np.stack(rows)
     reach = np.hypot(per_sample(pose[0]), per_sample(pose[1]))
     curvature = np.divide(per_sample(pose[3]), reach, out=np.zeros_like(reach), where=reach > 1e-6)
     return np.concatenate((pose, curvature[None]))
@@ -209,7 +192,7 @@ class LanePoses:
       make: makes the table of a SUMO lane by id; called once for each lane.
 
     Attributes:
-      tables: of every lane that was asked for; a lane's number is its index here.
+      tables: of every lane with a number; the number is the index in this list.
     """
 
     def __init__(self, make: Callable[[str], LaneTable]) -> None:
@@ -221,7 +204,7 @@ class LanePoses:
         # Of each lane: first piece, last piece, number on the route, direction on it.
         self._of_lane: IntArray = np.zeros((4, 0), dtype=np.intp)
         self._scale: FloatArray = np.zeros(0)
-        # Of the lanes of the last call; most often they are the same in the next one.
+        # Of the lanes of the last call; the next call usually has the same lanes.
         self._asked: IntArray | None = None
         self._answer = self._of_lane, self._scale
 
@@ -234,15 +217,15 @@ class LanePoses:
         return found
 
     def evaluate(self, lane: IntArray, position: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Poses of the lanes' centers at positions along them; beyond their ends straight on.
+        """Poses of the lanes' centers at positions along them, extrapolated beyond their ends.
 
         Args:
-          lane: numbers, shape (n,); must not be changed afterwards.
-          position: as SUMO counts them [m], shape (n,).
+          lane: numbers, shape (n,); the caller must not change the array afterwards.
+          position: in SUMO's measure [m], shape (n,).
 
         Returns:
-          Rows `POSE_ROWS`, shape (9, n); index on the route (-1 off it) and direction (see
-          `LaneTable`) of the lanes, shape (2, n).
+          x, y, z, station, offset, heading, pitch, roll and curvature, shape (9, n); index on the
+          route (-1 off it) and direction (see `LaneTable`) of the lanes, shape (2, n).
         """
         if lane is not self._asked:
             if self._stacked != len(self.tables):
@@ -283,7 +266,7 @@ def _pieces(table: LaneTable) -> FloatArray:
     """Polynomials between the samples of a lane: cubic Hermite for x, y and z, else linear.
 
     Returns:
-      Shape (samples - 1, _WIDTH), the variable going from 0 to 1 in each piece.
+      Shape (samples - 1, _WIDTH); the variable runs from 0 to 1 in each piece.
     """
     x, y, z, heading, pitch, roll, curvature = table.pose
     # The tangent comes from the heading, which is exact; the samples' differences are not.

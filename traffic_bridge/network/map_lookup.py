@@ -1,4 +1,4 @@
-"""Converts points of the map to road, lane, station and offset, and to SUMO's lanes; and back."""
+"""Converts map points to road, lane, station and offset and to SUMO's lanes, and back."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from iits_mj.core.angles import wrap_angle
 from iits_mj.core.errors import InputError
 from iits_mj.road.elements import DRIVING_TYPES
-from iits_mj.road.road_frames import RoadFrame, RoadFrames, wrap
+from iits_mj.road.road_frames import RoadFrame, RoadFrames
 from traffic_bridge.network.lane_surface import LaneSurfaces, Stretch
 from traffic_bridge.network.net_file import NetLane
 
-NEAR = 5.0  # [m] beyond a lane's end at which a point of its road still belongs to it
+NEAR = 5.0  # [m] beyond a lane's end within which a point of its road belongs to the lane
 SAMPLE_SPACING = 5.0  # [m] between the reference lines' points in the spatial index
 END_TOLERANCE = 0.5  # [m] by which a point may lie beyond its road's end: roads leave small gaps
-HEADING_WEIGHT = 5.0  # [m/rad]: how much a wrong heading counts against a place
+HEADING_WEIGHT = 5.0  # [m/rad]: penalty of a wrong heading in the choice of a lane
 
 
 @dataclass(frozen=True)
@@ -74,8 +75,8 @@ class MapLookup:
     ) -> Place | None:
         """The place of a point, or None if it lies on no road.
 
-        Where roads lie over each other (in junctions, at bridges) the lane with the nearest center
-        is taken; height and heading, if given, are compared before that.
+        Where roads overlap (in junctions, at bridges), height and heading decide if they are given,
+        then the nearest lane center.
 
         Args:
           x: map frame [m].
@@ -128,7 +129,7 @@ class MapLookup:
         stretch = self.surfaces.stretch(sumo_lane)
         s = math.nan if stretch is None else float(stretch.s_at(position / lane.length))
         if stretch is None or not 0.0 <= s <= stretch.frame.length:
-            # SUMO's own joint, or a junction that extends into the roads before and after it.
+            # SUMO's own joint, or a junction that extends into the adjacent roads.
             point = self.surfaces.at(sumo_lane, position, offset)
             x, y, z, heading = (float(value[0]) for value in point[:4])
             found = self.locate(x, y, heading, z)
@@ -176,9 +177,9 @@ class MapLookup:
             point = frame.line.evaluate(float(frame.line.station(s)), t)
             if heading is not None:
                 against = 0.0 if lane < 0 else math.pi
-                turned = abs(wrap(heading - float(point.heading) - against))
+                turned = abs(wrap_angle(heading - float(point.heading) - against))
             if z is not None:
-                # Decks of a bridge are metres apart; less than one is the same surface.
+                # Decks of a bridge are meters apart; below 1 m it is the same surface.
                 height = float(math.floor(abs(z - float(point.z))))
         other = 0.0 if frame.kind(s, lane) in DRIVING_TYPES else 1.0
         return (height, other, abs(offset) + HEADING_WEIGHT * turned), offset
@@ -248,7 +249,7 @@ class MapLookup:
 
 
 class _Covered(NamedTuple):
-    """Stations of a road that a SUMO lane covers; `parts` of the lane if it has no stretch."""
+    """Stations of a road covered by a SUMO lane; `parts` of the lane if it has no stretch."""
 
     low: float
     high: float
@@ -308,9 +309,9 @@ class LaneIndex:
     def _overhangs(
         self, lane: NetLane, stretch: Stretch | None
     ) -> Iterator[tuple[tuple[str, int], _Covered]]:
-        """What a lane inside a junction covers of the roads before and after it.
+        """The parts of the adjacent roads that a lane inside a junction covers.
 
-        SUMO's junctions extend some meters into the roads that meet there.
+        SUMO's junctions extend some meters into the adjacent roads.
         """
         connection, low, high = self._surfaces.inside[lane.id]
         before = self._surfaces.stretch(connection.start)
@@ -319,7 +320,7 @@ class LaneIndex:
             return
         if stretch is None:
             if before.frame is after.frame:
-                # Where a road closes to a loop the joint covers nothing of it.
+                # Where a road closes to a loop, the joint covers no part of it.
                 covered = before.sense * (float(after.s[0]) - float(before.s[-1]))
                 if covered > 1e-6:
                     yield _beyond(before, True, covered, lane.id, (0.0, 1.0))
@@ -336,14 +337,14 @@ class LaneIndex:
 def _beyond(
     stretch: Stretch, end: bool, covered: float, lane: str, parts: tuple[float, float]
 ) -> tuple[tuple[str, int], _Covered]:
-    """What another lane covers of a stretch's road beyond the stretch.
+    """The part of a stretch's road beyond the stretch that another lane covers.
 
     Args:
       stretch: of the road's own lane.
-      end: beyond its end, not before its beginning.
-      covered: length of road that is covered [m].
+      end: True for the part beyond its end, False for the part before its beginning.
+      covered: length of road [m].
       lane: the other lane.
-      parts: of the other lane, in travel.
+      parts: fractions of the other lane, in the direction of travel.
     """
     near = float(stretch.s[-1] if end else stretch.s[0])
     far = near + stretch.sense * (covered if end else -covered)

@@ -23,8 +23,8 @@ class MapLane:
       id: SUMO's; edge: its edge; index: from the right.
       road: OpenDRIVE's road id; lane: OpenDRIVE's lane id where the lane begins; "" and 0 for the
         short joints that SUMO puts between edges.
-      begin, end: stations of the road where the lane begins and ends, in travel [m].
-      length: as SUMO counts positions [m]; width: [m].
+      begin, end: stations of the road at the lane's beginning and end, in travel [m].
+      length: in SUMO's measure of positions [m]; width: [m].
       speed: limit [m/s]; inside junctions the speed that the bend allows.
       kind: OpenDRIVE's lane type.
       internal: inside one of SUMO's junctions.
@@ -65,7 +65,7 @@ class MapNetwork(MapLookup):
         network.path(place.edge, network.exits[0]).edges
 
     Attributes:
-      road_map: the map, which defines every position.
+      road_map: the map, which defines all positions.
       net: its SUMO net.
       lanes: every lane by SUMO's id, junction-internal ones included.
       connections: from lane to lane, with their turn and the light that controls them.
@@ -75,7 +75,7 @@ class MapNetwork(MapLookup):
     """
 
     def __init__(self, road_map: RoadMap, net: NetFile) -> None:
-        """Use `of`."""
+        """The network of a map and its net; `of` makes the net."""
         frames = RoadFrames(road_map)
         super().__init__(frames, LaneSurfaces(net, frames))
         self.road_map = road_map
@@ -115,30 +115,19 @@ class MapNetwork(MapLookup):
         """SUMO's nodes by id; x and y are the map's."""
         x, y = self.net.offset
         return {
-            node.id: NetJunction(
-                node.id, node.kind, node.x - x, node.y - y, node.incoming, node.inside
-            )
+            node.id: NetJunction(node.id, node.kind, node.x - x, node.y - y)
             for node in self.net.junctions
         }
 
-    def light_of(self, connection: NetConnection) -> str:
-        """The connection's first letter in the light's program; "" without a light."""
-        if not connection.light:
-            return ""
-        light = next(light for light in self.lights if light.id == connection.light)
-        return light.phases[0][1][connection.link]
-
-    # Lanes and paths ---------------------------------------------------------------------------
-
     def surface(self, lane: str, spacing: float = 1.0) -> LaneSurface:
-        """Samples of where a SUMO lane lies, `spacing` meters apart; see `LaneSurface`.
+        """Samples of a SUMO lane's position, `spacing` meters apart; see `LaneSurface`.
 
         Args:
           lane: SUMO lane id, on any road or inside a junction.
           spacing: at most, between samples [m].
 
         Raises:
-          InputError: no such lane, or the spacing is not positive.
+          InputError: there is no such lane, or the spacing is not positive.
         """
         return self.surfaces.surface(lane, spacing)
 
@@ -149,12 +138,12 @@ class MapNetwork(MapLookup):
 
     @property
     def entrances(self) -> tuple[str, ...]:
-        """Edges to which no other edge leads: where traffic enters the map."""
+        """Edges where traffic enters the map: no other edge leads to them."""
         return self.paths.entrances
 
     @property
     def exits(self) -> tuple[str, ...]:
-        """Edges that lead to no other edge: where traffic leaves the map."""
+        """Edges where traffic leaves the map: they lead to no other edge."""
         return self.paths.exits
 
     def routes(self) -> tuple[MapPath, ...]:
@@ -177,8 +166,6 @@ class MapNetwork(MapLookup):
         """
         return self.paths.reachable(_edge(start))
 
-    # Inside ------------------------------------------------------------------------------------
-
     def _lane(self, name: str) -> MapLane:
         lane = self.surfaces.lanes[name]
         stretch = self.surfaces.stretch(name)
@@ -197,7 +184,7 @@ def _edge(place: str | Place | None) -> str:
     if isinstance(place, str):
         return place
     if place is None:
-        raise InputError("there is no place to go from or to: the point lies beside every road")
+        raise InputError("a path needs a place on a road: the point lies beside every road")
     if not place.edge or place.edge.startswith(":"):
         raise InputError(
             f"the place on lane {place.lane} of road {place.road!r} at {place.station:g} m is on "

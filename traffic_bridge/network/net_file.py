@@ -1,7 +1,7 @@
 """Reads a SUMO net file (`.net.xml`) into plain records, without starting SUMO.
 
-SUMO's own reader (`sumolib.net`) is not used: it drops the lanes' OpenDRIVE type, which says where
-cars may drive, takes twice as long, and reports a damaged file with errors of other libraries.
+SUMO's own reader (`sumolib.net`) is not used: it drops the lanes' OpenDRIVE type, which defines
+where cars may drive, takes twice as long, and raises errors of other libraries on a damaged file.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class NetLane:
 
     Attributes:
       id: SUMO's; edge: its edge; index: from the right.
-      length: as SUMO counts positions [m]; width: [m]; speed: limit [m/s].
+      length: in SUMO's measure of positions [m]; width: [m]; speed: limit [m/s].
       kind: OpenDRIVE's lane type; "" if the net does not name it.
       origin: (road id, lane id) in OpenDRIVE, or None for SUMO's own short joints.
       open: to passenger cars.
@@ -63,11 +63,9 @@ class NetLane:
 
 @dataclass(frozen=True)
 class NetEdge:
-    """A stretch of road in one direction: its lanes from the right, and the nodes at its ends."""
+    """A stretch of road in one direction, with its lanes from the right."""
 
     id: str
-    start: str
-    end: str
     lanes: tuple[NetLane, ...]
 
     @property
@@ -77,7 +75,7 @@ class NetEdge:
 
     @property
     def length(self) -> float:
-        """Length as SUMO counts positions [m]."""
+        """Length in SUMO's measure of positions [m]."""
         return self.lanes[0].length
 
 
@@ -90,7 +88,6 @@ class NetConnection:
       via: the first lane inside the junction, or "".
       turn: "s" straight, "l" left, "r" right, "L" and "R" half left and right, "t" back.
       light: the traffic light that controls it, or ""; link: its letter's index there, or -1.
-      yields: whether its vehicles give way to others (by SUMO's state).
     """
 
     start: str
@@ -99,7 +96,6 @@ class NetConnection:
     turn: str
     light: str
     link: int
-    yields: bool
 
 
 @dataclass(frozen=True)
@@ -110,8 +106,6 @@ class NetJunction:
     kind: str
     x: float
     y: float
-    incoming: tuple[str, ...]
-    inside: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -125,11 +119,11 @@ class NetLight:
 
 @dataclass(frozen=True)
 class NetFile:
-    """A SUMO net: everything of it that this project uses.
+    """A SUMO net, reduced to the parts that this project uses.
 
     Attributes:
       path: of the file.
-      offset: what SUMO adds to the map's x and y [m].
+      offset: SUMO's x and y minus the map's x and y [m].
     """
 
     path: Path
@@ -141,10 +135,10 @@ class NetFile:
 
     @classmethod
     def read(cls, path: Path) -> NetFile:
-        """Reads a net file; a file that has not changed since is not read again.
+        """Reads a net file; an unchanged file is not read a second time.
 
         Raises:
-          TrafficError: the file is missing, not a SUMO net, or was written without original names.
+          TrafficError: the file is missing, no SUMO net, or written without original names.
         """
         try:
             status = path.stat()
@@ -164,7 +158,7 @@ class NetFile:
 
     @cached_property
     def links(self) -> dict[str, tuple[tuple[str, str], ...]]:
-        """(lane that begins at its end, edge to which it leads) of each lane that leads on."""
+        """(lane that begins at its end, edge to which it leads) of each connected lane."""
         found: dict[str, tuple[tuple[str, str], ...]] = {}
         for link in self.connections:
             onward = (link.via or link.end, link.end.rpartition("_")[0])
@@ -209,7 +203,7 @@ def _read(path: Path, _changed: int, _size: int) -> NetFile:
     for edge in found.edges:
         if not edge.internal and any(lane.origin is None for lane in edge.lanes):
             raise TrafficError(
-                f"{path}: edge {edge.id!r} does not say which OpenDRIVE lanes it is made of; "
+                f"{path}: edge {edge.id!r} does not name its OpenDRIVE lanes; "
                 "make the net with netconvert's --output.original-names"
             )
     return found
@@ -217,10 +211,8 @@ def _read(path: Path, _changed: int, _size: int) -> NetFile:
 
 def _edge(item: Element) -> NetEdge:
     identity = item.attrib["id"]
-    lanes = sorted(
-        (_lane(lane, identity) for lane in item.findall("lane")), key=lambda lane: lane.index
-    )
-    return NetEdge(identity, item.get("from", ""), item.get("to", ""), tuple(lanes))
+    lanes = (_lane(lane, identity) for lane in item.findall("lane"))
+    return NetEdge(identity, tuple(sorted(lanes, key=lambda lane: lane.index)))
 
 
 def _lane(item: Element, edge: str) -> NetLane:
@@ -228,7 +220,7 @@ def _lane(item: Element, edge: str) -> NetLane:
     origin = None
     for parameter in item.findall("param"):
         if parameter.get("key") == ORIGIN:
-            # Several names are lanes that netconvert joined; the lane begins with the first one.
+            # Several names belong to joined lanes; the lane begins with the first one.
             name = re.match(r"(.+?)_(-?\d+)(?: |$)", parameter.get("value", ""))
             origin = (name[1], int(name[2])) if name else None
     return NetLane(
@@ -261,20 +253,12 @@ def _connection(item: Element) -> NetConnection:
         turn=given.get("dir", "s"),
         light=given.get("tl", ""),
         link=int(given.get("linkIndex", "-1")),
-        yields=given.get("state", "M") in "moswZ",
     )
 
 
 def _junction(item: Element) -> NetJunction:
     given = item.attrib
-    return NetJunction(
-        id=given["id"],
-        kind=given.get("type", ""),
-        x=float(given["x"]),
-        y=float(given["y"]),
-        incoming=tuple(given.get("incLanes", "").split()),
-        inside=tuple(given.get("intLanes", "").split()),
-    )
+    return NetJunction(given["id"], given.get("type", ""), float(given["x"]), float(given["y"]))
 
 
 def _light(item: Element) -> NetLight:

@@ -25,12 +25,11 @@ from iits_mj.road.xml_input import content_hash, parse_xml, read_file
 from traffic_bridge.network.net_file import NetFile
 
 CACHE_VARIABLE = "IITS_MJ_CACHE"
-TIMEOUT = 120.0  # [s]; the largest of our test maps takes 0.3 s.
-UNLIMITED = 70.0  # [m/s], the limit that SUMO gets for a road without one
-# [m/s2] across, at most, in a turn: what drivers accept at junctions in town (judgement).
-TURN_ACCELERATION = 3.0
-# With these options netconvert's net agrees with the exact geometry within 0.02 m, names the
-# OpenDRIVE lanes that it was made of, and has no U-turns at the ends of roads.
+TIMEOUT = 120.0  # [s]; the largest test map takes 0.3 s
+UNLIMITED = 70.0  # [m/s], the limit in the net for a road without one
+TURN_ACCELERATION = 3.0  # [m/s2] lateral, accepted by drivers at junctions in town (judgement)
+# With these options the net agrees with the exact geometry within 0.02 m, names the OpenDRIVE lane
+# of each of its lanes, and has no U-turns at the ends of roads.
 OPENDRIVE_OPTIONS = (
     "--no-turnarounds",
     "--output.original-names",
@@ -44,11 +43,8 @@ OPENDRIVE_OPTIONS = (
     "--precision",
     "3",
 )
-REVISION = "2"  # of our changes to nets after netconvert; raised when they change
+REVISION = "2"  # of the changes that this module makes to a net; part of the cache key
 _SEAL = "<!-- sha256 "
-
-
-# Cache -------------------------------------------------------------------------------------------
 
 
 def cache_dir() -> Path:
@@ -60,15 +56,15 @@ def cache_dir() -> Path:
 
 
 def build_network(source: RoadMap | Route) -> NetFile:
-    """Returns the SUMO net of a map (or a route's map): shipped, cached or made now.
+    """Returns the SUMO net of a map (or a route's map): shipped, cached or newly made.
 
-    A cached net belongs to the map's content, netconvert's version and our options; a damaged file
-    is made again. Processes that make the same net at the same time each write their own file and
-    move it into place.
+    A cached net belongs to the map's content, netconvert's version and the options used; a damaged
+    file is made again. Processes that make the same net at the same time each write their own file
+    and move it into place.
 
     Raises:
       InputError: `source` is neither a map nor a route.
-      MapError: netconvert cannot use the map; the message gives its reason.
+      MapError: netconvert cannot use the map; the message states its reason.
       TrafficError: netconvert is missing, the cache folder cannot be written, or the net file
         cannot be read.
     """
@@ -76,7 +72,7 @@ def build_network(source: RoadMap | Route) -> NetFile:
     if not isinstance(road_map, RoadMap):
         raise InputError(f"a network is made of a RoadMap or a Route, not of {source!r}")
     shipped = road_map.path.with_suffix(".net.xml")
-    # Only a net that comes with the package is certain to belong to the map beside it.
+    # Only a net shipped with the package certainly belongs to the map in the same folder.
     if road_map.path.resolve().parent == MAPS.resolve() and shipped.is_file():
         return NetFile.read(shipped)
     content = opendrive_for_netconvert(road_map)
@@ -105,7 +101,7 @@ def _unwritable(folder: Path, error: OSError) -> TrafficError:
 
 
 def _is_whole(net: Path) -> bool:
-    """Whether a cached file exists and is undamaged: it ends with the hash of its content."""
+    """Whether a cached file exists and ends with the hash of its content."""
     try:
         body, seal, digest = net.read_bytes().rpartition(_SEAL.encode())
     except OSError:
@@ -127,7 +123,7 @@ def _make(content: bytes, target: Path, name: str) -> None:
         text = made.read_text(encoding="utf-8") if made.is_file() else ""
         if "<edge " not in text:
             raise MapError(f"{name}: netconvert found no road in the map that cars may use")
-        # The leading comment has date and paths; without it the same map gives the same file.
+        # The leading comment holds a date and paths; without it one map gives one file.
         text = re.sub(r"<!--.*?-->\s*", "", text, count=1, flags=re.DOTALL)
         text = re.sub(r"<lane [^>]*>", _close_if_narrow, text)
         digest = hashlib.sha256(text.encode()).hexdigest()
@@ -136,15 +132,12 @@ def _make(content: bytes, target: Path, name: str) -> None:
 
 
 def _close_if_narrow(lane: re.Match[str]) -> str:
-    """Closes a lane that is still opening or already ending: a vehicle does not fit on it."""
+    """Closes a lane where it opens or ends and is too narrow for a vehicle."""
     width = re.search(r'\bwidth="([^"]*)"', lane[0])
     if width is None or float(width[1]) >= USABLE_LANE_WIDTH:
         return lane[0]
     bare = re.sub(r' (dis)?allow="[^"]*"', "", lane[0])
     return bare.replace("<lane ", '<lane disallow="all" ', 1)
-
-
-# netconvert --------------------------------------------------------------------------------------
 
 
 def find_netconvert() -> Path:
@@ -183,7 +176,7 @@ def run_netconvert(arguments: list[str], name: str = "netconvert") -> str:
 
     Raises:
       MapError: its exit code or its messages report a failure.
-      TrafficError: it is missing, or did not end in time.
+      TrafficError: it is missing, or does not end in time.
     """
     command = [str(find_netconvert()), *arguments]
     try:
@@ -203,11 +196,11 @@ def run_netconvert(arguments: list[str], name: str = "netconvert") -> str:
 
 
 def opendrive_for_netconvert(road_map: RoadMap) -> bytes:
-    """The map as OpenDRIVE text that netconvert understands as `RoadMap` does.
+    """The map as OpenDRIVE text that netconvert interprets as `RoadMap` does.
 
-    netconvert reads speed limits of lanes but not of roads, takes an empty `junction` for a number,
-    ignores "no limit", and crashes on direct junctions. The geometry stays as it is. A map without
-    a file is written from memory.
+    netconvert reads speed limits of lanes but not of roads, reads an empty `junction` as a number,
+    ignores "no limit", and crashes on direct junctions. The geometry is unchanged. A map without a
+    file is written from memory.
 
     Raises:
       MapError: the file cannot be read, has changed since the map was read, or has direct
@@ -240,7 +233,7 @@ def opendrive_for_netconvert(road_map: RoadMap) -> bytes:
 def _set_speeds(item: Element, road: Road) -> None:
     """Writes the limit of every driving lane into the lane itself, in m/s."""
     sections = sorted(item.iter("laneSection"), key=lambda section: float(section.get("s", "0")))
-    # The file may have sections that begin beyond the road's end.
+    # The file may contain sections that begin beyond the road's end.
     for element, (start, end, section) in zip(sections, road.section_spans(), strict=False):
         for lane_item in element.iter("lane"):
             lane = section.lane(int(lane_item.get("id", "0")))
@@ -263,8 +256,8 @@ def _speeds(
 ) -> list[tuple[float, float]]:
     """(distance from the section's start [m], limit [m/s]): the lane's own, else the road's.
 
-    A road inside a junction without limits gets none: netconvert takes the limits of the roads
-    before and after it, and the speed that its bend allows.
+    A road inside a junction without limits gets none: netconvert uses the limits of the roads
+    before and after it and the speed that its bend allows.
     """
     if lane.speeds:
         return list(lane.speeds)

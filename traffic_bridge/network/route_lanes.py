@@ -1,4 +1,4 @@
-"""Where SUMO's lanes lie on the ego's route: (lane, position) <-> (station, offset)."""
+"""SUMO's lanes on the ego's route: (lane, position) <-> (station, offset)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, overload
 
 import numpy as np
 
@@ -32,21 +31,21 @@ from traffic_bridge.network.net_file import NetFile
 from traffic_bridge.session import Session
 
 GAP = 10.0  # [m] between edges, at most: netconvert's internal lanes at a change of lanes
-HOPS = 4  # lanes the truck may pass in one step: those inside junctions can be short
+HOPS = 4  # lanes that the truck may pass in one step: internal lanes can be short
 
 
 class RouteLanes:
-    """The lanes of a loaded net as seen from the route, and the edges to drive along.
+    """The lanes of a loaded net relative to the route, and the edges of the route.
 
-    The lanes of the route take their place from the route, whose geometry the truck drives on; the
-    lanes of other roads take it from their roads (`LaneSurfaces`).
+    The positions of the route's lanes come from the route, on whose geometry the truck drives; the
+    positions of other lanes come from their roads (`LaneSurfaces`).
 
     Attributes:
-      net: as in the file.
+      net: as in the file; route: the ego's road.
       edges: ids of SUMO's edges in driving order; oncoming_edges: in the opposite direction.
-      tables: lanes of the route by SUMO lane id, junction-internal and oncoming ones included.
-      graph: how the lanes of the net are connected.
-      poses: every lane that a vehicle has been on, those of other roads too.
+      tables: lanes of the route by SUMO lane id, with junction-internal and oncoming lanes.
+      graph: the connections between the lanes of the net.
+      poses: of all lanes on which vehicles have been, on any road.
 
     Raises:
       TrafficError: the net does not hold the route's roads, or they are not connected.
@@ -56,9 +55,8 @@ class RouteLanes:
         self, session: Session, net: NetFile, route: Route, oncoming: bool = False
     ) -> None:
         self.net = net
-        self._route = route
+        self.route = route
         self.tables: dict[str, LaneTable] = {}
-        self._boxes: tuple[list[str], FloatArray] | None = None
         self.poses = LanePoses(self.table)
         self.graph = LaneGraph.of(net)
         self.oncoming_edges: tuple[str, ...] = ()
@@ -73,28 +71,26 @@ class RouteLanes:
         self.bind(session)
 
     def table(self, lane: str) -> LaneTable:
-        """Table of any lane of the net; those of other roads are made when they are asked for."""
+        """Table of any lane of the net; the tables of other roads are made on demand."""
         found = self.tables.get(lane)
         return self._table_off_route(lane) if found is None else found
 
     def before(self, lane: str) -> tuple[str, ...]:
-        """The lanes that lead onto a lane, internal ones included, sorted."""
+        """Ids of the lanes that lead to a lane, with internal lanes, sorted."""
         return tuple(sorted(before.id for before in self.graph.before(self.graph.lanes[lane])))
 
+    @cached_property
     def boxes(self) -> tuple[list[str], FloatArray]:
-        """Every lane of the net and the box around it, in SUMO's coordinates.
+        """Ids of all lanes of the net, and the box around each in SUMO's coordinates.
 
-        Returns:
-          Ids, and left, bottom, right, top [m], shape (4, n).
+        The boxes are left, bottom, right, top [m], shape (4, n).
         """
-        if self._boxes is None:
-            shapes = [lane.shape for lane in self.graph.lanes.values()]
-            boxes = [(*shape.min(axis=0), *shape.max(axis=0)) for shape in shapes]
-            self._boxes = list(self.graph.lanes), np.array(boxes).T
-        return self._boxes
+        shapes = [lane.shape for lane in self.graph.lanes.values()]
+        boxes = [(*shape.min(axis=0), *shape.max(axis=0)) for shape in shapes]
+        return list(self.graph.lanes), np.array(boxes).T
 
     def bind(self, session: Session) -> None:
-        """Closes the lanes beside the driving lanes to the traffic of a new simulation."""
+        """Closes shoulders and other lanes that are not for driving in a new simulation."""
         with session.guard("setting the rules of the lanes"):
             for table in self.tables.values():
                 drivable = table.lane >= 0 or self._is_oncoming(table)
@@ -110,7 +106,7 @@ class RouteLanes:
         return table.direction < 0 and (self.net.lanes[table.id].kind or "driving") in DRIVING_TYPES
 
     def find(self, lane: int, station: float) -> LaneTable | None:
-        """The SUMO lane, not an internal one, of a route lane at a station or within 10 m of it.
+        """The SUMO lane of a route lane at most `GAP` from a station, never an internal lane.
 
         Between two edges SUMO has internal lanes of some meters; there the nearer edge counts.
         """
@@ -124,7 +120,7 @@ class RouteLanes:
         return table if distance <= GAP else None
 
     def covering(self, lane: int, station: float) -> LaneTable | None:
-        """The SUMO lane of a route lane at a station, internal lanes included; None in a gap."""
+        """The SUMO lane of a route lane at a station, also an internal lane; None in a gap."""
         starts, tables = self._whole.get(lane, ([], []))
         k = bisect_right(starts, station) - 1
         return tables[k] if k >= 0 and station <= tables[k].station[-1] else None
@@ -135,11 +131,11 @@ class RouteLanes:
         Args:
           begin: SUMO's lane where the distance begins.
           position: on it [m].
-          end: the lane where the distance ends, at most `HOPS` lanes on.
+          end: the lane where the distance ends, at most `HOPS` lanes farther.
           target: position on it [m].
 
         Returns:
-          The distance as SUMO counts it, None if the first lane does not lead to the other.
+          The distance in SUMO's measure, None if the first lane does not lead to the other.
         """
         name, covered = end.id, target
         for _ in range(HOPS):
@@ -164,25 +160,15 @@ class RouteLanes:
             and table.station[-1] > start
         ]
 
-    @overload
-    def to_map(self, x: float, y: float) -> tuple[float, float]: ...
-    @overload
-    def to_map(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]: ...
-    def to_map(self, x: Any, y: Any) -> tuple[Any, Any]:
-        """SUMO's coordinates to the map's."""
-        return x - self.net.offset[0], y - self.net.offset[1]
-
     def to_sumo(self, x: float, y: float) -> tuple[float, float]:
         """The map's coordinates to SUMO's."""
         return x + self.net.offset[0], y + self.net.offset[1]
 
-    # Inside ------------------------------------------------------------------------------------
-
     def _build(self, edges: tuple[str, ...], direction: int) -> None:
-        near = 0.0 if direction > 0 else self._route.length
+        near = 0.0 if direction > 0 else self.route.length
         for edge, after in zip(edges, (*edges[1:], None), strict=False):
             lanes = self.net.edge[edge].lanes
-            tables = _even(self._route, [self._table(lane.id, near, direction) for lane in lanes])
+            tables = _even(self.route, [self._table(lane.id, near, direction) for lane in lanes])
             self.tables.update((table.id, table) for table in tables)
             near = float(tables[0].station[-1])
             links = self.net.links_of(edge)
@@ -200,10 +186,11 @@ class RouteLanes:
     def _table(self, name: str, near: float, direction: int) -> LaneTable:
         lane = self.net.lanes[name]
         x, y = sample_shape(lane)
-        station, offset = locate_along(self._route, *self.to_map(x, y), near, direction)
+        x, y = x - self.net.offset[0], y - self.net.offset[1]
+        station, offset = locate_along(self.route, x, y, near, direction)
         number = self._route_lane(station, offset) if direction > 0 else -1
         spacing = lane.length / (len(station) - 1)
-        pose = route_pose(self._route, station, offset, direction)
+        pose = route_pose(self.route, station, offset, direction)
         self.tables[name] = LaneTable(
             *(name, lane.edge, lane.index, number, direction),
             *(lane.length, spacing, station, offset, pose),
@@ -214,24 +201,24 @@ class RouteLanes:
         lane = self.net.lanes[name]
         surface = self._surfaces.surface(name, sample_spacing(lane))
         length = float(surface.position[-1])
-        station, offset = locate_each(self._route, surface.x, surface.y)
+        station, offset = locate_each(self.route, surface.x, surface.y)
         spacing = length / (len(station) - 1)
         pose = surface_pose(surface)
         return LaneTable(name, lane.edge, lane.index, -1, 0, length, spacing, station, offset, pose)
 
     @cached_property
     def _surfaces(self) -> LaneSurfaces:
-        return LaneSurfaces(self.net, RoadFrames(self._route.road_map))
+        return LaneSurfaces(self.net, RoadFrames(self.route.road_map))
 
     def _route_lane(self, station: FloatArray, offset: FloatArray) -> int:
-        """The driving lane under most of a SUMO lane, or -1 (a shoulder)."""
+        """The driving lane under most of a SUMO lane, -1 for a shoulder."""
         picks = np.linspace(0, len(station) - 1, 7)[1:-1].astype(int)
-        lanes = [self._route.lane_at(float(station[k]), float(offset[k])) for k in picks]
+        lanes = [self.route.lane_at(float(station[k]), float(offset[k])) for k in picks]
         return max(sorted(set(lanes)), key=lanes.count)
 
 
 def _by_lane(tables: Iterable[LaneTable]) -> dict[int, tuple[list[float], list[LaneTable]]]:
-    """First stations, and tables in the order of stations, by route lane."""
+    """First stations and tables by route lane, in the order of stations."""
     ordered: dict[int, tuple[list[float], list[LaneTable]]] = {}
     for table in sorted(tables, key=lambda table: (table.station[0], table.id)):
         starts, found = ordered.setdefault(table.lane, ([], []))
@@ -241,11 +228,11 @@ def _by_lane(tables: Iterable[LaneTable]) -> dict[int, tuple[list[float], list[L
 
 
 def _even(route: Route, tables: list[LaneTable]) -> list[LaneTable]:
-    """Gives the lanes of an edge one common station for every position.
+    """Gives the lanes of an edge a common station at every position.
 
     SUMO keeps a vehicle's position when it changes lanes, but maps positions evenly onto each
-    lane's own length. On an edge that is part bend, part straight, the same position of neighboring
-    lanes would be up to some meters apart, and a vehicle that changes lanes would jump.
+    lane's own length. On an edge with bends and straights, equal positions of neighboring lanes
+    would be up to some meters apart, and a vehicle that changes lanes would jump.
     """
     if len({len(table.station) for table in tables}) != 1:
         return tables
@@ -260,15 +247,15 @@ def _even(route: Route, tables: list[LaneTable]) -> list[LaneTable]:
 
 
 def upstream(lanes: RouteLanes, tables: Sequence[LaneTable], distance: float) -> list[LaneTable]:
-    """The route's lanes from which a vehicle comes onto given lanes by driving straight on.
+    """The route's lanes from which a vehicle reaches given lanes without a lane change.
 
     Args:
       lanes: of the route.
-      tables: the lanes to arrive on.
-      distance: how far before their beginnings to look [m].
+      tables: the lanes to reach.
+      distance: of the search before their beginnings [m].
 
     Returns:
-      Lanes other than the given ones, the nearest first, junction-internal ones included.
+      Lanes other than the given ones, the nearest first, with junction-internal lanes.
     """
     reached = {table.id for table in tables}
     found: list[LaneTable] = []

@@ -1,4 +1,4 @@
-"""Reads and writes recordings as `.npz` files; the schema is in `recording.recording`."""
+"""Reads and writes recordings as `.npz` files; `docs/traffic_data.md` describes their arrays."""
 
 from __future__ import annotations
 

@@ -95,8 +95,8 @@ class SpillTable:
             self._file.flush()
         except OSError as error:
             raise InputError(
-                f"the recording cannot be kept in {tempfile.gettempdir()}: {error.strerror}; "
-                "set TMPDIR to a folder with room"
+                f"the recording cannot be stored in {tempfile.gettempdir()}: {error.strerror}; "
+                "set TMPDIR to a folder with free space"
             ) from error
         self._written += self._used
         self._piece[:] = 0
@@ -104,9 +104,9 @@ class SpillTable:
 
 
 class Recorder(Mode):
-    """Runs another mode and records everything.
+    """Runs another mode and records it, with the truck's states and commands.
 
-    Long drives need little memory: the data are kept in a temporary file.
+    Long drives need little memory, because the data are in a temporary file.
 
     Args:
       traffic: a PureSim or InterSim.
@@ -212,7 +212,7 @@ class Recorder(Mode):
 
     @property
     def recording(self) -> Recording:
-        """The data recorded so far."""
+        """The recording up to now."""
         frame, row, command, truck = (table.array() for table in self._tables.values())
         counts = np.asarray(frame["count"])
         start = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
@@ -252,7 +252,7 @@ class Recorder(Mode):
         return meta if self.drive is None else {**meta, "drive": self.drive}
 
     def save(self, path: str | Path) -> Path:
-        """Writes the recording; see `traffic_bridge.recording.recording`."""
+        """Writes the recording; see `Recording.save`."""
         return self.recording.save(path)
 
     def close(self) -> None:

@@ -1,28 +1,9 @@
-"""Recorded drives: configuration and trajectories as columns in SI units, in memory and in files.
+"""Recorded drives: settings and trajectories as columns in SI units, in memory and in files.
 
-Schema (version 2) of the `.npz` file. n frames, m vehicles, k rows (one per vehicle and frame,
-sorted by frame, then by the vehicle's name), c commands:
-
-| array | shape | content |
-|---|---|---|
-| `meta` | () | JSON text, see below |
-| `time` | (n,) | traffic time of the frames [s], increasing; the first is the reset |
-| `ego` | (n, e) | the truck's state, a column per name in `ego_columns`; NaN: no truck |
-| `ego_columns` | (e,) | names of `EgoState`'s fields, its brake pressures one by one |
-| `vehicle_id`, `vehicle_kind` | (m,) | name and kind |
-| `vehicle_size` | (m, 3) | length, width, height [m] |
-| `frame_start` | (n + 1,) | rows of frame i are `frame_start[i]` to `frame_start[i + 1]` |
-| `vehicle` | (k,) | index into the vehicle arrays |
-| `lane` | (k,) | index from the right on the ego route, -1 off it |
-| `x y z yaw pitch roll yaw_rate speed acceleration lateral_speed station offset` | (k,) | as in |
-| | | `TrackedVehicle` |
-| `command_time` | (c,) | time of the truck's commands [s] |
-| `command` | (c, 10) | the commands, a column per field of `VehicleCommand` |
-| `truck_hash` | (h,) | of the full physics state at each frame, chained; empty without a truck |
-
-`meta` holds `schema`, `mode` ("PureSim", "InterSim"; others cannot be re-run), `seed`, `config`
-(`TrafficConfig`), `map_hash`, `map_name`, `net_hash`, `versions`, `digest` (see `PoseDigest`) and,
-for a whole drive, `drive`: its options and the versions of the truck.
+`docs/traffic_data.md` describes the arrays of the `.npz` file, version 2. `meta` holds `schema`,
+`mode` ("PureSim", "InterSim"; others cannot be re-run), `seed`, `config` (`TrafficConfig`),
+`map_hash`, `map_name`, `net_hash`, `versions`, `digest` (see `PoseDigest`) and, for a whole drive,
+`drive`: its options and the versions of the truck.
 
 Version 1 had neither `pitch`, `roll`, `yaw_rate` nor the arrays after `offset`. Such files are read
 for replay (see `traffic_bridge.modes.repsim`); they cannot be re-run.
@@ -33,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import struct
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any, overload
@@ -54,7 +35,6 @@ from traffic_bridge.recording.rows import (
     SIZE_COLUMNS,
     command_of,
     ego_of,
-    ego_row,
 )
 from traffic_bridge.vehicles.types import KINDS
 
@@ -66,7 +46,7 @@ class Recording:
     """A recorded drive: its settings, the truck's states and commands, and the other vehicles.
 
     Attributes:
-      meta: see the module's schema.
+      meta: see the module.
       time: of the frames [s], shape (n,).
       ids, kinds: of the m vehicles; sizes: length, width, height, shape (m, 3) [m].
       start: rows of frame i are start[i] to start[i + 1], shape (n + 1,).
@@ -110,12 +90,11 @@ class Recording:
         vehicle: NDArray[Any],
         lane: NDArray[Any],
         columns: FloatArray,
-        ego: FloatArray | None = None,
     ) -> Recording:
-        """A recording of rows in any order.
+        """A recording of rows in any order, without a truck.
 
         Args:
-          meta: see the module's schema; `schema` and `digest` are added.
+          meta: see the module; `schema` and `digest` are added.
           time: of the frames, increasing, shape (n,) [s].
           ids: names of the m vehicles.
           kinds: of each, see `TrackedVehicle`.
@@ -124,7 +103,6 @@ class Recording:
           vehicle: index of the vehicle of each row, shape (k,).
           lane: from the right on the route, -1 off it, shape (k,).
           columns: the values named by `COLUMNS`, shape (len(COLUMNS), k).
-          ego: the truck's values, shape (n, len(EGO_COLUMNS)); default: no truck.
 
         Raises:
           InputError: shapes do not fit, a vehicle is twice in a frame, a value is not finite.
@@ -142,7 +120,7 @@ class Recording:
             vehicle=vehicle[order].astype(np.int32),
             lane=np.asarray(lane)[order].astype(np.int16),
             columns=np.asarray(columns, dtype=np.float64)[:, order],
-            ego=np.full((len(time), len(EGO_COLUMNS)), np.nan) if ego is None else ego,
+            ego=np.full((len(time), len(EGO_COLUMNS)), np.nan),
         )
         made.check("recording")
         made.meta["digest"] = made.digest()
@@ -154,11 +132,9 @@ class Recording:
         meta: dict[str, Any],
         time: FloatArray,
         vehicles: Sequence[Iterable[TrackedVehicle]],
-        egos: Sequence[EgoState | None] | None = None,
     ) -> Recording:
         """A recording of frames, one for each time; see `of_rows`."""
         given = [VehicleFrame.of(each) for each in vehicles]
-        index: dict[tuple[str, tuple[float, ...]], int] = {}
         rows = [
             (name, kind, tuple(size))
             for each in given
@@ -166,24 +142,20 @@ class Recording:
                 each.ids, each.kinds, each.columns(*SIZE_COLUMNS).T.tolist(), strict=True
             )
         ]
-        kinds: list[str] = []
-        for name, kind, size in rows:
-            if (name, size) not in index:
-                index[name, size] = len(kinds)
-                kinds.append(kind)
+        # The same name with another size is another vehicle.
+        index = {row: k for k, row in enumerate(dict.fromkeys(rows))}
         return cls.of_rows(
             meta,
             time,
-            [name for name, _ in index],
-            kinds,
-            np.array([size for _, size in index]).reshape(-1, 3),
+            [name for name, _, _ in index],
+            [kind for _, kind, _ in index],
+            np.array([size for _, _, size in index]).reshape(-1, 3),
             np.repeat(np.arange(len(given)), [len(each) for each in given]),
-            np.array([index[name, size] for name, _, size in rows], dtype=np.int64),
+            np.array([index[row] for row in rows], dtype=np.int64),
             np.concatenate([np.zeros(0, dtype=np.int64), *(each.lanes for each in given)]),
             np.concatenate(
                 [np.zeros((len(COLUMNS), 0)), *(each.columns(*COLUMNS) for each in given)], axis=1
             ),
-            None if egos is None else np.array([ego_row(ego) for ego in egos]),
         )
 
     def __len__(self) -> int:
@@ -194,11 +166,6 @@ class Recording:
     def frames(self) -> Frames:
         """The vehicles of each frame."""
         return Frames(self)
-
-    @property
-    def egos(self) -> tuple[EgoState | None, ...]:
-        """The truck's state of each frame, None without a truck."""
-        return tuple(self.ego_at(k) for k in range(len(self)))
 
     def ego_at(self, k: int) -> EgoState | None:
         """The truck's state at frame k, None without a truck."""
@@ -235,11 +202,14 @@ class Recording:
         ):
             found = np.shape(array)
             if found != shape:
-                raise InputError(f"{name}: {what} has the shape {found}, wanted is {shape}")
-        _check_finite(self.time, name, "time")
-        _check_finite(self.sizes, name, "vehicle_size")
-        _check_finite(self.command_time, name, "command_time")
-        _check_finite(self.commands, name, "command")
+                raise InputError(f"{name}: {what} has the shape {found}, must be {shape}")
+        for array, what in (
+            (self.time, "time"),
+            (self.sizes, "vehicle_size"),
+            (self.command_time, "command_time"),
+            (self.commands, "command"),
+        ):
+            _check_finite(array, name, what)
         for times, what in ((self.time, "time"), (self.command_time, "command_time")):
             if (np.diff(times) <= 0.0).any():
                 place = int(np.argmax(np.diff(times) <= 0.0)) + 1
@@ -323,9 +293,6 @@ class Frames(Sequence[VehicleFrame]):
         if not -len(self) <= index < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
         return self._at(index % len(self))
-
-    def __iter__(self) -> Iterator[VehicleFrame]:
-        return (self._at(k) for k in range(len(self)))
 
     def _at(self, k: int) -> VehicleFrame:
         recording = self._recording

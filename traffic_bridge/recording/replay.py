@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.angles import wrap_angles
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.vehicles import COLUMNS, VehicleFrame
@@ -107,16 +108,13 @@ class InterpolatedRecording:
         first, last = frames[k].select(in_one[order]), frames[k + 1].select(in_two[order])
         begin, end = float(times[k]), float(times[k + 1])
         start, goal = first.values.T[_SMOOTH], last.values.T[_SMOOTH]
-        chord = _step(start, goal) / (end - begin)
+        width = end - begin
+        chord = _step(start, goal) / width
         before = self._chords(k - 1, who, start, chord, sign=-1)
         after = self._chords(k + 2, who, goal, chord, sign=1)
-        width = end - begin
         early = begin - float(times[k - 1]) if k > 0 else width
         late = float(times[k + 2]) - end if k + 2 < len(times) else width
-        rates = (
-            _rate(before, chord, early, width),
-            _rate(chord, after, width, late),
-        )
+        rates = _rate(before, chord, early, width), _rate(chord, after, width, late)
         return _Segment(begin, end, first, last, rates)
 
     def _chords(
@@ -141,7 +139,7 @@ class InterpolatedRecording:
 def _step(start: FloatArray, goal: FloatArray) -> FloatArray:
     """Differences of the smooth columns; that of the yaw is within half a turn."""
     step = goal - start
-    step[_YAW] = np.remainder(step[_YAW] + math.pi, 2.0 * math.pi) - math.pi
+    step[_YAW] = wrap_angles(step[_YAW])
     return step
 
 
@@ -173,6 +171,5 @@ def _evaluate(segment: _Segment, time: float) -> VehicleFrame:
         + segment.rates[0] * (width * t * (1.0 - t) ** 2)
         + segment.rates[1] * (width * t * t * (t - 1.0))
     )
-    yaw = columns[_FULL_YAW]
-    columns[_FULL_YAW] = np.remainder(yaw + math.pi, 2.0 * math.pi) - math.pi
+    columns[_FULL_YAW] = wrap_angles(columns[_FULL_YAW])
     return VehicleFrame(near.ids, near.kinds, near.lanes, columns)

@@ -71,10 +71,8 @@ class TrafficController:
         self.set_speed_limit, self.lift_speed_limit = limits.set, limits.lift
         self.reset_speed_limits, self.speed_limit = limits.reset, limits.at
         self.close_lane, self.open_lane = parts.close_lane, parts.open_lane
-        self.stop_vehicle, self.convoy, self.release = (
-            *(parts.stop_vehicle, parts.convoy),
-            parts.release,
-        )
+        self.stop_vehicle, self.convoy = parts.stop_vehicle, parts.convoy
+        self.release = parts.release
 
     def begin(self, ego_station: float | None) -> None:
         """Checks all events and departures against net and route; begins those due at time zero.
@@ -88,7 +86,7 @@ class TrafficController:
         self._events.step(0.0, ego_station)
 
     def step(self, time: float, ego_station: float | None) -> None:
-        """Carries out everything that is due before a step of the traffic.
+        """Applies events, departures and limits that are due before a step of the traffic.
 
         Args:
           time: of the traffic [s].
@@ -123,15 +121,7 @@ class TrafficController:
 
 
 class EventRunner:
-    """Begins and ends the events of a configuration in a running traffic.
-
-    Args:
-      events: of the configuration.
-      lights: of the net.
-      limits: speed limits.
-      obstructions: closures, stopped vehicles and convoys.
-      vehicles: the traffic's vehicles.
-    """
+    """Begins and ends the events of a configuration in a running traffic."""
 
     def __init__(
         self,
@@ -145,7 +135,7 @@ class EventRunner:
         self._limits = limits
         self._obstructions = obstructions
         self._vehicles = vehicles
-        self._to_come = list(events)
+        self._pending = list(events)
         # Changes of vehicles that have not appeared yet: the event and its end [s].
         self._waiting: list[tuple[VehicleChange, float]] = []
         self._active: list[tuple[float, Undo]] = []
@@ -156,41 +146,27 @@ class EventRunner:
         Raises:
           InputError: a lane, light, program or type does not exist; the message names the event.
         """
-        for event in self._to_come:
+        for event in self._pending:
             try:
                 self._check(event)
             except InputError as error:
                 raise InputError(f"event {event.name}: {error}") from error
 
     def step(self, time: float, ego_station: float | None) -> None:
-        """Ends the events that are over and begins those that are due.
-
-        Args:
-          time: of the traffic [s].
-          ego_station: of the truck's steer axle [m]; None without a truck.
-        """
-        if self._active:
-            over = [undo for until, undo in self._active if until <= time + ROUNDING]
-            self._active = [entry for entry in self._active if entry[0] > time + ROUNDING]
-            for undo in over:
-                undo()
-        if self._waiting:
-            self._waiting = [entry for entry in self._waiting if entry[1] > time + ROUNDING]
-            there = [entry for entry in self._waiting if self._has_vehicles(entry[0].target)]
-            self._waiting = [entry for entry in self._waiting if entry not in there]
-            for change, last in there:
-                self._begin_at(change, time, last)
-        if not self._to_come:
-            return
-        due = [event for event in self._to_come if _is_due(event, time, ego_station)]
-        if not due and not any(event.until is not None for event in self._to_come):
-            return
-        self._to_come = [
-            event for event in self._to_come if event not in due and not _is_past(event, time)
-        ]
+        """Ends the events that are over and begins those that are due; see the controller."""
+        over = [undo for until, undo in self._active if until <= time + ROUNDING]
+        self._active = [entry for entry in self._active if entry[0] > time + ROUNDING]
+        for undo in over:
+            undo()
+        self._waiting = [entry for entry in self._waiting if entry[1] > time + ROUNDING]
+        present = [entry for entry in self._waiting if self._has_vehicles(entry[0].target)]
+        self._waiting = [entry for entry in self._waiting if entry not in present]
+        for change, last in present:
+            self._begin_at(change, time, last)
+        pending = [event for event in self._pending if not _is_past(event, time)]
+        due = [event for event in pending if _is_due(event, time, ego_station)]
+        self._pending = [event for event in pending if event not in due]
         for event in due:
-            if _is_past(event, time):
-                continue
             end = event.until
             if end is None:
                 end = math.inf if event.duration is None else time + event.duration

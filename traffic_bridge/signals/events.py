@@ -182,7 +182,7 @@ class LaneClosure(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class StoppedVehicle(Event):
-    """A vehicle that stands on a lane; at the end it drives on.
+    """A stopped vehicle on a lane; at the end it drives on.
 
     It appears as soon as its place is free and vehicles behind can still stop.
 
@@ -211,7 +211,7 @@ class StoppedVehicle(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class SlowConvoy(Event):
-    """Slow vehicles in one lane, which they keep; at the end they drive as others do.
+    """Slow vehicles that keep their lane; at the end they drive like the others.
 
     Attributes:
       station: of the first one's front bumper at the beginning [m]; lane: from the right.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,7 @@ from iits_mj.core.checks import in_range, is_number, is_whole
 from iits_mj.core.errors import InputError
 from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.overrides import Overrides, Undo
-from traffic_bridge.session import Guard, Session
+from traffic_bridge.session import Session
 from traffic_bridge.signals.events import LIGHT_LETTERS
 
 BY_HAND = "online"  # SUMO's name of the program after a state was set by hand
@@ -74,12 +75,7 @@ class _Setting:
 
 
 class TrafficLights:
-    """The lights of the net; the traffic controller has one.
-
-    Args:
-      session: the running SUMO.
-      lanes: of the route.
-    """
+    """The traffic lights of the net."""
 
     def __init__(self, session: Session, lanes: RouteLanes) -> None:
         self._session = session
@@ -220,7 +216,7 @@ class TrafficLights:
             make = self._api
             steps = [make.Phase(p.duration, p.state, p.duration, p.duration) for p in phases]
             make.setProgramLogic(light, make.Logic(program, FIXED_TIME, 0, steps))
-            # SUMO switches to a new program at once; it shall run only when asked for.
+            # SUMO starts a new program at once; the running one must continue.
             make.setProgram(light, running)
 
     def run_program(self, light: str, program: str = "0") -> None:
@@ -247,20 +243,17 @@ class TrafficLights:
             raise InputError(f"station {station!r}: must be a finite number")
         if lane is not None and (not is_whole(lane) or lane < 0):
             raise InputError(f"lane {lane!r}: must be a whole number from 0 or None")
-        to_come = [stop for stop in self._stops if stop[0] >= station and lane in (None, stop[1])]
-        if not to_come:
+        ahead = [stop for stop in self._stops if stop[0] >= station and lane in (None, stop[1])]
+        if not ahead:
             return None
         # Lanes of one stop line end within meters of each other; the rightmost one is reported.
-        first = to_come[0][0]
-        near = [stop for stop in to_come if stop[0] < first + SAME_STOP_LINE]
+        near = [stop for stop in ahead if stop[0] < ahead[0][0] + SAME_STOP_LINE]
         line, own_lane, light, link = min(near, key=lambda stop: stop[1])
         letter = self.state(light)[link]
         wait, after = self._next_letter(light, link)
         return LightAhead(light, link, letter, line, own_lane, wait, after)
 
-    # Inside ------------------------------------------------------------------------------------
-
-    def _reading(self, light: str) -> Guard:
+    def _reading(self, light: str) -> AbstractContextManager[None]:
         return self._session.guard(f"reading traffic light {light}")
 
     def _whole_state(self, light: str, state: str) -> str:
@@ -280,14 +273,14 @@ class TrafficLights:
     def _hold(self, light: str, setting: _Setting) -> Undo:
         if self._overrides.newest("setting", light) is None:
             self._before[light] = self._present(light)
-        undo = self._overrides.add(light, {"setting": setting}, lambda: self._go_on(light))
+        undo = self._overrides.add(light, {"setting": setting}, lambda: self._restore(light))
         self._set(light, setting)
         return undo
 
-    def _go_on(self, light: str) -> None:
+    def _restore(self, light: str) -> None:
         """Applies the newest temporary setting, or else the one before all of them."""
         setting = self._overrides.newest("setting", light) or self._before[light]
-        # A setting that is in force already is not started again.
+        # Setting a running program again would restart it.
         if setting != self._present(light):
             self._set(light, setting)
 
@@ -325,11 +318,10 @@ class TrafficLights:
             )
         return known[program]
 
-    def _check(self, light: str) -> str:
+    def _check(self, light: str) -> None:
         if light not in self._names:
             known = ", ".join(self._names) or "none"
             raise InputError(f"no traffic light {light!r} in the net; there are: {known}")
-        return light
 
 
 def _check_state(what: str, state: object, links: int) -> None:

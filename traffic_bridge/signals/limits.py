@@ -14,6 +14,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -45,19 +46,16 @@ class _Watch:
     """A SUMO lane whose vehicles are limited by station.
 
     Attributes:
-      lane: its id; pieces: limits on it and ahead of it.
-      positions, stations: of its samples [m], shape (n,).
+      table: of the lane; pieces: limits on it and ahead of it.
     """
 
-    lane: str
-    pieces: tuple[LimitPiece, ...]
-    positions: FloatArray
-    stations: FloatArray
+    table: LaneTable
+    pieces: list[LimitPiece]
 
-    @classmethod
-    def of(cls, table: LaneTable, pieces: list[LimitPiece]) -> _Watch:
-        positions = np.arange(len(table.station), dtype=np.float64) * table.spacing
-        return cls(table.id, tuple(pieces), positions, table.station)
+    @cached_property
+    def positions(self) -> FloatArray:
+        """Positions of the table's samples along the lane [m]."""
+        return np.arange(len(self.table.station), dtype=np.float64) * self.table.spacing
 
 
 class SpeedLimits:
@@ -152,7 +150,7 @@ class SpeedLimits:
           position: of the front bumper along the lane [m].
           deceleration: comfortable one of the vehicle [m/s2].
         """
-        watch = next((watch for watch in self._watched if watch.lane == table.id), None)
+        watch = next((watch for watch in self._watched if watch.table.id == table.id), None)
         if watch is None:
             return math.inf
         station, slowing = np.array([table.at(position)[0]]), APPROACH * deceleration
@@ -164,7 +162,7 @@ class SpeedLimits:
             return
         held: set[str] = set()
         for watch in self._watched:
-            known = self._api.lane.getLastStepVehicleIDs(watch.lane)
+            known = self._api.lane.getLastStepVehicleIDs(watch.table.id)
             names = [name for name in known if name in self._vehicles]
             if not names:
                 continue
@@ -176,15 +174,13 @@ class SpeedLimits:
             self._vehicles.hold_below(name, None)
         self._held = held
 
-    # Inside ------------------------------------------------------------------------------------
-
     def _allowed(self, names: list[str], watch: _Watch) -> FloatArray:
         """Highest speeds at the end of the coming step [m/s], shape (n,); infinite: no limit."""
         vehicle, of = self._api.vehicle, self._vehicles
         position = np.array([vehicle.getLanePosition(name) for name in names])
         speed = np.array([vehicle.getSpeed(name) for name in names])
         slowing = APPROACH * np.array([of.type_of(name).deceleration for name in names])
-        station = np.interp(position, watch.positions, watch.stations) + speed * self._step
+        station = np.interp(position, watch.positions, watch.table.station) + speed * self._step
         # Vehicles above a limit that has just come into force slow down as before a sign.
         return np.maximum(_allowed(watch.pieces, station, slowing), speed - slowing * self._step)
 
@@ -207,9 +203,8 @@ class SpeedLimits:
                     watched.setdefault(table.id, []).extend(over + between)
                     self._watch_before(table, over + between, watched)
                 self._pieces[lane] = sorted(pieces + rest, key=lambda piece: piece.start)
-        self._watched = [
-            _Watch.of(self._lanes.tables[lane_id], pieces) for lane_id, pieces in watched.items()
-        ]
+        tables = self._lanes.tables
+        self._watched = [_Watch(tables[lane_id], pieces) for lane_id, pieces in watched.items()]
 
     def _watch_before(
         self, table: LaneTable, pieces: list[LimitPiece], watched: dict[str, list[LimitPiece]]
@@ -260,13 +255,7 @@ def _overlaps(piece: LimitPiece, table: LaneTable) -> bool:
 
 
 def _allowed(pieces: Sequence[LimitPiece], station: FloatArray, slowing: FloatArray) -> FloatArray:
-    """Highest speeds at stations: v^2 = limit^2 + 2 b distance before a sign, shape (n,) [m/s].
-
-    Args:
-      pieces: limits there and ahead.
-      station: of the front bumpers [m], shape (n,).
-      slowing: b, the decelerations before signs [m/s2], shape (n,).
-    """
+    """Highest speeds at stations: v^2 = limit^2 + 2 slowing distance before a sign, [m/s]."""
     allowed = np.full(len(station), math.inf)
     for piece in pieces:
         before = piece.start - station

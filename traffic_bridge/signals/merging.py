@@ -13,7 +13,6 @@ import itertools
 import math
 from dataclasses import dataclass
 
-from iits_mj.core.errors import InputError
 from traffic_bridge.network.route_lanes import LaneTable, RouteLanes, upstream
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles.registry import Vehicles
@@ -35,7 +34,7 @@ class Waiting:
     """A vehicle that waits before an obstacle.
 
     Attributes:
-      name: of the vehicle; station: of its front bumper [m]; target: the lane that it wants.
+      name: of the vehicle; station: of its front bumper [m]; target: the lane to which it changes.
     """
 
     name: str
@@ -45,7 +44,7 @@ class Waiting:
 
 @dataclass
 class _Yield:
-    """A waiting vehicle, the vehicle that makes a gap for it, and since when it does [s]."""
+    """A waiting vehicle, the vehicle that makes a gap for it, and for how long it does so [s]."""
 
     waiting: Waiting
     giver: str
@@ -152,7 +151,6 @@ class MergeGuide:
         self._every = max(1, round(PERIOD / step_length))
         self._step_length = step_length
         self._period = self._every * step_length
-        self._duration = self._every * step_length + step_length
         self._steps = 0
         self._obstacles: dict[int, Obstacle] = {}
         self._leading: dict[int, frozenset[str]] = {}
@@ -165,7 +163,7 @@ class MergeGuide:
         number = next(self._numbers)
         self._obstacles[number] = obstacle
         # Lanes are counted from the right, so a lane's number changes where another one begins or
-        # ends; the net tells which lanes lead to the obstacle.
+        # ends; the net determines which lanes lead to the obstacle.
         with self._session.guard("warning of an obstacle"):
             on = self._lanes.within(obstacle.start, obstacle.end, obstacle.lane)
             lanes = on + upstream(self._lanes, on, obstacle.notice)
@@ -194,8 +192,6 @@ class MergeGuide:
                 self._round()
             self._zipper.step(self._step_length)
 
-    # Inside ------------------------------------------------------------------------------------
-
     def _round(self) -> None:
         inside: set[str] = set()
         waiting: dict[int, Waiting] = {}
@@ -215,14 +211,7 @@ class MergeGuide:
     ) -> set[str]:
         """Guides the vehicles on a SUMO lane, and out of it if it leads to the obstacle.
 
-        Args:
-          table: of the lane.
-          number: of the obstacle.
-          leads: whether the lane leads to it.
-          waiting: the foremost vehicle that waits before each obstacle; updated.
-
-        Returns:
-          The vehicles in the stretch.
+        Returns the vehicles in the stretch; adds the foremost vehicle that waits to `waiting`.
         """
         vehicle, obstacle = self._api.vehicle, self._obstacles[number]
         first = obstacle.start - obstacle.notice
@@ -240,7 +229,7 @@ class MergeGuide:
             index = self._way_out(table, station, obstacle.end) if leads else None
             if index is None:
                 continue
-            vehicle.changeLane(name, index, self._duration)
+            vehicle.changeLane(name, index, self._period + self._step_length)
             foremost = number not in waiting or waiting[number].station < station
             if foremost and station < obstacle.start and vehicle.getSpeed(name) < WAITING_SPEED:
                 target = self._lanes.tables[f"{table.edge}_{index}"]
@@ -264,10 +253,3 @@ class MergeGuide:
             table.id in self._leading[number] and o.start < end and o.end > start
             for number, o in self._obstacles.items()
         )
-
-
-def check_obstacle(obstacle: Obstacle, lanes: RouteLanes) -> None:
-    """Raises InputError if the obstacle's lane does not exist where it begins or ends."""
-    for station in (obstacle.start, obstacle.end):
-        if lanes.find(obstacle.lane, station) is None:
-            raise InputError(f"lane {obstacle.lane} does not exist at station {station:g}")

@@ -8,9 +8,8 @@ from iits_mj.core.errors import InputError
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.signals.events import LaneClosure, SlowConvoy, StoppedVehicle
-from traffic_bridge.signals.merging import MergeGuide, Obstacle, check_obstacle
+from traffic_bridge.signals.merging import MergeGuide, Obstacle
 from traffic_bridge.vehicles.scripted import Manner, ScriptedVehicle, ScriptedVehicles
-from traffic_bridge.vehicles.types import VehicleType
 
 BLOCKER_SPACING = 80.0  # [m] between the safety trucks of a long closure
 CLOSURE_NOTICE = 400.0  # [m] before a closure in which drivers leave the lane
@@ -21,14 +20,7 @@ SCRIPTED = BLOCKER, STOPPED, CONVOY = "blocker", "stopped", "convoy"
 
 
 class Obstructions:
-    """Closes lanes, and adds stopped vehicles and convoys.
-
-    Args:
-      lanes: of the route.
-      scripted: puts the vehicles on the road.
-      guide: guides the traffic past obstacles.
-      config: types and speed of the traffic.
-    """
+    """Closes lanes, and adds stopped vehicles and convoys."""
 
     def __init__(
         self,
@@ -70,7 +62,8 @@ class Obstructions:
         """
         obstacle = self.check_closure(LaneClosure(lane=lane, start=start, end=end, notice=notice))
         number = next(self._numbers)
-        kind = self._blocker()
+        types = self._config.types
+        kind = next((kind for kind in types if kind.name == "truck"), types[0])
         first = start + kind.length
         count = max(int((end - first) / BLOCKER_SPACING) + 1, 1)
         group = [
@@ -95,9 +88,10 @@ class Obstructions:
 
     def check_closure(self, closure: LaneClosure) -> Obstacle:
         """The obstacle of a closure; InputError if its lane does not exist at start or end."""
-        obstacle = Obstacle(closure.lane, closure.start, closure.end, closure.notice)
-        check_obstacle(obstacle, self._lanes)
-        return obstacle
+        for station in (closure.start, closure.end):
+            if self._lanes.find(closure.lane, station) is None:
+                raise InputError(f"lane {closure.lane} does not exist at station {station:g}")
+        return Obstacle(closure.lane, closure.start, closure.end, closure.notice)
 
     def check(self, vehicle: ScriptedVehicle) -> None:
         """Checks that a vehicle's lane exists, see `ScriptedVehicles.check`."""
@@ -188,7 +182,7 @@ class Obstructions:
         ]
 
     def release(self, number: int) -> None:
-        """Makes a stopped vehicle or a convoy drive as others do.
+        """Makes a stopped vehicle or a convoy drive like the others.
 
         Raises:
           InputError: there is no such vehicle or convoy.
@@ -200,8 +194,3 @@ class Obstructions:
             self._guide.remove(warned)
         kind = self._config.type_of(type_name)
         self._scripted.release(names, kind.desired_speed_mean * self._config.speed_limit)
-
-    def _blocker(self) -> VehicleType:
-        """The type of safety trucks: "truck", or else the first type."""
-        types = self._config.types
-        return next((kind for kind in types if kind.name == "truck"), types[0])

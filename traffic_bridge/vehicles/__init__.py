@@ -1,1 +1,1 @@
-"""Vehicle types, demand, car-following and lane-change models, calibration."""
+"""Vehicle types, demand, car-following and lane-change models, and calibration."""

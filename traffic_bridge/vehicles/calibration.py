@@ -2,7 +2,7 @@
 
 Kesting and Treiber, "Calibrating car-following models by using trajectory data: methodological
 study", Transportation Research Record 2088 (2008), 148-156: the follower is simulated behind the
-recorded leader from its first recorded gap and speed on, and the error of the gap is minimized. The
+recorded leader from its first recorded gap and speed, and the error of the gap is minimized. The
 model is integrated with SUMO's time-stepping scheme, so the result is valid in SUMO.
 
     from traffic_bridge import calibrate, read_trajectories, trimmed
@@ -42,7 +42,7 @@ class Calibration:
     Attributes:
       parameters: the set that fits all pairs best.
       measure: of the error, one of `MEASURES`.
-      error: mean over the pairs of their errors with that set, 0.2 is 20 %.
+      error: mean of the pairs' errors with that set; 0.2 is 20 %.
       pair_errors: error of each pair with that set, shape (n,).
     """
 
@@ -53,10 +53,10 @@ class Calibration:
 
 
 class PairBlock:
-    """Pairs in common arrays, so that all are simulated at once.
+    """Pairs in common arrays, which are simulated at once.
 
     Raises:
-      InputError: there are none, their time steps differ, or a gap is not positive.
+      InputError: there is no pair, time steps differ, or a gap is not positive.
     """
 
     def __init__(self, pairs: Sequence[Pair]) -> None:
@@ -138,14 +138,14 @@ def trimmed(
 ) -> tuple[Pair, ...]:
     """Pairs without their first and last seconds, where smoothed trajectories are inaccurate.
 
-    In the reconstructed NGSIM pairs followers begin some 4 m/s too slow and the gap misses the
-    measured one by 3 m; both have passed after 5 s, and 3 s before the end.
+    In the reconstructed NGSIM pairs followers begin some 4 m/s too slow, and the gap differs from
+    the measured one by 3 m; the errors vanish after 5 s, and reappear 3 s before the end.
 
     Args:
       pairs: recorded.
-      begin: left out at the beginning [s].
-      end: left out at the end [s].
-      least_duration: pairs shorter than that afterwards are left out [s].
+      begin: time removed at the beginning [s].
+      end: time removed at the end [s].
+      least_duration: pairs that are then shorter are omitted [s].
 
     Raises:
       InputError: a value is negative or not finite.
@@ -177,7 +177,7 @@ def gap_error(pair: Pair, parameters: IdmParameters | FloatArray, measure: str =
 def evaluate(
     pairs: Sequence[Pair], parameters: IdmParameters, measure: str = "mixed"
 ) -> Calibration:
-    """The errors of a parameter set on pairs, for instance on others than it was fitted to."""
+    """The errors of a parameter set on pairs, for instance on pairs outside the fit."""
     errors = PairBlock(pairs).errors(parameters.as_array().reshape(5, 1, 1), measure)[0]
     return Calibration(parameters, measure, float(errors.mean()), errors)
 
@@ -191,13 +191,13 @@ def calibrate(
 ) -> Calibration:
     """The parameter set with the least mean error over all pairs.
 
-    It uses scipy's differential evolution; all pairs and candidates are simulated at once.
+    The search is scipy's differential evolution; all pairs and candidates are simulated at once.
 
     Args:
       pairs: of one time step.
       measure: "mixed", "relative" or "absolute".
       seed: of the search; one seed gives one result.
-      desired_speed: fixes v0 [m/s], which drivers in congestion do not show; None: fits it too.
+      desired_speed: fixed v0 [m/s], which congested data do not reveal; None: fitted too.
       generations: at most.
 
     Raises:
@@ -243,7 +243,7 @@ def calibrate_each(
       measure: see `calibrate`.
       seed: of the sample.
       desired_speed: see `calibrate`.
-      begin: a further start, for instance the set of all pairs.
+      begin: a further starting point, for instance the set of all pairs.
 
     Returns:
       One `Calibration` per pair, in their order.
@@ -265,7 +265,7 @@ def calibrate_headways(
     """A time headway for every pair, with common other parameters.
 
     Drivers differ most in this parameter. Unlike five parameters fitted to half a minute each, the
-    result is a population of drivers that can be used on another road.
+    result is a population of drivers that is valid on another road.
 
     Args:
       pairs: of one time step.
@@ -300,7 +300,7 @@ def _own(pair: Pair, start: FloatArray, bounds: FloatArray, measure: str) -> Cal
         return block.residuals(values.reshape(5, 1, 1), measure)[:, 0, 0]
 
     def jacobian(values: FloatArray) -> FloatArray:
-        # All five neighbors at once; inwards where a bound is near.
+        # All five differences at once; inward at a bound.
         signs = np.where(values + nudge > high, -1.0, 1.0)
         moved = values + np.vstack([np.zeros(5), np.diag(signs * nudge)])
         found = block.residuals(moved.T[:, :, None], measure)[:, :, 0]
@@ -315,7 +315,7 @@ def _own(pair: Pair, start: FloatArray, bounds: FloatArray, measure: str) -> Cal
 
 
 def parameter_table(calibrations: Sequence[Calibration]) -> FloatArray:
-    """The sets as an array of shape (n, 5), columns in the order of `idm.PARAMETERS`."""
+    """The parameter sets as an array, shape (n, 5), columns in the order of `PARAMETERS`."""
     rows = [dataclasses.astuple(entry.parameters) for entry in calibrations]
     return np.array(rows, dtype=float).reshape(len(rows), len(PARAMETERS))
 

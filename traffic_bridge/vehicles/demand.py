@@ -1,4 +1,4 @@
-"""Puts vehicles on the road: random flows at the entrances, and the initial traffic."""
+"""Puts vehicles on the road: random flows at the entrances, and initial traffic."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from traffic_bridge.vehicles.registry import Vehicles
 from traffic_bridge.vehicles.types import VehicleType
 
 LANE_END = 300.0  # [m] before the end of a lane that closes, without new vehicles
-# SUMO's lane-change mode under MOBIL: SUMO itself only leaves lanes that end (bit 0), and carries
-# out our requests unless they cause an immediate collision (bit 8).
+# SUMO's lane-change mode under MOBIL: SUMO only leaves lanes that end (bit 0), and makes requested
+# lane changes unless they cause an immediate collision (bit 8).
 MOBIL_MODE = 0b01_0000_0001
 
 
@@ -28,11 +28,8 @@ class MapDemand:
     """Random trips on the rest of the map, from its entrances to its exits.
 
     A trip begins on a lane that leads to its exit, so that vehicles need not cross the road at
-    once. Its exit is drawn with equal probability from those that the lane reaches.
-
-    Args:
-      net: of the map; graph: of its lanes.
-      route_edges: edges of the ego's route, whose flow `Demand` makes.
+    once. Its exit is drawn with equal probability from those that the lane reaches. The entrance of
+    the ego's route is excluded, because `Demand` makes its flow.
     """
 
     def __init__(self, net: NetFile, graph: LaneGraph, route_edges: tuple[str, ...]) -> None:
@@ -50,7 +47,7 @@ class MapDemand:
 
     @cached_property
     def elsewhere(self) -> tuple[NetLane, ...]:
-        """Lanes with trips on every edge off the route."""
+        """Lanes on every edge off the route from which trips lead to an exit."""
         return tuple(
             lane
             for name in self._paths.ids
@@ -94,15 +91,7 @@ class Demand:
     """Puts vehicles on the road.
 
     Random numbers are drawn in a fixed order and number per step, so that the flow does not depend
-    on the ego, as long as the entrance is free.
-
-    Args:
-      session: the running SUMO.
-      lanes: of the route.
-      vehicles: the registry for new vehicles.
-      config: density, mix and speeds.
-      rng: the random generator.
-      limits: variable speed limits.
+    on the ego as long as the entrance is free.
     """
 
     def __init__(
@@ -142,7 +131,7 @@ class Demand:
         """Populates the road with the density of the steady flow, with room for the ego.
 
         Args:
-          ego: the space that the truck needs; None: no truck, filled from the beginning.
+          ego: the space that the truck needs; None: no truck.
         """
         config = self._config
         here = 0.0 if ego is None else ego.station
@@ -167,26 +156,21 @@ class Demand:
         high: float,
         ego: EgoRoom | None,
     ) -> None:
-        config = self._config
+        config, graph = self._config, self._lanes.graph
         if config.probability <= 0.0:
             return
-        # Poisson arrivals of rate p at speed v have exponential distances of mean v / p.
-        mean_gap = config.speed_limit * 0.92 / config.probability
-        position = float(self._rng.exponential(mean_gap))
         edges = self._lanes.edges if direction > 0 else self._lanes.oncoming_edges
-        end = min(table.length, self._lanes.graph.reach(table.id, edges[index:]) - LANE_END)
-        while position < end:
-            kind, desired = self._draw(table.lane, self._rng)
+        end = min(table.length, graph.reach(table.id, edges[index:]) - LANE_END)
+        for position, kind, desired in self._draw_along(
+            table.lane, end, config.speed_limit, self._rng
+        ):
             station, _ = table.at(position)
             vehicle = config.type_of(kind)
             inside = low <= station <= high and position > vehicle.length + 1.0
             if inside and not _meets(ego, table, position, vehicle):
                 route = f"{'along' if direction > 0 else 'against'}.{index}"
-                limit = self._lanes.graph.entry_speed(table.id, position, edges[index:])
+                limit = graph.entry_speed(table.id, position, edges[index:])
                 self._add(kind, desired, route, table, f"{position:.3f}", limit)
-            # Far enough apart that SUMO can insert both at their speeds.
-            least = vehicle.length + vehicle.minimum_gap + 1.5 * config.speed_limit
-            position += max(least, float(self._rng.exponential(mean_gap)))
 
     def spawn(self, ego_station: float | None) -> None:
         """Inserts the vehicles that arrive in one step, except near the ego."""
@@ -210,7 +194,7 @@ class Demand:
                         self._add(kind, desired, route, table, "base")
 
     def entries(self, ego_station: float | None) -> list[str]:
-        """Edges at whose beginnings vehicles may be inserted now."""
+        """Edges at whose beginnings vehicles may now be inserted."""
         if self._config.probability <= 0.0:
             return []
         open_to = [
@@ -232,11 +216,9 @@ class Demand:
                 self._vehicles.forget(name)
 
     def _is_near(self, ego_station: float | None, station: float, offset: float = 0.0) -> bool:
-        """Whether a place is too near the ego to insert a vehicle there."""
+        """Whether a place is too close to the ego for the insertion of a vehicle."""
         clear = self._config.clear_distance + self._config.footprint.length
         return ego_station is not None and math.hypot(ego_station - station, offset) < clear
-
-    # The rest of the map -----------------------------------------------------------------------
 
     def _spawn_elsewhere(
         self, trips: MapDemand, probability: float, ego_station: float | None
@@ -256,18 +238,13 @@ class Demand:
         config, rng = self._config, self._map_rng
         table = self._lanes.table(lane.id)
         speed = min(config.speed_limit, lane.speed)
-        mean_gap = speed * 0.92 / config.probability
-        position = float(rng.exponential(mean_gap))
-        while position < lane.length:
-            kind, desired = self._draw(lane.index, rng)
+        for position, kind, desired in self._draw_along(lane.index, lane.length, speed, rng):
             trip = trips.trip(lane, rng)
             vehicle = config.type_of(kind)
             free = position > vehicle.length + 1.0 and low <= table.at(position)[0] <= high
             free = free and position < self._lanes.graph.reach(lane.id, trip) - LANE_END
             if free and not _meets(ego, table, position, vehicle):
                 self._add_trip(kind, desired, trip, lane, f"{position:.3f}")
-            least = vehicle.length + vehicle.minimum_gap + 1.5 * speed
-            position += max(least, float(rng.exponential(mean_gap)))
 
     def _add_trip(
         self, kind: str, desired: float, trip: tuple[str, ...], lane: NetLane, position: str
@@ -275,15 +252,30 @@ class Demand:
         if trip not in self._trips:
             self._trips[trip] = f"trip.{len(self._trips)}"
             self._api.route.add(self._trips[trip], list(trip))
-        # As fast as is safe, because there may be a queue before the next junction.
+        # At the highest safe speed, because there may be a queue before the next junction.
         self._insert(kind, desired, self._trips[trip], lane.index, position, "max")
 
-    # One vehicle -------------------------------------------------------------------------------
+    def _draw_along(
+        self, lane: int, end: float, speed: float, rng: np.random.Generator
+    ) -> Iterator[tuple[float, str, float]]:
+        """Draws the vehicles of a lane up to a position: (position [m], type, desired speed [m/s]).
+
+        Poisson arrivals of rate p at speed v have exponential distances of mean v / p.
+        """
+        mean_gap = speed * 0.92 / self._config.probability
+        position = float(rng.exponential(mean_gap))
+        while position < end:
+            kind, desired = self._draw(lane, rng)
+            yield position, kind, desired
+            vehicle = self._config.type_of(kind)
+            # Far enough apart that SUMO can insert both at their speeds.
+            least = vehicle.length + vehicle.minimum_gap + 1.5 * speed
+            position += max(least, float(rng.exponential(mean_gap)))
 
     def _draw(self, lane: int, rng: np.random.Generator) -> tuple[str, float]:
-        """Type and desired speed of the next vehicle on a lane, counted from the right."""
+        """Draws type and desired speed of a vehicle on a lane, counted from the right."""
         kind = self._kinds[int(rng.choice(len(self._kinds), p=self._shares))]
-        # Heavy vehicles do not use the left lane of three, as is the law in many countries.
+        # Heavy vehicles do not use the left lane of three, which is the law in many countries.
         if lane >= 2 and self._light and self._config.type_of(kind).heavy:
             kind = self._light
         vehicle = self._config.type_of(kind)
@@ -315,7 +307,7 @@ class Demand:
         position: str,
         speed: float | str,
     ) -> None:
-        """Hands a vehicle to SUMO; a speed is a limit [m/s], or a word of SUMO such as "max"."""
+        """Adds a vehicle to SUMO; `speed` is a limit [m/s] or a word of SUMO, such as "max"."""
         name = f"{kind}.{self._count:05d}"
         self._count += 1
         desired = self._vehicles.add(name, kind, desired)
@@ -332,13 +324,13 @@ class Demand:
             self._api.vehicle.setLaneChangeMode(name, MOBIL_MODE)
 
     def _define_routes(self, name: str, edges: tuple[str, ...]) -> None:
-        """Adds one SUMO route from every edge on: vehicles begin on their route's first edge."""
+        """Adds a SUMO route from every edge, as a vehicle begins on the first edge of its route."""
         for index in range(len(edges)):
             self._api.route.add(f"{name}.{index}", list(edges[index:]))
 
 
 def _meets(ego: EgoRoom | None, table: LaneTable, position: float, vehicle: VehicleType) -> bool:
-    """Whether a vehicle that is inserted at a position of a lane is too near the ego."""
+    """Whether a vehicle inserted at a position of a lane is too close to the ego."""
     if ego is None:
         return False
     if table.direction > 0:

@@ -21,15 +21,15 @@ POINT_SPACING = 1.0  # [m] along the path of such a vehicle
 
 @dataclass(frozen=True, eq=False)
 class EgoRoom:
-    """Where the truck is before the road is populated.
+    """The truck's place when the road is populated.
 
     Attributes:
       station: of the front bumper [m].
       lane: of the route, -1 off its lanes.
       speed: [m/s].
-      axis: points along the middle of the combination, in the map, shape (n, 2) [m].
-      footprint: its size.
-      traffic_speed: of the others, about [m/s].
+      axis: points along the middle of the combination, map frame, shape (n, 2) [m].
+      footprint: size of the combination.
+      traffic_speed: typical speed of the other vehicles [m/s].
     """
 
     station: float
@@ -40,7 +40,7 @@ class EgoRoom:
     traffic_speed: float
 
     def takes(self, station: float, length: float, lane: int) -> bool:
-        """Whether a place on a lane of the route is too near the truck.
+        """Whether a place on a lane of the route is too close to the truck.
 
         Args:
           station: of a vehicle's front bumper [m].

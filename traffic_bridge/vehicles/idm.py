@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from traffic_bridge.vehicles.types import VehicleType
 
 EXPONENT = 4
-LEAST_GAP = 0.1  # [m]: smaller gaps count as this one
+LEAST_GAP = 0.1  # [m]: smaller gaps count as this one, to avoid a division by zero
 
 
 @dataclass(frozen=True)
 class IdmParameters:
-    """One driver of the Intelligent Driver Model.
+    """Parameters of one driver of the Intelligent Driver Model.
 
     Attributes:
       desired_speed: v0 [m/s]; time_headway: T [s]; minimum_gap: s0 [m].
@@ -61,7 +61,7 @@ class IdmParameters:
 
     @classmethod
     def of_type(cls, vehicle_type: VehicleType, desired_speed: float) -> IdmParameters:
-        """The parameters of a vehicle type, with a desired speed [m/s]."""
+        """The parameters of a vehicle type, with the given desired speed [m/s]."""
         return cls(
             desired_speed,
             vehicle_type.time_headway,

@@ -1,4 +1,4 @@
-"""Lane changes by MOBIL in a running simulation; the model itself is in `mobil`."""
+"""Applies the lane-change model MOBIL (see `mobil`) in a running simulation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ REACH = 300.0  # [m]: vehicles farther away do not matter
 PERIOD = 1.0  # [s] between rounds of decisions
 LOOK_AHEAD = 400.0  # [m]: no vehicle changes to a lane that ends within this distance
 ENTRY = 1.0  # [m] from the beginning of a lane to the rear of a vehicle inserted there, at most
-REST = 6.0  # [s] after a lane change before the next
+REST = 6.0  # [s] between two lane changes of a vehicle
 
 
 @dataclass(slots=True)
@@ -38,8 +38,8 @@ class LanePosition:
 class Occupancy:
     """The vehicles of one instant on their lanes.
 
-    A vehicle's neighbors are those along the lanes that it will drive on, past the ends of edges
-    and through junctions, so that gaps are those of SUMO's car-following. SUMO is not needed.
+    A vehicle's neighbors are those along its further way, past the ends of edges and through
+    junctions, so that gaps agree with SUMO's car-following. This class does not use SUMO.
 
     Args:
       graph: of the net.
@@ -51,7 +51,10 @@ class Occupancy:
     """
 
     def __init__(
-        self, graph: LaneGraph, places: Iterable[LanePosition], duration: float = 3.5
+        self,
+        graph: LaneGraph,
+        places: Iterable[LanePosition],
+        duration: float = TrafficConfig.lane_change_duration,
     ) -> None:
         self._graph = graph
         self._duration = duration
@@ -64,11 +67,11 @@ class Occupancy:
             row.sort()
 
     def note_leaving(self, name: str, lane: str, time: float) -> None:
-        """Notes that part of a vehicle is still in the lane that it leaves, for a time [s]."""
+        """Notes that a vehicle still occupies the lane that it leaves, for a time [s]."""
         self._leaving.append((lane, self.places[name], time))
 
     def is_clear(self, place: LanePosition, lane: NetLane) -> bool:
-        """Whether a vehicle can change to an adjacent lane without touching one that leaves it."""
+        """Whether a vehicle can change to a lane without contact with one that leaves this lane."""
         for left, other, time in self._leaving:
             if left != lane.id or other is place:
                 continue
@@ -109,14 +112,14 @@ class Occupancy:
                 return math.inf, 0.0
             after = self._graph.after(lane, place.onward)
             if after is None:
-                # The end of a lane is a standing leader, unless the vehicle's way ends there too.
+                # The end of a lane is a stopped leader, unless the vehicle's way ends there too.
                 ends = not lane.internal and place.onward(lane.edge) is None
                 return (math.inf if ends else distance), 0.0
             lane, k = after, 0
             row = self._rows.get(lane.id, [])
         position, name = row[k]
         leader = self.places[name].driver
-        if leader is place.driver:  # all around a roundabout
+        if leader is place.driver:  # once around a roundabout
             return math.inf, 0.0
         return distance + position - leader.type.length, leader.speed
 
@@ -152,10 +155,10 @@ def decide(
 ) -> dict[str, NetLane]:
     """Decides one round of lane changes: vehicle name -> target lane.
 
-    The vehicles decide in the order of their names, and each sees the changes decided before it, so
+    The vehicles decide in the order of their names, and each decision includes the earlier ones, so
     the result does not depend on SUMO's order and two vehicles never take the same gap. No vehicle
-    changes to a place that another one is still leaving. With equal incentives the right lane is
-    taken.
+    changes to a place that another one is still leaving. With equal incentives a vehicle takes the
+    right lane.
 
     Args:
       graph: of the net.
@@ -190,11 +193,11 @@ class LaneChanger:
     """Decides on the lane changes of all vehicles once a second, by MOBIL.
 
     It moves the vehicles with the lane-change mode `MOBIL_MODE`; all others (the truck and its
-    shadow, standing and replayed vehicles) are obstacles. SUMO itself only moves vehicles to the
-    lanes from which their way continues.
+    shadow, stopped and replayed vehicles) are obstacles. SUMO only moves vehicles to the lanes on
+    which their way continues.
 
-    Near an entrance of the traffic vehicles do not change lanes: SUMO considers a lane free as soon
-    as it is left, and would insert the next vehicle where the last one is still shown.
+    Near an entrance of the traffic vehicles do not change lanes: in SUMO a vehicle leaves its lane
+    at once, and SUMO would insert the next vehicle where the last one is still shown.
     """
 
     def __init__(
@@ -221,11 +224,11 @@ class LaneChanger:
         self._changed.pop(name, None)
 
     def step(self, time: float, entries: Callable[[], Collection[str]] = tuple) -> None:
-        """One traffic step; decides on lane changes if a round is due.
+        """Advances one traffic step; decides on lane changes if a round is due.
 
         Args:
           time: of the traffic [s].
-          entries: gives the edges at whose beginnings vehicles may be inserted now.
+          entries: returns the edges at whose beginnings vehicles may now be inserted.
         """
         self._until -= self._config.step_length
         if self._until > 1e-9:
@@ -256,11 +259,7 @@ class LaneChanger:
             self._changed[name] = time, lane.index - before[name]
 
     def occupancy(self) -> Occupancy:
-        """The vehicles that are on lanes now."""
-        duration = self._config.lane_change_duration
-        return Occupancy(self._graph, self._places(), duration)
-
-    def _places(self) -> list[LanePosition]:
+        """The vehicles that are now on lanes."""
         vehicle, lanes = self._api.vehicle, self._graph.lanes
         places = []
         for name in vehicle.getIDList():
@@ -279,10 +278,10 @@ class LaneChanger:
             driver = MobilDriver(name, speed, desired, kind, movable)
             onward = self._way(vehicle.getRouteID(name))
             places.append(LanePosition(driver, lane, vehicle.getLanePosition(name), onward))
-        return places
+        return Occupancy(self._graph, places, self._config.lane_change_duration)
 
     def _obstacle_of_length(self, length: float) -> VehicleType:
-        """The type for the truck, its shadow and replayed vehicles: the last one of the config."""
+        """The type of the truck, its shadow and replayed vehicles: the last one of the config."""
         return dataclasses.replace(self._config.types[-1], length=length)
 
     def _way(self, route: str) -> Onward:

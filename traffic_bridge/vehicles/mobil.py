@@ -1,6 +1,6 @@
 """The lane-change model MOBIL with the Intelligent Driver Model, as pure functions.
 
-MOBIL compares the accelerations of the vehicle that decides (c), its new follower (n) and its old
+MOBIL compares the accelerations of the deciding vehicle (c), its new follower (n) and its old
 follower (o) before (`a`) and after (`a~`) the change:
 
     safety      a~_n >= -b_safe, a~_c >= -b_safe, and room for the vehicle
@@ -22,22 +22,22 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from traffic_bridge.vehicles.idm import LEAST_GAP
 from traffic_bridge.vehicles.types import VehicleType
 
-LEAST_GAP = 0.1  # [m]: smaller gaps count as this one, to avoid a division by zero
 CRITICAL_SPEED = 60.0 / 3.6  # [m/s]: v_crit of the paper; below it passing right is allowed
 MARGIN = 2.0  # [m] that must be free ahead and behind after a change
 
 
 @dataclass(frozen=True, slots=True)
 class MobilDriver:
-    """A vehicle as MOBIL sees it.
+    """State and parameters of a vehicle in MOBIL.
 
     Attributes:
       name: of the vehicle.
       speed, desired_speed: [m/s].
       type: its behavior and length.
-      movable: False for vehicles whose lane changes MOBIL does not decide (ego, standing ones).
+      movable: False for vehicles that MOBIL does not control (the ego, stopped vehicles).
     """
 
     name: str
@@ -53,7 +53,7 @@ class LaneNeighbors:
 
     Attributes:
       gap_ahead: from its front bumper to the leader's rear [m]; inf without a leader.
-      speed_ahead: of the leader [m/s]; the end of a lane counts as a standing leader.
+      speed_ahead: of the leader [m/s]; the end of a lane counts as a stopped leader.
       gap_behind: from its rear bumper to the follower's front [m]; inf without a follower.
       follower: the vehicle behind.
     """
@@ -90,7 +90,7 @@ def incentive(
     """The incentive of a lane change above its threshold [m/s2]; None if it is not safe.
 
     Args:
-      driver: of the vehicle that decides.
+      driver: the deciding vehicle.
       here: its neighbors on its own lane.
       there: its neighbors on the target lane.
       to_right: whether the target lane is to the right.

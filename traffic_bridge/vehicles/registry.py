@@ -1,4 +1,4 @@
-"""The vehicles of a running simulation: their types and parameters, to read and to change."""
+"""Reads and changes the types and parameters of the vehicles in a running simulation."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 
 
 class Vehicles:
-    """The vehicles of a running simulation; PureSim and InterSim offer it as `traffic.vehicles`.
+    """The vehicles of a running simulation: `traffic.vehicles` of PureSim and InterSim.
 
     Args:
       session: the running SUMO.
-      types: the vehicle types that SUMO was started with.
+      types: the vehicle types at SUMO's start.
     """
 
     def __init__(self, session: Session, types: tuple[VehicleType, ...]) -> None:
@@ -45,12 +45,10 @@ class Vehicles:
         self._to_apply: list[str] = []
         self._listeners: list[Callable[[str], None]] = []
 
-    # Adding and removing, called by the modules that put vehicles on the road ------------------
-
     def add(
         self, name: str, vehicle_type: str, desired_speed: float, scripted: bool = False
     ) -> float:
-        """Registers a vehicle that is put on the road; returns the desired speed to use.
+        """Registers a new vehicle; returns its desired speed with all changes in force [m/s].
 
         Args:
           name: of the vehicle.
@@ -80,7 +78,7 @@ class Vehicles:
                 self._refresh_vehicle(name, fields)
 
     def forget(self, name: str) -> None:
-        """Drops a vehicle that has left, and calls the listeners."""
+        """Drops a vehicle that has left the traffic, and calls the listeners."""
         for table in (self._of_vehicle, self._drawn, self._desired, self._ceilings):
             table.pop(name, None)
         self._scripted.discard(name)
@@ -89,11 +87,11 @@ class Vehicles:
             listener(name)
 
     def when_forgotten(self, listener: Callable[[str], None]) -> None:
-        """Adds a function that is called with the name of every vehicle that has left."""
+        """Adds a function that is called with the name of every vehicle that leaves."""
         self._listeners.append(listener)
 
     def drop_lost(self) -> None:
-        """Forgets vehicles that SUMO dropped because they found no room to depart."""
+        """Drops vehicles that SUMO removed because they found no room to depart."""
         with self._session.guard("reading the vehicles"):
             api = self._session.api
             there = {*api.vehicle.getIDList(), *api.simulation.getPendingVehicles()}
@@ -103,8 +101,6 @@ class Vehicles:
     def unscript(self, name: str) -> None:
         """Makes a scripted vehicle an ordinary one."""
         self._scripted.discard(name)
-
-    # Reading -----------------------------------------------------------------------------------
 
     def ids(self) -> list[str]:
         """Names of the vehicles, sorted."""
@@ -138,12 +134,16 @@ class Vehicles:
         self.type_of(name)
         return self._desired[name]
 
+    def limited(self) -> KeysView[str]:
+        """Names of the vehicles that `hold_below` has limited, as a set view."""
+        return self._ceilings.keys()
+
     def present_speed(self, name: str) -> float:
-        """Desired speed, at most that of the variable limits and zipper merges in force [m/s]."""
+        """Desired speed within the variable limits and zipper merges in force [m/s]."""
         return min(self.desired_speed(name), *self._ceilings.get(name, {}).values(), math.inf)
 
     def color(self, name: str) -> Color:
-        """Color of a vehicle, red, green, blue from 0 to 1; its name picks one of its type's."""
+        """Color of a vehicle: red, green, blue from 0 to 1; its name selects one of its type's."""
         self.type_of(name)
         color: Color = self._wanted(name, "color")
         return color
@@ -155,7 +155,7 @@ class Vehicles:
         limits.
 
         Raises:
-          InputError: no such vehicle.
+          InputError: there is no such vehicle.
         """
         self.drop_lost()
         kind = self.type_of(name)
@@ -171,8 +171,6 @@ class Vehicles:
         found["color"] = self.color(name)
         return found
 
-    # Changing ----------------------------------------------------------------------------------
-
     def change(self, target: str, **values: Any) -> Undo:
         """Changes parameters of one vehicle, or of all present and future vehicles of a type.
 
@@ -187,8 +185,8 @@ class Vehicles:
             (red, green, blue from 0 to 1).
 
         Returns:
-          A function that undoes this change, also for vehicles that appeared since. Then the newest
-          other change holds, or else the original value.
+          A function that undoes this change, also for newer vehicles. Then the newest other change
+          holds, or else the original value.
 
         Raises:
           InputError: unknown vehicle, unknown parameter or a value that is not allowed.
@@ -223,10 +221,8 @@ class Vehicles:
         with self._session.guard(f"holding {name}"):
             self._session.api.vehicle.setMaxSpeed(name, max(self.present_speed(name), 0.01))
 
-    # Inside ------------------------------------------------------------------------------------
-
     def _wanted(self, name: str, field: str) -> Any:
-        """The value to use for a vehicle: its or its type's newest override, else its original."""
+        """The newest override of a vehicle's or its type's field, else the original value."""
         base = self._base[self._of_vehicle[name].name]
         # Events set the speed of scripted vehicles, types do not.
         own = field == "desired_speed" and name in self._scripted
@@ -262,7 +258,7 @@ class Vehicles:
 
     def _refresh_type(self, target: str, fields: Iterable[str]) -> None:
         base = self._base[target]
-        # Each vehicle gets its own desired speed; SUMO's type keeps the highest one.
+        # Each vehicle has its own desired speed; SUMO's type keeps the highest one.
         newest = {f: self._overrides.newest(f, target) for f in fields if f != "desired_speed"}
         color = newest.pop("color", None)
         values = {f: getattr(base, f) if v is None else v for f, v in newest.items()}

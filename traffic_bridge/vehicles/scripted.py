@@ -1,7 +1,7 @@
-"""Scripted vehicles: standing vehicles, convoys, and departures by a list.
+"""Scripted vehicles: stopped vehicles, convoys and listed departures.
 
-A vehicle waits until its place is free and all vehicles behind can still stop, so that a script
-never causes a collision.
+A vehicle waits until its place is free and all followers can still stop, so that a script never
+causes a collision.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from traffic_bridge.session import Session
 from traffic_bridge.vehicles.registry import Vehicles
 
 REACTION = 1.0  # [s] before a driver brakes (judgement)
-HARD_BRAKING = 3.0  # [m/s2] that others may need when a vehicle appears (judgement)
+HARD_BRAKING = 3.0  # [m/s2] that followers may need when a vehicle appears (judgement)
 SIDE_CLEARANCE = 5.0  # [m] that must be free ahead and behind on the adjacent lanes
-LOOK = 250.0  # [m] behind and ahead of a place in which others matter
+LOOK = 250.0  # [m] behind and ahead of a place in which other vehicles matter
 
 # SUMO's lane-change modes (its manual, "lane change mode").
 FIXED = 0  # never changes lanes
-LANE_END = 0b10_0000_0001  # leaves lanes that end, if there is a gap
-SUMO_MODE = 0b0110_0101_0101  # SUMO's default: all motives, others' gaps are respected
+LEAVE_ENDING_LANE = 0b10_0000_0001  # leaves lanes that end, if there is a gap
+SUMO_MODE = 0b0110_0101_0101  # SUMO's default: all motives, other vehicles keep their gaps
 
 # SUMO's speed mode with all safety checks, and the speed value that returns control to its model.
 SAFE_SPEED, MODEL_SPEED = 31, -1.0
 
 
 class Manner(enum.Enum):
-    """How a scripted vehicle drives: it stands, keeps its lane, or drives as all others do."""
+    """Behavior of a scripted vehicle: it stands, keeps its lane, or drives as ordinary traffic."""
 
     STANDING = "standing"
     KEEPING_LANE = "keeping lane"
@@ -57,13 +57,9 @@ class ScriptedVehicle:
 
 
 class ScriptedVehicles:
-    """Puts scripted vehicles on the road and takes them off again.
+    """Puts scripted vehicles on the road and removes them.
 
-    Args:
-      session: the running SUMO.
-      lanes: of the route.
-      vehicles: the registry.
-      free_mode: SUMO's lane-change mode of the traffic.
+    `free_mode` is SUMO's lane-change mode of ordinary traffic.
     """
 
     def __init__(
@@ -79,7 +75,7 @@ class ScriptedVehicles:
         self._routes: set[int] = set()
 
     def place(self, group: Sequence[ScriptedVehicle]) -> None:
-        """Puts a group of vehicles on the road together, as soon as there is room for all.
+        """Puts a group of vehicles on the road together, as soon as all have room.
 
         Raises:
           InputError: a place is not on the route, or a type is unknown; then none is placed.
@@ -117,7 +113,7 @@ class ScriptedVehicles:
                 self._waiting.append(group)
 
     def remove(self, names: Sequence[str]) -> None:
-        """Takes vehicles off the road or the waiting list."""
+        """Removes vehicles from the road or the waiting list."""
         self._stop_waiting(names)
         for name in names:
             if name in self._vehicles:
@@ -126,7 +122,7 @@ class ScriptedVehicles:
                 self._vehicles.forget(name)
 
     def release(self, names: Sequence[str], desired_speed: float) -> None:
-        """Makes vehicles drive as others do, at a desired speed [m/s]."""
+        """Turns vehicles into ordinary traffic with a desired speed [m/s]."""
         self._stop_waiting(names)
         for name in names:
             if name in self._vehicles:
@@ -136,8 +132,6 @@ class ScriptedVehicles:
                     self._api.vehicle.setSpeed(name, MODEL_SPEED)
                     self._api.vehicle.setLaneChangeMode(name, self._free_mode)
                 self._vehicles.change(name, desired_speed=desired_speed)
-
-    # Inside ------------------------------------------------------------------------------------
 
     def _stop_waiting(self, names: Sequence[str]) -> None:
         wanted = set(names)
@@ -166,7 +160,7 @@ class ScriptedVehicles:
                 other_rear = other_front - api.getLength(name)
                 speed = api.getSpeed(name)
                 if aside:
-                    # It may have changed lanes in SUMO and still be shown on this lane.
+                    # It may have left this lane in SUMO and still be shown on it.
                     if other_rear < front + SIDE_CLEARANCE and other_front > rear - SIDE_CLEARANCE:
                         return False
                 elif other_front > front:
@@ -185,11 +179,11 @@ class ScriptedVehicles:
         desired = self._vehicles.add(name, vehicle.type, vehicle.speed, scripted)
         with self._session.guard(f"placing {name}"):
             route = self._route(table)
-            # SUMO refuses a departure faster than its type or the edge's limit, which is that of
-            # the first lane.
+            # SUMO refuses a departure that is faster than its type or than the limit of the edge's
+            # first lane.
             limits = [self._api.lane.getMaxSpeed(lane) for lane in (table.id, f"{table.edge}_0")]
             fastest = self._api.vehicletype.getMaxSpeed(vehicle.type)
-            # A little less, because SUMO compares the rounded text.
+            # Slightly less, because SUMO compares the rounded text.
             speed = min(desired, vehicle.speed, fastest - 1e-3, *(v - 1e-3 for v in limits))
             api.add(name, route, typeID=vehicle.type, departSpeed=f"{speed:.3f}")
             api.moveTo(name, table.id, table.position_of(vehicle.station))
@@ -200,14 +194,14 @@ class ScriptedVehicles:
             else:
                 api.setMaxSpeed(name, desired)
                 if scripted:
-                    api.setLaneChangeMode(name, LANE_END)
+                    api.setLaneChangeMode(name, LEAVE_ENDING_LANE)
                 else:
                     api.setLaneChangeMode(name, self._free_mode)
         length = self._length(vehicle.type)
         self._fresh.append((vehicle.lane, vehicle.station, vehicle.station - length))
 
     def _route(self, table: LaneTable) -> str:
-        """The SUMO route from an edge on to the end of the ego's route."""
+        """The SUMO route from a lane's edge to the end of the ego's route."""
         index = self._lanes.edges.index(table.edge)
         name = f"scripted.{index}"
         if index not in self._routes:
@@ -217,6 +211,6 @@ class ScriptedVehicles:
 
 
 def _room(behind: float, ahead: float) -> float:
-    """Free distance that a vehicle at speed `behind` needs to one at speed `ahead` [m]."""
+    """Least gap [m] between a vehicle at speed `behind` and its leader at speed `ahead`."""
     braking = max(behind**2 - ahead**2, 0.0) / (2.0 * HARD_BRAKING)
     return 2.0 + behind * REACTION + braking

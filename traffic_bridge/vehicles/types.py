@@ -1,4 +1,4 @@
-"""Vehicle types: dimensions, behavior and colors, read from TOML; which of it may be changed."""
+"""Vehicle types: dimensions, behavior and colors from TOML, and their changeable parameters."""
 
 from __future__ import annotations
 
@@ -43,26 +43,26 @@ HIGHEST = {
     "length": 100.0,  # [m] road trains have 53.5 m
     "width": 5.0,  # [m] an escorted load; a lane has 3 to 4 m, and SUMO keeps each in its lane
     "height": 10.0,  # [m] an escorted load; bridges leave 4 to 5 m
-    "minimum_gap": 50.0,  # [m] drivers stop 1 to 8 m behind the next
+    "minimum_gap": 50.0,  # [m] drivers stop 1 to 8 m behind their leader
     "time_headway": 20.0,  # [s] drivers keep 0.5 to 4 s; at 20 s a lane carries 3 vehicles a minute
-    "acceleration": 15.0,  # [m/s2] like the next two: tires on a dry road hold 10 to 13 m/s2
+    "acceleration": 15.0,  # [m/s2] as the next two: tires on a dry road reach 10 to 13 m/s2
     "deceleration": 15.0,
     "emergency_deceleration": 15.0,
-    "desired_speed_mean": 2.0,  # of a fraction that is cut at 1: with 2 everybody has 1
+    "desired_speed_mean": 2.0,  # of a fraction that is cut at 1: with 2 every vehicle has 1
     "desired_speed_deviation": 1.0,
     "desired_speed_low": 1.0,  # the fraction is cut to [low, 1]
-    "politeness": 10.0,  # others' gain counts as much as one's own at 1
-    "change_threshold": 15.0,  # [m/s2] as accelerations: a higher one forbids lane changes no more
+    "politeness": 10.0,  # at 1 the gain of others counts as much as one's own
+    "change_threshold": 15.0,  # [m/s2] as accelerations: higher ones have no further effect
     "keep_right_bias": 15.0,
     "safe_braking": 15.0,
-    "lc_strategic": 100.0,  # SUMO's factors on 1; higher ones change nothing that can be seen
+    "lc_strategic": 100.0,  # factors in SUMO, 1 by default; higher ones have no visible effect
     "lc_cooperative": 100.0,
     "lc_speed_gain": 100.0,
     "lc_keep_right": 100.0,
     "lc_assertive": 100.0,
 }
 
-# SUMO's names of the parameters that it uses, for vehicles and vehicle types.
+# SUMO's names of its parameters of vehicles and vehicle types.
 SUMO_NAMES = {
     "time_headway": "Tau",
     "minimum_gap": "MinGap",
@@ -71,7 +71,7 @@ SUMO_NAMES = {
     "emergency_deceleration": "EmergencyDecel",
     "desired_speed": "MaxSpeed",
 }
-# Parameters that only our own MOBIL uses.
+# Parameters that only `mobil` uses.
 MOBIL_FIELDS = ("politeness", "change_threshold", "keep_right_bias", "safe_braking")
 CHANGEABLE = (*SUMO_NAMES, *MOBIL_FIELDS, *LC2013_ATTRIBUTES, "color")
 FASTEST = 70.0  # [m/s] as for `TrafficConfig.speed_limit`
@@ -79,11 +79,11 @@ FASTEST = 70.0  # [m/s] as for `TrafficConfig.speed_limit`
 
 @dataclass(frozen=True)
 class VehicleType:
-    """One type of vehicle; `iits_mj/parameters/vehicle_types.toml` has those of the package.
+    """One type of vehicle; `iits_mj/parameters/vehicle_types.toml` holds those of the package.
 
     Numbers are zero or positive and at most `HIGHEST`, so that the vehicle is physically possible.
     Length, width, height, `acceleration`, `deceleration`, `time_headway`, `desired_speed_mean` and
-    `lc_assertive` are positive. All are converted to Python's own numbers.
+    `lc_assertive` are positive. All become Python's own numbers.
 
     Attributes:
       name: of the type; letters, digits, "_" and "-".
@@ -95,14 +95,14 @@ class VehicleType:
         the desired speed as a fraction of the traffic's maximum speed, cut to [low, 1].
       politeness: MOBIL p; change_threshold: MOBIL a_th [m/s2]; keep_right_bias: MOBIL a_bias
         [m/s2]; safe_braking: MOBIL b_safe [m/s2].
-      look: appearance: "car", "van", "truck" (rigid) or "articulated"; "" takes the name, which
-        then must be one of them.
-      colors: each red, green, blue from 0 to 1; a vehicle's name picks one of them.
+      look: appearance: "car", "van", "truck" (rigid) or "articulated"; "" stands for the name,
+        which then must be one of them.
+      colors: each red, green, blue from 0 to 1; a vehicle's name selects one of them.
       lc_strategic, lc_cooperative, lc_speed_gain, lc_keep_right: weights of LC2013's four motives;
-        lc_assertive: by which factor accepted gaps are smaller. 1 is SUMO's default.
+        lc_assertive: divisor of the accepted gaps. 1 is SUMO's default.
 
     Raises:
-      InputError: a value is not allowed; the message names what is.
+      InputError: a value is not allowed; the message states the allowed values.
     """
 
     name: str
@@ -149,16 +149,16 @@ class VehicleType:
 
     @property
     def kind(self) -> str:
-        """The kind that others see (`TrackedVehicle.kind`): its look."""
+        """The kind in `TrackedVehicle.kind`: its look."""
         return self.look
 
     @property
     def heavy(self) -> bool:
-        """Whether it is a truck by its look; heavy vehicles avoid the left lane of three."""
+        """Whether its look is a truck's; heavy vehicles avoid the left lane of three."""
         return self.look in HEAVY
 
     def color_of(self, vehicle: str) -> Color:
-        """The color of a vehicle of this type: the same name always has the same color."""
+        """The color of a vehicle of this type; one name always has one color."""
         return self.colors[zlib.crc32(vehicle.encode()) % len(self.colors)]
 
     def sample_desired_speed(self, maximum: float, rng: np.random.Generator) -> float:
@@ -205,10 +205,10 @@ def default_types() -> tuple[VehicleType, ...]:
 def read_types(
     path: str | Path, base: Sequence[VehicleType] | None = None
 ) -> tuple[VehicleType, ...]:
-    """Vehicle types changed and added by a TOML file.
+    """Vehicle types with the changes and additions of a TOML file.
 
     Each table has the name of a type. An existing name changes that type; a new name adds a type,
-    which takes all other values from the type named by `like`, or else by `look`.
+    with all other values from the type named by `like`, or else by `look`.
 
     Args:
       path: of the file.
@@ -226,7 +226,7 @@ def read_types(
             like = values.pop("like", name if name in types else values.get("look", name))
             if like not in types:
                 raise InputError(
-                    f"vehicle type {name!r}: there is no type {like!r} to begin with; "
+                    f"vehicle type {name!r}: there is no type {like!r} to start from; "
                     f"set `like` or `look` to one of {', '.join(types)}"
                 )
             known = {f.name for f in dataclasses.fields(VehicleType)} - {"name"}
@@ -294,7 +294,7 @@ def check_changes(target: str, values: dict[str, Any]) -> None:
 
 
 def changed(kind: VehicleType, values: dict[str, Any]) -> VehicleType:
-    """A type with changed fields; desired speed and color belong to the vehicle, not the type."""
+    """A type with changed fields, except desired speed and color, which belong to the vehicle."""
     fields = {n: v for n, v in values.items() if n not in ("desired_speed", "color")}
     return dataclasses.replace(kind, **fields)
 

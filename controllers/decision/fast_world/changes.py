@@ -5,7 +5,7 @@
     keep right  to the right   a~_c^eur - a_c + p (a~_o - a_o) > a_th - a_bias
                 to the left    a~_c - a_c^eur + p (a~_n - a_n) > a_th + a_bias
 
-c decides, n is the follower to be, o the one that was, `a~` are accelerations after the change.
+c decides, n is its follower after the change, o before it; `a~` are accelerations after the change.
 Kesting, Treiber and Helbing, Transportation Research Record 1999 (2007), 86-94.
 """
 
@@ -18,13 +18,13 @@ import numpy as np
 from controllers.decision.fast_world.config import Drivers, idm_acceleration
 from iits_mj.core.arrays import FloatArray, IntArray
 
-MARGIN = 2.0  # [m] before and behind that must be free after a change
+MARGIN = 2.0  # [m] that must be free ahead and behind after a change
 CRITICAL_SPEED = 60.0 / 3.6  # [m/s]: below it lanes may pass on the right
 
 
 @dataclass(frozen=True)
 class Vehicles:
-    """Vehicles of a road with two lanes, arrays of shape (n,); positions of front bumpers."""
+    """Vehicles of a road with two lanes, arrays of shape (n,); stations of front bumpers."""
 
     front: FloatArray
     length: FloatArray
@@ -52,15 +52,14 @@ class Queue:
         self.follower[order[1:][same]] = order[:-1][same]
 
     def ahead(self) -> tuple[FloatArray, FloatArray]:
-        """Gap to and speed of each leader, (n,); inf and the own speed without one."""
-        everyone = np.arange(self.leader.size)
-        return gap_between(self._vehicles, everyone, self.leader)
+        """Returns gap to and speed of each leader, (n,); inf and the own speed without one."""
+        return gap_between(self._vehicles, np.arange(self.leader.size), self.leader)
 
 
 def gap_between(
     vehicles: Vehicles, behind: IntArray, leader: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Gap to and speed of leaders; inf and the follower's own speed where the index is -1."""
+    """Returns gap to and speed of leaders; inf and the own speed where the index is -1."""
     has = leader >= 0
     gap = (vehicles.front - vehicles.length)[leader] - vehicles.front[behind]
     speed = np.where(has, vehicles.speed[leader], vehicles.speed[behind])
@@ -68,15 +67,14 @@ def gap_between(
 
 
 def gains(vehicles: Vehicles, deciders: IntArray, keeps_right: bool) -> FloatArray:
-    """Gain above the threshold of a change to the other of two lanes, for each decider [m/s2].
+    """Returns each decider's gain above the threshold of a change to the other lane [m/s2].
+
+    Shape (m,); -inf where the change is not safe.
 
     Args:
       vehicles: all of them.
       deciders: indices, shape (m,).
       keeps_right: the keep-right rule; else the symmetric one with p = 0.
-
-    Returns:
-      (m,); -inf where the change is not safe.
     """
     queue = Queue(vehicles)
     leader, follower = queue.leader[deciders], queue.follower[deciders]
@@ -115,7 +113,7 @@ def gains(vehicles: Vehicles, deciders: IntArray, keeps_right: bool) -> FloatArr
 
 
 def _beside(vehicles: Vehicles, deciders: IntArray) -> tuple[IntArray, IntArray]:
-    """Leader and follower in the other lane: indices, -1 for none."""
+    """Returns indices of leader and follower in the other lane, -1 for none."""
     leader, follower = np.full(deciders.size, -1), np.full(deciders.size, -1)
     for lane in (0, 1):
         asks = np.flatnonzero(vehicles.lane[deciders] == 1 - lane)

@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 
+from controllers.decision.trip import TrafficDemand
 from iits_mj.core.arrays import FloatArray, IntArray
-from iits_mj.core.assets import VEHICLE_TYPES
-from iits_mj.core.checks import in_range, require_positive
+from iits_mj.core.assets import DEFAULT_MIX, VEHICLE_TYPES
+from iits_mj.core.checks import require_positive
 from iits_mj.road import RoadPoint
 
 LANES = 2
 LANE_WIDTH = 4.0
-LENGTH = 15_000.0
 
 
 class HighwayRoad:
-    """Two lanes of 4 m, 15 km, straight in plan, hilly in profile.
+    """Two lanes of 4 m, straight in plan, hilly in profile.
 
     The reference line is the center of lane 0, so that a lane's offset is its index times 4 m.
     Grades are two sine waves with random phases, at most `grade_max`, like those of the paper's
@@ -28,55 +28,43 @@ class HighwayRoad:
     makers call.
     """
 
-    def __init__(
-        self, generator: np.random.Generator, length: float = LENGTH, grade_max: float = 0.045
-    ) -> None:
+    def __init__(self, generator: np.random.Generator, length: float, grade_max: float) -> None:
         self.length = length
         self._amplitude = (0.65 * grade_max, 0.35 * grade_max)
         self._period = (1900.0, 730.0)
         self._phase = tuple(generator.uniform(0.0, 2.0 * math.pi, 2).tolist())
 
     def smoothed_grade(self, station: float) -> float:
-        """Grade dz/ds."""
+        """Returns the grade dz/ds."""
         waves = zip(self._amplitude, self._period, self._phase, strict=True)
         return sum(a * math.sin(2.0 * math.pi * station / p + phase) for a, p, phase in waves)
 
     def evaluate(self, station: float, offset: float = 0.0) -> RoadPoint:
-        """Pose at a station and offset; height is not modeled."""
+        """Returns the pose at a station and offset; height is not modeled."""
         grade = self.smoothed_grade(station)
         # Floats, as those of `Route.evaluate` at one station.
         values: Any = station, offset, 0.0, 0.0, 0.0, grade, 0.0
         return RoadPoint(*values)
 
-    def lane_count(self, station: float) -> int:
-        """Always two."""
-        del station
-        return LANES
-
     def lane_exists(self, lane: int, station: float) -> bool:
-        """True for lanes 0 and 1 on the road."""
+        """Returns whether a lane is 0 or 1 and the station is on the road."""
         return 0 <= lane < LANES and station <= self.length + 1000.0
 
     def lane_offset(self, lane: int, station: float) -> float:
-        """Offset of the lane's center [m]."""
+        """Returns the offset of a lane's center [m]."""
         del station
         return lane * LANE_WIDTH
 
     def lane_width(self, lane: int, station: float) -> float:
-        """Width [m]."""
+        """Returns the width of a lane [m]."""
         del lane, station
         return LANE_WIDTH
 
     def lane_at(self, station: float, offset: float) -> int:
-        """Lane under an offset, -1 beside the road."""
+        """Returns the lane at an offset, -1 beside the road."""
         del station
         lane = math.floor(offset / LANE_WIDTH + 0.5)
         return lane if 0 <= lane < LANES else -1
-
-    def speed_limit(self, station: float, lane: int = 0) -> float:
-        """The truck's limit, 60 km/h [m/s]."""
-        del station, lane
-        return 60.0 / 3.6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +72,7 @@ class Kind:
     """A kind of vehicle and its driver, as in the SUMO traffic. SI units.
 
     Attributes:
-      kind: its name; share: of the traffic; length, width, height: of its box.
+      kind: its name; length, width, height: of its box.
       minimum_gap, time_headway, acceleration, deceleration: IDM's s0, T, a, b.
       desired_speed_mean, desired_speed_deviation, desired_speed_low: share of the traffic's limit,
         normally distributed and cut to [low, 1].
@@ -92,7 +80,6 @@ class Kind:
     """
 
     kind: str
-    share: float
     length: float
     width: float
     height: float
@@ -109,26 +96,23 @@ class Kind:
     safe_braking: float
 
 
-# Shares of the traffic, those of the SUMO traffic; a test holds them equal.
-_SHARES = {"car": 0.70, "van": 0.12, "truck": 0.08, "articulated": 0.10}
-_NUMBERS = tuple(field.name for field in fields(Kind) if field.name not in ("kind", "share"))
+_NUMBERS = tuple(field.name for field in fields(Kind) if field.name != "kind")
 _TYPES = tomllib.loads(VEHICLE_TYPES.read_text(encoding="utf-8"))
 KINDS = tuple(
-    Kind(kind=kind, share=share, **{name: _TYPES[kind][name] for name in _NUMBERS})
-    for kind, share in _SHARES.items()
+    Kind(kind=kind, **{name: _TYPES[kind][name] for name in _NUMBERS}) for kind, _ in DEFAULT_MIX
 )
-SHARES = tuple(kind.share for kind in KINDS)
-# The traffic treats the truck as a vehicle of this kind, as in SUMO.
+SHARES = tuple(share for _, share in DEFAULT_MIX)
+# The traffic treats the truck as the last kind, an articulated truck, as in SUMO.
 TRUCK_KIND = len(KINDS) - 1
 # Share of the traffic's limit with which the road is filled, as in SUMO.
 MEAN_DESIRED_SPEED = 0.92
 
 
 class Drivers:
-    """Parameters of many drivers: an array of shape (n,) for each number of `Kind`.
+    """Parameters of n drivers: an array of shape (n,) for each number of `Kind`.
 
     Args:
-      kinds: index into `KINDS` of each of the n drivers.
+      kinds: indices into `KINDS`, shape (n,).
     """
 
     def __init__(self, kinds: IntArray) -> None:
@@ -140,7 +124,7 @@ class Drivers:
         return values
 
     def of(self, index: IntArray) -> Drivers:
-        """Some of them, in the order of an index."""
+        """Returns the drivers of an index array, in its order."""
         return Drivers(self._kinds[index])
 
 
@@ -148,23 +132,16 @@ _TABLE = {name: np.array([getattr(kind, name) for kind in KINDS]) for name in _N
 
 
 @dataclass(frozen=True)
-class HighwayConfig:
+class HighwayConfig(TrafficDemand):
     """The traffic of the fast world. SI units.
 
     Attributes:
-      spawn_probability: of a vehicle appearing, per second and lane.
-      traffic_speed: speed limit of the traffic [m/s].
-      keeps_right: whether it keeps right; else vehicles use both lanes.
-      window_behind, window_ahead: the simulated stretch about the truck [m]. Slow vehicles side by
-        side gather the others behind them; the road ahead is long enough for that to have happened
-        before the truck arrives.
-      sight_behind, sight_ahead: the stretch whose vehicles are visible [m].
+      window_behind, window_ahead: the simulated road around the truck [m]. It is long enough ahead
+        for platoons to form behind slow vehicles side by side before the truck arrives.
+      sight_behind, sight_ahead: the road whose vehicles are visible [m].
       timestep: of the traffic and the truck [s].
     """
 
-    spawn_probability: float = 0.05
-    traffic_speed: float = 12.5
-    keeps_right: bool = False
     window_behind: float = 250.0
     window_ahead: float = 2_000.0
     sight_behind: float = 250.0
@@ -172,12 +149,12 @@ class HighwayConfig:
     timestep: float = 0.2
 
     def __post_init__(self) -> None:
-        require_positive(self, "traffic_speed", "window_behind", "window_ahead", "timestep")
-        in_range("spawn_probability", self.spawn_probability, 0.0, 1.0)
+        super().__post_init__()
+        require_positive(self, "window_behind", "window_ahead", "timestep")
 
     @property
     def mean_headway(self) -> float:
-        """Mean distance between the fronts of vehicles of a lane [m]; inf without traffic."""
+        """Mean distance between the fronts of a lane's vehicles [m]; inf without traffic."""
         rate = self.spawn_probability
         return MEAN_DESIRED_SPEED * self.traffic_speed / rate if rate > 0.0 else math.inf
 
@@ -199,7 +176,7 @@ def idm_acceleration(
     leader_speed: FloatArray,
     drivers: Drivers,
 ) -> FloatArray:
-    """IDM acceleration [m/s2], Treiber et al. (2000) eq. 3; arrays of one shape, gap inf if free.
+    """Returns IDM accelerations [m/s2], Treiber et al. (2000) eq. 3, gap inf on a free road.
 
     The free term is bounded at -b above the desired speed; the original leaves it unbounded.
     """

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -18,12 +17,8 @@ from controllers.decision.fast_world.config import (
 )
 from controllers.decision.fast_world.traffic import HighwayTraffic, blended
 from controllers.decision.observation import ObservationHistory, observe_frame
-from controllers.decision.trip import (
-    TripConfig,
-    TripLog,
-    TripStep,
-    TripSummary,
-)
+from controllers.decision.rules import HARDEST_BRAKING
+from controllers.decision.trip import TripConfig, TripLog, TripStep, TripSummary
 from controllers.planning.config import FollowingConfig, LaneChangeConfig, SafetyConfig
 from controllers.planning.following import follow_acceleration
 from controllers.planning.safety import front_gap_needed, rear_gap_needed
@@ -35,28 +30,24 @@ from iits_mj.parameters import TruckParameters
 if TYPE_CHECKING:
     from iits_mj.road import Route
 
-# A full service-brake application of a laden truck [m/s2].
-_HARDEST_BRAKING = 6.0
 # Share of a change during which the truck also occupies the lane that it leaves.
 _LEAVES = 0.7
+# Shortest and longest change, whole seconds; the full chain takes 6 to 9 s, depending on speed,
+# load and road.
+_CHANGE_DURATION = (6, 9)
+_FOLLOWING, _SAFETY = FollowingConfig(), SafetyConfig()
 
 
 class HighwayTruck:
     """Longitudinal motion of the laden truck; `front` is the front bumper's station [m].
 
-    It follows as the planner does (`controllers.planning.following`). The engine's power through
-    the driveline, rolling resistance, air drag and the grade bound it. No gears, no brake lag.
+    It follows its leader as the planner does (`controllers.planning.following`), within the
+    engine's power after driveline, rolling resistance, air drag and grade. No gears, no brake lag.
     """
 
-    def __init__(
-        self,
-        parameters: TruckParameters,
-        payload: float,
-        following: FollowingConfig | None = None,
-    ) -> None:
+    def __init__(self, parameters: TruckParameters, payload: float) -> None:
         engine, gearbox, air = parameters.engine, parameters.gearbox, parameters.aerodynamics
         self.mass = parameters.gross_mass(payload)
-        self.following = following or FollowingConfig()
         efficiency = gearbox.efficiency * gearbox.driveline_efficiency
         self._power = float((engine.full_load_speed * engine.full_load_torque).max()) * efficiency
         self._drag = 0.5 * air.density * air.drag_area
@@ -66,7 +57,7 @@ class HighwayTruck:
         self.acceleration = 0.0
 
     def power_limit(self, grade: float) -> float:
-        """Greatest acceleration [m/s2] at full power on a grade."""
+        """Returns the greatest acceleration [m/s2] at full power on a grade."""
         slope = GRAVITY * (math.sin(math.atan(grade)) + self._rolling)
         drive = self._power / max(self.speed, 4.0)
         return (drive - self._drag * self.speed**2) / self.mass - slope
@@ -75,45 +66,26 @@ class HighwayTruck:
         self, dt: float, reference: float, leaders: list[tuple[float, float, float]], grade: float
     ) -> None:
         """Advances by dt [s]; leaders are (gap [m], speed [m/s], acceleration [m/s2])."""
-        config = self.following
         wanted = self.power_limit(grade)
         for leader in ((math.inf, 0.0, 0.0), *leaders):
-            wanted = min(wanted, follow_acceleration(self.speed, reference, *leader, config))
-        wanted = max(wanted, -_HARDEST_BRAKING)
+            wanted = min(wanted, follow_acceleration(self.speed, reference, *leader, _FOLLOWING))
+        wanted = max(wanted, -HARDEST_BRAKING)
         speed = max(0.0, self.speed + wanted * dt)
         self.front += 0.5 * (self.speed + speed) * dt
         self.acceleration = (speed - self.speed) / dt
         self.speed = speed
 
 
-@dataclass(frozen=True)
-class HighwaySettings:
-    """Settings of the fast world that are the same in every trip.
+class HighwayEnv:
+    """The fast world as a `World`. All randomness comes from the generator given to `reset`.
 
-    Attributes:
-      traffic: of the others; a trip gives its density and speed.
-      change_duration: shortest and longest lane change of the truck, whole seconds; the full chain
-        takes 6 to 9 s, depending on speed, load and road.
-      pause: between two changes [s].
+    Args:
+      parameters: of the truck; default: the shipped ones.
       grade_max: greatest grade of the hills; 0 for a flat road.
-      safety: gaps without which a change is refused.
     """
 
-    traffic: HighwayConfig = field(default_factory=HighwayConfig)
-    change_duration: tuple[int, int] = (6, 9)
-    pause: float = LaneChangeConfig.pause
-    grade_max: float = 0.045
-    safety: SafetyConfig = field(default_factory=SafetyConfig)
-
-
-class HighwayEnv:
-    """The fast world as a `World`. All randomness comes from the generator given to `reset`."""
-
-    def __init__(
-        self, settings: HighwaySettings | None = None, parameters: TruckParameters | None = None
-    ) -> None:
-        self.settings = settings or HighwaySettings()
-        self._parameters = parameters or TruckParameters.load()
+    def __init__(self, parameters: TruckParameters | None = None, grade_max: float = 0.045) -> None:
+        self._parameters, self._grade_max = parameters or TruckParameters.load(), grade_max
         self._footprint = EgoFootprint()
         self._history = ObservationHistory()
         self.summary = TripSummary()
@@ -124,9 +96,8 @@ class HighwayEnv:
         trip = trip or TripConfig()
         self.log = TripLog(trip)
         self.summary = self.log.summary
-        settings = self.settings
         self._end = trip.start_station + trip.length
-        self.road = HighwayRoad(generator, self._end, settings.grade_max)
+        self.road = HighwayRoad(generator, self._end, self._grade_max)
         self.truck = HighwayTruck(self._parameters, trip.payload)
         self.truck.front = trip.start_station + self._footprint.front_overhang
         self.truck.speed = min(trip.traffic_speed, trip.reference_speed)
@@ -135,13 +106,8 @@ class HighwayEnv:
         self._changed_at = -math.inf
         self._random = generator
         self.time = 0.0
-        traffic = replace(
-            settings.traffic,
-            spawn_probability=trip.spawn_probability,
-            traffic_speed=trip.traffic_speed,
-            keeps_right=trip.keeps_right,
-        )
-        self.traffic = HighwayTraffic(traffic, generator)
+        config = HighwayConfig(trip.spawn_probability, trip.traffic_speed, trip.keeps_right)
+        self.traffic = HighwayTraffic(config, generator)
         self.traffic.fill(self._obstacles()[0])
         self._history.reset()
         self._ready = True
@@ -149,10 +115,10 @@ class HighwayEnv:
         return self._history.observation()
 
     def close(self) -> None:
-        """Holds nothing."""
+        """Does nothing."""
 
     def context(self) -> DecisionContext:
-        """Context of a decision now."""
+        """Returns the context of a decision now."""
         return DecisionContext(
             scene=self._scene,
             route=cast("Route", self.road),
@@ -163,18 +129,18 @@ class HighwayEnv:
         )
 
     def safe(self, target: int) -> bool:
-        """True when the lane has the room that the planner asks for at both ends."""
-        truck, safety, traffic = self.truck, self.settings.safety, self.traffic
+        """Returns whether the gaps in a lane are at least the planner's safety gaps."""
+        truck, traffic = self.truck, self.traffic
         rear = truck.front - self._footprint.length
         lead, follow = traffic.neighbors(truck.front, target)
         if lead >= 0:
             gap = float(traffic.front[lead] - traffic.length[lead]) - truck.front
-            if gap < front_gap_needed(truck.speed, float(traffic.speed[lead]), safety):
+            if gap < front_gap_needed(truck.speed, float(traffic.speed[lead]), _SAFETY):
                 return False
         if follow < 0:
             return True
         gap = rear - float(traffic.front[follow])
-        return gap >= rear_gap_needed(truck.speed, float(traffic.speed[follow]), safety)
+        return gap >= rear_gap_needed(truck.speed, float(traffic.speed[follow]), _SAFETY)
 
     def step(self, decision: Decision) -> TripStep:
         """Carries out a decision, or refuses it, until the next one is due.
@@ -185,7 +151,7 @@ class HighwayEnv:
         if not self._ready:
             raise InputError("the trip has not begun: call reset(generator) first")
         target = self.lane - int(decision)  # LEFT is -1, lanes count from the right
-        rested = self.time - self._changed_at >= self.settings.pause - 1e-6
+        rested = self.time - self._changed_at >= LaneChangeConfig.pause - 1e-6
         changes = decision is not Decision.KEEP
         possible = 0 <= target < LANES and rested
         dangerous = changes and possible and not self.safe(target)
@@ -193,8 +159,7 @@ class HighwayEnv:
         seconds = 1.0
         if changes and not refused:
             self._source, self.lane = self.lane, target
-            shortest, longest = self.settings.change_duration
-            seconds = float(self._random.integers(shortest, longest, endpoint=True))
+            seconds = float(self._random.integers(*_CHANGE_DURATION, endpoint=True))
             self._change_left = self._change_lasts = seconds
         log, collided = self.log, False
         log.begin()
@@ -221,8 +186,8 @@ class HighwayEnv:
         return station >= self._end or self.time >= self.log.trip.duration
 
     def _second(self) -> bool:
-        """Advances one second and observes; True after a collision."""
-        dt = self.settings.traffic.timestep
+        """Advances one second and observes; returns whether there was a collision."""
+        dt = self.traffic.config.timestep
         reference = self.log.trip.reference_speed
         collided = False
         for _ in range(round(1.0 / dt)):
@@ -240,13 +205,13 @@ class HighwayEnv:
         return collided
 
     def _phase(self) -> float:
-        """Progress of the change, 0 to 1."""
+        """Returns the progress of the change, 0 to 1."""
         if self._source == self.lane:
             return 1.0
         return 1.0 - self._change_left / self._change_lasts
 
     def _obstacles(self) -> list[Obstacle]:
-        """The truck in its own lane, and for 70 % of a change in the one that it leaves."""
+        """Returns the truck in its own lane, and for 70 % of a change in the one that it leaves."""
         truck, length = self.truck, self._footprint.length
         lanes = [self.lane]
         if self._source != self.lane and self._phase() < _LEAVES:

@@ -3,8 +3,8 @@
 The drivers of the SUMO traffic follow by the IDM (Treiber et al. 2000, eq. 3) and change lanes by
 MOBIL (Kesting et al. 2007, eq. 3-5), on a straight two-lane road, in a window that moves with the
 truck. There is no SUMO, no MuJoCo and no lateral dynamics; lane changes of the others are instant
-for their followers and shown as a smooth move. It is some hundred times faster than the full chain;
-its figures hold for this world only.
+for their followers, and the truck sees them as a smooth move. This world is some hundred times
+faster than the full chain; its results hold for this world only.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from iits_mj.core.messages import TrackedVehicle
 Number = TypeVar("Number", float, FloatArray)
 
 HARDEST_BRAKING = 8.0  # [m/s2], dry road
-# Arrays of `HighwayTraffic` with one entry a vehicle, and their types.
+# Arrays of `HighwayTraffic` with one entry per vehicle, and their types.
 COLUMNS = {
     **dict.fromkeys(("serial", "lane", "kind"), np.int64),
     **dict.fromkeys(("front", "speed", "acceleration", "length", "desired"), np.float64),
@@ -41,7 +41,7 @@ COLUMNS = {
 
 
 def blended(phase: Number, duration: float) -> tuple[Number, Number]:
-    """Share of a lane change done at a phase of 0 to 1, by a quintic, and its rate [1/s]."""
+    """Returns the share of a lane change at a phase of 0 to 1, by a quintic, and its rate [1/s]."""
     blend = phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2)
     return blend, 30.0 * phase**2 * (1.0 - phase) ** 2 / duration
 
@@ -50,7 +50,8 @@ class HighwayTraffic:
     """The vehicles around the truck; arrays of shape (n,), changed in place by `step`.
 
     Attributes:
-      clock: time since the start [s]; the others: one entry a vehicle, stations of front bumpers.
+      clock: time since the start [s].
+      front: stations of the front bumpers [m]; the other arrays also have one entry per vehicle.
     """
 
     CHANGE_DURATION = 3.5
@@ -75,7 +76,7 @@ class HighwayTraffic:
         self._round_due = 0.0
         for name, kind in COLUMNS.items():
             setattr(self, name, np.zeros(0, dtype=kind))
-        # Beyond each edge of the window one vehicle a lane waits: its distance from the edge.
+        # Beyond each edge of the window one vehicle per lane waits: its distance from the edge.
         self._wait_ahead = [0.5 * self._headway() for _ in range(LANES)]
         self._wait_behind = [0.5 * self._headway() for _ in range(LANES)]
         self._most_ahead = list(self._wait_ahead)
@@ -113,10 +114,10 @@ class HighwayTraffic:
         self._exchange(obstacles[0])
 
     def tracked(self, front: float | None = None) -> tuple[TrackedVehicle, ...]:
-        """The vehicles as messages, x along the straight road, y to the left of lane 0's center.
+        """Returns the vehicles as messages, x along the road, y to the left of lane 0's center.
 
         Args:
-          front: of the truck [m]: only vehicles in sight of it; default: all.
+          front: of the truck [m], to return only vehicles in sight of it; default: all.
         """
         seen = np.arange(self.front.size)
         if front is not None:
@@ -157,7 +158,7 @@ class HighwayTraffic:
         )
 
     def neighbors(self, front: float, lane: int) -> tuple[int, int]:
-        """Indices of the vehicle ahead and behind a front position in a lane; -1 when none."""
+        """Returns indices of the vehicles ahead of and behind a front in a lane; -1 for none."""
         mine = np.flatnonzero(self.lane == lane)
         if mine.size == 0:
             return -1, -1
@@ -169,7 +170,7 @@ class HighwayTraffic:
         )
 
     def _headway(self) -> float:
-        """Distance between fronts [m]: Poisson arrivals, far enough apart to drive at the limit."""
+        """Draws a distance between fronts [m]: Poisson arrivals, enough to drive at the limit."""
         mean = self.config.mean_headway
         if not math.isfinite(mean):
             return math.inf
@@ -177,7 +178,7 @@ class HighwayTraffic:
         return max(least, float(self._random.exponential(mean)))
 
     def spawn(self, lane: int, front: float) -> None:
-        """Adds a random vehicle with its front bumper at a station [m], where there is room."""
+        """Adds a random vehicle with its front bumper at a station [m], if there is room."""
         random = self._random
         index = int(random.choice(len(KINDS), p=SHARES))
         kind = KINDS[index]
@@ -188,7 +189,7 @@ class HighwayTraffic:
         if leader >= 0 and self.front[leader] - self.length[leader] - front < 2.0 * speed:
             speed = min(speed, float(self.speed[leader]))
         if follower >= 0 and front - kind.length - self.front[follower] < kind.minimum_gap:
-            return  # The vehicle is too long for the place.
+            return  # The vehicle is too long for the gap.
         self._serial += 1
         row: dict[str, float] = {
             "serial": self._serial,
@@ -209,7 +210,7 @@ class HighwayTraffic:
     def _exchange(self, truck: Obstacle) -> None:
         """Removes vehicles that leave the window and adds those that its edges reach.
 
-        A vehicle that waits beyond an edge drives at 0.9 of the traffic's limit; when the window
+        A vehicle that waits beyond an edge drives at 0.9 of the traffic's limit; if the window
         moves away from it, its distance is at most the headway that was drawn for it.
         """
         low = truck.front - self.config.window_behind
@@ -235,7 +236,7 @@ class HighwayTraffic:
         return not bool((np.abs(mine - front) < 30.0).any())
 
     def _vehicles(self, obstacles: list[Obstacle]) -> Vehicles:
-        """The vehicles, and after them the truck, once for each lane that it is in."""
+        """Returns the vehicles, then the truck, once for each lane that it occupies."""
         return Vehicles(
             front=np.append(self.front, [o.front for o in obstacles]),
             length=np.append(self.length, [o.length for o in obstacles]),
@@ -247,7 +248,7 @@ class HighwayTraffic:
         )
 
     def _change_lanes(self, obstacles: list[Obstacle]) -> None:
-        """One MOBIL round, vehicle by vehicle; each sees the changes of those before it."""
+        """Runs a MOBIL round, vehicle by vehicle; each sees the changes of those before it."""
         rested = np.flatnonzero(self.clock - self.change_time > self.CHANGE_INTERVAL)
         while rested.size:
             vehicles = self._vehicles(obstacles)

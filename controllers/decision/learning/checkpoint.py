@@ -1,7 +1,7 @@
 """Checkpoint files of a training: written atomically, verified when read.
 
 The first line is format and SHA-256 of the rest, a `torch.save` of tensors and plain values that is
-read without unpickling objects. The previous checkpoint is kept, too, in case of a damaged disk.
+read without unpickling objects. The previous checkpoint remains as a second file.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ FORMAT = "iits_mj.training.1"
 
 
 def write(folder: Path, state: dict[str, Any]) -> None:
-    """Writes a checkpoint under another name, then moves it in place.
+    """Writes a checkpoint under another name, then renames it.
 
     Args:
       folder: of the training.
@@ -53,10 +53,10 @@ def write(folder: Path, state: dict[str, Any]) -> None:
 
 
 def read(folder: Path) -> dict[str, Any]:
-    """The state given to `write`, with numpy arrays for tensors except the learner's.
+    """Returns the state given to `write`, with numpy arrays for tensors except the learner's.
 
     Raises:
-      InputError: there is no checkpoint, or it has another format or is damaged.
+      InputError: there is no checkpoint, it has another format, or it is damaged.
     """
     import torch
 
@@ -72,7 +72,7 @@ def read(folder: Path) -> dict[str, Any]:
             raise ValueError("it is damaged: its checksum does not match")
         state: dict[str, Any] = torch.load(io.BytesIO(payload), weights_only=True)
     except Exception as error:  # torch raises many kinds
-        before = f"; {PREVIOUS!r} is the one before it" if (folder / PREVIOUS).is_file() else ""
+        before = f"; {PREVIOUS!r} is the previous one" if (folder / PREVIOUS).is_file() else ""
         raise InputError(
             f"resume: checkpoint {str(path)!r} is not usable: {error}{before}"
         ) from error
@@ -90,12 +90,12 @@ def check_settings(stored: dict[str, Any], wanted: dict[str, Any]) -> None:
         if stored.get(name) != wanted.get(name):
             raise InputError(
                 f"resume: {name.replace('_', '-')} is {wanted.get(name)!r}, but the checkpoint's "
-                f"training has {stored.get(name)!r}; use the same, or begin in another folder"
+                f"training has {stored.get(name)!r}; use the same, or another folder"
             )
 
 
 def _exchange(value: Any, kind: type, make: Any) -> Any:
-    """A nested value with all entries of a kind converted by `make`."""
+    """Returns a nested value with all entries of a type converted by `make`."""
     if isinstance(value, dict):
         return {key: _exchange(inner, kind, make) for key, inner in value.items()}
     if isinstance(value, list | tuple):

@@ -1,9 +1,9 @@
 """Trips driven by worker processes; the results do not depend on the number of processes.
 
-Each worker is a fresh interpreter on one thread, without torch. It makes a world at the first trip
-in it and keeps it. One thread of this process serves each worker, so that a free worker gets the
-next trip while the learner learns. When this process ends in any way, the workers find their pipe
-closed and end, too.
+Each worker is a new interpreter on one thread, without torch. It makes each world at the first trip
+in that world. One thread of this process serves each worker, so that a free worker gets the next
+trip while the learner learns. When this process ends, for whatever reason, the pipes close and the
+workers end as well.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ class Drive:
 
     Attributes:
       name: for messages; world: index of the factory.
-      trip: its settings; generator: of everything random in it.
+      trip: its settings; generator: source of all its randomness.
       epsilon: share of random decisions; guided: share of those that MOBIL makes instead.
-      steps: n of the wanted n-step transitions, 0 for none.
+      steps: n of the n-step transitions, 0 for no transitions.
     """
 
     name: str
@@ -58,7 +58,7 @@ class Drive:
 
 @dataclass(frozen=True)
 class Driven:
-    """Result of a trip: summary and transitions, None where none were wanted."""
+    """Result of a trip: summary and transitions, None for a drive without them."""
 
     summary: TripSummary
     transitions: Batch | None
@@ -67,7 +67,7 @@ class Driven:
 def drive_trip(world: World, job: Drive, network: QNetwork) -> Driven:
     """Drives one trip, epsilon-greedy on a network.
 
-    Most random lane changes are useless, so a rule makes a share of the random decisions.
+    Most random lane changes are useless, so MOBIL makes a share of the random decisions.
     """
     exploration = job.generator.spawn(1)[0]
     guide = Mobil()
@@ -86,7 +86,7 @@ def drive_trip(world: World, job: Drive, network: QNetwork) -> Driven:
         step = world.step(ACTIONS[action])
         over = step.terminated or step.truncated
         if job.steps:
-            # After a truncation the following value still counts.
+            # After a truncation the next value still counts.
             future = 0.0 if step.terminated else job.trip.reward.discount**step.seconds
             reward = step.reward.total
             symmetric = not job.trip.keeps_right
@@ -97,11 +97,11 @@ def drive_trip(world: World, job: Drive, network: QNetwork) -> Driven:
 
 
 class Interrupted(KeyboardInterrupt):
-    """The first Ctrl-C, raised at the next wait, where the state is consistent."""
+    """Raised after the first Ctrl-C at the next wait, where the state is consistent."""
 
 
 class Interruption(Closing):
-    """Defers Ctrl-C to the next wait until closed; a second one is raised at once.
+    """Defers Ctrl-C to the next wait until closed; the second Ctrl-C takes effect at once.
 
     It has no effect outside the main thread, which alone receives signals.
     """
@@ -113,7 +113,7 @@ class Interruption(Closing):
             self._before = signal.signal(signal.SIGINT, self._ask)
 
     def wait(self, outcome: Future[T]) -> T:
-        """The outcome, or its error; raises `Interrupted` after Ctrl-C."""
+        """Returns the outcome or raises its error; raises `Interrupted` after Ctrl-C."""
         while True:
             if self._asked:
                 raise Interrupted
@@ -124,7 +124,7 @@ class Interruption(Closing):
                     raise
 
     def close(self) -> None:
-        """Restores the former handler of Ctrl-C."""
+        """Restores the previous handler of Ctrl-C."""
         if self._main:
             signal.signal(signal.SIGINT, self._before)
 
@@ -143,7 +143,8 @@ class TripDrivers(Closing, abc.ABC):
         """Starts trips on a network; the future of a trip that fails raises an `Error`."""
 
 
-# Makes drivers for worlds, by their factories; `Drive.world` chooses among them.
+_Task = tuple[Drive, QNetwork, Future[Driven]]
+# Makes drivers for the worlds of some factories; `Drive.world` is an index into them.
 MakeDrivers = Callable[[Sequence[WorldFactory]], TripDrivers]
 
 
@@ -152,11 +153,11 @@ class Workers(TripDrivers):
 
     Args:
       jobs: number of processes.
-      worlds: picklable factories, chosen by `Drive.world`.
+      worlds: picklable factories; `Drive.world` is an index into them.
     """
 
     def __init__(self, jobs: int, worlds: Sequence[WorldFactory]) -> None:
-        self._queue: queue.SimpleQueue[_TripTask | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[_Task | None] = queue.SimpleQueue()
         context = multiprocessing.get_context("spawn")
         self._processes = []
         self._threads = []
@@ -173,10 +174,10 @@ class Workers(TripDrivers):
 
     def submit(self, jobs: Sequence[Drive], network: QNetwork) -> list[Future[Driven]]:
         """Starts trips on a network; the future of a trip that fails raises an `Error`."""
-        tasks = [_TripTask(job, network, Future()) for job in jobs]
-        for task in tasks:
-            self._queue.put(task)
-        return [task.outcome for task in tasks]
+        outcomes: list[Future[Driven]] = [Future() for _ in jobs]
+        for job, outcome in zip(jobs, outcomes, strict=True):
+            self._queue.put((job, network, outcome))
+        return outcomes
 
     def close(self) -> None:
         """Ends the processes, even in the middle of a trip."""
@@ -190,35 +191,29 @@ class Workers(TripDrivers):
             thread.join()
 
     def _serve(self, pipe: Connection, process: Any) -> None:
-        """Passes tasks to one worker, one after the other."""
+        """Passes tasks to one worker, one at a time."""
         sent: QNetwork | None = None
         while (task := self._queue.get()) is not None:
+            job, network, outcome = task
             try:
-                pipe.send((task.job, None if task.network is sent else task.network))
-                sent = task.network
+                pipe.send((job, None if network is sent else network))
+                sent = network
                 answer = pipe.recv()
             except (EOFError, OSError):
                 process.join()
                 answer = f"its process ended with exit code {process.exitcode}"
             if isinstance(answer, Driven):
-                task.outcome.set_result(answer)
+                outcome.set_result(answer)
             else:
-                task.outcome.set_exception(Error(f"{task.job.name}: {answer}"))
+                outcome.set_exception(Error(f"{job.name}: {answer}"))
         pipe.close()
 
 
-@dataclass(frozen=True)
-class _TripTask:
-    job: Drive
-    network: QNetwork
-    outcome: Future[Driven]
-
-
 def _work(pipe: Connection, factories: tuple[WorldFactory, ...]) -> None:
-    """Loop of a worker: answers each trip with a `Driven`, or with the reason of a failure."""
+    """Runs a worker: answers each trip with a `Driven`, or with the reason of its failure."""
     worlds: dict[int, World] = {}
     network: Any = None
-    with contextlib.suppress(EOFError, OSError):  # the other end is closed
+    with contextlib.suppress(EOFError, OSError):  # until the other end closes
         while True:
             job, news = pipe.recv()
             network = network if news is None else news
@@ -234,7 +229,7 @@ def _work(pipe: Connection, factories: tuple[WorldFactory, ...]) -> None:
 
 @contextlib.contextmanager
 def _inherited_by_workers() -> Iterator[None]:
-    """Starts workers with one thread each and without Ctrl-C, which is for this process alone."""
+    """Starts workers with one thread each that ignore Ctrl-C, which this process handles."""
     main = threading.current_thread() is threading.main_thread()
     handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
     try:

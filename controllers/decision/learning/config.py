@@ -20,6 +20,14 @@ CHANGEABLE = frozenset(
 )
 
 
+def _share(default: float, help: str) -> Any:
+    return option(default, help=help, low=0.0, high=1.0)
+
+
+def _decisions(default: int, help: str) -> Any:
+    return option(default, help=help, low=1, high=10**9)
+
+
 @dataclass(frozen=True, kw_only=True)
 class LearnerConfig:
     """Settings of the learner; learning rate and batch size are the paper's.
@@ -29,7 +37,7 @@ class LearnerConfig:
     """
 
     learning_rate: float = option(5e-4, help="of Adam", low=1e-8, high=1.0, metavar="RATE")
-    batch_size: int = option(64, help="transitions an update", low=1, high=65536)
+    batch_size: int = option(64, help="transitions per update", low=1, high=65536)
     target_interval: int = option(
         250, help="updates between two copies to the target network", low=1, high=10**7
     )
@@ -42,7 +50,7 @@ class LearnerConfig:
     )
     average_rate: float = option(
         1e-4,
-        help="share by which the policy that is kept follows the online network at every update: a "
+        help="share by which the policy to validate follows the online network at every update: a "
         "running average over 1 / RATE updates; 0 for the online network itself",
         low=0.0,
         high=1.0,
@@ -52,7 +60,7 @@ class LearnerConfig:
         10.0, help="longer gradients are shortened to this length", low=1e-6, high=1e9
     )
     reward_scale: float = option(
-        0.05, help="rewards are multiplied by it; changes no policy", low=1e-6, high=1e6
+        0.05, help="factor on the rewards; changes no optimal policy", low=1e-6, high=1e6
     )
     margin: float = option(
         0.0,
@@ -62,12 +70,12 @@ class LearnerConfig:
         high=1e4,
     )
     standardized: bool = option(
-        True, help="inputs in units of their usual spread (LeCun et al. 1998)"
+        True, help="inputs in units of their typical spread (LeCun et al. 1998)"
     )
     gap: float = option(
         0.8,
-        help="share of an action's shortfall from the best one that is charged again: values of "
-        "the others lie 1 / (1 - gap) as far below (advantage learning, Bellemare et al. 2016)",
+        help="share of an action's shortfall from the best one that is charged again: the other "
+        "values lie 1 / (1 - gap) times as far below (advantage learning, Bellemare et al. 2016)",
         low=0.0,
         high=0.99,
     )
@@ -77,7 +85,6 @@ class LearnerConfig:
     )
 
     def __post_init__(self) -> None:
-        """Raises InputError for values out of bounds."""
         option_fields.check(self)
 
 
@@ -89,22 +96,20 @@ class TrainConfig(LearnerConfig):
       InputError: a value is out of bounds, or two do not fit; the message names it.
     """
 
-    decisions: int = option(
-        1_200_000, help="decisions of the truck, one a second", low=1, high=10**9
-    )
+    decisions: int = _decisions(1_200_000, "decisions of the truck, one per second")
     fast_decisions: int = option(
-        150_000, help="of these in the fast world, before another one", low=0, high=10**9
+        150_000, help="decisions in the fast world, before the other one", low=0, high=10**9
     )
-    seed: int = option(0, help="the one seed of everything", low=0, high=2**31 - 1)
+    seed: int = option(0, help="seed of all randomness", low=0, high=2**31 - 1)
     jobs: int = option(
-        2, help="processes that drive; the outcome does not depend on it", low=1, high=256
+        2, help="processes that drive; the result does not depend on it", low=1, high=256
     )
     trips_per_round: int = option(
         2, help="trips driven on one state of the network", low=1, high=1024
     )
     trip_duration: float = option(
         1_000.0,
-        help="length of a trip: platoons take time to form",
+        help="duration of a trip: platoons take time to form",
         unit="s",
         low=10.0,
         high=1e5,
@@ -113,59 +118,57 @@ class TrainConfig(LearnerConfig):
     discount: float = option(0.995, help="of a reward one second later", low=0.0, high=0.9999)
     change_charge: float = option(
         150.0,
-        help="of a decision to change lanes, in m/s seconds of distance from the reference speed",
+        help="of a decision to change lanes, in m/s off the reference speed times seconds",
         low=0.0,
         high=1e4,
     )
-    random_share: float = option(
-        0.4, help="share of trips with randomized traffic and load", low=0.0, high=1.0
+    random_share: float = _share(0.4, "share of trips with randomized traffic and load")
+    updates_per_decision: float = option(
+        0.25, help="gradient steps per decision", low=0.0, high=64.0
     )
-    updates_per_decision: float = option(0.25, help="gradient steps a decision", low=0.0, high=64.0)
     steps: int = option(1, help="n of the n-step returns, 1 for none", low=1, high=64)
     learning_rate_end: float = option(
-        2e-5, help="of Adam in the end", low=1e-8, high=1.0, metavar="RATE"
+        2e-5, help="of Adam at the end", low=1e-8, high=1.0, metavar="RATE"
     )
-    learning_rate_decisions: int = option(
-        1_200_000, help="the rate changes over these", low=1, high=10**9
+    learning_rate_decisions: int = _decisions(1_200_000, "decisions over which the rate changes")
+    replay_capacity: int = option(
+        300_000, help="greatest number of stored transitions", low=1, high=10**8
     )
-    replay_capacity: int = option(300_000, help="transitions kept", low=1, high=10**8)
     warm_up: int = option(4_000, help="transitions before the first update", low=1, high=10**8)
     mirror: bool = option(
-        True, help="learn from mirror images of transitions too, where traffic does not keep right"
+        True, help="learn also from mirror images of transitions, where traffic does not keep right"
     )
     prioritized: bool = option(False, help="prioritized replay (Schaul et al. 2016)")
-    priority_exponent: float = option(
-        0.6, help="alpha: 0 draws uniformly, 1 in proportion to the error", low=0.0, high=1.0
-    )
-    importance_exponent: float = option(
-        0.4, help="beta at the start; it rises to 1", low=0.0, high=1.0
-    )
-    importance_decisions: int = option(1_200_000, help="beta rises over these", low=1, high=10**9)
-    epsilon_start: float = option(1.0, help="share of random decisions", low=0.0, high=1.0)
-    epsilon_stage: float = option(0.2, help="the same after the fast world", low=0.0, high=1.0)
-    epsilon_end: float = option(0.05, help="the same in the end", low=0.0, high=1.0)
-    epsilon_decisions: int = option(120_000, help="it falls over these", low=1, high=10**9)
-    guided_share: float = option(
-        0.5, help="share of the random decisions that the rule MOBIL makes", low=0.0, high=1.0
-    )
-    evaluate_interval: int = option(100_000, help="between two validations", low=1, high=10**9)
+    priority_exponent: float = _share(0.6, "alpha: 0 draws uniformly, 1 in proportion to the error")
+    importance_exponent: float = _share(0.4, "beta at the start; it rises to 1")
+    importance_decisions: int = _decisions(1_200_000, "decisions over which beta rises")
+    epsilon_start: float = _share(1.0, "share of random decisions at the start")
+    epsilon_stage: float = _share(0.2, "share of random decisions at the start of the second world")
+    epsilon_end: float = _share(0.05, "share of random decisions at the end")
+    epsilon_decisions: int = _decisions(120_000, "decisions over which the share falls")
+    guided_share: float = _share(0.5, "share of the random decisions that the rule MOBIL makes")
+    evaluate_interval: int = _decisions(100_000, "decisions between two validations")
     validation_trips: int = option(
-        5, help="in each of the six cells, in the fast world", low=1, high=1000
+        5, help="trips in each of the six cells, in the fast world", low=1, high=1000
     )
     truck_validation_trips: int = option(
-        2, help="the same in the other world, which takes longer", low=1, high=1000
+        2, help="trips in each cell, in the other world, which takes longer", low=1, high=1000
     )
     validation_duration: float = option(
-        1_000.0, help="length of a validation trip", unit="s", low=10.0, high=1e5, metavar="S"
+        1_000.0, help="duration of a validation trip", unit="s", low=10.0, high=1e5, metavar="S"
     )
-    checkpoint_interval: int = option(10_000, help="between two checkpoints", low=1, high=10**9)
+    checkpoint_interval: int = _decisions(10_000, "decisions between two checkpoints")
     checkpoint_seconds: float = option(
-        120.0, help="also after this time", unit="s", low=0.0, high=1e6, metavar="S"
+        120.0,
+        help="greatest time between two checkpoints",
+        unit="s",
+        low=0.0,
+        high=1e6,
+        metavar="S",
     )
     resume: bool = option(False, help="continue from the checkpoint in --out")
 
     def __post_init__(self) -> None:
-        """Raises InputError for values out of bounds."""
         super().__post_init__()
         if self.warm_up > self.replay_capacity:
             raise InputError(
@@ -179,6 +182,6 @@ class TrainConfig(LearnerConfig):
         return RewardConfig(change=self.change_charge, discount=self.discount)
 
     def identity(self) -> dict[str, Any]:
-        """All settings but `resume`, for weights files and checkpoints."""
+        """Returns all settings but `resume`, for weights files and checkpoints."""
         names = (field.name for field in dataclasses.fields(TrainConfig))
         return {name: getattr(self, name) for name in names if name != "resume"}

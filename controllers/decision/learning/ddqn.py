@@ -1,25 +1,25 @@
 """Double DQN, with dueling heads and quantiles as options.
 
-The online network chooses the next action, the target network values it (van Hasselt, Guez and
-Silver 2016, eq. 4): `Y = R + discount * Q_target(s', argmax_a Q_online(s', a))`. The target network
-is a separate copy that is renewed every `target_interval` updates, or follows slowly. Decisions
-last differently long (1 s, or a whole lane change), so each transition has its own discount, which
-is 0 after a termination only.
+The online network chooses the next action, the target network gives its value (van Hasselt, Guez
+and Silver 2016, eq. 4): `Y = R + discount * Q_target(s', argmax_a Q_online(s', a))`. The target
+network is a separate copy that is updated every `target_interval` updates, or follows slowly. A
+decision lasts 1 s, or a whole lane change, so each transition has its own discount, which is 0
+after a termination only.
 
 - dueling (Wang et al. 2016, eq. 9): `Q = V + A - mean_a A`, two linear heads on one trunk.
 - quantiles (Dabney et al. 2018): each value is the mean of N quantiles of the return, learned with
   the quantile Huber loss; actions are chosen by the means.
 
-The shipped policy may be a running average of the online network, which smooths its gradient steps;
-the online network itself gathers experience, as only that corrects its errors.
+The shipped policy may be a running average of the online network, which smooths its gradient steps.
+The online network itself drives the training trips, because only that corrects its errors.
 
-Heads are linear, so both fold exactly into the last layer of the shipped network, and the units of
-the inputs into its first.
+Heads are linear, so both fold exactly into the last layer of the shipped network, and the scaling
+of the inputs into its first layer.
 
-Inputs may be standardized: in the observation's units a usual difference of speed is 0.05 and a
-usual lateral speed in a lane change 0.01, where a distance is 0.3. Adam's steps are about equally
-long for all weights, so the network learns slowly what depends on small numbers; in units of their
-spread all inputs are alike (LeCun et al. 1998, "Efficient BackProp", section 4.3).
+Inputs may be standardized: in the observation's units a typical difference of speed is 0.05, a
+typical lateral speed in a lane change 0.01, and a typical distance 0.3. Adam's steps are about
+equally long for all weights, so the network learns slowly from small inputs; in units of their
+spread all inputs have the same size (LeCun et al. 1998, "Efficient BackProp", section 4.3).
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _OTHERS_SPREAD = (1.0, 0.3, 0.4, 0.05, 0.01, 0.05)
 
 
 def usual_and_spread() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Usual value and spread of the 216 inputs; x is standardized as (x - usual) / spread."""
+    """Returns usual value and spread of the 216 inputs; standardized: (x - usual) / spread."""
     others = len(ROWS) - 1
     usual = np.array([_TRUCK_USUAL, *[_OTHERS_USUAL] * others], np.float32)
     spread = np.array([_TRUCK_SPREAD, *[_OTHERS_SPREAD] * others], np.float32)
@@ -90,7 +90,7 @@ class ValueNetwork(nn.Module):
         self.value = nn.Linear(LAYERS[-2], self.width) if dueling else None
 
     def forward(self, observation: Tensor) -> Tensor:
-        """Quantiles of the return, (n, 3, width), of observations (n, 216)."""
+        """Returns quantiles of the return, (n, 3, width), for observations (n, 216)."""
         if self._inputs is not None:
             usual, spread = map(torch.from_numpy, self._inputs)
             observation = (observation - usual) / spread
@@ -101,7 +101,7 @@ class ValueNetwork(nn.Module):
         return self.value(hidden)[:, None] + advantage - advantage.mean(dim=1, keepdim=True)
 
     def layers(self) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
-        """Weights and biases of the four layers with all linear parts folded in; copies."""
+        """Returns copies of weights and biases of the four layers, all linear parts folded in."""
         pairs = [_arrays(layer) for layer in self.trunk if isinstance(layer, nn.Linear)]
         if self._inputs is not None:
             usual, spread = self._inputs
@@ -124,24 +124,24 @@ def _arrays(layer: nn.Linear) -> tuple[NDArray[np.float64], NDArray[np.float64]]
 def double_q_target(
     reward: Tensor, discount: Tensor, online_next: Tensor, target_next: Tensor
 ) -> Tensor:
-    """Targets (n, width) from rewards and discounts (n,) and next values (n, 3, width) of both."""
+    """Returns targets (n, width) from rewards and discounts (n,), next values (n, 3, width)."""
     chosen = online_next.mean(dim=2).argmax(dim=1)
     return reward[:, None] + discount[:, None] * _of_action(target_next, chosen)
 
 
 def shortfall(values: Tensor, action: Tensor) -> Tensor:
-    """Difference of the best action's value to an action's, (n,), from values (n, 3, width).
+    """Returns the best action's value less that of an action, (n,), from values (n, 3, width).
 
-    Charged in part, it widens the gap between the best action and the others and leaves the best
-    one as it is (Bellemare et al. 2016, eq. 7). With frequent decisions the gap is small, as the
-    next decision can correct this one, and errors of the values decide.
+    Charging a part of it widens the gap between the best action and the others and leaves the best
+    value unchanged (Bellemare et al. 2016, eq. 7). With frequent decisions the gap is small, as the
+    next decision can correct this one, and errors of the values choose the action.
     """
     means = values.mean(dim=2)
     return means.max(dim=1).values - _of_action(means, action)
 
 
 def quantile_huber(taken: Tensor, wanted: Tensor) -> Tensor:
-    """Loss (n,) of quantiles (n, N) against samples (n, M) of the return.
+    """Returns the loss (n,) of quantiles (n, N) against samples (n, M) of the return.
 
     Dabney et al. (2018) eq. 9 and 10 with kappa = 1: the sum over quantiles `i` of the mean over
     samples `j` of `|tau_i - 1{u < 0}| huber(u)`, `u = wanted_j - taken_i`, `tau_i = (i + 1/2) / N`.
@@ -155,12 +155,12 @@ def quantile_huber(taken: Tensor, wanted: Tensor) -> Tensor:
 
 
 def _of_action(values: Tensor, action: Tensor) -> Tensor:
-    """(n, width) of (n, 3, width)."""
+    """Returns the values of an action, (n, ...), from values (n, 3, ...)."""
     return values[torch.arange(len(action)), action]
 
 
 def _follow(mine: ValueNetwork, theirs: ValueNetwork, rate: float) -> None:
-    """Moves all parameters a share of the way to another network's."""
+    """Moves all parameters by a share of the way to those of another network."""
     for parameter, other in zip(mine.parameters(), theirs.parameters(), strict=True):
         parameter.lerp_(other.detach(), rate)
 
@@ -181,7 +181,7 @@ class DoubleDqn:
         self.updates = 0
 
     def update(self, batch: Batch, weight: NDArray[np.float32] | None = None) -> Update:
-        """Takes one gradient step on a batch, with optional weights of the losses (n,).
+        """Takes one gradient step on a batch, with optional weights of the losses, shape (n,).
 
         Raises:
           Error: the loss is not finite.
@@ -216,8 +216,14 @@ class DoubleDqn:
         nn.utils.clip_grad_norm_(self.online.parameters(), self.config.gradient_norm)
         self.optimizer.step()
         self.updates += 1
-        self._renew_target()
-        self._renew_average()
+        if self.config.target_rate > 0.0:
+            _follow(self.target, self.online, self.config.target_rate)
+        elif self.updates % self.config.target_interval == 0:
+            self.target.load_state_dict(self.online.state_dict())
+        if self.average is not None:
+            # At first the mean of all networks since the initial one.
+            rate = max(self.config.average_rate, 1.0 / self.updates)
+            _follow(self.average, self.online, rate)
         mean = taken.detach().mean(dim=1)
         error = (wanted.mean(dim=1) - mean).abs().numpy()
         return Update(float(loss.item()), float(mean.mean().item()), error)
@@ -227,25 +233,12 @@ class DoubleDqn:
         for group in self.optimizer.param_groups:
             group["lr"] = learning_rate
 
-    def _renew_target(self) -> None:
-        """Updates the target network by a copy at intervals, or by a small step each time."""
-        if self.config.target_rate > 0.0:
-            _follow(self.target, self.online, self.config.target_rate)
-        elif self.updates % self.config.target_interval == 0:
-            self.target.load_state_dict(self.online.state_dict())
-
-    def _renew_average(self) -> None:
-        """Updates the average: at first the mean of all networks, without the initial one."""
-        if self.average is not None:
-            rate = max(self.config.average_rate, 1.0 / self.updates)
-            _follow(self.average, self.online, rate)
-
     def network(self) -> QNetwork:
-        """The online network, which gathers experience, as numpy arrays; a copy."""
+        """Returns a copy of the online network, which drives the training trips, in numpy."""
         return self._in_numpy(self.online)
 
     def policy(self) -> QNetwork:
-        """The policy to validate and ship: the running average, or the online network; a copy."""
+        """Returns a copy of the policy to validate: the running average or the online network."""
         return self._in_numpy(self.online if self.average is None else self.average)
 
     def _in_numpy(self, values: ValueNetwork) -> QNetwork:
@@ -254,7 +247,7 @@ class DoubleDqn:
         return QNetwork(tuple(weights), tuple(biases), margin=margin)
 
     def state(self) -> dict[str, Any]:
-        """State for a checkpoint; a copy."""
+        """Returns the state for a checkpoint; a copy."""
         state = {
             "online": self.online.state_dict(),
             "target": self.target.state_dict(),
@@ -265,7 +258,7 @@ class DoubleDqn:
         return copy.deepcopy(state)
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Takes up a state."""
+        """Restores a state."""
         self.online.load_state_dict(state["online"])
         self.target.load_state_dict(state["target"])
         if self.average is not None:

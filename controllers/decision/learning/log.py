@@ -1,7 +1,7 @@
 """Log of a training: `training.csv` and TensorBoard's event files.
 
-The table has a row for each validation with means since the previous row; the event files have the
-same figures, those of the learner once a round.
+The table has a row for each validation, with means since the previous row. The event files have the
+same figures, those of the learner once per round.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ COLUMNS = (
     "wall_s",
     *(f"{group}_{name}" for group, names in _GROUPS for name in names),
 )
-NO_EVENTS = "no event files are written: pip install 'tensorboard>=2.17' adds them"
+NO_EVENTS = "no event files: pip install 'tensorboard>=2.17' to write them"
 
 
 def trip_figures(summaries: list[TripSummary]) -> dict[str, float]:
-    """Means over trips, by the names of `TRIPS`; terms of the reward are per second."""
+    """Returns means over trips, by the names of `TRIPS`; reward terms are per second."""
 
     def mean(figure: Callable[[TripSummary], float]) -> float:
         return float(np.mean([figure(summary) for summary in summaries]))
@@ -51,7 +51,7 @@ def trip_figures(summaries: list[TripSummary]) -> dict[str, float]:
 
 
 class Means:
-    """Weighted means by name; a checkpoint keeps their sums."""
+    """Weighted means by name; a checkpoint stores their sums."""
 
     def __init__(self, sums: dict[str, list[float]] | None = None) -> None:
         self.sums = sums or {}
@@ -68,7 +68,7 @@ class Means:
             total[1] += weight
 
     def take(self) -> dict[str, float]:
-        """The means so far, which are then cleared."""
+        """Returns the means so far and clears them."""
         means = {name: total / weight for name, (total, weight) in self.sums.items()}
         self.sums = {}
         return means
@@ -79,8 +79,8 @@ class TrainLog:
 
     Args:
       out: folder; rows: of the table so far, without header; decisions: so far. Later entries of
-        an interrupted training are dropped.
-      note: called with a sentence when TensorBoard's package is missing.
+        an interrupted training are removed.
+      note: called with a sentence if TensorBoard is not installed.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class TrainLog:
     def row(
         self, decisions: int, wall: float, training: dict[str, float], validation: dict[str, float]
     ) -> None:
-        """Writes a row of the table, empty where a figure is missing."""
+        """Writes a row of the table; the cell of a missing figure is empty."""
         cells = [str(decisions), f"{wall:.1f}"]
         for (_, names), figures in zip(_GROUPS, (training, validation), strict=True):
             cells += [f"{figures[name]:.6g}" if name in figures else "" for name in names]

@@ -18,7 +18,7 @@ from controllers.decision.policy import ACTIONS
 from iits_mj.core.arrays import IndexArray
 from iits_mj.core.errors import InputError
 
-# Width between the middles of the outermost lanes [m]; the built-in road's lanes are as wide.
+# Width between the middles of the outermost lanes [m]; the built-in road's lanes have the same.
 _WIDTH = (LANES - 1) * LANE_WIDTH
 _FLOOR = 1e-3  # of a priority
 
@@ -78,9 +78,9 @@ class Draw(NamedTuple):
 
 
 def mirror_half(batch: Batch, generator: np.random.Generator) -> Batch:
-    """A batch with a random half of its symmetric transitions mirrored.
+    """Returns a batch with a random half of its symmetric transitions mirrored.
 
-    On a road where left and right are equivalent each transition teaches twice.
+    On a road where left and right are equivalent, the mirror image is a transition, too.
     """
     chosen = batch.symmetric & (generator.random(len(batch)) < 0.5)
     observation, following = batch.observation.copy(), batch.following.copy()
@@ -109,17 +109,13 @@ class Priorities:
     def draw(
         self, count: int, stored: int, beta: float, generator: np.random.Generator
     ) -> tuple[IndexArray, NDArray[np.float32]]:
-        """Indices and weights of a batch, one index from each of `count` equal parts of the sum.
+        """Draws indices and weights, one index from each of `count` equal parts of the sum.
 
-        Args:
-          count: of the batch.
-          stored: transitions in the memory, the N of the weights.
-          beta: exponent of the weights.
-          generator: of the draw.
+        `stored` is the number of transitions in the memory, `beta` the exponent of the weights.
         """
         sums = np.cumsum(self._mass[:stored])
         part = (np.arange(count) + generator.random(count)) / count * sums[-1]
-        # Rounding may carry the last part to the whole sum.
+        # Rounding may make the last part equal to the whole sum.
         index = np.minimum(np.searchsorted(sums, part, side="right"), stored - 1)
         weight = (stored * self._mass[index] / sums[-1]) ** -beta
         return index, (weight / weight.max()).astype(np.float32)
@@ -132,20 +128,20 @@ class Priorities:
         self._mass[index] = priority**self._exponent
 
     def state(self, stored: int) -> dict[str, Any]:
-        """State for a checkpoint; a copy."""
+        """Returns the state for a checkpoint; a copy."""
         return {"mass": self._mass[:stored].copy(), "greatest": self._greatest}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Takes up a state."""
+        """Restores a state."""
         self._mass[: len(state["mass"])] = state["mass"]
         self._greatest = float(state["greatest"])
 
 
 class ReplayMemory:
-    """A ring of transitions; observations are stored as float16, whose error of 5e-4 is harmless.
+    """A ring of transitions, with observations as float16, whose error of 5e-4 is harmless.
 
     Args:
-      capacity: transitions kept; size: of an observation.
+      capacity: greatest number of transitions; size: of an observation.
       priority_exponent: alpha of prioritized draws; None draws uniformly.
     """
 
@@ -171,7 +167,7 @@ class ReplayMemory:
         return self._count
 
     def add(self, batch: Batch) -> None:
-        """Stores transitions in place of the oldest ones; of too many, the last ones."""
+        """Stores transitions in place of the oldest ones; of more than fit, the last ones."""
         index = (self._next + np.arange(len(batch))) % self.capacity
         kept = slice(max(0, len(batch) - self.capacity), None)
         for name, column in self._columns.items():
@@ -200,19 +196,19 @@ class ReplayMemory:
         return Draw(Batch(**columns), index, weight)
 
     def renew(self, index: IndexArray, error: NDArray[np.floating[Any]]) -> None:
-        """Updates priorities from the absolute TD errors of drawn transitions, if there are any."""
+        """Updates priorities, if used, from the absolute TD errors of drawn transitions."""
         if self._priorities is not None:
             self._priorities.renew(index, error)
 
     def state(self) -> dict[str, Any]:
-        """The stored transitions for a checkpoint."""
+        """Returns the stored transitions for a checkpoint."""
         state: dict[str, Any] = {n: c[: self._count] for n, c in self._columns.items()}
         if self._priorities is not None:
             state["priorities"] = self._priorities.state(self._count)
         return {**state, "next": self._next}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Takes up a state."""
+        """Restores a state."""
         self._count = len(state["action"])
         for field in fields(Batch):
             self._columns[field.name][: self._count] = state[field.name]
@@ -224,7 +220,7 @@ class ReplayMemory:
 class Returns:
     """Joins single transitions to n-step ones: `R = r0 + d0 r1 + d0 d1 r2 ...`.
 
-    Sutton and Barto (2018) eq. 7.1, with a discount of each step for its duration.
+    Sutton and Barto (2018) eq. 7.1; the discount of each step depends on its duration.
     """
 
     def __init__(self, steps: int) -> None:
@@ -234,14 +230,14 @@ class Returns:
         self._recent: deque[Transition] = deque()
 
     def add(self, transition: Transition, over: bool) -> list[Transition]:
-        """Adds a transition; returns the complete ones, all of them at the end of the episode."""
+        """Adds a transition; returns the complete ones, at the end of the episode all of them."""
         self._recent.append(transition)
         return self._released(0 if over else self._steps - 1)
 
     def cut(self) -> list[Transition]:
-        """The transitions so far, each ending here.
+        """Returns the transitions so far, each ending here.
 
-        After a random decision a return is not that of the greedy policy (Watkins 1989).
+        A return beyond a random decision is not that of the greedy policy (Watkins 1989).
         """
         return self._released(0)
 

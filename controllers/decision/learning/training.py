@@ -1,14 +1,15 @@
 """Training of the decision maker: worker processes drive, this process learns, with checkpoints.
 
 A round is a fixed number of whole trips on one state of the network. While this process learns from
-round r, the workers drive round r + 1 on the network before that, so the result depends neither on
+round r, the workers drive round r + 1 on the network of before, so the result depends neither on
 the number nor on the speed of the workers: one seed gives bit-identical results. A checkpoint
-stores the settings of the round in flight, which is driven again after an interruption.
+stores the settings of the current round, which is driven again after an interruption.
 
 A training has one stage or two: `fast_decisions` in the fast world, then the rest in another one.
-The weights are kept at the switch; memory, exploration and best score start again. Every
-`evaluate_interval` decisions the greedy policy drives validation trips, whose seeds neither
-training nor the final evaluation uses. Each validated policy is kept, and the best one apart.
+The second stage continues with the weights of the first; memory, exploration and best score start
+again. Every `evaluate_interval` decisions the greedy policy drives validation trips, whose seeds
+neither training nor the final evaluation uses. Every validated policy is stored, and the best one
+as the result.
 
 torch is imported when a training starts, not with this module.
 """
@@ -86,15 +87,15 @@ def train(
       config: settings.
       out: folder, created if missing.
       progress: called with (decisions done, decisions in all).
-      command: the command line, recorded in the weights' metadata.
-      world: picklable, makes the world of the second stage in a worker; None for the fast world.
+      command: the command line, for the weights' metadata.
+      world: picklable factory of the second stage's world; None for the fast world.
       note: called with messages for the user.
-      drivers: makes what drives the trips; default: `config.jobs` processes of this machine.
+      drivers: makes the drivers of the trips; default: `config.jobs` processes of this machine.
 
     Raises:
       InputError: torch is missing, the folder is not usable, or the checkpoint does not fit.
       Error: a trip failed, its worker died, or the training diverged.
-      KeyboardInterrupt: Ctrl-C, after a checkpoint was written.
+      KeyboardInterrupt: after Ctrl-C; a checkpoint is written first.
     """
     try:
         import torch
@@ -118,7 +119,7 @@ class Round:
 
     Attributes:
       index: number of the round; stage: `FAST` or `FULL`.
-      epsilon: share of random decisions; network: makes the others.
+      epsilon: share of random decisions; network: makes the other decisions.
     """
 
     index: int
@@ -128,7 +129,7 @@ class Round:
 
 
 class Training:
-    """State of a training: learner, memory, counters, and the round in flight."""
+    """State of a training: learner, memory, counters and the current round."""
 
     def __init__(
         self,
@@ -160,8 +161,8 @@ class Training:
                 rows = self._restore()
             elif (out / checkpoint.CHECKPOINT).exists():
                 raise InputError(
-                    f"folder {str(out)!r} holds a checkpoint; continue it with --resume, "
-                    "or begin in another folder"
+                    f"folder {str(out)!r} contains a checkpoint; continue it with --resume, "
+                    "or use another folder"
                 )
             self.log = TrainLog(out, rows, self.decisions, note)
         except OSError as error:
@@ -208,7 +209,7 @@ class Training:
                 self.log.close()
 
     def _send(self, flight: Round) -> list[Future[Driven]]:
-        """Starts the trips of a round."""
+        """Starts the trips of a round; returns their outcomes."""
         config, drives = self.config, []
         for trip in range(config.trips_per_round):
             generator = training_generator(config, flight.index, trip)
@@ -219,7 +220,7 @@ class Training:
         return self.workers.submit(drives, flight.network)
 
     def _next_round(self) -> Round:
-        """The next round, driven while this process learns from the one before it."""
+        """Returns the next round, driven while this process learns from the previous one."""
         config = self.config
         full = self.world is not None and self.decisions >= config.fast_decisions
         stage = FULL if full else FAST
@@ -231,7 +232,7 @@ class Training:
         return Round(self.flight.index + 1, stage, epsilon, self.learner.network())
 
     def _learn(self, driven: list[Driven]) -> None:
-        """Stores the trips' transitions, then takes the gradient steps due for them."""
+        """Stores the trips' transitions, then takes the gradient steps that are due."""
         config, decisions = self.config, 0
         for trip in driven:
             assert trip.transitions is not None
@@ -255,7 +256,7 @@ class Training:
             )
 
     def _log_round(self, driven: list[Driven], seconds: float) -> None:
-        """Logs figures of a round, and adds them to the means of the table's next row."""
+        """Logs figures of a round and adds them to the means of the table's next row."""
         summaries = [trip.summary for trip in driven]
         self.round.add(trip_figures(summaries), weight=len(driven))
         rate = sum(summary.decisions for summary in summaries) / seconds
@@ -264,7 +265,7 @@ class Training:
         self.log.scalars("training", self.decisions, {**self._progress(), **self.round.take()})
 
     def _between(self, start: float, end: float, over: int) -> float:
-        """A value that changes linearly from start to end over a number of decisions."""
+        """Returns a value that changes linearly from start to end over some decisions."""
         return start + (end - start) * min(1.0, self.decisions / over)
 
     def _progress(self) -> dict[str, float]:
@@ -276,7 +277,7 @@ class Training:
         }
 
     def _switch(self) -> None:
-        """Begins the second stage with an empty memory: the other world's transitions differ."""
+        """Starts the second stage with an empty memory, because the world is another one."""
         self.stage, self.stage_began = self.flight.stage, self.decisions
         self.memory, self.debt, self.best = self._new_memory(), 0.0, -math.inf
 
@@ -291,7 +292,7 @@ class Training:
         return since >= self.config.evaluate_interval or (stops and since > 0)
 
     def _validate(self) -> None:
-        """Validates the greedy policy on the six cells and writes it, also as the best if it is."""
+        """Validates the greedy policy on the six cells and writes it, also as the best if so."""
         network = self.learner.policy()
         result = validate(network, self.config, self.workers, self.stage, self.interruption)
         self.evaluated = self.decisions
@@ -305,7 +306,7 @@ class Training:
             network.save(self.out / BEST, **origin)
 
     def _origin(self, result: dict[str, float]) -> dict[str, Any]:
-        """Metadata of a weights file."""
+        """Returns the metadata of a weights file."""
         return {
             "command": self.command,
             "world": self._worlds()[self.stage],
@@ -315,14 +316,14 @@ class Training:
         }
 
     def _worlds(self) -> list[str]:
-        """Names of the worlds of both stages."""
+        """Returns the names of both stages' worlds."""
         fast = "fast world (controllers.decision.fast_world)"
         if self.world is None:
             return [fast, fast]
         return [fast, getattr(self.world, "__qualname__", type(self.world).__qualname__)]
 
     def _settings(self) -> dict[str, Any]:
-        """Settings that a resumed training must have in common with its checkpoint."""
+        """Returns the settings that a resumed training must share with its checkpoint."""
         return {**self.config.identity(), "world": self._worlds()[FULL]}
 
     def _checkpoint_due(self) -> bool:

@@ -1,4 +1,4 @@
-"""Trips of training and validation: traffic, load, start, generators; score of a policy on them."""
+"""Trips of training and validation: traffic, load, start, generators; score of a policy."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from controllers.decision.learning.log import trip_figures
 from controllers.decision.policy import QNetwork
 from controllers.decision.trip import CELLS, TRAINING_SEEDS, VALIDATION_SEEDS, TripConfig, cell_trip
 
-ROAD_LENGTH = 15_000.0
-_MARGIN = 200.0  # [m] of road beyond the reference speed's, so that the duration ends a trip
-# Reference speeds of the randomized trips [m/s], as those of predictive cruise control.
+ROAD_LENGTH = TripConfig.length
+_MARGIN = 200.0  # [m] beyond the distance at reference speed, so that time ends a trip
+# Reference speeds of the randomized trips [m/s], those of predictive cruise control.
 _REFERENCES = (50.0 / 3.6, 80.0 / 3.6)
 # Share of the randomized trips in traffic that keeps right.
 _KEEPS_RIGHT = 0.3
 
 
 def sample_trip(config: TrainConfig, generator: np.random.Generator) -> TripConfig:
-    """A trip of the training: one of the six cells, or one with randomized traffic and load."""
+    """Draws a training trip: one of the six cells, or one with randomized traffic and load."""
     density, speed = CELLS[int(generator.integers(len(CELLS)))]
     base = TripConfig(duration=config.trip_duration, reward=config.reward)
     trip = cell_trip(density, speed, base)
@@ -40,7 +40,7 @@ def sample_trip(config: TrainConfig, generator: np.random.Generator) -> TripConf
 
 
 def start_anywhere(trip: TripConfig, generator: np.random.Generator) -> TripConfig:
-    """The trip with a random start from which its duration fits the 15 km road."""
+    """Returns the trip with a random start from which its duration fits the 15 km road."""
     start, room = trip.start_station, ROAD_LENGTH - trip.start_station
     length = min(room, trip.reference_speed * trip.duration + _MARGIN)
     shift = float(generator.uniform(0.0, room - length))
@@ -48,14 +48,14 @@ def start_anywhere(trip: TripConfig, generator: np.random.Generator) -> TripConf
 
 
 def training_generator(config: TrainConfig, round_index: int, trip: int) -> np.random.Generator:
-    """The generator of one trip of one round, for any worker."""
+    """Returns the generator of one trip of one round."""
     return np.random.default_rng([config.seed, TRAINING_SEEDS, round_index, trip])
 
 
 def validation_trips(
     config: TrainConfig, count: int
 ) -> Iterator[tuple[str, TripConfig, np.random.Generator]]:
-    """Name, trip and generator of `count` trips in each cell, equal in each validation."""
+    """Yields name, trip and generator of `count` trips per cell, the same in each validation."""
     for cell, (density, speed) in enumerate(CELLS):
         for trip in range(count):
             generator = np.random.default_rng(VALIDATION_SEEDS + 1000 * cell + trip)
@@ -71,14 +71,14 @@ def validate(
     world: int,
     interruption: Interruption,
 ) -> dict[str, float]:
-    """Drives the greedy policy over the six cells; means over all trips, see `trip_figures`.
+    """Drives the greedy policy over the six cells; returns means, see `trip_figures`.
 
     Args:
       network: of the policy.
       config: number and duration of the trips.
-      workers: that drive the trips.
+      workers: drive the trips.
       world: index of the world; 0 is the fast one.
-      interruption: of the wait for the trips.
+      interruption: ends the wait for the trips.
     """
     count = config.truck_validation_trips if world else config.validation_trips
     trips = validation_trips(config, count)

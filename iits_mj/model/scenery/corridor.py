@@ -42,26 +42,17 @@ class Corridor:
         station = drawing_stations(route) if stations is None else stations
         point = route.evaluate(station)
         right, left = route.surface_edges(station)
-        return cls(
-            route,
-            station,
-            point.x,
-            point.y,
-            point.z,
-            point.heading,
-            np.tan(point.superelevation),
-            point.curvature,
-            right,
-            left,
-        )
+        x, y, z, heading, curvature, _, superelevation = point
+        tilt = np.tan(superelevation)
+        return cls(route, station, x, y, z, heading, tilt, curvature, right, left)
 
     def between(self, start: float, end: float) -> Corridor:
-        """The part from `start` to `end`, both stations included exactly."""
+        """Returns the part from `start` to `end`, with samples at exactly both stations."""
         inner = self.station[(self.station > start + 0.01) & (self.station < end - 0.01)]
         return Corridor.sample(self.route, np.concatenate([[start], inner, [end]]))
 
     def edge(self, side: float, beyond: float = 0.0) -> FloatArray:
-        """Offset of the pavement's left (`side` 1) or right (-1) edge, and some way beyond it."""
+        """Offset of a place `beyond` [m] the pavement's left (`side` 1) or right (-1) edge."""
         return (self.left if side > 0 else self.right) + side * beyond
 
     def across(self, offset: ArrayLike, lift: ArrayLike = 0.0) -> FloatArray:
@@ -164,7 +155,7 @@ def run_outs(route: Route) -> tuple[float, float]:
 
 
 def chunks(route: Route, length: float) -> Iterator[tuple[float, float]]:
-    """Yields intervals of about `length` metres that cover route and run-outs."""
+    """Yields intervals of about `length` meters that cover route and run-outs."""
     before, after = run_outs(route)
     start, end = -before, route.length + after
     count = max(1, round((end - start) / length))

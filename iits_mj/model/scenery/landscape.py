@@ -1,8 +1,8 @@
 """The ground beside the road: verges, embankments and hills.
 
-The ground's height is one function of the map position, so nothing floats: near the road it
-follows the pavement of the nearest station, farther away it blends into hills. Fine ribbons along
-the road show the near ground, a coarse grid that lies below the ribbons shows the far ground.
+The ground's height is one function of the map position: near the road it follows the pavement of
+the nearest station, farther away it blends into hills. Fine ribbons along the road show the near
+ground, and a coarse grid below them shows the far ground.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from iits_mj.road import Route
 VERGE = (1.3, 0.05)  # [m] width of the gravel strip and its fall
 RIBBON = np.array([1.3, 3.0, 5.0, 8.0, 13.0, 20.0, 30.0, 45.0, 65.0])
 DIVE = 3.0  # [m] that the ribbons' outer rim lies below the far ground, so that they meet cleanly
-BISECTIONS = 8  # of where the ground of two stretches of road meets
+BISECTIONS = 8  # in the search for the place where the ground of two stretches of road meets
 OVERLAP = 4.5  # [m] that the ribbons of two stretches of road share
 BEHIND_CENTER = 1.0  # [m] that they reach beyond the center of their own bend
 SHARED_FALL = 0.4  # [m] that each of them falls there
@@ -39,10 +39,10 @@ def smoothstep(low: float, high: float, x: FloatArray) -> FloatArray:
 
 
 class Landscape:
-    """Ground heights about a route; one instance serves one scene."""
+    """Ground heights about a route, for one scene."""
 
     def __init__(self, route: Route, corridor: Corridor, seed: int = 11) -> None:
-        # Here, because SciPy takes longer to import than a truck on a plane needs in all.
+        # Imported here: SciPy takes longer to import than a truck on a plane takes to load.
         from scipy.spatial import cKDTree
 
         self.route = route
@@ -60,7 +60,7 @@ class Landscape:
         size = high - low + 2.0 * MARGIN
         self._cell = max(60.0, float(np.sqrt(size[0] * size[1] / GRID_POINTS)))
         self._corner, self._count = low - MARGIN, np.ceil(size / self._cell).astype(int) + 1
-        # Ribbons are wide enough that every grid cell that meets the road has all its corners sunk.
+        # Wide ribbons: every grid cell that meets the road has all its corners below the road.
         self._sunk = max(115.0, 1.5 * self._cell)
         self._reach = self._sunk + 35.0
         self._ribbon_reach = np.concatenate([RIBBON, [0.6 * self._reach, self._reach]])
@@ -153,7 +153,7 @@ class Landscape:
         return points, _grid_normals(points)
 
     def _own(self, part: Corridor, edge: FloatArray, side: float) -> FloatArray:
-        """Distance up to which no other stretch of road is nearer [m], (n,)."""
+        """Distance up to which no other part of the road is nearer [m], (n,)."""
         wide = self._ribbon_reach
 
         def beyond(reach: FloatArray) -> NDArray[np.bool_]:
@@ -173,7 +173,7 @@ class Landscape:
         return np.minimum(np.where(found.any(axis=1), high, np.inf), center)
 
     def _limit(self, part: Corridor, reach: FloatArray) -> FloatArray:
-        """Distances that stay short of the centre of the bend on its inner side, (n, k)."""
+        """Distances that stay short of the center of the bend on its inner side, (n, k)."""
         room = 0.85 / np.maximum(np.abs(part.curvature), 1e-6) - 0.5 * (part.left - part.right)
         inside = np.sign(reach)[None, :] == np.sign(part.curvature)[:, None]
         room = np.maximum(room, 2.0)[:, None]
@@ -225,7 +225,7 @@ class Plain:
         self.heading = heading
 
     def height(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Ground height [m]; the distance from the pavement is not known here and given as inf."""
+        """Ground height [m]; the distance from the pavement is given as inf."""
         rise = (x - self.origin[0]) * self._slope[0] + (y - self.origin[1]) * self._slope[1]
         return self.origin[2] + rise, np.full(np.shape(x), np.inf)
 
@@ -239,6 +239,9 @@ class Plain:
                 inner, outer = inner[:, ::-1], outer[:, ::-1]
             yield "road_gravel", surface(inner)
             yield "road_grass", surface(outer, outer[..., :2] / GRASS_TILE)
+
+
+Ground = Landscape | Plain
 
 
 def is_plain(route: Route) -> bool:

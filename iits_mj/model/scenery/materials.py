@@ -20,8 +20,7 @@ _PLAIN = {
     "road_gravel": ((0.47, 0.44, 0.39), 0.02, 0.0),
     "road_steel": ((0.63, 0.66, 0.69), 0.4, 0.05),
     "road_concrete": ((0.62, 0.61, 0.58), 0.05, 0.0),
-    # Emission inside a tunnel represents the lamps, so that places beyond the sun's shadow map look
-    # nearly the same.
+    # Emission inside a tunnel stands for its lamps, also beyond the reach of the sun's shadow map.
     "road_tunnel_wall": ((0.30, 0.305, 0.295), 0.0, 0.85),
     "road_tunnel_roof": ((0.12, 0.12, 0.125), 0.0, 0.5),
     "road_tunnel_light": ((1.0, 0.93, 0.76), 0.0, 1.0),

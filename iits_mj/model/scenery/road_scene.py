@@ -1,6 +1,6 @@
 """Visual geoms of a route: pavement, paint, rails, tunnels, bridges, landscape, sky and sun.
 
-They have no contact and do not change the physics. The tires stand on the compiled table of the
+They have no contact and do not change the physics. The tires roll on the compiled table of the
 route; the drawn pavement follows the same function within 5 mm of height.
 """
 
@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from iits_mj.model.scenery.corridor import Corridor, chunks, markings
-from iits_mj.model.scenery.landscape import Landscape, Plain, is_plain
+from iits_mj.model.scenery.landscape import Ground, Landscape, Plain, is_plain
 from iits_mj.model.scenery.materials import (
     ASPHALT_TILE,
     GRASS_TILE,
@@ -28,22 +28,17 @@ from iits_mj.road import Route
 ROAD_GROUP = 2
 CHUNK_LENGTH = 600.0  # [m] of road in one mesh; longer on very long routes
 CHUNKS_MAX = 40
-FURNITURE_END = {True: 4_000.0, False: 40_000.0}  # [m] of a plain route, of any other
+FURNITURE_END = {True: 4_000.0, False: 40_000.0}  # [m], by `is_plain`
 
 
-def add_road(spec: mujoco.MjSpec, route: Route, *, visuals: bool = True) -> None:
+def add_road(spec: mujoco.MjSpec, route: Route) -> None:
     """Adds the visual road of a route, the sky and the light.
 
-    Args:
-      spec: the sun follows its body `tractor`, if it has one.
-      route: to draw.
-      visuals: False adds only light and view settings.
+    The sun follows the body `tractor`, if the specification has one.
     """
     start = route.evaluate(min(20.0, route.length))
     set_view(spec, (float(start.x), float(start.y), float(start.z) + 1.5))
     add_sky(spec)
-    if not visuals:
-        return
     add_road_materials(spec)
     corridor = Corridor.sample(route)
     plain = is_plain(route)
@@ -76,7 +71,7 @@ def add_road(spec: mujoco.MjSpec, route: Route, *, visuals: bool = True) -> None
 
 
 def _beside(
-    piece: Corridor, ground: Landscape | Plain, *, furnished: bool, rng: np.random.Generator
+    piece: Corridor, ground: Ground, *, furnished: bool, rng: np.random.Generator
 ) -> Iterator[tuple[str, Shape]]:
     """Ground, posts, trees and guard rails beside a stretch of open road."""
     yield from ground.ribbons(piece)
@@ -139,7 +134,7 @@ def _add_meshes(
 
 def _add_plain(spec: mujoco.MjSpec, plain: Plain) -> None:
     material = spec.material("road_grass")
-    # An infinite plane has no texture coordinates of its own: repeat by metres.
+    # An infinite plane has no texture coordinates of its own: the texture repeats by meters.
     material.texrepeat = [1.0 / GRASS_TILE, 1.0 / GRASS_TILE]
     material.texuniform = True
     across = np.array([-np.sin(plain.heading), np.cos(plain.heading), 0.0])

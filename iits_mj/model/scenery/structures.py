@@ -1,18 +1,18 @@
 """Structures beside the road: tunnels, bridges, guard rails, delineators and trees.
 
-Each function yields (material, shape); all copies of a thing are merged into few meshes.
+Each function yields (material, shape); copies are merged into few meshes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.model.scenery.corridor import Corridor
+from iits_mj.model.scenery.landscape import Ground
 from iits_mj.model.visuals.shapes import Shape, boxes, merge, surface
 from iits_mj.road import Route
 
@@ -32,22 +32,14 @@ _RAIL = np.array(
 )
 
 
-class Ground(Protocol):
-    """Gives the height of the ground."""
-
-    def height(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Height and distance from the pavement [m]."""
-
-
 def tunnel(corridor: Corridor, start: float, end: float) -> Parts:
     """Walls, curbs, roof, lights and portals of a tunnel, without the road."""
     part = corridor.between(start, end)
     width = part.left - part.right + 2.0 * WALL_GAP
     base = part.right - WALL_GAP
-    share, height = np.linspace(0.0, 1.0, 9), _vault()
 
     def sweep(points: list[tuple[float, float, float]]) -> Shape:
-        """Points are (share of the width, metres beside it, height)."""
+        """Points are (share of the width, meters beside it, height)."""
         strips = []
         for (f0, d0, z0), (f1, d1, z1) in pairwise(points):
             offsets = base[:, None] + np.stack([f0 * width + d0, f1 * width + d1], axis=1)
@@ -60,8 +52,8 @@ def tunnel(corridor: Corridor, start: float, end: float) -> Parts:
         sweep([(0.0, inner, -0.05), (0.0, inner, 0.22), (0.0, 0.0, 0.22)]),
         sweep([(1.0, 0.0, 0.22), (1.0, -inner, 0.22), (1.0, -inner, -0.05)]),
     ]
-    roof = [(0.0, 0.0, 3.0)] + [(f, 0.0, z) for f, z in zip(share, height, strict=True)]
-    roof.append((1.0, 0.0, 3.0))
+    vault = zip(np.linspace(0.0, 1.0, 9), _vault(), strict=True)
+    roof = [(0.0, 0.0, 3.0), *((f, 0.0, z) for f, z in vault), (1.0, 0.0, 3.0)]
     yield "road_tunnel_wall", merge(walls)
     yield "road_concrete", merge(curbs)
     yield "road_tunnel_roof", sweep(roof)
@@ -148,7 +140,9 @@ def bridge(corridor: Corridor, ground: Ground, start: float, end: float) -> Part
         wide = 0.62 * float(row.left[0] - row.right[0])
         length, width = (2.4, wide * 1.55) if station in (start, end) else (1.4, wide)
         block = boxes([((0.0, 0.0, 0.0), (length, width, max(top - bottom, 0.5)))])
-        turned = _turned(block, float(row.heading[0]))
+        c, s = np.cos(float(row.heading[0])), np.sin(float(row.heading[0]))
+        rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        turned = Shape(block.vertices @ rotation.T, block.faces)
         shapes.append(turned.moved((center[0], center[1], 0.5 * (top + bottom))))
     yield "road_concrete", merge(shapes)
 
@@ -189,8 +183,11 @@ def delineators(part: Corridor) -> Parts:
 def _stakes(
     points: FloatArray, heading: FloatArray, width: float, low: float, high: float
 ) -> Shape:
-    """Upright square posts as one mesh."""
-    block = _stake(width, low, high)
+    """Upright square posts as one mesh, four faces each, without a lid."""
+    half = 0.5 * width
+    corners = np.array([(half, -half), (half, half), (-half, half), (-half, -half), (half, -half)])
+    rows = np.stack([np.column_stack([corners, np.full(5, z)]) for z in (low, high)])
+    block = surface(rows)
     c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
     x, y, z = (block.vertices[:, i][None, :] for i in range(3))
     turned = np.stack([c * x - s * y, s * x + c * y, z + 0.0 * c], axis=-1)
@@ -204,25 +201,11 @@ def _placed(vertices: FloatArray, shape: Shape, points: FloatArray) -> Shape:
     return Shape((vertices + points[:, None, :]).reshape(-1, 3), faces)
 
 
-def _stake(width: float, low: float, high: float) -> Shape:
-    """Four upright faces with shared edges and no lid, for shapes with thousands of copies."""
-    half = 0.5 * width
-    corners = np.array([(half, -half), (half, half), (-half, half), (-half, -half), (half, -half)])
-    rows = np.stack([np.column_stack([corners, np.full(5, z)]) for z in (low, high)])
-    return surface(rows)
-
-
-def _turned(shape: Shape, heading: float) -> Shape:
-    c, s = np.cos(heading), np.sin(heading)
-    rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return Shape(shape.vertices @ rotation.T, shape.faces)
-
-
 def trees(part: Corridor, ground: Ground, rng: np.random.Generator) -> Parts:
     """Trees along a stretch of road, clear of every road."""
     length = part.station[-1] - part.station[0]
     count = max(1, int(TREES_PER_KM * length / 1000.0))
-    # Groups: a few centres, trees scattered about them.
+    # Groups: a few centers, trees scattered about them.
     centers = rng.uniform(part.station[0], part.station[-1], max(2, count // 7))
     along = rng.choice(centers, count) + rng.normal(0.0, 18.0, count)
     row = Corridor.sample(part.route, np.clip(along, part.station[0], part.station[-1]))

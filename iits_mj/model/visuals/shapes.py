@@ -79,7 +79,7 @@ def surface(
 
 
 def boxes(items: Iterable[tuple[Point, Point]]) -> Shape:
-    """Many boxes as one mesh; each is (centre, full size) [m]."""
+    """Many boxes as one mesh; each is (center, full size) [m]."""
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     sides = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
     quads = np.array([corners[list(side)] for side in sides]).reshape(-1, 3)

@@ -90,7 +90,7 @@ def _livery(painter: Painter, p: TruckParameters) -> None:
 
 
 def _word(word: str, x: float, z: float, size: float, y: float, *, forward: bool = False) -> Shape:
-    """Letters on a side wall: on the left side text runs rearwards, on the right side forwards."""
+    """Letters on a side wall; text runs rearwards on the left side, forwards on the right side."""
     sign = 1.0 if forward else -1.0
     strokes = []
     cursor = 0.0

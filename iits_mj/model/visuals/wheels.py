@@ -30,7 +30,7 @@ def draw_axles(spec: mujoco.MjSpec, parameters: TruckParameters) -> None:
             body = spec.body(name)
             if body is None:
                 raise InputError(f"the specification has no body {name!r} to decorate")
-            # The meshes face left; on the right side they are turned about z.
+            # The meshes face left; those of the right side are turned about z.
             quat = (1, 0, 0, 0) if side == "left" else (0, 0, 0, 1)
             painter = Painter(spec, body, name)
             for part, material in _MATERIALS.items():

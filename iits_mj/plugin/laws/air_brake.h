@@ -39,11 +39,11 @@ struct AirBrakeState {
   BrakeWindUp<T> wind_up, next_wind_up;
   T next_is_fresh, next_wind_up_is_fresh;  // computed since the last commit
   T xbr_active, abs_active;
-  T work;       // that the brakes have taken from the wheels since the reset [J]
-  T next_work;  // half of the next step's, with the wheel speeds at its start [J]
+  T work;       // of the brakes on the wheels since the reset [J]
+  T next_work;  // half of the next step's work, with the wheel speeds at its start [J]
 };
 
-// Wheels are in order: left and right of each axle, axle by axle.
+// Order of the wheels: left and right of each axle, axle by axle.
 template <class T>
 struct AirBrake {
   using State = AirBrakeState<T>;
@@ -55,7 +55,7 @@ struct AirBrake {
   T parking_time_constant = 0;  // [s]
   T shaft_ratio = 0;  // force at the driven wheels per torque of the propeller shaft [1/m]
 
-  // Computes what follows from the wheels and the time step.
+  // Computes the constants that depend on the wheels and the time step.
   void Prepare(T h) {
     T response = 0;
     for (const WheelBrake<T>& wheel : wheels) {
@@ -76,7 +76,7 @@ struct AirBrake {
   }
 
   // Brake torque of a wheel from the committed pressures, against its rotation; 0 without pressure.
-  // `power` becomes the greater by the brake's.
+  // Adds the power of the brake to `power`.
   T Torque(size_t i, T wheel_speed, T h, State* s, T* power) const {
     const T capacity = wheels[i].Torque(s->now.wheel[i], s->now.parking[wheels[i].circuit]);
     s->next_wind_up.angle[i] = s->next_wind_up.torque[i] = 0;
@@ -89,10 +89,10 @@ struct AirBrake {
     return torque;
   }
 
-  // Pressures of the next step from the demand of this one, of which the caller has filled in what
-  // is not in the brakes themselves. `shaft` is the powertrain's answer, `parking` the driver's
-  // spring-brake control, 0 to 1; `hub_speed(i)` and `wheel_speed(i)` return a wheel end's forward
-  // speed [m/s] and rotation [rad/s].
+  // Pressures of the next step from the demand of this one, which Step completes with the state of
+  // the brakes. `shaft` is the message of the powertrain, `parking` the driver's spring-brake
+  // control, 0 to 1; `hub_speed(i)` and `wheel_speed(i)` return a wheel end's forward speed [m/s]
+  // and rotation [rad/s].
   template <class HubSpeed, class WheelSpeed>
   void Step(BrakeDemand<T> demand, const EnduranceState<T>& shaft, T parking, T h,
             const HubSpeed& hub_speed, const WheelSpeed& wheel_speed, State* s) const {
@@ -122,7 +122,7 @@ struct AirBrake {
     s->abs_active = demand.abs_active;
   }
 
-  // Commits what was computed last; nothing for a part that was not.
+  // Commits the parts of the state that were computed since the last commit.
   template <class WheelSpeed>
   void Commit(T h, const WheelSpeed& wheel_speed, State* s) const {
     if (s->next_is_fresh != 0) {
@@ -131,8 +131,8 @@ struct AirBrake {
       s->endurance = s->next_endurance;
     }
     if (s->next_wind_up_is_fresh != 0) {
-      // Torque times the mean of the wheel's speed before and after the step: what it took from the
-      // kinetic energy. The wheel speeds are those after the step by now.
+      // Torque times the mean of the wheel speeds before and after the step is the change of the
+      // kinetic energy. The present wheel speeds are those after the step.
       T power = 0;
       for (size_t i = 0; i < wheels.size(); ++i) {
         s->wind_up.angle[i] = s->next_wind_up.angle[i];
@@ -145,7 +145,7 @@ struct AirBrake {
   }
 
  private:
-  // Brake line to wheels that have the same dead time.
+  // Brake line to wheels with the same dead time.
   struct Line {
     int circuit;
     T dead_time;
@@ -162,7 +162,7 @@ struct AirBrake {
     std::copy(from.wheel, from.wheel + wheels.size(), to->wheel);
   }
 
-  // No pressure in valves, lines and chambers: most of the time.
+  // No pressure in valves, lines and chambers, the most frequent case.
   bool Quiet(const State& s, T h) const {
     T pressure = 0;
     for (const T& supply : s.next.control.supply) pressure += supply;
@@ -186,7 +186,7 @@ struct AirBrake {
                                wheel_speed(i), &next->wheel[i].slip);
     }
     for (size_t i = 0; i < wheels.size(); i += 2) {  // axle by axle
-      // Driven axles by the wheel with less grip (select low), the others each wheel for itself.
+      // Driven axles are controlled by the wheel with less grip (select low), others individually.
       if (wheels[i].circuit == kDrive) duty[i] = duty[i + 1] = Min(duty[i], duty[i + 1]);
       for (size_t j : {i, i + 1}) {
         const T supply = supplies[line_of_wheel_[j]];
@@ -209,7 +209,7 @@ struct AirBrake {
     }
   }
 
-  // Spring brakes on the driver's demand, or for lack of the air that releases them.
+  // Spring brakes: applied on the driver's demand, or because the air to release them is missing.
   void Park(T wanted, T h, Pneumatics* next) const {
     for (int i = 0; i < kCircuits; ++i) {
       const T target = Max(wanted, reservoirs.Springs(i, next->reservoir));

@@ -1,5 +1,5 @@
 // Electronic brake control: from XBR demand and brake pedal to the supply pressure of each circuit
-// and to the torque demanded of the endurance brakes.
+// and to the torque demand on the endurance brakes.
 #ifndef IITS_MJ_PLUGIN_LAWS_BRAKE_CONTROL_H_
 #define IITS_MJ_PLUGIN_LAWS_BRAKE_CONTROL_H_
 
@@ -11,9 +11,8 @@
 
 namespace iits {
 
-// Load sensing: how a braking force is shared among the circuits, and the pressures it takes.
-// Shares of the force are tables over the deceleration for a light and a heavy vehicle; a vehicle's
-// own are interpolated between them by its mass.
+// Load sensing: shares of a braking force among the circuits, and their pressures. The shares are
+// tables over the deceleration for a light and a heavy vehicle, interpolated by the vehicle's mass.
 template <class T>
 struct BrakeDistribution {
   // Attributes; shares row by row, a column per circuit.
@@ -22,7 +21,7 @@ struct BrakeDistribution {
   // Braking force per pressure above push-out [N/Pa], the sum of the circuit's wheels.
   T slope[kCircuits] = {};
 
-  // Pressures [Pa] whose braking force is `friction` [N], while the propeller shaft gives
+  // Pressures [Pa] for the braking force `friction` [N], while the propeller shaft gives
   // `shaft_force` at the driven wheels, which then need less friction.
   void Pressures(T friction, T shaft_force, T deceleration, T mass, T pressure[kCircuits]) const {
     T fraction;
@@ -60,12 +59,12 @@ struct BrakeControlState {
   // [Pa], and the share of the hysteresis by which the supply is lowered to compensate for it.
   T chamber[kCircuits], effective[kCircuits], lowering[kCircuits];
   T speed;             // of the vehicle, low-passed [m/s]
-  T reference[2];      // demand as the brakes can follow it, then behind the filter [m/s2]
-  T xbr;               // XBR demand that is followed: it falls gradually [m/s2]
-  T trim;              // added to the demand by the deceleration control [m/s2]
+  T reference[2];      // demand behind the lag of the brakes, then behind the filter [m/s2]
+  T xbr;               // XBR demand with a gradual decrease [m/s2]
+  T trim;              // addition of the deceleration control to the demand [m/s2]
   T shaft, shaft_max;  // present and greatest force of the propeller shaft, low-passed [N]
-  T asked;             // of the propeller shaft [N]
-  T holding;           // 1: the brakes hold the standing vehicle
+  T asked;             // demand on the propeller shaft [N]
+  T holding;           // 1: the brakes hold the vehicle at standstill
   T hold_time;         // since the demand ended, while holding [s]
 };
 
@@ -73,7 +72,7 @@ template <class T>
 struct BrakeDemand {
   enum XbrMode { kOff = 0, kAddition, kMaximum };                    // SPN 2916
   enum EbiMode { kFrictionOnly = 0, kEnduranceOnly, kIntegration };  // SPN 2914
-  T xbr;    // demanded deceleration, >= 0, 0 when XBR is off [m/s2]
+  T xbr;    // demanded deceleration, >= 0, 0 if XBR is off [m/s2]
   T pedal;  // of the driver, 0 to 1
   XbrMode xbr_mode;
   EbiMode ebi_mode;
@@ -82,15 +81,15 @@ struct BrakeDemand {
   bool abs_active;     // on any wheel
   bool abs_on_drive;   // on a driven wheel
   T shaft_force;       // present braking force of the propeller shaft, signed [N]
-  T shaft_force_max;   // the greatest that it could give [N]
+  T shaft_force_max;   // its greatest possible braking force [N]
   T uphill_torque;     // brake torque that keeps the vehicle from rolling back [N m]
-  const T* reservoir;  // pressure of each circuit's [Pa]
+  const T* reservoir;  // pressure of each circuit's reservoir [Pa]
 };
 
 // Demands on the powertrain.
 template <class T>
 struct BrakeEffort {
-  T shaft_force;  // braking force wanted of the propeller shaft, >= 0 [N]
+  T shaft_force;  // demanded braking force of the propeller shaft, >= 0 [N]
   bool active;    // a driver or a controller demands braking
 };
 
@@ -155,7 +154,7 @@ struct BrakeControl {
   }
 
  private:
-  static constexpr double kPedalMin = 0.01;  // a pedal below is up
+  static constexpr double kPedalMin = 0.01;  // up to this travel, the pedal counts as released
   static constexpr double kNear = 0.1;       // share of the hysteresis that sets no direction
 
   struct Level {  // of the demands [m/s2]
@@ -168,7 +167,7 @@ struct BrakeControl {
     bool idle;     // the brakes cannot give less
   };
 
-  // Combines driver and XBR as J1939-71 says at SPN 2916. The XBR part ends gradually in motion.
+  // Combines driver and XBR by J1939-71, SPN 2916. In motion, the XBR part ends gradually.
   Level Arbitrate(const Demand& demand, T h, State* s) const {
     const T asked = demand.xbr_mode == demand.kOff ? T(0) : demand.xbr;
     const bool moving = abs(demand.speed) > hold_speed;
@@ -178,8 +177,8 @@ struct BrakeControl {
     return {driver, addition ? driver + s->xbr : Max(driver, s->xbr)};
   }
 
-  // A vehicle braked to a standstill is held while the demand lasts; on an upgrade also afterwards,
-  // until the driveline carries it, or drives it backwards, or the hill-hold time is over.
+  // The brakes hold a vehicle at standstill during the demand; on an upgrade also afterwards, until
+  // the driveline carries it or drives it backwards, or the hill-hold time ends.
   void Hold(const Demand& demand, bool active, T h, State* s) const {
     if (active) {
       if (abs(demand.speed) < hold_speed) s->holding = 1;
@@ -194,16 +193,16 @@ struct BrakeControl {
     if (abs(demand.speed) > hold_release_speed) s->holding = 0;
   }
 
-  // Braking force of this deceleration on the level, less rolling resistance; it also slows the
-  // wheels' rotation.
+  // Braking force for a deceleration on a level road, less rolling resistance; it includes the
+  // inertia of the wheels.
   T Force(const Demand& demand, T deceleration) const {
     const T rolling = rolling_resistance * demand.mass * demand.gravity;
     return Max(0.0, (demand.mass + spin_mass) * deceleration - rolling);
   }
 
-  // Braking force of the shaft when friction has had time to respond: its present and its greatest
-  // force, both extrapolated by their recent change. So friction acts when a gear change
-  // begins, before a retarder fades out, and ends when one has filled.
+  // Braking force of the shaft after the response time of friction: its present and its greatest
+  // force, both extrapolated by their recent change. Thus friction acts from the start of a gear
+  // change, before a retarder fades out, and ends as soon as a retarder has filled.
   T ShaftForce(const Demand& demand, T h, State* s) const {
     auto ahead = [this, &h](T now, T* past) {
       const T change = now - *past;
@@ -214,7 +213,7 @@ struct BrakeControl {
     return Min(force, Max(0.0, ahead(demand.shaft_force_max, &s->shaft_max)));
   }
 
-  // Shares the force. The shaft brakes in any case (engine drag); friction gives the rest.
+  // Shares the force. The shaft always brakes (engine drag); friction gives the rest.
   Targets Blend(const Demand& demand, const Level& level, T shaft_force, const State& s) const {
     Targets t = {};
     t.effort.active = level.total > 0;
@@ -226,8 +225,8 @@ struct BrakeControl {
       friction = Max(0.0, force - shaft_force);
       if (endurance_only) friction = Min(friction, Force(demand, level.driver));
       t.idle = friction <= 0;
-      // Endurance brakes act on one axle group and do not control slip: off while ABS works. Near
-      // walking speed the driveline opens soon: where friction is allowed, it takes over before.
+      // Endurance brakes act on one axle group without slip control: off while ABS is active. Near
+      // walking speed the driveline will open: friction takes over before, if it is allowed.
       if (demand.ebi_mode != demand.kFrictionOnly && !demand.abs_active) {
         const T range = (demand.speed - shaft_speed_off) / (shaft_speed_on - shaft_speed_off);
         const bool integrated = demand.ebi_mode == demand.kIntegration;
@@ -247,14 +246,14 @@ struct BrakeControl {
     return t;
   }
 
-  // Integral of the deceleration's error against a reference that is as slow as the brakes. It
-  // stops when the error is not due to the brakes: standstill, ABS, brakes at their limits.
+  // Integral of the deceleration error against a reference with the lag of the brakes. It stops
+  // when the brakes do not cause the error: standstill, ABS, brakes at their limits.
   void Trim(const Demand& demand, T wanted, T deceleration, const Targets& targets, T supplied, T h,
             State* s) const {
     s->reference[0] += (supplied * wanted - s->reference[0]) * h / (response_time + h);
     s->reference[1] += (s->reference[0] - s->reference[1]) * h / (filter_time + h);
     T change = 0;
-    if (demand.abs_active) {  // a deficit that the road's friction causes is not made up later
+    if (demand.abs_active) {  // a deficit due to the road's friction is not compensated later
       for (T& reference : s->reference) reference = Min(reference, deceleration);
     } else if (demand.speed > trim_speed_min && !targets.limited) {
       change = h * trim_gain * (s->reference[1] - deceleration);
@@ -265,10 +264,10 @@ struct BrakeControl {
     s->trim = Clamp(s->trim + change, -limit, limit);
   }
 
-  // Moves a supply valve to the pressure wanted in the brakes. On the way down the brakes'
-  // hysteresis holds pressure back: the supply goes lower, until a model of them has reached the
-  // target. In released brakes it waits at the push-out pressure, from which they act without
-  // delay.
+  // Moves a supply valve to the demanded pressure of the brakes. A decreasing pressure is held back
+  // by the brakes' hysteresis: the supply falls below the target until a model of the brakes has
+  // reached it. For released brakes the supply is at the push-out pressure, from which they act
+  // without delay.
   void Supply(int circuit, T wanted, T h, State* s) const {
     T* supply = &s->supply[circuit];
     T* chamber = &s->chamber[circuit];
@@ -279,7 +278,7 @@ struct BrakeControl {
     if (error > 0 && !off) {
       *lowering = Min(1.0, *lowering + error / hysteresis * h / hysteresis_time);
     } else if (error < -kNear * hysteresis || off) {
-      *lowering = 0;  // on the way up the brakes follow at once
+      *lowering = 0;  // the brakes follow an increasing pressure at once
     }
     const T target = Max(0.0, wanted - *lowering * hysteresis);
     *supply = Clamp(target, *supply - h * fall_rate, *supply + h * rise_rate);

@@ -8,15 +8,15 @@ namespace iits {
 
 enum Circuit { kFront = 0, kDrive, kTrailer, kCircuits };
 
-// State of all lines; all zero is lines without pressure. Samples are at least `spacing` apart, so
+// State of all lines; all zero: lines without pressure. Samples are at least `spacing` apart, so
 // that the ring covers (kSlots - 1) * spacing at any step; between samples the signal, which is
 // rate-limited, is a straight line.
 template <class T>
 struct DeadTimeLine {
   static constexpr int kSlots = 16;
 
-  T clock;      // own time: the user may set the time of the simulation at will [s]
-  T last_used;  // clock when a supply last had pressure; 0 also when never
+  T clock;      // own time, since users may set the simulation's time [s]
+  T last_used;  // clock when a supply last had pressure, 0 if none had
   T newest;     // slot of the newest sample
   T stamp[kSlots];
   T value[kSlots][kCircuits];
@@ -32,8 +32,8 @@ struct DeadTimeLine {
     for (int i = 0; i < kCircuits; ++i) value[slot][i] = supply[i];
   }
 
-  // Supply pressure of the circuit `delay` seconds before the end of a step of h that is not pushed
-  // yet; `current` is the pressure at its end.
+  // Supply pressure of a circuit `delay` seconds before the end of the present step of h, which is
+  // not pushed yet; `current` is the pressure at its end.
   T Look(int circuit, T delay, T h, T current) const {
     const T wanted = clock + h - delay;
     T later_stamp = clock + h, later_value = current;

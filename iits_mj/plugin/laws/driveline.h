@@ -1,5 +1,4 @@
-// From the crankshaft to the propeller shaft: clutch, gears, losses, and the energy that each
-// dissipates.
+// From the crankshaft to the propeller shaft: clutch, gears, losses, and the dissipated energies.
 #ifndef IITS_MJ_PLUGIN_LAWS_DRIVELINE_H_
 #define IITS_MJ_PLUGIN_LAWS_DRIVELINE_H_
 
@@ -12,8 +11,8 @@ namespace iits {
 //
 //   J dw/dt = T_e - T,   T = k x + c dx/dt,   |T| <= capacity   (return mapping)
 //
-// The end-of-step engine speed enters T, so that the engine's side is stable at any step; the
-// gearbox's speed is that of the step's start. In slip dx/dt is whatever keeps |T| at capacity.
+// T contains the engine speed at the end of the step, so that the engine's side is stable at any
+// step, and the gearbox speed at its start. In slip, dx/dt follows from |T| = capacity.
 template <class T>
 struct ElasticClutch {
   T stiffness;  // at the gearbox input [N m/rad]
@@ -33,7 +32,7 @@ struct ElasticClutch {
   }
 };
 
-// Engagement, 0 open to 1 closed, as a gearbox controller moves it while a gear is in.
+// Engagement of the clutch, 0 open to 1 closed, by a gearbox controller with a gear engaged.
 template <class T>
 struct ClutchControl {
   T idle_speed;           // [rad/s]
@@ -42,15 +41,15 @@ struct ClutchControl {
   T engagement_time;      // full travel at launch [s]
   T opening_time;         // full travel [s]
   T launch_range;         // engine speed above idle, to the reference torque [rad/s]
-  T alike_range;          // speed difference at which the clutch closes for good [rad/s]
+  T alike_range;          // speed difference at which the clutch closes completely [rad/s]
   T release_share;        // of idle: gearbox input speed below which it opens, pedal down
   T release_share_coast;  // the same, pedal up
   T stall_share;          // of idle: engine speed at which its capacity is zero
   T stall_range;          // of idle: above, to the whole capacity
 
-  // Slips while the truck starts: torque grows with engine speed above idle. So the clutch settles
-  // at the engine's own torque, cannot stall it, and carries nothing at idle. Closes for good when
-  // both sides turn alike; opens near idle speed.
+  // The clutch slips while the truck starts: its torque increases with the engine speed above idle.
+  // So it settles at the engine's torque, cannot stall the engine, and carries nothing at idle. It
+  // closes completely when the speeds of both sides are nearly equal, and opens near idle speed.
   T Update(T engagement, T engine_speed, T input_speed, T pedal, T h) const {
     const bool powered = pedal >= pedal_up;
     T target = 0;
@@ -64,7 +63,7 @@ struct ClutchControl {
     return Clamp(target, engagement - h / opening_time, engagement + h / engagement_time);
   }
 
-  // Last guard: whatever the control does, the capacity is zero before the engine stalls.
+  // Reduces the capacity to zero before the engine stalls, independently of the control.
   T StallGuard(T engine_speed) const {
     return Clamp((engine_speed / idle_speed - stall_share) / stall_range, 0.0, 1.0);
   }
@@ -88,12 +87,12 @@ template <class T>
 struct DrivelineState {
   T torsion;     // at the gearbox input [rad]
   T engagement;  // of the clutch, 0 to 1
-  T inertia;     // that turned with the crankshaft in the last step [kg m2]
+  T inertia;     // turning with the crankshaft in the last step [kg m2]
   T stiffness;   // of the last step, at the gearbox input [N m/rad]
 };
 
-// Torques of one step. Its work is booked when the speed at its end is known, with the mean speed:
-// h T (w + w') / 2 is exactly what the torque adds to the kinetic energy of a constant inertia.
+// Torques of one step. Book adds their work, with the mean of the speeds at start and end of the
+// step: h T (w + w') / 2 is exactly the change of the kinetic energy of a constant inertia.
 template <class T>
 struct StepWork {
   T engine_work, clutch_work;  // flywheel to clutch; clutch to gears, less the stored energy
@@ -109,7 +108,7 @@ struct StepWork {
   }
 };
 
-// The engaged gear, as the driveline sees it.
+// Data of the engaged gear for the driveline.
 template <class T>
 struct GearData {
   T ratio;       // 0: none, negative in reverse
@@ -123,9 +122,9 @@ struct Driveline {
   T torque_max;           // of the closed clutch [N m]
   T efficiency;           // behind the gearbox
   T stiffness, damping;   // at the propeller shaft; attributes give them at the wheels
-  T loss_reversal_speed;  // over which the loss changes its side [rad/s]
+  T loss_reversal_speed;  // range of speeds in which the loss changes its sign [rad/s]
 
-  // Kinetic and elastic energy of what turns with the engine [J].
+  // Kinetic and elastic energy of the parts that turn with the engine [J].
   static T Energy(const DrivelineState<T>& s, T engine_speed) {
     return 0.5 * (s.inertia * engine_speed * engine_speed + s.stiffness * s.torsion * s.torsion);
   }
@@ -158,7 +157,7 @@ struct Driveline {
                                   &s->torsion, engine_speed);
     }
     work->engine_work = 0.5 * h * engine_torque * (start_speed + *engine_speed);
-    // Includes what a change of gear takes from the rotating parts, or adds to them.
+    // Includes the energy that a gear change takes from the rotating parts or adds to them.
     work->clutch_work = work->engine_work - (Energy(*s, *engine_speed) - before);
     work->gear_torque = clutch_torque * gear.ratio;
     work->retarder_torque = retarder_torque;
@@ -169,7 +168,7 @@ struct Driveline {
   }
 
  private:
-  // Torque behind a pair of gears. Losses oppose the flow of power in either direction.
+  // Torque behind a pair of gears; losses oppose the flow of power in both directions.
   T AfterLoss(T torque, T speed, T share) const {
     if (torque * speed >= 0) return torque * share;
     const T back = Min(1.0, abs(speed) / loss_reversal_speed);

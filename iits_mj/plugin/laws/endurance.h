@@ -1,5 +1,5 @@
-// Endurance brakes: the signals that brakes and powertrain exchange, as TSC1 and ERC1 do on a
-// truck's bus, and how a demand is shared among engine drag, engine brake and retarder.
+// Endurance brakes: the messages between brakes and powertrain, as TSC1 and ERC1 on a truck's bus,
+// and the distribution of a demand among engine drag, engine brake and retarder.
 #ifndef IITS_MJ_PLUGIN_LAWS_ENDURANCE_H_
 #define IITS_MJ_PLUGIN_LAWS_ENDURANCE_H_
 
@@ -10,11 +10,11 @@ namespace iits {
 // From the brakes to the powertrain; all zero: no demand.
 template <class T>
 struct EnduranceDemand {
-  // ABS works on the driven wheels: engine brake and retarder release, even if the driver's
-  // levers ask for them. Any negative torque means this.
+  // Any negative torque: ABS is active on the driven wheels, so that engine brake and retarder
+  // release, even against the driver's levers.
   static constexpr double kRelease = -1;
 
-  T shaft_torque;  // retarding torque wanted at the propeller shaft [N m]
+  T shaft_torque;  // demanded retarding torque at the propeller shaft [N m]
   T cut_traction;  // 1: the engine does not pull against the brakes
 };
 
@@ -22,7 +22,7 @@ struct EnduranceDemand {
 template <class T>
 struct EnduranceState {
   T shaft_torque;      // retarding torque at the propeller shaft, all sources, signed [N m]
-  T shaft_torque_max;  // the greatest that engine drag, engine brake and retarder could give [N m]
+  T shaft_torque_max;  // greatest possible torque of engine drag, engine brake and retarder [N m]
   T engine_speed;      // [rad/s]: drives the air compressor
 };
 
@@ -32,7 +32,7 @@ struct EnduranceLevers {
   T pedal, engine_brake, retarder;
 };
 
-// How engine torque reaches the propeller shaft in the present state of the driveline.
+// Transmission of engine and retarder torque to the propeller shaft in the present gear.
 template <class T>
 struct EnduranceGearing {
   T engine_factor;    // shaft torque per engine torque in overrun; 0: clutch open or changing gear
@@ -42,20 +42,20 @@ struct EnduranceGearing {
 // Commands to engine and retarder.
 template <class T>
 struct EnduranceCommand {
-  T pedal;            // accelerator, as far as the brakes allow it, 0 to 1
+  T pedal;            // accelerator, limited by the brakes, 0 to 1
   T engine_brake;     // share of the available torque, 0 to 1
   T retarder_torque;  // [N m]
 };
 
-// The brakes ask for a total retarding torque at the shaft, which includes the drag. The retarder
-// is asked for what engine drag and engine brake cannot give; in a gear change, for everything. In
-// a lower gear the engine can give more: then one rises while the other falls, each with its lag.
-// The driver's levers ask for at least their share; a pressed accelerator turns everything off
-// unless the brakes cut it.
+// The brakes demand a total retarding torque at the shaft, which includes the drag. The retarder
+// gives the part that engine drag and engine brake cannot give, and all of it in a gear change. In
+// a lower gear the engine can give more: the engine brake rises while the retarder falls, each with
+// its lag. The driver's levers demand at least their share; a pressed accelerator switches engine
+// brake and retarder off, unless the brakes cut the accelerator.
 template <class T>
 struct EnduranceControl {
   T pedal_up;     // accelerator travel below which the engine may brake
-  T return_time;  // in which the accelerator comes back after a cut [s]
+  T return_time;  // of the accelerator after a cut [s]
 
   // `held_back`, 0 to 1, is the withheld part of the accelerator.
   EnduranceCommand<T> Update(const EnduranceLevers<T>& levers, const EnduranceDemand<T>& demand,

@@ -12,7 +12,7 @@ struct EngineState {
   T speed;          // of the crankshaft [rad/s]
   T torque;         // indicated by combustion, before friction, >= 0 [N m]
   T boost_demand;   // rate-limited indicated torque that the charge pressure follows [N m]
-  T boost;          // indicated torque that the charge pressure can burn now [N m]
+  T boost;          // indicated torque that the present charge pressure allows [N m]
   T idle_integral;  // of the idle governor [N m]
   T brake_torque;   // of the engine brake, >= 0 [N m]
 };
@@ -39,9 +39,9 @@ struct EngineRequest {
   T engine_brake;        // share of the available torque, 0 to 1
   T time_left;           // kCut [s]
   T target_speed;        // kSpeed [rad/s]
-  T inertia;             // kSpeed: of everything that turns with the crankshaft [kg m2]
-  bool limited = false;  // kPedal: the brakes reduce the torque, faster than a pedal does
-  T torque = 0;          // kPedal: brake torque that the pedal asks for at the present speed [N m]
+  T inertia;             // kSpeed: of all parts that turn with the crankshaft [kg m2]
+  bool limited = false;  // kPedal: the brakes reduce the torque, faster than the pedal
+  T torque = 0;          // kPedal: brake torque of the pedal at the present speed [N m]
 };
 
 // Recovery of the engine's torque up to a level.
@@ -80,15 +80,15 @@ struct Engine {
 
   T RatedBrakeTorque() const { return brake_power / brake_speed; }
 
-  // How brake torque recovers to `level` from zero, after a pause of the combustion in which the
-  // turbocharger has lost charge. `before` is the torque before the pause, `demand` the pedal's
+  // Recovery of the brake torque from zero to `level` after a pause of the combustion, in which the
+  // turbocharger loses charge. `before` is the torque before the pause, `demand` that of the pedal
   // after it. The integral of UpdateBoost.
   TorqueRecovery<T> Recovery(T before, T pause, T demand, T level, T drag) const {
     if (level <= 0) return {0, 0};
     const T wanted = Max(demand, level) + drag, reached = level + drag;
     const T start = Max(before + drag, rise_threshold);
     const T left = Max(start - pause * fall_rate_low, rise_threshold);
-    // The charge pressure lags behind the demand, falling as well as rising.
+    // The charge pressure lags behind a falling or rising demand.
     const T fall = (start - left) / fall_rate_low;
     const T excess =
         fall_rate_low * boost_lag * (1 - exp(-fall / boost_lag)) * exp(-(pause - fall) / boost_lag);
@@ -113,7 +113,7 @@ struct Engine {
   // Greatest brake torque, with the top governor's droop.
   T TorqueLimit(T speed) const { return Limit(speed, drag(speed)); }
 
-  // Brake torque that this pedal asks for; with the pedal up, minus the drag.
+  // Brake torque at a pedal position; with the pedal up, minus the drag.
   T PedalTorque(T speed, T pedal) const {
     const T friction = drag(speed);
     return PedalTorque({speed, friction, Limit(speed, friction), 0}, pedal);
@@ -145,7 +145,7 @@ struct Engine {
   // Advances torque, boost, idle governor and engine brake by h; the clutch advances the speed.
   void Update(const EngineRequest<T>& request, const EnginePoint<T>& at, T h,
               EngineState<T>* s) const {
-    // Without load, in a gear change, the turbocharger loses its charge.
+    // In a gear change the turbocharger loses its charge for lack of load.
     if (request.mode != request.kPedal) UpdateBoost(0, h, s);
     if (request.mode == request.kSpeed) return Synchronize(request, at, h, s);
     UpdateBrake(request, at.brake_max, h, s);
@@ -180,11 +180,11 @@ struct Engine {
     return Min(1.0, (speed - brake_speed_min) / brake_fade) * brake_torque(speed);
   }
 
-  // Indicated torques: deficit of the charge pressure until it has risen from `boost` to `reached`,
-  // behind a demand that goes from `demand` toward `wanted` >= `reached`.
+  // In indicated torques: deficit of the charge pressure during its rise from `boost` to `reached`,
+  // with a demand that rises from `demand` toward `wanted` >= `reached`.
   TorqueRecovery<T> BoostRecovery(T demand, T boost, T wanted, T reached) const {
     if (reached <= demand) return {0, 0};
-    // The demand rises in proportion to its gap, later at its constant rate.
+    // The demand first rises in proportion to its gap, then at its constant rate.
     const T rest = wanted - reached, gap = wanted - demand, linear = rise_rate * spool_time;
     const T last = Max(linear, rest);
     T impulse = boost_lag * (reached - boost), time = boost_lag;
@@ -210,8 +210,8 @@ struct Engine {
     return Max(0.0, at.drag + idle_gain * error + s->idle_integral);
   }
 
-  // Torque that the air allows: the demand, rate-limited, through the turbocharger's lag. What a
-  // naturally aspirated engine can burn is available at once.
+  // Torque that the air allows: the rate-limited demand behind the turbocharger's lag. The torque
+  // of a naturally aspirated engine is available at once.
   void UpdateBoost(T demand, T h, EngineState<T>* s) const {
     s->boost_demand = Max(s->boost_demand, rise_threshold);
     const T gap = demand - s->boost_demand;
@@ -231,7 +231,7 @@ struct Engine {
     s->brake_torque = Min(s->brake_torque, available);
   }
 
-  // Brings the free engine to the new gear's speed; the engine brake slows it where necessary.
+  // Brings the free engine to the speed of the new gear, if necessary with the engine brake.
   void Synchronize(const EngineRequest<T>& request, const EnginePoint<T>& at, T h,
                    EngineState<T>* s) const {
     const T wanted = request.inertia * (request.target_speed - at.speed) / (sync_lag + h);

@@ -11,9 +11,9 @@ struct FifthWheel {
   // Attributes.
   T roll_stiffness, roll_damping, roll_lash, plate_width, kingpin_load, yaw_friction;
 
-  // The kingpin load presses the trailer onto the plate, which carries roll stiffly until the load
-  // has moved to the plate's edge. Then the plate opens at that moment, through the lash, and the
-  // locked kingpin carries the rest.
+  // The kingpin load presses the trailer onto the plate, which resists roll stiffly until the load
+  // has moved to the plate's edge. From this moment on, the plate opens through the lash, and then
+  // the locked kingpin carries the additional moment.
   T RollMoment(T roll, T rate) const {
     const T lift_moment = 0.5 * plate_width * kingpin_load;  // at which the plate opens
     const T elastic = roll_stiffness * abs(roll);
@@ -21,7 +21,7 @@ struct FifthWheel {
     const T beyond = open - roll_stiffness * roll_lash;
     const T moment = open > 0 ? lift_moment + Max(0.0, beyond) : elastic;
     const bool touching = open <= 0 || beyond > 0;
-    // Damping never turns the push of plate or kingpin into a pull.
+    // Plate and kingpin can push but not pull, whatever the damping.
     const T damping = touching ? roll_damping * (roll < 0 ? -rate : rate) : T(0);
     const T total = open <= 0 ? moment + damping : Max(0.0, moment + damping);
     return roll < 0 ? total : -total;

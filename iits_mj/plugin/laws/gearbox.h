@@ -17,7 +17,7 @@ struct Gearbox {
   // Attributes.
   T cut_time, synchronization_time, synchronization_limit, close_time, synchronized_difference;
 
-  // Gear for a vehicle that rolls at this speed without a gear.
+  // Gear to engage at a speed in neutral.
   int GearForSpeed(const Engine<T>& engine, T shaft_speed) const {
     return strategy.GearForSpeed(gears, engine, shaft_speed);
   }
@@ -66,7 +66,7 @@ struct Gearbox {
   }
 
  private:
-  // Chooses a gear and begins the change when it is another one.
+  // Chooses a gear and begins a change if it is not the present gear.
   void Choose(const Engine<T>& engine, const GearboxInput<T>& in, T h, GearboxState<T>* s) const {
     const int gear = static_cast<int>(s->gear);
     const T speed = gears.Speed(in.shaft_speed);
@@ -95,8 +95,8 @@ struct Gearbox {
     if (s->phase == kSynchronize) s->gear = 0;
   }
 
-  // Waits in neutral until both sides turn alike, then engages the gear. A gear that no longer fits
-  // the speed, for example because of hard braking, is replaced.
+  // Waits in neutral until the speeds of both sides are nearly equal, then engages the gear. A gear
+  // that no longer fits the speed, for example because of hard braking, is replaced.
   void Synchronize(const Engine<T>& engine, const GearboxInput<T>& in, GearboxState<T>* s) const {
     const bool drive = in.mode == in.kDrive;
     const bool wrong = in.mode == in.kNeutral || (s->target > 0) != drive;
@@ -115,7 +115,7 @@ struct Gearbox {
     if (off > synchronized_difference && s->phase_time < synchronization_limit) return;
     s->gear = s->target;
     s->phase_time = s->gear_time = 0;
-    // Near a standstill the gear is engaged with the clutch open, which then closes as in a start.
+    // Near standstill the clutch is open when the gear engages, and then closes as in a launch.
     const T slowest = strategy.LowSpeed(engine, 0);
     s->phase = Min(speed, ratio * closed) > slowest ? kClose : kInGear;
   }

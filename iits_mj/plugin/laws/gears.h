@@ -1,4 +1,4 @@
-// Types that gearbox and shift strategy share: the gears, the state, the controller's input.
+// Common types of gearbox and shift strategy: gears, state, input of the controller.
 #ifndef IITS_MJ_PLUGIN_LAWS_GEARS_H_
 #define IITS_MJ_PLUGIN_LAWS_GEARS_H_
 
@@ -13,16 +13,16 @@ namespace iits {
 template <class T>
 struct GearboxState {
   T gear;          // engaged: 1 to n, 0 neutral, -1 reverse
-  T target;        // wanted gear, equal to `gear` outside a change
+  T target;        // gear to engage, equal to `gear` outside a change
   T phase;         // Gearbox::Phase
   T phase_time;    // since the phase began [s]
   T gear_time;     // since the last change ended [s]
-  T low_time;      // for how long a lower gear has been called for [s]
+  T low_time;      // duration of the present demand for a lower gear [s]
   T shaft_speed;   // propeller shaft, low-passed [rad/s]
   T acceleration;  // of the propeller shaft, filtered [rad/s2]
-  T torque;        // of the propeller shaft, low-passed as the speed is [N m]
-  T load;          // filtered torque that would keep the shaft's speed [N m]
-  T pedal;         // low-passed: a floored pedal far above it is a kick-down
+  T torque;        // of the propeller shaft, with the low-pass of the speed [N m]
+  T load;          // filtered torque at constant shaft speed [N m]
+  T pedal;         // low-passed; a floored pedal far above it is a kick-down
   T direction;     // of the last change: 1 up, -1 down, 0 none yet
   T failed_gear;   // gear that could not carry the load, 0 none
   T failed_load;   // the load then [N m]
@@ -36,7 +36,7 @@ struct GearboxInput {
   T shaft_speed, shaft_torque;  // propeller shaft [rad/s], [N m]
   T engine_speed;
   bool clutch_open;
-  T mass;                               // of the vehicle, as the model has it now [kg]
+  T mass;                               // of the vehicle at present [kg]
   T driver_pedal, driver_engine_brake;  // the driver's positions, 0 to 1
 };
 

@@ -1,5 +1,5 @@
-// Functions given by tables: curves y(x) and maps z(row, column). Each is held constant beyond its
-// ends: no value is extrapolated. `R` is the type of the table's numbers.
+// Functions given by tables: curves y(x) and maps z(row, column), constant beyond their ends. `R`
+// is the type of the table's numbers.
 #ifndef IITS_MJ_PLUGIN_LAWS_LOOKUP_H_
 #define IITS_MJ_PLUGIN_LAWS_LOOKUP_H_
 
@@ -10,7 +10,7 @@
 
 namespace iits {
 
-// Interval of strictly increasing `x` that holds `at`, and the position inside it, 0 to 1.
+// Interval of strictly increasing `x` that contains `at`, and the position in it, 0 to 1.
 template <class R, class T>
 size_t FindInterval(const std::vector<R>& x, T at, T* fraction) {
   size_t i = 1;
@@ -49,8 +49,8 @@ struct Map {
   }
 };
 
-// A smooth y(x) sampled once on a uniform grid: needs no search and no power function. Piecewise
-// linear; the error is at most step^2 / 8 max |y''|.
+// A smooth y(x) sampled once on a uniform grid, evaluated without a search or power function.
+// Piecewise linear; the error is at most step^2 / 8 max |y''|.
 template <class R>
 class UniformCurve {
  public:
@@ -100,13 +100,13 @@ class Sampled {
     }
   }
 
-  // False outside the grid, and for NaN: there the function itself must be called.
+  // False outside the grid and for NaN, where the function itself must be called.
   template <class T>
   bool Holds(T x) const {
     return All((x >= low_) & (x < high_));
   }
 
-  // The sampled y(x), where the grid holds x.
+  // The sampled y(x), for x on the grid.
   template <class T>
   T operator()(T x) const {
     const T u = (x - low_) * inverse_step_;

@@ -1,8 +1,8 @@
 // Arithmetic of the laws, for any type of number.
 //
-// A law is a template over its type of number: double, `Pair`, or any type that has arithmetic,
+// A law is a template over its type of number: double, `Pair`, or any type with arithmetic,
 // comparisons, conversions from double and to int, and the functions below in its own namespace,
-// such as a dual number for derivatives. A law includes nothing of MuJoCo.
+// such as a dual number for derivatives. The laws do not include MuJoCo.
 #ifndef IITS_MJ_PLUGIN_LAWS_NUMBER_H_
 #define IITS_MJ_PLUGIN_LAWS_NUMBER_H_
 
@@ -23,10 +23,10 @@ using std::tan;
 
 inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// Two numbers that go through the same arithmetic at once, such as those of two wheels. The forces
-// of a wheel are a long chain of operations, each of which waits for the one before: two wheels
-// side by side cost hardly more than one. Every 64-bit processor has registers for a pair.
-// Arithmetic, comparison and `mask ? a : b` work number by number.
+// Two numbers with the same arithmetic, such as those of two wheels. The forces of a wheel are a
+// long chain of operations, each of which waits for the previous one: two wheels cost hardly more
+// than one. Every 64-bit processor has registers for a pair. Arithmetic, comparison and
+// `mask ? a : b` work number by number.
 using Pair = double __attribute__((vector_size(16)));
 using PairMask = decltype(Pair{} < Pair{});
 
@@ -92,7 +92,8 @@ void Cross(const T* a, const T* b, T* out) {
   out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-// Part of the way that a first-order lag covers in one step, 1 - exp(-h / tau), as a Pade form.
+// Share of the difference that a first-order lag covers in one step, 1 - exp(-h / tau), as a Pade
+// form.
 template <class T>
 T LagShare(T h, T tau) {
   const T x = h / tau;

@@ -10,7 +10,7 @@
 
 namespace iits {
 
-// All that evolves; zero after a reset: then the first step chooses a gear (`initialized`).
+// Complete state; zero after a reset, and then the first step chooses a gear (`initialized`).
 template <class T>
 struct PowertrainCore {
   T initialized;
@@ -18,14 +18,14 @@ struct PowertrainCore {
   GearboxState<T> gearbox;
   DrivelineState<T> driveline;
   RetarderState<T> retarder;
-  T held_back;        // of the accelerator, by the brakes, 0 to 1
+  T held_back;        // part of the accelerator that the brakes cut, 0 to 1
   T shaft_torque;     // behind all losses [N m]
   T retarder_torque;  // at the retarder, >= 0 [N m]
   T fuel_used;        // since the reset [kg]
   EnergyAccount<T> energy;
 };
 
-// Values for sensors, one number a signal; sums are those before the step.
+// Values for sensors, one number per signal; sums are those before the step.
 template <class T>
 struct PowertrainOutput {
   T gear, shift_in_process, engine_speed, engine_torque;
@@ -109,7 +109,7 @@ struct Powertrain {
     gearbox.Update(engine, input, h, &core->gearbox);
     Request request = gearbox.Request(engine, input, core->gearbox);
     request.limited = core->held_back > 0;
-    // Nearly always the driver's pedal is the one that counts: one look-up in the map serves both.
+    // Nearly always the engine's pedal is the driver's: one look-up in the map serves both.
     const T pedal = controls.levers.pedal;
     const T driver_torque = engine.PedalTorque(at, pedal);
     request.torque = request.pedal == pedal ? driver_torque : engine.PedalTorque(at, request.pedal);
@@ -149,7 +149,7 @@ struct Powertrain {
             gearbox.gears.gear_efficiency};
   }
 
-  // An engine whose gear is being disengaged counts as zero, so that the retarder fills in time.
+  // Without a closed clutch the engine's factor is zero, so that the retarder fills in time.
   EnduranceGearing<T> Gearing(const Core& core) const {
     const bool closed = core.gearbox.phase == Box::kInGear && core.driveline.engagement >= 1;
     const T ratio = abs(gearbox.gears.Ratio(static_cast<int>(core.gearbox.gear)));
@@ -157,7 +157,7 @@ struct Powertrain {
     return {closed ? ratio * behind / gearbox.gears.gear_efficiency : T(0), behind};
   }
 
-  // A vehicle that rolls at the start is in the gear for its speed, clutch closed, without torque.
+  // A vehicle with an initial speed starts in the gear for it, clutch closed, without torque.
   void Initialize(T shaft_speed, Core* core) const {
     *core = Core();
     core->initialized = 1;
@@ -178,7 +178,7 @@ struct Powertrain {
     const T engagement = core.driveline.engagement;
     const GearboxState<T>& s = core.gearbox;
     if (s.phase == Box::kCut) {
-      // With the torque, so that a clutch that still slips does not drag the engine down.
+      // Opens with the torque, so that a slipping clutch does not reduce the engine speed.
       return engagement - engagement * Min(1.0, h / Max(request.time_left, h));
     }
     if (s.phase == Box::kClose) return Min(1.0, s.phase_time / gearbox.close_time);
@@ -186,7 +186,7 @@ struct Powertrain {
     return driveline.control.Update(engagement, core.engine.speed, input_speed, pedal, h);
   }
 
-  // Sums are those of before the step, as positions and speeds are.
+  // Sums are those before the step, as positions and speeds.
   static void ReportStart(const Core& core, PowertrainOutput<T>* o) {
     o->fuel_used = core.fuel_used;
     o->retarder_heat = core.retarder.heat;
@@ -234,8 +234,8 @@ struct Powertrain {
     o->retarder_torque_percent = of_retarder * core.retarder_torque;
     o->retarder_torque_percent_intended = of_retarder * command.retarder_torque;
     o->retarder_torque_percent_available = of_retarder * retarder_max;
-    // Without a gear the gearbox's input turns with the engine, and the gear that was engaged last
-    // is still the current one (SPN 523).
+    // Without a gear, the gearbox input turns with the engine, and the current gear is the last one
+    // engaged (SPN 523).
     const int gear = static_cast<int>(core.gearbox.gear);
     if (gear != 0 || core.gearbox.phase == Box::kInGear) o->gear_engaged = gear;
     o->input_shaft_speed = gear ? gearbox.gears.Ratio(gear) * s->work.shaft_speed : o->engine_speed;

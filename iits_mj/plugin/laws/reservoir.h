@@ -1,5 +1,5 @@
-// Compressed air: a reservoir per circuit, compressor with governor, and the spring brakes that a
-// lack of pressure applies.
+// Compressed air: a reservoir per circuit, compressor with governor, and spring brakes at low
+// pressure.
 #ifndef IITS_MJ_PLUGIN_LAWS_RESERVOIR_H_
 #define IITS_MJ_PLUGIN_LAWS_RESERVOIR_H_
 
@@ -30,7 +30,7 @@ struct Reservoirs {
     s->pressure[circuit] = Max(0.0, s->pressure[circuit] - air / volume[circuit]);
   }
 
-  // The compressor at this speed of the engine [rad/s] for h.
+  // Runs the compressor for h at an engine speed [rad/s].
   void Pump(T engine_speed, T h, ReservoirState<T>* s) const {
     T lack = 0;  // of air below the cut-out pressure
     bool low = false;
@@ -41,14 +41,14 @@ struct Reservoirs {
     if (low) s->pumping = 1;
     if (s->pumping == 0) return;
     const T delivered = kAtmosphere * displacement * Max(0.0, engine_speed) * h;
-    // Each reservoir takes air in proportion to its deficit: all are full at the same time.
+    // The air is shared in proportion to the deficits, so that all reservoirs fill simultaneously.
     const T share = delivered >= lack ? T(1) : delivered / lack;
     for (T& pressure : s->pressure) pressure += share * Max(0.0, cut_out - pressure);
     if (share == 1) s->pumping = 0;
   }
 
-  // Share of the spring brakes that is on for lack of air. Those of the towing vehicle depend on
-  // the better of its circuits, those of the trailer on its own.
+  // Share of the spring brakes that low pressure applies. Those of the towing vehicle depend on its
+  // circuit with the higher pressure, those of the trailer on the trailer's circuit.
   T Springs(int circuit, const ReservoirState<T>& s) const {
     const T pressure =
         circuit == kTrailer ? s.pressure[kTrailer] : Max(s.pressure[kFront], s.pressure[kDrive]);

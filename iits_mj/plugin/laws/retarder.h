@@ -8,23 +8,23 @@ namespace iits {
 
 template <class T>
 struct RetarderState {
-  T fill;  // of the torque that full filling would give now, 0 to 1
-  T heat;  // of oil and coolant: 0 cold, 1 where the continuous power settles
+  T fill;  // share of the torque at full filling, 0 to 1
+  T heat;  // of oil and coolant: 0 cold, 1 at steady state with the continuous power
 };
 
 template <class T>
 struct Retarder {
   // Attributes.
   T torque_max;         // rating [N m]; 0: a truck without retarder
-  T full_torque_speed;  // of the shaft, from which the rating is reached [rad/s]
+  T full_torque_speed;  // lowest shaft speed with the rated torque [rad/s]
   T power_max, power_continuous;
   T heat_time;    // time constant of the heat [s]
   T derate_heat;  // heat at which the derating begins
   T fill_time, empty_time;
 
-  // Torque of the full retarder at this shaft speed and heat, >= 0; zero in reverse. With constant
-  // filling the torque grows with the square of the speed; the control limits it to the rating, and
-  // at higher speeds to the power that the cooling can take.
+  // Torque of the full retarder at a shaft speed and heat, >= 0; zero in reverse. At constant
+  // filling the torque is proportional to the square of the speed; the control limits it to the
+  // rating, and at higher speeds to the power of the cooling.
   T Available(T shaft_speed, T heat) const {
     if (shaft_speed <= 0) return 0;
     const T rise = Min(1.0, shaft_speed / full_torque_speed);

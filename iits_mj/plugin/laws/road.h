@@ -10,7 +10,7 @@
 
 namespace iits {
 
-// The surface at one point, or at the two of a Pair.
+// The surface at one point, or at the two points of a Pair.
 template <class T>
 struct RoadPoint {
   T height;    // [m]
@@ -23,7 +23,7 @@ struct RoadPoint {
 struct RoadTable {
   static constexpr int kColumns = 11;
   static constexpr double kUnknownStation = -1e10;
-  static constexpr double kFlatFriction = 0.8;  // dry asphalt, where there is no road
+  static constexpr double kFlatFriction = 0.8;  // dry asphalt, without a road table
 
   enum Column { kX, kY, kZ, kCos, kSin, kCurvature, kGrade, kTilt, kMuLeft, kMuRight, kSplit };
 
@@ -31,7 +31,7 @@ struct RoadTable {
   double start = 0, step = 1, inverse_step = 1;
 
   // Surface at the point (x, y); `station_hint` is kUnknownStation or the station of a point
-  // nearby. A pure function of `rows`, `x` and `y` wherever the road does not pass over itself.
+  // nearby. The hint affects the result only where the road passes over itself.
   template <class T>
   RoadPoint<T> Evaluate(const double* rows, T x, T y, T station_hint) const {
     RoadPoint<T> point;
@@ -91,7 +91,7 @@ struct RoadTable {
  private:
   static constexpr int kCoarseStride = 32;  // of the global search
   static constexpr int kWalkMax = 64;       // rows from the hint, then the global search
-  static constexpr double kFarOffset = 40;  // [m]; a point farther off the road may have a bad hint
+  static constexpr double kFarOffset = 40;  // [m]; farther off the road, a hint may be wrong
 
   template <class T>
   static T Along(const double* row, T x, T y) {
@@ -102,14 +102,14 @@ struct RoadTable {
     return (y - row[kY]) * row[kCos] - (x - row[kX]) * row[kSin];
   }
 
-  // Row of the section that holds the point; beyond the road's ends, of the nearest section.
+  // Row of the section with the point; beyond the road's ends, of the nearest section.
   template <class T>
   int FindRow(const double* rows, T x, T y, T station_hint) const {
     const int last = count - 2;
     int row = 0;
     if (station_hint > 0.1 * kUnknownStation) {
       row = Clamp(static_cast<int>((station_hint - start) * inverse_step), 0, last);
-      // Walk along the road to the section that holds the point.
+      // Walk along the road to the section with the point.
       int walked = 0;
       while (row < last && walked < kWalkMax && Along(rows + (row + 1) * kColumns, x, y) >= 0) {
         ++row;

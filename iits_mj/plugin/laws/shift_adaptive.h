@@ -1,4 +1,4 @@
-// The "adaptive" shift strategy: grade and mass are in the load, the load decides.
+// The "adaptive" shift strategy, by the load, which includes grade and mass.
 #ifndef IITS_MJ_PLUGIN_LAWS_SHIFT_ADAPTIVE_H_
 #define IITS_MJ_PLUGIN_LAWS_SHIFT_ADAPTIVE_H_
 
@@ -6,15 +6,15 @@
 
 namespace iits {
 
-// Power at the wheels [W] in a gear with the pedal on the floor.
+// Power at the wheels [W] in a gear with a floored pedal.
 template <class T>
 T AvailablePower(const ShiftSituation<T>& now, int gear, T shaft_speed) {
   const T torque = now.engine.PedalTorque(now.gears.Ratio(gear) * shaft_speed, T(1));
   return now.ShaftTorque(gear, torque) * shaft_speed;
 }
 
-// Power at the wheels [W] that the pedal asks for: that of the present gear, and with the pedal
-// near the floor its share of the best gear's power.
+// Power demand of the pedal at the wheels [W]: that of the present gear, and for a nearly floored
+// pedal a share of the best gear's power.
 template <class T>
 T PowerWanted(const ShiftSituation<T>& now) {
   const ShiftParameters<T>& p = now.p;
@@ -31,7 +31,7 @@ T PowerWanted(const ShiftSituation<T>& now) {
   return Max(wanted, share * greatest / p.adaptive_reserve);
 }
 
-// Fuel rate [kg/s] for this power at the wheels in a gear.
+// Fuel rate [kg/s] for a power at the wheels in a gear.
 template <class T>
 T FuelFor(const ShiftSituation<T>& now, int gear, T shaft_speed, T power) {
   const EnginePoint<T> at = now.engine.At(now.gears.Ratio(gear) * shaft_speed);
@@ -41,8 +41,8 @@ T FuelFor(const ShiftSituation<T>& now, int gear, T shaft_speed, T power) {
   return now.engine.FuelRate(at, state);
 }
 
-// Work at the wheels [J] within the horizon when the change to this gear begins now, under the
-// present load. Includes the cost of the pause and of building up the torque.
+// Work at the wheels [J] within the horizon if the change to a gear begins now, under the present
+// load. Includes the losses by the pause and by the build-up of the torque.
 template <class T>
 T WorkAhead(const ShiftSituation<T>& now, int gear) {
   constexpr double kLookStep = 0.5;  // [s]: numerical
@@ -57,7 +57,7 @@ T WorkAhead(const ShiftSituation<T>& now, int gear) {
   }
   const T demand = engine.PedalTorque(ratio * speed, now.in.pedal);
   const TorqueRecovery<T> recovery = now.Recovery(gear, demand, demand, engine.drag(ratio * speed));
-  // Torque that is missing at first, spread over the time until it is there.
+  // The missing impulse, distributed over the time of the recovery.
   const T missing = recovery.time > 0 ? recovery.impulse / recovery.time : T(0);
   T building = recovery.time;
   while (left > 0 && speed > 0) {
@@ -73,9 +73,9 @@ T WorkAhead(const ShiftSituation<T>& now, int gear) {
   return 0.5 * inertia * (speed * speed - from * from) + load * angle;
 }
 
-// Floored pedal: the gear that does the most work within the horizon, a higher one only when the
-// engine turns as fast as it is meant to. The present one stays unless another does more by
-// `adaptive_gain`.
+// Floored pedal: the gear with the most work within the horizon; a higher gear only if the engine
+// has reached the greatest speed for downshifts. The present gear stays unless another one does
+// more work by `adaptive_gain`.
 template <class T>
 int StrongestGear(const ShiftSituation<T>& now) {
   const ShiftParameters<T>& p = now.p;
@@ -101,9 +101,9 @@ int StrongestGear(const ShiftSituation<T>& now) {
   return best;
 }
 
-// The gear with the lowest fuel rate for the power wanted, among those that turn fast enough, not
-// too fast, and keep a torque reserve over load and power. The present gear stays unless another
-// one saves `adaptive_gain` of its fuel, or it cannot give the power itself.
+// The gear with the lowest fuel rate for the power demand, among those with an allowed engine speed
+// and a torque reserve over load and power. The present gear stays unless another one saves
+// `adaptive_gain` of its fuel, or the present one cannot give the power.
 template <class T>
 int AdaptiveGear(const ShiftSituation<T>& now) {
   const ShiftParameters<T>& p = now.p;
@@ -114,19 +114,19 @@ int AdaptiveGear(const ShiftSituation<T>& now) {
   const T fastest = now.Ceiling();
   const T economic = fastest * (p.adaptive_speed_max + (1 - p.adaptive_speed_max) * now.in.pedal);
 
-  // The clutch slips or is open: there is nothing to compare.
+  // The clutch slips or is open: the gears cannot be compared.
   if (now.InputSpeed() < now.engine.idle_speed) return now.gear;
-  // The present gear may use its reserve up.
+  // The present gear may use its reserve.
   const T needed = Max(wanted / p.adaptive_reserve, load * speed);
   const bool able = AvailablePower(now, now.gear, speed) >= needed && now.InputSpeed() < fastest;
-  // Floored and not enough: the strongest gear. Fuel decides only on shifting up.
+  // Floored pedal without enough power: the strongest gear. Fuel only decides on upshifts.
   const bool floored = now.in.pedal >= p.kick_down_pedal;
   if (floored && !able) {
     const int strongest = StrongestGear(now);
     if (strongest != now.gear) return strongest;
   }
   T least = able ? (1 - p.adaptive_gain) * FuelFor(now, now.gear, speed, wanted) : T(kInfinity);
-  // Near its governor the present gear gives less than is wanted: another one need not give more.
+  // Near the governor the present gear gives less than the demand; another gear need not give more.
   const T kept = Min(wanted, AvailablePower(now, now.gear, speed));
   int best = now.gear;
   const int lowest = floored ? now.gear : Max(p.start_gear, now.gear - p.skip_down_max);

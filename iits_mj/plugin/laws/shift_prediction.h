@@ -28,10 +28,10 @@ struct ShiftParameters {
   T adaptive_period, adaptive_reserve, adaptive_gain, adaptive_speed_max, adaptive_horizon;
   Map<T> upshift, downshift;
 
-  // Advances speed, acceleration, load and pedal as the strategy sees them. The shaft speed is
-  // low-passed once; its distance to the raw speed is the filtered acceleration. The load is the
-  // torque that would hold the speed, by the balance T = load + I dw/dt of the vehicle's mass, with
-  // the same lag in each term.
+  // Advances the estimates of speed, acceleration, load and pedal. The shaft speed is low-passed
+  // once; its difference to the raw speed gives the filtered acceleration. The load is the torque
+  // at constant speed, from the balance T = load + I dw/dt of the vehicle's mass, with the same lag
+  // in each term.
   void Observe(const Gears<T>& gears, const GearboxInput<T>& in, T h, GearboxState<T>* s) const {
     const T difference = in.shaft_speed - s->shaft_speed;
     s->shaft_speed += difference * h / (acceleration_lag + h);
@@ -43,12 +43,12 @@ struct ShiftParameters {
     if (s->load < failed_load * s->failed_load) s->failed_gear = s->failed_load = 0;
   }
 
-  // Lowest engine speed that the controller accepts in gear; higher with the pedal down.
+  // Lowest allowed engine speed in gear; it increases with the pedal.
   T LowSpeed(const Engine<T>& engine, T pedal) const {
     return engine.idle_speed * (lowest_speed + lowest_speed_pedal * pedal);
   }
 
-  // Gear for a vehicle that rolls at this speed without a gear.
+  // Gear to engage at a speed in neutral.
   int GearForSpeed(const Gears<T>& gears, const Engine<T>& engine, T shaft_speed) const {
     for (int gear = gears.count(); gear > start_gear; --gear) {
       if (gears.Ratio(gear) * shaft_speed >= rolling_speed * engine.idle_speed) return gear;
@@ -56,7 +56,7 @@ struct ShiftParameters {
     return start_gear;
   }
 
-  // Whether a gear that is about to be engaged still fits the speed.
+  // Whether a gear to engage still fits the speed.
   bool Fits(const Gears<T>& gears, const Engine<T>& engine, int gear, T shaft_speed) const {
     const T speed = gears.Ratio(gear) * shaft_speed;
     return (gear <= start_gear || speed > engine.idle_speed) &&
@@ -64,8 +64,8 @@ struct ShiftParameters {
   }
 };
 
-// Everything that the choice of a gear depends on, and what follows from it. Speeds are those of
-// the propeller shaft [rad/s] unless they are called engine speeds.
+// Inputs of the choice of a gear, and predictions from them. Speeds are those of the propeller
+// shaft [rad/s] unless they are called engine speeds.
 template <class T>
 struct ShiftSituation {
   const ShiftParameters<T>& p;
@@ -75,16 +75,16 @@ struct ShiftSituation {
   const GearboxState<T>& state;
   int gear;  // engaged, 1 to n
 
-  // Step of a search for the speed that a gear holds, as a share of the governed speed: numerical.
+  // Numerical step of a search for the speed that a gear holds, as a share of the governed speed.
   static constexpr double kHeldSpeedStep = 0.01;
 
-  // Shaft speed in a change: when the clutch is closed, and at its lowest, a time [s] later.
+  // Shaft speed in a change: after the clutch has closed, and at its minimum, a time [s] later.
   struct Dip {
     T after, speed, time;
   };
   struct Held {
     int gear;
-    T speed;  // 0 when no gear holds the load
+    T speed;  // 0 if no gear holds the load
   };
 
   bool Floored() const { return in.pedal > p.floored_pedal; }
@@ -99,14 +99,13 @@ struct ShiftSituation {
   T Ceiling() const { return p.downshift_speed_max * engine.governed_speed; }
   T LowSpeed() const { return p.LowSpeed(engine, in.pedal); }
 
-  // Engine speed a little later, if the gear stays.
+  // Engine speed after `recovery_horizon` in the present gear.
   T SpeedSoon() const {
     const T speed = in.shaft_speed + p.recovery_horizon * state.acceleration;
     return gears.Ratio(gear) * speed;
   }
 
-  // Shaft speed at the end of a change that begins at `from`: the load slows the vehicle down, a
-  // descent speeds it up.
+  // Shaft speed at the end of a change that begins at the shaft speed `from`, under the load.
   T SpeedAfterChange(T from) const {
     T coasting = -state.load / VehicleInertia();
     if (in.pedal > engine.pedal_up) coasting = Min(coasting, state.acceleration);
@@ -124,12 +123,12 @@ struct ShiftSituation {
                         : engine.Recovery(before, p.change_time, demand, level, drag);
   }
 
-  // How the shaft's speed falls by a change to `next` that begins at `from`, and further until the
+  // Decrease of the shaft speed by a change to `next` that begins at `from`, and further until the
   // engine's torque has built up to the load; for the present gear, only the latter.
   Dip DipOf(int next, T from) const {
     const T after = next == gear ? from : SpeedAfterChange(from);
     if (in.pedal <= engine.pedal_up) {
-      // Braked: the gear must last for a while.
+      // Braked: the gear must fit for `recovery_horizon`.
       return {after, T(after + p.recovery_horizon * Min(0.0, state.acceleration)), 0};
     }
     const T speed = gears.Ratio(next) * after;
@@ -142,9 +141,9 @@ struct ShiftSituation {
   }
   T SpeedWhenRecovered(int next) const { return DipOf(next, in.shaft_speed).speed; }
 
-  // The engine does not turn too slowly while its torque builds up, and not slowly for long: with a
-  // floored pedal `recovery_speed` is accepted, below the slowest speed for `recovery_time`. As the
-  // deficit of torque fades in a straight line, the speed falls to the dip in a parabola.
+  // Whether the engine speed stays high enough while the torque builds up: with a floored pedal, it
+  // may fall to `recovery_speed`, and below the lowest allowed speed for `recovery_time`. Since the
+  // torque deficit decreases linearly, the speed falls to the dip in a parabola.
   bool Bears(int next, const Dip& dip) const {
     const T ratio = gears.Ratio(next), lowest = ratio * dip.speed;
     const T slow = LowSpeed(), low = p.upshift_speed * slow;
@@ -156,14 +155,14 @@ struct ShiftSituation {
     return share * dip.time <= p.recovery_time;
   }
 
-  // Torque over load is at least `reserve` at this shaft speed.
+  // Whether torque over load is at least `reserve` at a shaft speed.
   bool Carries(int next, T shaft_speed, T reserve) const {
     const T torque = engine.PedalTorque(gears.Ratio(next) * shaft_speed, in.pedal);
     return ShaftTorque(next, torque) >= reserve * Max(0.0, state.load);
   }
 
-  // Shaft speed up to which a gear carries the load after a change to it that begins at `from`; 0
-  // when it never does.
+  // Shaft speed up to which a gear carries the load after a change that begins at `from`; 0 if it
+  // does not carry the load.
   T HeldSpeed(int next, T from) const {
     const Dip dip = DipOf(next, from);
     if (!Bears(next, dip) || !Carries(next, dip.speed, p.torque_reserve)) return 0;
@@ -174,7 +173,7 @@ struct ShiftSituation {
     return held;
   }
 
-  // Lower gear that holds the highest speed on this climb, when the change begins at `from`.
+  // Lower gear that holds the highest speed on the climb if the change begins at `from`.
   Held BestHeld(T from) const {
     const T after = SpeedAfterChange(from);
     Held best = {gear, 0};
@@ -186,16 +185,15 @@ struct ShiftSituation {
     return best;
   }
 
-  // Floored pedal: the torque, once it has built up, will carry the load before the engine is too
-  // slow.
+  // Whether, with a floored pedal, the torque will carry the load before the engine is too slow.
   bool Recovers() const {
     if (!Floored()) return false;
     const Dip dip = DipOf(gear, in.shaft_speed);
     return Bears(gear, dip) && Carries(gear, dip.speed, p.torque_reserve);
   }
 
-  // Floored pedal, and the present gear does not hold at any speed: a lower one that holds now will
-  // not hold a little later.
+  // Whether, with a floored pedal, no speed is held in the present gear, and a lower gear that
+  // holds a speed now will hold a lower speed after `recovery_horizon`.
   bool WaitingCosts() const {
     if (!Floored() || state.acceleration >= 0 || Recovers()) return false;
     const T ratio = gears.Ratio(gear);
@@ -210,8 +208,8 @@ struct ShiftSituation {
     return BestHeld(soon).speed < (1 - kHeldSpeedStep) * held;
   }
 
-  // Shaft speed after an upshift, when the torque has built up; 0 when the pedal's torque would not
-  // hold the load then. A gear that failed under this load must show more torque.
+  // Shaft speed after an upshift and the build-up of the torque; 0 if the pedal's torque does not
+  // hold the load then. A gear that failed under this load needs a greater reserve.
   T SpeedAfterUpshift(int next) const {
     const bool failed = state.failed_gear > 0 && next >= state.failed_gear;
     const T reserve = failed ? Max(p.failed_reserve, p.torque_reserve) : p.torque_reserve;
@@ -219,16 +217,16 @@ struct ShiftSituation {
     return Bears(next, dip) && Carries(next, dip.speed, reserve) ? dip.speed : T(0);
   }
 
-  // The torque at the wheels has built up to the pedal's demand; while the clutch slips, at the
-  // engine's speed.
+  // Whether the torque at the wheels has built up to the pedal's demand, with the engine's speed
+  // while the clutch slips.
   bool TorqueHasBuiltUp() const {
     const T speed = Max(InputSpeed(), in.engine_speed);
     const T full = ShaftTorque(gear, engine.PedalTorque(speed, in.pedal));
     return in.shaft_torque > p.built_up_torque * full;
   }
 
-  // At full load the engine would reach its governed speed within the reversal time: a downshift is
-  // not worth it.
+  // Whether the engine would reach its governed speed at full load within the reversal time, so
+  // that a downshift does not pay off.
   bool SoonOutgrown(int next) const {
     const T ratio = gears.Ratio(next);
     const T recovered = SpeedWhenRecovered(next);

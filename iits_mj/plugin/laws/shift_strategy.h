@@ -1,4 +1,4 @@
-// When the automated gearbox changes gear, and into which one.
+// Decisions of the automated gearbox: time and target of a gear change.
 #ifndef IITS_MJ_PLUGIN_LAWS_SHIFT_STRATEGY_H_
 #define IITS_MJ_PLUGIN_LAWS_SHIFT_STRATEGY_H_
 
@@ -7,9 +7,9 @@
 
 namespace iits {
 
-// Two strategies. "tables": the published shift speeds over pedal say when to shift, engine speed
-// and torque say when not to. "adaptive": by load and mass, the gear with the lowest fuel rate for
-// the requested power, among those that keep a torque reserve.
+// Two strategies. "tables": published shift speeds over the pedal, unless engine speed or torque
+// forbid the change. "adaptive": by load and mass, the gear with the lowest fuel rate for the
+// requested power, among those with a torque reserve.
 template <class T>
 struct ShiftStrategy : ShiftParameters<T> {
   using Situation = ShiftSituation<T>;
@@ -18,12 +18,12 @@ struct ShiftStrategy : ShiftParameters<T> {
     bool failed;  // the gear could not carry the load
   };
 
-  // For how long a lower gear has been called for [s].
+  // Duration of the present demand for a lower gear [s].
   static T LowTime(const Situation& now, T h) {
     return CallsForLower(now) ? now.state.low_time + h : T(0);
   }
 
-  // Gear to be in, in drive.
+  // Gear to engage in drive.
   static Choice Choose(const Situation& now, T h) {
     const ShiftParameters<T>& p = now.p;
     const int gear = now.gear;
@@ -38,7 +38,7 @@ struct ShiftStrategy : ShiftParameters<T> {
     if (s.gear_time < p.min_gear_time) return {gear, false};
     const bool decides = !p.adaptive || floor(s.gear_time / p.adaptive_period) !=
                                             floor((s.gear_time - h) / p.adaptive_period);
-    const bool cut = now.in.pedal < now.in.driver_pedal;  // by the brakes: it will come back
+    const bool cut = now.in.pedal < now.in.driver_pedal;  // temporarily, by the brakes
     if (now.in.pedal > pedal_up && decides && !cut) {
       int next = p.adaptive ? AdaptiveGear(now) : TableUpshift(now);
       if (next == gear && !p.adaptive) next = KickDown(now);
@@ -52,15 +52,15 @@ struct ShiftStrategy : ShiftParameters<T> {
   }
 
  private:
-  // Driven beyond the limit of the governor, or of the engine brake.
+  // Whether the engine exceeds the limit of the governor, or of the engine brake.
   static bool TooFast(const Situation& now) {
     T limit = now.p.overspeed * now.engine.governed_speed;
     if (now.Braking()) limit = now.p.overspeed_braking * now.engine.brake_speed;
     return now.InputSpeed() > limit;
   }
 
-  // Up again soon after a downshift: only when the engine runs against its governor. Down again
-  // soon after an upshift: only for a kick-down.
+  // An upshift soon after a downshift requires an engine at its governor; a downshift soon after an
+  // upshift requires a kick-down.
   static bool ReversesTooSoon(const Situation& now, int next) {
     if (now.state.direction * (next - now.gear) >= 0 || now.state.gear_time > now.p.reversal_time) {
       return false;
@@ -79,8 +79,8 @@ struct ShiftStrategy : ShiftParameters<T> {
     return best;
   }
 
-  // Floored pedal: the engine gives its full torque, that is less than the load, and the lower gear
-  // has more.
+  // Whether, with a floored pedal, the engine's full torque is less than the load and the lower
+  // gear has more torque.
   static bool LosesSpeed(const Situation& now) {
     const T speed = now.InputSpeed();
     if (!now.Floored() || now.SpeedSoon() > now.p.power_speed * now.engine.idle_speed) return false;
@@ -110,7 +110,7 @@ struct ShiftStrategy : ShiftParameters<T> {
     return LosesSpeed(now);
   }
 
-  // Lower gear whose engine speed will be comfortable when the change is over.
+  // Lower gear with a sufficient engine speed after the change.
   static int Downshift(const Situation& now) {
     const T after = now.SpeedAfterChange(now.in.shaft_speed);
     const T wanted = now.p.downshift_speed * now.LowSpeed();
@@ -124,7 +124,7 @@ struct ShiftStrategy : ShiftParameters<T> {
       --next;
     }
     if (!now.Floored() || next == now.gear) return next;
-    // Every change costs speed: at once into the gear that will hold.
+    // Every change costs speed: directly into the gear that will hold the load.
     const auto best = now.BestHeld(now.in.shaft_speed);
     if (best.speed > 0 && (now.WaitingCosts() || now.HeldSpeed(next, now.in.shaft_speed) <= 0)) {
       return best.gear;
@@ -132,7 +132,7 @@ struct ShiftStrategy : ShiftParameters<T> {
     return next;
   }
 
-  // The pedal has just been floored: into the gear that the upshift table would still be in.
+  // The pedal has just been floored: the gear in which the upshift table would still be.
   static int KickDown(const Situation& now) {
     if (!now.KicksDown()) return now.gear;
     const T speed = now.gears.Speed(now.in.shaft_speed);
@@ -146,8 +146,8 @@ struct ShiftStrategy : ShiftParameters<T> {
     return next;
   }
 
-  // The more engine brake the driver asks for, the faster the engine turns; friction brakes
-  // that slow the truck down anyway need no help.
+  // The engine speed increases with the demanded engine brake; no downshift while friction brakes
+  // already decelerate the truck.
   static int BrakeGear(const Situation& now) {
     const ShiftParameters<T>& p = now.p;
     if (!now.Braking() || now.in.driver_engine_brake <= 0 ||

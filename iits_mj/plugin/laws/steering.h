@@ -16,7 +16,7 @@ struct Steering {
   // Attributes.
   T ratio, dead_band, angle_max, rate_max, stiffness, time_constant, wheelbase, track;
 
-  // Angles of the left and the right knuckle at which the linkage is relaxed [rad].
+  // Angles of the left and the right knuckle with a relaxed linkage [rad].
   void Targets(T pitman_angle, T targets[2]) const {
     const T tangent = tan(pitman_angle / ratio);
     const T half = 0.5 * track / wheelbase * tangent;

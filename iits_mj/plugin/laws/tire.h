@@ -25,13 +25,13 @@ struct WheelMotion {
   T axle[3];  // unit vector along the spin axis
   T velocity[3], angular[3];
   T spin;   // [rad/s]
-  T carry;  // load over the longitudinal relaxation length that a step can carry [N s2/m]
+  T carry;  // stable limit of load over longitudinal relaxation length, times h^2 [N s2/m]
 };
 
-// How a wheel end touches the road: geometry, and velocities of the contact patch.
+// Contact of a wheel end with the road: geometry, and velocities of the contact patch.
 template <class T>
 struct TireContact {
-  decltype(T{} < T{}) touches;   // else the wheel is in the air
+  decltype(T{} < T{}) touches;   // false: the wheel is in the air
   T ex[3], ey[3], normal[3];     // unit: ahead, to the left, up
   T distance, deflection, load;  // [m], [m], [N]; the load is 1 in the air
   T rolling_radius;              // [m]
@@ -71,8 +71,8 @@ struct Tire {
   Sampled<R> inverse_relaxation_y;  // over relative load [1/m]
   Sampled<R> angle;                 // over its tangent
 
-  // Computes what follows from the attributes. The errors of the grids are below 3e-7 of the value
-  // for all attributes that are allowed, and below 3e-8 for those of the truck.
+  // Computes the constants that depend on the attributes. The relative errors of the grids are
+  // below 3e-7 for all allowed attributes, and below 3e-8 for those of the truck.
   void Prepare() {
     nominal_deflection = nominal_load / vertical_stiffness;
     inverse_nominal_load = 1 / (count * nominal_load);
@@ -87,8 +87,8 @@ struct Tire {
     inverse_relaxation_y.Sample([this](R load) { return InverseRelaxation(load); }, 0.125, 4, 992);
   }
 
-  // Greatest load over the longitudinal relaxation length, times step squared, for a wheel end of
-  // this spin inertia: its carcass spring is no stiffer than a step can carry.
+  // Greatest load over the longitudinal relaxation length, times step squared, for a spin inertia
+  // of a wheel end: the integration of its carcass spring is stable.
   R Carry(R inertia) const {
     constexpr double kCarry = 0.9;  // greatest stiffness, times step squared over inertia
     return kCarry * inertia / (slip_stiffness * rolling_radius * rolling_radius);
@@ -165,7 +165,7 @@ struct Tire {
     // Relaxation: dz/dt = -Vs - |Vr| z / sigma, semi-implicit, so that it holds at standstill.
     const T transport = abs(c.rolling_radius * wheel.spin);
     const T relative = c.load * inverse_nominal_load;
-    // At 5 ms the bound by the step matters.
+    // At a step of 5 ms, the bound by the step is active.
     const T inverse_x = Min(wheel.carry / (h * h * c.load), inverse_relaxation_x);
     const T inverse_y =
         Min(inverse_relaxation_y(relative, [this](auto at) { return InverseRelaxation(at); }),
@@ -176,8 +176,8 @@ struct Tire {
     const T square = sx * sx + sy * sy;
     const auto slides = square > kSlideSlip * kSlideSlip;
     if (Any(slides)) {  // seldom
-      // The strain points against the sliding velocity: a locked wheel has no other direction,
-      // whatever its relaxation lengths.
+      // The strain is opposite to the sliding velocity, as for a locked wheel, independently of the
+      // relaxation lengths.
       const T speed = sqrt(c.slip_vx * c.slip_vx + c.slip_vy * c.slip_vy);
       const auto moves = speed > 1e-6;
       const T cut = kSlideSlip / (moves ? speed : sqrt(square));
@@ -197,7 +197,7 @@ struct Tire {
     // Aligning moment: pneumatic trail of the brush model, zero at full sliding.
     const T trail = pneumatic_trail * stick * stick * stick / (stick + slide * slide * (1. / 3));
     const T mz = -trail * slip.fy;
-    // Rolling resistance as an elasto-plastic wind-up of the wheel, so that it can hold, too.
+    // Rolling resistance as an elasto-plastic wind-up, so that it also holds a wheel at rest.
     const T resistance = rolling_resistance * c.load * c.rolling_radius;
     const T wind_up = Clamp(bristles.spin + h * wheel.spin, -kSpinWindUp, kSpinWindUp);
     const T strained = Clamp((wind_up + kSpinDamping * wheel.spin) * (1 / kSpinWindUp), -1., 1.);
@@ -212,19 +212,19 @@ struct Tire {
     const T slip_angle = angle(T(-c.slip_vy * inverse_speed), [](auto at) { return atan(at); });
     const T signal[] = {fx, fy, c.load, mz, slip_x, slip_angle, c.deflection, road.friction};
 
-    // In the air there is neither force nor signal, and the tread forgets its strain.
-    auto standing = [&c](T value) { return c.touches ? value : Fill<T>(0); };
+    // In the air, forces, signals and strains are zero.
+    auto in_contact = [&c](T value) { return c.touches ? value : Fill<T>(0); };
     TireForces<T> out;
     T force[3], moment[3];
     for (int i = 0; i < 3; ++i) force[i] = fx * c.ex[i] + fy * c.ey[i] + c.load * c.normal[i];
     Cross(wheel.arm, force, moment);
     for (int i = 0; i < 3; ++i) {
       moment[i] += mx * c.ex[i] + my * c.ey[i] + mz * c.normal[i];
-      out.force[i] = standing(force[i]);
-      out.moment[i] = standing(moment[i]);
+      out.force[i] = in_contact(force[i]);
+      out.moment[i] = in_contact(moment[i]);
     }
-    out.next = {standing(zx), standing(zy), standing(wind_up)};
-    for (int i = 0; i < out.kSignals; ++i) out.signal[i] = standing(signal[i]);
+    out.next = {in_contact(zx), in_contact(zy), in_contact(wind_up)};
+    for (int i = 0; i < out.kSignals; ++i) out.signal[i] = in_contact(signal[i]);
     return out;
   }
 

@@ -12,17 +12,17 @@ inline constexpr double kAtmosphere = 101325;  // [Pa]
 template <class T>
 struct WheelBrakeState {
   T pressure;    // in the chamber [Pa]
-  T effective;   // the pressure behind the hysteresis of the mechanism [Pa]
-  T abs_active;  // 1: ABS keeps the pressure below the supply's
+  T effective;   // pressure behind the hysteresis of the mechanism [Pa]
+  T abs_active;  // 1: ABS keeps the pressure below that of the supply
   T slip;        // behind the lag of ABS's differentiator; 0 without brake
 };
 
-// Constants of a time step, computed once since the step hardly ever changes.
+// Constants of a time step, computed once because the step rarely changes.
 template <class T>
 struct WheelBrakeRates {
   T step;                         // [s]
-  T build_up, release, abs;       // shares of the way to the target pressure
-  T slip;                         // share of the way to the present slip
+  T build_up, release, abs;       // shares of the difference to the target pressure
+  T slip;                         // share of the difference to the present slip
   T stiffness, damping, inverse;  // of the elastic brake [N m/rad], [N m s/rad], [rad/(N m s)]
 };
 
@@ -39,20 +39,20 @@ struct WheelBrake {
   T stiffness;
   T inertia;  // of the wheel about its spin axis, from the model [kg m2]
 
-  // Greatest torque that the brake can hold or exert [N m]; `parking` is the share of the springs.
+  // Greatest torque of the brake [N m]; `parking` is the applied share of the spring brakes.
   T Torque(const WheelBrakeState<T>& s, T parking) const {
     const T service = torque_per_pressure * Max(0.0, s.effective - push_out_pressure);
     return Max(service, parking * parking_torque);
   }
 
-  // Air in the chamber [Pa m3]: up to the push-out pressure it grows to its volume.
+  // Air in the chamber [Pa m3]; the chamber reaches its full volume at the push-out pressure.
   T Air(const WheelBrakeState<T>& s) const {
     const T stroke = Min(1.0, s.pressure / push_out_pressure);
     return chamber_volume * (s.pressure + stroke * kAtmosphere);
   }
 
   WheelBrakeRates<T> Rates(T h) const {
-    // Explicit in the wheel's speed: stiffness and damping stay inside the step's stable range.
+    // Explicit in the wheel's speed: stiffness and damping are limited to the stable range.
     const T k = Min(stiffness, 0.4 * inertia / (h * h));
     const T c = Min(0.6 * sqrt(k * inertia), Max(0.0, 0.7 * inertia / h - k * h));
     return {h,
@@ -75,12 +75,12 @@ struct WheelBrake {
     return torque;
   }
 
-  // Share of its time for which the ABS modulator fills (positive) or empties (negative) the
-  // chamber. A pulse-width modulated valve acts as this mean, which is continuous in time and so
-  // does not depend on the step. It fills all the time below the slip for reapplication, empties
-  // all the time above that for release, and holds half-way. The rate of the slip counts, too, as a
-  // wheel's deceleration does in every ABS: it damps the cycle of wheel and pressure. `slow`
-  // becomes the slip behind the differentiator's lag.
+  // Share of time in which the ABS modulator fills (positive) or empties (negative) the chamber:
+  // the mean of a pulse-width modulated valve, which is continuous in time and so does not depend
+  // on the step. The valve only fills below the slip for reapplication, only empties above the slip
+  // for release, and holds half-way. The rate of the slip damps the cycle of wheel and pressure, as
+  // the wheel's deceleration does in every ABS. `slow` becomes the slip behind the differentiator's
+  // lag.
   T Duty(const WheelBrakeRates<T>& rates, const WheelBrakeState<T>& s, T hub_speed, T wheel_speed,
          T* slow) const {
     *slow = 0;
@@ -103,7 +103,7 @@ struct WheelBrake {
     return Max(abreast, rates.step * abs_yaw_rise_rate);
   }
 
-  // Whether ABS works: from the first release until the chamber is as full as the supply again.
+  // Whether ABS is active: from the first release until the chamber reaches the supply pressure.
   bool Active(T supply, T duty, const WheelBrakeState<T>& s) const {
     if (duty < 0) return true;
     return s.abs_active != 0 && (duty < 1 || s.pressure <= supply - push_out_pressure);
@@ -120,7 +120,7 @@ struct WheelBrake {
     }
     // The effective pressure lags when the brake is released.
     s->effective = Clamp(s->effective, s->pressure, s->pressure + hysteresis_pressure);
-    // The rest of a release counts as zero.
+    // The last part of a release is set to zero.
     if (supply == 0 && s->pressure < 1e-3 * push_out_pressure) s->pressure = s->effective = 0;
   }
 };

@@ -6,7 +6,7 @@ from iits_mj.suite.tasks.longitudinal import Cruise, HillStart, Stop
 from iits_mj.suite.tasks.maneuvers import Dock, TightTurn
 from iits_mj.suite.tasks.path import LaneChange, LaneKeep, PathTask, Platoon
 
-# Tasks of pedal, brakes and steering wheel by name, for dm_control and Gymnasium.
+# Tasks that control pedal, brakes and steering wheel, for dm_control and Gymnasium.
 DRIVING_TASKS: dict[str, type[DrivingTask]] = {
     "cruise": Cruise,
     "stop": Stop,

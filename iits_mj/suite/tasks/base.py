@@ -1,4 +1,4 @@
-"""Base of the tasks: actions, observations by name, tolerances of the reward."""
+"""Base class of the tasks: actions, observations by name, tolerances of the reward."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ Observations = collections.OrderedDict[str, FloatArray]
 
 # Deceleration that a full negative `drive` demands [m/s2].
 BRAKE_MAX = 4.0
-# Form of a tolerance that falls linearly to 0 at its margin.
+# Settings of a tolerance that falls linearly to 0 at its margin.
 LINEAR = {"value_at_margin": 0.0, "sigmoid": "linear"}
 
 
 class DrivingTask(base.Task, abc.ABC):
-    """Base of all tasks.
+    """Base class of the tasks that control pedal, brakes and steering.
 
     | action  | range   | meaning                                                          |
     |---------|---------|------------------------------------------------------------------|
     | `drive` | -1 .. 1 | above 0: accelerator pedal; below: XBR demand down to -4 m/s2      |
     | `steer` | -1 .. 1 | steering-wheel angle up to `steer_max`, left positive (where used) |
 
-    An observation is the method of its name, of the task or else of the physics.
+    The method with the name of an observation, of the task or else of the physics, returns it.
 
     Attributes:
-      time_limit: of an episode [s]; tags: in the suite, beside "benchmarking".
+      time_limit: of an episode [s]; tags: in the suite, in addition to "benchmarking".
       target: speed to hold or to reach [m/s].
       actions: names of the actions.
       steer_max: steering-wheel angle of a full `steer` [rad].
@@ -63,11 +63,11 @@ class DrivingTask(base.Task, abc.ABC):
 
     @classmethod
     def edit_spec(cls, spec: mujoco.MjSpec) -> None:
-        """Adds the marks that show the task, without contact."""
+        """Adds markers that show the task and have no contacts."""
 
     @property
     def scales(self) -> dict[str, float]:
-        """Size by which each observation is divided for a learner."""
+        """Scale of each observation for a learner."""
         return {name: entry.scale for name, entry in self.observed.items()}
 
     def action_spec(self, physics: Physics) -> specs.BoundedArray:
@@ -78,7 +78,7 @@ class DrivingTask(base.Task, abc.ABC):
         return specs.BoundedArray(full.shape, np.float64, -full, full, name=names)
 
     def before_step(self, action: Any, physics: Physics) -> None:
-        """Sends the action as the truck's command; values outside [-1, 1] are clipped.
+        """Sends the action to the truck as a command; clips values outside [-1, 1].
 
         Raises:
           InputError: not one finite number for each of `actions`.
@@ -106,7 +106,7 @@ class DrivingTask(base.Task, abc.ABC):
         return found
 
     def speed_error(self, physics: Physics) -> float:
-        """Speed less the target [m/s]."""
+        """Returns the speed minus the target [m/s]."""
         return physics.speed() - self.target
 
     @abc.abstractmethod
@@ -118,12 +118,12 @@ class DrivingTask(base.Task, abc.ABC):
         return float(np.prod(list(self.reward_terms(physics).values())))
 
     def info(self, physics: Physics) -> dict[str, Any]:
-        """Returns state and factors of the reward, `reward_<name>`, for `info` of Gymnasium."""
+        """Returns state and factors of the reward, `reward_<name>`, for Gymnasium's `info`."""
         ego, terms = physics.ego(), self.reward_terms(physics)
         state = {name: getattr(ego, name) for name in ("time", "speed", "station", "fuel_used")}
         return state | {f"reward_{name}": value for name, value in terms.items()}
 
 
 def tolerance(value: float, low: float, high: float, margin: float, **form: Any) -> float:
-    """Returns 1 from `low` to `high`, falling to 0.1 at a distance of `margin` from them."""
+    """Returns 1 from `low` to `high`, falling to 0.1 at a distance of `margin` outside."""
     return float(rewards.tolerance(value, (low, high), margin, **form))

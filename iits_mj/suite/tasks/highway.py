@@ -1,4 +1,4 @@
-"""The paper's decision task: lane changes in SUMO traffic, by the whole stack."""
+"""The paper's decision task: lane changes of the whole driving stack in SUMO traffic."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ _BEHIND = sum(row.startswith("behind") for row in ROWS)
 class HighwayPhysics(Physics):
     """The truck, its stack and SUMO's traffic behind the interface of a `Physics`.
 
-    `step` advances all of them, in whole cycles of 100 ms. The truck and its payload stay the same,
-    the traffic changes with every episode. Made by `from_world`.
+    `step` advances all of them in whole cycles of 100 ms. Truck and payload stay the same; the
+    traffic changes with every episode. `from_world` makes an instance.
     """
 
     world: TruckWorld
@@ -42,7 +42,7 @@ class HighwayPhysics(Physics):
 
     @classmethod
     def from_world(cls, world: TruckWorld, trip: TripConfig) -> HighwayPhysics:
-        """Begins the first episode, whose model is kept."""
+        """Returns the physics of a world, after the start of its first episode."""
         world.reset(np.random.default_rng(0), trip)
         model = wrapper.MjModel(world.running.truck.model)
         physics: HighwayPhysics = cls.from_model(model)
@@ -56,13 +56,13 @@ class HighwayPhysics(Physics):
         return self.world.running
 
     def begin(self, generator: np.random.Generator) -> None:
-        """Begins another episode: new traffic, the truck back at its start."""
+        """Starts an episode: new traffic, the truck back at its start."""
         self.world.reset(generator, self.trip)
         self._reload_from_model(wrapper.MjModel(self.simulation.truck.model))
         self._take_over()
 
     def step(self, nstep: int = 1) -> None:
-        """Advances by whole cycles of 100 ms; a trip that is over does not go on.
+        """Advances by whole cycles of 100 ms; does nothing at the end of the trip.
 
         Raises:
           InputError: `nstep` is not a whole number of cycles.
@@ -70,7 +70,7 @@ class HighwayPhysics(Physics):
         cycles = nstep * self.timestep() / CYCLE_PERIOD
         if abs(cycles - round(cycles)) > 1e-6:
             raise InputError(
-                f"{nstep} steps are {nstep * self.timestep():g} s: use cycles of 0.1 s"
+                f"{nstep} steps are {nstep * self.timestep():g} s: use whole cycles of 0.1 s"
             )
         for _ in range(round(cycles)):
             if not self.over:
@@ -78,18 +78,18 @@ class HighwayPhysics(Physics):
 
     @property
     def over(self) -> bool:
-        """The road or the time is at its end, or the truck has failed."""
+        """Whether road or time are at their end, or the truck has failed."""
         return bool(self.simulation.ended)
 
     def decide(self, decision: Decision) -> None:
-        """Sets the answer to the stack's next question for a decision."""
+        """Sets the next decision."""
         self.world.tell(decision)
 
     def copy(self, share_model: bool = False) -> Any:
-        """Not possible.
+        """Refuses to copy.
 
         Raises:
-          Error: always: SUMO's state cannot be copied.
+          Error: always, because SUMO's state cannot be copied.
         """
         del share_model
         raise Error("the highway's physics cannot be copied: its traffic runs in SUMO")
@@ -100,7 +100,7 @@ class HighwayPhysics(Physics):
         super().free()
 
     def _take_over(self) -> None:
-        """Lets the simulation's truck live in the data of this physics."""
+        """Makes the simulation's truck use the data of this physics."""
         truck = self.simulation.truck
         mujoco.mj_copyData(self.data.ptr, self.model.ptr, truck.data)
         self._bind(truck)
@@ -122,7 +122,7 @@ class Highway(base.Task):
     | `decision` | -1 .. 1 | above 1/3: change to the left; below -1/3: to the right; else keep  |
 
     The planner refuses a change without a lane or room. The observation has the vehicles of the
-    paper's, six ahead within 250 m and two behind; missing ones are at the end of sight with the
+    paper: six ahead within 250 m and two behind. Missing vehicles are at the end of sight with the
     truck's speed.
     """
 
@@ -138,13 +138,13 @@ class Highway(base.Task):
     terms: ClassVar[dict[str, str]] = {
         "speed": "the reference speed, 60 km/h; linear to 0 at 0.6 of it",
         "safe": "no refusal because of a vehicle, no collision; else 0",
-        "calm": "no change was asked for; else 0.5",
+        "calm": "no requested change; else 0.5",
     }
 
     @property
     def scales(self) -> dict[str, float]:
-        """Size by which each observation is divided for a learner."""
-        return {name: told.scale for name, told in self.observed.items()}
+        """Scale of each observation for a learner."""
+        return {name: entry.scale for name, entry in self.observed.items()}
 
     def __init__(self, random: Any = None) -> None:
         super().__init__(random)
@@ -152,20 +152,20 @@ class Highway(base.Task):
         self._asked = False
 
     def action_spec(self, physics: HighwayPhysics) -> specs.BoundedArray:
-        """One number in [-1, 1]."""
+        """Returns the specification: one number in [-1, 1]."""
         del physics
         full = np.ones(1)
         return specs.BoundedArray(full.shape, np.float64, -full, full, name="decision")
 
     def initialize_episode(self, physics: HighwayPhysics) -> None:
-        """New traffic; the truck at the beginning of the road, at its speed."""
+        """New traffic; the truck at the start of the road, at the traffic's speed."""
         physics.begin(np.random.default_rng(self.random.randint(2**31)))
         self._asked = False
         self._unsafe = physics.simulation.stack.unsafe
         super().initialize_episode(physics)
 
     def before_step(self, action: Any, physics: HighwayPhysics) -> None:
-        """Sets the answer to the stack's next question.
+        """Sets the next decision.
 
         Raises:
           InputError: not one finite number.
@@ -179,7 +179,7 @@ class Highway(base.Task):
         physics.decide(decision)
 
     def get_observation(self, physics: HighwayPhysics) -> Observations:
-        """Own speed [m/s] and offset [m]; of the others distance, offset [m], relative speed."""
+        """Returns speed and offset; distances, offsets and relative speeds of other vehicles."""
         scene = physics.simulation.scene
         ego, neighbors = scene.ego, scene.neighbors
         ahead, behind = neighbors.nearest_by_front(RANGE_AHEAD, RANGE_BEHIND)
@@ -194,7 +194,7 @@ class Highway(base.Task):
         )
 
     def reward_terms(self, physics: HighwayPhysics) -> dict[str, float]:
-        """`speed`: the reference's, 0 at 0.6 of it; `safe`: no danger; `calm`: the lane is kept."""
+        """Returns `speed`: near the reference; `safe`: no danger; `calm`: no lane change."""
         simulation = physics.simulation
         reference = physics.trip.reference_speed
         fast = rewards.tolerance(
@@ -212,18 +212,18 @@ class Highway(base.Task):
         }
 
     def get_reward(self, physics: HighwayPhysics) -> float:
-        """Product of the terms."""
+        """Returns the product of the terms."""
         return float(np.prod(list(self.reward_terms(physics).values())))
 
     def get_termination(self, physics: HighwayPhysics) -> float | None:
-        """With discount 0 after a collision or a roll-over, with 1 at the end of the road."""
+        """Ends with discount 0 after a collision or a roll-over, 1 at the end of the road."""
         if not physics.over:
             return None
         return 0.0 if physics.simulation.failed else 1.0
 
 
 def _padded(rows: FloatArray, count: int, absent: float) -> FloatArray:
-    """Rows of vehicles as one array; missing vehicles are at the distance `absent`."""
+    """Returns rows of vehicles as one array; missing vehicles get the distance `absent`."""
     result = np.tile((absent, 0.0, 0.0), (count, 1))
     result[: len(rows)] = rows
     return result.ravel()

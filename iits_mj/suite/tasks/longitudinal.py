@@ -1,4 +1,4 @@
-"""Tasks of pedal and brakes: cruise, stop, hill start."""
+"""Tasks that control pedal and brakes: cruise, stop, hill start."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ PREVIEW = (25.0, 50.0, 100.0, 200.0, 400.0)
 
 
 class Cruise(DrivingTask):
-    """Hold 20 m/s over hills, smoothly."""
+    """Hold 20 m/s smoothly over hills."""
 
     time_limit = 60.0
     target = 20.0
     road = staticmethod(scene.hills)
     observed: ClassVar[dict[str, Observed]] = {
         **INSTRUMENTS,
-        "speed_error": Observed(5.0, "m/s", "speed less 20 m/s", "speed"),
+        "speed_error": Observed(5.0, "m/s", "speed minus 20 m/s", "speed"),
         "grade_ahead": Observed(
             0.05, "1", "rise over run here and 25, 50, 100, 200, 400 m ahead", "road", 6
         ),
@@ -35,22 +35,22 @@ class Cruise(DrivingTask):
     }
 
     def initialize_episode(self, physics: Physics) -> None:
-        """Somewhere on the hills, at 15 to 22 m/s."""
+        """At a random place on the hills, at 15 to 22 m/s."""
         physics.place(self.random.uniform(30.0, 5_000.0), 0.0, self.random.uniform(15.0, 22.0))
         super().initialize_episode(physics)
 
     def grade_ahead(self, physics: Physics) -> FloatArray:
-        """Grade here and 25 to 400 m ahead, shape (6,)."""
+        """Returns the grade here and 25 to 400 m ahead, shape (6,)."""
         return physics.grade_ahead((0.0, *PREVIEW))
 
     def reward_terms(self, physics: Physics) -> dict[str, float]:
-        """`speed`: within 0.5 m/s of the target; `comfort`: gentle acceleration."""
+        """Returns `speed`: near the target; `comfort`: gentle acceleration."""
         low, high = self.target - 0.5, self.target + 0.5
         return {"speed": tolerance(physics.speed(), low, high, 5.0), "comfort": _comfort(physics)}
 
 
 class Stop(DrivingTask):
-    """Stop the front bumper at a line, and stay there."""
+    """Stop with the front bumper at a line and stay there."""
 
     time_limit = 40.0
     tags = ("easy",)
@@ -69,7 +69,7 @@ class Stop(DrivingTask):
 
     @classmethod
     def edit_spec(cls, spec: mujoco.MjSpec) -> None:
-        """Adds the line on a mocap body, which each episode moves."""
+        """Adds the line on a mocap body that each episode moves."""
         scene.movable(spec, cls._line, size=(0.25, 4.0, 0.01))
 
     def initialize_episode(self, physics: Physics) -> None:
@@ -82,11 +82,11 @@ class Stop(DrivingTask):
         super().initialize_episode(physics)
 
     def distance(self, physics: Physics) -> float:
-        """From the front bumper to the line [m], negative beyond it."""
+        """Returns the distance from the front bumper to the line [m], negative beyond it."""
         return self.line - physics.station() - physics.truck.footprint.front_overhang
 
     def reward_terms(self, physics: Physics) -> dict[str, float]:
-        """`line`: not beyond it; `speed`: that of a stop at 1.2 m/s2 there; `comfort`."""
+        """Returns `line`: not beyond it; `speed`: of a stop at 1.2 m/s2; `comfort`."""
         distance = self.distance(physics)
         wanted = math.sqrt(2.0 * 1.2 * max(distance - 0.5, 0.0))
         error = physics.speed() - min(wanted, 20.0)
@@ -98,7 +98,7 @@ class Stop(DrivingTask):
 
 
 class HillStart(DrivingTask):
-    """Start on a grade of 4 to 9 % without rolling back, and get going."""
+    """Start on a grade of 4 to 9 % without rolling back."""
 
     time_limit = 20.0
     tags = ("easy",)
@@ -118,26 +118,26 @@ class HillStart(DrivingTask):
     }
 
     def initialize_episode(self, physics: Physics) -> None:
-        """At rest on the grade, somewhere."""
+        """At rest at a random place on the grade."""
         self.farthest = self.random.uniform(50.0, 1_750.0)
         physics.place(self.farthest, 0.0, 0.0)
         super().initialize_episode(physics)
 
     def after_step(self, physics: Physics) -> None:
-        """Updates the farthest station reached, the reference of rolling back."""
+        """Updates the farthest station reached, from which rolling back counts."""
         self.farthest = max(self.farthest, physics.station())
         super().after_step(physics)
 
     def rolled_back(self, physics: Physics) -> float:
-        """Distance behind the farthest point reached [m]."""
+        """Returns the distance behind the farthest point reached [m]."""
         return self.farthest - physics.station()
 
     def grade(self, physics: Physics) -> FloatArray:
-        """Grade here, shape (1,)."""
+        """Returns the grade here, shape (1,)."""
         return physics.grade_ahead((0.0,))
 
     def reward_terms(self, physics: Physics) -> dict[str, float]:
-        """`speed`: 4 m/s or more; `hold`: rolled back by less than 5 cm."""
+        """Returns `speed`: 4 m/s or more; `hold`: rolled back by less than 5 cm."""
         return {
             "speed": tolerance(physics.speed(), self.target, math.inf, self.target, **LINEAR),
             "hold": tolerance(self.rolled_back(physics), -math.inf, 0.05, 0.5),
@@ -145,5 +145,5 @@ class HillStart(DrivingTask):
 
 
 def _comfort(physics: Physics) -> float:
-    """1 within 1.3 m/s2 of longitudinal acceleration, falling beyond."""
+    """Returns 1 for longitudinal accelerations within 1.3 m/s2, falling beyond."""
     return tolerance(physics.acceleration(), -1.3, 1.3, 1.5)

@@ -20,11 +20,11 @@ _BAY_WIDTH, _BAY_LENGTH = 3.6, 18.0
 
 
 class TightTurn(DrivingTask):
-    """Through a left turn whose road is as wide as the swept path that rules for trucks allow.
+    """Drive a left turn on a road as wide as the swept path that truck regulations allow.
 
     The outer steer tire may follow an arc of 12.5 m; the Australian PBS (level 1) then allows a
-    frontal swing of 0.7 m and a swept path of 7.4 m, which are the road's edges here. The
-    semitrailer cuts the corner by more than the road allows, unless the tractor goes wide.
+    frontal swing of 0.7 m and a swept path of 7.4 m, which are the road's edges here. Unless the
+    tractor goes wide, the semitrailer cuts the corner and leaves the road.
     """
 
     time_limit = 30.0
@@ -33,7 +33,7 @@ class TightTurn(DrivingTask):
     road = staticmethod(scene.turn)
     steer_max: ClassVar[float] = 5.0 * math.pi
     actions: ClassVar[tuple[str, ...]] = ("drive", "steer")
-    # Edges of the road beside its reference line, which the middle of the steer axle may follow.
+    # Offsets of the road's edges from its reference line, the path of the steer axle's middle.
     right_edge: ClassVar[float] = -1.95
     left_edge: ClassVar[float] = 5.45
     off_road: ClassVar[float] = -1.0
@@ -41,7 +41,7 @@ class TightTurn(DrivingTask):
         **WITHOUT_GEAR,
         "offset": Observed(1.0, "m", "steer axle left of the line", "body `tractor`, road"),
         "heading_error": Observed(
-            0.5, "rad", "tractor's heading less the line's", "body `tractor`, road"
+            0.5, "rad", "tractor's heading minus the line's", "body `tractor`, road"
         ),
         "trailer_offset": Observed(
             2.0, "m", "trailer's axles left of the line", "site `trailer_axle_center`, road"
@@ -50,7 +50,9 @@ class TightTurn(DrivingTask):
         "clearance": Observed(
             1.0, "m", "least distance of the outline from an edge", "bodies, road"
         ),
-        "past_entry": Observed(10.0, "m", "way since the turn began", "body `tractor`, road"),
+        "past_entry": Observed(
+            10.0, "m", "distance since the start of the turn", "body `tractor`, road"
+        ),
     }
     terms: ClassVar[dict[str, str]] = {
         "clear": "0.1 m or more from both edges; 0.1 at 0.6 m less",
@@ -59,22 +61,22 @@ class TightTurn(DrivingTask):
     }
 
     def initialize_episode(self, physics: Physics) -> None:
-        """8 to 18 m before the turn, at 2 to 3 m/s, a little off the line."""
+        """8 to 18 m before the turn, at 2 to 3 m/s, slightly off the line."""
         station = scene.TURN_ENTRY - self.random.uniform(8.0, 18.0)
         physics.place(station, self.random.uniform(-0.15, 0.15), self.random.uniform(2.0, 3.0))
         super().initialize_episode(physics)
 
     def clearance(self, physics: Physics) -> float:
-        """Least distance of the truck's outline from an edge of the road [m], negative beyond."""
+        """Returns the least distance of the outline from the road's edges [m], negative beyond."""
         offsets = physics.outline_offsets()
         return float(min(np.min(offsets) - self.right_edge, self.left_edge - np.max(offsets)))
 
     def past_entry(self, physics: Physics) -> float:
-        """Way since the turn began [m], negative before it."""
+        """Returns the distance since the start of the turn [m], negative before it."""
         return physics.station() - scene.TURN_ENTRY
 
     def reward_terms(self, physics: Physics) -> dict[str, float]:
-        """`clear`: 0.1 m from the edges; `speed`: 2 to 3 m/s; `along`: on its way, not across."""
+        """Returns `clear`: 0.1 m from the edges; `speed`: 2 to 3 m/s; `along`: the heading."""
         low, high = self.target - 0.5, self.target + 0.5
         return {
             "clear": tolerance(self.clearance(physics), 0.1, math.inf, 0.6),
@@ -109,7 +111,9 @@ class Dock(DrivingTask):
         "aside": Observed(
             2.0, "m", "trailer's rear left of the bay's middle, seen forward", "body `trailer`"
         ),
-        "trailer_heading": Observed(0.3, "rad", "trailer's yaw against the bay", "body `trailer`"),
+        "trailer_heading": Observed(
+            0.3, "rad", "trailer's yaw relative to the bay", "body `trailer`"
+        ),
         **wide(BENDING),
     }
     terms: ClassVar[dict[str, str]] = {
@@ -132,7 +136,7 @@ class Dock(DrivingTask):
             scene.mark(spec, f"dock_line_{side}", (middle, half * sign, 0.01), line)
 
     def initialize_episode(self, physics: Physics) -> None:
-        """Rear 15 to 25 m before the dock, up to 1 m aside, a little askew, at rest."""
+        """Rear 15 to 25 m before the dock, up to 1 m to the side, slightly askew, at rest."""
         truck = physics.truck
         rear = truck.footprint.length - truck.footprint.front_overhang
         physics.place(
@@ -145,24 +149,24 @@ class Dock(DrivingTask):
         super().initialize_episode(physics)
 
     def rear(self, physics: Physics) -> tuple[float, float, float]:
-        """Trailer's rear: distance to the dock, left of the bay's middle [m], heading [rad]."""
+        """Returns distance of the trailer's rear to the dock, offset [m] and heading [rad]."""
         x, y, yaw = physics.trailer_rear()
         return x - BAY_STATION, y, yaw
 
     def distance(self, physics: Physics) -> float:
-        """Trailer's rear to the dock [m], negative inside it."""
+        """Returns the distance of the trailer's rear to the dock [m], negative inside it."""
         return self.rear(physics)[0]
 
     def aside(self, physics: Physics) -> float:
-        """Trailer's rear left of the bay's middle, seen forward [m]."""
+        """Returns the offset of the trailer's rear from the bay's middle [m], left positive."""
         return self.rear(physics)[1]
 
     def trailer_heading(self, physics: Physics) -> float:
-        """Trailer's yaw against the bay [rad]."""
+        """Returns the trailer's yaw relative to the bay [rad]."""
         return self.rear(physics)[2]
 
     def reward_terms(self, physics: Physics) -> dict[str, float]:
-        """`near`: the dock; `aligned`, `straight`: in the bay; `gentle`: slow, most so at last."""
+        """Returns `near` the dock; `aligned`, `straight` in the bay; `gentle`: ever slower."""
         distance, aside, heading = self.rear(physics)
         allowed = 0.15 + min(0.08 * max(distance, 0.0), 1.2)
         return {
@@ -173,6 +177,6 @@ class Dock(DrivingTask):
         }
 
     def get_termination(self, physics: Physics) -> float | None:
-        """Ends the episode, with discount 0, when the dock is rammed or the truck jackknifed."""
+        """Ends the episode, with discount 0, when the truck rams the dock or jackknifes."""
         bent = abs(physics.articulation()) > self.jackknifed
         return 0.0 if self.distance(physics) < self.rammed or bent else None

@@ -1,4 +1,4 @@
-"""Tasks that steer along a path: lane keeping, double lane change, a truck of a platoon."""
+"""Tasks that steer along a path: lane keeping, double lane change, platoon."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from iits_mj.suite.physics import BENDING, WITHOUT_GEAR, Observed, Physics
 from iits_mj.suite.tasks.base import DrivingTask, Observations, tolerance
 
 PATH_PREVIEW = (10.0, 20.0, 35.0, 50.0, 75.0)
-# Stations where the track leaves the lane, reaches the other one, leaves it, and is back [m].
+# Stations where the track leaves the lane, reaches the other lane, leaves it, and returns [m].
 GATES = (250.0, 325.0, 400.0, 475.0)
 _CONES = 0.5 * scene.LANE_WIDTH - 0.2
 _OUT = Quintic.to_zero(GATES[0], GATES[1] - GATES[0], scene.LANE_WIDTH)
@@ -44,10 +44,10 @@ class PathTask(DrivingTask):
     actions: ClassVar[tuple[str, ...]] = ("drive", "steer")
     observed: ClassVar[dict[str, Observed]] = {
         **WITHOUT_GEAR,
-        "speed_error": Observed(5.0, "m/s", "speed less the one to hold", "speed"),
+        "speed_error": Observed(5.0, "m/s", "speed minus the speed to hold", "speed"),
         "lane_error": Observed(1.0, "m", "steer axle left of the path", "body `tractor`, road"),
         "heading_error": Observed(
-            0.1, "rad", "tractor's heading less the path's", "body `tractor`, road"
+            0.1, "rad", "tractor's heading minus the path's", "body `tractor`, road"
         ),
         "trailer_error": Observed(
             1.0, "m", "trailer's axle group left of the path", "site `trailer_axle_center`, road"
@@ -60,23 +60,23 @@ class PathTask(DrivingTask):
         """Returns the offset of the path at a station [m], positive to the left."""
 
     def lane_error(self, physics: Physics) -> float:
-        """Steer axle left of the path [m]."""
+        """Returns the offset of the steer axle from the path [m], left positive."""
         ego = physics.ego()
         return ego.offset - self.wanted(physics, ego.station)
 
     def trailer_error(self, physics: Physics) -> float:
-        """Middle of the trailer's axle group left of the path [m]."""
+        """Returns the offset of the trailer's axle group from the path [m], left positive."""
         ego = physics.ego()
         return ego.trailer_offset - self.wanted(physics, physics.trailer_station())
 
     def heading_error(self, physics: Physics) -> float:
-        """Tractor's heading less the path's [rad]."""
+        """Returns the tractor's heading minus the path's [rad]."""
         station = physics.station()
         slope = self.wanted(physics, station + 0.5) - self.wanted(physics, station - 0.5)
         return physics.heading_error() - math.atan(slope)
 
     def reward_terms(self, physics: Physics) -> dict[str, float]:
-        """`lane`, `trailer`: on the path; `speed`: at the target; lateral acceleration: small."""
+        """Returns `lane`, `trailer`: on the path; `speed`; and small lateral acceleration."""
         room, (name, most) = self.lane_room, self.sideways
         return {
             "lane": tolerance(self.lane_error(physics), -room, room, 1.0),
@@ -86,7 +86,7 @@ class PathTask(DrivingTask):
         }
 
     def get_termination(self, physics: Physics) -> float | None:
-        """Ends the episode, with discount 0, off the path or rolled over."""
+        """Ends the episode, with discount 0, off the path or after a roll-over."""
         left = abs(self.lane_error(physics)) > self.off_path
         trailer_left = abs(self.trailer_error(physics)) > self.trailer_off_path
         return 0.0 if left or trailer_left or abs(physics.roll()) > self.overturned else None
@@ -95,7 +95,7 @@ class PathTask(DrivingTask):
 def _path_terms(
     lane_room: float, sideways: tuple[str, float], path: str, speed: str
 ) -> dict[str, str]:
-    """Meaning of the factors of `PathTask.reward_terms`."""
+    """Returns the meaning of the factors of `PathTask.reward_terms`."""
     name, most = sideways
     return {
         "lane": f"steer axle within {lane_room:g} m of the {path}; 0.1 at 1 m more",
@@ -108,7 +108,7 @@ def _path_terms(
 class LaneKeep(PathTask):
     """Keep truck and trailer in the right lane of a winding road at 20 m/s.
 
-    The lane is 0.73 m wider than the truck on each side; 2 m off its middle the episode ends.
+    The lane is 0.73 m wider than the truck on each side; the episode ends 2 m off its middle.
     """
 
     time_limit = 60.0
@@ -125,26 +125,26 @@ class LaneKeep(PathTask):
     terms: ClassVar[dict[str, str]] = _path_terms(lane_room, sideways, "path", "20 m/s")
 
     def wanted(self, physics: Physics, station: float) -> float:
-        """Middle of the right lane."""
+        """Returns the offset of the right lane's middle [m]."""
         return float(physics.route.lane_offset(0, station))
 
     def initialize_episode(self, physics: Physics) -> None:
-        """Somewhere on the road, within 0.3 m of the lane's middle, at 17 to 21 m/s."""
+        """At a random place, within 0.3 m of the lane's middle, at 17 to 21 m/s."""
         station = self.random.uniform(30.0, 2_500.0)
         offset = self.wanted(physics, station) + self.random.uniform(-0.3, 0.3)
         physics.place(station, offset, self.random.uniform(17.0, 21.0))
         super().initialize_episode(physics)
 
     def curvature_ahead(self, physics: Physics) -> FloatArray:
-        """Curvature of the road here and 25, 50, 100 m ahead [1/m], shape (4,)."""
+        """Returns the road's curvature here and 25, 50, 100 m ahead [1/m], shape (4,)."""
         return physics.curvature_ahead((0.0, 25.0, 50.0, 100.0))
 
 
 class LaneChange(PathTask):
-    """To the left lane within 75 m, 75 m there, and back within 75 m, at 60 km/h and laden.
+    """Change to the left lane within 75 m, and back 75 m later, at 60 km/h and laden.
 
-    The track is that of ISO 3888-1 for cars at 80 km/h, made longer: the semitrailer reaches about
-    1.5 m/s2.
+    The track is a longer form of the track of ISO 3888-1, which is for cars at 80 km/h; the
+    semitrailer reaches about 1.5 m/s2.
     """
 
     time_limit = 30.0
@@ -160,7 +160,7 @@ class LaneChange(PathTask):
             2.0, "m/s2", "of the steer axle, without gravity", "sensor `tractor_acceleration`"
         ),
         "path_ahead": Observed(
-            4.0, "m", "offset of the path 10, 20, 35, 50, 75 m ahead, less here", "track", 5
+            4.0, "m", "offset of the path 10, 20, 35, 50, 75 m ahead, relative to here", "track", 5
         ),
     }
     terms: ClassVar[dict[str, str]] = _path_terms(lane_room, sideways, "track", "60 km/h")
@@ -180,18 +180,18 @@ class LaneChange(PathTask):
                     scene.cone(spec, name, station, middle + side * _CONES)
 
     def wanted(self, physics: Physics, station: float) -> float:
-        """Middle of the track, quintic between its lanes."""
+        """Returns the offset of the track's middle [m], quintic between the lanes."""
         del physics
         return float(_BACK.evaluate(station)[0] - _OUT.evaluate(station)[0])
 
     def initialize_episode(self, physics: Physics) -> None:
-        """10 to 60 m before the track leaves the lane, at 54 to 60 km/h, a little off."""
+        """10 to 60 m before the track leaves the lane, at 54 to 60 km/h, slightly off it."""
         station = GATES[0] - self.random.uniform(10.0, 60.0)
         physics.place(station, self.random.uniform(-0.2, 0.2), self.random.uniform(15.0, 16.7))
         super().initialize_episode(physics)
 
     def path_ahead(self, physics: Physics) -> FloatArray:
-        """Offset of the path 10 to 75 m ahead, less the one here [m], shape (5,)."""
+        """Returns the offset of the path 10 to 75 m ahead, relative to here [m], shape (5,)."""
         station = physics.station()
         here = self.wanted(physics, station)
         return np.array([self.wanted(physics, station + d) - here for d in PATH_PREVIEW])
@@ -200,11 +200,11 @@ class LaneChange(PathTask):
 class Platoon(LaneKeep):
     """Keep the right lane of a winding road, and the gap to the truck ahead or the set speed.
 
-    It is not a task of the suite: `iits_mj.envs.platoon` places the trucks and sets speeds.
+    It is not a task of the suite: `iits_mj.envs.platoon` places the trucks and sets the speeds.
 
     Args:
-      ahead: physics of the truck ahead; None for the first.
-      time_gap: to the truck ahead [s], beside 5 m.
+      ahead: physics of the truck ahead; None for the first truck.
+      time_gap: to the truck ahead [s], in addition to 5 m.
       random: seed or `numpy.random.RandomState`.
 
     Attributes:
@@ -214,10 +214,10 @@ class Platoon(LaneKeep):
     observed: ClassVar[dict[str, Observed]] = {
         **LaneKeep.observed,
         "speed_error": Observed(
-            5.0, "m/s", "speed less the set speed, or that of the truck ahead", "speeds"
+            5.0, "m/s", "speed minus the set speed, or minus that of the truck ahead", "speeds"
         ),
         "gap_error": Observed(
-            10.0, "m", "gap ahead less the wanted one; 0 for the first", "bodies `tractor`, road"
+            10.0, "m", "gap ahead minus the gap to keep; 0 for the first", "bodies `tractor`, road"
         ),
         "gap": Observed(30.0, "m", "to the rear of the truck ahead; 0 for the first", "the same"),
         "acceleration_ahead": Observed(
@@ -227,8 +227,8 @@ class Platoon(LaneKeep):
     terms: ClassVar[dict[str, str]] = {
         name: meaning for name, meaning in LaneKeep.terms.items() if name != "speed"
     } | {
-        "spacing": "gap within 1 m of the wanted one, 0.1 at 10 m more; for the first, speed "
-        "within 1 m/s of the set one, 0.1 at 8 m/s more",
+        "spacing": "gap within 1 m of the gap to keep, 0.1 at 10 m more; for the first, speed "
+        "within 1 m/s of the set speed, 0.1 at 8 m/s more",
     }
 
     def __init__(self, ahead: Physics | None, time_gap: float, random: Any = None) -> None:
@@ -241,7 +241,7 @@ class Platoon(LaneKeep):
         return STANDSTILL_GAP + self._time_gap * speed
 
     def gap(self, physics: Physics) -> float:
-        """From the front bumper to the rear end of the truck ahead [m]; 0 for the first."""
+        """Returns the gap from the bumper to the truck ahead [m]; 0 for the first truck."""
         if self._ahead is None:
             return 0.0
         footprint = self._ahead.truck.footprint
@@ -249,24 +249,24 @@ class Platoon(LaneKeep):
         return rear - physics.station() - physics.truck.footprint.front_overhang
 
     def gap_error(self, physics: Physics) -> float:
-        """Gap less the wanted one [m]; 0 for the first."""
+        """Returns the gap minus the gap to keep [m]; 0 for the first truck."""
         if self._ahead is None:
             return 0.0
         return self.gap(physics) - self.wanted_gap(physics.speed())
 
     def acceleration_ahead(self, physics: Physics) -> float:
-        """Acceleration of the truck ahead [m/s2]; 0 for the first."""
+        """Returns the acceleration of the truck ahead [m/s2]; 0 for the first truck."""
         del physics
         return 0.0 if self._ahead is None else self._ahead.acceleration()
 
     def get_observation(self, physics: Physics) -> Observations:
-        """Returns the observations; the target speed is that of the truck ahead."""
+        """Returns the observations; the target becomes the speed of the truck ahead."""
         if self._ahead is not None:
             self.target = self._ahead.speed()
         return super().get_observation(physics)
 
     def reward_terms(self, physics: Physics) -> dict[str, float]:
-        """`lane`, `trailer`, `comfort` of keeping the lane; `spacing` in the place of `speed`."""
+        """Returns `lane`, `trailer`, `comfort` of `LaneKeep`; `spacing` replaces `speed`."""
         found = super().reward_terms(physics)
         speed = found.pop("speed")
         if self._ahead is None:

@@ -2,11 +2,11 @@
 
 **Split friction** (ISO 16234; bounds of UN R13, annex 13): full braking on a road with a friction
 of 0.8 on the left and 0.3 on the right. The driver aims at a point of the lane's middle one second
-ahead, with a delay of 0.2 s (pure pursuit). The same is braked without steering for two seconds,
-and on each of the two surfaces alone. ISO 16234 is the open-loop method for heavy vehicles and
-combinations; its figure is the reaction with the steering wheel held. The bounds with a driver
-(braking rate, 120 and 240 degrees) and their clauses were taken without the text of UN R13 at hand;
-there they apply to the laden towing vehicle, here to the whole combination, laden and empty.
+ahead, with a delay of 0.2 s (pure pursuit). Further runs are two seconds without steering, and each
+of the two surfaces alone. ISO 16234 is the open-loop method for heavy vehicles and combinations;
+its figure is the reaction with the steering wheel held. The bounds with a driver (braking rate, 120
+and 240 degrees) and their clauses are not checked against the text of UN R13; there they apply to
+the laden towing vehicle, here to the whole combination, laden and empty.
 
 **Locked wheels**: the truck runs steadily through a gentle left bend at 60 km/h on a friction of
 0.3, then brakes with its steering wheel held. Parameters alone decide which wheels lock: the brakes
@@ -43,14 +43,9 @@ def brake(
     duration: float,
     stop: Callable[[EgoState], bool],
 ) -> Run:
-    """Brakes the rolling truck.
+    """Brakes the rolling truck by a demand [m/s2], positive, for at most a duration [s].
 
-    Args:
-      truck: rolling.
-      demand: wanted deceleration [m/s2], positive.
-      steering: steering-wheel angle [rad] by time [s] and state.
-      duration: at most [s].
-      stop: ends the run early.
+    The steering-wheel angle [rad] is a function of time [s] and state; `stop` ends the run early.
     """
 
     def command(time: float, state: EgoState) -> VehicleCommand:
@@ -61,8 +56,6 @@ def brake(
 
     return run(truck, command, duration, stop)
 
-
-# --- Split friction ---
 
 HIGH, LOW = 0.8, 0.3
 SPLIT_SPEED = 50.0 * KMH
@@ -79,10 +72,21 @@ _LONG = 30.0
 _DELAY, _PREVIEW, _NEAR = 0.2, 1.0, 5.0
 # Half the outer track: beyond it the tires of one side cross the split (UN R13) [m].
 _ASTRIDE = 1.0
+BEND_FRICTION = 0.3
+BEND_SPEED = 60.0 * KMH
+# Lateral acceleration in the bend [m/s2]: a third of the limit of the road.
+LATERAL = 1.0
+BEND_DEMAND = 4.0
+# Hitch angle of a jack-knifed truck, and greatest hitch angle of a stable truck [rad].
+FOLDED, STEADY = np.deg2rad(30.0), np.deg2rad(5.0)
+# A swing that takes the trailer out of its lane: 1 m at the last axle [rad].
+SWUNG = np.deg2rad(6.0)
+_INTO, _BRAKING = 8.0, 12.0
+_SLOW = 3.0 * KMH
 
 
 def lane_keeper(ratio: float, wheelbase: float) -> Steering:
-    """A driver who steers with a delay on the arc that meets y = 0 at the preview distance."""
+    """A driver who steers, with a delay, on the arc that meets y = 0 at the preview distance."""
     waiting: deque[float] = deque([0.0] * round(_DELAY / PERIOD))
 
     def steering(_: float, state: EgoState) -> float:
@@ -136,10 +140,8 @@ def compare_split(payload: float, timestep: float) -> Findings:
     found.check(f"stopping distance on {LOW:g} alone", low, "m")
     rate = braking_rate(held)
     found.check("braking rate 40 to 20 km/h (UN R13)", rate, "g", must=f">= {RATE:g}")
-    early = wheel[held.time <= 2.0].max()
-    found.check(
-        "steering wheel in the first 2 s (UN R13)", early, "deg", must=f"<= {STEER_EARLY:g}"
-    )
+    name, early = "steering wheel in the first 2 s (UN R13)", wheel[held.time <= 2.0].max()
+    found.check(name, early, "deg", must=f"<= {STEER_EARLY:g}")
     found.check("steering wheel in all (UN R13)", wheel.max(), "deg", must=f"<= {STEER_TOTAL:g}")
     found.check("deviation", np.max(np.abs(held.y)), "m", must=f"<= {_ASTRIDE:g}")
     worst = np.max(np.abs(np.rad2deg(held.articulation)))
@@ -159,24 +161,9 @@ def compare_split(payload: float, timestep: float) -> Findings:
     return found
 
 
-# --- Locked wheels ---
-
-BEND_FRICTION = 0.3
-BEND_SPEED = 60.0 * KMH
-# Lateral acceleration in the bend [m/s2]: a third of what the road allows.
-LATERAL = 1.0
-BEND_DEMAND = 4.0
-# Hitch angle of a jack-knifed truck, and greatest hitch angle of a stable one [rad].
-FOLDED, STEADY = np.deg2rad(30.0), np.deg2rad(5.0)
-# A swing that takes the trailer out of its lane: 1 m at the last axle [rad].
-SWUNG = np.deg2rad(6.0)
-_INTO, _BRAKING = 8.0, 12.0
-_SLOW = 3.0 * KMH
-
-
 @dataclass(frozen=True)
 class Group:
-    """Axles whose wheels lock, as indices front to rear; none with ABS."""
+    """Axles whose wheels lock, as indices from front to rear; empty for ABS."""
 
     name: str
     axles: tuple[int, ...]
@@ -188,7 +175,7 @@ ABS = Group("all axles, ABS", ())
 
 
 def overlay(group: Group, parameters: TruckParameters) -> dict[str, object]:
-    """Parameters with which the wheels of the group lock and no others brake."""
+    """Parameters with which the wheels of the group lock and the others do not brake."""
     if not group.axles:
         return {}
     torque = parameters.air_brake.torque_per_pressure
@@ -197,7 +184,7 @@ def overlay(group: Group, parameters: TruckParameters) -> dict[str, object]:
 
 
 def bend(payload: float, group: Group, timestep: float) -> Run:
-    """Brakes in the bend, recorded from the demand on, to 3 km/h or a jack-knife."""
+    """Brakes in the bend to 3 km/h or a jack-knife; the record begins with the demand."""
     parameters = TruckParameters.load()
     truck, hold = steady_truck(
         payload,
@@ -209,22 +196,16 @@ def bend(payload: float, group: Group, timestep: float) -> Run:
     )
     radius = BEND_SPEED**2 / LATERAL
     wheel = parameters.steering.ratio * parameters.tractor.axles[1].position / radius
-    # Understeer makes the bend wider; it only has to be the same for all groups.
-    drive(
-        truck,
-        lambda time, _: wheel * min(time / 2.0, 1.0),
-        speed=BEND_SPEED,
-        duration=_INTO,
-        hold=hold,
-    )
-    limit = 2.0 * FOLDED
-    return brake(
-        truck,
-        BEND_DEMAND,
-        lambda _, __: wheel,
-        duration=_BRAKING,
-        stop=lambda state: state.speed < _SLOW or abs(state.articulation) > limit,
-    )
+
+    # Understeer makes the bend wider, equally for all groups.
+    def turn_in(time: float, _: float) -> float:
+        return wheel * min(time / 2.0, 1.0)
+
+    def over(state: EgoState) -> bool:
+        return state.speed < _SLOW or abs(state.articulation) > 2.0 * FOLDED
+
+    drive(truck, turn_in, speed=BEND_SPEED, duration=_INTO, hold=hold)
+    return brake(truck, BEND_DEMAND, lambda _, __: wheel, duration=_BRAKING, stop=over)
 
 
 def compare_locked(payload: float, timestep: float) -> Findings:

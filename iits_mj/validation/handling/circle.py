@@ -23,7 +23,13 @@ from iits_mj.validation.handling.roll_plane import RollPlane
 from iits_mj.validation.handling.steady_turn import SteadyTurn
 from iits_mj.validation.handling.step_steer import FREE_HITCH
 from iits_mj.validation.harness.maneuver import restore_state, save_state, steady_truck
-from iits_mj.validation.harness.recorder import PERIOD, Recording, SpeedHold, drive, trailer_roll
+from iits_mj.validation.harness.recorder import (
+    PERIOD,
+    SpeedHold,
+    SteeringRecord,
+    drive,
+    trailer_roll,
+)
 
 RADIUS = 100.0
 # Lateral acceleration up to which the gradient is measured [m/s2].
@@ -34,15 +40,22 @@ _AVERAGE = 4.0
 _DRIVER = 0.6
 # Speeds of upshifts relative to the shipped table: the driver holds the gear by hand.
 _LATER = 1.3
-# Lowest speed [m/s], growth of speed [m/s2], and its steps at the limit [m/s].
-_SLOWEST, _RAMP, _FINE = 6.0, 0.15, 0.25
-# Speed and yaw rate are steady when they change by less than this share in a window; the truck gets
-# this many windows to settle. A circle is held when radius [m] and speed [m/s] have at most these
-# errors, and speed and yaw rate change by no more than this share.
+# Least speed [m/s], growth of speed [m/s2], and its steps at first and at the limit [m/s].
+_SLOWEST, _RAMP, _COARSE, _FINE = 6.0, 0.15, 2.0, 0.25
+# Speed and yaw rate are steady when they change by less than this share in a window; the greatest
+# number of windows. A circle is held within these errors of radius [m] and speed [m/s], and this
+# change of speed and yaw rate [1].
 _STEADY, _WINDOWS = 0.002, 8
 _HELD, _HELD_SPEED, _HELD_SWAY = 1.0, 0.3, 0.02
 # A circle is lost when the trailer rolls beyond this [rad] or the steer axle is this far off [m].
 _ROLLED, _LOST = np.deg2rad(15.0), 6.0
+# Allowed error of the statics with the full law of the tires, up to `LINEAR` [%].
+_ERROR = 10.0
+# The tires saturate when the slope near the end exceeds the slope at the beginning by this factor.
+_SATURATED = 1.5
+# Near the end: between these shares of the static roll-over threshold, at any time step.
+_LATE = (0.6, 0.8)
+_SCALE = float(np.rad2deg(GRAVITY))  # from rad s2/m to deg/g
 
 
 @dataclass(frozen=True)
@@ -74,16 +87,13 @@ def circle(payload: float, timestep: float, speeds: tuple[float, ...]) -> Circle
     return _circle(run.truck, records)
 
 
-def limit(payload: float, timestep: float, *, coarse: float = 2.0) -> tuple[Circle, str]:
+def limit(payload: float, timestep: float) -> tuple[Circle, str]:
     """Drives faster and faster until the circle cannot be held; also returns the reason, in words.
 
-    Args:
-      payload: [kg].
-      timestep: of the physics [s].
-      coarse: first steps of speed [m/s]; they shrink near the limit.
+    The first steps of speed [m/s] are coarse; they shrink near the limit.
     """
     run = _Staircase.start(payload, timestep, _SLOWEST)
-    records, speed, step = [run.climb(_SLOWEST)], _SLOWEST, coarse
+    records, speed, step = [run.climb(_SLOWEST)], _SLOWEST, _COARSE
     while True:
         before = run.save()
         record = run.climb(speed + step)
@@ -115,19 +125,20 @@ class _Staircase:
 
     @classmethod
     def start(cls, payload: float, timestep: float, speed: float) -> _Staircase:
-        """The truck straight on at this speed [m/s], at the entry of the circle."""
-        # With a free hitch; in a bend the automatic gearbox would change between two gears.
+        """The truck on the straight at this speed [m/s], at the entry of the circle."""
+        # In a bend the automatic gearbox would change between two gears.
         parameters = gears_held(TruckParameters.load(overlay=FREE_HITCH))
         return cls(*steady_truck(payload, speed, timestep, parameters=parameters), speed)
 
-    def climb(self, speed: float) -> Recording:
-        """Recording of the last seconds at a new speed [m/s], when it is steady or time is over."""
+    def climb(self, speed: float) -> SteeringRecord:
+        """Returns the last seconds at a new speed [m/s], when it is steady or the time is over."""
         before, self._speed = self._speed, speed
         rise = abs(speed - before) / _RAMP
-        record = self._drive(
-            rise + _SETTLE,
-            lambda time: before + (speed - before) * min(time / max(rise, 1e-9), 1.0),
-        )
+
+        def ramp(time: float) -> float:
+            return before + (speed - before) * min(time / max(rise, 1e-9), 1.0)
+
+        record = self._drive(rise + _SETTLE, ramp)
         for _ in range(_WINDOWS):
             if self._lost():
                 break
@@ -136,7 +147,7 @@ class _Staircase:
                 break
         return record
 
-    def _drive(self, duration: float, speed: Callable[[float], float]) -> Recording:
+    def _drive(self, duration: float, speed: Callable[[float], float]) -> SteeringRecord:
         return drive(
             self.truck,
             self._steering,
@@ -178,7 +189,7 @@ class _Staircase:
         return rolled or abs(self._outside()[0]) > _LOST
 
 
-def _circle(truck: Truck, records: list[Recording]) -> Circle:
+def _circle(truck: Truck, records: list[SteeringRecord]) -> Circle:
     """Steady states of recordings, and of the references at the same speed and radius."""
     wheelbase = Kinematic.from_parameters(truck.parameters).L
     turn = SteadyTurn.from_parameters(truck.parameters, truck.payload)
@@ -187,18 +198,14 @@ def _circle(truck: Truck, records: list[Recording]) -> Circle:
         rate, speed = float(record.yaw_rate.mean()), float(record.speed.mean())
         curvature, lateral = rate / speed, rate * speed
         model = YawSideslip.from_parameters(truck.parameters, truck.payload, cruise_speed=speed)
-        angles = np.array(
-            [
-                record.road_wheel.mean(),
-                rate / yaw_rate_gain(model.at(speed)),
-                turn.steer(1.0 / curvature, lateral),
-            ]
-        )
+        linear = rate / yaw_rate_gain(model.at(speed))
+        statics = turn.steer(1.0 / curvature, lateral)
+        angles = np.array([record.road_wheel.mean(), linear, statics])
         rows.append([lateral, *(angles - wheelbase * curvature)])
-    lateral, steer, linear, saturating = np.array(rows).T
-    low = lateral <= LINEAR
-    slopes = [float(np.polyfit(lateral[low], y[low], 1)[0]) for y in (steer, linear, saturating)]
-    return Circle(lateral, steer, linear, saturating, *slopes)
+    accelerations, *curves = np.array(rows).T
+    low = accelerations <= LINEAR
+    slopes = [float(np.polyfit(accelerations[low], y[low], 1)[0]) for y in curves]
+    return Circle(accelerations, *curves, *slopes)
 
 
 def gears_held(parameters: TruckParameters) -> TruckParameters:
@@ -208,8 +215,8 @@ def gears_held(parameters: TruckParameters) -> TruckParameters:
     return replace(parameters, gearbox=replace(parameters.gearbox, upshift=later))
 
 
-def _ending(record: Recording, speed: float) -> str:
-    """Why the circle was not held at a speed [m/s]; "" when it was held."""
+def _ending(record: SteeringRecord, speed: float) -> str:
+    """Reason why the circle was not held at a speed [m/s]; "" if it was held."""
     if np.max(np.abs(record.trailer_roll)) > _ROLLED:
         return "roll-over"
     if float(record.speed.mean()) < speed - _HELD_SPEED:
@@ -221,22 +228,11 @@ def _ending(record: Recording, speed: float) -> str:
     return "steer axle slides" if radius > RADIUS else "drive axles slide"
 
 
-def _sway(record: Recording) -> float:
+def _sway(record: SteeringRecord) -> float:
     """Greatest change of speed and yaw rate as a share of their means [1]."""
     return max(
         float(np.ptp(signal) / abs(np.mean(signal))) for signal in (record.speed, record.yaw_rate)
     )
-
-
-# --- Comparison with the references ---
-
-# Allowed error of the statics with the full law of the tires, up to `LINEAR` [%].
-_ERROR = 10.0
-# The tires saturate when the slope near the end exceeds the slope at the beginning by this factor.
-_SATURATED = 1.5
-# Near the end: between these shares of the static roll-over threshold, the same at any time step.
-_LATE = (0.6, 0.8)
-_SCALE = float(np.rad2deg(GRAVITY))  # from rad s2/m to deg/g
 
 
 def compare(payload: float, timestep: float, speeds: tuple[float, ...]) -> Findings:
@@ -297,13 +293,11 @@ def _panel(found: Findings, *lines: Line) -> None:
 
 
 def _late_slope(found: Circle, threshold: float) -> float:
-    """Slope of steer over lateral acceleration near the end [rad s2/m]; NaN when not reached.
+    """Slope of steer over lateral acceleration near the end [rad s2/m]; NaN if it is not reached.
 
-    Args:
-      found: steady states.
-      threshold: of roll-over [m/s2].
+    The end is near the roll-over threshold [m/s2].
     """
-    # At the limit a faster circle may be a wider one: only states with more acceleration count.
+    # At the limit a faster circle may be wider: only states with more acceleration count.
     before = np.maximum.accumulate(np.concatenate([[-np.inf], found.lateral[:-1]]))
     further = found.lateral > before
     steer = PchipInterpolator(found.lateral[further], found.steer[further], extrapolate=False)

@@ -8,10 +8,10 @@ In SAE J2179 and the Australian Performance Based Standards (PBS) the steer axle
 in the standard at 88 km/h. Transient off-tracking is how far the last axle swings beyond the final
 line of the path. The driver has practiced: the first try steers by the inverse of the linear model
 (the road-wheel angle that moves the steer axle along the path), and each further try adds the
-inverse of the remaining error. Nothing else steers, so the last run is a smooth open-loop input.
+inverse of the remaining error, so the last run is a smooth open-loop input.
 
 PBS level 1 allows 0.6 m of off-tracking and an amplification of 5.7 times the roll-over threshold
-in g. These numbers were taken without the text of the PBS Rules at hand.
+in g. These numbers are not checked against the text of the PBS Rules.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from iits_mj.core.units import GRAVITY, KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
 from iits_mj.validation.harness.maneuver import restore_state, save_state, steady_truck
-from iits_mj.validation.harness.recorder import PERIOD, Recording, SpeedHold, drive
+from iits_mj.validation.harness.recorder import PERIOD, SpeedHold, SteeringRecord, drive
 
 # PBS: rearward amplification is at most this many times the roll-over threshold in g.
 PBS_FACTOR = 5.7
@@ -54,7 +54,7 @@ _REPEATS = 3
 _BAND = 1.5
 
 
-def steer_axle_acceleration(record: Recording) -> FloatArray:
+def steer_axle_acceleration(record: SteeringRecord) -> FloatArray:
     """Lateral acceleration of the steer axle's center on the ground [m/s2], shape (n,)."""
     return np.asarray(
         np.gradient(record.lateral_velocity, record.time) + record.speed * record.yaw_rate
@@ -75,7 +75,7 @@ class LaneChange:
       recording: of the truck; model: of the linear model `system`.
     """
 
-    recording: Recording
+    recording: SteeringRecord
     model: Response
     system: LateralSystem
 
@@ -96,9 +96,6 @@ class LaneChange:
     def speed_error(self) -> float:
         """Greatest deviation from the wanted speed [km/h]."""
         return float(np.max(np.abs(self.recording.speed - self.system.speed)) / KMH)
-
-
-# --- ISO 14791: one sine at the steering wheel ---
 
 
 def sine_steer(
@@ -125,10 +122,8 @@ def compare_sine(payload: float, kph: float, threshold: float, timestep: float) 
     """The sine at one speed [km/h]; threshold: static roll-over threshold [g]."""
     done = sine_steer(payload, kph * KMH, timestep)
     found = Findings(f"ISO 14791 single sine, {payload / 1e3:g} t, {kph:g} km/h")
-    most = f"<= {PBS_FACTOR * threshold:.2f}"
-    found.check(
-        "rearward amplification", done.amplification(), "1", done.model_amplification(), most
-    )
+    name, most = "rearward amplification", f"<= {PBS_FACTOR * threshold:.2f}"
+    found.check(name, done.amplification(), "1", done.model_amplification(), most)
     found.check("peak at the steer axle", done.peak(), "m/s2", SINE_PEAK)
     found.check("speed error", done.speed_error(), "km/h", must=f"<= {SPEED_TOLERANCE:g}")
     record, model, time = done.recording, done.model, done.recording.time - _SINE_LEAD
@@ -136,17 +131,10 @@ def compare_sine(payload: float, kph: float, threshold: float, timestep: float) 
         ("steer axle", model.steer_axle_acceleration, steer_axle_acceleration(record)),
         ("trailer", model.trailer_lateral_acceleration, record.trailer_lateral_acceleration),
     ):
-        found.panel(
-            name,
-            "time [s]",
-            "lateral acceleration [m/s2]",
-            Line(f"yaw-sideslip model, {name}", time, wanted, "reference"),
-            Line(f"truck, {name}", time, measured, "simulation"),
-        )
+        linear = Line(f"yaw-sideslip model, {name}", time, wanted, "reference")
+        truck = Line(f"truck, {name}", time, measured, "simulation")
+        found.panel(name, "time [s]", "lateral acceleration [m/s2]", linear, truck)
     return found
-
-
-# --- SAE J2179 and PBS: a lane change along a path ---
 
 
 @dataclass(frozen=True)
@@ -163,7 +151,7 @@ class PathChange(LaneChange):
     error: float
 
     def off_tracking(self) -> float:
-        """High-speed transient off-tracking [m]; zero when the last axle never swings beyond."""
+        """High-speed transient off-tracking [m]; zero if the last axle does not swing beyond."""
         return max(float(np.max(self.last[:, 1])) - end_offset(), 0.0)
 
     def model_off_tracking(self) -> float:
@@ -215,12 +203,9 @@ def follow_path(payload: float, speed: float, timestep: float) -> PathChange:
     positions = [axle.position for axle in truck.parameters.semitrailer.axles]
     behind = float(positions[-1] - np.mean(positions))
     heading = record.yaw - record.articulation
-    last = np.column_stack(
-        [
-            record.rear_x - behind * np.cos(heading) - record.x[0],
-            record.rear_y - behind * np.sin(heading) - record.y[0],
-        ]
-    )
+    x = record.rear_x - behind * np.cos(heading) - record.x[0]
+    y = record.rear_y - behind * np.sin(heading) - record.y[0]
+    last = np.column_stack([x, y])
     model_last = _model_last_axle(answer, system, truck.parameters)
     worst = float(np.max(np.abs(_path_error(record, speed))))
     return PathChange(record, answer, system, last, model_last, worst)
@@ -230,20 +215,10 @@ def compare_path(payload: float, kph: float, threshold: float, timestep: float) 
     """The path at one speed [km/h]; threshold: static roll-over threshold [g]."""
     done = follow_path(payload, kph * KMH, timestep)
     found = Findings(f"SAE J2179 path, {payload / 1e3:g} t, {kph:g} km/h")
-    found.check(
-        "transient off-tracking (PBS level 1)",
-        done.off_tracking(),
-        "m",
-        done.model_off_tracking(),
-        f"<= {OFF_TRACKING:g}",
-    )
-    found.check(
-        "rearward amplification (PBS)",
-        done.amplification(),
-        "1",
-        done.model_amplification(),
-        f"<= {PBS_FACTOR * threshold:.2f}",
-    )
+    name, linear = "transient off-tracking (PBS level 1)", done.model_off_tracking()
+    found.check(name, done.off_tracking(), "m", linear, f"<= {OFF_TRACKING:g}")
+    name, linear = "rearward amplification (PBS)", done.model_amplification()
+    found.check(name, done.amplification(), "1", linear, f"<= {PBS_FACTOR * threshold:.2f}")
     found.check("path error of the steer axle", done.error, "m", 0.0, f"<= {PATH_TOLERANCE:g}")
     record = done.recording
     x = record.x - record.x[0]
@@ -259,14 +234,14 @@ def compare_path(payload: float, kph: float, threshold: float, timestep: float) 
     return found
 
 
-def _path_error(record: Recording, speed: float) -> FloatArray:
+def _path_error(record: SteeringRecord, speed: float) -> FloatArray:
     """Distance of the path to the left of the steer axle [m], shape (n,)."""
     return path((record.x - record.x[0]) / speed - _LEAD) - (record.y - record.y[0])
 
 
 def _try(
     truck: Truck, steer: FloatArray, grid: FloatArray, speed: float, hold: SpeedHold
-) -> Recording:
+) -> SteeringRecord:
     """One drive with a road-wheel angle [rad] over the times of the grid [s], both (n,)."""
     gear = truck.parameters.steering
 
@@ -277,7 +252,7 @@ def _try(
     return drive(truck, steering, speed=speed, duration=_LEAD + _LENGTH, hold=hold)
 
 
-def _missing(record: Recording, error: FloatArray, grid: FloatArray) -> FloatArray:
+def _missing(record: SteeringRecord, error: FloatArray, grid: FloatArray) -> FloatArray:
     """Lateral acceleration [m/s2] over the grid that would bring the steer axle onto the path."""
     numerator, denominator = signal.butter(2, _BAND, fs=1.0 / PERIOD)
     smooth = signal.filtfilt(numerator, denominator, error)
@@ -291,9 +266,6 @@ def _model_last_axle(
     hitch = system.model.L_c1 + system.model.L_h
     arm = parameters.semitrailer.axles[-1].position
     trailer = answer.yaw - answer.articulation
-    return np.column_stack(
-        [
-            answer.x - hitch * np.cos(answer.yaw) - arm * np.cos(trailer),
-            answer.y - hitch * np.sin(answer.yaw) - arm * np.sin(trailer),
-        ]
-    )
+    x = answer.x - hitch * np.cos(answer.yaw) - arm * np.cos(trailer)
+    y = answer.y - hitch * np.sin(answer.yaw) - arm * np.sin(trailer)
+    return np.column_stack([x, y])

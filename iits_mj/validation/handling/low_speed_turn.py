@@ -5,15 +5,15 @@ with the kinematic trailer.
 
 In the PBS turn the outer wall of the outer steer tire follows a straight, an arc of 12.5 m and a
 straight. The driver turns the outer wheel towards the direction of the path a little ahead, with a
-correction for the distance to the path. The reference point is on that wheel, so it moves where the
-wheel points.
+correction for the distance to the path. The reference point lies on that wheel and moves in its
+direction.
 
 Limits: PBS Scheme, Standards and Vehicle Assessment Rules, level 1 (general access) for prime
 movers with semitrailers: low-speed swept path 7.4 m; frontal swing 0.7 m, and of the semitrailer
 against the tractor 0.2 m (difference of maxima) and 0.4 m (maximum of difference); tail swing
 0.3 m; steer tire friction demand 80 %. The measures follow the regulator's summary (frontal swing
 of both units; tail swing at the beginning of the turn; tail swing on exit is an addition). The
-numbers were taken without the text of the Rules at hand: check them against it before use.
+numbers are not checked against the text of the Rules: do this before use.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
 from iits_mj.truck import Truck
-from iits_mj.validation.harness.recorder import Recording, drive
+from iits_mj.validation.harness.recorder import SteeringRecord, drive
 
 RADIUS = 12.5
 SPEED = 5.0 * KMH
@@ -36,7 +36,7 @@ SPEED = 5.0 * KMH
 _STRAIGHT = 2.0
 # Half the width of a steer tire (315/80 R 22.5) [m]: PBS measures at the outer wall of the tire.
 HALF_TIRE = 0.157
-# Tire friction that PBS takes as available [1].
+# Available tire friction by PBS [1].
 PEAK_FRICTION = 0.8
 SWEPT_WIDTH, FRONTAL_SWING, TAIL_SWING, FRICTION_DEMAND = 7.4, 0.7, 0.3, 80.0
 # Limits for the semitrailer's front corner against the tractor's: of the maxima, of the paths [m].
@@ -46,20 +46,17 @@ _ENTRY, _EXIT = 3.0, 30.0
 _PREVIEW, _GAIN = 0.15, 0.8
 
 
-# --- The turn of the kinematic trailer ---
-
-
 @dataclass(frozen=True)
 class Turn:
-    """A turn in which the center of the steer axle follows the arc.
+    """A turn of the steer axle's center along the arc.
 
     Attributes:
       recording: of the truck.
-      kinematic_front, kinematic_rear: tracks of steer axle and trailer group of the kinematic
-        model, whose tractor turns as the truck's does, (n, 2) [m].
+      kinematic_front, kinematic_rear: tracks of steer axle and trailer group of the kinematic model
+        with the yaw of the truck's tractor, (n, 2) [m].
     """
 
-    recording: Recording
+    recording: SteeringRecord
     kinematic_front: FloatArray
     kinematic_rear: FloatArray
 
@@ -71,9 +68,8 @@ class Turn:
     def off_tracking(self) -> float:
         """Greatest distance of the trailer group's track from the steer axle's track [m]."""
         record = self.recording
-        return _off_tracking(
-            np.column_stack([record.x, record.y]), np.column_stack([record.rear_x, record.rear_y])
-        )
+        front = np.column_stack([record.x, record.y])
+        return _off_tracking(front, np.column_stack([record.rear_x, record.rear_y]))
 
     def kinematic_off_tracking(self) -> float:
         """Off-tracking of the kinematic model [m]."""
@@ -108,24 +104,20 @@ def compare_kinematic(payload: float, timestep: float) -> Findings:
     found = Findings(f"90 deg turn of {RADIUS:g} m, {payload / 1e3:g} t")
     found.check("path of the trailer", done.path_error(), "m", "kinematic trailer", "<= 0.1")
     found.check("off-tracking", done.off_tracking(), "m", done.kinematic_off_tracking())
-    record = done.recording
-    found.panel(
-        "",
-        "x [m]",
-        "y [m]",
-        Line("steer axle", record.x, record.y),
-        Line(
-            "trailer, kinematic", done.kinematic_rear[:, 0], done.kinematic_rear[:, 1], "reference"
-        ),
-        Line("trailer, truck", record.rear_x, record.rear_y, "simulation"),
-    )
+    record, (x, y) = done.recording, done.kinematic_rear.T
+    axle = Line("steer axle", record.x, record.y)
+    model = Line("trailer, kinematic", x, y, "reference")
+    truck = Line("trailer, truck", record.rear_x, record.rear_y, "simulation")
+    found.panel("", "x [m]", "y [m]", axle, model, truck)
     return found
 
 
-def _kinematic_tracks(kinematic: Kinematic, recording: Recording) -> tuple[FloatArray, FloatArray]:
+def _kinematic_tracks(
+    kinematic: Kinematic, recording: SteeringRecord
+) -> tuple[FloatArray, FloatArray]:
     """Tracks of the kinematic model's steer axle and trailer axle, each (n, 2) [m].
 
-    Its tractor turns as the truck's does: the yaw rate per speed becomes a steer angle.
+    The truck's yaw rate per speed gives its steer angle.
     """
     turning = recording.yaw_rate / np.maximum(recording.speed, 0.1)
     states = kinematic.simulate(recording.time, recording.speed, np.arctan(kinematic.L * turning))
@@ -145,9 +137,6 @@ def _distance(point: FloatArray, track: FloatArray) -> float:
     return float(np.min(np.linalg.norm(start + share[:, None] * step - point, axis=1)))
 
 
-# --- The PBS turn ---
-
-
 @dataclass(frozen=True)
 class SweptTurn:
     """A PBS turn to the left; tracks have shape (n, 2) [m] and their origin where the arc begins.
@@ -158,10 +147,10 @@ class SweptTurn:
       corner: of the tractor's front outer corner; trailer_corner: of the semitrailer's.
       tail: of the semitrailer's rear outer corner.
       demand: steer tire friction demand, percent of `PEAK_FRICTION`, shape (n,).
-      kinematic: inner side of the kinematic model, whose tractor turns as the truck's does.
+      kinematic: inner side of the kinematic model with the yaw of the truck's tractor.
     """
 
-    recording: Recording
+    recording: SteeringRecord
     wall: FloatArray
     inner: FloatArray
     corner: FloatArray
@@ -195,7 +184,7 @@ class SweptTurn:
         """Front corner of the semitrailer beyond that of the tractor [m]: maxima, and paths."""
         own, pulled = -signed_distance(self.corner), -signed_distance(self.trailer_corner)
         maxima = float(pulled.max() - own.max())
-        # At each place along the exit, where both corners pass one after the other.
+        # At each place along the exit, which both corners pass one after the other.
         along = np.arange(0.0, 0.5 * _EXIT, 0.05)
         gap = _along_exit(self.trailer_corner, along) - _along_exit(self.corner, along)
         return maxima, float(gap.max())
@@ -273,15 +262,10 @@ def compare_pbs(payload: float, timestep: float) -> Findings:
     found = Findings(f"PBS 90 deg turn of {RADIUS:g} m, {payload / 1e3:g} t")
     entry, leaving = done.tail_swing()
     maxima, paths = done.front_corner_excess()
+    model_width = done.kinematic_swept_width()
     for name, value, unit, most, model in (
         ("path error of the outer steer tire", done.path_error(), "m", 0.05, None),
-        (
-            "low-speed swept path (level 1)",
-            done.swept_width(),
-            "m",
-            SWEPT_WIDTH,
-            done.kinematic_swept_width(),
-        ),
+        ("low-speed swept path (level 1)", done.swept_width(), "m", SWEPT_WIDTH, model_width),
         ("frontal swing", done.frontal_swing(), "m", FRONTAL_SWING, None),
         ("front corners, difference of maxima", maxima, "m", FRONT_MAXIMA, None),
         ("front corners, maximum of difference", paths, "m", FRONT_PATHS, None),
@@ -305,13 +289,9 @@ def compare_pbs(payload: float, timestep: float) -> Findings:
         Line("rear outer corner", *done.tail.T),
     )
     time = done.recording.time
-    found.panel(
-        "friction demand",
-        "time [s]",
-        "share of 0.8 [%]",
-        Line("allowed", time[[0, -1]], np.full(2, FRICTION_DEMAND), "reference"),
-        Line("steer tires", time, done.demand, "simulation"),
-    )
+    allowed = Line("allowed", time[[0, -1]], np.full(2, FRICTION_DEMAND), "reference")
+    tires = Line("steer tires", time, done.demand, "simulation")
+    found.panel("friction demand", "time [s]", "share of 0.8 [%]", allowed, tires)
     return found
 
 
@@ -326,7 +306,7 @@ def _across(track: FloatArray, along: FloatArray) -> FloatArray:
 
 
 def _along_exit(track: FloatArray, along: FloatArray) -> FloatArray:
-    """Distance of a track outside of the path at distances along the exit [m]."""
+    """Distance of a track outside the path at distances along the exit [m]."""
     after = track[:, 1] >= RADIUS
     return np.interp(along, track[after, 1] - RADIUS, track[after, 0] - RADIUS)
 
@@ -346,7 +326,7 @@ def _wall(yaw: float, wheel: float, half_track: float) -> FloatArray:
 
 
 def _demand(truck: Truck, axle: str) -> float:
-    """Friction used by the steer tires, percent of what PBS takes as available."""
+    """Friction used by the steer tires, percent of `PEAK_FRICTION`."""
     forces = [truck.data.sensor(f"{axle}_{side}_tire_force").data for side in ("left", "right")]
     used = sum(math.hypot(force[0], force[1]) for force in forces)
     return float(100.0 * used / sum(force[2] for force in forces) / PEAK_FRICTION)

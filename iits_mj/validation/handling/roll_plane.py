@@ -2,7 +2,7 @@
 
 Two sprung bodies, coupled in roll by the fifth wheel, rest on axles that roll on their tires. On a
 table tilted by phi, the tires of an axle give the moment `M_t = min(K_t phi_u, W T cos(phi) / 2)`,
-the second when the inner wheels have lifted. With the suspension's `M_s = K_s (phi_b - phi_u)`,
+the second after the inner wheels have lifted. With the suspension's `M_s = K_s (phi_b - phi_u)`,
 
     axle:    M_t = M_s + (n h_rc + m_u g h_u) (sin phi + phi_u cos phi) + W cos phi y
     body:    sum M_s + M_5 = sum n (h - h_rc) (sin phi + phi_b cos phi),
@@ -68,7 +68,7 @@ class _Support:
         return self.suspension * (body - self._rolls(body, pull)[0])
 
     def transfer(self, body: float, pull: Pull) -> float:
-        """Load transfer to the outer wheels [1]; 1 when the inner wheels have lifted."""
+        """Load transfer to the outer wheels [1]; 1 after the inner wheels have lifted."""
         roll, lifted = self._rolls(body, pull)
         return 1.0 if lifted else 2.0 * self.tire * roll / (self.load * self.track * pull.down)
 
@@ -76,7 +76,7 @@ class _Support:
         """Roll of the axle [rad], and whether its inner wheels have lifted."""
         arm = self.sprung * self.roll_center + (self.load - self.sprung) * self.height
         push, lean = arm * pull.side, arm * pull.down
-        # The side force deflects the tires, and with them the point where the load acts.
+        # The side force deflects the tires and shifts the load's point of action.
         push += self.load * pull.down * self.load * pull.side * self.carcass
         roll = (self.suspension * body + push) / (self.tire + self.suspension - lean)
         most = 0.5 * self.load * self.track * pull.down
@@ -175,10 +175,6 @@ class RollPlane:
         restoring[1] -= self.kingpin * (self.trailer_height - self.fifth_wheel.height) * lean
         return np.array(restoring)
 
-    def _scaled(self, rolls: FloatArray, pull: Pull) -> FloatArray:
-        """The residual as a share of the kingpin load times one meter."""
-        return self.residual(rolls, pull) / self.kingpin
-
     def threshold(self) -> float:
         """Tangent of the greatest tilt at which the truck stays upright [g]."""
         tilt, rolls = 0.0, np.zeros(2)
@@ -190,10 +186,9 @@ class RollPlane:
         return math.tan(tilt)
 
     def level(self, lateral: float) -> Leaning | None:
-        """The truck in a turn on a level road; None when it tips over.
+        """The truck in a turn on a level road; None if it tips over.
 
-        Args:
-          lateral: acceleration [m/s2], zero or positive.
+        The lateral acceleration [m/s2] is zero or positive.
         """
         rolls: FloatArray | None = np.zeros(2)
         for side in np.linspace(0.0, lateral / GRAVITY, 20 + round(lateral / 0.02)):
@@ -207,8 +202,12 @@ class RollPlane:
         return Leaning(np.array(transfers), self.coupling(float(rolls[1] - rolls[0])))
 
     def _settle(self, rolls: FloatArray, pull: Pull) -> FloatArray | None:
-        """Rolls in equilibrium near other rolls [rad], (2,); None when the truck tips over."""
-        found = optimize.root(self._scaled, rolls, args=(pull,), tol=1e-9)
+        """Rolls in equilibrium near other rolls [rad], (2,); None if the truck tips over."""
+
+        def scaled(trial: FloatArray) -> FloatArray:
+            return self.residual(trial, pull) / self.kingpin
+
+        found = optimize.root(scaled, rolls, tol=1e-9)
         if not found.success or np.max(np.abs(found.x - rolls)) > 0.02:
             return None
         units = ((self.tractor[1:], found.x[0]), (self.trailer, found.x[1]))
@@ -217,7 +216,7 @@ class RollPlane:
         return np.asarray(found.x) if self._stable(found.x, pull) else None
 
     def _stable(self, rolls: FloatArray, pull: Pull) -> bool:
-        """True when the symmetric part of the residual's slope is positive definite."""
+        """Returns whether the symmetric part of the residual's slope is positive definite."""
         small = 1e-7
         base = self.residual(rolls, pull)
         slope = np.column_stack(

@@ -1,9 +1,9 @@
 """Static roll-over threshold on a tilt table (SAE J2180): gravity tilts until the truck falls.
 
-Near the fall the table rises at 0.25 deg/s, as the standard requires. A fall takes seconds, during
-which the table rises further; so the angle at which the fall is seen does not count. The table goes
-back to earlier angles and is held there, to find the greatest angle at which the truck stays
-upright. The Australian PBS requires a threshold of 0.35 g of every truck.
+Near the fall the table rises at 0.25 deg/s, as the standard requires. It rises further during a
+fall of some seconds, so the angle of a visible fall does not count. The table returns to earlier
+angles and stops there, to find the greatest angle at which the truck stays upright. The Australian
+PBS requires a threshold of 0.35 g of every truck.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from iits_mj.analytic import laden_trailer
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
@@ -49,7 +50,7 @@ class Tilt:
       threshold: the smaller of `held` and `lifted` [g]: roll instability as PBS defines it.
       held: tangent of the greatest angle at which the truck stays upright [g].
       lifted: tangent of the angle at which the last upper wheel of the drive and trailer axles
-        leaves the table [g]; infinite when one never does.
+        leaves the table [g]; infinite if a wheel stays on it.
       table, roll: angle of the table and roll of the trailer against it [rad], shape (n,).
     """
 
@@ -62,17 +63,13 @@ class Tilt:
 
 def tilt_table(
     payload: float,
-    timestep: float = 0.002,
+    timestep: float = TIMESTEP,
     height: float | None = None,
     parameters: Mapping[str, Any] | None = None,
 ) -> Tilt:
     """Tilts the standing truck to the right until it falls.
 
-    Args:
-      payload: [kg].
-      timestep: of the physics [s].
-      height: of the payload's CG [m]; default: the truck's.
-      parameters: overlay over the shipped parameters.
+    The height [m] is that of the payload's CG, `parameters` an overlay; default: the shipped truck.
     """
     truck = Truck.load(
         payload, payload_height=height, parameters=parameters, timestep=timestep, visuals=False
@@ -116,7 +113,7 @@ def _last_held(truck: Truck, kept: list[tuple[float, NDArray[np.float64]]]) -> f
 
 
 def _stays_upright(truck: Truck, angle: float, state: NDArray[np.float64]) -> bool:
-    """True when the truck does not fall while the table is held at this angle [rad]."""
+    """Returns whether the truck stays upright on the table at this angle [rad]."""
     restore_state(truck, state)
     lean = np.zeros((2, round(0.5 * _HOLD / _BLOCK)))
     for index in np.ndindex(*lean.shape):
@@ -151,13 +148,9 @@ def compare(payload: float, timestep: float) -> tuple[Findings, float]:
     found.check("share of the rigid bound T/2h", share, "1", 1.0, "<= 1")
     roll = np.rad2deg(np.abs(tilt.roll))
     mark = np.rad2deg(math.atan(compliant)) * np.ones(2)
-    found.panel(
-        "",
-        "table angle [deg]",
-        "roll on the table [deg]",
-        Line("threshold by statics", mark, np.array([0.0, roll.max()]), "reference"),
-        Line("trailer", np.rad2deg(tilt.table), roll, "simulation"),
-    )
+    statics = Line("threshold by statics", mark, np.array([0.0, roll.max()]), "reference")
+    trailer = Line("trailer", np.rad2deg(tilt.table), roll, "simulation")
+    found.panel("", "table angle [deg]", "roll on the table [deg]", statics, trailer)
     return found, tilt.threshold
 
 
@@ -175,12 +168,8 @@ def by_height(payload: float, heights: FloatArray, timestep: float) -> Findings:
     error = 100.0 * np.max(np.abs(np.array(measured) / np.array(compliant) - 1.0))
     label += " by height"
     found.check(f"{label}: greatest error to statics", error, "%", "roll plane", "<= 5")
-    found.panel(
-        label,
-        "height of the payload's CG [m]",
-        "threshold [g]",
-        Line("statics of the roll plane", heights, np.array(compliant), "reference"),
-        Line("truck", heights, np.array(measured), "simulation"),
-        Line("rigid bound T/2h", heights, np.array(rigid)),
-    )
+    statics = Line("statics of the roll plane", heights, np.array(compliant), "reference")
+    truck = Line("truck", heights, np.array(measured), "simulation")
+    bound = Line("rigid bound T/2h", heights, np.array(rigid))
+    found.panel(label, "height of the payload's CG [m]", "threshold [g]", statics, truck, bound)
     return found

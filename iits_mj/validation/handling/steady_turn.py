@@ -1,10 +1,10 @@
 """Steady turn up to the limit, by planar statics with the full law of the tires.
 
-It adds what the yaw-sideslip model leaves out: exact angles; the Magic Formula of each tire up to
-saturation; load transfer to the outer wheels, which then have more rolling resistance, from the
-roll plane; and what takes load off the steer axle at the fifth wheel: its pull, which grows with
-the drag of the turn, and the roll moment of the trailer, which at a hitch angle lifts the front of
-the tractor. Without rolling resistance a gentle turn is that of the yaw-sideslip model. All
+Beyond the yaw-sideslip model it has exact angles; the Magic Formula of each tire up to saturation;
+load transfer to the outer wheels from the roll plane, which gives them more rolling resistance; and
+two forces at the fifth wheel that take load off the steer axle: the pull, which grows with the drag
+of the turn, and the roll moment of the trailer, which at a hitch angle lifts the front of the
+tractor. Without rolling resistance a gentle turn equals that of the yaw-sideslip model. All
 parameters are those of the truck; nothing is fitted.
 
 The unknowns are lateral velocity, hitch angle, road-wheel angle and drive force. The equations are
@@ -47,9 +47,7 @@ class SteadyTurn:
     def steer(self, radius: float, lateral: float) -> float:
         """Road-wheel angle [rad] of a turn; NaN beyond the limit of grip or of roll-over.
 
-        Args:
-          radius: of the steer axle's path [m].
-          lateral: acceleration [m/s2].
+        The radius [m] is that of the steer axle's path, the lateral acceleration is in m/s2.
         """
         leaning = self.roll.level(lateral)
         if leaning is None:
@@ -151,20 +149,13 @@ class _Balance:
         )
 
 
-# --- Greatest side force of the tires with loads at rest ---
-# The tires' friction is that on a surface of 0.8; it scales with the friction of the surface.
-
-
 def grip_limit(parameters: TruckParameters, payload: float, surface: float) -> float:
     """Upper bound of the lateral acceleration [g]: every tire at its peak, with loads at rest.
 
     Load transfer to the outer tires, pull and drag reduce it.
     """
     loads = static_axle_loads(parameters, payload)
-    best = [
-        load * _friction(parameters, index, float(load), surface)
-        for index, load in enumerate(loads)
-    ]
+    best = [load * _friction(parameters, i, float(load), surface) for i, load in enumerate(loads)]
     return float(np.sum(best) / np.sum(loads))
 
 
@@ -192,7 +183,10 @@ def effort(
 
 
 def _friction(parameters: TruckParameters, index: int, load: float, surface: float) -> float:
-    """Peak friction [1] of the tires of an axle at the axle's load [N]."""
+    """Peak friction [1] of the tires of an axle at the axle's load [N].
+
+    The parameters hold on a surface of 0.8; the friction scales with that of the surface.
+    """
     tire, common = parameters.tires[parameters.axles[index].tire], parameters.tire_common
     each = load / (2 * tire.count)
     return float(friction(each, common.friction_lateral, common)) * surface / DEFAULT_FRICTION

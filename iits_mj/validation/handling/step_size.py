@@ -7,7 +7,7 @@ phases in parts of a radian, and distances from a path or a model in parts of a 
 
 ABS on a slippery road cannot agree so well: it switches valves at the step where the slip of a
 wheel passes a threshold, and a stop has many such events. These figures have the same bound, which
-they may miss. The notes say what is known of the causes.
+they may miss. The notes name the known causes.
 """
 
 from __future__ import annotations

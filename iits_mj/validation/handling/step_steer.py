@@ -1,11 +1,11 @@
 """Steering response at 80 km/h against linear models: step steer, and frequency response.
 
-The step steer follows the figure of the paper. The references get the road-wheel angle that the
-truck's steering produced, and cornering stiffnesses of the axle loads at that speed; nothing is
-fitted. Their hitch turns freely, so the comparison uses a fifth wheel without friction; the effect
-of the shipped truck's friction is reported in addition. The yaw-sideslip model has no roll, tire
-lag, side air or rolling resistance; the yaw-roll model has them. What remains against the latter is
-nonlinear, or an error.
+The step steer follows the figure of the paper. The references get the road-wheel angle of the truck
+and cornering stiffnesses of the axle loads at that speed; nothing is fitted. Their hitch turns
+freely, so the comparison uses a fifth wheel without friction; the effect of the shipped truck's
+friction is reported in addition. The yaw-sideslip model has no roll, tire lag, side air or rolling
+resistance; the yaw-roll model has them. A remaining difference from the latter is nonlinear, or an
+error.
 
 The frequency response of yaw rate and articulation to the road-wheel angle comes from a sum of
 sines at the steering wheel.
@@ -14,7 +14,6 @@ sines at the steering wheel.
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.validation.harness.maneuver import restore_state, save_state, steady_truck
-from iits_mj.validation.harness.recorder import Recording, drive, fit, harmonic, peak_ratio
+from iits_mj.validation.harness.recorder import SteeringRecord, drive, fit, harmonic, peak_ratio
 
 SPEED = 80.0 * KMH
 FREE_HITCH = {"fifth_wheel": {"yaw_friction": 0.0}}
@@ -44,18 +43,10 @@ _SETTLE, _LENGTH = 10.0, 20.0
 _RESPONSES = (("yaw rate", "yaw_rate", 1), ("articulation", "articulation", 3))
 
 
-@dataclass(frozen=True)
-class References:
-    """Answers of the two linear models to a recorded road-wheel angle, by signal."""
-
-    yaw_sideslip: dict[str, FloatArray]
-    yaw_roll: dict[str, FloatArray]
-
-
 def step_steers(
     payload: float, angles: tuple[float, ...], timestep: float, *, free_hitch: bool = True
-) -> list[Recording]:
-    """Recordings of steps at the steering wheel [rad] at 80 km/h, from 2 s before each step."""
+) -> list[SteeringRecord]:
+    """Records of steps at the steering wheel [rad] at 80 km/h, from 2 s before each step."""
     overlay = FREE_HITCH if free_hitch else None
     truck, hold = steady_truck(payload, SPEED, timestep, parameters=overlay)
     steady = save_state(truck)
@@ -73,8 +64,10 @@ def step_steers(
     return recordings
 
 
-def references(recording: Recording, payload: float) -> References:
-    """Answers of the shipped truck's linear models to the recorded road-wheel angle."""
+def references(
+    recording: SteeringRecord, payload: float
+) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """Answers of yaw-sideslip and yaw-roll model to the recorded road-wheel angle, by signal."""
     speed = float(recording.speed.mean())
     parameters = TruckParameters.load()
 
@@ -84,36 +77,32 @@ def references(recording: Recording, payload: float) -> References:
 
     plane = YawSideslip.from_parameters(parameters, payload, cruise_speed=speed)
     roll = YawRoll.from_parameters(parameters, payload, cruise_speed=speed)
-    return References(answer(plane.at(speed)), answer(roll.at(speed)))
+    return answer(plane.at(speed)), answer(roll.at(speed))
 
 
-def compare_step(payload: float, degrees: float, must: str, recording: Recording) -> Findings:
+def compare_step(payload: float, degrees: float, must: str, recording: SteeringRecord) -> Findings:
     """One step steer [deg at the steering wheel] against both linear models."""
-    answers = references(recording, payload)
+    plane, roll = references(recording, payload)
     found = Findings(f"step steer {degrees:g} deg, {payload / 1e3:g} t")
     for title, name, unit in _SIGNALS:
         simulated = getattr(recording, name) - getattr(recording, name)[0]
-        wanted, extended = answers.yaw_sideslip[name], answers.yaw_roll[name]
+        wanted, extended = plane[name], roll[name]
         found.check(f"{title}, fit", fit(simulated, wanted), "%", "yaw-sideslip", must)
         found.check(f"{title}, peak", peak_ratio(simulated, wanted), "1", 1.0)
         found.check(f"{title}, end value", simulated[-1] / wanted[-1], "1", 1.0)
         explained = fit(simulated, extended)
         found.check(f"{title}, fit of the yaw-roll model", explained, "%", "yaw-roll", must)
-        found.panel(
-            title,
-            "time [s]",
-            f"{title} [{unit}]",
-            Line("yaw-sideslip model", recording.time, wanted, "reference"),
-            Line("yaw-roll model", recording.time, extended),
-            Line("truck", recording.time, simulated, "simulation"),
-        )
+        linear = Line("yaw-sideslip model", recording.time, wanted, "reference")
+        rolling = Line("yaw-roll model", recording.time, extended)
+        truck = Line("truck", recording.time, simulated, "simulation")
+        found.panel(title, "time [s]", f"{title} [{unit}]", linear, rolling, truck)
     return found
 
 
 def friction_effect(payload: float, degrees: float, timestep: float) -> Findings:
     """The shipped fifth wheel, with its friction, against the same model; for information."""
     recording = step_steers(payload, (np.deg2rad(degrees),), timestep, free_hitch=False)[0]
-    answer = references(recording, payload).yaw_sideslip
+    answer, _ = references(recording, payload)
     found = Findings(f"step steer {degrees:g} deg, {payload / 1e3:g} t, fifth wheel with friction")
     title, name, _ = _SIGNALS[0]
     found.check(f"{title}, fit", fit(getattr(recording, name), answer[name]), "%", "yaw-sideslip")
@@ -133,8 +122,8 @@ def compare_frequency(payload: float, timestep: float) -> Findings:
     recording = drive(truck, steering, speed=SPEED, duration=_SETTLE + _LENGTH, hold=hold)
     recording = recording.after(_SETTLE)
     speed = float(recording.speed.mean())
-    model = YawSideslip.from_parameters(TruckParameters.load(), payload, cruise_speed=speed)
-    wanted = model.at(speed).frequency_response(FREQUENCIES)
+    plane = YawSideslip.from_parameters(TruckParameters.load(), payload, cruise_speed=speed)
+    wanted = plane.at(speed).frequency_response(FREQUENCIES)
     steer = harmonic(recording.time, recording.road_wheel, FREQUENCIES)
     found, inside = Findings(), FREQUENCIES <= _LIMIT
     for title, name, state in _RESPONSES:
@@ -146,11 +135,7 @@ def compare_frequency(payload: float, timestep: float) -> Findings:
         found.check(f"{label}, gain error", gain, "%", "yaw-sideslip", "<= 5")
         found.check(f"{label}, phase error", phase, "deg", "yaw-sideslip", "<= 5")
         for part, of in (("gain", np.abs), ("phase [deg]", lambda z: np.rad2deg(np.angle(z)))):
-            found.panel(
-                f"{label}, {part}",
-                "frequency [Hz]",
-                part,
-                Line("yaw-sideslip model", FREQUENCIES, of(wanted[:, state]), "reference"),
-                Line("truck", FREQUENCIES, of(response), "simulation"),
-            )
+            model = Line("yaw-sideslip model", FREQUENCIES, of(wanted[:, state]), "reference")
+            driven = Line("truck", FREQUENCIES, of(response), "simulation")
+            found.panel(f"{label}, {part}", "frequency [Hz]", part, model, driven)
     return found

@@ -1,15 +1,15 @@
 """Tightening turn (after ISO 14792, constant speed): roll-over or grip, whichever is first.
 
 The standard's constant-speed method holds one steering angle after another; here the wheel turns
-slowly at a constant rate. The pedal alone holds 60 km/h; when full pedal no longer does, the test
-continues at the remaining speed, which is reported. It ends when the trailer has rolled beyond 15
-degrees, or when the lateral acceleration has not risen for a while in spite of more steering. It
-was roll-over when no wheel on the inner side of the drive and trailer axles carried load: roll
-instability as the Australian PBS defines it, as on the tilt table, whose threshold is the
-reference. It was grip when the tires of an axle gave all but 5 % of their greatest side force.
+slowly at a constant rate. The pedal alone holds 60 km/h; when full pedal no longer suffices, the
+test continues at the remaining speed, which is reported. It ends when the trailer has rolled beyond
+15 degrees, or when the lateral acceleration has not risen for a while in spite of more steering.
+The limit is roll-over if no wheel on the inner side of the drive and trailer axles carries load:
+roll instability as defined by the Australian PBS, as on the tilt table, whose threshold is the
+reference. The limit is grip if the tires of an axle give 95 % of their greatest side force.
 
-The tilt table leaves out the pull of the drive wheels, the drag of the steer axle, the hitch angle,
-and the duration of a fall, during which the steering goes on. Gears are held longer than by the
+The tilt table neglects the pull of the drive wheels, the drag of the steer axle, the hitch angle,
+and the duration of a fall, during which the steering continues. Gears are held longer than by the
 automatic gearbox, which would change back and forth. The rate is a choice of this project:
 0.15 (m/s2)/s at first.
 """
@@ -23,6 +23,7 @@ import numpy as np
 
 from iits_mj.analytic import laden_trailer
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.messages import EgoState
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import GRAVITY, KMH
 from iits_mj.parameters import TruckParameters
@@ -31,7 +32,13 @@ from iits_mj.truck import Truck
 from iits_mj.validation.handling.circle import gears_held
 from iits_mj.validation.handling.steady_turn import effort, grip_limit
 from iits_mj.validation.harness.maneuver import steady_truck
-from iits_mj.validation.harness.recorder import PERIOD, Recording, drive, trailer_roll
+from iits_mj.validation.harness.recorder import (
+    PERIOD,
+    SteeringRecord,
+    drive,
+    trailer_lateral_acceleration,
+    trailer_roll,
+)
 
 SPEED = 60.0 * KMH
 RATE = math.radians(4.0)
@@ -61,7 +68,7 @@ class Turn:
       effort: side force of these axles as a share of their greatest, shape (3, n) [1].
     """
 
-    recording: Recording
+    recording: SteeringRecord
     friction: float
     lateral: FloatArray
     inner: FloatArray
@@ -69,11 +76,11 @@ class Turn:
     effort: FloatArray
 
     def rolled_over(self) -> bool:
-        """True when the last inner wheel of drive and trailer axles left the ground."""
+        """Returns whether the last inner wheel of drive and trailer axles left the ground."""
         return bool(np.any(self.inner <= 0.0))
 
     def end(self) -> int:
-        """Sample at which the last inner wheel lifts, or the last sample."""
+        """Index of the sample at which the last inner wheel lifts, or of the last sample."""
         lifted = np.flatnonzero(self.inner <= 0.0)
         return int(lifted[0]) if len(lifted) else len(self.lateral) - 1
 
@@ -82,20 +89,20 @@ class Turn:
         return float(np.max(self.lateral[: self.end() + 1])) / GRAVITY
 
     def sliding(self) -> str:
-        """Axles that slide at the end, in words; "" when none does."""
+        """Axles that slide at the end, in words; "" without one."""
         names = ("steer axle", "drive axles", "trailer axles")
         last = self.effort[:, self.end()]
         return ", ".join(n for n, share in zip(names, last, strict=True) if share >= SLIDING)
 
     def ending(self) -> str:
-        """What came first, in words."""
+        """The limit that the truck reached first, in words."""
         if self.rolled_over():
             return "roll-over"
         sliding = self.sliding()
         return f"grip ({sliding} at its limit)" if sliding else "speed lost at full pedal"
 
     def fell(self) -> bool:
-        """True when the test ended because the trailer rolled beyond its limit."""
+        """Returns whether the test ended because the trailer rolled beyond its limit."""
         return bool(np.max(np.abs(self.recording.trailer_roll)) > _ROLLED)
 
     def growth(self) -> float:
@@ -112,45 +119,36 @@ def tighten(payload: float, surface: float, timestep: float) -> Turn:
         payload, SPEED, timestep, station=500.0, parameters=parameters, route=route
     )
     watch = _Watch(truck)
-    record = drive(
-        truck,
-        lambda time, _: RATE * time,
-        speed=SPEED,
-        duration=_LONGEST,
-        hold=hold,
-        stop=watch.over,
-    )
+
+    def steering(time: float, _: float) -> float:
+        return RATE * time
+
+    record = drive(truck, steering, speed=SPEED, duration=_LONGEST, hold=hold, stop=watch.over)
     slip = _slips(record, parameters)
     groups = (0, 1, len(parameters.tractor.axles))
-    used = np.array(
-        [
-            effort(parameters, payload, surface, axle, angle)
-            for axle, angle in zip(groups, slip, strict=True)
-        ]
-    )
+    pairs = zip(groups, slip, strict=True)
+    used = np.array([effort(parameters, payload, surface, axle, angle) for axle, angle in pairs])
     inner = np.array(watch.inner)
     return Turn(record, surface, np.array(watch.lateral), inner / inner[0], slip, used)
 
 
 class _Watch:
-    """Measures what the recording lacks at every sample, and detects the end of the test."""
+    """Adds measurements that the record lacks at every sample, and detects the end of the test."""
 
     def __init__(self, truck: Truck) -> None:
         self.lateral: list[float] = []
         self.inner: list[float] = []
         self._raw: list[float] = []
         self._truck = truck
-        self._mass = (
-            truck.parameters.tractor.mass,
-            laden_trailer(truck.parameters, truck.payload).mass,
-        )
+        trailer = laden_trailer(truck.parameters, truck.payload)
+        self._mass = (truck.parameters.tractor.mass, trailer.mass)
         self._names = [f"{axle.name}_left_tire_force" for axle in truck.parameters.axles[1:]]
         self._best = (0.0, 0)
 
-    def over(self, trailer: float) -> bool:
-        """Adds a sample with the lateral acceleration of the trailer [m/s2]; True at the end."""
+    def over(self, state: EgoState) -> bool:
+        """Adds a sample; returns True at the end of the test."""
         data, (pulling, pulled) = self._truck.data, self._mass
-        tractor = self._truck.observe().lateral_acceleration
+        tractor, trailer = state.lateral_acceleration, trailer_lateral_acceleration(self._truck)
         self._raw.append((pulling * tractor + pulled * trailer) / (pulling + pulled))
         self.lateral.append(float(np.mean(self._raw[-_MEAN:])))
         self.inner.append(sum(float(data.sensor(name).data[2]) for name in self._names))
@@ -160,7 +158,7 @@ class _Watch:
         return rolled or (len(self.lateral) - self._best[1]) * PERIOD > _NO_RISE
 
 
-def _slips(record: Recording, parameters: TruckParameters) -> FloatArray:
+def _slips(record: SteeringRecord, parameters: TruckParameters) -> FloatArray:
     """Slip angles of steer axle, drive axles and trailer axles [rad], shape (3, n)."""
     behind = float(np.mean([axle.position for axle in parameters.tractor.axles[1:]]))
     speed = np.maximum(record.speed, 1.0)
@@ -172,7 +170,7 @@ def _slips(record: Recording, parameters: TruckParameters) -> FloatArray:
 
 
 def compare(payload: float, threshold: float, timestep: float) -> Findings:
-    """Both surfaces, with a note on what came first; threshold: of the tilt table [g]."""
+    """Both surfaces, with a note on the limit reached first; threshold: of the tilt table [g]."""
     parameters, found = TruckParameters.load(), Findings()
     turns = [tighten(payload, surface, timestep) for surface in SURFACES]
     for turn in turns:
@@ -191,14 +189,10 @@ def compare(payload: float, threshold: float, timestep: float) -> Findings:
             for turn, angle in zip(turns, wheel, strict=True)
         ),
     )
-    rolls = [
-        Line(
-            f"friction {turn.friction:g}",
-            turn.lateral / GRAVITY,
-            np.rad2deg(np.abs(turn.recording.trailer_roll)),
-        )
-        for turn in turns
-    ]
+    rolls = []
+    for turn in turns:
+        roll = np.rad2deg(np.abs(turn.recording.trailer_roll))
+        rolls.append(Line(f"friction {turn.friction:g}", turn.lateral / GRAVITY, roll))
     found.panel("trailer", "lateral acceleration [g]", "roll [deg]", *rolls)
     return found
 

@@ -3,7 +3,7 @@
 The pulse is a triangle at the steering wheel, 0.2 s up and 0.2 s down. The linear model sets its
 size for a given lateral acceleration of the steer axle. The standard leaves shape and size to the
 tester; this choice respects the actuator's rate limit. The Australian PBS requires a damping of
-0.15 of the worst signal (a number taken without the text of its Rules at hand).
+0.15 of the worst signal (a number not checked against the text of its Rules).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
 from iits_mj.validation.handling.lane_change import linear_system
 from iits_mj.validation.harness.maneuver import steady_truck
-from iits_mj.validation.harness.recorder import Recording, drive
+from iits_mj.validation.harness.recorder import SteeringRecord, drive
 
 SIGNALS = (
     ("yaw rate of the tractor", "yaw_rate"),
@@ -32,9 +32,9 @@ _RISE = 0.2
 _PEAK = 2.0
 _LEAD = 0.5
 _LENGTH = 10.0
-# Below this share of the decay's range the greatest swing does not count as a swing.
+# Least greatest swing of an oscillation as a share of the decay's range.
 _SWINGS = 0.05
-# Every counted swing must be this share of the greatest.
+# Least counted swing as a share of the greatest.
 _FLOOR = 0.01
 
 
@@ -48,7 +48,7 @@ class Pulse:
       system: the linear model.
     """
 
-    recording: Recording
+    recording: SteeringRecord
     model: Response
     system: LateralSystem
 
@@ -60,7 +60,7 @@ class Pulse:
         """Damping ratios of the linear model by the same procedure."""
         return self._ratios(self.model)
 
-    def _ratios(self, source: Recording | Response) -> dict[str, float]:
+    def _ratios(self, source: SteeringRecord | Response) -> dict[str, float]:
         free = self.recording.time >= _LEAD + 2.0 * _RISE
         return {name: damping_ratio(getattr(source, name)[free]) for _, name in SIGNALS}
 
@@ -70,13 +70,11 @@ def pulse(payload: float, speed: float, timestep: float) -> Pulse:
     truck, hold = steady_truck(payload, speed, timestep)
     system = linear_system(truck, speed)
     height = _PEAK / _unit_peak(system) * truck.parameters.steering.ratio
-    record = drive(
-        truck,
-        lambda time, _: height * float(triangle(np.array(time))),
-        speed=speed,
-        duration=_LEAD + _LENGTH,
-        hold=hold,
-    )
+
+    def steering(time: float, _: float) -> float:
+        return height * float(triangle(np.array(time)))
+
+    record = drive(truck, steering, speed=speed, duration=_LEAD + _LENGTH, hold=hold)
     return Pulse(record, simulate(system, record.time, record.road_wheel), system)
 
 
@@ -103,8 +101,8 @@ def damping_ratio(signal: FloatArray) -> float:
       signal: uniform samples of a free decay, shape (n,).
 
     Returns:
-      1.0 when fewer than three extremes stand out (an aperiodic decay, or one that is damped as
-      well); negative when the swings grow; NaN for a signal that is not finite.
+      1.0 with fewer than three distinct extremes (an aperiodic or similarly damped decay); negative
+      for growing swings; NaN for a signal that is not finite.
     """
     if not np.isfinite(signal).all():
         return float("nan")
@@ -133,7 +131,7 @@ def _extremes(signal: FloatArray, floor: float) -> FloatArray:
         if not kept or abs(value - kept[-1]) > floor:
             kept.append(value)
         elif len(kept) > 1 and (value - kept[-1]) * (kept[-1] - kept[-2]) > 0.0:
-            # After a skipped wiggle the same swing continues.
+            # After a skipped extreme the same swing continues.
             kept[-1] = value
     return np.array(kept)
 
@@ -157,11 +155,8 @@ def compare(payload: float, kph: float, timestep: float) -> Findings:
     found.check(mode, done.system.damping_ratio(), "1", "eigenvalues")
     time = done.recording.time - _LEAD
     for title, name in SIGNALS[1:3]:
-        found.panel(
-            title,
-            "time [s]",
-            f"{title} [{'rad' if name == hitch else 'rad/s'}]",
-            Line("yaw-sideslip model", time, getattr(done.model, name), "reference"),
-            Line("truck", time, getattr(done.recording, name), "simulation"),
-        )
+        unit = "rad" if name == hitch else "rad/s"
+        linear = Line("yaw-sideslip model", time, getattr(done.model, name), "reference")
+        truck = Line("truck", time, getattr(done.recording, name), "simulation")
+        found.panel(title, "time [s]", f"{title} [{unit}]", linear, truck)
     return found

@@ -8,6 +8,7 @@ from pathlib import Path
 from iits_mj.core import options
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.parameters import MAX_PAYLOAD, payload_option
 
 PAPER_ROAD = "jinan_altimap_pcc.csv"
@@ -16,6 +17,8 @@ CYCLE_55 = "EPA_Ph2_urban_highway_55mph.csv"
 CYCLE_65 = "EPA_Ph2_rural_interstate_65mph.csv"
 NAMES = (PAPER_ROAD, PAPER_PLAN_VIEW, CYCLE_55, CYCLE_65)
 _SUBFOLDERS = ("", "road", "cycles")
+# Time step of the physics where none is chosen [s]; the quick form uses TIMESTEP.
+FINE_TIMESTEP = 0.001
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +30,7 @@ class ValidateConfig:
     )
     timestep: float | None = option(
         None,
-        help="time step of the physics; default: 0.001, with --quick 0.002",
+        help=f"time step of the physics; default: {FINE_TIMESTEP:g}, with --quick {TIMESTEP:g}",
         unit="s",
         low=0.0005,
         high=0.005,
@@ -58,7 +61,7 @@ class ValidateConfig:
         """Time step to use [s]."""
         if self.timestep is not None:
             return self.timestep
-        return 0.002 if self.quick else 0.001
+        return TIMESTEP if self.quick else FINE_TIMESTEP
 
     def payloads(self) -> tuple[float, ...]:
         """Payloads to test [kg], the greatest first."""
@@ -77,12 +80,12 @@ def check_folder(config: ValidateConfig) -> list[str]:
     """Names of the roads and cycles that are missing.
 
     Raises:
-      InputError: a folder was given that does not exist, or that holds none of them.
+      InputError: the given folder does not exist or has none of them.
     """
     missing = [name for name in NAMES if find_road(config, name) is None]
     if config.roads is not None and len(missing) == len(NAMES):
         raise InputError(
-            f"roads: {str(config.roads)!r} is no folder that holds one of {', '.join(NAMES)}, "
+            f"roads: {str(config.roads)!r} is not a folder with one of {', '.join(NAMES)}, "
             "itself or in road/ or cycles/"
         )
     return missing

@@ -1,4 +1,4 @@
-"""What all maneuvers share: the truck at a steady speed, its whole state, and a record of a run."""
+"""Shared parts of maneuvers: the truck at a steady speed, its full state, and a record of a run."""
 
 from __future__ import annotations
 
@@ -21,14 +21,9 @@ _EVERYTHING = mujoco.mjtState.mjSTATE_INTEGRATION
 def steady_truck(
     payload: float, speed: float, timestep: float, *, station: float = 20.0, **settings: Any
 ) -> tuple[Truck, SpeedHold]:
-    """The truck on a straight at a steady speed, and the speed hold to go on with.
+    """The truck on a straight at a steady speed [m/s], and the speed hold to continue with.
 
-    Args:
-      payload: [kg].
-      speed: [m/s].
-      timestep: of the physics [s].
-      station: of the start on the route [m].
-      settings: other arguments of `Truck.load`.
+    It starts at a station of the route [m]. `settings` are other arguments of `Truck.load`.
     """
     truck = Truck.load(payload, timestep=timestep, visuals=False, **settings)
     truck.reset(station=station, speed=speed)
@@ -46,6 +41,12 @@ def restore_state(truck: Truck, state: NDArray[np.float64]) -> None:
     """Puts the same truck back into a saved state."""
     mujoco.mj_setState(truck.model, truck.data, state, _EVERYTHING)
     mujoco.mj_forward(truck.model, truck.data)
+
+
+def first_time(time: FloatArray, reached: NDArray[np.bool_]) -> float:
+    """Returns the time of the first True [s]; nan without one."""
+    places = np.flatnonzero(reached)
+    return float(time[places[0]]) if len(places) else float("nan")
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ def run(
       command: by time since the start [s] and state.
       duration: at most [s].
       stop: ends the run early.
-      sensors: further sensors to record; one that the model lacks reads nan, so that a check of it
+      sensors: further sensors to record; nan for a sensor that the model lacks, so that its check
         falls short.
     """
     known = {truck.model.sensor(i).name: truck.model.sensor(i) for i in range(truck.model.nsensor)}

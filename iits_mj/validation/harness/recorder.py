@@ -12,12 +12,13 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, VehicleCommand, XbrMode
 from iits_mj.truck import Truck
 
-# Rate of recording and of the speed hold [s].
+# Period of recording and of the speed hold [s].
 PERIOD = 0.01
 # Pedal per speed error [s/m], and its integral [1/m]: time constants of about 4 and 10 s at 55 t.
 _GAIN = 0.5
 _INTEGRAL = 0.05
-# The speed is steady when it stays this near [m/s] for so long [s].
+# The speed is steady when its error stays in this band [m/s] for this time [s]; greatest time until
+# then [s].
 _STEADY_BAND = 0.003
 _STEADY_TIME = 1.0
 _STEADY_LIMIT = 90.0
@@ -32,7 +33,7 @@ def fit(signal: FloatArray, reference: FloatArray) -> float:
 
 
 def peak_ratio(signal: FloatArray, reference: FloatArray) -> float:
-    """Returns the greatest magnitude over the reference's."""
+    """Returns the ratio of the greatest magnitudes of signal and reference."""
     return float(np.max(np.abs(signal)) / np.max(np.abs(reference)))
 
 
@@ -49,8 +50,8 @@ def harmonic(time: FloatArray, signal: FloatArray, frequencies: FloatArray) -> F
 
 
 @dataclass(frozen=True)
-class Recording:
-    """Time histories of a manoeuvre, each of shape (n,), sampled every 10 ms; SI, ISO 8855.
+class SteeringRecord:
+    """Time histories of a steered manoeuvre every 10 ms, each of shape (n,); SI, ISO 8855.
 
     Attributes:
       time, speed; steering_wheel: actual angle; road_wheel: mean of left and right.
@@ -58,7 +59,6 @@ class Recording:
       rear_x, rear_y: centre of the trailer's axle group.
       lateral_acceleration, trailer_lateral_acceleration: of the CGs, gravity removed.
       lateral_velocity: of the steer axle centre; roll: of the tractor; trailer_roll.
-      side_loads: least vertical tire force of an axle's two sides, shape (n, 6).
     """
 
     time: FloatArray
@@ -78,24 +78,23 @@ class Recording:
     lateral_velocity: FloatArray
     roll: FloatArray
     trailer_roll: FloatArray
-    side_loads: FloatArray
 
-    def after(self, start: float) -> Recording:
-        """Returns the recording from a time [s] on; its time starts at zero there."""
+    def after(self, start: float) -> SteeringRecord:
+        """Returns the record from a time [s] on, with the time counted from there."""
         keep = self.time >= start - 1e-9
         columns = {name: getattr(self, name)[keep] for name in self.__dataclass_fields__}
         columns["time"] = columns["time"] - columns["time"][0]
-        return Recording(**columns)
+        return SteeringRecord(**columns)
 
 
 class SpeedHold:
-    """Cruise control by pedal and, well above the wanted speed, light braking."""
+    """Cruise control by pedal and, well above the set speed, light braking."""
 
     def __init__(self) -> None:
         self._integral = 0.0
 
     def command(self, error: float, steering_wheel_angle: float) -> VehicleCommand:
-        """Returns the command for a speed error [m/s] and a steering [rad], every `PERIOD`."""
+        """Returns the command of a speed error [m/s] and a steering angle [rad], every `PERIOD`."""
         pedal = _GAIN * error + self._integral
         if 0.0 < pedal < 1.0:  # no wind-up at the pedal's ends
             self._integral += _INTEGRAL * error * PERIOD
@@ -124,10 +123,10 @@ def run_straight(truck: Truck, speed: float) -> SpeedHold:
         if truck.time - start > _STEADY_LIMIT:
             raise InputError(
                 f"speed {speed:g} m/s is not steady after {_STEADY_LIMIT:g} s: {error:+.3f} m/s "
-                f"are missing; choose a speed that the truck can hold on a level road"
+                "are missing; choose a speed that the truck can hold on a level road"
             )
         truck.command(hold.command(error, 0.0))
-        _advance(truck, truck.time + PERIOD)
+        truck.step(round(PERIOD / truck.model.opt.timestep))
     return hold
 
 
@@ -137,36 +136,27 @@ def drive(
     *,
     speed: float | Callable[[float], float],
     duration: float,
-    stop: Callable[[float], bool] | None = None,
+    stop: Callable[[EgoState], bool] | None = None,
     hold: SpeedHold | None = None,
-) -> Recording:
+) -> SteeringRecord:
     """Runs a manoeuvre from the truck's present state (call `truck.reset` before).
 
     Args:
       truck: on a road of sufficient length.
       steering: steering-wheel angle [rad] by (time [s], yaw [rad]).
-      speed: that is held [m/s], or a function of time.
+      speed: set speed [m/s], or a function of time.
       duration: at most [s].
-      stop: ends the run early when it returns True for the trailer's lateral acceleration [m/s2].
+      stop: ends the run early.
       hold: the speed hold of `run_straight` to continue with; default: a new one.
     """
-    hold = hold or SpeedHold()
+    keeper = hold or SpeedHold()
     wanted = speed if callable(speed) else lambda _: speed
-    rows: list[list[float]] = []
-    start = truck.time
-    for tick in range(round(duration / PERIOD) + 1):
-        time = tick * PERIOD
-        state = truck.observe()
-        row = _row(truck, state)
-        rows.append([time, *row])
-        if stop is not None and stop(row[12]):
-            break
-        truck.command(hold.command(wanted(time) - state.speed, steering(time, state.yaw)))
-        _advance(truck, start + (tick + 1) * PERIOD)
-    table = np.array(rows)
-    columns = table.T[: len(Recording.__dataclass_fields__) - 1]
-    named = dict(zip(list(Recording.__dataclass_fields__)[:-1], columns, strict=True))
-    return Recording(**named, side_loads=table[:, len(columns) :])
+
+    def command(time: float, state: EgoState) -> VehicleCommand:
+        return keeper.command(wanted(time) - state.speed, steering(time, state.yaw))
+
+    table = sampled(truck, command, lambda state: _row(truck, state), duration, stop)
+    return SteeringRecord(*table.T)
 
 
 def sampled(
@@ -181,14 +171,14 @@ def sampled(
     Args:
       truck: call its `reset` before.
       command: by time since the start [s] and state.
-      read: the k numbers of a sample.
+      read: gives the k numbers of a sample.
       duration: at most [s].
       stop: ends the run early.
 
     Returns:
       Time [s] and the numbers, shape (n, 1 + k).
     """
-    steps = round(PERIOD / truck.model.opt.timestep)
+    start, timestep = truck.time, truck.model.opt.timestep
     rows: list[list[float]] = []
     for tick in range(round(duration / PERIOD) + 1):
         state = truck.observe()
@@ -196,7 +186,7 @@ def sampled(
         if stop is not None and stop(state):
             break
         truck.command(command(tick * PERIOD, state))
-        truck.step(steps)
+        truck.step(round((start + (tick + 1) * PERIOD - truck.time) / timestep))
     return np.array(rows)
 
 
@@ -215,22 +205,16 @@ def trailer_roll(truck: Truck) -> float:
     return float(np.arctan2(attitude[7], attitude[8]))
 
 
-def _advance(truck: Truck, target: float) -> None:
-    """Steps to a time [s]."""
-    steps = round((target - truck.time) / truck.model.opt.timestep)
-    truck.step(max(steps, 0))
+def trailer_lateral_acceleration(truck: Truck) -> float:
+    """Returns the lateral acceleration of the trailer's CG, gravity removed [m/s2]."""
+    trailer = truck.data.body("trailer").xmat.reshape(3, 3)
+    gravity = float(trailer[:, 1] @ truck.model.opt.gravity)
+    return truck.read("trailer_acceleration", 1) + gravity
 
 
 def _row(truck: Truck, state: EgoState) -> list[float]:
-    """Returns a sample of the last observation, in the order of `Recording` after time."""
-    data = truck.data
-    rear = data.site("trailer_axle_center").xpos
-    trailer = data.body("trailer").xmat.reshape(3, 3)
-    gravity = float(trailer[:, 1] @ truck.model.opt.gravity)
-    loads = [
-        min(truck.read(f"{axle.name}_{side}_tire_force", 2) for side in ("left", "right"))
-        for axle in truck.parameters.axles
-    ]
+    """Returns a sample of the last observation, in the order of `SteeringRecord` after time."""
+    rear = truck.data.site("trailer_axle_center").xpos
     return [
         state.speed,
         state.steering_wheel_angle,
@@ -244,9 +228,8 @@ def _row(truck: Truck, state: EgoState) -> list[float]:
         float(rear[0]),
         float(rear[1]),
         state.lateral_acceleration,
-        truck.read("trailer_acceleration", 1) + gravity,
+        trailer_lateral_acceleration(truck),
         state.lateral_speed,
         state.roll,
         trailer_roll(truck),
-        *loads,
     ]

@@ -17,7 +17,7 @@ from iits_mj.validation.harness.config import ValidateConfig
 
 _KINDS = ("*.py", "*.toml", "*.csv", "*.xml", "*.npz")
 # Packages that show, evaluate or learn from a drive, but do not change it. The trained policy is
-# identified by the digest of its weights; the fast world drives no MuJoCo truck.
+# identified by the digest of its weights; the fast world has no MuJoCo truck.
 NOT_DRIVING = (
     "controllers/decision/fast_world/",
     "controllers/decision/learning/",
@@ -80,7 +80,7 @@ def runs_folder(config: ValidateConfig, part: str, *drivers: ModuleType) -> Path
       drivers: modules that set up the drives; they are part of the digest.
 
     Raises:
-      InputError: the folder cannot be made.
+      InputError: the folder cannot be created.
     """
     if config.runs is None:
         return None

@@ -15,19 +15,21 @@ from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.truck import Truck
-from iits_mj.validation.harness.maneuver import Run, run
+from iits_mj.validation.harness.maneuver import Run, first_time, run
 from iits_mj.validation.longitudinal.force_balance import ForceBalance
-
-# --- Gear changes in a recorded drive ---
 
 # Above this speed the launch is over [m/s].
 _MOVING = 0.5
-# Torque below which the engine counts as not driving [N m].
+# Engine torque that counts as none [N m].
 _NO_TORQUE = 60.0
-# The dip lasts while less than this share of the earlier pull remains.
+# The dip lasts while less than this share of the pull remains.
 _LEFT = 0.2
 # Time before a change at which the pull is still complete [s].
 _BEFORE = 0.2
+# Readings of the paper's figure "Drive-line" and of the published reference run without air drag.
+PAPER_SPEED_KPH, PAPER_TENTH = 46.9, 31.0
+# Distance of the PBS acceleration capability [m], and its level 1 [s].
+_HUNDRED, _PBS_HUNDRED = 100.0, 20.0
 
 
 @dataclass(frozen=True)
@@ -37,8 +39,8 @@ class Shift:
     Attributes:
       start: [s]; gear: the new gear; duration: time with an open driveline [s].
       idle: time with less than 60 N m at the crankshaft [s].
-      dip: time in which the acceleration is near that of coasting: less than a fifth of the way up
-        to the earlier acceleration [s].
+      dip: time with an acceleration near that of coasting: less than a fifth of the way from there
+        to the acceleration before the change [s].
     """
 
     start: float
@@ -57,16 +59,10 @@ def shifts(record: Run) -> list[Shift]:
     for a, b in itertools.pairwise(edges):
         if record.shift_in_process[a] < 0.5 or record.shift_in_process[b] > 0.5:
             continue
+        duration = float(record.time[b] - record.time[a])
         idle = _span(record.engine_torque < _NO_TORQUE, int(a), int(b)) * step
-        found.append(
-            Shift(
-                float(record.time[a]),
-                int(record.gear[b]),
-                float(record.time[b] - record.time[a]),
-                idle,
-                _dip(record, int(a), int(b), step),
-            )
-        )
+        dip = _dip(record, int(a), int(b), step)
+        found.append(Shift(float(record.time[a]), int(record.gear[b]), duration, idle, dip))
     return found
 
 
@@ -80,7 +76,7 @@ def hunting(record: Run, within: float = 5.0) -> int:
 
 
 def _dip(record: Run, start: int, end: int, step: float) -> float:
-    """Duration of the dip of the acceleration [s]; nan when it began before the record."""
+    """Duration of the dip of the acceleration [s]; nan if it began before the record."""
     rate, before = record.acceleration, start - round(_BEFORE / step)
     if before < 0:
         return float("nan")
@@ -100,15 +96,6 @@ def _span(low: NDArray[np.bool_], start: int, end: int) -> int:
     return last + 1 - (start + int(places[0]))
 
 
-# --- Pedal tests ---
-
-# Readings of the paper's figure "Drive-line" and of the published reference run without air drag.
-PAPER_SPEED_KPH = 46.9
-_PAPER_TENTH = 31.0
-# Distance of the PBS acceleration capability [m], and its level 1 [s].
-_HUNDRED, PBS_HUNDRED = 100.0, 20.0
-
-
 def part_throttle_run(timestep: float, *, air: bool = True) -> Run:
     """40 % pedal for 40 s from standstill at 19 t; the published run has no air drag."""
     parameters = TruckParameters.load(overlay=None if air else {"aerodynamics": {"density": 0.0}})
@@ -126,8 +113,8 @@ def part_throttle(record: Run, without: Run) -> Findings:
     found.check("speed at 40 s", record.speed[-1] / KMH, "km/h", PAPER_SPEED_KPH, "40 .. 50")
     speed = without.speed[-1] / KMH
     found.check("speed at 40 s without air drag", speed, "km/h", PAPER_SPEED_KPH, "44.6 .. 49.2")
-    tenth = _first(record.time, record.gear >= 10.0)
-    found.check("10th gear engages at", tenth, "s", _PAPER_TENTH)
+    tenth = first_time(record.time, record.gear >= 10.0)
+    found.check("10th gear engages at", tenth, "s", PAPER_TENTH)
     found.check("gear changes taken back", hunting(record), "1", 0.0, "<= 0")
     changes = shifts(record)
     dips = [change.dip for change in changes if np.isfinite(change.dip)]
@@ -153,11 +140,11 @@ def full_pedal(record: Run, *, grade: float) -> Findings:
     found.check("gear changes taken back", hunting(record), "1", 0.0, "<= 0")
     found.check("speed at the end", record.speed[-1] / KMH, "km/h")
     if grade == 0.0:
-        hundred = _first(record.time, record.station - record.station[0] >= _HUNDRED)
-        found.check("time for 100 m (PBS acceleration capability)", hundred, "s", PBS_HUNDRED)
+        hundred = first_time(record.time, record.station - record.station[0] >= _HUNDRED)
+        found.check("time for 100 m (PBS acceleration capability)", hundred, "s", _PBS_HUNDRED)
     if record.speed.max() >= 80.0 * KMH:
-        measured = _first(record.time, record.speed >= 80.0 * KMH)
-        expected = _first(record.time, predicted >= 80.0 * KMH)
+        measured = first_time(record.time, record.speed >= 80.0 * KMH)
+        expected = first_time(record.time, predicted >= 80.0 * KMH)
         allowed = f"{0.97 * expected:.2f} .. {1.03 * expected:.2f}"
         found.check("time to 80 km/h", measured, "s", expected, allowed)
     _histories(found, record, Line("force balance", record.time, predicted / KMH, "reference"))
@@ -175,9 +162,9 @@ def full_pedal_run(timestep: float, grade: float, duration: float) -> Run:
 def coast_along(record: Run, balance: ForceBalance) -> FloatArray:
     """Speed of a point mass with the engine torque and gears of the run [m/s], shape (n,).
 
-    The torque leaving the engine is its torque less that which accelerates its own inertia, also
-    while the clutch slips. The resistances are those at the speed of the point mass. The run must
-    have recorded `clutch_engagement`.
+    The driving torque is the engine torque less the torque that accelerates the engine's inertia,
+    also while the clutch slips. The resistances are those at the speed of the point mass. The run
+    must have recorded `clutch_engagement`.
     """
     parameters = balance.parameters
     engagement = record.extra["clutch_engagement"]
@@ -198,7 +185,7 @@ def coast_along(record: Run, balance: ForceBalance) -> FloatArray:
 
 
 def engaged_gear(gear: FloatArray, engagement: FloatArray) -> NDArray[np.int64]:
-    """The engaged gear, shape (n,); the recorded gear changes before the clutch has opened."""
+    """The engaged gear, shape (n,); the recorded gear changes before the clutch is open."""
     engaged = np.maximum(np.round(gear), 0.0).astype(int)
     for k in range(1, len(engaged)):
         if engagement[k] > 0.0 and engagement[k - 1] > 0.0:
@@ -213,9 +200,3 @@ def _histories(found: Findings, record: Run, *references: Line) -> None:
     found.history("gear", "gear [1]", record.time, record.gear)
     found.history("acceleration", "acceleration [m/s2]", record.time, record.acceleration)
     found.history("engine torque", "engine torque [N m]", record.time, record.engine_torque)
-
-
-def _first(time: FloatArray, reached: NDArray[np.bool_]) -> float:
-    """Time of the first True [s]; nan without one."""
-    places = np.flatnonzero(reached)
-    return float(time[places[0]]) if len(places) else float("nan")

@@ -1,4 +1,4 @@
-"""Brake tests: XBR as in the paper, response of the service brake, and full stops.
+"""Brake tests: XBR, response of the service brake, and full stops.
 
 **XBR** -1.5 m/s2 at 60 km/h as in the paper: build-up, mean, overshoot, pressure and release.
 
@@ -28,16 +28,33 @@ from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
-from iits_mj.validation.harness.maneuver import Run, run
+from iits_mj.validation.harness.maneuver import Run, first_time, run
 from iits_mj.validation.harness.recorder import PERIOD
 
 # Full service brake with an open driveline.
 FULL = VehicleCommand(brake_pedal=1.0, transmission_mode=TransmissionMode.NEUTRAL)
-# Rise at which the pressure of a chamber has begun to rise [Pa].
+# Least rise of a chamber's pressure that is detected [Pa].
 _RISEN = 2e3
 _LOCKED = 0.8
 
-# --- Measures of a recorded drive ---
+# The paper's XBR test: speed [m/s], demand [m/s2], and times of demand, release and end [s].
+SPEED = 60.0 * KMH
+DEMAND = 1.5
+START, RELEASE, END = 1.0, 8.0, 13.0
+# Time after which the deceleration has built up [s].
+_BUILD_UP = 2.0
+# Gross mass at which the paper gives the pressure [t].
+_ANCHOR_MASS = 50.0
+# Jerk that ISO 15622 allows at low speed, over a time in which a sudden release exceeds it.
+_JERK, _JERK_WINDOW = 5.0, 0.2
+# Time after the release in which the deceleration must end [s].
+_GONE = 1.5
+# Pedal on the standing truck [s].
+_PEDAL_DOWN, _PEDAL_UP, _PEDAL_END = 1.0, 4.0, 7.0
+# Delay of a detected rise: it must reach 2 kPa, and is sampled every 10 ms [s].
+_DETECTED = 0.03
+# Full stops: greatest duration [s], and speed at standstill [m/s].
+_LONGEST, _STANDS = 20.0, 0.05
 
 
 def mean_pressure(record: Run) -> FloatArray:
@@ -47,15 +64,13 @@ def mean_pressure(record: Run) -> FloatArray:
 
 def rise_time(time: FloatArray, pressure: FloatArray, share: float, final: float) -> float:
     """Time [s] after which a pressure (n,) reaches this share of its final value [Pa]."""
-    reached = np.flatnonzero((time >= 0.0) & (pressure >= share * final))
-    return float(time[reached[0]]) if len(reached) else float("nan")
+    return first_time(time, (time >= 0.0) & (pressure >= share * final))
 
 
 def first_rise(time: FloatArray, pressure: FloatArray) -> float:
     """Time [s] after which a pressure (n,) has risen by 2 kPa."""
     before = float(pressure[time <= 0.0][-1])
-    risen = np.flatnonzero((time >= 0.0) & (pressure > before + _RISEN))
-    return float(time[risen[0]]) if len(risen) else float("nan")
+    return first_time(time, (time >= 0.0) & (pressure > before + _RISEN))
 
 
 def lock_time(record: Run, above: float = 15.0 * KMH) -> float:
@@ -76,7 +91,7 @@ def distance(record: Run) -> float:
 def fully_developed(record: Run) -> float:
     """Mean fully developed deceleration [m/s2], from 80 to 10 % of the initial speed.
 
-    UN R13, annex 4, 1.1.2. NaN when the truck does not get that slow.
+    UN R13, annex 4, 1.1.2. NaN if the truck does not become that slow.
     """
     fast, slow = (record.speed <= share * record.speed[0] for share in (0.8, 0.1))
     if not slow.any():
@@ -99,7 +114,7 @@ def smooth_rate(record: Run, window: float = 0.1) -> FloatArray:
 def mean_jerk(record: Run, window: float) -> FloatArray:
     """Mean jerk over a window [m/s3], shape (n - k,).
 
-    It is taken from the speed, because the chassis pitches and would disturb an accelerometer.
+    It comes from the speed, because the pitch of the chassis would disturb an accelerometer.
     """
     rate = smooth_rate(record)
     k = round(window / PERIOD)
@@ -107,7 +122,7 @@ def mean_jerk(record: Run, window: float) -> FloatArray:
 
 
 def dead_times(parameters: TruckParameters) -> list[float]:
-    """Dead time of the pressure at each axle [s]; that of the trailer includes its line."""
+    """Dead time of the pressure at each axle [s]; at the trailer's axles with the control line."""
     brakes, count = parameters.air_brake, len(parameters.tractor.axles)
     return [
         time + (brakes.trailer_line_delay if axle >= count else 0.0)
@@ -117,20 +132,6 @@ def dead_times(parameters: TruckParameters) -> list[float]:
 
 def _tons(payload: float) -> float:
     return TruckParameters.load().gross_mass(payload) / 1e3
-
-
-# --- XBR -1.5 m/s2 at 60 km/h ---
-
-SPEED = 60.0 * KMH
-DEMAND = 1.5
-START, RELEASE, END = 1.0, 8.0, 13.0
-# Time after which the deceleration has built up [s].
-_BUILD_UP = 2.0
-_ANCHOR_MASS = 50.0
-# Jerk that ISO 15622 allows at low speed, over a time in which a sudden release exceeds it.
-_JERK, _JERK_WINDOW = 5.0, 0.2
-# Time after the release in which the deceleration must end [s].
-_GONE = 1.5
 
 
 def xbr_run(payload: float, timestep: float, ebi: XbrEbiMode = XbrEbiMode.FRICTION_ONLY) -> Run:
@@ -206,13 +207,6 @@ def _check_response(found: Findings, record: Run) -> None:
     found.check("last chamber's pressure rises after", last, "s")
 
 
-# --- Response of the service brake on the standing truck ---
-
-_PEDAL_DOWN, _PEDAL_UP, _PEDAL_END = 1.0, 4.0, 7.0
-# A rise is detected late: it must reach 2 kPa, and is sampled every 10 ms [s].
-_DETECTED = 0.03
-
-
 def compare_response(payload: float, timestep: float) -> Findings:
     """Full brake pedal for 3 s on the standing truck with a payload [kg]."""
     truck = Truck.load(payload, timestep=timestep, visuals=False)
@@ -234,19 +228,11 @@ def compare_response(payload: float, timestep: float) -> Findings:
     final = float(record.wheel_pressures[down][-1].min())
     found.check("least final pressure", final / 1e3, "kPa")
     left = record.wheel_pressures.max(axis=1)
-    gone = np.flatnonzero((record.time > _PEDAL_UP) & (left < 0.1 * final))
-    released = float(record.time[gone[0]] - _PEDAL_UP) if len(gone) else float("nan")
+    gone = (record.time > _PEDAL_UP) & (left < 0.1 * final)
+    released = first_time(record.time, gone) - _PEDAL_UP
     found.check("down to 10 % after the release", released, "s", must="<= 2")
     found.panel("pressures", "time [s]", "pressure [kPa]", *lines)
     return found
-
-
-# --- Full stops with the service brake ---
-
-_FOOT = 0.3048
-_MPH = 1.609344 * KMH
-_LONGEST = 20.0
-_STANDS = 0.05
 
 
 @dataclass(frozen=True)
@@ -259,6 +245,8 @@ class Regulation:
     empty: float
 
 
+_FOOT = 0.3048
+_MPH = 1.609344 * KMH
 _R13_DISTANCE = 0.15 * 60.0 + 60.0**2 / 130.0
 UN_R13 = Regulation("60 km/h (UN R13 type 0)", 60.0 * KMH, _R13_DISTANCE, _R13_DISTANCE)
 FMVSS_121 = Regulation("60 mph (FMVSS 121 style)", 60.0 * _MPH, 250.0 * _FOOT, 235.0 * _FOOT)

@@ -19,14 +19,14 @@ from iits_mj.validation.longitudinal.hills import SpeedKeeper
 GRADE = -0.06
 LENGTH = 6000.0
 _START = 50.0
-# Time after which the speed must be held [s], and its allowed error [km/h].
+# Time after which the speed must be steady [s], and its allowed error [km/h].
 _SETTLED = 30.0
 _HELD = 2.0
 _RETARDER, _FRICTION, _RESERVOIR = "retarder_work", "brake_work", "reservoir_pressure_"
 
 
 def descend(speed: float, timestep: float, length: float = LENGTH) -> tuple[Run, float]:
-    """Drives down at a speed [m/s] over a distance [m]; also returns the mass of the truck [kg]."""
+    """Drives down at a speed [m/s] over a distance [m]; also returns the gross mass [kg]."""
     route = Route.straight(_START + length + 100.0, grade=GRADE)
     truck = Truck.load(route=route, timestep=timestep, visuals=False)
     truck.reset(station=_START, speed=speed)

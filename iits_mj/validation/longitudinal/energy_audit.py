@@ -3,13 +3,13 @@
     engine work = kinetic + potential + springs and tires + air + rolling + tire slip + dampers
                   + brakes + retarder + driveline's losses and store
 
-The plugin has counters of the engine's side and of the work of the brakes. `Ledger` sums up all the
-rest at each step of the physics, from motion and tire forces and by the law of each part, so that
-an error in the plugin's forces shows as missing energy; it also computes the work of the brakes
-from the moments on the wheels. A force acts over a step with the velocities at its start; the
-neglected part shrinks with the step and is counted in the error of the audit. The ledger holds on
-straight roads without cross slope. It leaves out what is negligible there: strain of the treads,
-play of the couplings, work of the steering.
+The plugin has counters of the engine's side and of the work of the brakes. `Ledger` sums up all
+other parts at each step of the physics, from motion and tire forces and by the law of each part, so
+that an error in the plugin's forces shows as missing energy; it also computes the work of the
+brakes from the moments on the wheels. A force acts over a step with the velocities at its start;
+the neglected part shrinks with the step and is part of the audit's error. The ledger holds on
+straight roads without cross slope. It omits negligible parts: strain of the treads, play of the
+couplings, work of the steering.
 
 The truck starts at rest, keeps 70 km/h over hills as far as possible, brakes for a slow stretch
 (in the whole trip in the middle of a descent), and drives on.
@@ -31,14 +31,20 @@ from iits_mj.truck import Truck
 from iits_mj.validation.harness.recorder import PERIOD
 from iits_mj.validation.longitudinal.hills import HILLS_LENGTH, SpeedKeeper, hills
 
-# --- The ledger of losses ---
-
 _SIDES = ("left", "right")
 # Least speed in the denominator of slips, as in the tire's sensor [m/s].
 _SLIP_SPEED_MIN = 0.5
 # Spin above which rolling resistance is complete: wind-up of the tire over its damping [rad/s].
 _SPIN_FULL = 0.125
 _ROAD_SPACING = 0.1
+_START, _END_MARGIN = 30.0, 60.0
+_CRUISE, _SLOW = 70.0 * KMH, 35.0 * KMH
+# Ends of the slow stretch as shares of the trip.
+_SLOW_FROM, _SLOW_TO = 0.6, 0.65
+_TIME_LIMIT = 400.0
+# Greatest missing energy [% of the engine's work].
+_CLOSED = 0.5
+_COUNTERS = ("engine_work", "driveline_loss", "retarder_work", "driveline_energy", "brake_work")
 
 
 @dataclass(frozen=True)
@@ -49,7 +55,7 @@ class Losses:
       air; rolling, slip: of the tires on the road; tire_damping: of their rubber.
       suspension: dampers and friction.
       brakes: of the wheel ends, from the remaining moment on each wheel.
-      shaft: work of the propeller shaft on the wheels; it is no loss.
+      shaft: work of the propeller shaft on the wheels, which is not a loss.
     """
 
     air: float = 0.0
@@ -80,7 +86,7 @@ class Ledger:
     """Sums up the losses while `step` advances the truck."""
 
     def __init__(self, truck: Truck) -> None:
-        """Starts with the truck on a straight road, as its `reset` has placed it."""
+        """Starts with the truck on a straight road, after its `reset`."""
         self.truck = truck
         model, parameters = truck.model, truck.parameters
         ends = [(axle, side) for axle in parameters.axles for side in _SIDES]
@@ -212,24 +218,13 @@ class Ledger:
         )
 
 
-# --- The trip and its balance ---
-
-_START, _END_MARGIN = 30.0, 60.0
-_CRUISE, _SLOW = 70.0 * KMH, 35.0 * KMH
-# Ends of the slow stretch as shares of the trip.
-_SLOW_FROM, _SLOW_TO = 0.6, 0.65
-_TIME_LIMIT = 400.0
-_CLOSED = 0.5
-_COUNTERS = ("engine_work", "driveline_loss", "retarder_work", "driveline_energy", "brake_work")
-
-
 @dataclass(frozen=True)
 class Trip:
     """Energies of a trip [J].
 
     Attributes:
       losses: sums of the ledger; before, after: stored energy.
-      counters: change of each counter of the plugin, nan for a counter that the model lacks.
+      counters: change of each counter of the plugin, nan if the model lacks it.
       way: history of the position [m], shape (n,); history: sums of the ledger there, (n, k).
     """
 
@@ -237,8 +232,8 @@ class Trip:
     before: Stored
     after: Stored
     counters: dict[str, float]
-    way: np.ndarray
-    history: np.ndarray
+    way: FloatArray
+    history: FloatArray
 
     @property
     def stored(self) -> float:

@@ -86,10 +86,8 @@ class ForceBalance:
         engine, speed = self.parameters.engine, np.asarray(engine_speed, dtype=float)
         table = engine.pedal_map
         floored = np.array([np.interp(1.0, table.columns, row) for row in table.values])
-        torque = np.minimum(
-            np.interp(speed, table.rows, floored),
-            np.interp(speed, *full_load(self.parameters)),
-        )
+        full = np.interp(speed, *full_load(self.parameters))
+        torque = np.minimum(np.interp(speed, table.rows, floored), full)
         return np.asarray(np.where(speed > engine.governed_speed, 0.0, torque))
 
     @property
@@ -110,7 +108,7 @@ class ForceBalance:
     def steady_speed(self, gear: int, grade: float) -> float:
         """Speed at which full load and resistances balance in this gear [m/s]; nan without one.
 
-        It is the greatest such speed, which is stable.
+        Of several such speeds it is the greatest, which is stable.
         """
         reduction = float(self.reduction(gear))
         engine = self.parameters.engine
@@ -171,7 +169,7 @@ class ForceBalance:
     def traction_grade(self, surface: float = DEFAULT_FRICTION) -> float:
         """Steepest grade that the grip of the drive axles allows, at most 0.6.
 
-        The rolling resistance of steer axle and trailer is part of the force needed.
+        The needed force includes the rolling resistance of steer axle and trailer.
         """
 
         def surplus(grade: float) -> float:
@@ -183,10 +181,8 @@ class ForceBalance:
         self, trailer: Inertial, normal: float, along: float, length: float
     ) -> tuple[float, float]:
         """Load on the kingpin and pull at it [N]; the trailer's axles roll."""
-        height, rolling = (
-            self.parameters.fifth_wheel.height,
-            self.parameters.tire_common.rolling_resistance,
-        )
+        p = self.parameters
+        height, rolling = p.fifth_wheel.height, p.tire_common.rolling_resistance
         # Moments about the ground below the axle group; the pull also moves the axles' share.
         load = normal * (1.0 - trailer.cg_position / length) - along * trailer.cg_height / length
         load += height / length * (along + rolling * normal)

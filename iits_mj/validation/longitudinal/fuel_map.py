@@ -17,6 +17,7 @@ from iits_mj.core.units import GRAVITY, KMH, RPM
 from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
 from iits_mj.validation.harness.maneuver import run
+from iits_mj.validation.harness.recorder import PERIOD
 
 # Speed [km/h] and pedal of each point.
 POINTS = ((30.0, 0.35), (45.0, 0.5), (60.0, 0.4), (60.0, 0.7), (80.0, 0.6), (85.0, 0.75))
@@ -32,7 +33,7 @@ class Point:
     """Means of a steady point: engine speed [rad/s], torque [N m] and fuel rate [kg/s].
 
     Attributes:
-      spread: greatest less smallest measured torque, over the mean [1].
+      spread: greatest less least measured torque over the mean [1].
       used: fuel by the counter [kg] in the measured time [s].
     """
 
@@ -53,7 +54,7 @@ def measure(speed: float, pedal: float, timestep: float) -> Point:
     def command(_: float, state: EgoState) -> VehicleCommand:
         nonlocal integral
         error = state.speed - speed
-        integral = float(np.clip(integral + _INTEGRAL * error * 0.01, -0.3, 0.3))
+        integral = float(np.clip(integral + _INTEGRAL * error * PERIOD, -0.3, 0.3))
         angle = np.arctan(integral + _GAIN * error)
         truck.model.opt.gravity[:] = (-GRAVITY * np.sin(angle), 0.0, -GRAVITY * np.cos(angle))
         return VehicleCommand(accelerator_pedal=pedal)
@@ -106,11 +107,7 @@ def compare(timestep: float, *, quick: bool) -> Findings:
     found.label = ""
     order = np.argsort(powers)
     x = np.array(powers)[order]
-    found.panel(
-        "Fuel at steady points",
-        "power [kW]",
-        "fuel rate [g/s]",
-        Line("map x power", x, np.array(wanted)[order], "reference"),
-        Line("truck", x, np.array(rates)[order], "simulation"),
-    )
+    by_map = Line("map x power", x, np.array(wanted)[order], "reference")
+    truck = Line("truck", x, np.array(rates)[order], "simulation")
+    found.panel("Fuel at steady points", "power [kW]", "fuel rate [g/s]", by_map, truck)
     return found

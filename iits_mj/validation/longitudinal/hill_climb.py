@@ -30,7 +30,7 @@ from iits_mj.validation.longitudinal.hills import sloping
 
 # Distance that counts as having set off [m], and time allowed for it [s].
 _SET_OFF, _TIME = 5.0, 20.0
-# Time for which the parking brake holds: torque builds up, then settles to the pedal [s].
+# Times of the held truck: the torque builds up, then settles to the pedal [s].
 _FLOORED, _SETTLE = 10.0, 3.0
 # Torque over the torque that the grade needs.
 _MARGIN = 1.02
@@ -49,8 +49,11 @@ _MOVED = 0.05
 # Slip at which the driver begins to ease the pedal, and at which the pedal is up.
 _SLIP_EASE, _SLIP_UP = 0.14, 0.34
 _REACTION = 0.4
-# PBS level 1: startability, gradeability A [%].
-_LEVEL_START, _LEVEL_GRADE = 15.0, 20.0
+# PBS level 1: startability, gradeability A [%], and gradeability B on 1 % [km/h].
+_LEVEL_START, _LEVEL_GRADE, _LEVEL_SPEED = 15.0, 20.0, 80.0
+# Speed is steady when the gear stays and the speed changes by less [m/s2] in half a block [s];
+# greatest number of blocks.
+_STEADY, _BLOCK, _BLOCKS = 0.01, 20.0, 8
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,7 @@ class Attempt:
 
 
 class HillDriver:
-    """Full pedal, eased while the drive wheels slip; perceives slip as slowly as a person."""
+    """Full pedal, eased while the drive wheels slip; with the reaction time of a person to slip."""
 
     def __init__(self, truck: Truck) -> None:
         self._truck, self._seen = truck, 0.0
@@ -198,20 +201,17 @@ def _climbs(
         farthest = max(farthest, done)
         return done >= way or done < farthest - _ROLLED
 
-    table = sampled(
-        truck,
-        driver,
-        lambda state: [state.station - start, float(state.gear)],
-        duration,
-        stop,
-    )
+    def read(state: EgoState) -> list[float]:
+        return [state.station - start, float(state.gear)]
+
+    table = sampled(truck, driver, read, duration, stop)
     moving = table[table[:, 1] > _MOVED]
     last = moving[0] if len(moving) else table[-1]
     return Attempt(bool(table[-1, 1] >= way), int(last[2]))
 
 
 def steepest(attempt: Callable[[float], Attempt], resolution: float) -> Climb:
-    """Bisection between a gentle grade and the steepest one that is tried."""
+    """Returns the steepest grade that is climbed, by bisection."""
     low, high = _APPROACH_GRADE, _STEEPEST
     best = Attempt(managed=False, gear=1)
     while high - low > resolution:
@@ -224,15 +224,6 @@ def steepest(attempt: Callable[[float], Attempt], resolution: float) -> Climb:
     return Climb(0.5 * (low + high), best.gear)
 
 
-# --- Steady speeds at full pedal ---
-
-# Speed is steady when the gear stays and the speed changes by less [m/s2] in half a block [s]; at
-# most so many blocks.
-_STEADY, _BLOCK, _BLOCKS = 0.01, 20.0, 8
-# PBS gradeability B, level 1, on 1 % [km/h].
-_LEVEL_SPEED = 80.0
-
-
 @dataclass(frozen=True)
 class Steady:
     """Steady speed [m/s], gear, and remaining change of the speed [m/s2]."""
@@ -243,14 +234,7 @@ class Steady:
 
 
 def steady_speed(payload: float, grade: float, start: float, timestep: float) -> Steady:
-    """Full pedal on a grade until speed and gear settle.
-
-    Args:
-      payload: [kg].
-      grade: of the road.
-      start: initial speed [m/s].
-      timestep: of the physics [s].
-    """
+    """Full pedal on a grade from an initial speed [m/s] until speed and gear settle."""
     truck = Truck.load(payload, route=Route.straight(grade=grade), timestep=timestep, visuals=False)
     truck.reset(station=100.0, speed=start)
     truck.command(VehicleCommand(accelerator_pedal=1.0))

@@ -1,4 +1,4 @@
-"""Straight roads with ramps and hills, and a driver who keeps a speed on them."""
+"""Straight roads with ramps and hills, and a driver who holds a speed on them."""
 
 from __future__ import annotations
 
@@ -32,19 +32,14 @@ def sloping(length: float, initial: float, grades: tuple[Grade, ...]) -> Route:
     """
     design = Design(
         name="slopes",
-        start=(0.0, 0.0, 0.0, 0.0),
         lane_width=_LANE_WIDTH,
         lanes=1,
         left_shoulder=1.0,
         right_shoulder=2.5,
         speed_limit=_SPEED_LIMIT,
-        initial_grade=initial,
-        road_ends=(),
         alignment=((length, 0.0, 0.0, 0.0, 0.0),),
+        initial_grade=initial,
         grades=grades,
-        extra_lanes=(),
-        limits=((0.0, length, _SPEED_LIMIT),),
-        structures=(),
     )
     return RoadMap(build(design), design.name).route()
 
@@ -65,9 +60,9 @@ _DECELERATION = 0.8
 class SpeedKeeper:
     """Keeps a speed by pedal, then engine brake, then retarder, then the service brake.
 
-    A PI controller on the speed commands a share: above 0 it is the accelerator pedal, 0 to -1 the
-    engine brake, -1 to -2 the retarder. The service brake is used while the truck is 1 m/s too
-    fast, until the speed is back. Call `command` every 10 ms.
+    A PI controller of the speed gives a share: above 0 it is the accelerator pedal, 0 to -1 the
+    engine brake, -1 to -2 the retarder. The service brake works from an excess of 1 m/s until the
+    excess is 0.2 m/s. Call `command` every 10 ms.
     """
 
     def __init__(self, share: float = 0.0) -> None:

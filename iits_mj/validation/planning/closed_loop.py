@@ -11,14 +11,13 @@ import numpy as np
 from controllers.planning.planner import PlannerConfig
 from controllers.planning.speed_plan import SpeedConfig
 from controllers.stack import Stack
-from controllers.tracking.controller import TrackingConfig
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.input_files import read_npz
 from iits_mj.core.messages import EgoState, Scene, SpeedProfile, VehicleCommand, XbrMode
 from iits_mj.core.output_files import OutputFile
 from iits_mj.core.timing import TIMESTEP
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
 from iits_mj.road import Route
 from iits_mj.simulation.lock_step import DrivenTruck, Driver, LockStep, Observer
 from iits_mj.truck import Truck
@@ -68,7 +67,7 @@ class Record:
         return Record(self.table[(station >= first) & (station <= last)], self.columns)
 
     def after(self, start: float) -> Record:
-        """Returns the drive from a time since its start [s] on."""
+        """Returns the drive from a time after its start [s] on."""
         time = self["time"]
         return Record(self.table[time >= time[0] + start], self.columns)
 
@@ -88,7 +87,7 @@ class Record:
         """Reads what `save` wrote, with the columns `COLUMNS`.
 
         Raises:
-          InputError: the file is no record of this version.
+          InputError: the file is not a record of this version.
         """
         content = read_npz(path, "record of a drive", _SIZE_MAX, ("columns", "table"))
         names, table = tuple(content["columns"].tolist()), content["table"]
@@ -104,7 +103,7 @@ class Recorder(Observer):
 
     Args:
       columns: names of the figures.
-      row: the figures of a state and the command that answers it.
+      row: gives the figures of a state and its command.
     """
 
     def __init__(
@@ -140,15 +139,15 @@ def run_recorded(
 
     Args:
       truck: at its start.
-      driver: who drives.
+      driver: plans and controls.
       recorder: of this drive.
-      scenes: what the driver sees.
+      scenes: gives the scene that the driver sees in a state.
       timestep: of the truck's physics [s].
       duration: at most [s].
       until: whether a state is the last one.
 
     Returns:
-      The record, the last state included, and whether a state ended the drive.
+      The record, the last state included, and whether `until` ended the drive.
     """
     lock_step = LockStep(truck, driver, scenes, [recorder], timestep=timestep)
     ended = lock_step.advance(duration, until)
@@ -162,9 +161,8 @@ class DriveTask:
     Attributes:
       route: the road; start, end: stations of the steer axle [m]; speed: at the start [m/s], 0 for
         a standing truck with its brakes applied.
-      cruise_speed: wanted where there is no profile [m/s]; profile: reference speed over station.
-      payload: [kg]; lane: that is kept; timestep: of the physics [s]; time_limit: [s].
-      curve_acceleration: lateral acceleration that bounds the speed in curves [m/s2].
+      cruise_speed: reference without a profile [m/s]; profile: reference speed over station.
+      payload: [kg]; timestep: of the physics [s]; time_limit: [s].
     """
 
     route: Route
@@ -173,18 +171,16 @@ class DriveTask:
     speed: float
     cruise_speed: float
     profile: SpeedProfile | None = None
-    payload: float = 36_000.0
-    lane: int = 0
+    payload: float = MAX_PAYLOAD
     timestep: float = TIMESTEP
     time_limit: float = 3600.0
-    curve_acceleration: float = SpeedConfig.curve_acceleration
 
 
 def drive(task: DriveTask, parameters: TruckParameters | None = None) -> Record:
-    """Drives a task and records `COLUMNS` up to the end station.
+    """Drives a task in the rightmost lane and records `COLUMNS` up to the end station.
 
     Raises:
-      InputError: the truck does not get to the end within the time limit.
+      InputError: the truck does not reach the end within the time limit.
       Error: the simulation diverged.
     """
     truck = Truck.load(
@@ -194,16 +190,15 @@ def drive(task: DriveTask, parameters: TruckParameters | None = None) -> Record:
         timestep=task.timestep,
         visuals=False,
     )
-    offset = float(task.route.lane_offset(task.lane, task.start))
+    offset = float(task.route.lane_offset(0, task.start))
     truck.reset(station=task.start, offset=offset, speed=task.speed)
     if task.speed == 0.0:
         truck.command(xbr_demand=-1.0, xbr_mode=XbrMode.MAXIMUM)
         truck.step(round(_BUILD_UP / task.timestep))
-    speed = SpeedConfig(cruise_speed=task.cruise_speed, curve_acceleration=task.curve_acceleration)
+    speed = SpeedConfig(cruise_speed=task.cruise_speed)
     stack = Stack(
         task.route,
-        planner=PlannerConfig(lanes=(task.lane,), speed=speed),
-        tracking=TrackingConfig(),
+        planner=PlannerConfig(lanes=(0,), speed=speed),
         parameters=truck.parameters,
         profile=task.profile,
     )
@@ -242,7 +237,7 @@ def drive(task: DriveTask, parameters: TruckParameters | None = None) -> Record:
     if not arrived:
         raise InputError(
             f"the truck is at {record['station'][-1]:.0f} m after {task.time_limit:.0f} s: "
-            f"it does not get to {task.end:.0f} m"
+            f"it does not reach {task.end:.0f} m"
         )
     # The last state lies beyond the end.
     record = Record(record.table[:-1])

@@ -1,7 +1,4 @@
-"""`iits-mj validate planning`: planner, tracking and predictive cruise control, figure by figure.
-
-Each part is a module; this one runs them in order and reports missing roads.
-"""
+"""`iits-mj validate planning`: runs planner, tracking and predictive cruise control in order."""
 
 from __future__ import annotations
 
@@ -32,9 +29,9 @@ def run(config: ValidateConfig) -> Results:
     """Runs every part in turn.
 
     Raises:
-      InputError: `config.roads` is no folder with roads, or a file in it cannot be read.
+      InputError: `config.roads` is not a folder with roads, or a file in it cannot be read.
     """
-    # Unusable folders are refused before anything is measured.
+    # Refuse unusable folders before the first measurement.
     missing = check_folder(config)
     results = Results("validate planning")
     for name, part in PARTS.items():

@@ -1,7 +1,7 @@
-"""A truck that follows the plans exactly, among vehicles with prescribed positions.
+"""A truck that follows its plans exactly, among vehicles with prescribed positions.
 
-It tests what depends on the planner alone: decisions, gaps, limits. Other modules test how the
-MuJoCo truck follows a plan.
+It tests decisions, gaps and limits of the planner alone. Other modules test how the MuJoCo truck
+follows a plan.
 """
 
 from __future__ import annotations
@@ -10,42 +10,23 @@ import dataclasses
 import time
 from collections.abc import Callable, Sequence
 
-from controllers.planning.planner import Planner, PlannerConfig
+from controllers.planning.planner import Planner
 from iits_mj.core.messages import Decision, EgoState, RoadSignals, Scene, TrackedVehicle, Trajectory
+from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.road import Route
-
-STEP = 0.1
 
 Vehicles = Callable[[EgoState], Sequence[TrackedVehicle]]
 Decide = Callable[[Scene], Decision]
 Signals = Callable[[EgoState], RoadSignals]
 
 
-def no_vehicles(ego: EgoState) -> Sequence[TrackedVehicle]:
-    """An empty road."""
-    del ego
-    return ()
-
-
-def keep(scene: Scene) -> Decision:
-    """The decision to keep the lane."""
-    del scene
-    return Decision.KEEP
-
-
 def once(at: float, decision: Decision) -> Decide:
-    """One decision at a time [s]; otherwise the truck keeps its lane."""
-    return lambda scene: decision if abs(scene.time - at) < 0.5 * STEP else Decision.KEEP
-
-
-def no_signals(ego: EgoState) -> RoadSignals:
-    """No lights and no variable limits."""
-    del ego
-    return RoadSignals()
+    """Returns the decision once, at a time [s]; otherwise the truck keeps its lane."""
+    return lambda scene: decision if abs(scene.time - at) < 0.5 * CYCLE_PERIOD else Decision.KEEP
 
 
 def car(route: Route, name: str, station: float, lane: int, speed: float) -> TrackedVehicle:
-    """A car in the middle of a lane; the station [m] is that of its middle."""
+    """Returns a car in the middle of a lane; the station [m] is that of its middle."""
     offset = float(route.lane_offset(lane, station))
     return TrackedVehicle(name, station=station, offset=offset, lane=lane, speed=speed)
 
@@ -56,27 +37,17 @@ class IdealDrive:
     Args:
       route: the road.
       station, lane, speed: at the start [m], [m/s].
-      mass: [kg].
-      config: of the planner.
 
     Attributes:
       planner: with its counters; ego: present state of the truck.
       states, scenes, plans: of all cycles; cost: CPU time of each plan [s].
     """
 
-    def __init__(
-        self,
-        route: Route,
-        station: float,
-        lane: int,
-        speed: float,
-        mass: float = 55_000.0,
-        config: PlannerConfig | None = None,
-    ) -> None:
+    def __init__(self, route: Route, station: float, lane: int, speed: float) -> None:
         self.route = route
-        self.planner = Planner(route, config)
+        self.planner = Planner(route)
         offset = float(route.lane_offset(lane, station))
-        self.ego = EgoState(station=station, offset=offset, speed=speed, mass=mass)
+        self.ego = EgoState(station=station, offset=offset, speed=speed)
         self.states: list[EgoState] = []
         self.scenes: list[Scene] = []
         self.plans: list[Trajectory] = []
@@ -85,12 +56,12 @@ class IdealDrive:
     def run(
         self,
         duration: float,
-        vehicles: Vehicles = no_vehicles,
-        decide: Decide = keep,
-        signals: Signals = no_signals,
+        vehicles: Vehicles = lambda _: (),
+        decide: Decide = lambda _: Decision.KEEP,
+        signals: Signals = lambda _: RoadSignals(),
     ) -> IdealDrive:
-        """Drives for a duration [s]."""
-        for _ in range(round(duration / STEP)):
+        """Drives for a duration [s]; default: an empty road without lights, in one lane."""
+        for _ in range(round(duration / CYCLE_PERIOD)):
             ego = self.ego
             scene = Scene(ego.time, ego, tuple(vehicles(ego)), signals=signals(ego))
             decision = decide(scene)
@@ -102,7 +73,7 @@ class IdealDrive:
             self.plans.append(plan)
             self.ego = dataclasses.replace(
                 ego,
-                time=round(ego.time + STEP, 6),
+                time=round(ego.time + CYCLE_PERIOD, 6),
                 station=float(plan.station[1]),
                 offset=float(plan.offset[1]),
                 speed=float(plan.speed[1]),
@@ -121,3 +92,11 @@ class IdealDrive:
                 ahead = vehicle.station - 0.5 * vehicle.length - front
                 gaps.append(max(ahead, rear - vehicle.station - 0.5 * vehicle.length))
         return min(gaps)
+
+    def least_gap(self) -> float:
+        """Least `gap` of all scenes [m]."""
+        return min(map(self.gap, self.scenes))
+
+    def strongest_braking(self) -> float:
+        """Strongest planned deceleration [m/s2]."""
+        return -min(float(plan.acceleration[0]) for plan in self.plans)

@@ -1,6 +1,6 @@
 """Manoeuvres that disturb a truck on its path: wind, bends, turns, braking, pushes, wrong models.
 
-Planner and tracker drive the MuJoCo truck without traffic; every manoeuvre is recorded.
+Planner and tracker drive the MuJoCo truck without traffic.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from iits_mj.truck import Truck
 from iits_mj.validation.planning.closed_loop import Record, Recorder, run_recorded
 from iits_mj.validation.planning.side_wind import SideWind
 
-# More than any surface gives, so that ABS works [m/s2].
+# More than any surface allows, so that ABS works [m/s2].
 FULL_BRAKING = -8.0
 # A turn of the steering wheel back by more than this is a reversal: half the gear's play [rad].
 REVERSAL = np.deg2rad(1.0)
@@ -44,10 +44,10 @@ NOISE = {
     "articulation": 5.2e-4,
     "road_wheel_angle": 1.0e-4,
 }
-# Figures of a run, SI. error: of the steer axle to the left of the planned path; wheel: actual
-# angle of the steering wheel; trailer: offset of the trailer's axle group from the lane's middle;
-# spare: from the trailer's outer side at its axle group to the lane's line; wind: across the road;
-# cost: time of one call of the tracker; lane_changes: completed so far.
+# Figures of a run, SI. error: of the steer axle, positive to the left of the planned path; wheel:
+# actual angle of the steering wheel; trailer: offset of the trailer's axle group from the lane's
+# middle; spare: from the trailer's outer side at its axle group to the lane's line; wind: across
+# the road; cost: time of one call of the tracker; lane_changes: completed so far.
 COLUMNS = (
     "time",
     "station",
@@ -107,24 +107,14 @@ def count_reversals(angle: FloatArray, threshold: float) -> int:
 
 
 def settling_time(run: Record, since: float, share: float) -> float:
-    """Returns the time until the articulation rate stays below a share of its peak [s].
-
-    Args:
-      run: of which.
-      since: start of the measurement [s].
-      share: of the peak [1].
-    """
+    """Returns how long after `since` the articulation rate stays below a share of its peak [s]."""
     rate = np.abs(run["articulation_rate"][run["time"] >= since])
     beyond = np.flatnonzero(rate > share * rate.max())
     return float((beyond[-1] + 1) * CONTROL_PERIOD)
 
 
 class _TimedStack(Stack):
-    """A stack that measures its tracker.
-
-    Attributes:
-      cost: time of the last call [s].
-    """
+    """A stack that measures the time of the last call of its tracker, `cost` [s]."""
 
     cost = 0.0
 
@@ -141,12 +131,12 @@ class _DisturbedTruck:
     Args:
       truck: at the start of its run.
       wind: across the road.
-      reported: the state that the driver is given for a true one.
-      override: the command that the truck obeys, for its true state and the driver's command.
+      reported: gives the state that the driver gets for a true state.
+      override: gives the command that the truck obeys, for its true state and the driver's command.
       disturb: called before each 20 ms of physics with the time since the start [s].
 
     Attributes:
-      state: the true one; side: wind across the road [m/s], both at the last observation.
+      state: the true state; side: wind across the road [m/s], both at the last observation.
     """
 
     def __init__(
@@ -184,7 +174,7 @@ def drive_path(
     *,
     cruise: float,
     duration: float,
-    speed: float,
+    speed: float | None = None,
     station: float = 50.0,
     parameters: dict[str, Any] | None = None,
     wind: SideWind | None = None,
@@ -202,12 +192,12 @@ def drive_path(
       timestep: of the physics [s].
       cruise: speed to keep where the road allows it [m/s].
       duration: at most [s].
-      speed: at the start [m/s].
+      speed: at the start [m/s]; default: `cruise`.
       station: at the start [m].
-      parameters: overlay of the truck's, of which the controllers do not know.
+      parameters: overlay of the truck's, unknown to the controllers.
       wind: across the road.
       maker: decides on lane changes; default: none.
-      reported: the state that the controllers are given, to test errors in it.
+      reported: gives the state that the controllers get, to test errors in it.
       override: changes the command, to test braking.
       disturb: called before each 20 ms of physics with the time since the start [s].
       end: station at which to stop the run [m].
@@ -215,7 +205,8 @@ def drive_path(
     truck = Truck.load(
         payload, route=route, parameters=parameters, timestep=timestep, visuals=False
     )
-    truck.reset(station=station, offset=float(route.lane_offset(0, station)), speed=speed)
+    start = cruise if speed is None else speed
+    truck.reset(station=station, offset=float(route.lane_offset(0, station)), speed=start)
     config = PlannerConfig(lanes=(0, 1), speed=SpeedConfig(cruise_speed=cruise))
     stack = _TimedStack(route, maker, config, None, TruckParameters.load())
     disturbed = _DisturbedTruck(truck, wind, reported, override, disturb)
@@ -264,7 +255,7 @@ def turn_road(
 
     Args:
       radius: positive to the left [m].
-      angle: turned in all [rad], more than the clothoids take.
+      angle: change of the heading [rad], more than that of the clothoids.
       clothoid: length of each [m].
       cross_slope: of the arc, falling to its inner side [rad].
       lane_width: [m].
@@ -281,35 +272,27 @@ def turn_road(
     )
     design = Design(
         name="bend",
-        start=(0.0, 0.0, 0.0, 0.0),
         lane_width=lane_width,
         lanes=1,
         left_shoulder=2.0,
         right_shoulder=2.0,
         speed_limit=90.0 * KMH,
-        initial_grade=0.0,
-        road_ends=(),
         alignment=alignment,
-        grades=(),
-        extra_lanes=(),
-        limits=(),
-        structures=(),
     )
     return RoadMap(build(design), f"bend of {radius:g} m").route()
 
 
 @dataclass
 class _ChangeOnce:
-    """Asks for the left lane once, after a time [s]."""
+    """Asks for the left lane within half a second of a time [s]."""
 
     at: float
     name: str = "once"
 
     def reset(self) -> None:
-        """Nothing to forget."""
+        """Has no state to reset."""
 
     def decide(self, context: DecisionContext) -> Decision:
-        """Left in the second that begins at the time, else keep."""
         asked = self.at - 0.5 <= context.scene.time < self.at + 0.5
         return Decision.LEFT if asked else Decision.KEEP
 
@@ -345,7 +328,6 @@ def fast_bends(payload: float, timestep: float, wind: SideWind) -> Record:
         cruise=speed,
         duration=60.0,
         station=25.0,
-        speed=speed,
         wind=wind,
         end=route.length - 400.0,
     )
@@ -371,9 +353,7 @@ def junction(payload: float, timestep: float, radius: float, speed: float) -> Re
 def lane_change(payload: float, timestep: float, speed: float) -> Record:
     """Changes once to the left on a straight road."""
     route, maker = Route.straight(2000.0), _ChangeOnce(2.0)
-    return drive_path(
-        route, payload, timestep, cruise=speed, duration=16.0, speed=speed, maker=maker
-    )
+    return drive_path(route, payload, timestep, cruise=speed, duration=16.0, maker=maker)
 
 
 def brake_in_bend(payload: float, timestep: float, friction: float, speed: float) -> Record:
@@ -385,7 +365,6 @@ def brake_in_bend(payload: float, timestep: float, friction: float, speed: float
         cruise=speed,
         duration=40.0,
         station=120.0,
-        speed=speed,
         override=_full_braking(after=5.0),
     )
 
@@ -394,13 +373,11 @@ def split_braking(payload: float, timestep: float, high: float, low: float) -> R
     """Brakes fully from 50 km/h with friction `high` left and `low` right (ISO 16234)."""
     route, speed = Route.straight(2000.0).with_friction(high, low), 50.0 * KMH
     braking = _full_braking(after=3.0)
-    return drive_path(
-        route, payload, timestep, cruise=speed, duration=30.0, speed=speed, override=braking
-    )
+    return drive_path(route, payload, timestep, cruise=speed, duration=30.0, override=braking)
 
 
 def _full_braking(after: float) -> Override:
-    """Returns an override that brakes fully from a time [s] on until the truck stands."""
+    """Returns an override that brakes fully from a time [s] on."""
 
     def override(state: EgoState, command: VehicleCommand) -> VehicleCommand:
         if state.time < after:
@@ -417,12 +394,8 @@ def side_impulse(
 ) -> Record:
     """Pushes the trailer's centre of gravity to the left for half a second, from 5 s on.
 
-    Args:
-      payload: [kg].
-      timestep: [s].
-      speed: [m/s].
-      force: [N].
-      steered: by the controller; else the wheel is held straight from the push on.
+    The controller steers if `steered`; else the steering wheel is held straight from the push on.
+    Payload [kg], time step [s], speed [m/s], force [N].
     """
 
     def push(truck: Truck, time: float) -> None:
@@ -438,14 +411,13 @@ def side_impulse(
         timestep,
         cruise=speed,
         duration=17.0,
-        speed=speed,
         override=hold,
         disturb=push,
     )
 
 
 def measured(ego: EgoState, noise: float, generator: np.random.Generator) -> EgoState:
-    """Returns a state as sensors of this noise measure it, white at 50 Hz."""
+    """Returns a state with white noise at 50 Hz, `noise` times that of `NOISE`."""
     errors = noise * generator.normal(size=len(NOISE)) * np.array(list(NOISE.values()))
     pairs = zip(NOISE, errors.tolist(), strict=True)
     return replace(ego, **{name: getattr(ego, name) + error for name, error in pairs})
@@ -485,7 +457,6 @@ def wrong_model(
         cruise=80.0 * KMH,
         duration=34.0,
         station=5200.0,
-        speed=80.0 * KMH,
         parameters=overlay,
         wind=wind,
         reported=lambda ego: measured(replace(ego, mass=mass * ego.mass), noise, generator),

@@ -1,8 +1,8 @@
-"""How well the truck keeps its path: the highway in wind, bends, turns, braking, and a push.
+"""Path tracking: errors on the highway in wind, in bends and turns, under braking, after a push.
 
-Planner and tracker drive the MuJoCo truck; there is no traffic. Errors are those of the steer axle
-across the planned path, the wheel is the steering wheel. The bounds of the highway at 60 to 80
-km/h, 0.15 m rms and 0.4 m peak, hold for every manoeuvre at speed, also in wind.
+Planner and tracker drive the MuJoCo truck without traffic. Errors are those of the steer axle
+across the planned path. The bounds of the highway at 60 to 80 km/h, 0.15 m rms and 0.4 m peak, hold
+for every manoeuvre at speed, also in wind.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from iits_mj.core.results import Findings, Line, Panel, Results
+from iits_mj.core.results import Findings, Line, Results
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
@@ -22,8 +22,8 @@ from iits_mj.validation.planning.side_wind import SideWind
 
 RMS, PEAK = "<= 0.15", "<= 0.4"
 SEED = 7
-# The whole highway without its first and last metres, where the truck starts and stops; the piece
-# of the quick form has a bend of 550 m, its cross-slope of 4 %, and the seventh gust.
+# The highway without its first and last metres, where the truck starts and stops; the piece of the
+# quick form has a bend of 550 m with a cross-slope of 4 %, and the seventh gust.
 WHOLE, PIECE = (100.0, 14_500.0), (5200.0, 5550.0)
 _PUSH = 40e3
 
@@ -36,7 +36,7 @@ NOTES = (
 
 
 def run_path_tracking(config: ValidateConfig) -> Results:
-    """Drives the highway in wind; in the full form all of it, and the manoeuvres.
+    """Drives the highway with and without wind, and the manoeuvres.
 
     The quick form is 350 m of the highway with a gust, for the first payload.
     """
@@ -55,42 +55,37 @@ def run_path_tracking(config: ValidateConfig) -> Results:
 
 
 def judged(label: str, run: Record, rms: str = RMS, peak: str = PEAK) -> Findings:
-    """Returns findings of this label with the two checks of a drive's lateral error."""
+    """Returns findings with the two checks of a drive's lateral error."""
     found = Findings(label)
-    found.check("lateral error, rms", cases.rms_error(run), "m", None, rms)
-    found.check("lateral error, greatest", cases.peak_error(run), "m", None, peak)
+    found.check("lateral error, rms", cases.rms_error(run), "m", must=rms)
+    found.check("lateral error, greatest", cases.peak_error(run), "m", must=peak)
     return found
 
 
 def _highway(results: Results, payload: float, wind: SideWind, config: ValidateConfig) -> None:
     start, end = PIECE if config.quick else WHOLE
-    # The time step of `iits-mj drive`, unless one is asked for.
-    step = config.timestep or TIMESTEP
-    load = f"{payload / 1e3:g} t"
-    rate_max = _degrees(TruckParameters.load().steering.rate_max)
+    step, load = config.timestep or TIMESTEP, f"{payload / 1e3:g} t"
+    rate_max = np.rad2deg(TruckParameters.load().steering.rate_max)
     weathers = {"wind": wind} if config.quick else {"calm": None, "wind": wind}
     for weather, field in weathers.items():
         run = cases.highway(payload, step, field, start, end)
-        label = f"highway, {load}, {weather}"
-        found = judged(label, run)
-        least = float(run["spare"].min())
-        found.check("least room between trailer and lane's line", least, "m", None, ">= 0")
+        found = judged(f"highway, {load}, {weather}", run)
+        room = run["spare"].min()
+        found.check("least room between trailer and lane's line", room, "m", must=">= 0")
         _check_reversals(found, run)
         rates = cases.wheel_rates(run)
-        rms = _degrees(float(np.sqrt(np.mean(rates**2))))
+        rms = np.rad2deg(np.sqrt(np.mean(rates**2)))
         found.check("steering wheel rate, rms", rms, "deg/s")
-        found.check(
-            "steering wheel rate, greatest", _degrees(float(rates.max())), "deg/s", rate_max
-        )
-        cost = float(np.median(run["cost"])) * 1e3
-        found.check("one call of the tracker, median", cost, "ms", None, "<= 0.5")
-        results.checks += found.checks
-        results.figures[f"path_tracking_{payload / 1e3:g}t_{weather}"] = _panels(label, run)
+        found.check("steering wheel rate, greatest", np.rad2deg(rates.max()), "deg/s", rate_max)
+        cost = np.median(run["cost"]) * 1e3
+        found.check("one call of the tracker, median", cost, "ms", must="<= 0.5")
+        _add_panels(found, run)
+        results.add(f"path_tracking_{payload / 1e3:g}t_{weather}", found)
     force, moment = side_load(payload, 80.0 * KMH, 12.0)
     found = Findings(load)
     found.check("side force of a 12 m/s gust at 80 km/h", force / 1e3, "kN")
     found.check("its moment about the steer axle", moment / 1e3, "kN m")
-    results.checks += found.checks
+    results.add("", found)
 
 
 def side_load(payload: float, speed: float, wind: float) -> tuple[float, float]:
@@ -110,18 +105,18 @@ def _manoeuvres(results: Results, payload: float, wind: SideWind, step: float) -
     load = f"{payload / 1e3:g} t"
     away = cases.pull_away(payload, step, wind)
     found = [judged(f"from standstill towards 90 km/h in wind, {load}", away)]
-    found[-1].check("speed after a minute", float(away["speed"][-1]), "m/s")
+    found[-1].check("speed after a minute", away["speed"][-1], "m/s")
     bend = cases.fast_bends(payload, step, wind)
     found.append(judged(f"bend of 500 m at 90 km/h in wind, {load}", bend))
     for radius, speed in ((12.0, 1.4), (-15.0, 3.0)):
         turn = cases.junction(payload, step, radius, speed)
         label = f"right angle of {radius:g} m from standstill at {speed:g} m/s, {load}"
         found.append(judged(label, turn))
-        found[-1].check("trailer's off-tracking", float(np.abs(turn["trailer"]).max()), "m")
+        found[-1].check("trailer's off-tracking", np.abs(turn["trailer"]).max(), "m")
     for kph in (60.0, 80.0):
         change = cases.lane_change(payload, step, kph * KMH)
         found.append(judged(f"lane change at {kph:g} km/h, {load}", change))
-        found[-1].check("completed", float(change["lane_changes"][-1]), "1", None, "== 1")
+        found[-1].check("completed", change["lane_changes"][-1], "1", must="== 1")
     for friction in (0.8, 0.4):
         braking = cases.brake_in_bend(payload, step, friction, 80.0 * KMH)
         label = f"full braking from 80 km/h in a bend of 400 m, friction {friction:g}, {load}"
@@ -132,39 +127,31 @@ def _manoeuvres(results: Results, payload: float, wind: SideWind, step: float) -
     found.append(judged(label, split, rms=""))
     _check_standstill(found[-1], split)
     for findings in found:
-        results.checks += findings.checks
+        results.add("", findings)
 
 
 def _check_standstill(found: Findings, run: Record) -> None:
-    found.check("speed at the end", abs(float(run["speed"][-1])), "m/s", None, "<= 0.05")
+    found.check("speed at the end", abs(run["speed"][-1]), "m/s", must="<= 0.05")
 
 
 def _push(results: Results, payload: float, step: float) -> None:
     label = f"push of 20 kN s on the trailer at 80 km/h, {payload / 1e3:g} t"
-    found = Findings(label)
-    runs = {
-        name: cases.side_impulse(payload, step, 80.0 * KMH, _PUSH, steered=steered)
-        for name, steered in (("steered", True), ("wheel held", False))
-    }
-    for name, run in runs.items():
-        one = Findings(f"{label}, {name}")
-        settled = cases.settling_time(run, 5.5, 0.1)
-        must = "<= 4" if name == "steered" else ""
-        one.check("articulation rate below a tenth of its peak after", settled, "s", None, must)
-        results.checks += one.checks
-    steered = runs["steered"]
-    rate = np.abs(steered["articulation_rate"])
-    left = float(rate[-100:].max() / rate.max())
-    found.check("articulation rate left after 10 s", 100.0 * left, "%", None, "<= 2")
-    found.check("lateral error, greatest", cases.peak_error(steered), "m", None, PEAK)
-    results.checks += found.checks
-    lines = tuple(
-        Line(name, run["time"], np.rad2deg(run["articulation_rate"]), role)
-        for (name, run), role in zip(runs.items(), ("simulation", ""), strict=True)
+    steered, held = (
+        cases.side_impulse(payload, step, 80.0 * KMH, _PUSH, steered=free) for free in (True, False)
     )
-    results.figures[f"path_tracking_push_{payload / 1e3:g}t"] = [
-        Panel(label, "time [s]", "articulation rate [deg/s]", lines)
-    ]
+    found, lines = Findings(), []
+    for name, run, must in (("steered", steered, "<= 4"), ("wheel held", held, "")):
+        found.label = f"{label}, {name}"
+        settled = cases.settling_time(run, 5.5, 0.1)
+        found.check("articulation rate below a tenth of its peak after", settled, "s", must=must)
+        role = "simulation" if run is steered else ""
+        lines.append(Line(name, run["time"], np.rad2deg(run["articulation_rate"]), role))
+    found.label, rate = label, np.abs(steered["articulation_rate"])
+    left = 100.0 * float(rate[-100:].max() / rate.max())
+    found.check("articulation rate left after 10 s", left, "%", must="<= 2")
+    found.check("lateral error, greatest", cases.peak_error(steered), "m", must=PEAK)
+    found.panel("", "time [s]", "articulation rate [deg/s]", *lines)
+    results.add(f"path_tracking_push_{payload / 1e3:g}t", found)
 
 
 def _robustness(results: Results, wind: SideWind, step: float) -> None:
@@ -179,35 +166,24 @@ def _robustness(results: Results, wind: SideWind, step: float) -> None:
     }
     for name, factors in wrong.items():
         run = cases.wrong_model(step, wind, **factors)
-        results.checks += judged(f"highway in wind, 36 t, {name}", run).checks
+        results.add("", judged(f"highway in wind, 36 t, {name}", run))
     for name, noise in (("none", 0.0), ("white", 1.0)):
         run = cases.wrong_model(step, None, noise=noise)
         found = judged(f"highway in calm, 36 t, noise of the sensors: {name}", run)
         _check_reversals(found, run)
-        results.checks += found.checks
+        results.add("", found)
 
 
 def _check_reversals(found: Findings, run: Record) -> None:
     found.check("steering wheel reversals", cases.wheel_reversals(run), "1/km")
 
 
-def _degrees(angle: float) -> float:
-    return float(np.rad2deg(angle))
-
-
-def _panels(label: str, run: Record) -> list[Panel]:
-    km = run["station"] / 1e3
-    figures = {
-        ("lateral error", "error [m]"): (
-            Line("steer axle", km, run["error"], "simulation"),
-            Line("trailer's axles, from the lane's middle", km, run["trailer"]),
-        ),
-        ("steering wheel", "angle [deg]"): (
-            Line("steering wheel", km, np.rad2deg(run["wheel"]), "simulation"),
-        ),
-        ("side wind", "wind [m/s]"): (Line("across the road, to the left", km, run["wind"]),),
-    }
-    return [
-        Panel(f"{label}: {name}", "station [km]", y_label, lines)
-        for (name, y_label), lines in figures.items()
-    ]
+def _add_panels(found: Findings, run: Record) -> None:
+    km, place = run["station"] / 1e3, "station [km]"
+    steer = Line("steer axle", km, run["error"], "simulation")
+    trailer = Line("trailer's axles, from the lane's middle", km, run["trailer"])
+    wheel = Line("steering wheel", km, np.rad2deg(run["wheel"]), "simulation")
+    wind = Line("across the road, to the left", km, run["wind"])
+    found.panel("lateral error", place, "error [m]", steer, trailer)
+    found.panel("steering wheel", place, "angle [deg]", wheel)
+    found.panel("side wind", place, "wind [m/s]", wind)

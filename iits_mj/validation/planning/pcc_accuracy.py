@@ -22,8 +22,8 @@ from iits_mj.validation.planning.pcc_roads import on_finer_road
 PAPER_SECONDS = 60.0
 LONG_SECONDS = 5.0  # for 1000 km
 FINE_STEP = 5.0  # [m]
-_KEPT = 5  # solves of which the fastest counts
-ELEMENTS_MAX = 30_000.0  # [m] of road: finite elements beyond take a minute and more
+_KEPT = 5  # solves; the fastest counts
+ELEMENTS_MAX = 30_000.0  # [m] of road: longer ones take a minute and more
 _ELEMENTS_SECONDS = 300.0
 _CONVERGED = 0.1  # [%] of the fuel, between grids
 EQUAL_TIME = 1e-4  # relative difference of trip times
@@ -31,14 +31,14 @@ EQUAL_TIME = 1e-4  # relative difference of trip times
 
 @dataclass(frozen=True)
 class Elements:
-    """Finite elements in time of a case, or the reason why there are none."""
+    """Finite elements in time of a case, or the reason why there is no solution."""
 
     answer: Solution | None
     reason: str = ""
 
 
 def finite_elements(case: SolvedPlan, length_max: float = ELEMENTS_MAX) -> Elements:
-    """Solves the case by the paper's transcription, from the cruise as first guess."""
+    """Solves the case by the paper's transcription; the cruise is the first guess."""
     if case.road.length > length_max:
         return Elements(
             None,
@@ -58,13 +58,10 @@ def bound_checks(case: SolvedPlan, gap_max: float = 0.1) -> list[Check]:
     """Returns the convex bound: the plan's distance from the global optimum, the possible saving.
 
     By the engine's map a plan burns at least the bound less the trip time times the greatest
-    distance of the map below the fit: a weak bound, but one of every plan and every choice of
-    gears.
+    distance of the map below the fit. This bound is weak, but holds for every plan and gear choice.
 
-    Args:
-      case: the plan.
-      gap_max: bound of the gap [%]. Where time is worth little the relaxation, not the plan, leaves
-        some tenths of a per cent.
+    `gap_max` bounds the gap [%]: where time is worth little, the relaxation is some tenths of a
+    per cent below the plan.
     """
     task, solution, found = case.task, case.solution, Findings()
     fuel, _ = bound(case, 0.0)
@@ -74,7 +71,7 @@ def bound_checks(case: SolvedPlan, gap_max: float = 0.1) -> list[Check]:
     saving = 100.0 * (1.0 - fuel / solution.baseline_fuel)
     map_saving = 100.0 * (1.0 - by_map / float(solution.baseline.map_fuel.sum()))
     whole, _ = bound(case, task.k_a)
-    gap = case.cost(solution.plan.speed) / whole - 1.0 if whole > 0.0 else np.inf
+    gap = task.cost(solution.plan.speed) / whole - 1.0 if whole > 0.0 else np.inf
     most = "saving that no plan of this band exceeds"
     found.check("convex lower bound on the fuel, beside the plan's", fuel, "kg", solution.fuel)
     found.check(f"{most}, optimizer's fuel model", saving, "%", solution.saving_percent)
@@ -84,13 +81,7 @@ def bound_checks(case: SolvedPlan, gap_max: float = 0.1) -> list[Check]:
 
 
 def element_checks(case: SolvedPlan, elements: Elements, must: str = "") -> list[Check]:
-    """Returns the paper's transcription beside the plan.
-
-    Args:
-      case: the plan.
-      elements: of the same case.
-      must: bound of the difference of their fuel [%].
-    """
+    """Returns the paper's transcription beside the plan; `must` bounds the excess of fuel [%]."""
     answer, solution = elements.answer, case.solution
     if answer is None:
         return []
@@ -106,11 +97,11 @@ def element_checks(case: SolvedPlan, elements: Elements, must: str = "") -> list
 
 
 def convergence_checks(case: SolvedPlan, fine: RoadProfile, optima: bool = False) -> list[Check]:
-    """Compares the plan with that of a finer grid of the same road, in its time and end speeds.
+    """Compares the plan with a plan on a finer grid of the same road, in its time and end speeds.
 
     Bounds apply to the fuel of the plan's forces on the fine road, and with `optima` also to the
-    least fuel of both grids. Without an equal trip to compare, because the band allows no plan as
-    long as the cruise or the coarse grid no drive in the fine plan's time, nothing is bounded.
+    least fuel of both grids. There is no bound without equal trip times: if the band allows no plan
+    as long as the cruise, or the coarse grid no drive in the time of the fine plan.
     """
     road, grids = case.road, f"{case.road.step:g} m grid against {fine.step:g} m"
     other = solve(fine, case.config, case.vehicle.mass, case.parameters)
@@ -140,7 +131,7 @@ def convergence_checks(case: SolvedPlan, fine: RoadProfile, optima: bool = False
 
 
 def equal_times(case: SolvedPlan) -> bool:
-    """Returns whether the plan takes as long as the cruise."""
+    """Returns whether plan and cruise have the same trip time."""
     solution = case.solution
     return abs(solution.plan.time / solution.baseline.time - 1.0) <= EQUAL_TIME
 
@@ -184,12 +175,13 @@ def energy_checks(case: SolvedPlan) -> list[Check]:
 
 def cold_seconds(case: SolvedPlan) -> float:
     """Returns the time of set-up and solve from the cruise with a new solver, least of five [s]."""
-    seconds = []
-    for _ in range(_KEPT):
+
+    def once() -> float:
         began = time.perf_counter()
         solve_task(case.task, case.solution.baseline.speed)
-        seconds.append(time.perf_counter() - began)
-    return min(seconds)
+        return time.perf_counter() - began
+
+    return min(once() for _ in range(_KEPT))
 
 
 def long_road(road: RoadProfile, length: float) -> RoadProfile:
@@ -204,13 +196,13 @@ def long_road(road: RoadProfile, length: float) -> RoadProfile:
 
 
 def cost_checks(case: SolvedPlan, kilometers: float) -> list[Check]:
-    """Returns the time of planning, this road and a long one; the paper needed about a minute."""
+    """Returns the computing time for this road and a long one; the paper's is about a minute."""
     road = long_road(case.road, 1e3 * kilometers)
     config = replace(case.config, mean_speed=False)
     began = time.perf_counter()
     long = solve(road, config, case.vehicle.mass, case.parameters)
     whole = time.perf_counter() - began
-    gap = long.cost(long.answer.speed) / certificate(long.task, long.answer) - 1.0
+    gap = long.task.cost(long.answer.speed) / certificate(long.task, long.answer) - 1.0
     found, cold, far = Findings(), cold_seconds(case), f"{kilometers:.0f} km"
     name = f"{case.road.length / 1e3:.0f} km at {case.road.step:g} m, set-up and solve, cold"
     found.check(name, cold, "s", PAPER_SECONDS, "<= 0.05")
@@ -224,6 +216,6 @@ def cost_checks(case: SolvedPlan, kilometers: float) -> list[Check]:
 
 
 def warm_up(config: PccConfig) -> None:
-    """Plans a short level road once, so that loading at first use is not measured."""
+    """Plans a short level road once, so that later timings exclude the loading of libraries."""
     station = np.linspace(0.0, 1000.0, 21)
     solve(RoadProfile(station, np.zeros(21), np.full(21, np.inf), "level"), config)

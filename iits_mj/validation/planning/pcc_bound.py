@@ -13,12 +13,12 @@ A plan on the grid is b = v^2 at the nodes, work E of the engine and duration t 
 square over a concave function. `E^2 / t` is convex in (E, t) together. Only the equality (1) is not
 convex. The relaxation has `t >= 2 ds / (v[k] + v[k+1])` in its place: every plan stays feasible at
 its own cost, so the relaxed optimum is at most the cost of any plan. Where it meets (1), which it
-does as long as waiting does not pay (`f0 + price > f2 P^2` off the limits of power), the relaxed
-optimum is itself a plan: then that plan is the global optimum. Where waiting would pay,
+does while waiting does not pay (`f0 + price > f2 P^2` off the limits of power), the relaxed optimum
+is itself a plan, and this plan is the global optimum. Where waiting would pay,
 `t <= ds (c(b[k]) + c(b[k+1])) / 2` limits it, with c the chord of `1 / sqrt(b)` over the bounds of
-b. Every plan satisfies that, too: a harmonic mean is at most the arithmetic one, a chord lies
-above. The bounds of b are first narrowed to what full power leaves: the fastest drive, and the
-slowest one from which the least speeds ahead can still be reached.
+b. Every plan satisfies this as well: a harmonic mean is at most the arithmetic mean, and a chord
+lies above its curve. First the bounds of b are narrowed by full power: to the fastest drive, and to
+the slowest drive that still reaches the least speeds ahead.
 
 The number is a bound even if the relaxed problem is solved inexactly. With multipliers y >= 0 the
 Lagrangian L(x, y) is at most the cost for every feasible x; it is convex in x, so it lies above its
@@ -27,8 +27,8 @@ tangent at any point z, whose least value over the box of x is a sum over the co
     cost(x) >= L(x, y) >= L(z, y) + sum min over the box of dL/dx (x - z)
 
 (weak duality; S. Boyd, L. Vandenberghe, Convex Optimization, sections 5.1.3 and 3.1.3). A vehicle
-ahead only removes plans, so the bound, which ignores it, holds behind a vehicle, too. Power, brakes
-and trip time have the same room as in the optimizer.
+ahead only removes plans, so the bound also holds behind a vehicle. Power, brakes and trip time have
+the same tolerances as in the optimizer.
 """
 
 from __future__ import annotations
@@ -62,11 +62,11 @@ class LowerBound:
 
     Attributes:
       cost: lower bound on the cost [kg]; that on the fuel when k_a and the prices are zero.
-      relaxed: optimum of the relaxation as IPOPT gives it [kg].
+      relaxed: optimum of the relaxation by IPOPT [kg].
       slack: greatest excess of t over (1), relative; zero where the relaxation is a plan.
       speed: node speeds of the relaxation, shape (n + 1,) [m/s].
       converged: whether IPOPT converged; the bound holds either way.
-      wall_time: with setting up [s].
+      wall_time: of set-up and solve [s].
     """
 
     cost: float
@@ -82,10 +82,10 @@ class LowerBound:
 
 
 def lower_bound(task: SpeedTask) -> LowerBound:
-    """Lower bound on the cost of the task; use `replace(task, k_a=0.0)` for that on the fuel.
+    """Lower bound on the cost of the task; `replace(task, k_a=0.0)` bounds the fuel.
 
     Raises:
-      PlanningError: no drive keeps to the task, or a speed limit is infinite.
+      PlanningError: no drive fulfils the task, or a speed limit is infinite.
     """
     began = time.perf_counter()
     if not np.isfinite(task.b_high).all():
@@ -115,8 +115,8 @@ def certificate(task: SpeedTask, solution: Solution) -> float:
 
         multiplier of N: (G + s g) ds / eta,     multiplier of (1): A - p g
 
-    and q[k] is the worth of v^2 at the interval's start: one linear equation for g. Where the
-    relaxation is loose the bound is only weaker; `lower_bound` then finds the best one.
+    and q[k] is the worth of v^2 at the interval's start: one linear equation for g. If the
+    relaxation is loose, the bound is only weaker; `lower_bound` then finds the best bound.
     """
     relaxation = Relaxation(task)
     task, vehicle = relaxation.task, relaxation.task.vehicle
@@ -157,7 +157,7 @@ class Relaxation:
         vehicle = task.vehicle
         self.step = task.road.step
         self.slope = vehicle.slope_force(task.road.grade)
-        # No drive is faster than full power makes it, nor so slow that it misses a least speed
+        # Between the drive at full power and the slowest drive that reaches the least speeds
         # ahead: the narrower the box, the closer the chord.
         fastest = require_feasible(task) ** 2 * (1.0 + _ROUNDING)
         slowest = enough_speeds(vehicle, task.road, np.sqrt(task.b_low), np.sqrt(fastest)) ** 2
@@ -177,7 +177,7 @@ class Relaxation:
         return np.asarray(2.0 * self.step / (v[1:] + v[:-1]))
 
     def most_time(self, b: Any) -> Any:
-        """Durations (n,) that no plan exceeds, linear in b [m2/s2], of shape (n + 1,)."""
+        """Upper bounds of the durations (n,) of a plan, linear in b [m2/s2], shape (n + 1,)."""
         slowness = self.chord[0] + self.chord[1] * (b - self.b_box[0])
         return 0.5 * self.step * (slowness[:-1] + slowness[1:])
 
@@ -316,7 +316,7 @@ def enough_speeds(
             w, below, above = float(speed[k + 1]), float(speed[k]), float(fastest[k])
             if missing(k, below, w) <= 0.0:
                 break
-            # Halving keeps to the side from which w is not reached: never more than is needed.
+            # The lower end of the bisection misses w: the result is never more than necessary.
             for _ in range(_HALVINGS):
                 middle = 0.5 * (below + above)
                 if missing(k, middle, w) > 0.0:
@@ -328,9 +328,9 @@ def enough_speeds(
 
 
 def below_fit(fuel_map: FuelMap, fit: Willans, v_min: float, v_max: float) -> float:
-    """Greatest excess of a fit over the map [kg/s], over a band of speeds [m/s].
+    """Greatest excess of a fit over the map [kg/s] in a band of speeds [m/s].
 
-    A drive of time T burns by the map at least what it burns by the fit, less T times this.
+    The fuel of a drive of time T by the map is at least its fuel by the fit less T times this.
     Sampled on a grid of speeds and powers, from overrun to full power.
     """
     speed = np.repeat(np.linspace(v_min, v_max, 60), 200)

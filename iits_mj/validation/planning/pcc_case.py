@@ -24,8 +24,9 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.validation.planning.pcc_bound import certificate, lower_bound
 
 PAPER_SAVING_PERCENT = 21.68
+GROSS_MASS = 55_000.0  # [kg] of the truck with its greatest load
 _TIGHT = 1e-4  # relative gap that counts as none
-_RELAXED_MAX = 1_500_000.0  # [m]: IPOPT needs 3 s for the relaxation of 100 km, and memory
+_RELAXED_MAX = 1_500_000.0  # [m]: IPOPT takes 3 s and much memory for the relaxation of 100 km
 # Gauss points of an interval, for integrals of the exact motion.
 _ROOTS, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
@@ -35,9 +36,9 @@ class SolvedPlan:
     """A solved plan.
 
     Attributes:
-      solution: plan and cruise; vehicle, task: the problem that the plan solves.
-      answer: to the task, with its multipliers.
-      config: its settings; parameters: of the truck; fuel_map: of its engine.
+      solution: plan and cruise; vehicle, task: the problem of the plan.
+      answer: solution of the task, with its multipliers.
+      config: settings; parameters: of the truck; fuel_map: of its engine.
     """
 
     solution: PccComparison
@@ -53,15 +54,11 @@ class SolvedPlan:
         """The road."""
         return self.task.road
 
-    def cost(self, speed: FloatArray) -> float:
-        """Returns fuel and term of k_a of node speeds (n + 1,) by the optimizer's model [kg]."""
-        return self.task.cost(speed)
-
 
 def solve(
     road: RoadProfile,
     config: PccConfig,
-    mass: float = 55_000.0,
+    mass: float = GROSS_MASS,
     parameters: TruckParameters | None = None,
 ) -> SolvedPlan:
     """Plans, and solves the same problem again with its multipliers.
@@ -75,7 +72,7 @@ def solve(
         raise PlanningError(
             f"on road {road.name!r} the cruise burns no fuel at all: nothing can be saved"
         )
-    # The trip time by the clock of the cruise, which differs from the plan's task by rounding.
+    # The trip time of the cruise; that of the plan's task differs by rounding.
     task = replace(solution.task, time_max=solution.baseline.time)
     answer = solve_task(task, solution.baseline.speed)
     return SolvedPlan(solution, task.vehicle, task, answer, config, parameters, FuelMap(parameters))
@@ -84,14 +81,14 @@ def solve(
 def bound(case: SolvedPlan, k_a: float) -> tuple[float, float]:
     """Returns a lower bound on fuel plus the term of k_a of all plans of the case, and the gap.
 
-    From the multipliers of the optimum; where those leave a gap, from the relaxation's own optimum.
+    From the multipliers of the optimum; if those leave a gap, from the relaxation's own optimum.
 
     Args:
       case: the plan.
       k_a: weight of a^2 [kg/s per (m/s2)^2]; 0 bounds the fuel.
 
     Returns:
-      The bound [kg], and by how much the optimum for that k_a is above it, relative.
+      The bound [kg], and the relative distance of the optimum for that k_a above it.
     """
     if k_a == case.task.k_a:
         task, answer = case.task, case.answer
@@ -112,25 +109,25 @@ def with_rolling(parameters: TruckParameters, coefficient: float) -> TruckParame
 
 
 def with_power(parameters: TruckParameters, share: float) -> TruckParameters:
-    """Returns the truck with a share of its full-load torque, its drag and fuel map unchanged."""
+    """Returns the truck with a share of its full-load torque and the same drag and fuel map."""
     engine = parameters.engine
     torque = engine.full_load_torque * share
     return replace(parameters, engine=replace(engine, full_load_torque=torque))
 
 
 def scaled_heights(road: RoadProfile, factor: float) -> RoadProfile:
-    """Returns the road with all heights, and so all grades, times a factor."""
+    """Returns the road with all heights, and thus all grades, times a factor."""
     return replace(road, height=road.height * factor)
 
 
 @dataclass(frozen=True)
 class Balance:
-    """Balance of the engine's work of a drive [J]; `residual` is the work not accounted for.
+    """Balance of the engine's work of a drive [J].
 
     Attributes:
       engine: at the wheels, drag of the overrunning engine subtracted; rolling, air, climb: against
         resistances and height; kinetic: gained; brakes: friction, retarder.
-      time_error: trip time of the exact motion less the grid's, relative.
+      time_error: trip time of the exact motion less that of the grid, relative.
     """
 
     engine: float
@@ -151,9 +148,9 @@ class Balance:
 def balance(vehicle: PointMass, road: RoadProfile, speed: FloatArray) -> Balance:
     """Returns the energy balance of a drive along its exact motion, not the grid's.
 
-    Between nodes the force is constant, so that `d(v^2)/ds = 2 (F - R - k v^2) / m` has v^2
-    decaying exponentially to its steady value; air drag and time are integrals of that by five
-    Gauss points, and height is weight times rise. The optimizer computes none of them this way.
+    Between nodes the force is constant: by `d(v^2)/ds = 2 (F - R - k v^2) / m`, v^2 approaches its
+    steady value exponentially. Air drag and time are integrals of this by five Gauss points, and
+    the work of climbing is weight times rise. The optimizer computes none of them this way.
     """
     net = vehicle.net_force(speed, road)
     mean = 0.5 * (speed[1:] + speed[:-1])

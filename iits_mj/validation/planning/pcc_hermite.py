@@ -8,7 +8,7 @@ Unknown are station and speed at the ends of n elements of equal duration h = T 
 
 between which s(t) is the cubic of these values; v and a are its derivatives. At Gauss points of
 each element (Legendre, weights w) the engine's power P is a further unknown. With the force that
-the motion asks for, N = m_e a + R(grade(s)) + k_air v^2, these limits hold there:
+the motion needs, N = m_e a + R(grade(s)) + k_air v^2, these limits hold there:
 
     0 <= eta P - N v <= B_max v,    -P_drag <= P <= P_max,    b_low(s) <= v^2 <= b_high(s)
 
@@ -47,7 +47,7 @@ _SAMPLES = 40
 
 @dataclass(frozen=True, kw_only=True)
 class ElementsSolution(Solution):
-    """The optimum; its fuel and cost are by the elements' own quadrature.
+    """The optimum, with fuel and cost by the elements' own quadrature.
 
     Attributes:
       clock, node_station, node_speed: X of the finite elements with their times, shape
@@ -92,7 +92,7 @@ def finite_elements(
     """Solves a task with elements of about `element` [m] at the mean speed.
 
     Args:
-      task: with a trip time, which is used up, and without prices.
+      task: with a trip time, which the plan takes in full, and without prices.
       guess: speeds at the road's nodes, shape (n + 1,) [m/s].
       element: mean length of an element [m].
       points: Gauss points of an element; 4 integrate the cost of a given P exactly.
@@ -102,7 +102,7 @@ def finite_elements(
       PlanningError: no finite trip time, prices, or IPOPT ends without a solution.
     """
     if not np.isfinite(task.time_max):
-        raise PlanningError("finite elements in time need a trip time that is given")
+        raise PlanningError("finite elements in time need a given trip time")
     if task.price_time != 0.0 or task.price_energy != 0.0:
         raise PlanningError("finite elements in time have no price of time or of end speed")
     import casadi as ca
@@ -158,7 +158,7 @@ class ElementsProgram:
 
         self.task, vehicle = task, task.vehicle
         self.station = task.road.station - task.road.station[0]
-        # A B-spline is zero outside its knots, so the road goes on a little at both ends.
+        # A B-spline is zero outside its knots, so the road extends a little beyond both ends.
         step = task.road.step
         self.padded = np.concatenate([[-step], self.station, [self.station[-1] + step]])
         self.elements = n = max(round(task.road.length / element), 2)
@@ -228,7 +228,7 @@ class ElementsProgram:
         clock = self.duration * np.arange(n + 1)
         farthest = np.full(n + 1, self.station[-1])
         if task.behind:
-            # The last station whose earliest time is past.
+            # The last station with an earliest time in the past.
             earliest = np.maximum.accumulate(task.earliest)
             farthest = np.minimum(farthest, np.interp(clock, earliest, self.station))
         nearest = np.zeros(n + 1)
@@ -236,7 +236,7 @@ class ElementsProgram:
         farthest[0] = 0.0
         if farthest[-1] < nearest[-1]:
             raise PlanningError(
-                f"the vehicle ahead is still in the way after a trip time of {task.time_max:.1f} s"
+                f"the vehicle ahead blocks the road after a trip time of {task.time_max:.1f} s"
             )
         slowest = np.full(n + 1, np.sqrt(task.b_low.min()))
         fastest = np.full(n + 1, np.sqrt(task.b_high.max()))
@@ -271,8 +271,8 @@ def _at_ends(before: float, after: float, inside: int) -> FloatArray:
 def _curve(spline: Any) -> Any:
     """A scipy spline as a CasADi function of one number.
 
-    Its degree must be 3 or more: CasADi 3.8 writes out of bounds when the second derivative is a
-    step function (degree 0) and is asked for at a knot.
+    Its degree must be 3 or more: CasADi 3.8 writes out of bounds when the second derivative, then a
+    step function, is evaluated at a knot.
     """
     import casadi as ca
 

@@ -1,7 +1,7 @@
 """The receding-horizon planner on the point mass, against the plan of the whole trip.
 
-The optimizer's own point mass follows each plan for a second, so that only the cost of the short
-horizon is measured. The MuJoCo truck drives in `pcc_replay` and `planning_traffic`.
+The optimizer's own point mass follows each plan for a second, so that the difference is the cost of
+the short horizon alone. `pcc_replay` and `planning_traffic` use the MuJoCo truck.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap
 from iits_mj.validation.harness.config import PAPER_ROAD, ValidateConfig, find_road
+from iits_mj.validation.planning.pcc_case import GROSS_MASS
 
-MASS = 55_000.0
 STEP = 0.1  # [s] of the plant
 FINE = 10.0  # [m], grid on which drives are compared
-STALL = 0.1  # [m/s]: the drive is over below this
+STALL = 0.1  # [m/s]: below it the drive ends
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class FreeDrive:
 
     Attributes:
       station: [m]; speed: [m/s]; time: [s]; lag: behind the schedule [s].
-      plan_time: CPU time of every plan that was optimized [s]; plans: number by status.
+      plan_time: CPU time of each optimized plan [s]; plans: number by status.
     """
 
     station: FloatArray
@@ -67,8 +67,8 @@ def drive(
       end: station [m].
       speed: at the start [m/s].
       period: between two plans [s].
-      held: from and to station [m] where the truck is held to a speed [m/s], as by traffic that
-        the planner does not know.
+      held: first and last station [m] of a stretch, and the speed [m/s] to which traffic that the
+        planner does not know holds the truck there.
     """
     station, time, next_plan = start, 0.0, 0.0
     rows, plan_time, plans = [], [], dict[str, int]()
@@ -123,9 +123,9 @@ def run_receding(config: ValidateConfig) -> Results:
     for road in roads:
         results.add(f"receding, {road.name}", _compare(road, config.quick))
     results.notes.append(
-        f"receding horizon: point mass of {MASS:.0f} kg that follows each plan exactly, a plan a "
-        "second over 5 km; fuel by the optimizer's model on a grid of 10 m, corrected for kinetic "
-        "energy and trip time at the optimum's own prices"
+        f"receding horizon: point mass of {GROSS_MASS:.0f} kg that follows each plan exactly, a "
+        "plan a second over 5 km; fuel by the optimizer's model on a grid of 10 m, corrected for "
+        "kinetic energy and trip time at the optimum's own prices"
     )
     return results
 
@@ -133,12 +133,12 @@ def run_receding(config: ValidateConfig) -> Results:
 def _compare(road: RoadProfile, quick: bool) -> Findings:
     found = Findings(f"receding, {road.name}")
     parameters, settings = TruckParameters.load(), PccConfig(v_ref=20.0)
-    solution = plan(road, parameters, MASS, settings)
+    solution = plan(road, parameters, GROSS_MASS, settings)
     whole, first, last = solution.plan, float(road.station[0]), float(road.station[-1])
     start, end = float(whole.speed[0]), last - FINE
     trip = Appointment(last, whole.time, float(whole.speed[-1]))
     receding = RecedingConfig(time_limit=math.inf, power_share=1.0, surplus=0.0, reserve=0.0)
-    planner = RecedingPlanner(road, parameters, MASS, settings, receding, trip)
+    planner = RecedingPlanner(road, parameters, GROSS_MASS, settings, receding, trip)
     vehicle = planner.vehicle
     driven = drive(planner, first, last, start)
     best_fuel, best_time, best_speed = fuel_on(vehicle, road, road.station, whole.speed, end)

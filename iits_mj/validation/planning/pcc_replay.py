@@ -1,8 +1,8 @@
 """The fuel-optimal plan on the MuJoCo truck: its saving with gears and brakes, on several roads.
 
-Plan and cruise are driven by the ordinary planner and tracker; fuel is the truck's own meter's.
-Trip times agree within 0.1 %, speeds at the end nearly. The remaining difference is corrected by
-its price and its worth in the plan's own optimum; the saving without the correction is shown, too.
+The ordinary planner and tracker drive plan and cruise; the truck's meter gives the fuel. Trip times
+agree within 0.1 %, speeds at the end nearly. The remaining differences are corrected by their price
+and worth in the plan's own optimum; the saving without the correction is reported as well.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from controllers.pcc.profile import RoadProfile
 from controllers.pcc.vehicle import PointMass, cruise, durations
 from controllers.planning.speed_plan import SpeedConfig
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.results import Check, Findings, Line, Panel, Results
+from iits_mj.core.results import Findings, Line, Panel, Results
 from iits_mj.core.timing import CONTROL_PERIOD, TIMESTEP
 from iits_mj.core.units import KMH
+from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.road import RoadMap
 from iits_mj.road.measured import Lanes, measured_route
 from iits_mj.validation.harness.config import (
@@ -45,24 +46,23 @@ from iits_mj.validation.planning.replay_drives import (
 )
 
 _QUICK_LENGTH, _QUICK_STEP = 300.0, 0.005
-# How far off the planner may be: saving [points], trip times of cruise and plan [%]. The plan uses
-# the power on climbs more than the cruise does, from which that power is known.
+# Allowed errors of the planner: saving [points], trip times of cruise and plan [%]. The plan uses
+# the power on climbs more than the cruise does, from which that power is estimated.
 _EXPECTED_POINTS, _CRUISE_TIME, _PLAN_TIME = 1.0, 1.0, 3.0
 _PART = "pcc-replay"
 _PLOT_ROWS = 25
-# Where the law requires no speed limiter: trucks may drive 100 km/h on Chinese expressways, as the
-# paper's (regulation on the road traffic safety law, article 78).
+# Limit without a speed limiter: 100 km/h for trucks on Chinese expressways such as the paper's road
+# (regulation on the road traffic safety law, article 78).
 _CHINA = 100.0 * KMH
-# The gearbox that chooses by load and fuel; with the published shift speeds the truck has 50 kW
-# less on climbs, so that a mean of 72 km/h takes a set speed near the band's end.
+# Gear choice by load and fuel; with the published shift speeds the truck has 50 kW less on climbs,
+# so that a mean of 72 km/h needs a set speed near the band's end.
 _BY_LOAD = {"gearbox": {"shift_strategy": "adaptive"}}
 # On the cycles: 5 mph above and 15 mph below the cycle's speed.
 _ABOVE, _BELOW = 5.0 * MPH, 15.0 * MPH
-# Of a route beyond the measured stretch: the planner stops before the visible end of a road [m].
+# Length of a route after the measured stretch: the planner stops before a visible road end [m].
 _LEFT = 600.0
-# A bare profile has no limits; those of the plan are the planner's [m/s].
+# Speed limit of the route of a road profile: the limits of the plan apply instead [m/s].
 _UNLIMITED = 40.0
-LADEN, EMPTY = 36_000.0, 0.0
 
 
 def run_replay(config: ValidateConfig) -> Results:
@@ -77,23 +77,24 @@ def run_replay(config: ValidateConfig) -> Results:
         truck = case.payload, repr(case.overlay)
         replay = replay_drives.run(case, folder, drives, known.get(truck))
         known.setdefault(truck, replay.vehicle)
-        results.checks += checks(replay, equal=not config.quick)
+        found = Findings(title(case), panels=panels(replay), notes=[note(replay)])
+        check_drives(found, replay, equal=not config.quick)
         if not config.quick:
-            results.checks += explanation(replay)
-        results.figures[title(case)] = panels(replay)
-        results.notes.append(note(replay))
+            explain(found, replay)
+            check_expected(found, replay)
+        results.add(title(case), found)
     if not config.quick and config.roads is None:
         results.notes.append("the paper's road and the cycles are driven with --roads DIR only")
     return results
 
 
 def full_cases(config: ValidateConfig) -> list[ReplayCase]:
-    """Returns the cases of the full form whose files are there, the paper's road first.
+    """Returns the cases of the full form whose files exist, the paper's road first.
 
-    The paper's saving must be reached with gears by load: at 72 km/h mean within what China's law
-    allows, and at 72 km/h set within the speed limiter. The other cases show the effect of the band
-    and of gear changes at the published speeds. With a payload in the configuration only the cases
-    with that load are returned.
+    The paper's saving must be reached with gears by load: at 72 km/h mean within the limit of
+    Chinese law, and at 72 km/h set within the speed limiter. The other cases show the effect of the
+    band and of gear changes at the published speeds. A payload in the configuration selects the
+    cases with that load.
     """
     mean = dataclasses.replace(BAND, mean_speed=True)
     wide = dataclasses.replace(mean, v_max=_CHINA)
@@ -103,7 +104,7 @@ def full_cases(config: ValidateConfig) -> list[ReplayCase]:
         paper_case(config, mean, by_load=True),
         paper_case(config),
         paper_case(config, wide),
-        paper_case(config, payload=EMPTY),
+        paper_case(config, payload=0.0),
         highway_case(),
         cycle_case(config, CYCLE_55),
         cycle_case(config, CYCLE_65),
@@ -119,14 +120,14 @@ def full_cases(config: ValidateConfig) -> list[ReplayCase]:
 def paper_case(
     config: ValidateConfig,
     settings: PccConfig = BAND,
-    payload: float = LADEN,
+    payload: float = MAX_PAYLOAD,
     by_load: bool = False,
     must: bool = False,
 ) -> ReplayCase | None:
     """Returns the paper's road at a set or a mean speed; None without its file.
 
     Args:
-      config: where roads are searched.
+      config: with the folder of roads.
       settings: speeds and band.
       payload: [kg].
       by_load: gears by load and fuel, not by the published shift speeds.
@@ -153,25 +154,25 @@ def cycle_case(config: ValidateConfig, name: str) -> ReplayCase | None:
     cycle = read_cycle(path, STEP)
     settings = PccConfig(v_ref=cycle.speed, v_min=cycle.speed - _BELOW, v_max=cycle.speed + _ABOVE)
     words = {CYCLE_55: "EPA GEM 55 mph", CYCLE_65: "EPA GEM 65 mph"}.get(name, name)
-    return _bare(words, cycle.road, cycle.road, settings, LADEN)
+    return _bare(words, cycle.road, cycle.road, settings, MAX_PAYLOAD)
 
 
 def highway_case(length: float | None = None) -> ReplayCase:
-    """Returns the built-in highway with its limits and curves, cruised at 72 km/h or its limit."""
+    """Returns the built-in highway with its limits and curves, set speed 72 km/h."""
     route = RoadMap.builtin().route()
     wanted = route.length - RUN_IN - _LEFT if length is None else length
     road = RoadProfile.from_route(
         route, RUN_IN, wanted, STEP, lateral_acceleration=SpeedConfig.curve_acceleration
     )
-    return ReplayCase("our highway", route, road, 0.0, BAND, LADEN)
+    return ReplayCase("our highway", route, road, 0.0, BAND, MAX_PAYLOAD)
 
 
 def valley_case(length: float, timestep: float, depth: float = 0.04) -> ReplayCase:
-    """Returns a road that falls and rises again, for the quick form."""
+    """Returns a road that first falls and then rises, for the quick form."""
     fine = np.arange(0.0, length + 1.0, 10.0)
     height = -depth * (length - fine) * fine / length
     road = RoadProfile.from_heights(fine, height, STEP, name="valley")
-    return _bare("a valley", road, road, BAND, EMPTY, timestep)
+    return _bare("a valley", road, road, BAND, 0.0, timestep)
 
 
 def _bare(
@@ -199,26 +200,22 @@ def _bare(
 
 
 def title(case: ReplayCase) -> str:
-    """Returns road and mass in words."""
+    """Returns name of the road and gross mass."""
     mass = case.parameters().gross_mass(case.payload)
     return f"{case.name}, {mass / 1e3:.0f} t"
 
 
-def checks(replay: CruiseAndPlan, *, equal: bool = True) -> list[Check]:
-    """Returns the figures of one road.
+def check_drives(found: Findings, replay: CruiseAndPlan, *, equal: bool) -> None:
+    """Adds the figures of both drives of a road.
 
-    Args:
-      replay: both drives.
-      equal: whether the trip times were made to agree; one drive of the plan is not enough.
+    Fuel and trip times are compared only if `equal`: a single drive of the plan does not make the
+    trip times agree.
     """
-    drives = {"cruise": replay.cruise, "plan": replay.plan}
     base, plan = replay.cruise, replay.plan
-    found = Findings(title(replay.case))
     record = plan.record
     reference = reference_profile(replay.case, replay.vehicle, replay.schedule, replay.vehicle_max)
     wanted = np.interp(record["station"], reference.station, reference.speed)
     distortion = _rms((record["planned"] - wanted)[speed_tracking.within_power(record)])
-    # A few hundred metres, driven once, say nothing about fuel.
     if equal:
         saving, paper = "saving on the truck", PAPER_SAVING_PERCENT
         bound = (paper, f">= {paper}") if replay.case.paper else (None, "")
@@ -236,9 +233,8 @@ def checks(replay: CruiseAndPlan, *, equal: bool = True) -> list[Check]:
     )
     found.check("speed error where power suffices, rms", error, "m/s", 0.0, "<= 0.3")
     found.check("trajectory against the profile there, rms", distortion, "m/s")
-    for kind, drive in drives.items():
-        record = drive.record
-        gained = speed_tracking.gained
+    for kind, drive in (("cruise", base), ("plan", plan)):
+        record, gained = drive.record, speed_tracking.gained
         for label, value, unit in (
             ("fuel", drive.fuel, "kg"),
             ("gear changes", speed_tracking.gear_changes(record), "1"),
@@ -248,12 +244,10 @@ def checks(replay: CruiseAndPlan, *, equal: bool = True) -> list[Check]:
             ("pedal and brake take turns", speed_tracking.reversals_per_km(record), "1/km"),
         ):
             found.check(f"{label}, {kind}", value, unit)
-    return found.checks
 
 
-def explanation(replay: CruiseAndPlan) -> list[Check]:
-    """Returns where the planner's point mass and the truck differ, at the same speeds."""
-    found = Findings(title(replay.case))
+def explain(found: Findings, replay: CruiseAndPlan) -> None:
+    """Adds the differences of the planner's point mass and the truck at the same speeds."""
     for kind, drive, model in (
         ("cruise", replay.cruise, replay.model_cruise),
         ("plan", replay.plan, replay.model_plan),
@@ -270,14 +264,13 @@ def explanation(replay: CruiseAndPlan) -> list[Check]:
         found.check(f"of it more fuel a work, {kind}", per_work, "1", 1.0)
     share = replay.vehicle.power_max / replay.vehicle_max.power_max
     found.check("power on climbs over the engine's greatest", share, "1")
-    return [*found.checks, *expected(replay)]
 
 
-def expected(replay: CruiseAndPlan) -> list[Check]:
-    """Returns what the optimizer, given the truck's power on climbs, expects of the same trip.
+def check_expected(found: Findings, replay: CruiseAndPlan) -> None:
+    """Adds the saving and trip times that the optimizer expects with the truck's power on climbs.
 
-    The planned trip time was corrected by the difference of the driven ones; its price makes it
-    equal.
+    The planned trip time was corrected by the difference of the driven ones; its price corrects the
+    fuel to equal trip times.
     """
     case, vehicle = replay.case, replay.vehicle
     fuel_map = FuelMap(case.parameters())
@@ -287,7 +280,6 @@ def expected(replay: CruiseAndPlan) -> list[Check]:
     plan = evaluate(vehicle, fuel_map, case.road, replay.schedule.speed)
     fuel = float(plan.map_fuel.sum()) + replay.schedule.price * (plan.time - base.time)
     saved = 100.0 * (1.0 - fuel / float(base.map_fuel.sum()))
-    found = Findings(title(case))
     points = f"-{_EXPECTED_POINTS:g} .. {_EXPECTED_POINTS:g}"
     driven = 100.0 * replay.saving
     found.check("saving that the planner expected", saved, "%", driven)
@@ -299,11 +291,10 @@ def expected(replay: CruiseAndPlan) -> list[Check]:
         apart = 100.0 * (model.time / drive.time - 1.0)
         name = f"trip time of its {kind} against the driven"
         found.check(name, apart, "%", 0.0, f"-{most:g} .. {most:g}")
-    return found.checks
 
 
 def note(replay: CruiseAndPlan) -> str:
-    """Returns band, speeds and fuels in one sentence."""
+    """Returns a sentence with band, speeds and fuels."""
     config, case = replay.case.config, replay.case
     mean = case.road.length / replay.cruise.time
     return (
@@ -315,7 +306,7 @@ def note(replay: CruiseAndPlan) -> str:
 
 
 def panels(replay: CruiseAndPlan) -> list[Panel]:
-    """Returns speed planned and driven, gear, power and fuel over station."""
+    """Returns panels of planned and driven speed, gear, power and fuel over station."""
     case = replay.case
     reference = reference_profile(case, replay.vehicle, replay.schedule, replay.vehicle_max)
     lines: list[list[Line]] = [[], [], [], []]

@@ -21,11 +21,11 @@ _COLUMNS = (("cycsecs", "time_s"), ("cycmps", "speed_mps"), ("cycgrade", "grade"
 class Cycle:
     """A road made from a certification cycle.
 
-    A cycle gives speed and grade second by second. Integrated at its own speed the grades lie at
-    stations, and their rises add up to heights; the road can then be driven at any speed.
+    A cycle gives speed and grade for each second. Integration at its own speed gives stations and
+    heights of a road that can be driven at any speed.
 
     Attributes:
-      road: without speed limits, which a cycle does not give.
+      road: without speed limits, because a cycle has none.
       speed: mean over its time [m/s]; spread: greatest less smallest speed [m/s].
     """
 
@@ -54,7 +54,7 @@ def read_cycle(path: str | Path, step: float = 50.0, length: float | None = None
         raise InputError(f"cycle {str(file)!r}: speed {speed.min():g} m/s is below 0")
     way = 0.5 * (speed[1:] + speed[:-1]) * np.diff(time)
     rise = 0.5 * (grade[1:] + grade[:-1]) * way
-    # A standstill of the cycle adds nothing to the road.
+    # A standstill of the cycle adds no road.
     moves = np.concatenate([[True], way > 0.0])
     station = np.concatenate([[0.0], np.cumsum(way)])[moves]
     height = np.concatenate([[0.0], np.cumsum(rise)])[moves]
@@ -73,13 +73,13 @@ def on_finer_road(
 ) -> FloatArray:
     """Speeds of a plan at the nodes of a finer profile of the same road [m/s].
 
-    A plan states one force for each interval. Straight lines of v^2 over a road that is rough
-    within the intervals would ask for forces that swing with every bump, up into the brakes: on the
-    paper's road a 50 m plan followed so burns 0.8 % more than planned. With the force held, kinetic
-    and potential energy change places there, and it burns what was planned: with force, rolling
-    resistance and drag as at the mean of the interval, `m_e v^2 / 2 + m g z` is linear in the
-    station between two nodes of the plan. The fine road's limits and the band are kept as well as
-    between the plan's nodes.
+    A plan has one force for each interval. Linear v^2 over a road that is rough within the
+    intervals needs forces that vary with every bump and sometimes brake: on the paper's road a 50 m
+    plan then burns 0.8 % more than planned. A constant force exchanges kinetic and potential energy
+    there and burns the planned fuel: with force, rolling resistance and drag as at the mean of the
+    interval, `m_e v^2 / 2 + m g z` is linear in the station between two nodes of the plan. The
+    result keeps the limits of the fine road and the band as well as the plan does between its
+    nodes.
 
     Args:
       vehicle: the truck of the plan.
@@ -102,7 +102,7 @@ def on_finer_road(
     line = np.interp(fine.station, road.station, speed**2)
     above = fine.height - np.interp(fine.station, road.station, road.height)
     b = line - 2.0 * GRAVITY * vehicle.mass / vehicle.inertial_mass * above
-    # No road dips by more than the kinetic energy; at least half the planned energy is kept.
+    # At least half of the planned kinetic energy remains, however high the road rises.
     b = np.maximum(b, 0.5 * line)
     cap = np.maximum(np.minimum(fine.v_limit, v_max), np.sqrt(line))
     return np.asarray(np.minimum(np.sqrt(b), cap))

@@ -1,8 +1,8 @@
 """Savings of predictive cruise control on several roads, by band, mass and other quantities.
 
-Every saving is against a constant-speed cruise with the same engine and brakes, in equal trip time,
-from and to the same speed, by fuel alone. The cruise loses that fuel in the brakes, so savings
-depend on hills, mass and band: each names its band, and a table shows the sensitivities.
+Every saving of fuel is relative to a constant-speed cruise with the same engine and brakes, with
+equal trip time and equal speeds at both ends. The cruise loses that fuel in the brakes, so savings
+depend on hills, mass and band: each check names its band, and a table shows the sensitivities.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ from iits_mj.validation.planning.pcc_accuracy import (
     warm_up,
 )
 from iits_mj.validation.planning.pcc_case import (
+    GROSS_MASS,
     PAPER_SAVING_PERCENT,
     SolvedPlan,
     bound,
@@ -52,8 +53,8 @@ from iits_mj.validation.planning.pcc_roads import read_cycle
 PAPER_LENGTH = 15_000.0
 MPH = 0.44704  # [m/s]
 STEP = 50.0  # [m]
-LADEN, US_GROSS = 55_000.0, 36_287.0  # [kg]; 80 000 lb is what US interstates allow
-# The paper's set speed; from what drivers behind accept to what the EU's speed limiter allows.
+US_GROSS = 36_287.0  # [kg]: 80 000 lb, the greatest mass on US interstates
+# The paper's set speed; from a speed acceptable to following drivers to the EU's speed limiter.
 BAND = PccConfig(v_ref=72.0 * KMH, v_min=45.0 * KMH, v_max=90.0 * KMH)
 LONG, LONG_QUICK = 1000.0, 100.0  # [km]
 LOW_HILLS = 0.25  # share of the heights: the least saving, the greatest difference of models
@@ -64,8 +65,9 @@ class SavingsTable:
     """Savings of several plans.
 
     Attributes:
-      checks: by the engine's map with gears, the optimizer's model as reference; notes.
-      apart: difference of both [points]; gaps: of the plans' cost to the lower bound, relative.
+      checks: savings by the engine's map with gears, the reference by the optimizer's model.
+      notes: on plans that are missing or take another trip time.
+      apart: difference of both savings [points]; gaps: of the costs to the lower bound, relative.
     """
 
     checks: list[Check] = field(default_factory=list)
@@ -78,11 +80,11 @@ class SavingsTable:
         label: str,
         road: RoadProfile,
         config: PccConfig,
-        mass: float = LADEN,
+        mass: float = GROSS_MASS,
         parameters: TruckParameters | None = None,
         must: str = "",
     ) -> SolvedPlan | None:
-        """Plans and adds the saving; None and a note when there is no plan."""
+        """Plans and adds the saving; without a plan adds a note and returns None."""
         try:
             case = solve(road, config, mass, parameters)
         except PlanningError as error:
@@ -101,9 +103,9 @@ class SavingsTable:
 
 
 def run_savings(config: ValidateConfig) -> Results:
-    """Returns savings on the paper's road, the GEM cycles and our highway, and the plans' quality.
+    """Returns savings on the paper's road, the GEM cycles and the highway, and the plans' quality.
 
-    Without the paper's road the highway without limits replaces it, and no saving is required.
+    The highway without limits replaces a missing paper's road; then no saving is required.
     """
     results = Results("validate planning pcc savings")
     warm_up(BAND)
@@ -161,7 +163,7 @@ def run_savings(config: ValidateConfig) -> Results:
 
 
 def _main_road(path: Path | None, step: float) -> RoadProfile:
-    """Returns the paper's road where its file is there, else the highway, on a grid [m]."""
+    """Returns the paper's road if its file exists, else the highway, on a grid [m]."""
     if path is None:
         return highway_without_limits(step)
     return RoadProfile.from_csv(path, step, PAPER_LENGTH)
@@ -187,12 +189,12 @@ def _other_roads(config: ValidateConfig, table: SavingsTable) -> None:
             table.notes.append(f"{label}: {name} was not named: give --roads DIR")
             continue
         cycle = read_cycle(path, STEP)
-        # No faster than the cycle, up to the EU's speed limiter, and 5 mph faster, as the limits of
-        # such roads often allow.
+        # Greatest speeds: that of the cycle, the EU's speed limiter, and 5 mph more than the cycle,
+        # a frequent limit of such roads.
         tops = {cycle.speed, max(cycle.speed, BAND.v_max), cycle.speed + 5.0 * MPH}
         for top in sorted(tops):
             band = PccConfig(v_ref=cycle.speed, v_min=cycle.speed - 15.0 * MPH, v_max=top)
-            for mass in (US_GROSS, LADEN):
+            for mass in (US_GROSS, GROSS_MASS):
                 words = f"{band.v_min / MPH:.0f} to {top / MPH:.1f} mph"
                 table.add(f"{label}, {mass / 1e3:.1f} t, {words}", cycle.road, band, mass)
     road = RoadProfile.from_route(RoadMap.builtin().route(), step=STEP)
@@ -241,13 +243,13 @@ def sensitivities(table: SavingsTable, road: RoadProfile, name: str) -> list[Pan
         "rolling resistance",
         "1",
         (0.005, 0.006, 0.007),
-        lambda label, c: table.add(label, road, BAND, LADEN, with_rolling(truck, c)),
+        lambda label, c: table.add(label, road, BAND, GROSS_MASS, with_rolling(truck, c)),
     )
     sweep(
         "engine's full load times",
         "1",
         (0.8, 0.9, 1.0),
-        lambda label, share: table.add(label, road, BAND, LADEN, with_power(truck, share)),
+        lambda label, share: table.add(label, road, BAND, GROSS_MASS, with_power(truck, share)),
     )
     sweep(
         "heights times",

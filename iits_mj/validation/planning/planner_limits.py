@@ -1,4 +1,4 @@
-"""The planner alone, its plans followed exactly: random states, and drives in ordinary traffic."""
+"""Limits of the planner alone: plans from random states, and drives in ordinary traffic."""
 
 from __future__ import annotations
 
@@ -25,26 +25,27 @@ from iits_mj.core.messages import (
     TrackedVehicle,
     Trajectory,
 )
+from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from iits_mj.validation.planning.ideal_drive import STEP, IdealDrive, car
+from iits_mj.validation.planning.ideal_drive import IdealDrive, car
 
-# A breach exceeds the limit by more than this share.
+# Share by which a breach exceeds the limit.
 _SLACK = 0.01
 _CYCLES = 4
 
 
 @dataclass
 class Breaches:
-    """Trajectories that were checked, and what they break.
+    """Checked trajectories and their breaches of limits.
 
     Attributes:
-      trajectories: their number; changes: those in a lane change.
+      trajectories: their number; changes: number in a lane change.
       found: description of every breach.
       lateral: greatest lateral acceleration of the path in a change over its limit.
       total: greatest lateral acceleration, road included, over the roll-over threshold.
-      jump: greatest step of the offset between a plan and the last one at its time [m].
+      jump: greatest step of the offset from one plan to the next at the same time [m].
     """
 
     trajectories: int = 0
@@ -58,13 +59,8 @@ class Breaches:
 def random_breaches(routes: list[Route], count: int, seed: int = 0) -> Breaches:
     """Plans from random states and counts the trajectories that break a limit.
 
-    Speed, place in the lane, load, traffic, decision and speed profile are drawn; each state is
-    planned four times, the truck following its plans.
-
-    Args:
-      routes: roads, used in turn.
-      count: of states.
-      seed: of the states.
+    Speed, place in the lane, load, traffic, decision and speed profile are random. Each state is
+    planned four times; the truck follows its plans. The routes are used in turn.
     """
     generator, result = np.random.default_rng(seed), Breaches()
     margins = RollMargins(TruckParameters.load(), 1.0 / PlannerConfig().change.duration_min)
@@ -187,7 +183,7 @@ def _judge_along(
     require(bool(a.max() <= speed.following.acceleration_max + 1e-9), "acceleration")
     grade = float(np.interp(plan.station[0], planner.preview.station, planner.preview.grade))
     left = [power_acceleration(float(v), ego.mass, grade, speed) for v in plan.speed]
-    # The jerk limit lets a drive that is too strong by now fade, not stop.
+    # Under the jerk limit a drive force above the present limit fades instead of ending.
     fades = a[:-1] - speed.following.jerk_max * planner.config.step - 1e-9
     powered = (a[1:] <= np.array(left[1:]) + 1e-9) | (a[1:] <= fades + 2e-9)
     require(bool(powered.all()), "power")
@@ -204,7 +200,7 @@ class OrdinaryDrive:
     """Figures of a drive in ordinary traffic.
 
     Attributes:
-      duration: [s]; emergencies: brakings of the last layer; changes: completed; aborted: changes.
+      duration: [s]; emergencies: emergency brakings; changes: completed; aborted: changes.
       gap: least bumper gap to a vehicle in line with the truck [m].
       braking: strongest planned [m/s2]; cost: CPU time of a plan, median [s].
     """
@@ -221,21 +217,21 @@ class OrdinaryDrive:
 def ordinary_drive(probability: float, duration: float, seed: int = 0) -> OrdinaryDrive:
     """Drives in traffic at 12.5 m/s that fills both lanes.
 
-    The vehicles follow by IDM and change lanes by MOBIL, also right before the truck. The truck
+    The vehicles follow by IDM and change lanes by MOBIL, also just in front of the truck. The truck
     follows its plans exactly and asks the MOBIL decision maker once a second.
 
     Args:
-      probability: of a vehicle per second and lane; the paper's densest traffic has 0.05.
+      probability: of a vehicle per second and lane; 0.05 in the paper's densest traffic.
       duration: [s].
       seed: of the traffic.
     """
     route = Route.straight(length=30_000.0, lanes=2, lane_width=LANE_WIDTH)
-    config = HighwayConfig(probability, traffic_speed=12.5, timestep=STEP)
+    config = HighwayConfig(probability, traffic_speed=12.5, timestep=CYCLE_PERIOD)
     traffic = HighwayTraffic(config, np.random.default_rng(seed))
     drive = IdealDrive(route, 400.0, 0, 12.5)
     traffic.fill(_obstacles(drive.ego, route)[0])
     right = float(route.lane_offset(0, 0.0))
-    # MOBIL looks at the scene, not at the network's observation.
+    # MOBIL uses the scene, not the network's observation.
     maker, unseen = Mobil(), np.zeros(216, dtype=np.float32)
 
     def vehicles(ego: EgoState) -> tuple[TrackedVehicle, ...]:
@@ -243,7 +239,7 @@ def ordinary_drive(probability: float, duration: float, seed: int = 0) -> Ordina
         return tuple(dataclasses.replace(v, offset=v.offset + right) for v in traffic.tracked())
 
     def decide(scene: Scene) -> Decision:
-        if round(scene.time / STEP) % 10 or drive.planner.changing:
+        if round(scene.time / CYCLE_PERIOD) % 10 or drive.planner.changing:
             return Decision.KEEP
         lane = drive.planner.lane(scene)
         reference = drive.planner.config.speed.cruise_speed
@@ -255,16 +251,16 @@ def ordinary_drive(probability: float, duration: float, seed: int = 0) -> Ordina
         emergencies=drive.planner.emergencies,
         changes=drive.planner.lane_changes,
         aborted=drive.planner.aborted,
-        gap=min(drive.gap(scene) for scene in drive.scenes),
-        braking=-min(float(plan.acceleration[0]) for plan in drive.plans),
+        gap=drive.least_gap(),
+        braking=drive.strongest_braking(),
         cost=float(np.median(drive.cost)),
     )
 
 
 def _obstacles(ego: EgoState, route: Route) -> list[Obstacle]:
-    """Returns the truck as an obstacle in every lane that its body reaches into."""
-    found = []
-    for lane in range(2):
-        if abs(ego.offset - float(route.lane_offset(lane, ego.station))) < 0.5 * LANE_WIDTH + 0.9:
-            found.append(Obstacle(ego.station + 1.4, 16.5, ego.speed, lane))
-    return found
+    """Returns the truck as an obstacle in every lane that its body touches."""
+    return [
+        Obstacle(ego.station + 1.4, 16.5, ego.speed, lane)
+        for lane in range(2)
+        if abs(ego.offset - float(route.lane_offset(lane, ego.station))) < 0.5 * LANE_WIDTH + 0.9
+    ]

@@ -1,34 +1,34 @@
 """Fuel saved in traffic by predictive cruise control against constant-speed cruise, full stack.
 
-Sixty trips take most of an hour of one core. They can be driven beforehand, several at a time;
-a stopped run continues where it was:
+Sixty trips take most of an hour of one core. This command drives them beforehand, several at a
+time; a stopped run continues:
 
     python -m iits_mj.validation.planning.planning_traffic --seeds 10 --jobs 2 --runs DIR \
         --out FILE.csv
 
-`run_traffic` uses the trips in its `--runs DIR` and drives the others. A trip belongs to the code
-that drove it: trips of another version are used neither from the folder nor from the table.
+`run_traffic` uses the trips in its `--runs DIR` and drives the others. Trips of another version of
+the code are used neither from the folder nor from the table.
 """
 
 from __future__ import annotations
 
 import argparse
+import functools
 import math
-import multiprocessing
 import sys
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 import numpy as np
 
 from iits_mj.core.errors import Error, InputError
+from iits_mj.core.process_pool import run_all
 from iits_mj.core.results import Findings, Line, Panel, Results
 from iits_mj.core.units import KMH
-from iits_mj.parameters import TruckParameters
 from iits_mj.validation.harness.config import ValidateConfig
 from iits_mj.validation.harness.run_cache import runs_folder
 from iits_mj.validation.harness.statistics import half_width
 from iits_mj.validation.planning import traffic_trips
+from iits_mj.validation.planning.pcc_case import GROSS_MASS
 from iits_mj.validation.planning.traffic_trips import (
     DENSITIES,
     LENGTH,
@@ -47,14 +47,13 @@ SEEDS = 10
 FIRST_SEED = 100  # lower ones were used in the development of the planner
 FEWEST = 3  # seeds a density for a mean
 PART = "planning-traffic"
-_MASS = 55_000.0
 
 
 def run_traffic(config: ValidateConfig) -> Results:
     """Returns savings, trip times and other figures for each density.
 
     Raises:
-      InputError: a kept trip cannot be read, or none be written.
+      InputError: a kept trip cannot be read, or a trip cannot be written.
     """
     results = Results("validate planning traffic")
     if config.quick:
@@ -75,32 +74,25 @@ def all_pairs(seeds: int) -> list[tuple[str, int]]:
 
 
 def pairs_of(rows: list[TripRow], density: str) -> list[tuple[TripRow, TripRow]]:
-    """Returns cruise and PCC of the same seed, by seed, where both were driven."""
-    found = {row.key: row for row in rows if row.density == density and row.length == LENGTH}
-    seeds = sorted({key[1] for key in found})
-    pairs = []
-    for seed in seeds:
-        both = [found.get((density, seed, name, LENGTH)) for name in PLANNERS]
-        if both[0] is not None and both[1] is not None:
-            pairs.append((both[0], both[1]))
-    return pairs
+    """Returns cruise and PCC of each seed with both trips, sorted by seed."""
+    found = {row.key: row for row in rows}
+    seeds = sorted({row.seed for row in rows if row.density == density})
+    keys = [[(density, seed, name, LENGTH) for name in PLANNERS] for seed in seeds]
+    return [(found[a], found[b]) for a, b in keys if a in found and b in found]
 
 
 def saving_percent(cruise: TripRow, pcc: TripRow, worth: float) -> float:
-    """Returns the fuel saved, PCC's corrected for its kinetic energy at the end [%].
+    """Returns the saving of fuel [%], corrected for the kinetic energy of PCC at the end.
 
-    Args:
-      cruise: one trip.
-      pcc: the other.
-      worth: of kinetic energy [kg/J].
+    The worth of kinetic energy is in kg/J.
     """
-    energy = 0.5 * _MASS * (pcc.end_speed**2 - cruise.end_speed**2)
+    energy = 0.5 * GROSS_MASS * (pcc.end_speed**2 - cruise.end_speed**2)
     return 100.0 * (1.0 - (pcc.fuel - worth * energy) / cruise.fuel)
 
 
 def summarize(results: Results, rows: list[TripRow]) -> None:
     """Adds the figures of a table of trips."""
-    worth = worth_of_energy(TruckParameters.load())
+    worth = worth_of_energy()
     lines, speeds = [], []
     for density in DENSITIES:
         pairs = pairs_of(rows, density)
@@ -125,7 +117,7 @@ def summarize(results: Results, rows: list[TripRow]) -> None:
         braking = [np.mean([row.friction for row in trips]) for trips in zip(*driven, strict=True)]
         name = "friction brakes on, pcc, a trip (reference: cruise)"
         found.check(name, braking[1], "s", braking[0])
-        # These are the same drive on each of the three stretches.
+        # On each of the three stretches these trips are the same drive.
         alone = sum(math.isinf(c.closest) for c, _ in driven)
         found.check("trips that had nobody ahead", alone, "1")
         solve = 1e3 * float(np.median([p.solve_p50 for _, p in driven]))
@@ -148,12 +140,14 @@ def summarize(results: Results, rows: list[TripRow]) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Drives the trips that folder and table lack; see the module docstring."""
+    """Drives the trips missing in folder and table; see the module docstring."""
     parser = argparse.ArgumentParser(description="fuel in traffic, with and without PCC")
-    parser.add_argument("--seeds", type=int, default=SEEDS, help="a density")
-    parser.add_argument("--jobs", type=int, default=1, help="processes at a time")
+    parser.add_argument("--seeds", type=int, default=SEEDS, help="number for each density")
+    parser.add_argument("--jobs", type=int, default=1, help="number of processes")
     parser.add_argument("--runs", type=Path, help="folder that keeps every finished pair")
-    parser.add_argument("--out", type=Path, help="table of the trips, which is read as well")
+    parser.add_argument(
+        "--out", type=Path, help="table of the trips; trips in it are not driven again"
+    )
     asked = parser.parse_args(arguments)
     try:
         if not 1 <= asked.seeds <= 1_000 or not 1 <= asked.jobs <= 256:
@@ -178,28 +172,29 @@ def _drive(
     if len(rows) < len(found):
         print(f"{len(found) - len(rows)} trips of the table are of other code: left out")
     known = {row.key for row in rows}
-    missing = [
-        (density, seed)
-        for density, seed in jobs
-        if any((density, seed, name, LENGTH) not in known for name in PLANNERS)
-    ]
-    redone = set(missing)
-    rows = [row for row in rows if (row.density, row.seed) not in redone]
-    # SUMO is one to a process.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(processes, mp_context=context) as pool:
-        futures = [pool.submit(drive_pair, *job, folder) for job in missing]
-        for count, future in enumerate(as_completed(futures), start=1):
-            pair = future.result()
-            rows += pair
-            if out is not None:
-                write_rows(out, rows)
-            print(f"{count}/{len(missing)}: {_sentence(*pair)}", flush=True)
+    missing = [job for job in jobs if any((*job, name, LENGTH) not in known for name in PLANNERS)]
+    rows = [row for row in rows if (row.density, row.seed) not in missing]
+    done = 0
+
+    def keep(pair: list[TripRow]) -> None:
+        nonlocal done
+        done += 1
+        rows.extend(pair)
+        if out is not None:
+            write_rows(out, rows)
+        print(f"{done}/{len(missing)}: {_sentence(*pair)}", flush=True)
+
+    work = functools.partial(_drive_job, folder)
+    run_all(missing, processes, work, keep, lambda job: f"{job[0]}, seed {job[1]}", what="pairs")
     return rows
 
 
+def _drive_job(folder: Path | None, job: tuple[str, int]) -> list[TripRow]:
+    return drive_pair(*job, folder)
+
+
 def _sentence(cruise: TripRow, pcc: TripRow) -> str:
-    saved = saving_percent(cruise, pcc, worth_of_energy(TruckParameters.load()))
+    saved = saving_percent(cruise, pcc, worth_of_energy())
     late = 100.0 * (pcc.time / cruise.time - 1.0)
     if math.isnan(saved):
         return f"{cruise.density}, seed {cruise.seed}: a trip failed"

@@ -1,9 +1,9 @@
 """Drives the constant-speed cruise and the fuel-optimal plan on the MuJoCo truck.
 
-The cruise is driven first, for a wanted mean speed again with a better set speed. The plan gets its
-trip time and its speeds at both ends. The plan's time budget is then corrected until the *driven*
-trip times agree: gear changes, which the planner does not know, cost some time. The remaining
-difference is priced by the plan's multipliers.
+The cruise is driven first; for a given mean speed its set speed is corrected and the cruise is
+driven again. The plan gets the trip time of the cruise and its speeds at both ends. The time budget
+of the plan is then corrected until the *driven* trip times agree, because the planner does not know
+the time lost by gear changes. The plan's multipliers price the remaining difference.
 
 The planner's point mass gets the power with which its own cruise takes as long as the driven one.
 That is less than the engine's greatest power: gear changes interrupt the pull, the turbocharger
@@ -15,6 +15,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,29 +29,29 @@ from controllers.pcc.vehicle import PointMass, brakeable, cruise, durations, fas
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.core.messages import SpeedProfile
-from iits_mj.core.timing import CONTROL_PERIOD
-from iits_mj.parameters import TruckParameters
+from iits_mj.core.timing import CONTROL_PERIOD, TIMESTEP
+from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
 from iits_mj.road import Route
 from iits_mj.validation.planning.closed_loop import DriveTask, Record, drive
 from iits_mj.validation.planning.pcc_roads import on_finer_road
 from iits_mj.validation.planning.speed_tracking import FLOORED
 
-# Way before the measured stretch, for the engine to take up the truck [m], and after it [m].
+# Road before the measured stretch, until the engine pulls steadily [m], and after it [m].
 RUN_IN, RUN_OUT = 300.0, 30.0
 _START = 100.0
-# From the set speed of the run-in to the plan's first [m].
+# Distance from the set speed of the run-in to the first speed of the plan [m].
 _ONSET = 1.0
-# Trip times agree when they differ by less [1]; so many drives at most. One gear change changes the
-# driven time by a second or two, so that the correction may need some tries; the rest is priced.
+# Greatest difference of trip times that agree [1], and greatest number of drives. One gear change
+# changes the driven time by a second or two, so that the correction may need several drives.
 TIME_TOLERANCE, DRIVES = 9e-4, 3
-# Mean speeds that are as good as the wanted one [1], and drives to find the set speed for it.
+# Tolerance of the mean speed [1], and greatest number of drives to find the set speed for it.
 MEAN_TOLERANCE, MEAN_DRIVES = 1e-3, 3
 _GRID = 10.0
-# Time in which the engine's torque builds up, and climbing that is needed to judge [s].
+# Time in which the engine's torque builds up, and least time of climbing for an estimate [s].
 _TORQUE_TIME, _CLIMBING = 6.0, 30.0
-# Least power over that with the torque built up; other delays must not be taken for it [1].
+# Least estimated power over the power with built-up torque; a greater delay has other causes [1].
 _LEAST_SHARE = 0.6
-# A plan takes all of the power it counts on from this share of it [1].
+# Share of its power from which a plan uses all of it [1].
 _ALL = 0.98
 _HALVINGS = 30
 
@@ -60,9 +61,9 @@ class ReplayCase:
     """Road, truck and band of a comparison.
 
     Attributes:
-      name: for reports; route: the road; road: the same for the planner, its stations counted from
+      name: for reports; route: the road; road: the same road for the planner, with stations from
         `origin` on the route [m].
-      config: set speed and band, with `mean_speed` the set speed is searched; payload: [kg].
+      config: band and set speed, which is searched for if `mean_speed`; payload: [kg].
       timestep: of the physics [s].
       overlay: of the truck's parameters, such as another strategy of gear changes.
       paper: whether the paper's saving must be reached.
@@ -73,19 +74,19 @@ class ReplayCase:
     road: RoadProfile
     origin: float
     config: PccConfig
-    payload: float = 36_000.0
-    timestep: float = 0.002
+    payload: float = MAX_PAYLOAD
+    timestep: float = TIMESTEP
     overlay: dict[str, dict[str, str]] = dataclasses.field(default_factory=dict)
     paper: bool = False
 
     @property
     def first(self) -> float:
-        """Station of the route where the measured stretch starts [m]."""
+        """First station of the measured stretch on the route [m]."""
         return self.origin + float(self.road.station[0])
 
     @property
     def last(self) -> float:
-        """Station of the route where it ends [m]."""
+        """Last station of the measured stretch on the route [m]."""
         return self.origin + float(self.road.station[-1])
 
     def parameters(self) -> TruckParameters:
@@ -110,7 +111,7 @@ class MeasuredDrive:
 
     @classmethod
     def of(cls, record: Record, case: ReplayCase) -> MeasuredDrive:
-        """Returns what a record shows of the case's stretch."""
+        """Returns the part of a record on the case's measured stretch."""
 
         def gained(name: str) -> float:
             return record.at(case.last, name) - record.at(case.first, name)
@@ -126,10 +127,10 @@ class MeasuredDrive:
 
 @dataclass(frozen=True)
 class CruiseAndPlan:
-    """Cruise and plan on the truck, and what the optimizer expected.
+    """Cruise and plan on the truck, and the expectation of the optimizer.
 
     Attributes:
-      case: what was compared; vehicle: the planner's point mass, with the truck's power on climbs.
+      case: of the comparison; vehicle: the planner's point mass, with the truck's power on climbs.
       vehicle_max: the same with the engine's greatest power.
       schedule: the plan; cruise, plan: both trips.
       model_cruise, model_plan: the planner's figures for the speeds that the truck drove.
@@ -146,7 +147,7 @@ class CruiseAndPlan:
 
     @property
     def speed_worth(self) -> float:
-        """Fuel worth of the plan's greater speed at the end, less that at its start [kg].
+        """Worth in fuel of the plan's greater speed at the end, less that at its start [kg].
 
         By the optimum's costate of v^2 on this road, at equal trip time.
         """
@@ -177,16 +178,16 @@ def run(
     drives: int = DRIVES,
     known: PointMass | None = None,
 ) -> CruiseAndPlan:
-    """Drives the cruise and the plan; drives that are in `folder` already are not repeated.
+    """Drives the cruise and the plan; finished drives in `folder` are not repeated.
 
     Args:
       case: of the comparison.
       folder: of finished drives.
-      drives: of the plan, at most, until the trip times agree.
+      drives: greatest number of drives of the plan, until the trip times agree.
       known: point mass of this truck with its power on climbs, to guess a set speed by.
 
     Raises:
-      InputError: the truck does not get to the end.
+      InputError: the truck does not reach the end.
       PlanningError: the plan has no solution.
     """
     parameters = case.parameters()
@@ -215,22 +216,17 @@ def run(
         plan = MeasuredDrive.of(_driven(case, profile, folder), case)
         if best is None or abs(plan.time - cruise.time) < abs(best[1].time - cruise.time):
             best = schedule, plan
-        # A plan that cannot be any faster will not be with less time either.
+        # With less time, a plan that cannot be any faster stays the same.
         if abs(plan.time / cruise.time - 1.0) <= TIME_TOLERANCE or schedule.late > 0.0:
             break
         budget += cruise.time - plan.time
     assert best is not None
     schedule, plan = best
-    return CruiseAndPlan(
-        case,
-        vehicle,
-        strongest,
-        schedule,
-        cruise,
-        plan,
-        evaluate(vehicle, fuel_map, case.road, _node_speeds(case, cruise.record)),
-        evaluate(vehicle, fuel_map, case.road, _node_speeds(case, plan.record)),
-    )
+    model = [
+        evaluate(vehicle, fuel_map, case.road, _node_speeds(case, trip.record))
+        for trip in (cruise, plan)
+    ]
+    return CruiseAndPlan(case, vehicle, strongest, schedule, cruise, plan, *model)
 
 
 def _at_mean_speed(
@@ -250,10 +246,10 @@ def _at_mean_speed(
             best, least = tried, abs(mean - wanted)
         if least <= MEAN_TOLERANCE * wanted:
             break
-        # By as much as in the model that takes as long as the truck did.
-        alike = with_power_of(strongest, road, trip.record, v_set, trip.start_speed, trip.time)
-        v_set += set_speed(alike, road, wanted, config.v_max)
-        v_set -= set_speed(alike, road, mean, config.v_max)
+        # By as much as in the model whose cruise takes as long as the driven one.
+        model = with_power_of(strongest, road, trip.record, v_set, trip.start_speed, trip.time)
+        v_set += set_speed(model, road, wanted, config.v_max)
+        v_set -= set_speed(model, road, mean, config.v_max)
         v_set = min(max(v_set, config.v_min), config.v_max)
     return best
 
@@ -263,12 +259,13 @@ def reference_profile(
 ) -> SpeedProfile:
     """Returns the plan over the route's stations every 10 m.
 
-    Where the plan takes all the power that it counts on, the mean of a whole climb, the truck shall
-    give all it has: less than that after a gear change, more later. `strongest` has the engine's
+    Where the plan uses all of its power, which is the mean over a climb, the truck must give all of
+    its own: less than the mean after a gear change, more later. `strongest` has the engine's
     greatest power; without it the plan is not changed.
 
     Between the plan's nodes its forces are held, on the heights that the truck drives. The run-in
-    is the cruise's, at the set speed, so that both drives start with the same engine and gearbox.
+    is that of the cruise, at the set speed, so that both drives start with the same state of engine
+    and gearbox.
     """
     road = case.road
     count = round(road.length / _GRID)
@@ -277,7 +274,7 @@ def reference_profile(
     def height(at: FloatArray) -> FloatArray:
         return np.asarray(case.route.evaluate(case.origin + at).z)
 
-    # Height of the route above straight lines between the nodes; its datum is its own.
+    # Only the height above straight lines between the nodes counts: the datum may differ.
     above = height(station) - np.interp(station, road.station, height(road.station))
     fine = RoadProfile(
         station,
@@ -314,11 +311,11 @@ def with_power_of(
 
     Args:
       vehicle: with the engine's greatest power.
-      road: that was driven.
+      road: of the cruise.
       record: of the driven cruise.
       v_set: its set speed [m/s].
-      v_start: its speed at the road's begin [m/s].
-      time: that it took [s].
+      v_start: its speed at the road's beginning [m/s].
+      time: its trip time [s].
     """
     built_up = climbing_power(record)
     if built_up is None:
@@ -329,25 +326,23 @@ def with_power_of(
     def with_power(power: float) -> PointMass:
         return dataclasses.replace(vehicle, power_max=power)
 
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        if cruise_time(with_power(middle), road, v_set, v_start) > time:
-            low = middle
-        else:
-            high = middle
-    return with_power(high)
+    return with_power(
+        _bisect(
+            low, high, lambda power: cruise_time(with_power(power), road, v_set, v_start) > time
+        )
+    )
 
 
 def with_all_power(
     vehicle: PointMass, strongest: PointMass, road: RoadProfile, planned: FloatArray, v_max: float
 ) -> FloatArray:
-    """Returns node speeds (n + 1,) [m/s] of a plan, raised where it takes all its power.
+    """Returns node speeds (n + 1,) [m/s] of a plan, raised where it uses all of its power.
 
-    From the plan's speed at the stretch's begin with the engine's greatest power, and back to the
-    plan behind its end by coasting.
+    From the plan's speed at the beginning of such a stretch with the engine's greatest power, and
+    back to the plan after its end by coasting.
 
     Args:
-      vehicle: for which the plan was made.
+      vehicle: of the plan.
       strongest: the same with the engine's greatest power.
       road: its profile.
       planned: node speeds (n + 1,) [m/s].
@@ -363,18 +358,21 @@ def with_all_power(
 
 def set_speed(vehicle: PointMass, road: RoadProfile, mean: float, top: float) -> float:
     """Returns the set speed at which the model's cruise has a mean speed, at most `top` [m/s]."""
-    low, high = mean, max(top, mean)
+    return _bisect(
+        mean, max(top, mean), lambda v: cruise_time(vehicle, road, v, v) > road.length / mean
+    )
+
+
+def _bisect(low: float, high: float, too_low: Callable[[float], bool]) -> float:
+    """Returns the least value that is not too low."""
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        if cruise_time(vehicle, road, middle, middle) > road.length / mean:
-            low = middle
-        else:
-            high = middle
+        low, high = (middle, high) if too_low(middle) else (low, middle)
     return high
 
 
 def cruise_time(vehicle: PointMass, road: RoadProfile, v_set: float, v_start: float) -> float:
-    """Returns the trip time of the model's cruise [s]; inf where its power is too small."""
+    """Returns the trip time of the model's cruise [s]; inf if its power is too small."""
     try:
         speed = cruise(vehicle, road, v_set, min(v_set, v_start))
     except PlanningError:

@@ -30,7 +30,7 @@ _SHORTEST, _LONGEST, _COUNT = 16.0, 1000.0, 60
 
 @dataclass(frozen=True)
 class SideWind:
-    """Wind across the road by station [m/s], positive to the left.
+    """Wind across the road over station [m/s], positive to the left.
 
     Attributes:
       mean: steady part.

@@ -22,12 +22,12 @@ from iits_mj.core.messages import (
     TrackedVehicle,
     TrafficLight,
 )
-from iits_mj.core.results import Check, Line, Panel, Results
+from iits_mj.core.results import Findings, Line
 from iits_mj.core.timing import CONTROL_PERIOD, TIMESTEP
+from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.road import Route
 from iits_mj.simulation.frame import BEHIND
 from iits_mj.truck import Truck
-from iits_mj.validation.harness.config import ValidateConfig
 from iits_mj.validation.planning.closed_loop import Record, Recorder, run_recorded
 from iits_mj.validation.planning.ideal_drive import car
 
@@ -46,7 +46,7 @@ class StopDrive:
     """A drive to a line across the lane: a stop line, or a wall.
 
     Attributes:
-      record: time [s], left: front bumper to the line [m], inf before it is seen, and speed [m/s].
+      record: time [s]; left: front bumper to the line [m], inf before it is seen; speed [m/s].
       green: time of the change to green [s]; inf for a wall.
       emergencies: emergency brakings of the planner.
     """
@@ -57,18 +57,18 @@ class StopDrive:
 
     @property
     def crossed(self) -> float:
-        """Time at which the front bumper crossed the line [s], inf for never."""
+        """Time at which the front bumper crossed the line [s]; inf if it did not."""
         beyond = np.flatnonzero(self.record["left"] < 0.0)
         return float(self.record["time"][beyond[0]]) if beyond.size else math.inf
 
     @property
     def ran_red(self) -> bool:
-        """Whether the line was crossed before the light was green."""
+        """Whether the truck crossed the line before the light was green."""
         return self.crossed < self.green
 
     @property
     def place(self) -> float:
-        """Distance to the line where the truck last stood at red [m]; nan where it never did."""
+        """Distance to the line of the last standstill at red [m]; nan without one."""
         record = self.record
         stood = np.flatnonzero((np.abs(record["speed"]) < 0.02) & (record["time"] < self.green))
         return float(record["left"][stood[-1]]) if stood.size else math.nan
@@ -77,7 +77,7 @@ class StopDrive:
     def braking(self) -> float:
         """Strongest deceleration above 0.5 m/s, smoothed over 0.5 s [m/s2].
 
-        The jolt at standstill, which is the suspension's, does not count.
+        The jolt of the suspension at standstill does not count.
         """
         speed, window = self.record["speed"], round(0.5 / CONTROL_PERIOD)
         lost = (speed[:-window] - speed[window:]) / (window * CONTROL_PERIOD)
@@ -88,7 +88,7 @@ class StopDrive:
 def _truck_and_stack(
     speed: float, payload: float, route: Route, timestep: float = TIMESTEP
 ) -> tuple[Truck, Stack]:
-    """Returns the truck at its start and a stack that wants the same speed [m/s]."""
+    """Returns the truck at a speed [m/s] and a stack with the same cruise speed."""
     truck = Truck.load(payload, route=route, timestep=timestep, visuals=False)
     truck.reset(station=_START, offset=float(route.lane_offset(0, _START)), speed=speed)
     config = PlannerConfig(speed=SpeedConfig(cruise_speed=speed))
@@ -104,15 +104,15 @@ def drive_to_red(
     green: float | None = None,
     sight: float = _SIGHT,
 ) -> StopDrive:
-    """Drives to a light that is red until `green`, and on.
+    """Drives to a light that is red until `green`, and past it.
 
     Args:
-      speed: at the start, and wanted [m/s].
+      speed: at the start, and of the cruise [m/s].
       payload: [kg].
       grade: of the road, positive uphill.
-      known: the light announces when it changes.
-      green: time of the change [s]; default: 8 s after the truck could stand, or, where it is
-        known, so early that arriving slowly is enough.
+      known: whether the light announces its change.
+      green: time of the change [s]; default: 8 s after a possible standstill; of a known change so
+        early that a slow approach suffices.
       sight: front bumper to the line at the start [m].
     """
     if green is None:
@@ -148,13 +148,9 @@ def drive_to_red(
 
 
 def wall_stop(speed: float, sight: float, payload: float, timestep: float) -> StopDrive:
-    """Drives at a speed [m/s] until a wall appears; the record's time starts with the wall.
+    """Drives at a speed [m/s] until a wall appears at a distance `sight` [m] from the bumper.
 
-    Args:
-      speed: [m/s].
-      sight: bumper to wall when it is first seen [m].
-      payload: [kg].
-      timestep: of the physics [s].
+    The time of the record starts with the wall. Payload [kg], time step of the physics [s].
     """
     route = Route.straight(length=_LENGTH)
     truck, stack = _truck_and_stack(speed, payload, route, timestep)
@@ -187,44 +183,38 @@ def wall_stop(speed: float, sight: float, payload: float, timestep: float) -> St
 
 
 def cases(quick: bool) -> list[tuple[float, float, float, bool]]:
-    """Returns speed [m/s], payload [kg], grade and whether the change is known, of all drives."""
+    """Returns speed [m/s], payload [kg], grade, and whether the change is known, of all drives."""
     if quick:
-        return [(16.67, 36_000.0, -0.06, False)]
-    return list(itertools.product(SPEEDS, (0.0, 36_000.0), GRADES, (False, True)))
+        return [(16.67, MAX_PAYLOAD, -0.06, False)]
+    return list(itertools.product(SPEEDS, (0.0, MAX_PAYLOAD), GRADES, (False, True)))
 
 
 def _quick_green(speed: float) -> float:
-    """Returns a time of change some seconds after a truck stands that brakes at 1 m/s2 [s]."""
+    """Returns a time of change [s] some seconds after the standstill of braking at 1 m/s2."""
     return (_SIGHT - 0.5 * speed**2) / speed + speed + 5.0
 
 
-def run_red_light(config: ValidateConfig) -> Results:
+def red_light_on_truck(quick: bool) -> Findings:
     """Drives the matrix of red lights; the quick form is its hardest case."""
-    results, lines = Results("red light"), []
-    drives = {}
-    for case in cases(config.quick):
+    drives, lines = {}, []
+    for case in cases(quick):
         # The quick form waits at the line only long enough to show that the truck stays there.
-        green = _quick_green(case[0]) if config.quick else None
+        green = _quick_green(case[0]) if quick else None
         drives[case] = drive_to_red(*case[:3], known=case[3], green=green)
     places = np.array([drive.place for case, drive in drives.items() if not case[3]])
     ran = sum(drive.ran_red for drive in drives.values())
     worst = math.nan if np.isnan(places).any() else float(places.max())
     braking = max(drive.braking for drive in drives.values())
-    results.checks += [
-        Check(f"red light on the truck, {len(drives)} drives: {what}", value, unit, None, must)
-        for what, value, unit, must in (
-            ("lines crossed at red", float(ran), "1", "== 0"),
-            ("farthest stand before the line", worst, "m", "<= 1.5"),
-            ("nearest stand before the line", float(places.min()), "m", ">= 0"),
-            ("strongest braking", braking, "m/s2", "<= 3.6"),
-        )
-    ]
+    found = Findings(f"red light on the truck, {len(drives)} drives")
+    found.check("lines crossed at red", ran, "1", must="== 0")
+    found.check("farthest stand before the line", worst, "m", must="<= 1.5")
+    found.check("nearest stand before the line", places.min(), "m", must=">= 0")
+    found.check("strongest braking", braking, "m/s2", must="<= 3.6")
     for (speed, payload, grade, known), drive in drives.items():
-        if known == config.quick:
+        if known == quick:
             continue
         name = f"{payload / 1e3:g} t of load, {speed:g} m/s, {100.0 * grade:g} %"
         lines.append(Line(name, -drive.record["left"], drive.record["speed"], "simulation"))
-    results.figures["red light on the truck"] = [
-        Panel("red light 200 m ahead", "from the line [m]", "speed [m/s]", tuple(lines))
-    ]
-    return results
+    found.label = ""
+    found.panel("red light 200 m ahead", "from the line [m]", "speed [m/s]", *lines)
+    return found

@@ -1,7 +1,7 @@
 """Trips of the full stack in traffic, with predictive cruise control and with a constant speed.
 
-A pair is driven with the same seed: first the cruise, then PCC, which shall arrive when the cruise
-did, neither later nor earlier, at the same speed. It knows nothing else of the other run.
+Both trips of a pair have the same seed. The cruise is driven first. PCC gets its arrival time and
+its end speed, and knows nothing else of that trip.
 """
 
 from __future__ import annotations
@@ -21,17 +21,18 @@ from controllers.stack import Stack
 from iits_mj.core import tables
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from iits_mj.simulation import DriveConfig, Frame, Observer, Simulation
+from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation
 from iits_mj.simulation.lock_step import LockStep
 from iits_mj.simulation.parts import make_stack, pcc_config
 from iits_mj.truck import Truck
 from iits_mj.validation.harness.run_cache import drive_digest
+from iits_mj.validation.planning.pcc_case import GROSS_MASS
 
 DENSITIES = ("dense", "medium", "sparse")
 TRAFFIC_SPEED = 15.0  # [m/s], the faster of the paper's two
 SPEED = 60.0 / 3.6  # [m/s], the paper's reference
 LENGTH = 5_000.0  # [m]
-# The trips of one seed are on one third of the 15 km highway, those of the next on the next.
+# Successive seeds use successive thirds of the 15 km highway.
 STARTS = (60.0, 4_960.0, 9_860.0)  # [m]
 TIME_MAX = 1_200.0  # [s]
 PLANNERS = ("cruise", "pcc")
@@ -48,7 +49,7 @@ class TripRow:
       closest: least gap to a vehicle ahead [m]; friction: time with friction brakes on [s].
       plans: of PCC, optimal; other_plans: kept, schedule or cruise.
       solve_p50, solve_p95: wall time of a solve [s], nan without.
-      code: digest of the code that drove it.
+      code: digest of the code of the drive.
     """
 
     density: str
@@ -82,7 +83,7 @@ class _TripEnd(Observer):
         self.reached = False
         self.friction = 0.0
 
-    def observe(self, simulation: LockStep, frame: Frame) -> None:
+    def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         ego = frame.ego
         if frame.command.xbr_demand < 0.0:
             self.friction += self.period
@@ -108,9 +109,10 @@ def drive_trip(
 
     Args:
       density: of the traffic.
-      seed: of the traffic; also selects the start of the trip.
+      seed: of the traffic; it also selects the start of the trip.
       planner: one of `PLANNERS`.
-      cruise: its arrival time and end speed apply to PCC; None: those of a cruise on an empty road.
+      cruise: the trip whose arrival time and end speed PCC must meet; default: those of a cruise on
+        an empty road.
       length: of the trip [m].
     """
     start = STARTS[seed % len(STARTS)]
@@ -171,15 +173,12 @@ def trip_code() -> str:
 
 
 def drive_pair(density: str, seed: int, folder: Path | None = None) -> list[TripRow]:
-    """Drives the cruise, and PCC that arrives as the cruise did.
+    """Drives the cruise, and PCC with the arrival time of the cruise.
 
-    Args:
-      density: of the traffic.
-      seed: of the traffic.
-      folder: of finished pairs of this code, which are not repeated; None: none is kept.
+    Finished pairs of this code in the folder are not driven again; None keeps no pairs.
 
     Raises:
-      InputError: a kept pair cannot be read, or none be written.
+      InputError: a kept pair cannot be read, or the pair cannot be written.
     """
     kept = None if folder is None else folder / f"{density}-{seed}.csv"
     if kept is not None:
@@ -193,10 +192,13 @@ def drive_pair(density: str, seed: int, folder: Path | None = None) -> list[Trip
     return rows
 
 
-def worth_of_energy(parameters: TruckParameters, mass: float = 55_000.0) -> float:
+def worth_of_energy() -> float:
     """Returns the fuel that kinetic energy saves later [kg/J], on the level at the set speed."""
-    config = PccConfig(v_ref=SPEED, v_min=0.75 * SPEED, v_max=25.0)
-    vehicle = make_vehicle(parameters, FuelMap(parameters), mass, config)
+    config, parameters = (
+        PccConfig(v_ref=SPEED, v_min=0.75 * SPEED, v_max=25.0),
+        TruckParameters.load(),
+    )
+    vehicle = make_vehicle(parameters, FuelMap(parameters), GROSS_MASS, config)
     return level_worth(vehicle, SPEED) / (0.5 * vehicle.inertial_mass)
 
 
@@ -204,16 +206,16 @@ def read_rows(path: Path) -> list[TripRow]:
     """Returns the trips of a CSV file; none when it does not exist.
 
     Raises:
-      InputError: the file is not one of ours.
+      InputError: the file is not a table of trips.
     """
     return tables.read_rows(path, TripRow, "trips")
 
 
 def write_rows(path: Path, rows: list[TripRow]) -> None:
-    """Writes the file, ordered by density, seed and planner.
+    """Writes the trips as CSV, ordered by density, seed and planner.
 
     Raises:
-      InputError: it cannot be written.
+      InputError: the file cannot be written.
     """
     ordered = sorted(rows, key=lambda row: (DENSITIES.index(row.density), row.seed, row.planner))
     tables.write_rows(path, TripRow, ordered, "trips")

@@ -40,19 +40,20 @@ from traffic_bridge.vehicles.calibration import trimmed
 from traffic_bridge.vehicles.idm import IdmParameters
 from traffic_bridge.vehicles.types import VehicleType, default_types
 
-# --- Simulation of the recorded conditions ---
-
 RUN_OUT = 100.0  # [m] beyond the stretch
 SAMPLE_PERIOD = 0.5  # [s] between samples of the simulated flow
 SPEED_CAP = 40.0  # [m/s]: limit of the simulated road, above every desired speed
 RESOLUTION = 0.05  # [m/s] of prescribed speeds
-# A vehicle with a prescribed speed keeps a short distance, so that its leader does not slow it.
+# A vehicle with a prescribed speed keeps a short distance, so that its leader does not limit it.
 DRIVEN = {"time_headway": CLOSE, "acceleration": 2.0}
 LANE_WIDTH = 3.66  # [m]
+QUANTITIES = {"speed": "m/s", "spacing": "m", "time_headway": "s"}
+SPEED_BOUND = "<= 1"  # [m/s] for calibrated traffic in the recorded conditions
+QUICK_WINDOWS = 1
 
 
 def entering_type(length: float) -> VehicleType:
-    """Type of a vehicle until it is on the road, where it gets a driver."""
+    """Type of a vehicle until it is on the road and gets a driver."""
     return dataclasses.replace(
         default_types()[0],
         length=length,
@@ -70,8 +71,8 @@ def drive(
 
     Args:
       conditions: of all lanes.
-      drivers: draw the driver of each vehicle.
-      window: begin and end in the time of the recording [s].
+      drivers: draws the driver of each vehicle.
+      window: beginning and end in the time of the recording [s].
       seed: of the drivers.
 
     Returns:
@@ -138,13 +139,6 @@ def _drive_lane(
     )
 
 
-# --- Comparison ---
-
-QUANTITIES = {"speed": "m/s", "spacing": "m", "time_headway": "s"}
-SPEED_BOUND = "<= 1"  # [m/s] for calibrated traffic in the recorded conditions
-QUICK_WINDOWS = 1
-
-
 @dataclass(frozen=True)
 class RecordedFlow:
     """A recorded set with its pairs, its flow (stations from zero on) and its conditions.
@@ -152,7 +146,7 @@ class RecordedFlow:
     Attributes:
       data: as read; found: pairs; flow: of the followers.
       conditions: with the vehicle farthest ahead as boundary; fixed: with a fixed boundary, None
-        when the set lacks the speeds for it.
+        if the set lacks the speeds for it.
     """
 
     data: Trajectories
@@ -166,7 +160,7 @@ class RecordedFlow:
         """Reads a set.
 
         Raises:
-          InputError: it cannot be read, has no pairs, or gives no conditions.
+          InputError: the set cannot be read, has no pairs, or gives no conditions.
         """
         data = read_trajectories(path)
         found = trimmed(pairs(data))
@@ -200,13 +194,7 @@ def compare_flows(results: Results, recorded: RecordedFlow, fit: Fit, quick: boo
         "calibrated": lambda _lane, _rng: fit.common.parameters,
         "own headways": own,
     }
-    flows = {
-        name: compared(
-            FlowSamples.joined([drive(conditions, who, w) for w in windows]),
-            conditions,
-        )
-        for name, who in drivers.items()
-    }
+    flows = {name: _driven(conditions, who, windows) for name, who in drivers.items()}
     cells = levels(reference)
     for name, flow in flows.items():
         # One window is too short for the bound.
@@ -231,6 +219,14 @@ def compare_flows(results: Results, recorded: RecordedFlow, fit: Fit, quick: boo
     results.notes.append(
         f"the levels are thirds of this recording; vehicles per km and lane: {density}"
     )
+
+
+def _driven(
+    conditions: Conditions, drivers: Drivers, windows: list[tuple[float, float]]
+) -> FlowSamples:
+    """The simulated flow of all windows, to compare."""
+    parts = [drive(conditions, drivers, window) for window in windows]
+    return compared(FlowSamples.joined(parts), conditions)
 
 
 def _check_lanes(
@@ -261,16 +257,13 @@ def _other_boundaries(
     flow: FlowSamples,
     windows: list[tuple[float, float]],
 ) -> None:
-    """Distances of a flow without a model, and with a fixed boundary, which explains less."""
+    """Distances of a flow without a model, and with the less faithful fixed boundary."""
     conditions, fixed, found = recorded.conditions, recorded.fixed, Findings()
     ours, _ = matched(compared(recorded.flow, conditions), flow)
     label = "no model, only the boundary's speed as a wave, all: speed, Wasserstein"
     found.check(label, wasserstein(ours, without_model(ours, conditions)), "m/s")
     if fixed is not None:
-        parts = [drive(fixed, drivers, window) for window in windows]
-        ours, theirs = matched(
-            compared(recorded.flow, fixed), compared(FlowSamples.joined(parts), fixed)
-        )
+        ours, theirs = matched(compared(recorded.flow, fixed), _driven(fixed, drivers, windows))
         label = "calibrated, boundary at the exit, all"
         _check_distances(found, label, ours, theirs, quantities=("speed",))
     results.add("", found)

@@ -2,20 +2,20 @@
 
 Each recorded lane becomes a straight road of its own, because no recorded pair changes lanes:
 
-- A column of vehicles, each at the distance that it keeps at the first recorded speeds, is long
-  enough to feed the stretch to the end. The recorded stretch lies inside a queue, so its drivers
-  decide how many enter; the flow is a result that is compared with the recorded one.
+- A column of vehicles, each at its distance for the first recorded speeds, is long enough to feed
+  the stretch to the end. The recorded stretch lies inside a queue, so the drivers determine the
+  inflow; the flow is a result that is compared with the recorded flow.
 - At every time the recorded vehicle farthest ahead in the lane, which follows no recorded vehicle,
-  is the downstream boundary: a vehicle at its place drives at its speed.
+  is the downstream boundary: a vehicle at its place has its speed.
 
 Behind the boundary, where flows are compared, nothing is prescribed: every vehicle follows its
 leader by the Intelligent Driver Model. A long recording is simulated in windows.
 
 A fixed boundary (with the speeds on the last part of the stretch) is less faithful to this kind of
 recording, a selection of platoons: most of the time no vehicle was recorded there, and the speed
-between two platoons is not that of either. Prescribing the recorded inflow does not work: slightly
-less than the capacity dissolves the queue into free traffic, slightly more changes nothing. In a
-queue information travels upstream.
+between two platoons differs from that of both. A prescribed inflow does not work: slightly less
+than the capacity dissolves the queue into free traffic, slightly more changes nothing. In a queue
+information travels upstream.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ Drivers = Callable[[int, np.random.Generator], IdmParameters]
 EXIT_SHARE = 0.8  # of the stretch: place of a fixed boundary
 WARM_UP = 60.0  # [s] before a window, with its first conditions
 WINDOW = 150.0  # [s]
-RESERVE = 1.15  # length of the column relative to the need of the recorded flow
+RESERVE = 1.15  # length of the column over the length that the recorded flow needs
 CLOSE = 0.3  # [s]: time headway beyond the boundary
 BIN = 2.0  # [s] for averages of recorded speeds
 TYPE = "car"
@@ -99,8 +99,8 @@ class Conditions:
           recorded: followers.
           others: their leaders.
           vehicle_length: mean [m].
-          fixed: the boundary stays where the last fifth of the stretch begins, with the mean speed
-            of the vehicles recorded there, interpolated where there are none.
+          fixed: the boundary stays at the beginning of the last fifth of the stretch, with the
+            mean speed of the vehicles recorded there, interpolated between them.
 
         Raises:
           InputError: a lane has no vehicle with a leader.
@@ -152,13 +152,13 @@ class Conditions:
     def column(
         self, lane: int, begin: float, end: float, drivers: Drivers, rng: np.random.Generator
     ) -> tuple[tuple[Departure, ...], list[IdmParameters]]:
-        """The vehicles of the simulation of a window [s], all present at its beginning.
+        """The vehicles of a simulated window [s], all present at its beginning.
 
         Returns:
           The departures, and the driver of each.
         """
         departures, found = [], []
-        # Only speeds of the boundary are used; the flow upstream of it is a result.
+        # Only the speeds of the boundary are prescribed; the flow upstream of it is a result.
         times = np.arange(begin - WARM_UP, begin, BIN)
         mean = float(np.mean([self.speed_at(lane, float(time)) for time in times]))
         # Half the speed: SUMO inserts a vehicle only with at least one second of distance.
@@ -182,7 +182,7 @@ class Conditions:
         return np.interp(time, self.time, self.head[lane])
 
     def is_free(self, samples: FlowSamples) -> NDArray[np.bool_]:
-        """True for entries on the stretch that are not prescribed, shape (n,)."""
+        """Mask of the entries on the stretch that are not prescribed, shape (n,)."""
         free = samples.station >= 0.0
         for lane in range(self.lanes):
             mine = samples.lane == lane
@@ -205,7 +205,7 @@ def without_model(samples: FlowSamples, conditions: Conditions) -> FlowSamples:
     """The entries with the speed of the boundary, travelling upstream as a wave.
 
     Treiber and Kesting (2013), section 8.5: disturbances in congested traffic travel upstream at
-    about 15 to 20 km/h, whatever the drivers. The agreement of this flow is no merit of a model.
+    about 15 to 20 km/h for all drivers. The agreement of this flow is not the merit of a model.
     """
     speed = np.empty(len(samples))
     for lane in range(conditions.lanes):

@@ -1,10 +1,11 @@
-"""Calibration to recorded pairs, and its errors on pairs that were not used for it."""
+"""Calibration to recorded pairs, and its errors on other pairs."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -36,7 +37,7 @@ class Fit:
     Attributes:
       default: the package's car; common: one set of parameters, fitted to half of the pairs.
       headways: sets with individual time headways for the pairs of that half.
-      fitted: pairs of that half; judged: pairs of the other half.
+      fitted: pairs of that half; judged: test pairs of the other half.
     """
 
     default: IdmParameters
@@ -47,7 +48,7 @@ class Fit:
 
 
 def calibrated(found: Sequence[Pair]) -> Fit:
-    """Calibrates to the earlier half of the pairs; later pairs of other vehicles are for judging.
+    """Calibrates to the earlier half of the pairs; later pairs of other vehicles are the test set.
 
     Raises:
       InputError: there are too few pairs, or no later pairs of other vehicles.
@@ -84,16 +85,11 @@ def compare(fit: Fit) -> Findings:
         ("of one set, pairs fitted to", fit.common.error, None, ""),
         ("of one set, pairs not fitted to", after, 100.0 * before, f"< {100.0 * before:.4g}"),
         ("of one set and own headways, pairs fitted to", own, PUBLISHED_ERROR, ""),
-        (
-            "of one set, second halves of pairs not fitted to",
-            float(np.mean(kept)),
-            None,
-            "",
-        ),
+        ("of one set, second halves of pairs not fitted to", np.mean(kept), None, ""),
         (
             "of one set and own headways of their first halves, second halves of pairs not fitted "
             "to",
-            float(np.mean(transferred)),
+            np.mean(transferred),
             None,
             "",
         ),
@@ -125,19 +121,17 @@ def _parameters(found: Findings, label: str, values: FloatArray) -> None:
 def _halves(pair: Pair) -> tuple[Pair, Pair]:
     """A pair's first and second half in time."""
     middle = len(pair.time) // 2
-    arrays = [
-        entry.name
-        for entry in dataclasses.fields(pair)
-        if isinstance(getattr(pair, entry.name), np.ndarray)
-    ]
+    arrays: dict[str, Any] = {
+        name: array for name, array in vars(pair).items() if isinstance(array, np.ndarray)
+    }
     return (
-        dataclasses.replace(pair, **{name: getattr(pair, name)[:middle] for name in arrays}),
-        dataclasses.replace(pair, **{name: getattr(pair, name)[middle:] for name in arrays}),
+        dataclasses.replace(pair, **{name: array[:middle] for name, array in arrays.items()}),
+        dataclasses.replace(pair, **{name: array[middle:] for name, array in arrays.items()}),
     )
 
 
 def _error_panel(found: Findings, fit: Fit) -> None:
-    """Adds the distribution of the gap error over the pairs that were not fitted to."""
+    """Adds the distribution of the gap error over the test pairs."""
     grid = np.linspace(0.0, 100.0, 200)
 
     def curve(label: str, errors: Sequence[float], role: str = "") -> Line:

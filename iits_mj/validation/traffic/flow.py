@@ -49,7 +49,7 @@ class FlowSamples:
         return np.asarray(self.spacing / moving)
 
     def quantity(self, name: str) -> FloatArray:
-        """`speed`, `spacing` or `time_headway`."""
+        """One of `speed`, `spacing` and `time_headway`, shape (n,)."""
         return np.asarray(getattr(self, name), dtype=float)
 
     def select(self, keep: NDArray[np.bool_]) -> FlowSamples:
@@ -62,9 +62,8 @@ class FlowSamples:
 
     def reweighted(self, weight: FloatArray, keep: NDArray[np.bool_]) -> FlowSamples:
         """The entries of a mask, with other weights, both of shape (n,)."""
-        names = [entry.name for entry in dataclasses.fields(self)]
-        columns = {name: getattr(self, name)[keep] for name in names}
-        return FlowSamples(**columns | {"weight": weight[keep]})
+        columns = vars(self) | {"weight": weight}
+        return FlowSamples(**{name: values[keep] for name, values in columns.items()})
 
     @classmethod
     def joined(cls, parts: Sequence[FlowSamples]) -> FlowSamples:
@@ -168,9 +167,9 @@ def lane_change_rate(data: Trajectories) -> tuple[int, float]:
 
 
 def matched(recorded: FlowSamples, simulated: FlowSamples) -> tuple[FlowSamples, FlowSamples]:
-    """Both flows in the cells of lane, 10 s and 50 m that both have.
+    """Both flows in their common cells of lane, 10 s and 50 m.
 
-    The simulated entries of a cell have together the weight of the recorded ones, so that the
+    The total weight of the simulated entries of a cell is that of the recorded entries, so that the
     distributions belong to the same times and places.
     """
     ours, theirs = recorded.cells(), simulated.cells()
@@ -185,7 +184,7 @@ def matched(recorded: FlowSamples, simulated: FlowSamples) -> tuple[FlowSamples,
 
 
 def levels(recorded: FlowSamples) -> dict[str, NDArray[np.int64]]:
-    """Divides a recorded flow into three levels with equally many entries by its local density.
+    """Divides a recorded flow by its local density into three levels with equal numbers of entries.
 
     The density of a cell of lane, 10 s and 50 m is the inverse of the mean spacing in it.
 
@@ -239,7 +238,7 @@ def weighted_mean(samples: FlowSamples, name: str) -> float:
 
 
 def _finite(samples: FlowSamples, name: str) -> tuple[FloatArray, FloatArray]:
-    """Values and weights of a quantity where it is known."""
+    """Known values of a quantity, and their weights."""
     values = samples.quantity(name)
     known = np.isfinite(values) & (samples.weight > 0.0)
     if not known.any():

@@ -15,6 +15,7 @@ import numpy as np
 
 from iits_mj.core.output_files import TemporaryFolder
 from iits_mj.core.results import Findings, Results
+from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import RoadMap, Route
 from iits_mj.validation.harness.config import ValidateConfig
@@ -44,11 +45,11 @@ QUICK_EACH = 12
 # empirical analysis", Transportation Research Record 2278 (2012): about one change in 2 km on two
 # plain freeway sites.
 PUBLISHED_RATE = 0.5  # [1/km] a vehicle
-LEAD_IN = 100.0  # [m] of road before a laid data set
+LEAD_IN = 100.0  # [m] of road before an imported data set
 
 
 def run(config: ValidateConfig) -> Results:
-    """Compares with theory and replays; with recorded data, also compares with them.
+    """Compares the traffic with theory, with its own replay, and with recorded data if given.
 
     Raises:
       InputError: the recorded set cannot be read, or has no pairs for the calibration.
@@ -98,21 +99,15 @@ def own_recording(duration: float = 30.0) -> Findings:
 
 
 def laid(data: Trajectories) -> Findings:
-    """Places a recorded set on a road and replays it."""
+    """Imports a recorded set on a road and replays it."""
     length = float(data.station.max()) + 2.0 * LEAD_IN
     route = Route.straight(length, lanes=data.lane_count, lane_width=data.lane_width)
     recording = import_trajectories(data, route, ImportConfig(start_station=LEAD_IN))
     with RepSim(route, recording) as replay:
         frames = [replay.reset()]
         frames += [replay.step() for _ in recording.time[1:]]
-    source = FlowSamples(
-        data.time,
-        data.lane,
-        data.station,
-        data.speed,
-        np.full(len(data), np.nan),
-        np.ones(len(data)),
-    )
+    unknown, weight = np.full(len(data), np.nan), np.ones(len(data))
+    source = FlowSamples(data.time, data.lane, data.station, data.speed, unknown, weight)
     found, distance = Findings(), _difference(recording.frames, frames)
     found.check("RepSim of the recorded set, greatest difference", distance, "SI", must="<= 0")
     name = "the set laid on a road against its file, Wasserstein of speed"
@@ -152,7 +147,7 @@ def lane_changes(quick: bool, seed: int = 0) -> Findings:
 
 
 def _difference(ours: Iterable[VehicleFrame], theirs: Iterable[VehicleFrame]) -> float:
-    """Greatest difference of any value; inf when the vehicles or their lanes differ."""
+    """Greatest difference of any value; inf if the vehicles or their lanes differ."""
     greatest = 0.0
     for a, b in zip(ours, theirs, strict=True):
         if a.ids != b.ids or a.kinds != b.kinds or not np.array_equal(a.lanes, b.lanes):
@@ -162,8 +157,8 @@ def _difference(ours: Iterable[VehicleFrame], theirs: Iterable[VehicleFrame]) ->
 
 
 def _samples(frames: list[VehicleFrame]) -> FlowSamples:
-    """Samples of frames every 0.1 s."""
+    """Samples of frames, one each cycle."""
     log = FlowLog()
     for i, frame in enumerate(frames):
-        log.add(0.1 * i, frame)
+        log.add(CYCLE_PERIOD * i, frame)
     return log.samples

@@ -1,7 +1,7 @@
 """SUMO's traffic against the closed form of the Intelligent Driver Model (IDM).
 
-Equilibrium gaps and flows of a column of equal vehicles (the fundamental diagram), and the share of
-the leader's speed oscillation that a follower takes over (string stability).
+Equilibrium gaps and flows of a column of equal vehicles (the fundamental diagram), and the ratio of
+the speed oscillations of follower and leader (string stability).
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ def drive_column(
 
     Args:
       kind: type of all vehicles.
-      speed: desired speed of the first vehicle, or its mean [m/s].
+      speed: mean desired speed of the first vehicle [m/s].
       duration: [s].
-      frequency: of its oscillation [Hz]; 0 for none.
+      frequency: of its oscillation [Hz]; 0 for a constant speed.
     """
     spacing = 3.0 * LIMIT + kind.length
     first = 50.0 + COLUMN * spacing

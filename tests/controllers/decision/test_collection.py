@@ -1,4 +1,4 @@
-"""Trips as they are driven for the learner: greedy, random, guided; where returns end."""
+"""Trips for the learner: greedy, random and guided decisions; ends of n-step returns."""
 
 import dataclasses
 import itertools
@@ -16,7 +16,7 @@ TRIP = cell_trip("dense", 12.5, TripConfig(duration=60.0))
 
 
 def always(action):
-    """A network that prefers one action."""
+    """Returns a network that prefers one action."""
     weights = [np.zeros((m, n), np.float32) for n, m in itertools.pairwise(LAYERS)]
     biases = [np.zeros(n, np.float32) for n in LAYERS[1:]]
     biases[-1][action] = 1.0
@@ -29,7 +29,7 @@ def drive(network, seed=0, **settings):
 
 
 @pytest.mark.parametrize("action", [0, 1, 2])
-def test_without_randomness_the_network_drives(action):
+def test_without_random_decisions_the_network_makes_all(action):
     driven = drive(always(action), steps=1)
     assert set(driven.transitions.action.tolist()) == {action}
     assert len(driven.transitions) == driven.summary.decisions
@@ -42,18 +42,18 @@ def test_rewards_and_discounts_of_single_steps_are_those_of_the_world():
 
 
 @pytest.mark.parametrize("keeps_right", [False, True])
-def test_left_and_right_are_alike_where_traffic_does_not_keep_right(keeps_right):
+def test_transitions_are_symmetric_unless_traffic_keeps_right(keeps_right):
     trip = dataclasses.replace(TRIP, keeps_right=keeps_right)
     job = Drive("a trip", 0, trip, np.random.default_rng(0), steps=3)
     transitions = drive_trip(HighwayEnv(), job, always(1)).transitions
     assert set(transitions.symmetric.tolist()) == {not keeps_right}
 
 
-def test_without_steps_there_are_no_transitions():
+def test_a_drive_without_n_step_returns_gives_no_transitions():
     assert drive(always(1)).transitions is None
 
 
-def test_random_decisions_are_as_many_as_asked_for():
+def test_share_of_random_decisions_is_epsilon():
     actions = np.concatenate(
         [drive(always(1), seed, epsilon=0.6, steps=1).transitions.action for seed in range(8)]
     )
@@ -61,7 +61,7 @@ def test_random_decisions_are_as_many_as_asked_for():
     assert np.mean(actions != 1) == pytest.approx(0.4, abs=0.1)
 
 
-def test_a_guided_trip_is_that_of_the_rule():
+def test_a_fully_guided_trip_takes_the_decisions_of_mobil():
     env, maker, actions, over = HighwayEnv(), make("mobil"), [], False
     env.reset(np.random.default_rng(7), TRIP)
     while not over:
@@ -74,13 +74,13 @@ def test_a_guided_trip_is_that_of_the_rule():
     assert {0, 1} <= set(actions)
 
 
-def test_returns_end_before_a_decision_that_is_not_the_policys():
+def test_returns_end_before_a_decision_that_is_not_greedy():
     driven = drive(always(1), seed=1, epsilon=0.3, steps=3)
     other = driven.transitions.action != 1
     assert other.any()
     assert not other.all()
     keeps = np.flatnonzero(~other[:-1])
     ends = [other[i + 1] for i in keeps]
-    # A kept second followed by a random change counts alone; three kept ones are joined.
+    # A return before a random change has one step, others have up to three.
     assert driven.transitions.discount[keeps][ends] == pytest.approx(0.99)
     assert driven.transitions.discount[~other].min() <= 0.99**3 + 1e-6

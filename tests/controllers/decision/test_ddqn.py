@@ -27,14 +27,14 @@ from controllers.decision.learning.ddqn import (  # noqa: E402
 
 
 def plain(**settings):
-    """The paper's learner, with what is asked for besides."""
+    """Returns settings of the paper's learner, with some changes."""
     options = {"dueling": False, "standardized": False, "gap": 0.0, "average_rate": 0.0}
     return LearnerConfig(**{**options, **settings})
 
 
 @pytest.fixture(autouse=True)
 def one_thread():
-    """As training does: threads that wait for each other's cores take ten times as long."""
+    """Uses one thread, as training does: several threads take ten times as long."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
@@ -54,8 +54,8 @@ def batch(count=64, seed=0, discount=0.9):
     )
 
 
-def test_double_q_target_by_hand():
-    # Online prefers actions 2 and 0; the target net values them 5 and 7, its own best are 9 and 8.
+def test_double_q_target_equals_a_hand_calculation():
+    # Online prefers actions 2 and 0 with target values 5 and 7; the best target values are 9 and 8.
     online = torch.tensor([[1.0, 2.0, 3.0], [4.0, 0.0, 1.0]])[:, :, None]
     target = torch.tensor([[9.0, 0.0, 5.0], [7.0, 8.0, 0.0]])[:, :, None]
     reward = torch.tensor([1.0, -1.0])
@@ -63,23 +63,23 @@ def test_double_q_target_by_hand():
     assert wanted.tolist() == [[1.0 + 0.5 * 5.0], [-1.0]]
 
 
-def test_double_q_chooses_by_the_mean_of_the_quantiles():
-    # Means online: 2, 3, 2.5, so the middle action, though the first has the greatest quantile.
+def test_double_q_chooses_the_action_of_greatest_mean_quantile():
+    # Online means are 2, 3, 2.5: the middle action, although the first has the greatest quantile.
     online = torch.tensor([[[0.0, 4.0], [3.0, 3.0], [2.0, 3.0]]])
     target = torch.tensor([[[9.0, 9.0], [-1.0, 2.0], [9.0, 9.0]]])
     wanted = double_q_target(torch.tensor([1.0]), torch.tensor([0.5]), online, target)
     assert wanted.tolist() == [[1.0 - 0.5, 1.0 + 1.0]]
 
 
-def test_shortfall_by_hand():
+def test_shortfall_equals_a_hand_calculation():
     # Means 2, 4, 3: the second action is the best one.
     values = torch.tensor([[[1.0, 3.0], [4.0, 4.0], [0.0, 6.0]]]).expand(3, 3, 2)
     assert shortfall(values, torch.tensor([0, 1, 2])).tolist() == [2.0, 0.0, 1.0]
 
 
 def test_advantage_learning_widens_the_gap_and_keeps_the_best_value():
-    # One state for ever, rewards of the three actions -1, 0, -0.5 and a discount of 0.5: the values
-    # are -1, 0 and -0.5, and those of the lesser ones twice as far below with half of it charged.
+    # One state, rewards -1, 0 and -0.5 of the actions, a discount of 0.5: the values are -1, 0 and
+    # -0.5. With half of the shortfall charged, the lower values are twice as far below.
     def learned(gap):
         learner = DoubleDqn(
             plain(gap=gap, reward_scale=1.0, learning_rate=1e-3, target_interval=20), seed=0
@@ -95,7 +95,7 @@ def test_advantage_learning_widens_the_gap_and_keeps_the_best_value():
     assert learned(0.5) == pytest.approx([-2.0, 0.0, -1.0], abs=0.05)
 
 
-def test_quantile_huber_loss_by_hand():
+def test_quantile_huber_loss_equals_a_hand_calculation():
     # tau = 1/4 and 3/4. Quantile 0: u = 2 and -1/2, huber 3/2 and 1/8, weights 1/4 and 3/4.
     # Quantile 1: u = 1 and -3/2, huber 1/2 and 1, weights 3/4 and 1/4.
     loss = quantile_huber(torch.tensor([[0.0, 1.0]]), torch.tensor([[2.0, -0.5]]))
@@ -104,7 +104,7 @@ def test_quantile_huber_loss_by_hand():
     assert loss.tolist() == [first + second]
 
 
-def test_quantiles_learned_from_coin_throws_are_those_of_the_coin():
+def test_quantiles_learned_from_coin_flips_are_those_of_the_coin():
     # Return 0 or 8 with equal odds, quantiles at 1/8, 3/8, 5/8, 7/8: two near 0, two near 8.
     quantiles = torch.tensor([[1.0, 3.0, 5.0, 7.0]], requires_grad=True)
     optimizer = torch.optim.SGD([quantiles], lr=0.05)
@@ -118,7 +118,7 @@ def test_quantiles_learned_from_coin_throws_are_those_of_the_coin():
     assert quantiles.mean().item() == pytest.approx(4.0, abs=1e-3)
 
 
-def test_advantages_of_dueling_heads_do_not_move_the_mean_value():
+def test_advantage_head_does_not_change_the_mean_value():
     network = ValueNetwork(dueling=True, quantiles=0)
     data = torch.from_numpy(batch(5).observation)
     with torch.no_grad():
@@ -132,7 +132,7 @@ def test_advantages_of_dueling_heads_do_not_move_the_mean_value():
 
 @pytest.mark.parametrize("dueling", [False, True])
 @pytest.mark.parametrize("quantiles", [0, 1, 5])
-def test_shipped_network_gives_what_torch_gives(dueling, quantiles):
+def test_exported_network_gives_the_values_of_torch(dueling, quantiles):
     learner = DoubleDqn(plain(dueling=dueling, quantiles=quantiles), seed=3)
     for seed in range(3):
         learner.update(batch(seed=seed))
@@ -145,7 +145,7 @@ def test_shipped_network_gives_what_torch_gives(dueling, quantiles):
 
 
 @pytest.mark.parametrize("dueling", [False, True])
-def test_units_of_the_inputs_fold_into_the_shipped_network(dueling):
+def test_exported_network_includes_the_scaling_of_the_inputs(dueling):
     config = plain(standardized=True, dueling=dueling)
     learner = DoubleDqn(config, seed=3)
     data = batch(50, seed=9).observation
@@ -157,7 +157,7 @@ def test_units_of_the_inputs_fold_into_the_shipped_network(dueling):
     assert np.abs(shipped - other).max() > 0.1 * np.abs(wanted).max()
 
 
-def test_standardized_inputs_of_a_drive_are_of_one_size():
+def test_standardized_inputs_of_a_drive_have_similar_sizes():
     env, maker, seen = HighwayEnv(), make("mobil"), []
     env.reset(np.random.default_rng(0), cell_trip("dense", 12.5))
     for _ in range(300):
@@ -172,7 +172,7 @@ def test_standardized_inputs_of_a_drive_are_of_one_size():
     assert np.sqrt((raw[:, 1:][present] ** 2).mean(axis=0)).min() < 0.01
 
 
-def test_target_network_is_separate_and_is_renewed_on_time():
+def test_target_network_is_separate_and_copied_at_its_interval():
     learner = DoubleDqn(plain(target_interval=3), seed=0)
     online, target = learner.online.trunk[0].weight, learner.target.trunk[0].weight
     start = target.clone()
@@ -186,7 +186,7 @@ def test_target_network_is_separate_and_is_renewed_on_time():
     assert not torch.equal(target, start)
 
 
-def test_target_network_follows_by_its_rate():
+def test_target_network_follows_the_online_network_by_its_rate():
     learner = DoubleDqn(plain(target_rate=0.25, target_interval=1), seed=0)
     start = learner.target.trunk[0].weight.clone()
     learner.update(batch())
@@ -229,7 +229,7 @@ def test_update_moves_values_towards_the_return(options):
     assert errors[-1] < 0.3 * errors[0]
 
 
-def test_update_tells_its_errors_and_the_mean_value():
+def test_update_returns_its_errors_and_the_mean_value():
     learner = DoubleDqn(plain(reward_scale=0.5), seed=0)
     data = batch(discount=0.0)
     values = learner.network().values(data.observation)[np.arange(64), data.action]
@@ -238,7 +238,7 @@ def test_update_tells_its_errors_and_the_mean_value():
     assert update.value == pytest.approx(values.mean(), abs=1e-5)
 
 
-def test_a_transition_of_weight_zero_teaches_nothing():
+def test_a_transition_of_weight_zero_changes_no_parameter():
     weight = np.ones(64, np.float32)
     weight[10:] = 0.0
     results = []
@@ -267,7 +267,7 @@ def test_learner_is_restored_to_the_bit():
     assert torch.equal(learner.online.trunk[0].weight, other.online.trunk[0].weight)
 
 
-def test_the_seed_of_the_network_leaves_others_draws_alone():
+def test_seeding_the_network_does_not_change_other_random_draws():
     torch.manual_seed(5)
     wanted = torch.rand(3)
     torch.manual_seed(5)

@@ -1,4 +1,4 @@
-"""The fast world: traffic that behaves, a truck on hills, rewards as stated."""
+"""The fast world: traffic, the truck on hills, reward, ends of a trip."""
 
 import dataclasses
 from types import SimpleNamespace
@@ -10,6 +10,7 @@ from controllers.decision import make
 from controllers.decision.fast_world.changes import Vehicles, gains
 from controllers.decision.fast_world.config import (
     KINDS,
+    SHARES,
     Drivers,
     HighwayConfig,
     Kind,
@@ -19,12 +20,7 @@ from controllers.decision.fast_world.config import (
 from controllers.decision.fast_world.env import HighwayEnv, HighwayTruck
 from controllers.decision.fast_world.traffic import HighwayTraffic
 from controllers.decision.observation import OBSERVATION_SIZE
-from controllers.decision.trip import (
-    CELLS,
-    TripConfig,
-    TripLog,
-    cell_trip,
-)
+from controllers.decision.trip import CELLS, TripConfig, TripLog, cell_trip
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision
 from iits_mj.parameters import TruckParameters
@@ -49,7 +45,7 @@ def trip(decision_name, density="dense", speed=12.5, seed=0, duration=240.0):
     return env, poses
 
 
-def test_a_trip_repeats_itself_to_the_bit():
+def test_the_same_seed_gives_the_same_trip_to_the_bit():
     assert trip("aggressive", seed=4)[1] == trip("aggressive", seed=4)[1]
     assert trip("aggressive", seed=4)[1] != trip("aggressive", seed=5)[1]
 
@@ -62,19 +58,19 @@ def test_idm_holds_its_equilibrium_gap():
     assert a[0] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_drivers_are_those_of_the_sumo_traffic():
+def test_kinds_and_shares_are_those_of_the_sumo_traffic():
     types = {kind.kind: kind for kind in default_types()}
     shares = dict(TrafficConfig().mix)
-    names = [field.name for field in dataclasses.fields(Kind) if field.name != "share"]
-    for kind in KINDS:
+    names = [field.name for field in dataclasses.fields(Kind)]
+    for kind, share in zip(KINDS, SHARES, strict=True):
         for name in names:
             assert getattr(kind, name) == getattr(types[kind.kind], name), (kind.kind, name)
-        assert kind.share == pytest.approx(shares[kind.kind] / sum(shares.values()))
+        assert share == pytest.approx(shares[kind.kind] / sum(shares.values()))
     assert len(KINDS) == len(shares)
 
 
 def brute_gain(vehicles, i, keeps_right):
-    """The SUMO traffic's MOBIL, one vehicle at a time, written with its own scalar functions."""
+    """Returns the gain by the SUMO traffic's MOBIL, one vehicle at a time."""
     types = {kind.kind: kind for kind in default_types()}
 
     def driver(j):
@@ -103,13 +99,13 @@ def brute_gain(vehicles, i, keeps_right):
 
 
 @pytest.mark.parametrize("keeps_right", [False, True])
-def test_mobil_in_arrays_is_the_sumo_traffic_s_mobil(keeps_right):
+def test_mobil_in_arrays_gives_the_gains_of_the_sumo_traffic(keeps_right):
     rng = np.random.default_rng(7)
     compared = refused = 0
     for _ in range(60):
         n = 9
         kind = rng.integers(len(KINDS), size=n)
-        # Faster than the critical speed, too, where the keep-right rule is another.
+        # Speeds on both sides of the critical speed, above which the keep-right rule differs.
         vehicles = SimpleNamespace(
             front=np.cumsum(rng.uniform(8.0, 45.0, n)),
             length=np.array([KINDS[k].length for k in kind]),
@@ -149,10 +145,10 @@ def test_traffic_never_overlaps_in_a_lane():
 
 
 @pytest.mark.parametrize("truck_speed", [9.0, 16.67])
-def test_density_is_kept_for_a_slower_and_a_faster_truck(truck_speed):
+def test_density_stays_constant_around_a_slower_and_a_faster_truck(truck_speed):
     config = HighwayConfig(spawn_probability=0.05, traffic_speed=12.5)
     traffic = HighwayTraffic(config, np.random.default_rng(1))
-    # The truck passes on a lane of its own, so that it holds nobody up.
+    # The truck drives on a lane of its own, so that it delays no vehicle.
     truck = Obstacle(0.0, 16.5, truck_speed, 7)
     traffic.fill(truck)
     counts = []
@@ -173,7 +169,7 @@ def test_followers_brake_for_the_truck():
     assert 80.0 - 16.5 - traffic.front[0] > 1.0
 
 
-def test_lateral_move_of_a_change_is_smooth_and_ends_in_the_lane():
+def test_lateral_motion_of_a_change_is_smooth_and_ends_in_the_lane():
     traffic = HighwayTraffic(HighwayConfig(spawn_probability=0.0), np.random.default_rng(0))
     traffic.spawn(0, 0.0)
     traffic.lane[0], traffic.change_time[0], traffic.change_from[0] = 1, 0.0, 0.0
@@ -186,7 +182,7 @@ def test_lateral_move_of_a_change_is_smooth_and_ends_in_the_lane():
     assert np.diff(offsets).max() < 0.5
 
 
-def test_truck_holds_the_speed_at_which_power_meets_the_grade():
+def test_truck_climbs_at_the_speed_that_full_power_sustains():
     truck = HighwayTruck(PARAMETERS, 36_000.0)
     truck.speed = 16.0
     for _ in range(2000):
@@ -195,14 +191,14 @@ def test_truck_holds_the_speed_at_which_power_meets_the_grade():
     assert 11.0 < truck.speed < 15.0
 
 
-def test_keeping_the_lane_is_never_a_collision():
+def test_keeping_the_lane_never_ends_in_a_collision():
     for density, speed in CELLS:
         env, _ = trip("keep", density, speed, seed=2, duration=200.0)
         assert env.summary.collisions == 0
         assert env.summary.changes == 0
 
 
-def test_overtaking_loses_less_speed_than_keeping_in_medium_traffic():
+def test_overtaking_halves_the_speed_loss_in_medium_traffic():
     loss = {
         name: np.mean(
             [trip(name, "medium", seed=k, duration=500.0)[0].summary.speed_loss for k in range(4)]
@@ -249,7 +245,7 @@ def test_a_change_beside_a_vehicle_is_refused_and_costs_thirty():
     assert (env.lane, env.summary.dangerous) == (0, 1)
 
 
-def test_the_end_of_time_is_a_truncation():
+def test_a_trip_is_truncated_after_its_duration():
     env = HighwayEnv(parameters=PARAMETERS)
     env.reset(np.random.default_rng(0), TripConfig(duration=5.0))
     for _ in range(4):
@@ -263,18 +259,18 @@ def test_the_end_of_time_is_a_truncation():
         env.step(Decision.KEEP)
 
 
-def test_a_collision_is_a_termination_with_its_charge():
+def test_a_collision_terminates_the_trip_and_costs_300():
     env = HighwayEnv(parameters=PARAMETERS)
     env.reset(np.random.default_rng(0), TripConfig(spawn_probability=0.0))
     env.traffic.spawn(0, env.truck.front + 1.0)
-    env.traffic.change_time[0] = 0.0  # it has just changed lanes and will not get away
+    env.traffic.change_time[0] = 0.0  # it has just changed lanes and does not change again
     step = env.step(Decision.KEEP)
     assert step.terminated
     assert step.reward.collision == -300.0
     assert env.summary.collisions == 1
 
 
-def test_rewards_have_the_right_signs():
+def test_reward_charges_speed_below_and_above_the_reference_and_changes():
     log = TripLog(TripConfig(reference_speed=16.0))
     rest = {"changes": 0, "refused": 1, "dangerous": 1, "collision_at": None, "over": False}
     log.charge_speed(14.0, 1.0)

@@ -1,4 +1,4 @@
-"""Learning from mirror images: which transitions have one, and that the fast world has it too."""
+"""Learning from mirror images: mirrored transitions and the symmetry of the fast world."""
 
 import numpy as np
 import pytest
@@ -40,14 +40,14 @@ def test_half_of_a_batch_is_mirrored_with_its_actions():
     assert np.array_equal(after.reward, before.reward)
 
 
-def test_lanes_of_the_built_in_road_are_as_wide_as_the_mirror_takes_them():
+def test_lanes_of_the_built_in_road_have_the_width_of_the_mirror_image():
     road = RoadMap.builtin().route()
     stations = np.linspace(0.0, road.length, 50)
     widths = [road.lane_offset(1, s) - road.lane_offset(0, s) for s in stations]
     assert np.allclose(widths, LANE_WIDTH)
 
 
-def test_traffic_that_keeps_right_has_no_mirror_image():
+def test_transitions_in_traffic_that_keeps_right_are_not_mirrored():
     before = batch(symmetric=False)
     after = mirror_half(before, np.random.default_rng(1))
     assert np.array_equal(after.observation, before.observation)
@@ -55,16 +55,15 @@ def test_traffic_that_keeps_right_has_no_mirror_image():
 
 
 def fronts_by_lane(flipped, keeps_right):
-    """A minute of dense traffic behind a slow truck, none coming or leaving."""
-    config = HighwayConfig(spawn_probability=0.1, keeps_right=keeps_right)
-    traffic = HighwayTraffic(config, np.random.default_rng(3))
-    truck = Obstacle(0.0, 16.5, 8.0, 0)
-    traffic.fill(truck)
-    # Nobody comes or leaves: whoever does is drawn for each lane on its own.
-    inside = (traffic.front > -250.0) & (traffic.front < 400.0)
+    """Simulates a minute of dense traffic behind a slow truck; no vehicle enters or leaves."""
+    dense = HighwayTraffic(HighwayConfig(0.1, keeps_right=keeps_right), np.random.default_rng(3))
+    dense.fill(Obstacle(0.0, 16.5, 8.0, 0))
+    # Vehicles that enter are drawn for each lane separately and have no mirror image.
+    closed = HighwayConfig(0.0, keeps_right=keeps_right, window_behind=1e5, window_ahead=1e5)
+    traffic = HighwayTraffic(closed, np.random.default_rng(3))
+    inside = (dense.front > -250.0) & (dense.front < 400.0)
     for name in COLUMNS:
-        setattr(traffic, name, getattr(traffic, name)[inside])
-    traffic._exchange = lambda truck: None
+        setattr(traffic, name, getattr(dense, name)[inside])
     if flipped:
         traffic.lane = 1 - traffic.lane
     before = traffic.lane.copy()
@@ -73,7 +72,7 @@ def fronts_by_lane(flipped, keeps_right):
     return traffic.front, 1 - traffic.lane if flipped else traffic.lane, traffic.lane != before
 
 
-def test_traffic_that_does_not_keep_right_is_its_own_mirror_image():
+def test_mirrored_traffic_drives_as_before_unless_it_keeps_right():
     front, lane, changed = fronts_by_lane(False, keeps_right=False)
     other_front, other_lane, _ = fronts_by_lane(True, keeps_right=False)
     assert changed.any()
@@ -81,7 +80,7 @@ def test_traffic_that_does_not_keep_right_is_its_own_mirror_image():
     assert np.array_equal(front, other_front)
 
 
-def test_traffic_that_keeps_right_is_not():
+def test_mirrored_traffic_that_keeps_right_drives_differently():
     _, lane, _ = fronts_by_lane(False, keeps_right=True)
     _, other_lane, _ = fronts_by_lane(True, keeps_right=True)
     assert not np.array_equal(lane, other_lane)

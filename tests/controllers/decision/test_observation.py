@@ -24,7 +24,7 @@ def frame(*vehicles, ego=EGO):
     return observe_frame(Scene(0.0, ego, tuple(vehicles)), ROUTE, 16.67)
 
 
-def test_an_empty_road_shows_only_the_truck():
+def test_on_an_empty_road_only_the_trucks_row_is_not_zero():
     rows = frame()
     assert rows.shape == (9, 6)
     assert rows.dtype == np.float32
@@ -46,21 +46,21 @@ def test_rows_are_nearest_first_two_behind_and_six_ahead():
     ("station", "seen"),
     [(1248.9, True), (1249.2, False), (1000.0 - 67.4, True), (1000.0 - 67.6, False)],
 )
-def test_reach_is_250_m_ahead_and_50_m_behind_the_trailer(station, seen):
+def test_range_is_250_m_ahead_and_50_m_behind_the_trailer(station, seen):
     assert frame(car(ROUTE, "v", station, 0, 12.0)).any(axis=1).sum() == 1 + seen
 
 
-def test_who_drives_on_no_lane_is_not_seen():
+def test_a_vehicle_on_no_lane_of_the_route_is_not_observed():
     other_side = dataclasses.replace(car(ROUTE, "o", 1040.0, 0, 12.0), lane=-1)
     assert frame(other_side).any(axis=1).sum() == 1
 
 
-def test_values_are_clipped_to_one():
+def test_observed_values_are_clipped_to_one():
     rows = frame(car(ROUTE, "rocket", 1050.0, 0, 90.0))
     assert np.abs(rows).max() == 1.0
 
 
-def test_a_mirrored_observation_is_that_of_the_mirrored_road():
+def test_a_mirrored_observation_equals_that_of_the_mirrored_scene():
     road = Route.straight(length=5000.0, lanes=2, lane_width=4.0)
 
     def seen(lanes, side):
@@ -78,7 +78,7 @@ def test_a_mirrored_observation_is_that_of_the_mirrored_road():
 
 
 @pytest.mark.parametrize("field", ["station", "offset", "speed", "lateral_speed"])
-def test_nan_is_an_error_that_names_vehicle_and_number(field):
+def test_nan_is_refused_with_the_vehicle_and_the_number_by_name(field):
     broken = dataclasses.replace(car(ROUTE, "v", 1050.0, 0, 12.0), **{field: float("nan")})
     with pytest.raises(InputError, match=f"'v': {field}"):
         frame(broken)
@@ -95,7 +95,7 @@ def test_history_stacks_now_1_2_and_3_seconds_ago():
     assert np.allclose(stacked.reshape(4, 9, 6)[:, 0, 0], [0.44, 0.34, 0.24, 0.14])
 
 
-def test_the_first_frame_stands_for_those_before_it():
+def test_the_first_frame_replaces_missing_earlier_ones():
     history = ObservationHistory()
     history.add(0.0, frame(car(ROUTE, "v", 1050.0, 0, 12.0)))
     stacked = history.observation().reshape(4, -1)
@@ -107,7 +107,7 @@ def test_observation_of_frames_equals_that_of_the_history():
     assert np.array_equal(observation(frames), np.concatenate([f.ravel() for f in frames]))
 
 
-def test_history_refuses_time_that_goes_back_wrong_shapes_and_nan():
+def test_history_refuses_times_not_increasing_wrong_shapes_and_nan():
     history = ObservationHistory()
     with pytest.raises(InputError, match="before any frame"):
         history.observation()

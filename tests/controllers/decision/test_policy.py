@@ -20,7 +20,7 @@ def network(seed=0):
 
 
 def rewrite(path, **changes):
-    """The file with arrays replaced; None drops one."""
+    """Rewrites a file with other arrays; None removes one."""
     with np.load(path) as content:
         arrays = {name: content[name] for name in content.files}
     arrays.update(changes)
@@ -38,7 +38,7 @@ def test_layers_are_the_papers():
     assert LAYERS == (216, 256, 512, 256, 3)
 
 
-def test_values_equal_torch_to_1e_5():
+def test_values_in_numpy_and_torch_agree_to_1e_5():
     torch = pytest.importorskip("torch", reason="torch is not installed (the train extra)")
     from controllers.decision.learning.ddqn import DoubleDqn, LearnerConfig
 
@@ -49,20 +49,20 @@ def test_values_equal_torch_to_1e_5():
     assert np.abs(learner.network().values(batch) - wanted).max() < 1e-5
 
 
-def test_one_observation_gives_its_row_of_the_batch():
+def test_one_observation_gives_the_values_of_its_row_in_a_batch():
     batch = np.random.default_rng(1).uniform(-1.0, 1.0, (4, OBSERVATION_SIZE))
     rows = network().values(batch)
     assert network().values(batch[2]) == pytest.approx(rows[2], abs=1e-5)
 
 
-def test_a_saved_network_is_read_back_with_its_metadata(saved):
+def test_a_network_and_its_metadata_survive_saving_and_loading(saved):
     loaded = QNetwork.load(saved)
     assert loaded.metadata["command"] == "a test"
     for mine, theirs in zip(network().weights, loaded.weights, strict=True):
         assert np.array_equal(mine, theirs)
 
 
-def test_the_shipped_file_is_small_and_tells_how_it_was_made():
+def test_the_shipped_file_is_small_and_records_its_training():
     assert SHIPPED.stat().st_size < 2 * 2**20
     metadata = QNetwork.load(SHIPPED).metadata
     assert metadata["command"].startswith("iits-mj train")
@@ -110,7 +110,7 @@ def test_damaged_files_are_refused(saved, where):
 
 
 @pytest.mark.parametrize("content", [b"", b"hello", b"PK\x03\x04"])
-def test_files_of_another_kind_are_refused(tmp_path, content):
+def test_files_other_than_npz_are_refused(tmp_path, content):
     path = tmp_path / "other.npz"
     path.write_bytes(content)
     with pytest.raises(InputError, match="weights file"):
@@ -143,7 +143,7 @@ def test_an_observation_of_wrong_length_is_refused():
 
 
 @pytest.mark.parametrize(("action", "wanted"), [(0, -1), (1, 0), (2, 1)])
-def test_greedy_takes_the_greatest_value(action, wanted):
+def test_greedy_decision_has_the_greatest_value(action, wanted):
     biases = [np.zeros(n, np.float32) for n in LAYERS[1:]]
     biases[-1][action] = 1.0
     weights = [np.zeros_like(w) for w in network().weights]
@@ -151,7 +151,7 @@ def test_greedy_takes_the_greatest_value(action, wanted):
     assert flat.greedy(np.zeros(OBSERVATION_SIZE)) is Decision(wanted)
 
 
-def test_policy_never_asks_for_a_lane_that_is_not_there():
+def test_policy_keeps_its_lane_if_the_other_one_does_not_exist():
     env = HighwayEnv()
     env.reset(np.random.default_rng(0), cell_trip("sparse", 15.0, TripConfig()))
     biases = [np.zeros(n, np.float32) for n in LAYERS[1:]]
@@ -162,7 +162,7 @@ def test_policy_never_asks_for_a_lane_that_is_not_there():
     assert policy.decide(env.context()) is Decision.KEEP
 
 
-def test_a_change_must_be_worth_the_margin_more_than_keeping(tmp_path):
+def test_a_change_must_exceed_the_value_of_keeping_by_the_margin(tmp_path):
     layers = network()
     biases = [np.zeros_like(bias) for bias in layers.biases]
     weights = [np.zeros_like(weight) for weight in layers.weights]
@@ -176,6 +176,6 @@ def test_a_change_must_be_worth_the_margin_more_than_keeping(tmp_path):
 
 
 @pytest.mark.parametrize("margin", [-0.1, np.nan, np.inf, "0.1", None, True])
-def test_a_margin_that_is_none_is_refused(margin):
+def test_an_invalid_margin_is_refused(margin):
     with pytest.raises(InputError, match="margin"):
         dataclasses.replace(network(), margin=margin)

@@ -27,7 +27,7 @@ def random(seed=0):
     return np.random.default_rng(seed)
 
 
-def test_n_step_return_by_hand():
+def test_n_step_return_equals_a_hand_calculation():
     returns = Returns(3)
     assert returns.add(transition(1.0, 0.5, mark=0.1), over=False) == []
     assert returns.add(transition(2.0, 0.25, mark=0.2), over=False) == []
@@ -38,7 +38,7 @@ def test_n_step_return_by_hand():
     assert joined.following[0] == np.float32(0.8)
 
 
-def test_end_of_an_episode_releases_the_rest():
+def test_end_of_an_episode_completes_all_returns():
     returns = Returns(3)
     returns.add(transition(1.0), over=False)
     joined = returns.add(transition(2.0, discount=0.0), over=True)
@@ -46,7 +46,7 @@ def test_end_of_an_episode_releases_the_rest():
     assert [t.discount for t in joined] == [0.0, 0.0]
 
 
-def test_a_return_ends_before_a_decision_that_is_not_the_policys():
+def test_a_cut_completes_all_returns():
     returns = Returns(3)
     returns.add(transition(1.0, mark=0.1), over=False)
     returns.add(transition(2.0, mark=0.2), over=False)
@@ -58,14 +58,14 @@ def test_a_return_ends_before_a_decision_that_is_not_the_policys():
     assert returns.add(transition(4.0), over=False) == []
 
 
-def test_truncation_keeps_the_value_of_what_follows():
+def test_truncation_keeps_the_discount_of_the_next_value():
     returns = Returns(3)
     (joined,) = returns.add(transition(1.0, discount=0.99), over=True)
     assert joined.discount == 0.99
 
 
 @pytest.mark.parametrize("parts", [(4,), (1, 3), (3, 1), (2, 2)])
-def test_replay_forgets_the_oldest_and_draws_by_the_generator(parts):
+def test_replay_overwrites_the_oldest_and_draws_by_the_generator(parts):
     replay, rewards = ReplayMemory(3, OBSERVATION_SIZE), iter((1.0, 2.0, 3.0, 4.0))
     for part in parts:
         replay.add(batch(*[next(rewards) for _ in range(part)]))
@@ -75,7 +75,7 @@ def test_replay_forgets_the_oldest_and_draws_by_the_generator(parts):
     assert np.array_equal(drawn.reward, replay.sample(200, random()).batch.reward)
 
 
-def test_uniform_draws_have_weight_one_and_know_no_priorities():
+def test_uniform_draws_have_weight_one_and_ignore_errors():
     replay = ReplayMemory(3, OBSERVATION_SIZE)
     replay.add(batch(1.0, 2.0))
     replay.renew(np.array([0]), np.array([100.0]))
@@ -84,13 +84,13 @@ def test_uniform_draws_have_weight_one_and_know_no_priorities():
     assert 400 < (drawn.indices == 0).sum() < 600
 
 
-def test_an_empty_replay_says_so():
+def test_sampling_an_empty_replay_is_refused():
     with pytest.raises(InputError, match="empty"):
         ReplayMemory(3, OBSERVATION_SIZE).sample(1, random())
 
 
 def priorities(*p, exponent=1.0):
-    """Priorities of the given values; the floor of 1e-3 is taken off the errors."""
+    """Returns priorities of the given values; the errors are less by the floor of 1e-3."""
     made = Priorities(len(p), exponent)
     made.add(np.arange(len(p)))
     made.renew(np.arange(len(p)), np.array(p) - 1e-3)
@@ -98,14 +98,14 @@ def priorities(*p, exponent=1.0):
 
 
 @pytest.mark.parametrize("size", [1, 2, 5, 64, 100])
-def test_draws_are_where_the_running_sum_of_priorities_exceeds(size):
+def test_draws_follow_the_cumulative_sum_of_the_priorities(size):
     p = random().uniform(0.01, 2.0, size)
     index, _ = priorities(*p).draw(500, size, 1.0, random(1))
     wanted = (np.arange(500) + random(1).random(500)) / 500 * p.sum()
     assert np.array_equal(index, np.searchsorted(np.cumsum(p), wanted, side="right"))
 
 
-def test_priorities_follow_single_changes():
+def test_renewed_priorities_are_those_of_the_last_errors():
     made, p = priorities(*np.ones(37)), np.ones(37)
     for seed in range(200):
         index = random(seed).integers(0, 37, 5)
@@ -121,19 +121,19 @@ def test_draws_never_go_beyond_the_stored_transitions():
     assert np.bincount(index).tolist() == [334, 333, 333]
 
 
-def test_shares_of_the_draws_are_the_priorities():
+def test_draws_are_proportional_to_the_priorities():
     # One draw in each of 400 equal parts of the sum: shares are exact where parts do not mix.
     index, _ = priorities(1.0, 2.0, 5.0).draw(400, 3, 1.0, random())
     assert np.bincount(index).tolist() == [50, 100, 250]
 
 
 @pytest.mark.parametrize(("exponent", "shares"), [(0.0, [100, 100]), (0.5, [50, 150])])
-def test_exponent_levels_the_priorities(exponent, shares):
+def test_exponent_below_one_equalizes_the_priorities(exponent, shares):
     index, _ = priorities(1.0, 9.0, exponent=exponent).draw(200, 2, 1.0, random())
     assert np.bincount(index).tolist() == shares
 
 
-def test_importance_weights_by_hand():
+def test_importance_weights_equal_a_hand_calculation():
     # P = 1/4 and 3/4 of N = 2: (N P)^-1/2 = sqrt 2 and sqrt 2/3, their ratio sqrt 1/3.
     index, weight = priorities(1.0, 3.0).draw(4, 2, 0.5, random())
     assert index.tolist() == [0, 1, 1, 1]
@@ -155,7 +155,7 @@ def test_new_transitions_have_the_greatest_priority_so_far():
     assert np.bincount(drawn.indices).tolist() == [50, 500, 500]
 
 
-def test_what_is_overwritten_loses_its_priority():
+def test_an_overwritten_transition_loses_its_priority():
     replay = ReplayMemory(2, OBSERVATION_SIZE, priority_exponent=1.0)
     replay.add(batch(0.0, 1.0))
     replay.renew(np.array([0, 1]), np.array([4.0, 2.0]) - 1e-3)

@@ -34,14 +34,14 @@ def behind(gap, lane, speed=12.0, name="behind"):
 
 
 @pytest.mark.parametrize(("name", "d"), CLEARANCE)
-def test_a_rule_acts_when_the_obstacle_is_closer_than_d_and_not_before(name, d):
+def test_a_rule_changes_lanes_only_if_the_leader_is_closer_than_d(name, d):
     rule = make(name)
     assert rule.decide(context(ahead(d - 1.0, 0))) is Decision.LEFT
     assert rule.decide(context(ahead(d + 1.0, 0))) is Decision.KEEP
 
 
 @pytest.mark.parametrize(("name", "d"), CLEARANCE)
-def test_a_rule_wants_d_free_ahead_and_behind_in_the_other_lane(name, d):
+def test_a_rule_needs_the_other_lane_free_for_d_ahead_and_behind(name, d):
     rule, obstacle = make(name), ahead(d - 10.0, 0)
     assert rule.decide(context(obstacle, ahead(d - 1.0, 1, name="x"))) is Decision.KEEP
     assert rule.decide(context(obstacle, behind(d - 1.0, 1))) is Decision.KEEP
@@ -49,40 +49,40 @@ def test_a_rule_wants_d_free_ahead_and_behind_in_the_other_lane(name, d):
     assert rule.decide(context(obstacle, *both)) is Decision.LEFT
 
 
-def test_a_rule_sees_who_drives_beside_the_trailer():
+def test_a_vehicle_beside_the_trailer_prevents_a_change():
     beside = car(ROUTE, "beside", 992.0, 1, 16.0)
     assert make("aggressive").decide(context(ahead(40.0, 0), beside)) is Decision.KEEP
 
 
-def test_left_is_preferred_to_right_and_right_is_used_from_the_left_lane():
+def test_a_rule_prefers_left_and_changes_right_from_the_left_lane():
     rule = make("neutral")
     assert rule.decide(context(ahead(60.0, 1), lane=1, lanes=(0, 1, 2))) is Decision.LEFT
     assert rule.decide(context(ahead(60.0, 1), lane=1)) is Decision.RIGHT
 
 
-def test_a_rule_does_not_return_to_the_right_by_itself():
+def test_a_rule_keeps_the_left_lane_on_a_free_road():
     assert make("aggressive").decide(context(lane=1)) is Decision.KEEP
 
 
 @pytest.mark.parametrize("name", ["mobil", "lookahead"])
-def test_the_stronger_rules_leave_a_slow_leader(name):
+def test_mobil_and_lookahead_overtake_a_slow_leader(name):
     assert make(name).decide(context(ahead(45.0, 0, 11.0))) is Decision.LEFT
 
 
 @pytest.mark.parametrize("name", ["mobil", "lookahead"])
-def test_the_stronger_rules_look_at_the_leader_of_the_target_lane(name):
+def test_mobil_and_lookahead_keep_the_lane_if_the_other_leader_is_slower(name):
     slower = ahead(45.0, 1, 9.0, "slower")
     assert make(name).decide(context(ahead(45.0, 0, 12.0), slower)) is Decision.KEEP
 
 
 @pytest.mark.parametrize("name", ["mobil", "lookahead"])
-def test_the_stronger_rules_do_not_cut_in_before_a_fast_follower(name):
+def test_mobil_and_lookahead_do_not_cut_in_before_a_fast_follower(name):
     fast = behind(15.0, 1, 24.0)
     assert make(name).decide(context(ahead(45.0, 0, 11.0), fast)) is Decision.KEEP
 
 
 @pytest.mark.parametrize("name", ["keep", "conservative", "mobil", "lookahead"])
-def test_nobody_changes_on_an_empty_road(name):
+def test_no_decision_maker_changes_lanes_on_an_empty_road(name):
     maker = make(name)
     maker.reset()
     assert maker.name == name
@@ -90,7 +90,7 @@ def test_nobody_changes_on_an_empty_road(name):
     assert maker.decide(context(lane=1)) is Decision.KEEP
 
 
-def test_an_unknown_name_and_needless_weights_are_refused():
+def test_unknown_names_and_weights_for_a_rule_are_refused():
     with pytest.raises(InputError, match="bold"):
         make("bold")
     with pytest.raises(InputError, match="takes no weights"):

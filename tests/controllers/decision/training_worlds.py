@@ -1,20 +1,20 @@
-"""Worlds for the tests of training; picklable by name, and without torch, as workers are."""
+"""Worlds for the tests of training; picklable by name and without torch, like the workers."""
 
 import os
 import sys
 
-from controllers.decision.fast_world.env import HighwayEnv, HighwaySettings
+from controllers.decision.fast_world.env import HighwayEnv
 
 
 class FlatWorld(HighwayEnv):
-    """Another world than the fast one, as quick."""
+    """A fast world on a flat road, as another world for the second stage."""
 
     def __init__(self):
-        super().__init__(HighwaySettings(grade_max=0.0))
+        super().__init__(grade_max=0.0)
 
 
 class TorchlessWorld(FlatWorld):
-    """Refuses to be where torch is."""
+    """Fails in a process that has torch or several threads."""
 
     def __init__(self):
         super().__init__()
@@ -32,14 +32,14 @@ class FailingWorld(FlatWorld):
 
 
 class DyingWorld(FlatWorld):
-    """Takes its process with it."""
+    """Ends its process."""
 
     def reset(self, generator, trip=None):
         os._exit(9)
 
 
 class BlindWorld(FlatWorld):
-    """Sees NaN after the first step."""
+    """Observes NaN after the first step."""
 
     def step(self, decision):
         step = super().step(decision)

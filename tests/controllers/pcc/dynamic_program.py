@@ -1,26 +1,26 @@
 """An independent check of the speed planner: dynamic programming from grid point to grid point.
 
-Written from the equations, not from the planner's code. The state is b = v^2 on a grid of its own,
-a step leads from one grid point to another, so no value is interpolated: what is found is a drive
-that keeps all limits, and its cost an upper bound of the least one. Trip time has the price that
-the planner found for it. By weak duality no drive of the same trip time can then cost less than
-the least cost at that price, less the price of the time: the planner's optimum must be as low as
-that, and the grid's may only be above it by what the grid rounds off.
+Written from the equations, not from the planner's code. The state is b = v^2 on a grid of its own.
+Each step leads from one grid point to another without interpolation, so the result is a drive that
+keeps all limits, and its cost is an upper bound of the least cost. Trip time has the price that the
+planner found. By weak duality no drive of the same trip time costs less than the least cost at that
+price, minus the price of the time: the planner's optimum must not exceed this, and the grid's may
+exceed it only by the rounding of the grid.
 """
 
 import numpy as np
 
 
 def least_cost(vehicle, road, b_low, b_high, price, states=800, reach=(-180.0, 60.0), rate=None):
-    """Least fuel + price * time [kg] from the first to the last speed, and the node speeds.
+    """Returns the least fuel + price * time [kg] between the end speeds, and the node speeds.
 
     Args:
-      vehicle, road: as the planner has them.
+      vehicle, road: of the planner.
       b_low, b_high: bounds of v^2, shape (n + 1,); the first and the last are fixed and equal.
       price: of a second [kg/s].
       states: grid points between the least and the greatest bound.
-      reach: how far b may fall and rise in an interval [m2/s2].
-      rate: fuel [kg/s] over wheel force [N] and speed [m/s], default the vehicle's convex model.
+      reach: greatest decrease and increase of b in an interval [m2/s2].
+      rate: fuel [kg/s] over wheel force [N] and speed [m/s]; default: the vehicle's convex model.
     """
     n, ds = road.intervals, road.step
     home = b_high[0]

@@ -10,7 +10,7 @@ N = 7
 
 
 def problem(rng, behind=True, calm=0.3):
-    """A small problem with bounds on all nodes but the first and the fourth, which are pinned."""
+    """Returns a small problem with bounds at all nodes; first and fourth node are pinned."""
     low, high = np.full(N + 1, 0.3), np.full(N + 1, 1.6)
     low[[0, 3]] = high[[0, 3]] = 1.0
     earliest = np.zeros(N)
@@ -40,7 +40,7 @@ def state(rng):
 
 
 def difference(function, x, step=1e-6):
-    """Jacobian of a function of a vector by central differences."""
+    """Returns the Jacobian of a function of a vector by central differences."""
     columns = []
     for i in range(x.size):
         shift = np.zeros(x.size)
@@ -61,7 +61,7 @@ def lagrangian_slope(task, limits, z):
 
 
 @pytest.mark.parametrize("behind", [True, False])
-def test_gradient_of_the_lagrangian_is_that_of_finite_differences(behind):
+def test_gradient_of_the_lagrangian_equals_finite_differences(behind):
     rng = np.random.default_rng(1)
     task = problem(rng, behind)
     limits = Inequalities(task)
@@ -79,7 +79,7 @@ def test_gradient_of_the_lagrangian_is_that_of_finite_differences(behind):
 
 
 @pytest.mark.parametrize("behind", [True, False])
-def test_change_of_the_inequalities_is_that_of_finite_differences(behind):
+def test_change_of_the_inequalities_equals_finite_differences(behind):
     rng = np.random.default_rng(2)
     task = problem(rng, behind)
     limits = Inequalities(task)
@@ -91,7 +91,7 @@ def test_change_of_the_inequalities_is_that_of_finite_differences(behind):
     assert found[there] == pytest.approx((jacobian @ step)[there], abs=1e-7)
 
 
-def test_curvature_over_the_nodes_is_the_whole_hessian_with_the_brakes_eliminated():
+def test_curvature_over_the_nodes_is_the_hessian_with_brakes_eliminated():
     rng = np.random.default_rng(3)
     task = problem(rng, behind=False)
     limits = Inequalities(task)
@@ -134,7 +134,7 @@ def test_convex_part_of_the_curvature_has_no_negative_eigenvalue():
 
 
 @pytest.mark.parametrize("behind", [True, False])
-def test_node_system_solves_what_it_stands_for(behind):
+def test_node_system_agrees_with_a_dense_solver(behind):
     rng = np.random.default_rng(5)
     diagonal, beside = rng.uniform(2.0, 3.0, N + 1), rng.normal(0.0, 0.3, N)
     d0, d1 = -rng.uniform(0.1, 1.0, (2, N))
@@ -153,7 +153,7 @@ def test_node_system_solves_what_it_stands_for(behind):
     assert system.solve(right) == pytest.approx(np.linalg.solve(matrix, right), abs=1e-12)
 
 
-def test_node_system_tells_an_indefinite_matrix():
+def test_node_system_detects_an_indefinite_matrix():
     system = NodeSystem(
         np.array([1.0, -1.0, 1.0]), np.zeros(2), (np.ones(2),) * 2, np.ones(2), False
     )
@@ -161,7 +161,7 @@ def test_node_system_tells_an_indefinite_matrix():
 
 
 @pytest.mark.parametrize("guarded", [False, True])
-def test_both_runs_end_where_the_optimality_conditions_hold(guarded):
+def test_quick_and_guarded_run_end_at_an_optimum(guarded):
     rng = np.random.default_rng(6)
     task = problem(rng, behind=True)
     found = minimize(task, np.ones(N + 1), Settings(guarded=guarded))
@@ -169,7 +169,7 @@ def test_both_runs_end_where_the_optimality_conditions_hold(guarded):
     limits = Inequalities(task)
     values = limits.values(Point(task, found.b, found.y))
     assert values[limits.present > 0.0].min() > -1e-7
-    # No step that keeps the limits to first order lowers the cost: tried in many directions.
+    # No random step that keeps the limits lowers the cost.
     at = Point(task, found.b, found.y)
     least = at.cost()
     kept = 0
@@ -183,7 +183,7 @@ def test_both_runs_end_where_the_optimality_conditions_hold(guarded):
     assert kept > 20
 
 
-def test_both_runs_find_the_same_optimum():
+def test_quick_and_guarded_run_find_the_same_optimum():
     task = problem(np.random.default_rng(7), behind=False)
     quick = minimize(task, np.ones(N + 1))
     guarded = minimize(task, np.full(N + 1, 0.5), Settings(guarded=True))
@@ -193,7 +193,7 @@ def test_both_runs_find_the_same_optimum():
     assert quick.time_price == pytest.approx(guarded.time_price, abs=1e-4)
 
 
-def test_a_problem_without_any_drive_ends_with_the_reason():
+def test_an_infeasible_problem_ends_with_the_reason():
     task = problem(np.random.default_rng(8), behind=False)
     hopeless = Problem(**{**task.__dict__, "time_max": 3.0})
     found = minimize(hopeless, np.ones(N + 1), Settings(iterations=60))

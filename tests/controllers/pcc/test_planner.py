@@ -13,9 +13,9 @@ from controllers.pcc.vehicle import cruise, durations, full_power_speed
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.parameters import TruckParameters
 from tests.controllers.pcc.dynamic_program import least_cost
-from tests.paths import ROOT
+from tests.paths import outside
 
-JINAN = ROOT / "../shared/data/road/jinan_altimap_pcc.csv"
+JINAN = "road/jinan_altimap_pcc.csv"
 PARAMETERS = TruckParameters.load()
 MASS = 55_000.0
 
@@ -51,7 +51,7 @@ def test_fuel_fit_is_the_nonnegative_least_squares_fit():
         assert nonnegative_fit(basis, value) == pytest.approx(nnls(basis, value)[0], abs=1e-9)
 
 
-def test_engine_rate_gives_the_tables_own_values():
+def test_engine_rate_equals_the_table_at_its_points():
     engine = PARAMETERS.engine
     rate = FuelMap(PARAMETERS).engine_rate(
         np.array([engine.fuel_map.rows[4]]), np.array([engine.fuel_map.columns[5]])
@@ -60,12 +60,12 @@ def test_engine_rate_gives_the_tables_own_values():
     assert rate[0] == pytest.approx(engine.fuel_map.values[4, 5] * power, rel=1e-12)
 
 
-def test_overrun_burns_nothing():
+def test_overrun_burns_no_fuel():
     rate, _ = FuelMap(PARAMETERS).rate(np.array([-2e4]), np.array([20.0]))
     assert rate[0] == 0.0
 
 
-def test_chosen_gear_burns_least_of_all_that_carry_the_force():
+def test_chosen_gear_burns_least_of_those_that_give_the_force():
     fuel_map = FuelMap(PARAMETERS)
     force, speed = 8_000.0, 20.0
     rate, gear = fuel_map.rate(np.array([force]), np.array([speed]))
@@ -102,7 +102,7 @@ def test_plan_saves_fuel_on_hills_by_both_fuel_models(hilly):
     assert hilly.map_saving_percent > 5.0
 
 
-def test_nothing_is_saved_on_a_level_road():
+def test_the_plan_saves_no_fuel_on_a_level_road():
     solution = plan(road_of(np.zeros(100)), PARAMETERS, MASS)
     assert abs(solution.saving_percent) < 0.05
     assert np.abs(solution.plan.speed - 20.0).max() < 0.1
@@ -127,7 +127,7 @@ def test_steady_climb_speed_balances_power_and_resistance():
     assert resistance * v == pytest.approx(vehicle.efficiency * vehicle.power_max, rel=1e-3)
 
 
-def test_speed_limits_are_kept_and_braked_for():
+def test_plan_and_cruise_keep_the_speed_limits():
     road = hills()
     limit = np.full(road.station.size, 25.0)
     limit[60:80] = 16.0
@@ -137,7 +137,7 @@ def test_speed_limits_are_kept_and_braked_for():
 
 
 def confirmed(road, states):
-    """Excess of the dynamic programme's cost over the plan's, as share of the plan's fuel."""
+    """Returns the excess of the dynamic program's cost, as share of the plan's fuel."""
     config = PccConfig(k_a=0.0)
     solution = plan(road, PARAMETERS, MASS, config)
     vehicle = make_vehicle(PARAMETERS, FuelMap(PARAMETERS), MASS, config)
@@ -152,15 +152,13 @@ def confirmed(road, states):
 
 
 def test_dynamic_program_confirms_the_optimum_within_a_thousandth():
-    # No drive on the grid may be cheaper; 1200 speeds round off some 0.7 thousandths.
+    # No drive on the grid may be cheaper; the rounding of 1200 speeds costs 0.7 thousandths.
     assert -1e-6 < confirmed(hills(intervals=80), 1200) < 1e-3
 
 
 @pytest.mark.slow
 def test_dynamic_program_confirms_the_optimum_on_the_papers_road():
-    if not JINAN.exists():
-        pytest.skip("the paper's road profile is not there: ../shared/data/road")
-    excess = confirmed(RoadProfile.from_csv(JINAN, length=15_000.0), 1600)
+    excess = confirmed(RoadProfile.from_csv(outside(JINAN), length=15_000.0), 1600)
     assert -1e-6 < excess < 5e-4
 
 
@@ -168,7 +166,7 @@ def test_the_50_m_grid_is_within_a_thousandth_of_a_fine_one(hilly):
     fine = road_of(np.repeat(hilly.road.grade, 10), step=5.0)
     solution = plan(fine, PARAMETERS, MASS, PccConfig(k_a=0.0))
     assert hilly.fuel == pytest.approx(solution.fuel, rel=1e-3)
-    # What the coarse plan burns when it is driven on the fine grid, its time difference priced.
+    # Fuel of the coarse plan on the fine grid, plus the price of the time difference.
     vehicle = make_vehicle(PARAMETERS, FuelMap(PARAMETERS), MASS, PccConfig(k_a=0.0))
     b = np.interp(fine.station, hilly.road.station, hilly.plan.speed**2)
     driven = vehicle.fuel_of(np.sqrt(b), fine).sum()
@@ -182,19 +180,17 @@ def test_clock_of_the_plan_begins_at_zero_and_ends_with_the_cruises(hilly):
     assert hilly.plan.clock[-1] == pytest.approx(hilly.baseline.time, rel=1e-6)
 
 
-def test_acceleration_weight_makes_the_ride_calmer(hilly):
+def test_a_weight_on_acceleration_reduces_speed_changes_and_saving(hilly):
     calm = plan(hills(), PARAMETERS, MASS, PccConfig(k_a=200.0))
     assert np.diff(calm.plan.speed).std() < 0.9 * np.diff(hilly.plan.speed).std()
     assert calm.saving_percent < hilly.saving_percent
 
 
 def test_saving_on_the_papers_road():
-    if not JINAN.exists():
-        pytest.skip("the paper's road profile is not there: ../shared/data/road")
-    road = RoadProfile.from_csv(JINAN, length=15_000.0)
+    road = RoadProfile.from_csv(outside(JINAN), length=15_000.0)
     solution = plan(road, PARAMETERS, MASS)
     assert road.intervals == 300
-    # The paper's figure, by the model and by the engine's map; more than 26 % nobody saves here.
+    # At least the paper's saving, by the model and by the engine's map.
     assert 21.68 <= solution.saving_percent < 26.0
     assert 21.68 <= solution.map_saving_percent < 26.0
     assert solution.saving_percent == pytest.approx(solution.map_saving_percent, abs=0.3)
@@ -202,23 +198,23 @@ def test_saving_on_the_papers_road():
     assert narrow.saving_percent < solution.saving_percent - 8.0
 
 
-def test_mean_speed_can_be_asked_for_instead_of_the_set_speed():
+def test_the_cruise_can_have_a_mean_speed_instead_of_a_set_speed():
     solution = plan(hills(amplitude=0.02), PARAMETERS, MASS, PccConfig(mean_speed=True))
     assert solution.road.length / solution.baseline.time == pytest.approx(20.0, rel=1e-3)
 
 
-def test_a_climb_beyond_the_engine_is_named():
+def test_a_climb_beyond_full_power_is_refused_with_the_station():
     with pytest.raises(PlanningError, match=r"full power .* at station"):
         plan(road_of(np.full(100, 0.24)), PARAMETERS, MASS)
 
 
-def test_a_descent_beyond_the_brakes_is_named():
+def test_a_descent_beyond_the_brakes_is_refused_with_the_grade():
     road = road_of(np.append(np.zeros(50), np.full(50, -0.2)))
     with pytest.raises(PlanningError, match=r"do not hold 55000 kg on the 20.0 % descent"):
         plan(road, PARAMETERS, MASS)
 
 
-def test_a_limit_that_cannot_be_met_is_named():
+def test_a_start_speed_too_high_for_a_limit_ahead_is_refused():
     road = road_of(np.zeros(40))
     limit = np.full(road.station.size, 25.0)
     limit[20] = 10.0
@@ -254,7 +250,7 @@ def test_a_band_beyond_the_gears_is_refused():
         plan(hills(), PARAMETERS, MASS, PccConfig(v_max=60.0))
 
 
-def test_a_truck_without_brakes_is_planned_by_coasting():
+def test_a_plan_without_brakes_slows_down_by_engine_drag_only():
     gentle = hills(amplitude=0.01)
     solution = plan(gentle, PARAMETERS, MASS, PccConfig(deceleration_max=0.0))
     assert solution.optimum.method == "interior_point"
@@ -296,8 +292,8 @@ def test_csv_profile_has_the_heights_of_the_file(tmp_path):
     assert road.grade == pytest.approx(np.full(10, 0.01))
 
 
-def test_hills_give_back_what_they_took_to_the_last_joule():
-    # Steep on purpose: the sine of the angle would lose 0.5 % of the height on each ramp.
+def test_hills_return_their_potential_energy_exactly():
+    # On such steep ramps the sine of the angle would lose 0.5 % of the height.
     road = road_of(np.tile(np.repeat([0.1, -0.1], 10), 5))
     vehicle = make_vehicle(PARAMETERS, FuelMap(PARAMETERS), MASS, PccConfig())
     work = vehicle.slope_force(road.grade).sum() * road.step
@@ -307,8 +303,8 @@ def test_hills_give_back_what_they_took_to_the_last_joule():
     assert climb == pytest.approx(MASS * 9.81 * road.height[10], rel=1e-9)
 
 
-def test_a_plan_may_end_as_slowly_as_the_cruise_though_it_could_be_faster_there():
-    # At the end the cruise is below the band, which a truck that came faster is not.
+def test_a_plan_ends_at_the_cruises_speed_even_below_the_band():
+    # At the end the cruise is below the band; a truck that arrives faster is not.
     road = road_of(np.concatenate([np.zeros(300), np.full(60, 0.05)]), step=5.0)
     solution = plan(road, PARAMETERS, MASS, PccConfig(v_min=18.0))
     assert solution.baseline.speed[-1] < 17.5
@@ -317,7 +313,7 @@ def test_a_plan_may_end_as_slowly_as_the_cruise_though_it_could_be_faster_there(
     assert solution.plan.speed[before].min() >= 0.999 * 18.0 - 1e-6
 
 
-def test_the_engine_is_the_trucks_whatever_the_band():
+def test_greatest_power_does_not_depend_on_the_band():
     fuel_map = FuelMap(PARAMETERS)
     powers = [
         make_vehicle(PARAMETERS, fuel_map, MASS, PccConfig(v_min=low, v_max=high)).power_max

@@ -39,7 +39,7 @@ def planner():
 
 @pytest.fixture(scope="module")
 def steep():
-    """Climbs of 5 % that full power does not take at speed."""
+    """A planner on climbs of 5 %, where full power does not hold the speed."""
     waves = 20.0 * np.sin(2.0 * np.pi * STATION / 2500.0)
     return RecedingPlanner(replace(ROAD, height=waves), PARAMETERS, receding=PATIENT)
 
@@ -76,12 +76,12 @@ def test_plan_is_slower_at_the_crest_than_in_the_sag(planner):
     assert crest < sag - 1.0
 
 
-def test_level_road_is_driven_at_the_reference_speed():
+def test_plan_of_a_level_road_is_the_reference_speed():
     found = RecedingPlanner(LEVEL, PARAMETERS, receding=PATIENT).plan(0.0, 20.0, 0.0)
     assert np.abs(found.profile.speed - 20.0).max() < 0.3
 
 
-def test_short_horizon_drives_the_plan_of_the_whole_trip():
+def test_short_horizons_reproduce_the_plan_of_the_whole_trip():
     config = PccConfig()
     whole = plan(ROAD, PARAMETERS, 55_000.0, config)
     end = float(STATION[-1])
@@ -111,7 +111,7 @@ def test_successive_plans_do_not_jump(planner):
         before = after
 
 
-def test_plan_goes_on_from_the_last_one_within_reach_of_the_trucks_speed(planner):
+def test_plan_starts_at_the_last_plans_speed_within_a_range_of_the_trucks(planner):
     first = planner.plan(1000.0, 18.0, 0.0).profile
     wanted = first.at(1030.0)
     near = planner.plan(1030.0, wanted - 0.3, 2.0).profile.speed[0]
@@ -142,7 +142,7 @@ def test_price_grows_without_a_jump_with_the_lag(planner):
     assert np.diff(price).max() < 0.05 * (price[-1] - price[0])
 
 
-def test_arrival_that_was_asked_for_is_met_after_being_held_up():
+def test_a_wanted_arrival_is_met_after_a_delay():
     end = 10_000.0
     trip = Appointment(end, 540.0)
     planner = RecedingPlanner(ROAD, PARAMETERS, 55_000.0, PccConfig(), PATIENT, trip)
@@ -150,11 +150,11 @@ def test_arrival_that_was_asked_for_is_met_after_being_held_up():
     assert np.nanmax(driven.lag) > 2.0
     assert planner.trip.schedules >= 2
     arrived = float(np.interp(end, driven.station, driven.time))
-    # Half a percent is kept in reserve.
+    # The plan arrives half a percent early, as a reserve.
     assert 535.0 < arrived < 541.0
 
 
-def test_without_an_appointment_traffics_delay_is_forgiven(planner):
+def test_without_a_wanted_arrival_a_delay_makes_a_later_schedule(planner):
     planner.plan(0.0, 20.0, 0.0)
     before = planner.schedule.clock[-1]
     planner.plan(2000.0, 20.0, 160.0)
@@ -162,7 +162,7 @@ def test_without_an_appointment_traffics_delay_is_forgiven(planner):
     assert planner.schedule.clock[-1] > before + 20.0
 
 
-def test_an_arrival_out_of_reach_is_missed_by_as_little_as_can_be():
+def test_an_arrival_out_of_reach_gives_a_late_and_fast_schedule():
     trip = Appointment(6_000.0, 100.0)
     planner = RecedingPlanner(ROAD, PARAMETERS, 55_000.0, PccConfig(), PATIENT, trip)
     found = planner.plan(0.0, 20.0, 0.0)
@@ -175,7 +175,7 @@ def test_an_arrival_out_of_reach_is_missed_by_as_little_as_can_be():
 
 
 @pytest.mark.parametrize("arrival", [700.0, 800.0, 900.0])
-def test_a_wanted_arrival_is_not_met_early_where_the_cheapest_drive_would_be(arrival):
+def test_a_late_wanted_arrival_slows_the_truck_below_the_cheapest_drive(arrival):
     # At the least price of a second this road takes 770 s, at v_min 960 s.
     config = PccConfig(v_ref=16.67, v_min=12.5)
     trip = Appointment(12_000.0, arrival, 16.0)
@@ -186,7 +186,7 @@ def test_a_wanted_arrival_is_not_met_early_where_the_cheapest_drive_would_be(arr
     assert arrived == pytest.approx(arrival, rel=0.01)
 
 
-def test_a_truck_is_held_back_by_a_price_below_zero_and_then_by_a_top_speed(planner):
+def test_a_negative_price_and_then_a_top_speed_delay_the_arrival(planner):
     config = PccConfig(v_ref=16.67, v_min=12.5)
     prices, tops = [], []
     for arrival in (650.0, 765.0, 850.0):
@@ -214,7 +214,7 @@ def test_constraint_of_a_slow_vehicle_ahead_is_kept(planner):
     assert (passed < 1.05 * earliest)[earliest > 5.0].any()
 
 
-def test_a_cut_in_is_answered_by_braking_no_harder_than_the_settings(planner):
+def test_after_a_cut_in_the_plan_brakes_no_harder_than_the_settings(planner):
     found = planner.plan(1000.0, 20.0, 0.0, Leader(rear=1008.0, speed=12.0))
     assert found.status == "optimal"
     loss = -np.diff(found.profile.speed**2) / (2.0 * planner.receding.step)
@@ -223,12 +223,12 @@ def test_a_cut_in_is_answered_by_braking_no_harder_than_the_settings(planner):
     gap = clock(found.profile) - (found.profile.station - 998.0) / 12.0
     in_time = clock(found.profile) <= settings.hold
     assert gap[0] < 0.0
-    # It is closer yet while the truck slows down.
+    # The gap decreases further while the truck slows down.
     assert gap.min() < gap[0]
     assert found.profile.speed[in_time].min() < 16.0
 
 
-def test_a_vehicle_that_goes_away_changes_nothing(planner):
+def test_a_faster_leader_does_not_change_the_plan(planner):
     free = planner.plan(1000.0, 18.0, 0.0).profile
     planner.reset()
     behind = planner.plan(1000.0, 18.0, 0.0, Leader(rear=1200.0, speed=30.0))
@@ -240,7 +240,7 @@ def test_a_vehicle_that_goes_away_changes_nothing(planner):
 @pytest.mark.parametrize("speed", [5.0, 15.0, 20.0])
 @pytest.mark.parametrize("leader", [(1005.0, 5.0), (1150.0, 14.0), (1400.0, 8.0), (1030.0, 19.0)])
 @pytest.mark.parametrize("station", [1000.0, 1900.0, 2150.0])
-def test_behind_any_moving_vehicle_there_is_an_optimum(steep, station, speed, leader):
+def test_there_is_an_optimum_behind_any_moving_vehicle(steep, station, speed, leader):
     steep.reset()
     leader = (station - 1000.0 + leader[0], leader[1])
     found = steep.plan(station, speed, 0.0, Leader(*leader))
@@ -249,7 +249,7 @@ def test_behind_any_moving_vehicle_there_is_an_optimum(steep, station, speed, le
     assert -1e-6 <= begins <= steep.receding.surplus + 1e-6
 
 
-def test_a_jam_is_approached_and_left_to_the_trajectory_planner(planner):
+def test_speed_falls_smoothly_to_that_of_a_jam_ahead(planner):
     found = planner.plan(1000.0, 15.0, 0.0, Leader(rear=1300.0, speed=0.0))
     assert found.status == "cruise"
     assert "jam" in found.reason
@@ -259,7 +259,7 @@ def test_a_jam_is_approached_and_left_to_the_trajectory_planner(planner):
     assert speed(1300.0) == pytest.approx(planner.receding.leader.jam, abs=0.5)
 
 
-def test_traffics_speed_limits_schedule_and_plan_and_is_come_down_to_gently():
+def test_speed_of_the_traffic_limits_schedule_and_plan_with_gentle_braking():
     planner = RecedingPlanner(ROAD, PARAMETERS, receding=PATIENT)
     free = planner.plan(1000.0, 20.0, 0.0)
     assert free.profile.speed.max() > 21.0
@@ -275,8 +275,8 @@ def test_traffics_speed_limits_schedule_and_plan_and_is_come_down_to_gently():
     assert again.profile.speed.max() > 17.0
 
 
-def test_who_is_late_for_an_appointment_is_faster_than_the_others_while_nobody_is_in_the_way():
-    """6 km are left and 350 s: 17.1 m/s on average, where the others drive 15."""
+def test_a_late_truck_drives_faster_than_the_traffic_while_its_lane_is_free():
+    # 6 km and 350 s are left: 17.1 m/s on average, where the traffic drives 15 m/s.
     appointment = Appointment(8_000.0, 400.0)
     planner = RecedingPlanner(LEVEL, PARAMETERS, receding=PATIENT, appointment=appointment)
     free = planner.plan(2000.0, 15.0, 50.0, flow=15.0)
@@ -286,13 +286,13 @@ def test_who_is_late_for_an_appointment_is_faster_than_the_others_while_nobody_i
     planner.reset()
     behind = planner.plan(2000.0, 15.0, 50.0, Leader(2150.0, 15.0), flow=15.0)
     assert behind.profile.speed.max() < 15.0 + planner.receding.surplus + 1e-6
-    # Who is in time drives as the others do.
+    # A truck in time drives like the traffic.
     planner.reset()
     early = planner.plan(2000.0, 15.0, -50.0, flow=15.0)
     assert early.profile.speed.max() < 15.0 + planner.receding.surplus + 1e-6
 
 
-def test_where_a_plan_takes_full_power_the_truck_is_asked_for_a_surplus():
+def test_where_a_plan_takes_full_power_the_speed_gets_a_surplus():
     hurry = Appointment(8_000.0, 100.0)
     planner = RecedingPlanner(ROAD, PARAMETERS, 55_000.0, PccConfig(), PATIENT, hurry)
     found = planner.plan(1900.0, 16.0, 0.0)
@@ -320,7 +320,7 @@ def test_a_failed_solve_keeps_the_last_plan(planner, monkeypatch):
     assert second.profile.at(2000.0) == pytest.approx(first.profile.at(2000.0), abs=0.05)
 
 
-def test_a_last_plan_that_the_vehicle_ahead_forbids_is_not_kept(planner, monkeypatch):
+def test_a_last_plan_into_the_vehicle_ahead_is_not_kept(planner, monkeypatch):
     first = planner.plan(1000.0, 20.0, 0.0)
     monkeypatch.setitem(METHODS, "interior_point", fail)
     second = planner.plan(1200.0, first.profile.at(1200.0), 10.0, Leader(1260.0, 8.0))
@@ -328,7 +328,7 @@ def test_a_last_plan_that_the_vehicle_ahead_forbids_is_not_kept(planner, monkeyp
     assert second.profile.at(1800.0) == pytest.approx(8.0)
 
 
-def test_without_a_last_plan_the_schedule_is_driven(planner, monkeypatch):
+def test_without_a_last_plan_a_failed_solve_gives_the_schedule(planner, monkeypatch):
     planner.plan(1000.0, 20.0, 0.0)
     schedule = planner.schedule
     monkeypatch.setitem(METHODS, "interior_point", fail)
@@ -338,7 +338,7 @@ def test_without_a_last_plan_the_schedule_is_driven(planner, monkeypatch):
     assert found.profile.at(3000.0) == pytest.approx(float(schedule.speed_at(3000.0)), abs=0.1)
 
 
-def test_without_anything_a_cruise_within_the_limits_is_driven(planner, monkeypatch):
+def test_without_plan_and_schedule_a_failed_solve_gives_a_cruise(planner, monkeypatch):
     monkeypatch.setitem(METHODS, "interior_point", fail)
     found = planner.plan(1000.0, 24.0, 0.0)
     assert found.status == "cruise"
@@ -348,7 +348,7 @@ def test_without_anything_a_cruise_within_the_limits_is_driven(planner, monkeypa
     assert planner.trip.schedule_error == "time is up"
 
 
-def test_a_late_solve_is_given_up():
+def test_a_solve_beyond_its_time_limit_gives_a_fallback():
     hurried = RecedingPlanner(ROAD, PARAMETERS, receding=RecedingConfig(time_limit=1e-6))
     found = hurried.plan(1000.0, 20.0, 0.0)
     assert found.status in ("schedule", "cruise")
@@ -369,7 +369,7 @@ def test_an_optimum_that_is_not_finite_is_not_used(planner, monkeypatch):
     assert np.isfinite(found.profile.speed).all()
 
 
-def test_a_climb_beyond_the_engine_is_named_and_still_driven_at():
+def test_a_climb_beyond_full_power_gives_a_cruise_with_the_reason():
     height = np.concatenate([np.zeros(40), 50.0 * 0.24 * np.arange(201)])
     wall = RoadProfile(STATION, height, np.full(241, 25.0), "wall")
     found = RecedingPlanner(wall, PARAMETERS, receding=PATIENT).plan(0.0, 20.0, 0.0)
@@ -379,7 +379,7 @@ def test_a_climb_beyond_the_engine_is_named_and_still_driven_at():
     assert found.profile.speed.min() >= 1.0
 
 
-def test_the_roads_end_is_reached_with_the_last_plan_and_passed_at_the_reference_speed(planner):
+def test_the_last_plan_reaches_the_roads_end_and_v_ref_holds_beyond(planner):
     end = float(STATION[-1])
     for station in np.arange(end - 1000.0, end - 205.0, 100.0):
         found = planner.plan(station, 20.0, station / 20.0)
@@ -393,7 +393,7 @@ def test_the_roads_end_is_reached_with_the_last_plan_and_passed_at_the_reference
     assert beyond.profile.speed[20:60] == pytest.approx(np.full(40, 20.0), abs=1.0)
 
 
-def test_a_limit_that_is_already_broken_is_met_by_braking():
+def test_a_truck_above_the_limit_brakes_to_it():
     limit = np.full(241, 25.0)
     limit[21:] = 14.0
     slow = replace(ROAD, v_limit=limit)
@@ -403,7 +403,7 @@ def test_a_limit_that_is_already_broken_is_met_by_braking():
     assert found.profile.at(1500.0) <= 14.0 + 1e-6
 
 
-def test_on_the_roads_own_grid_its_limits_are_taken_as_they_stand(planner):
+def test_grid_has_the_roads_limits_at_its_nodes_and_the_lower_one_between(planner):
     limit = np.full(241, 25.0)
     limit[40:60] = 14.0
     slow = RecedingPlanner(replace(ROAD, v_limit=limit), PARAMETERS, receding=PATIENT)
@@ -414,7 +414,7 @@ def test_on_the_roads_own_grid_its_limits_are_taken_as_they_stand(planner):
 
 @pytest.mark.parametrize("speed", [0.0, 1.0, 5.0])
 @pytest.mark.parametrize("limit", [0.8, 1.5, 1.99])
-def test_who_is_let_through_at_a_crawl_is_not_told_to_lack_power(speed, limit):
+def test_a_limit_of_crawling_speed_does_not_count_as_lack_of_power(speed, limit):
     limits = np.full(241, 13.0)
     limits[[2, 3, 20]] = limit
     slow = RecedingPlanner(replace(LEVEL, v_limit=limits), PARAMETERS, receding=PATIENT)
@@ -424,7 +424,7 @@ def test_who_is_let_through_at_a_crawl_is_not_told_to_lack_power(speed, limit):
     assert found.profile.at(800.0) > 5.0
 
 
-def test_limits_that_change_make_a_new_plan_and_schedule_at_once(planner):
+def test_changed_limits_make_a_new_plan_and_schedule_at_once(planner):
     planner.plan(1000.0, 20.0, 0.0)
     planner.trip.limit_by(lambda station: np.where((station > 1900) & (station < 3100), 10.0, 25.0))
     try:
@@ -440,7 +440,7 @@ def test_limits_that_change_make_a_new_plan_and_schedule_at_once(planner):
         planner.trip.limits = None
 
 
-def test_a_standing_truck_gets_a_plan_to_start_with(planner):
+def test_a_stopped_truck_gets_a_plan_that_starts_it(planner):
     found = planner.plan(0.0, 0.0, 0.0)
     assert found.status == "optimal"
     assert found.profile.speed[0] > 0.0
@@ -471,13 +471,13 @@ def test_numbers_that_are_not_finite_are_refused_by_name(planner):
         ((1000.0, 20.0, 0.0, None, -1.0), "flow is -1.0"),
     ],
 )
-def test_states_that_cannot_be_are_refused_by_name(planner, state, why):
+def test_impossible_states_are_refused_by_name(planner, state, why):
     with pytest.raises(InputError, match=why):
         planner.plan(*state)
 
 
 @pytest.mark.parametrize("mass", [0.0, -55_000.0, 6_000.0, 79_000.0, float("nan")])
-def test_masses_that_are_not_the_trucks_are_refused_by_name(mass):
+def test_impossible_masses_are_refused_by_name(mass):
     with pytest.raises(InputError, match=rf"mass \[kg\] = {mass!r}"):
         RecedingPlanner(LEVEL, PARAMETERS, mass)
 
@@ -494,12 +494,12 @@ def test_masses_that_are_not_the_trucks_are_refused_by_name(mass):
         (LeaderConfig, {"time_gap": float("inf")}),
     ],
 )
-def test_bad_settings_are_refused_by_name(kind, change):
+def test_settings_out_of_bounds_are_refused_by_name(kind, change):
     with pytest.raises(InputError, match=next(iter(change))):
         kind(**change)
 
 
-def test_flow_is_that_of_the_vehicles_in_sight_and_is_forgotten_in_time():
+def test_flow_is_the_mean_of_the_vehicles_in_sight_and_fades():
     def ahead(station, speed, lane=0):
         return TrackedVehicle("v", station=station, speed=speed, lane=lane)
 

@@ -1,4 +1,4 @@
-"""`solve`: IPOPT as reference, prices, a vehicle ahead, reasons for no drive."""
+"""`solve`: IPOPT as reference, prices, a vehicle ahead, reasons of infeasible tasks."""
 
 import math
 from dataclasses import replace
@@ -31,7 +31,7 @@ def random_road(rng, n=N):
 
 
 def task_of(road, vehicle=VEHICLE, **changes):
-    """From 18 m/s back to it in the time that a cruise at 18 m/s takes, and that cruise."""
+    """Returns a task from 18 m/s to 18 m/s in the time of a cruise at 18 m/s, and that cruise."""
     speed = cruise(vehicle, road, 18.0, 18.0)
     low, high = np.full(speed.size, 100.0), np.full(speed.size, 560.0)
     low[[0, -1]] = high[[0, -1]] = speed[[0, -1]] ** 2
@@ -43,7 +43,7 @@ def task_of(road, vehicle=VEHICLE, **changes):
 
 
 def cost_of(task, answer, vehicle=VEHICLE):
-    """What the task asks to be least [kg]."""
+    """Returns the cost of a solution, from its definition [kg]."""
     road, v = task.road, answer.speed
     time = durations(v, road)
     a = np.diff(v**2) / (2.0 * road.step)
@@ -104,12 +104,12 @@ def test_a_loose_tolerance_gives_nearly_the_same_speeds_in_fewer_iterations():
     assert loose.speed == pytest.approx(exact.speed, abs=0.01)
 
 
-def test_a_tolerance_that_is_none_is_refused():
+def test_a_tolerance_of_nan_is_refused():
     with pytest.raises(InputError, match="tolerance"):
         solve(*task_of(road_of(np.zeros(N))), tolerance=math.nan)
 
 
-def test_time_price_is_what_a_second_more_saves():
+def test_time_price_is_the_saving_by_one_more_second():
     task, guess = task_of(random_road(np.random.default_rng(4)))
     cost = [
         cost_of(task, solve(replace(task, time_max=task.time_max + more), guess))
@@ -118,7 +118,7 @@ def test_time_price_is_what_a_second_more_saves():
     assert solve(task, guess).time_price == pytest.approx(cost[0] - cost[1], rel=0.01)
 
 
-def test_costate_at_the_start_is_what_more_speed_there_saves():
+def test_costate_at_the_start_is_the_saving_by_more_speed_there():
     task, guess = task_of(random_road(np.random.default_rng(5)))
 
     def cost(more):
@@ -130,7 +130,7 @@ def test_costate_at_the_start_is_what_more_speed_there_saves():
     assert solve(task, guess).costate[0] == pytest.approx(saved, rel=0.02)
 
 
-def test_costate_at_the_end_is_what_more_speed_there_costs():
+def test_costate_at_the_end_is_the_cost_of_more_speed_there():
     task, guess = task_of(random_road(np.random.default_rng(6)))
 
     def cost(more):
@@ -142,8 +142,8 @@ def test_costate_at_the_end_is_what_more_speed_there_costs():
     assert solve(task, guess).costate[-1] == pytest.approx(spent, rel=0.02)
 
 
-def test_costate_splits_the_drive_where_it_is_optimal():
-    # With the costate as the worth of speed at the split, the first half alone gives the same.
+def test_costate_at_a_split_makes_the_first_part_optimal_alone():
+    # With the costate as worth of speed at the split, the first half alone has the same optimum.
     task, guess = task_of(random_road(np.random.default_rng(7)))
     whole = solve(task, guess)
     half = N // 2
@@ -162,7 +162,7 @@ def test_costate_splits_the_drive_where_it_is_optimal():
     assert again.speed == pytest.approx(whole.speed[: half + 1], abs=0.02)
 
 
-def test_where_only_one_drive_is_in_time_the_plan_is_that_drive():
+def test_the_plan_is_the_only_drive_that_is_in_time():
     config = PccConfig(v_ref=22.0, v_max=22.0)
     solution = plan(road_of(np.zeros(N)), PARAMETERS, 40_000.0, config)
     assert solution.optimum.method == "interior_point"
@@ -177,7 +177,7 @@ def test_an_end_speed_that_takes_full_power_all_the_way_is_reached():
     assert solution.plan.speed == pytest.approx(solution.baseline.speed, abs=0.01)
 
 
-def test_ipopt_takes_over_where_our_own_method_does_not_converge(monkeypatch):
+def test_ipopt_takes_over_if_the_interior_point_method_does_not_converge(monkeypatch):
     task, guess = task_of(random_road(np.random.default_rng(8)))
     wanted = solve(task, guess)
     minimize = solver_module.minimize
@@ -193,25 +193,25 @@ def test_ipopt_takes_over_where_our_own_method_does_not_converge(monkeypatch):
         solve(task, guess, time_limit=0.5)
 
 
-def test_a_late_solve_ends_with_the_reason():
+def test_a_solve_beyond_its_time_limit_ends_with_the_reason():
     task, guess = task_of(random_road(np.random.default_rng(9)))
     with pytest.raises(PlanningError, match="time limit"):
         solve(task, guess, time_limit=1e-9)
 
 
-def test_a_trip_time_below_that_of_the_limits_is_named():
+def test_a_trip_time_too_short_for_the_speed_limits_is_refused_by_name():
     task, guess = task_of(road_of(np.zeros(N)))
     with pytest.raises(PlanningError, match="even at the speed limits the road takes 127"):
         solve(replace(task, time_max=100.0), guess)
 
 
-def test_a_trip_time_below_that_of_full_power_is_named():
+def test_a_trip_time_too_short_for_full_power_is_refused_by_name():
     task, guess = task_of(road_of(np.full(N, 0.03)))
     with pytest.raises(PlanningError, match="at full power within the limits the road takes"):
         solve(replace(task, time_max=130.0), guess)
 
 
-def test_a_least_speed_that_full_power_does_not_hold_is_named_with_its_place():
+def test_a_least_speed_beyond_full_power_is_refused_with_its_station():
     task, guess = task_of(road_of(np.append(np.zeros(20), np.full(40, 0.05))))
     low = task.b_low.copy()
     low[1:-1] = 17.0**2
@@ -221,7 +221,7 @@ def test_a_least_speed_that_full_power_does_not_hold_is_named_with_its_place():
         solve(replace(task, b_low=low), guess)
 
 
-def test_an_end_speed_out_of_reach_is_named():
+def test_an_end_speed_out_of_reach_is_refused_by_name():
     task, guess = task_of(road_of(np.full(N, 0.04)))
     low = task.b_low.copy()
     low[-1] = 20.0**2
@@ -230,7 +230,7 @@ def test_an_end_speed_out_of_reach_is_named():
         solve(replace(task, b_low=low, b_high=high), guess)
 
 
-def test_a_limit_that_the_brakes_cannot_meet_is_named_with_both_places():
+def test_a_limit_beyond_the_brakes_is_refused_with_both_stations():
     task, guess = task_of(road_of(np.zeros(N)))
     high, low = task.b_high.copy(), task.b_low.copy()
     high[30], low[30], low[29] = 9.0, 4.0, 15.0**2
@@ -238,7 +238,7 @@ def test_a_limit_that_the_brakes_cannot_meet_is_named_with_both_places():
         solve(replace(task, b_low=low, b_high=high), guess)
 
 
-def test_bounds_that_leave_no_speed_are_named():
+def test_bounds_without_a_speed_between_them_are_refused_with_the_station():
     task, guess = task_of(road_of(np.zeros(N)))
     high = task.b_high.copy()
     high[10] = 50.0
@@ -246,7 +246,7 @@ def test_bounds_that_leave_no_speed_are_named():
         solve(replace(task, b_high=high), guess)
 
 
-def test_a_leader_that_full_brakes_reach_too_early_is_named():
+def test_a_leader_reached_even_with_full_brakes_is_refused_with_the_station():
     task, guess = task_of(road_of(np.zeros(N)))
     earliest = np.zeros(N + 1)
     earliest[1] = 10.0
@@ -255,7 +255,7 @@ def test_a_leader_that_full_brakes_reach_too_early_is_named():
         solve(replace(task, b_low=low, earliest=earliest), guess)
 
 
-def test_a_leader_in_the_way_after_the_trip_is_over_is_named():
+def test_a_leader_in_the_way_beyond_the_trip_time_is_refused():
     task, guess = task_of(road_of(np.zeros(N)))
     earliest = np.zeros(N + 1)
     earliest[-1] = task.time_max + 5.0
@@ -264,7 +264,7 @@ def test_a_leader_in_the_way_after_the_trip_is_over_is_named():
         solve(replace(task, b_low=low, earliest=earliest), guess)
 
 
-def test_tasks_that_are_none_are_refused():
+def test_tasks_with_wrong_shapes_or_nan_and_unknown_methods_are_refused():
     task, guess = task_of(road_of(np.zeros(N)))
     bad = guess.copy()
     bad[3] = math.nan

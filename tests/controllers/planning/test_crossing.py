@@ -1,6 +1,5 @@
-"""The last layer sees who will be in the way of tractor and trailer, and nobody else."""
+"""Braking for vehicles that will be in the way of tractor and trailer, and for no others."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -10,7 +9,7 @@ from controllers.planning.planner import Planner
 from iits_mj.core.messages import EgoState, PlanMode, RoadSignals, Scene, TrackedVehicle
 from iits_mj.road import Route
 from iits_mj.road.measured import Lanes, measured_route
-from tests.controllers.scenes import car
+from tests.controllers.scenes import advanced, car
 
 ROAD = Route.straight(length=3000.0, lanes=2)
 MIDDLE = float(ROAD.lane_offset(0, 500.0))
@@ -22,7 +21,7 @@ def plan(*vehicles, ego=EGO):
 
 
 def crossing(station=530.0, aside=-8.0, speed=4.0, **fields):
-    """A car that goes across the road, to the left, with its pose in the map frame."""
+    """A car that crosses the road to the left, with its pose in the map frame."""
     offset = MIDDLE + aside
     point = ROAD.evaluate(station, offset)
     return TrackedVehicle(
@@ -40,14 +39,14 @@ def crossing(station=530.0, aside=-8.0, speed=4.0, **fields):
     )
 
 
-def test_who_crosses_30_m_ahead_is_braked_for_as_hard_as_the_truck_can():
+def test_the_truck_brakes_hard_for_a_vehicle_that_crosses_30_m_ahead():
     found = plan(crossing())
     assert found.mode is PlanMode.EMERGENCY
     assert found.acceleration[0] < -5.0
     assert "across" in found.reason
 
 
-def test_who_crosses_is_seen_without_a_pose_too():
+def test_a_crossing_vehicle_without_a_pose_counts():
     vehicle = TrackedVehicle(
         id="x", station=530.0, offset=MIDDLE - 8.0, lane=-1, speed=0.5, lateral_speed=4.0
     )
@@ -65,19 +64,19 @@ def test_who_crosses_is_seen_without_a_pose_too():
     ],
     ids=["has passed", "is far", "brakes", "can stop", "is behind"],
 )
-def test_who_will_not_be_in_the_way_is_not_braked_for(vehicle):
+def test_the_truck_does_not_brake_for_a_vehicle_that_stays_out_of_its_way(vehicle):
     found = plan(vehicle)
     assert found.mode is PlanMode.LANE_KEEPING
     assert found.acceleration.min() > -0.1
 
 
-def test_a_car_that_stands_across_the_lane_is_stopped_for():
+def test_the_truck_stops_for_a_car_stopped_across_the_lane():
     # Its middle is beyond the lane's edge, its length reaches in.
     across = crossing(station=580.0, aside=-3.0, speed=0.0, length=6.0)
     assert plan(across).acceleration.min() < -1.0
 
 
-def test_a_cut_across_the_trailers_side_is_not_made_worse_by_braking():
+def test_the_truck_does_not_brake_for_a_vehicle_that_crosses_beside_its_trailer():
     assert plan(crossing(station=490.0, aside=-4.0)).mode is PlanMode.LANE_KEEPING
 
 
@@ -91,7 +90,7 @@ def bend(radius=9.25, width=3.5):
     )
 
 
-def test_before_a_turn_in_which_the_trailer_leaves_the_lane_the_truck_waits_until_it_is_free():
+def test_before_a_turn_that_needs_more_than_the_lane_the_truck_waits_until_it_is_free():
     road = bend()
     planner = Planner(road)
     ego = EgoState(station=170.0, offset=float(road.lane_offset(0, 170.0)), speed=5.0, mass=19e3)
@@ -109,24 +108,18 @@ def test_before_a_turn_in_which_the_trailer_leaves_the_lane_the_truck_waits_unti
     )
     for cycle in range(400):
         around = (standing,) if cycle < 200 else ()
-        found = planner.plan(Scene(0.1 * cycle, ego, around, signals=RoadSignals()))
+        found = planner.plan(Scene(ego.time, ego, around, signals=RoadSignals()))
         if cycle == 199:
             assert ego.speed < 0.05
             assert 190.0 < ego.station < 201.0
             assert "oncoming" in found.reason
-        ego = dataclasses.replace(
-            ego,
-            time=0.1 * (cycle + 1),
-            station=float(found.station[1]),
-            offset=float(found.offset[1]),
-            speed=float(found.speed[1]),
-        )
+        ego = advanced(ego, found)
         if 203.0 < ego.station < 215.0:
             assert ego.speed < 3.3
     assert ego.station > 235.0
 
 
-def test_who_stays_beside_the_swept_ground_is_not_waited_for():
+def test_the_truck_does_not_wait_for_a_vehicle_beside_the_swept_ground():
     road = bend()
     ego = EgoState(station=195.0, offset=float(road.lane_offset(0, 195.0)), speed=3.0, mass=19e3)
     beside = car(road, "far", 300.0, 0, 0.0)

@@ -1,4 +1,4 @@
-"""Lanes that end: gaps are aimed for; the truck stops only where nothing opens."""
+"""Lanes that end: the truck merges into gaps and stops only if none opens."""
 
 import dataclasses
 
@@ -23,7 +23,7 @@ def stream(road, speed, spacing, first, count=60, hole=None):
 
 
 def following(cars):
-    """The cars over time; whoever the truck cuts in on is far enough to go on."""
+    """The cars over time, each at constant speed."""
     return lambda time: tuple(moved(vehicle, time) for vehicle in cars)
 
 
@@ -40,7 +40,7 @@ def clearance(drive, vehicles):
 
 
 @pytest.mark.parametrize(("speed", "hole"), [(12.0, -60.0), (15.0, -60.0), (15.0, 20.0)])
-def test_a_hole_in_the_stream_is_taken_without_a_stop(road, speed, hole):
+def test_the_truck_takes_a_hole_in_the_stream_without_a_stop(road, speed, hole):
     vehicles = following(stream(road, speed, 32.0, first=400.0 + hole - 25 * 32.0, hole=25))
     drive = Ideal(road, 400.0, 0, 15.0).run(38.0, vehicles)
     assert drive.planner.lane_changes == 1
@@ -75,7 +75,7 @@ def test_a_stream_without_a_gap_stops_the_truck_with_room_and_it_goes_on_afterwa
     assert crossed < END
 
 
-def test_a_car_that_races_up_makes_a_merging_truck_stay_while_there_is_room():
+def test_a_fast_car_from_behind_makes_a_merging_truck_stay_while_there_is_room():
     road = RightLaneEnds(end=900.0, length=3000.0)
 
     def vehicles(time):

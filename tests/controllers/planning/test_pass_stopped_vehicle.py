@@ -1,4 +1,4 @@
-"""A truck that stands behind a broken-down vehicle passes it, without touching it."""
+"""A truck behind a broken-down vehicle passes it without contact."""
 
 import dataclasses
 
@@ -16,8 +16,8 @@ ROAD = Route.straight(length=3000.0, lanes=2, lane_width=3.75)
 VAN = car(ROAD, "van", 600.0, 0, 0.0, length=6.0, width=2.0)
 
 
-def test_it_stops_with_room_and_passes_when_the_left_lane_is_free():
-    # Nobody decides: a decision maker sees no gain while there is room ahead.
+def test_the_truck_stops_with_room_and_passes_when_the_left_lane_is_free():
+    # Without a decision: a decision maker sees no gain while there is room ahead.
     run = Ideal(ROAD, 400.0, 0, 14.0).run(100.0, (VAN,))
     stood = [state.station + 1.4 for state in run.states if state.speed < 0.05]
     assert len(stood) > 30
@@ -25,7 +25,7 @@ def test_it_stops_with_room_and_passes_when_the_left_lane_is_free():
     assert run.planner.lane_changes == 1
     assert run.ego.station > 620.0
     assert run.planner.emergencies == 0
-    # Neither tractor nor trailer touches the van on the way that was driven.
+    # Neither tractor nor trailer touches the van on the driven path.
     way = [(state.station, state.offset) for state in run.states]
     station, offset = np.array(way).T
     moved = np.concatenate([[True], np.diff(station) > 1e-3])
@@ -43,7 +43,7 @@ def test_it_stops_with_room_and_passes_when_the_left_lane_is_free():
 
 
 @pytest.mark.parametrize("gap", [4.0, 8.0])
-def test_too_near_behind_it_the_change_is_refused_by_name(gap):
+def test_a_change_too_near_behind_a_stopped_vehicle_is_refused_by_name(gap):
     station = VAN.station - 3.0 - gap - 1.4
     ego = EgoState(station=station, offset=float(ROAD.lane_offset(0, station)), mass=55e3)
     plan = Planner(ROAD).plan(Scene(0.0, ego, (VAN,)), Decision.LEFT)
@@ -51,7 +51,7 @@ def test_too_near_behind_it_the_change_is_refused_by_name(gap):
     assert "get past" in plan.reason
 
 
-def test_nobody_pulls_out_before_somebody_who_comes_from_behind():
+def test_the_truck_does_not_pull_out_before_a_fast_vehicle_from_behind():
     ego = EgoState(station=576.0, offset=float(ROAD.lane_offset(0, 576.0)), mass=55e3)
     fast = car(ROAD, "fast", 520.0, 1, 16.0)
     plan = Planner(ROAD).plan(Scene(0.0, ego, (VAN, fast)), Decision.LEFT)
@@ -59,7 +59,7 @@ def test_nobody_pulls_out_before_somebody_who_comes_from_behind():
     assert "fast" in plan.reason
 
 
-def test_a_queue_at_a_light_is_not_pulled_out_of():
+def test_the_truck_does_not_leave_a_queue_at_a_light():
     ego = EgoState(station=576.0, offset=float(ROAD.lane_offset(0, 576.0)), mass=55e3)
     light = RoadSignals(light=TrafficLight(station=615.0, state=LightState.RED))
     plan = Planner(ROAD).plan(Scene(0.0, ego, (VAN,), signals=light), Decision.LEFT)

@@ -80,8 +80,8 @@ def test_on_a_ramp_of_100_m_both_units_stay_inside_a_lane_of_3_5_m(radius):
     assert margins(bend(radius, 3.5), shifted=False)[1] < trailer - 0.1
 
 
-def test_in_a_junction_of_25_m_the_tractor_takes_the_room_that_its_lane_has():
-    # A trailer of 7.9 m cannot stay inside: what can be done is to keep the tractor at the edge.
+def test_in_a_junction_of_25_m_the_tractor_uses_the_room_of_its_lane():
+    # A trailer of 7.9 m cannot stay inside: the best position of the tractor is at the edge.
     tractor, trailer = margins(bend(25.0, 4.5, clothoid=10.0), shifted=True)
     assert tractor > 0.0
     assert trailer > margins(bend(25.0, 4.5, clothoid=10.0), shifted=False)[1] + 0.5

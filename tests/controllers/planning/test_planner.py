@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controllers.planning.planner import Planner, PlannerConfig
-from controllers.planning.speed_plan import SpeedConfig
+from controllers.planning.config import PlannerConfig, SpeedConfig
+from controllers.planning.planner import Planner
+from iits_mj.core.angles import wrap_angles
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision, EgoState, PlanMode, Scene, SpeedProfile
 from iits_mj.road import RoadMap, Route
@@ -18,9 +19,6 @@ ROUTE = Route.straight(length=5000.0)
 @pytest.fixture(scope="module")
 def highway():
     return RoadMap.builtin().route()
-
-
-# The paper's three situations ------------------------------------------------------------------
 
 
 def test_a_change_into_a_lane_that_does_not_exist_is_refused_with_the_reason():
@@ -57,9 +55,6 @@ def test_a_safe_change_reaches_the_target_lane_in_5_to_8_s():
     assert 5.0 <= 0.1 * len(changing) <= 8.0
 
 
-# Refusals --------------------------------------------------------------------------------------
-
-
 def test_a_lane_the_truck_may_not_use_is_refused():
     drive = Ideal(ROUTE, 500.0, 1, 16.67).run(0.5, (), at(0.0, Decision.LEFT))
     assert "not one the truck may use" in drive.plans[0].reason
@@ -79,13 +74,10 @@ def test_decisions_during_a_change_are_ignored_and_not_counted():
     assert drive.planner.changing
 
 
-# Following -------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("speed", [8.0, 16.67, 22.0])
 def test_the_truck_stops_behind_a_standing_obstacle_with_more_than_2_m(speed):
     obstacle = car(ROUTE, "obstacle", 760.0, 0, 0.0)
-    # With no lane to pull out to: else it keeps more room.
+    # Only one lane: with a second one the truck keeps more room.
     config = PlannerConfig(lanes=(0,), speed=SpeedConfig(cruise_speed=speed))
     drive = Ideal(ROUTE, 500.0, 0, speed, config).run(60.0, (obstacle,))
     gap = 760.0 - 2.4 - 1.4 - drive.ego.station
@@ -116,7 +108,7 @@ def test_overtaking_early_costs_little_speed():
     assert min(state.speed for state in drive.states) > 16.0
 
 
-def test_a_leader_that_brakes_hard_calls_the_emergency_layer_and_is_not_hit():
+def test_a_leader_that_brakes_hard_causes_an_emergency_and_is_not_hit():
     def vehicles(time):
         braking = min(max(time - 2.0, 0.0), 16.67 / 7.0)
         station = 540.0 + 16.67 * (min(time, 2.0) + braking) - 3.5 * braking**2
@@ -132,12 +124,9 @@ def test_a_leader_that_brakes_hard_calls_the_emergency_layer_and_is_not_hit():
     assert drive.planner.emergencies < 4
 
 
-# Abort, ends, limits ---------------------------------------------------------------------------
-
-
-def test_a_change_is_given_up_when_its_gap_closes_early():
+def test_the_truck_aborts_a_change_when_its_gap_closes_early():
     def vehicles(time):
-        # Far behind at first, then suddenly near: a car that races up.
+        # A fast car that is far behind at first, then suddenly near.
         station = 380.0 + 16.67 * time if time < 1.5 else 500.0 - 20.0 + 18.0 * time
         return (car(ROUTE, "racer", station, 1, 18.0),)
 
@@ -148,7 +137,7 @@ def test_a_change_is_given_up_when_its_gap_closes_early():
     assert drive.ego.offset == pytest.approx(float(ROUTE.lane_offset(0, 500.0)), abs=0.05)
 
 
-def test_a_lane_that_ends_is_left_in_time_without_any_decision():
+def test_the_truck_leaves_an_ending_lane_in_time_without_a_decision():
     road = RightLaneEnds(end=800.0)
     drive = Ideal(road, 300.0, 0, 16.67).run(40.0)
     assert drive.planner.lane_changes == 1
@@ -177,7 +166,7 @@ def test_the_truck_stops_before_the_road_ends():
     assert 880.0 < drive.ego.station + 1.4 < 900.0
 
 
-def test_a_lane_whose_index_shifts_goes_on():
+def test_a_lane_continues_where_its_index_shifts():
     drive = Ideal(RightLaneEnds(end=800.0), 600.0, 1, 16.67).run(25.0)
     assert max(abs(s.offset - drive.states[0].offset) for s in drive.states) < 1e-6
     assert drive.plans[-1].target_lane == 0
@@ -242,7 +231,7 @@ def test_the_same_scenes_give_the_same_plans():
         assert np.array_equal(first.speed, second.speed)
 
 
-def test_reset_makes_the_planner_as_new():
+def test_after_a_reset_the_planner_plans_like_a_new_one():
     drive = Ideal(ROUTE, 500.0, 0, 16.67).run(4.0, (), at(1.0, Decision.LEFT))
     first = drive.planner
     first.reset()
@@ -266,7 +255,7 @@ def test_a_state_that_is_not_finite_is_named(name):
         Planner(ROUTE).plan(Scene(0.0, ego))
 
 
-def test_a_reference_speed_that_is_no_number_is_refused():
+def test_a_reference_speed_that_is_not_a_number_is_refused():
     profile = SpeedProfile(np.array([0.0, 5000.0]), np.array([10.0, float("nan")]))
     with pytest.raises(InputError, match="reference speed"):
         Planner(ROUTE).plan(Scene(0.0, EgoState(station=500.0, speed=10.0)), profile=profile)
@@ -281,6 +270,5 @@ def test_positions_lie_on_the_road(highway):
     step = np.hypot(np.diff(plan.x), np.diff(plan.y))
     heading = np.arctan2(np.diff(plan.y), np.diff(plan.x))
     middle = 0.5 * (np.unwrap(plan.yaw)[1:] + np.unwrap(plan.yaw)[:-1])
-    turned = np.angle(np.exp(1j * (heading - middle)))
-    assert np.abs(turned).max() < 2e-3
+    assert np.abs(wrap_angles(heading - middle)).max() < 2e-3
     assert np.allclose(np.diff(np.unwrap(plan.yaw)) / step, plan.curvature[1:], atol=3e-4)

@@ -1,7 +1,5 @@
 """No planned trajectory breaks a limit, whatever the state, the traffic and the reference speed."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -14,7 +12,7 @@ from iits_mj.road import RoadMap, Route
 from iits_mj.road.measured import Lanes, measured_route
 from iits_mj.validation.planning import planner_limits
 from iits_mj.validation.planning.planner_limits import random_breaches
-from tests.controllers.scenes import Ideal, car
+from tests.controllers.scenes import Ideal, advanced, car
 
 STRAIGHT = Route.straight(length=6000.0)
 
@@ -40,8 +38,8 @@ def test_trajectories_from_1500_random_states_keep_all_limits(roads):
     judge(random_breaches(roads, 1500, seed=11), 600)
 
 
-def test_a_limit_that_is_broken_would_be_found(monkeypatch):
-    # The judge must see what it is asked to look for: here the limit is half of what is planned.
+def test_the_check_finds_a_broken_limit(monkeypatch):
+    # The check uses half of the limit of the plan.
     half = lateral_limit
     monkeypatch.setattr(planner_limits, "lateral_limit", lambda *arguments: 0.5 * half(*arguments))
     found = random_breaches([STRAIGHT], 40, seed=5).found
@@ -64,13 +62,7 @@ def test_a_change_under_a_rising_reference_keeps_its_lateral_limit_to_the_end(ma
             lateral = float(np.interp(ego.station, plan.station, plan.curvature)) * ego.speed**2
             greatest = max(greatest, abs(lateral))
             speeds.append(ego.speed)
-        ego = dataclasses.replace(
-            ego,
-            time=round(ego.time + 0.1, 6),
-            station=float(plan.station[1]),
-            offset=float(plan.offset[1]),
-            speed=float(plan.speed[1]),
-        )
+        ego = advanced(ego, plan)
     assert planner.lane_changes == 1
     assert speeds[-1] > speeds[0] + 1.0
     margin = RollMargins(TruckParameters.load(), 1.0 / planner.config.change.duration_min).at(mass)
@@ -87,20 +79,14 @@ def lateral_jerk_of_a_change(road, ego, profile):
         if plan.mode is PlanMode.LANE_CHANGE:
             third = planner.maneuver.residual.evaluate(plan.station)[3]
             greatest = max(greatest, float(np.abs(third * plan.speed**3).max()))
-        ego = dataclasses.replace(
-            ego,
-            time=round(ego.time + 0.1, 6),
-            station=float(plan.station[1]),
-            offset=float(plan.offset[1]),
-            speed=float(plan.speed[1]),
-        )
+        ego = advanced(ego, plan)
     assert planner.lane_changes == 1
     return greatest, planner.config.change.jerk
 
 
 @pytest.mark.parametrize("speed", [6.0, 7.4])
 def test_a_slow_truck_that_gains_speed_in_a_change_keeps_the_jerk_limit_to_the_end(speed):
-    # A launch uses the truck's power, whatever a straight line between the reference's nodes says.
+    # A launch uses the truck's power, regardless of a straight line between the reference's nodes.
     profile = SpeedProfile(
         np.array([0.0, 500.0, 900.0, 6000.0]), np.array([speed, speed, 20.0, 20.0])
     )
@@ -122,7 +108,7 @@ def test_a_laden_truck_that_gains_speed_over_a_crest_keeps_the_jerk_limit():
     assert 0.3 * limit < driven <= 1.01 * limit
 
 
-def test_a_change_is_refused_only_where_the_bend_takes_what_a_high_load_bears():
+def test_a_truck_with_a_high_load_refuses_a_change_only_in_the_bend():
     station = np.arange(0.0, 2000.0, 5.0)
     knots, radius = [600.0, 680.0, 1200.0, 1280.0], 300.0
     curvature = np.interp(station, knots, [0.0, 1.0, 1.0, 0.0]) / radius
@@ -144,32 +130,27 @@ def test_a_change_is_refused_only_where_the_bend_takes_what_a_high_load_bears():
 
 
 @pytest.mark.parametrize("speed", [0.0, 1.0, 4.0])
-def test_a_reference_that_begins_at_the_truck_s_own_low_speed_does_not_keep_it_there(speed):
-    # As a receding plan does: from the speed now to the set speed at the next node.
+def test_a_reference_that_begins_at_a_low_speed_does_not_keep_the_truck_slow(speed):
+    # Like a receding plan: from the present speed to the set speed at the next node.
     planner = Planner(STRAIGHT)
     ego = EgoState(station=480.0, offset=float(STRAIGHT.lane_offset(0, 0.0)), speed=speed)
     for _ in range(150):
         places = np.array([ego.station, ego.station + 50.0, ego.station + 2000.0])
         profile = SpeedProfile(places, np.array([max(ego.speed, 0.5), 14.0, 14.0]))
         plan = planner.plan(Scene(ego.time, ego), Decision.KEEP, profile)
-        ego = dataclasses.replace(
-            ego,
-            time=round(ego.time + 0.1, 6),
-            station=float(plan.station[1]),
-            speed=float(plan.speed[1]),
-        )
+        ego = advanced(ego, plan)
     assert ego.speed > speed + 6.0
     assert ego.speed < 14.1
 
 
-def test_a_slow_reference_is_kept_by_a_slow_truck():
+def test_a_slow_truck_keeps_a_slow_reference():
     profile = SpeedProfile(np.array([0.0, 6000.0]), np.array([5.0, 5.0]))
     ego = EgoState(station=480.0, offset=float(STRAIGHT.lane_offset(0, 0.0)), speed=4.0)
     plan = Planner(STRAIGHT).plan(Scene(0.0, ego), Decision.KEEP, profile)
     assert plan.speed.max() <= 5.05
 
 
-def test_the_reference_speed_is_driven_during_a_change_when_nobody_is_ahead():
+def test_the_truck_keeps_the_reference_speed_during_a_change_on_a_free_road():
     drive = Ideal(STRAIGHT, 500.0, 0, 16.67)
     drive.run(8.0, (car(STRAIGHT, "far", 900.0, 1, 16.67),), lambda t: Decision(-(t < 0.05)))
     assert all(state.speed == pytest.approx(16.67, abs=0.05) for state in drive.states)

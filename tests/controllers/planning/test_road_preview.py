@@ -1,4 +1,4 @@
-"""Short bends keep their radius, seams do not become bends."""
+"""Short bends keep their radius, and seams do not become bends."""
 
 from types import SimpleNamespace
 
@@ -12,7 +12,7 @@ from iits_mj.road.measured import Lanes, measured_route
 
 
 class Heading:
-    """A road known by its heading."""
+    """A road with a given heading."""
 
     def __init__(self, station, heading):
         self._table = station, heading
@@ -69,7 +69,7 @@ def test_a_plans_curvature_is_that_of_its_points_and_its_speed_fits_it():
     assert planner.config.speed.curve_acceleration * 1.1 > greatest > 0.5
 
 
-def test_the_gradient_has_the_bits_of_numpys():
+def test_the_gradient_equals_numpys_to_the_bit():
     rng = np.random.default_rng(2)
     for count in (2, 3, 110):
         values, step = rng.normal(size=count), float(rng.uniform(1.0, 9.0))

@@ -1,4 +1,4 @@
-"""The roll-over margin against the full roll plane, and what a lane change does to the trailer."""
+"""The rollover margin against the full roll plane, and the trailer's acceleration in a change."""
 
 import dataclasses
 
@@ -45,7 +45,7 @@ def test_a_payload_that_is_not_allowed_is_refused():
         roll_threshold(PARAMETERS, 50e3)
 
 
-def test_slow_manoeuvres_are_not_amplified_and_quick_ones_at_speed_are():
+def test_slow_maneuvers_are_not_amplified_and_quick_ones_at_speed_are():
     model = LateralModel.of(PARAMETERS, 55e3, 0.1)
     assert rearward_amplification(model, 22.0, 0.01) == pytest.approx(1.0, abs=0.02)
     assert rearward_amplification(model, 25.0, 0.3) > 1.15
@@ -70,7 +70,7 @@ def trailer_peak(model, change, speed):
     state, greatest = np.zeros(4), 0.0
     for time in np.arange(0.0, change.length / speed + 4.0, step):
         wanted = float(change.evaluate(speed * time)[2]) * speed**2
-        # The steer angle is what makes the steer axle's own acceleration the wanted one.
+        # The steer angle that gives the steer axle the wanted acceleration.
         free = a[:4, :4] @ state
         steer = (wanted - free[0] - speed * state[1]) / a[0, 6]
         rate = free + a[:4, 6] * steer

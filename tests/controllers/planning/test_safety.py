@@ -1,4 +1,4 @@
-"""Gaps of a lane change: no collision when anybody brakes, and who counts as being in the lane."""
+"""Gaps of a lane change: no collision under full braking; vehicles that count as in the lane."""
 
 import dataclasses
 
@@ -41,7 +41,7 @@ def least_gap(gap, speed, lead_speed, reaction, braking, lead_braking):
 
 @settings(max_examples=60, deadline=None)
 @given(own=st.floats(0.0, 25.0), other=st.floats(0.0, 36.0))
-def test_nobody_is_hit_when_whoever_is_in_front_brakes_as_hard_as_it_can(own, other):
+def test_no_vehicle_is_hit_when_the_one_in_front_brakes_as_hard_as_it_can(own, other):
     c = CONFIG
     front = front_gap_needed(own, other, c)
     assert least_gap(front, own, other, c.reaction_time, c.truck_braking, c.car_braking) >= 0.0
@@ -64,7 +64,7 @@ def test_gaps_are_the_same_for_floats_and_arrays():
         assert np.allclose(needed(np.full(4, 16.67), speeds, CONFIG), each, rtol=0, atol=1e-12)
 
 
-def test_somebody_fast_behind_somebody_slow_counts():
+def test_a_fast_vehicle_behind_a_slow_one_counts():
     slow = car(ROUTE, "slow", 1000.0 - 15.1 - 2.4 - 25.0, 1, 12.0)
     assert judged(slow) is None
     fast = car(ROUTE, "fast", 1000.0 - 15.1 - 2.4 - 33.0, 1, 25.0)
@@ -72,17 +72,17 @@ def test_somebody_fast_behind_somebody_slow_counts():
 
 
 @pytest.mark.parametrize(("lateral_speed", "free"), [(0.0, True), (0.2, True), (-1.2, False)])
-def test_who_comes_into_the_target_lane_from_its_far_side_is_in_it(lateral_speed, free):
+def test_a_vehicle_that_enters_the_target_lane_from_its_far_side_counts(lateral_speed, free):
     far = car(ROUTE, "far", 1010.0, 2, 16.67, lateral_speed=lateral_speed)
     assert (judged(far) is None) is free
 
 
-def test_who_has_left_the_target_lane_by_then_still_counts():
+def test_a_vehicle_that_leaves_the_target_lane_still_counts():
     leaving = car(ROUTE, "leaving", 1010.0, 1, 16.67, lateral_speed=1.2)
     assert "leaving" in judged(leaving)
 
 
-def test_a_slow_truck_does_not_go_before_somebody_it_cannot_see_yet():
+def test_a_slow_truck_does_not_change_where_a_vehicle_beyond_sight_may_approach():
     slow = dataclasses.replace(EGO, speed=5.0)
     assert judged(ego=slow, limit=25.0) is None
     blind = dataclasses.replace(CONFIG, sight_behind=60.0)

@@ -1,4 +1,4 @@
-"""The speed plan follows a reference that rises and falls, alone and behind somebody."""
+"""The speed plan follows a reference that rises and falls, alone and behind a vehicle."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ CONFIG = SpeedConfig(cruise_speed=20.0)
 
 
 def follow(profile, start, seconds=40.0, mass=19_000.0, leads=()):
-    """Station and speed of a truck that does what is planned, replanned every 0.1 s."""
+    """Station, speed and acceleration of a truck that follows a new plan every 0.1 s."""
     state, rows = start, []
     for k in range(round(10.0 * seconds)):
         path = PREVIEW.follow(0, state.station, CONFIG.preview, 150.0)
@@ -57,7 +57,7 @@ def test_a_set_speed_is_approached_without_overshoot_and_within_the_jerk():
     assert np.abs(np.diff(acceleration)).max() <= CONFIG.following.jerk_max * 0.1 + 1e-9
 
 
-def test_behind_a_far_faster_vehicle_the_profile_is_followed_as_if_it_were_not_there():
+def test_a_far_faster_vehicle_does_not_change_the_speed_on_a_profile():
     profile = ramp(0.3)
     start = SpeedState(50.0, 17.0, 0.0)
     alone = follow(profile, start, 25.0)[1]

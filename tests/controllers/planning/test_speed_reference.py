@@ -1,4 +1,4 @@
-"""Who says how fast the truck would like to go: constant, profile, PCC in the stack."""
+"""Reference speeds in the stack: constant, profile, predictive cruise control."""
 
 import dataclasses
 import math
@@ -10,8 +10,7 @@ import pytest
 from controllers.decision.base import DecisionContext
 from controllers.pcc import Appointment, PccConfig, PccReference, RecedingConfig
 from controllers.pcc.solver import METHODS
-from controllers.planning.planner import PlannerConfig
-from controllers.planning.speed_plan import SpeedConfig
+from controllers.planning.config import PlannerConfig, SpeedConfig
 from controllers.planning.speed_reference import (
     CruiseReference,
     ProfileReference,
@@ -72,7 +71,7 @@ def stack_of(route, maker=None, **settings):
 
 
 class Watcher:
-    """Notes what the decision maker is told."""
+    """Records the reference speeds that the decision maker receives."""
 
     name = "watcher"
 
@@ -132,7 +131,7 @@ def test_pcc_takes_the_mass_that_the_truck_reports(route):
         stack.plan(Scene(5.0, ego(route, mass=float("nan"))))
 
 
-def test_a_slow_vehicle_ahead_slows_the_reference_but_not_what_a_change_can_gain(route):
+def test_a_slow_vehicle_ahead_lowers_the_reference_but_not_the_speed_without_traffic(route):
     watcher = Watcher()
     reference = PccReference(route, PCC, PARAMETERS, RECEDING)
     stack = stack_of(route, watcher, reference=reference)
@@ -142,7 +141,7 @@ def test_a_slow_vehicle_ahead_slows_the_reference_but_not_what_a_change_can_gain
     assert watcher.speeds == [pytest.approx(16.0, abs=0.2)]
 
 
-def test_a_vehicle_on_a_bridge_above_is_nobody_to_follow(route):
+def test_a_vehicle_on_a_bridge_above_is_not_followed(route):
     point = route.evaluate(525.0, float(route.lane_offset(0, 525.0)))
     slow = replace(vehicle(route, 525.0, 11.0), x=float(point.x), y=float(point.y))
     speeds = []
@@ -155,7 +154,7 @@ def test_a_vehicle_on_a_bridge_above_is_nobody_to_follow(route):
     assert speeds[1] == pytest.approx(16.0, abs=0.2)
 
 
-def test_the_traffics_table_is_made_once_a_cycle(route, monkeypatch):
+def test_the_table_of_the_traffic_is_made_once_per_cycle(route, monkeypatch):
     made = []
     count = Neighbors.__init__
 
@@ -169,7 +168,7 @@ def test_the_traffics_table_is_made_once_a_cycle(route, monkeypatch):
     assert len(made) == 1
 
 
-def test_a_launch_with_pcc_is_that_of_a_cruise(route):
+def test_a_launch_with_pcc_equals_that_of_a_cruise(route):
     speeds = []
     for reference in (PccReference(route, PCC, PARAMETERS, RECEDING), CruiseReference(PCC.v_ref)):
         stack = stack_of(route, reference=reference)
@@ -205,7 +204,7 @@ def test_a_zone_of_another_lane_is_not_the_trucks(route):
     assert reference.at(1200.0) == pytest.approx(16.0, abs=0.3)
 
 
-def test_plans_keep_the_bends_as_the_trajectory_planner_drives_them():
+def test_pcc_plans_the_same_speed_in_bends_as_the_trajectory_planner():
     station = np.arange(0.0, 3001.0, 5.0)
     curvature = np.interp(station, [1000.0, 1040.0, 1140.0, 1180.0], [0.0, 1.0, 1.0, 0.0]) / 80.0
     flat = np.zeros(station.size)
@@ -216,7 +215,7 @@ def test_plans_keep_the_bends_as_the_trajectory_planner_drives_them():
     bearable = math.sqrt(stack.planner.config.speed.curve_acceleration * 80.0)
     assert reference.at(1100.0) <= bearable + 0.1
     assert reference.at(1100.0) > 0.9 * bearable
-    # It is come down to as the trajectory planner does, and left again.
+    # The plan slows down shortly before the bend and speeds up after it.
     assert reference.at(900.0) > bearable + 2.0
     assert float(reference.planner.schedule.speed_at(1100.0)) <= bearable + 0.1
     assert reference.at(2000.0) > 14.0
@@ -235,7 +234,7 @@ def test_impossible_neighbors_and_masses_are_refused_by_name(route):
         reference.update(Scene(0.0, ego(route, mass=-5.0)), lambda: None)
 
 
-def test_the_trajectory_stays_the_safety_layer_behind_a_standing_vehicle(route):
+def test_the_trajectory_brakes_for_a_stopped_vehicle_whatever_the_reference(route):
     reference = PccReference(route, PCC, PARAMETERS, RECEDING)
     stack = stack_of(route, reference=reference)
     planned = stack.plan(Scene(0.0, ego(route), [vehicle(route, 580.0, 0.0)]))
@@ -291,7 +290,7 @@ def test_a_written_profile_is_read_back(tmp_path):
     assert found.speed.tolist() == [15.0, 16.5]
 
 
-def test_a_byte_order_mark_and_empty_rows_do_a_profile_no_harm(tmp_path):
+def test_a_profile_may_have_a_byte_order_mark_and_empty_rows(tmp_path):
     path = tmp_path / "speed.csv"
     path.write_text("\ufeffstation_m,speed_mps\n\n0,15\n50,16.5\n\n,\n", encoding="utf-8")
     assert read_profile(path).speed.tolist() == [15.0, 16.5]

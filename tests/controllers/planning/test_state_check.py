@@ -1,12 +1,12 @@
-"""What nobody can plan from is refused with one sentence that names it."""
+"""Invalid scenes, settings and decisions are refused by name."""
 
 import dataclasses
 import math
 
 import pytest
 
-from controllers.planning.planner import Planner, PlannerConfig
-from controllers.planning.speed_plan import SpeedConfig
+from controllers.planning.config import PlannerConfig, SpeedConfig
+from controllers.planning.planner import Planner
 from controllers.stack import Stack
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision, EgoState, Scene
@@ -21,7 +21,7 @@ EGO = EgoState(
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 @pytest.mark.parametrize("name", ["acceleration", "speed", "station", "width", "yaw", "yaw_rate"])
-def test_a_vehicle_with_a_value_that_is_no_number_is_refused_not_overlooked(name, value):
+def test_a_vehicle_with_a_value_that_is_not_finite_is_refused(name, value):
     vehicle = dataclasses.replace(car(ROAD, "leader", 560.0, 0, 5.0), **{name: value})
     with pytest.raises(InputError, match=f"'leader': {name}"):
         Planner(ROAD).plan(Scene(0.0, EGO, (vehicle,)))
@@ -31,7 +31,7 @@ def test_a_vehicle_with_a_value_that_is_no_number_is_refused_not_overlooked(name
     ("name", "value"),
     [("step", 0.0), ("horizon", -1.0), ("step", math.nan), ("horizon", 0.01), ("curve_share", 0.0)],
 )
-def test_settings_of_the_planner_that_cannot_be_are_named(name, value):
+def test_invalid_settings_of_the_planner_are_named(name, value):
     with pytest.raises(InputError, match=f"PlannerConfig: {name}"):
         PlannerConfig(**{name: value})
 
@@ -40,13 +40,13 @@ def test_settings_of_the_planner_that_cannot_be_are_named(name, value):
     ("name", "value"),
     [("cruise_speed", -5.0), ("cruise_speed", math.nan), ("preview", 0.0), ("stop_gap", -1.0)],
 )
-def test_settings_of_the_speed_that_cannot_be_are_named(name, value):
+def test_invalid_settings_of_the_speed_are_named(name, value):
     with pytest.raises(InputError, match=f"SpeedConfig: {name}"):
         SpeedConfig(**{name: value})
 
 
 @pytest.mark.parametrize("decision", [7, "left", None, True])
-def test_decisions_that_are_none_are_refused(decision):
+def test_values_that_are_no_decisions_are_refused(decision):
     with pytest.raises(InputError, match="decision is"):
         Planner(ROAD).plan(Scene(0.0, EGO), decision)
 
@@ -61,7 +61,7 @@ def test_decisions_that_are_none_are_refused(decision):
         Stack(ROAD, decision_maker=Maker()).plan(Scene(0.0, EGO))
 
 
-def test_the_number_of_a_decision_is_one():
+def test_the_number_of_a_decision_is_accepted():
     assert Planner(ROAD).plan(Scene(0.0, EGO), -1).target_lane == 1
     assert Planner(ROAD).plan(Scene(0.0, EGO), Decision.KEEP).target_lane == 0
 
@@ -69,6 +69,6 @@ def test_the_number_of_a_decision_is_one():
 @pytest.mark.parametrize(
     ("name", "value"), [("mass", 1.0), ("mass", 1e9), ("station", -50.0), ("station", 5000.0)]
 )
-def test_a_truck_off_its_road_or_of_no_trucks_mass_is_refused(name, value):
+def test_a_truck_off_its_road_or_with_an_impossible_mass_is_refused(name, value):
     with pytest.raises(InputError, match=f"state of the truck: {name}"):
         Planner(ROAD).plan(Scene(0.0, dataclasses.replace(EGO, **{name: value})))

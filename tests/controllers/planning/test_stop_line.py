@@ -1,4 +1,4 @@
-"""Traffic lights and changing limits, obeyed by a truck that does what is planned."""
+"""Traffic lights and changing limits, with a truck that follows its plan exactly."""
 
 import dataclasses
 import math
@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
+from controllers.planning.config import PlannerConfig, SpeedConfig
 from controllers.planning.crossing import is_free
-from controllers.planning.planner import Planner, PlannerConfig
-from controllers.planning.speed_plan import SpeedConfig
+from controllers.planning.planner import Planner
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import (
     EgoState,
@@ -21,7 +21,7 @@ from iits_mj.core.messages import (
 )
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from tests.controllers.scenes import car
+from tests.controllers.scenes import advanced, car
 
 ROUTE = Route.straight(length=3000.0)
 LINE = 700.0
@@ -59,13 +59,7 @@ def drive(duration, light=None, speed=16.67, station=300.0, zones=(), vehicles=(
         signals = RoadSignals(ahead, zones)
         plan = planner.plan(Scene(ego.time, ego, vehicles, signals=signals))
         states.append(ego)
-        ego = dataclasses.replace(
-            ego,
-            time=round(ego.time + 0.1, 6),
-            station=float(plan.station[1]),
-            speed=float(plan.speed[1]),
-            acceleration=float(plan.acceleration[0]),
-        )
+        ego = advanced(ego, plan)
     return states
 
 
@@ -90,7 +84,7 @@ def test_the_truck_restarts_on_green():
 
 
 @pytest.mark.parametrize(("distance", "stops"), [(30.0, False), (60.0, False), (95.0, True)])
-def test_at_yellow_the_truck_stops_where_2_m_per_s2_will_do_and_passes_where_not(distance, stops):
+def test_at_yellow_the_truck_stops_if_2_m_per_s2_are_enough_and_passes_otherwise(distance, stops):
     # From 60 km/h with 0.5 s until the brakes bite, 2 m/s2 need 78 m.
     station = LINE - 1.4 - distance
     light = cycle((YELLOW, 4.0), (RED, math.inf))
@@ -111,7 +105,7 @@ def test_no_truck_passes_a_line_at_red_after_a_yellow_of_5_s():
         assert when < 5.0 or when == math.inf, f"yellow seen {distance} m before the line"
 
 
-def test_a_green_that_will_be_over_on_arrival_is_a_stop_without_hard_braking():
+def test_the_truck_stops_gently_for_a_green_that_ends_before_it_arrives():
     light = cycle((GREEN, 12.0), (YELLOW, 4.0), (RED, math.inf))
     states = drive(45.0, light)
     assert passed(states) == math.inf
@@ -123,14 +117,14 @@ def test_a_light_far_away_does_not_slow_the_truck():
     assert min(s.speed for s in states) > 16.6
 
 
-def test_a_known_red_is_approached_slowly_and_passed_rolling():
+def test_the_truck_approaches_a_red_of_known_end_slowly_and_passes_it_rolling():
     states = drive(40.0, cycle((RED, 32.0), (GREEN, math.inf)))
     assert 32.0 < passed(states) < 38.0
     assert min(s.speed for s in states) > 8.0
     assert min(s.acceleration for s in states) > -1.2
 
 
-def test_a_red_that_comes_too_late_is_not_braked_for_in_vain():
+def test_the_truck_passes_a_light_that_turns_red_too_late_to_stop():
     states = drive(10.0, cycle((RED, math.inf)), station=LINE - 1.4 - 15.0)
     assert passed(states) < 1.5
 
@@ -141,7 +135,7 @@ def test_a_leader_before_the_line_still_counts():
     assert LINE - 12.0 < states[-1].station + 1.4 < LINE - 5.4 - 2.0
 
 
-def test_a_changing_limit_is_met_at_its_sign_and_left_at_its_end():
+def test_the_truck_keeps_a_changing_limit_from_its_sign_to_its_end():
     zones = (SpeedZone(600.0, 900.0, 12.0), SpeedZone(700.0, 800.0, 8.0, lane=0))
     states = drive(70.0, station=450.0, zones=zones)
     speed = {s.station: s.speed for s in states}
@@ -152,7 +146,7 @@ def test_a_changing_limit_is_met_at_its_sign_and_left_at_its_end():
     assert states[-1].speed > 13.0
 
 
-def test_a_limit_of_another_lane_does_not_hold():
+def test_a_limit_of_another_lane_does_not_apply():
     states = drive(10.0, zones=(SpeedZone(400.0, 3000.0, 5.0, lane=1),))
     assert min(s.speed for s in states) > 16.0
 
@@ -171,14 +165,14 @@ def test_a_truck_that_creeps_to_a_red_line_seen_late_stops():
     assert states[-1].speed < 0.01
 
 
-def test_at_a_green_arrow_the_truck_stands_first_and_then_goes():
+def test_at_a_green_arrow_the_truck_stops_first_and_then_continues():
     states = drive(40.0, cycle((ARROW, math.inf)), 11.0, station=LINE - 120.0)
     stood = [s.time for s in states if s.speed < 0.01 and s.station + 1.4 > LINE - 1.5]
     assert stood[-1] - stood[0] >= 1.0 - 0.15
     assert stood[-1] < passed(states) < math.inf
 
 
-def test_at_a_green_arrow_the_truck_waits_for_who_crosses():
+def test_at_a_green_arrow_the_truck_waits_for_a_crossing_vehicle():
     way = ROUTE.evaluate(LINE + 15.0, 0.0)
     x, y, yaw = float(way.x), float(way.y), float(way.heading) + 0.5 * math.pi
     place = x - 60.0 * math.cos(yaw), y - 60.0 * math.sin(yaw)
@@ -190,7 +184,7 @@ def test_at_a_green_arrow_the_truck_waits_for_who_crosses():
     assert is_free(Scene(0.0, ego, (gone,)), preview, LINE)
 
 
-def test_the_plan_s_power_is_that_of_the_truck_that_is_given():
+def test_the_plan_uses_the_power_of_the_given_truck():
     shipped = TruckParameters.load()
     engine = shipped.engine
     weak = dataclasses.replace(engine, full_load_torque=0.5 * engine.full_load_torque)
@@ -211,7 +205,7 @@ def test_the_plan_s_power_is_that_of_the_truck_that_is_given():
         RoadSignals(zones=(SpeedZone(0.0, 100.0, 0.0),)),
     ],
 )
-def test_signals_that_are_no_numbers_are_refused(signals):
+def test_signals_with_invalid_values_are_refused(signals):
     ego = EgoState(station=600.0, offset=float(ROUTE.lane_offset(0, 600.0)), speed=10.0)
     with pytest.raises(InputError, match=r"traffic light|speed zone"):
         Planner(ROUTE).plan(Scene(0.0, ego, signals=signals))

@@ -1,4 +1,4 @@
-"""Whom the truck passes of itself: who stands alone, not who stands in a queue."""
+"""Vehicles that the truck passes without a decision: those stopped alone, not those in a queue."""
 
 import dataclasses
 
@@ -35,7 +35,7 @@ def test_in_a_jam_the_truck_stays_in_its_queue(others):
     assert "queue behind van" in run.plans[-1].reason
 
 
-def test_with_its_own_leader_far_away_or_driving_it_has_broken_down():
+def test_a_stopped_vehicle_with_a_far_or_moving_leader_has_broken_down():
     far = car(ROAD, "far", 660.0, 0, 0.0)
     driving = car(ROAD, "driving", 615.0, 0, 6.0)
     for other in (far, driving):
@@ -43,9 +43,9 @@ def test_with_its_own_leader_far_away_or_driving_it_has_broken_down():
         assert run.planner.changing or run.planner.lane_changes == 1
 
 
-def test_a_jam_that_is_free_for_a_moment_only_is_not_left():
+def test_the_truck_does_not_leave_a_jam_that_is_free_for_a_moment():
     def vehicles(time):
-        # The row ahead is seen with gaps of 3 s, less than the patience.
+        # The row ahead disappears for 3 s, less than the patience.
         return (VAN, *(queue(0, 608.0) if time % 6.0 < 3.0 else ()))
 
     run = Ideal(ROAD, 570.0, 0, 2.0).run(40.0, vehicles)
@@ -54,7 +54,7 @@ def test_a_jam_that_is_free_for_a_moment_only_is_not_left():
 
 
 def starts(moment, acceleration=0.8):
-    """The van, which drives on from a moment [s], up to 8 m/s."""
+    """The van, which moves off at a moment [s], up to 8 m/s."""
 
     def vehicles(time):
         moved = max(time - moment, 0.0)
@@ -66,11 +66,11 @@ def starts(moment, acceleration=0.8):
 
 
 def begun(run):
-    """Time at which the first pull-out began [s]."""
+    """Time at which the first change began [s]."""
     return next(p.time[0] for p in run.plans if p.mode is PlanMode.LANE_CHANGE)
 
 
-def test_who_drives_on_early_ends_the_pull_out_and_is_followed():
+def test_a_vehicle_that_moves_off_early_ends_the_change_and_is_followed():
     first = begun(Ideal(ROAD, 578.0, 0, 0.0).run(12.0, (VAN,)))
     run = Ideal(ROAD, 578.0, 0, 0.0).run(60.0, starts(first))
     assert run.planner.aborted == 1
@@ -83,7 +83,7 @@ def test_who_drives_on_early_ends_the_pull_out_and_is_followed():
     assert run.ego.speed > 5.0
 
 
-def test_a_pull_out_given_up_leaves_nothing_behind_when_the_other_stands_again_and_drives_on():
+def test_after_an_aborted_change_the_truck_waits_while_the_vehicle_stops_again():
     first = begun(Ideal(ROAD, 578.0, 0, 0.0).run(12.0, (VAN,)))
 
     def vehicles(time):
@@ -100,7 +100,7 @@ def test_a_pull_out_given_up_leaves_nothing_behind_when_the_other_stands_again_a
     assert run.ego.speed > 5.0
 
 
-def test_once_in_the_other_lane_the_truck_goes_on_past_who_drives_on():
+def test_in_the_other_lane_the_truck_continues_past_a_vehicle_that_moves_off():
     first = begun(Ideal(ROAD, 578.0, 0, 0.0).run(12.0, (VAN,)))
     run = Ideal(ROAD, 578.0, 0, 0.0).run(60.0, starts(first + 7.0, 0.3))
     assert run.planner.aborted == 0
@@ -114,17 +114,17 @@ def test_a_decision_to_leave_the_queue_is_obeyed_when_there_is_room():
     assert run.planner.lane_changes == 1
 
 
-def test_the_truck_gives_its_pull_out_up_and_follows_who_drives_on():
+def test_the_mujoco_truck_aborts_its_change_and_follows_a_vehicle_that_moves_off():
     rows, stack = drive(ROAD, 0.0, 14.0, 30.0, 578.0, 0.0, starts(8.0))
     planner = stack.planner
     assert (planner.aborted, planner.lane_changes) == (1, 0)
     assert rows[-1, 2] > 4.0
-    # From its rear to the truck's bumper.
+    # From the van's rear to the truck's bumper.
     assert (starts(8.0)(30.0)[0].station - 3.0) - (rows[-1, 1] + 1.4) > 5.0
     assert abs(rows[-1, 4]) < 0.1
 
 
-def test_in_a_jam_the_truck_of_mujoco_stays_in_its_queue_too():
+def test_in_a_jam_the_mujoco_truck_stays_in_its_queue():
     rows, stack = drive(ROAD, 0.0, 14.0, 15.0, 575.0, 3.0, lambda t: (VAN, *queue(0, 608.0)))
     assert stack.planner.lane_changes == 0
     assert not stack.planner.changing

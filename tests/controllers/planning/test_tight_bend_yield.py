@@ -1,6 +1,5 @@
-"""Before and in a bend in which the trailer leaves its lane: who is waited for, and how long."""
+"""Tight bends in which the trailer leaves its lane: vehicles that the truck waits for."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -19,6 +18,7 @@ from iits_mj.core.messages import (
 )
 from iits_mj.parameters import TruckParameters
 from tests.controllers.planning.test_crossing import bend
+from tests.controllers.scenes import advanced
 
 ROAD = bend()
 FREE = 235.0
@@ -43,50 +43,44 @@ def oncoming(name, station, speed, **fields):
 
 
 def drive(vehicles, duration, station=190.0, speed=3.0, signals=None):
-    """Planner, states and plans of a truck that does exactly what was planned."""
+    """Planner, states and plans of a truck that follows its plans exactly."""
     planner, states, plans = Planner(ROAD), [], []
     offset = float(ROAD.lane_offset(0, station))
     ego = EgoState(station=station, offset=offset, speed=speed, mass=19e3)
-    for cycle in range(round(10 * duration)):
-        time = 0.1 * cycle
+    for _ in range(round(10 * duration)):
+        time = ego.time
         signs = signals(time) if signals else RoadSignals()
         plan = planner.plan(Scene(time, ego, vehicles(time), signals=signs))
         states.append(ego)
         plans.append(plan)
-        ego = dataclasses.replace(
-            ego,
-            time=0.1 * (cycle + 1),
-            station=float(plan.station[1]),
-            offset=float(plan.offset[1]),
-            speed=float(plan.speed[1]),
-        )
+        ego = advanced(ego, plan)
     return planner, states, plans
 
 
-def test_turns_are_taken_with_a_stream_that_can_stop_gently():
+def test_the_truck_turns_before_a_stream_that_can_stop_gently():
     def stream(time):
-        # One after the other: whoever is seen is far enough to stop.
+        # One vehicle after the other, each far enough away to stop.
         return (oncoming(f"c{int(time)}", 290.0 - 6.0 * (time % 1.0), 6.0),)
 
     _, states, plans = drive(stream, 35.0)
     stood = [state for state in states if state.speed < 0.05]
     assert len(stood) > 5
     assert max(state.station for state in stood) < 202.0
-    assert any("which comes" in plan.reason for plan in plans)
+    assert any("which approaches" in plan.reason for plan in plans)
     assert states[-1].station > FREE
 
 
-def test_nobody_is_made_to_brake_hard_however_long_the_truck_has_waited():
+def test_a_truck_that_has_waited_long_makes_no_vehicle_brake_hard():
     def stream(time):
         return (oncoming(f"c{int(time)}", 275.0 - 14.0 * (time % 1.0), 14.0),)
 
     _, states, plans = drive(stream, 40.0)
     assert states[-1].speed < 0.05
     assert states[-1].station < 202.0
-    assert "which comes" in plans[-1].reason
+    assert "which approaches" in plans[-1].reason
 
 
-def test_time_at_a_red_light_is_no_waiting_for_others():
+def test_time_at_a_red_light_does_not_count_as_waiting_for_others():
     def light(time):
         state = LightState.RED if time < 20.0 else LightState.GREEN
         return RoadSignals(light=TrafficLight(station=199.0, state=state))
@@ -95,17 +89,17 @@ def test_time_at_a_red_light_is_no_waiting_for_others():
         return (oncoming(f"c{int(time)}", 290.0 - 6.0 * (time % 1.0), 6.0),)
 
     _, _, plans = drive(stream, 21.0, signals=light)
-    assert "which comes" in plans[-1].reason
+    assert "which approaches" in plans[-1].reason
 
 
-def test_who_stands_on_the_ground_of_the_trailer_is_named_for_as_long_as_it_stands():
+def test_the_truck_waits_for_a_vehicle_stopped_on_the_trailers_ground():
     _, states, plans = drive(lambda time: (oncoming("van", 222.0, 0.0),), 60.0)
     assert states[-1].station < 202.0
-    assert "van, which stands in the way" in plans[-1].reason
+    assert "van, which has stopped in the way" in plans[-1].reason
 
 
 @pytest.mark.parametrize("place", [216.0, 219.0, 222.0])
-def test_in_the_bend_the_truck_stops_before_its_trailer_touches_somebody(place):
+def test_in_the_bend_the_truck_stops_before_its_trailer_touches_a_vehicle(place):
     def vehicles(time):
         # It appears when the truck is in the bend.
         return (oncoming("late", place, 0.0),) if time > 5.0 else ()
@@ -113,7 +107,7 @@ def test_in_the_bend_the_truck_stops_before_its_trailer_touches_somebody(place):
     planner, states, plans = drive(vehicles, 40.0, station=197.0)
     assert 205.0 < states[-1].station < FREE
     assert states[-1].speed < 0.05
-    assert "late is where the trailer has to go" in plans[-1].reason
+    assert "late is in the trailer" in plans[-1].reason
     last = states[-1]
     path = planner.preview.follow(planner.lane(Scene(0.0, last)), last.station, 400.0, 150.0)
     sweep = TightBends(planner.preview, TruckParameters.load()).ahead(path, last)
@@ -121,6 +115,6 @@ def test_in_the_bend_the_truck_stops_before_its_trailer_touches_somebody(place):
     there = Poses.of(around, np.array([True]), planner.preview).ahead(np.zeros(1))
     row = round(states[-1].station - sweep.first)
     near = np.any([unit.touch(there, 0.1)[:, 0] for unit in sweep.units], axis=0)
-    # Further on the trailer would have been too near, here it is not.
+    # The trailer would be too near further on, but is not here.
     assert near[row:].any()
     assert not near[row]

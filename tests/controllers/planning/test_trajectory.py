@@ -90,5 +90,5 @@ def test_a_bend_makes_a_change_longer_and_a_tight_one_forbids_it():
     assert length(55_000.0, felt=25.0**2 / 300.0) == np.inf
 
 
-def test_too_short_a_time_gives_none():
+def test_a_duration_that_is_too_short_gives_no_quintic():
     assert shortest_to_zero(0, 4.0, 0, 0, 20.0, 0.5, 1.0, 2.0, 3.0, 10.0) is None

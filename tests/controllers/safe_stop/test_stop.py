@@ -6,8 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from controllers.planning.planner import PlannerConfig
-from controllers.planning.speed_plan import SpeedConfig
+from controllers.planning.config import PlannerConfig, SpeedConfig
 from controllers.safe_stop.fallback import CommandSource, Fallback, FallbackConfig
 from controllers.safe_stop.stop import SafeStop, SafeStopConfig, StopPhase
 from controllers.stack import Stack
@@ -20,20 +19,13 @@ from iits_mj.core.messages import (
     VehicleCommand,
     XbrMode,
 )
+from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.road import RoadMap, Route
 from iits_mj.truck import Truck
+from tests.controllers.scenes import Script
 
 TIME, STATION, SPEED, ERROR, DEMAND, PARKING = range(6)
-
-
-class ChangeAtTwo:
-    name = "script"
-
-    def reset(self):
-        pass
-
-    def decide(self, context):
-        return Decision.LEFT if round(context.scene.time) == 2 else Decision.KEEP
+LEFT_AT_2_S = Script(at2=Decision.LEFT)
 
 
 def stopped(route, payload, station, speed, cut, maker=None, longest=40.0, last=None):
@@ -70,7 +62,7 @@ def braking(rows, cut):
 
 
 @pytest.mark.parametrize(
-    "payload", [36_000.0, pytest.param(0.0, marks=pytest.mark.slow)], ids=["laden", "empty"]
+    "payload", [MAX_PAYLOAD, pytest.param(0.0, marks=pytest.mark.slow)], ids=["laden", "empty"]
 )
 def test_bus_cut_at_80_km_h_in_a_bend_ends_parked_in_the_lane(payload):
     # Left-hand bend of 620 m.
@@ -85,7 +77,7 @@ def test_bus_cut_at_80_km_h_in_a_bend_ends_parked_in_the_lane(payload):
     assert np.abs(jerk).max() < 2.5
     way = after[-1, STATION] - after[0, STATION]
     assert way == pytest.approx(after[0, SPEED] ** 2 / 3.0, abs=20.0)
-    # Nothing creeps once it stands.
+    # The truck does not creep at standstill.
     standing = after[np.abs(after[:, SPEED]) < 0.05]
     assert np.ptp(standing[:, STATION]) < 0.03
 
@@ -101,23 +93,23 @@ def test_the_empty_truck_stays_in_its_lane_on_packed_snow():
 @pytest.mark.parametrize("grade", [-0.08, 0.08])
 def test_the_laden_truck_stops_and_stays_on_8_percent(grade):
     route = Route.straight(length=1500.0, grade=grade)
-    rows, stop = stopped(route, 36_000.0, 100.0, 10.0, cut=0.5)
+    rows, stop = stopped(route, MAX_PAYLOAD, 100.0, 10.0, cut=0.5)
     assert stop.phase is StopPhase.PARKED
     assert braking(rows, 0.5)[0].max() < 2.2
     standing = rows[(np.abs(rows[:, SPEED]) < 0.05) & (rows[:, TIME] > 1.0)]
     assert np.ptp(standing[:, STATION]) < 0.05
 
 
-def test_a_lane_change_that_has_hardly_begun_is_taken_back():
+def test_the_stop_reverts_a_lane_change_that_has_hardly_begun():
     route = RoadMap.builtin().route()
-    rows, stop = stopped(route, 36_000.0, 4700.0, 16.67, cut=3.5, maker=ChangeAtTwo())
+    rows, stop = stopped(route, MAX_PAYLOAD, 4700.0, 16.67, cut=3.5, maker=LEFT_AT_2_S)
     assert stop.lane == 0
     assert abs(rows[-1, ERROR]) < 0.2
 
 
-def test_a_lane_change_that_is_half_done_is_finished():
+def test_the_stop_finishes_a_lane_change_that_is_half_done():
     route = RoadMap.builtin().route()
-    rows, stop = stopped(route, 36_000.0, 4700.0, 16.67, cut=5.5, maker=ChangeAtTwo())
+    rows, stop = stopped(route, MAX_PAYLOAD, 4700.0, 16.67, cut=5.5, maker=LEFT_AT_2_S)
     assert stop.lane == 1
     assert abs(rows[-1, ERROR]) < 0.2
     after = rows[rows[:, TIME] >= 5.5]
@@ -125,7 +117,7 @@ def test_a_lane_change_that_is_half_done_is_finished():
     assert after[:, ERROR].max() < 0.3
 
 
-def test_the_stop_is_not_weaker_than_the_demand_that_was_in_force():
+def test_the_stop_is_not_weaker_than_the_last_demand():
     route = Route.straight(length=1000.0)
     emergency = VehicleCommand(xbr_demand=-4.0, xbr_mode=XbrMode.MAXIMUM)
     rows, _ = stopped(route, 0.0, 100.0, 20.0, cut=0.1, last=emergency)
@@ -134,7 +126,7 @@ def test_the_stop_is_not_weaker_than_the_demand_that_was_in_force():
 
 def test_the_truck_stops_before_the_road_ends():
     route = Route.straight(length=250.0)
-    rows, stop = stopped(route, 36_000.0, 100.0, 20.0, cut=0.0)
+    rows, stop = stopped(route, MAX_PAYLOAD, 100.0, 20.0, cut=0.0)
     assert stop.phase is StopPhase.PARKED
     assert rows[-1, STATION] + 1.4 < 250.0
     assert braking(rows, 0.0)[0].max() < 4.5
@@ -183,7 +175,7 @@ def test_on_a_road_without_lanes_the_truck_stops_straight_on():
     assert command.xbr_demand < -1.0
 
 
-def test_service_brakes_hold_until_the_spring_brakes_have_come(stop):
+def test_service_brakes_hold_until_the_spring_brakes_are_applied(stop):
     commands = {}
     for k in range(300):
         ego = _ego(time=0.02 * k)
@@ -196,7 +188,7 @@ def test_service_brakes_hold_until_the_spring_brakes_have_come(stop):
     assert commands[299].parking_brake == 1.0
 
 
-def test_a_parked_truck_that_slides_keeps_its_parking_brake_and_brakes_anew(stop):
+def test_a_parked_truck_that_slides_keeps_its_parking_brake_and_brakes_again(stop):
     for k in range(250):
         stop.command(_ego(time=0.02 * k))
     for k in range(250, 300):
@@ -253,7 +245,7 @@ def test_returning_commands_take_over_without_a_step(make_fallback):
     for k in range(200):
         ego = _ego(time=2.0 + 0.02 * k, speed=10.0)
         obeyed.append(fallback.command(ego, received, False))
-    # Half a second more of the stop, then a second of both.
+    # The stop lasts half a second more, then both blend over a second.
     assert fallback.source is CommandSource.COMMANDS
     assert obeyed[20].accelerator_pedal == 0.0
     assert obeyed[-1] == received
@@ -264,7 +256,7 @@ def test_returning_commands_take_over_without_a_step(make_fallback):
     assert all(0.0 <= c.accelerator_pedal <= 0.8 for c in obeyed)
 
 
-def test_a_single_good_moment_does_not_end_the_stop(make_fallback):
+def test_commands_with_gaps_do_not_end_the_stop(make_fallback):
     fallback = make_fallback(return_time=0.5)
     _lose(fallback)
     received = VehicleCommand(accelerator_pedal=0.8)
@@ -287,7 +279,7 @@ def test_commands_lost_again_while_returning_begin_a_new_stop(make_fallback):
     assert fallback.stops == 2
 
 
-def test_a_standing_truck_waits_for_the_pedal_to_be_let_go_where_so_configured(make_fallback):
+def test_a_stopped_truck_waits_for_a_released_pedal_if_configured(make_fallback):
     fallback = make_fallback(acknowledge=True, return_time=0.1)
     _lose(fallback, speed=0.0)
     pressed, free = VehicleCommand(accelerator_pedal=0.5), VehicleCommand()
@@ -308,7 +300,7 @@ def test_a_harder_demand_of_the_returning_commands_counts_at_once(make_fallback)
     assert (command.xbr_demand, command.xbr_mode) == (-5.0, XbrMode.ADDITION)
 
 
-def test_an_emergency_brake_in_force_is_obeyed_while_the_driver_is_lost(make_fallback):
+def test_an_active_emergency_brake_counts_while_the_driving_commands_are_missing(make_fallback):
     fallback = make_fallback()
     _lose(fallback)
     weak = VehicleCommand(xbr_demand=-0.1, xbr_mode=XbrMode.MAXIMUM)
@@ -326,13 +318,13 @@ def test_an_emergency_brake_in_force_is_obeyed_while_the_driver_is_lost(make_fal
 
 
 @pytest.mark.parametrize("wrong", [{"return_time": math.inf}, {"blend_time": -0.1}])
-def test_impossible_ways_back_are_refused(wrong):
+def test_impossible_settings_of_the_return_are_refused(wrong):
     with pytest.raises(InputError, match=next(iter(wrong))):
         FallbackConfig(**wrong)
 
 
 @pytest.mark.slow
-def test_a_drive_goes_on_after_the_bus_was_gone_for_two_seconds():
+def test_a_drive_continues_after_two_seconds_without_the_bus():
     route = Route.straight(length=2000.0)
     truck = Truck.load(payload=0.0, route=route, visuals=False)
     truck.reset(station=100.0, offset=float(route.lane_offset(0, 100.0)), speed=15.0)

@@ -5,18 +5,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controllers.safe_stop.stop import StopLimits, StopStart, roll_to_stop, stop_distance
+from controllers.planning.speed_plan import SpeedState
+from controllers.safe_stop.stop import StopLimits, roll_to_stop, stop_distance
 from iits_mj.core.errors import InputError
 
 STEP = 0.05
 
 
 def _rolled(speed, acceleration, limits, duration=60.0):
-    start = StopStart(0.0, speed, acceleration)
+    start = SpeedState(0.0, speed, acceleration)
     return roll_to_stop(start, limits, round(duration / STEP), STEP)
 
 
-def test_the_way_is_that_of_ramps_and_a_steady_part():
+def test_the_stopping_distance_is_that_of_two_ramps_and_a_steady_part():
     limits = StopLimits(deceleration=1.5, jerk=1.0, jerk_end=1.0, deceleration_end=0.01)
     # Ramp of 1.5 s at both ends; v and s of cubic motion.
     lost_in_ramp = 0.5 * 1.5**2
@@ -47,7 +48,7 @@ def test_every_stop_ends_and_keeps_its_limits(speed, acceleration, deceleration,
     assert jerks.size == 0 or jerks.max() <= jerk + 1e-6
 
 
-def test_the_truck_comes_to_rest_eased():
+def test_the_deceleration_eases_before_standstill():
     limits = StopLimits()
     _, v, a = _rolled(20.0, 0.0, limits)
     last = a[v > 0.0][-1]

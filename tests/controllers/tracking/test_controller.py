@@ -1,10 +1,9 @@
-"""Tracking on the small planar plant: what must hold whatever the truck exactly is."""
+"""Tracking on the small planar plant: requirements that hold for any truck."""
 
 import numpy as np
 import pytest
 
-from controllers.planning.planner import PlannerConfig
-from controllers.planning.speed_plan import SpeedConfig
+from controllers.planning.config import PlannerConfig, SpeedConfig
 from controllers.stack import Stack
 from controllers.tracking.controller import Tracker
 from controllers.tracking.driveline_inverse import DrivelineInverse
@@ -12,27 +11,13 @@ from controllers.tracking.lateral_gains import LateralConfig, LateralGains
 from controllers.tracking.lateral_model import LateralModel
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision, EgoState, Scene, XbrMode
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
-from tests.controllers.scenes import car
+from tests.controllers.scenes import Script, car
 from tests.controllers.tracking.plant import PlanarTruck
 
 PARAMETERS = TruckParameters.load()
-
-
-class Script:
-    """Decides what it is told, by whole seconds."""
-
-    name = "script"
-
-    def __init__(self, **moments):
-        self.moments = moments
-
-    def reset(self):
-        pass
-
-    def decide(self, context):
-        return self.moments.get(f"at{round(context.scene.time)}", Decision.KEEP)
 
 
 def drive(truck, duration, cruise=16.67, vehicles=lambda time: (), maker=None):
@@ -67,14 +52,14 @@ def highway():
 
 
 @pytest.mark.parametrize(("mass", "speed"), [(19_000.0, 22.0), (55_000.0, 16.67)])
-def test_curves_are_tracked_although_the_tires_are_softer_than_thought(highway, mass, speed):
+def test_curves_are_tracked_although_the_tires_are_softer_than_modeled(highway, mass, speed):
     rows, _ = drive(PlanarTruck(highway, mass, station=2600.0, speed=speed), 14.0, speed)
     error = rows[150:, 3]
     assert np.sqrt(np.mean(error**2)) < 0.15
     assert np.abs(error).max() < 0.4
 
 
-def test_a_cross_slope_is_taken_out():
+def test_a_cross_slope_leaves_no_lasting_offset():
     rows, _ = drive(PlanarTruck(Route.straight(length=3000.0), bank=0.025), 25.0)
     assert abs(rows[-1, 3]) < 0.04
 
@@ -94,15 +79,15 @@ def test_closed_loop_is_well_damped_at_every_speed_and_load():
         gains = LateralGains.design(model, config)
         for speed in (1.5, 5.5, 12.0, 20.0, 25.0):
             feedback = gains.at(speed).feedback
-            a, b, *_ = model.discrete(speed, config.step)
+            a, b, *_ = model.discrete(speed, CONTROL_PERIOD)
             poles = np.log(np.linalg.eigvals(a - b @ feedback[None]).astype(complex))
-            poles /= config.step
+            poles /= CONTROL_PERIOD
             assert poles.real.max() < -0.02
             oscillating = poles[np.abs(poles.imag) > 0.3]
             assert np.all(-oscillating.real / np.abs(oscillating) > 0.3)
 
 
-def test_static_axle_loads_of_the_model_are_those_of_the_truck():
+def test_the_model_has_the_masses_of_the_laden_truck():
     model = LateralModel.of(PARAMETERS, 55_000.0, 0.1)
     assert model.trailer_mass == pytest.approx(46_100.0)
     assert model.trailer_cg == pytest.approx(5.05, abs=0.01)
@@ -123,10 +108,10 @@ def test_the_pedal_inverts_the_engine_map(torque, engine_speed):
 
 def test_pedal_and_brakes_are_never_used_together_and_never_chatter():
     route = Route.straight(length=4000.0)
-    offset_of = lambda time: 160.0 + 12.5 * time - 14.0 * (np.cos(0.21 * time) - 1.0)  # noqa: E731
 
     def vehicles(time):
-        return (car(route, "leader", offset_of(time), 0, 12.5 + 14.0 * 0.21 * np.sin(0.21 * time)),)
+        station = 160.0 + 12.5 * time - 14.0 * (np.cos(0.21 * time) - 1.0)
+        return (car(route, "leader", station, 0, 12.5 + 14.0 * 0.21 * np.sin(0.21 * time)),)
 
     rows, stack = drive(PlanarTruck(route), 34.0, vehicles=vehicles)
     pedal, engine_brake, demand = rows[:, 4], rows[:, 5], rows[:, 6]
@@ -159,7 +144,7 @@ def test_the_truck_stops_holds_and_starts_again_on_a_5_percent_grade():
     assert 200.0 - 2.4 - 1.4 - rows[standing, 1][0] > 2.0
 
 
-def test_a_standing_truck_with_a_plan_to_stand_is_held_by_the_brakes():
+def test_the_brakes_hold_a_stopped_truck_behind_an_obstacle():
     route = Route.straight(length=2000.0)
     block = car(route, "block", 107.0, 0, 0.0)
     truck = PlanarTruck(route, speed=0.0)

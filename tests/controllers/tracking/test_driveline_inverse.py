@@ -38,7 +38,7 @@ def test_the_engine_brakes_first_then_the_retarder_then_friction(
     assert shared.short == pytest.approx(short)
 
 
-def test_what_is_shared_out_adds_up_to_the_force():
+def test_the_shares_add_up_to_the_force():
     for force in (3e3, 9e3, 17e3, 33e3, 60e3):
         shared = share_out(force, FORCES)
         given = FORCES.drag + shared.engine_brake * FORCES.engine_brake
@@ -68,7 +68,7 @@ def test_endurance_brakes_fade_out_at_walking_pace():
     assert slow.retarder < 0.1 * INVERSE.endurance(15.0, 150.0, 9, engaged=True).retarder
 
 
-def test_xbr_demands_what_the_truck_shall_decelerate_by_on_the_level():
+def test_on_the_level_xbr_demands_the_trucks_deceleration():
     for deceleration in (0.6, 1.5, 5.0):
         assert xbr_deceleration(deceleration, deceleration, 0.4, 0.3) == deceleration
 
@@ -79,12 +79,12 @@ def test_on_a_descent_the_correction_of_brake_control_reaches_the_level(level):
     assert demand + min(0.4 + 0.3 * demand, demand) == pytest.approx(level)
 
 
-def test_uphill_xbr_demands_the_deceleration_although_less_braking_does_it():
+def test_uphill_xbr_demands_the_deceleration_although_less_braking_is_enough():
     assert xbr_deceleration(1.0, 0.4, 0.4, 0.3) == 1.0
     assert xbr_deceleration(-0.3, -0.5, 0.4, 0.3) == 0.0
 
 
-def test_the_pedal_has_the_bits_of_the_maps_arrays():
+def test_the_pedal_equals_that_of_the_maps_arrays_to_the_bit():
     engine, rng = PARAMETERS.engine, np.random.default_rng(7)
     table, fade = engine.pedal_map, np.minimum(1.0, engine.pedal_map.columns / engine.pedal_fade)
     for speed, torque in rng.uniform((0.0, -900.0), (280.0, 3200.0), (2000, 2)).tolist():
@@ -99,7 +99,7 @@ def test_the_pedal_has_the_bits_of_the_maps_arrays():
         assert INVERSE.pedal(torque, speed) == float(np.interp(torque, torques, table.columns))
 
 
-def test_one_number_has_the_bits_of_numpys_interpolation() -> None:
+def test_interpolation_equals_numpys_to_the_bit() -> None:
     rng = np.random.default_rng(1)
     for _ in range(3000):
         count, digits = rng.integers(1, 70), rng.integers(1, 16)
@@ -110,5 +110,5 @@ def test_one_number_has_the_bits_of_numpys_interpolation() -> None:
             assert interpolate(x, places.tolist(), values.tolist()) == expected
 
 
-def test_not_a_number_stays_none() -> None:
+def test_interpolation_at_nan_gives_nan() -> None:
     assert math.isnan(interpolate(math.nan, [0.0, 1.0], [2.0, 3.0]))

@@ -1,4 +1,4 @@
-"""Steering: the path as seen, the play of the gear, what pushes the truck, the loop's damping."""
+"""Steering: errors from the path, the play of the gear, disturbances, the loop's damping."""
 
 import dataclasses
 
@@ -13,8 +13,10 @@ from controllers.tracking.lateral import (
 )
 from controllers.tracking.lateral_gains import LateralConfig, LateralGains, PlayConfig
 from controllers.tracking.lateral_model import LateralModel
+from iits_mj.core.angles import wrap_angles
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Trajectory
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.parameters import TruckParameters
 
 PARAMETERS = TruckParameters.load()
@@ -53,9 +55,6 @@ def on_arc(station, aside=0.0, turned=0.0, radius=100.0):
     )
 
 
-# The path -----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("station", [0.0, 1.0, 7.3, 30.0, 59.9])
 def test_a_truck_on_the_arc_has_no_error_between_the_points_of_its_path(station):
     error, heading = PathView(arc()).error(on_arc(station))
@@ -71,7 +70,7 @@ def test_the_offset_is_positive_to_the_left_and_the_heading_error_counter_clockw
 
 def test_the_heading_error_does_not_jump_where_yaw_wraps():
     path = arc()
-    wrapped = dataclasses.replace(path, yaw=np.angle(np.exp(1j * (path.yaw + np.pi - 0.3))))
+    wrapped = dataclasses.replace(path, yaw=wrap_angles(path.yaw + np.pi - 0.3))
     errors = [
         PathView(wrapped).error(EgoState(station=s, yaw=s / 100.0 + np.pi - 0.3))[1]
         for s in np.arange(60.0)
@@ -84,7 +83,7 @@ def test_curvature_ahead_is_that_of_the_arc_and_lasts_beyond_its_end():
     assert seen == pytest.approx(np.full(100, 0.01), rel=1e-9)
 
 
-def test_a_path_that_stands_still_gives_a_finite_error():
+def test_a_plan_at_standstill_gives_a_finite_error():
     path = arc()
     standing = dataclasses.replace(
         path, **{name: np.full(4, getattr(path, name)[0]) for name in ("station", "x", "y", "yaw")}
@@ -94,11 +93,8 @@ def test_a_path_that_stands_still_gives_a_finite_error():
     assert heading == 0.0
 
 
-# The play -----------------------------------------------------------------------------------------
-
-
 class Gear:
-    """The play as it is: its output dragged along by the wheel."""
+    """A gear whose output the wheel drags along within the play."""
 
     def __init__(self, config=None):
         self.play = SteeringPlay(STEERING, config or PlayConfig())
@@ -106,7 +102,7 @@ class Gear:
 
     def turn(self, demand, gain=90.0):
         self.play.follow(self.wheel, self.output / STEERING.ratio)
-        asked = self.play.turn(demand, gain, 0.02)
+        asked = self.play.turn(demand, gain)
         self.wheel += 0.33 * (asked - self.wheel)
         self.output = min(max(self.output, self.wheel - HALF), self.wheel + HALF)
         return self.output / STEERING.ratio
@@ -145,26 +141,23 @@ def test_the_play_is_crossed_at_its_own_rate():
     asked = []
     for _ in range(10):
         gear.play.follow(gear.wheel, 0.0)
-        asked.append(gear.play.turn(0.002, 90.0, 0.02))
+        asked.append(gear.play.turn(0.002, 90.0))
     assert np.abs(np.diff(asked[:4])).max() <= PlayConfig().crossing_rate * 0.02 + 1e-12
 
 
-# The disturbance ----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("speed", [8.0, 16.0, 25.0])
-def test_the_observer_finds_a_steady_push_and_nothing_where_there_is_none(speed):
+def test_the_observer_finds_a_steady_disturbance_and_no_other(speed):
     model = LateralModel.of(PARAMETERS, 55_000.0, CONFIG.lag)
     gains = LateralGains.design(model, dataclasses.replace(CONFIG, speed_grid=(speed, 30.0))).at(
         speed
     )
-    _, _, _, disturb = model.discrete(speed, CONFIG.step)
+    _, _, _, disturb = model.discrete(speed, CONTROL_PERIOD)
     for push in (np.zeros(3), np.array([0.3, -0.02, 0.01])):
-        observer = DisturbanceObserver(CONFIG.disturbance_time, CONFIG.step)
+        observer = DisturbanceObserver(CONFIG.disturbance_time)
         state = np.array([0.1, 0.02, 0.01, 0.03, 0.004])
         for _ in range(150):
             state[:3], turned = gains.motion @ state + disturb[:3] @ push, state[1] - state[2]
-            state[3] += CONFIG.step * turned
+            state[3] += CONTROL_PERIOD * turned
             seen = observer.update(state, gains)
         assert seen == pytest.approx(push, abs=1e-4)
 
@@ -179,7 +172,7 @@ def test_the_balancing_angle_keeps_a_pushed_truck_on_a_straight_path(mass):
     assert steady[2] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_model_answers_the_wheel_as_the_understeer_gradient_says():
+def test_the_model_has_a_plausible_wheelbase_and_understeer_gradient():
     model = LateralModel.of(PARAMETERS, 55_000.0, CONFIG.lag)
     slow, fast = (model.steady_acceleration(speed) / speed**2 for speed in (0.5, 25.0))
     # A tandem's scrub lengthens the wheelbase (Winkler 1998); the tri-axle's, at the hitch ahead
@@ -193,16 +186,13 @@ def test_the_model_answers_the_wheel_as_the_understeer_gradient_says():
     assert 0.5 < gradient < 3.0
 
 
-# The loop -----------------------------------------------------------------------------------------
-
-
 def closed_loop(plant, gains, speed):
     """Transition of (state 9, estimate 3, expectation 3) over a step; play left out, (15, 15)."""
     low, high = CONFIG.disturbance_speed
     trust = min(max((speed - low) / (high - low), 0.0), 1.0)
     at = gains.at(speed)
-    a, b, *_ = plant.discrete(speed, CONFIG.step)
-    share = 1.0 - np.exp(-CONFIG.step / CONFIG.disturbance_time)
+    a, b, *_ = plant.discrete(speed, CONTROL_PERIOD)
+    share = 1.0 - np.exp(-CONTROL_PERIOD / CONFIG.disturbance_time)
     moving, measured = np.eye(3, 9), np.zeros((5, 9))
     measured[:4, :4], measured[4, 6] = np.eye(4), 1.0
     estimate = np.hstack([share * at.blame @ moving, (1.0 - share) * np.eye(3), -share * at.blame])
@@ -229,13 +219,13 @@ def test_the_loop_is_damped_although_stiffness_and_mass_are_off_by_a_fifth(mass,
         )
         for speed in (1.0, 2.0, 4.0, 7.0, 12.0, 18.0, 25.0):
             values = np.linalg.eigvals(closed_loop(plant, gains, speed)).astype(complex)
-            poles = np.log(values[np.abs(values) > 1e-9]) / CONFIG.step
+            poles = np.log(values[np.abs(values) > 1e-9]) / CONTROL_PERIOD
             assert poles.real.max() < -0.03
             oscillating = poles[(np.abs(poles.imag) > 0.3) & (np.abs(poles) < 25.0)]
             assert np.all(-oscillating.real / np.abs(oscillating) > 0.22)
 
 
-def test_the_wheel_is_held_at_standstill_and_asked_angles_are_finite():
+def test_the_wheel_is_held_at_standstill_and_demanded_angles_are_finite():
     controller = LateralController(PARAMETERS)
     held = controller.steer(
         dataclasses.replace(on_arc(5.0), speed=0.0, steering_wheel_angle=0.4), arc()
@@ -256,12 +246,12 @@ def test_the_wheel_is_held_at_standstill_and_asked_angles_are_finite():
     "wrong",
     [
         {"rate_weight": 0.0},
-        {"step": float("nan")},
+        {"lag": float("nan")},
         {"speed_grid": (5.0, 4.0)},
         {"speed_grid": (5.0,)},
         {"speed_grid": (0.0, 4.0)},
     ],
 )
-def test_settings_that_cannot_be_are_refused_by_name(wrong):
+def test_invalid_settings_are_refused_by_name(wrong):
     with pytest.raises(InputError, match=next(iter(wrong))):
         LateralConfig(**wrong)

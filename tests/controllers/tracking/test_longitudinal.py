@@ -1,4 +1,4 @@
-"""The speed controller's choices, call by call: who brakes, in which order, how fast."""
+"""The speed controller's choices call by call: actuators, their order and their rates."""
 
 import dataclasses
 
@@ -7,6 +7,7 @@ import pytest
 
 from controllers.tracking.longitudinal import LongitudinalConfig, LongitudinalController, Phase
 from iits_mj.core.messages import EgoState, Trajectory, XbrEbiMode, XbrMode
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.parameters import TruckParameters
 
 PARAMETERS = TruckParameters.load()
@@ -32,7 +33,7 @@ def plan(speed, acceleration=0.0):
 
 
 def run(controller, ego, trajectory, grade, duration):
-    """Commands of a truck that stays as it is."""
+    """Commands for a truck whose state does not change."""
     return [controller.command(ego, trajectory, grade) for _ in range(round(duration * 50))]
 
 
@@ -44,7 +45,7 @@ def test_a_gentle_descent_is_held_by_the_engine_brake_alone():
     assert (last.retarder, last.accelerator_pedal, last.xbr_mode) == (0.0, 0.0, XbrMode.OFF)
 
 
-def test_the_retarder_gives_what_the_engine_brake_lacks_and_friction_rests():
+def test_the_retarder_adds_the_force_that_the_engine_brake_lacks():
     controller = LongitudinalController(PARAMETERS)
     last = run(controller, LADEN, plan(16.67), -0.06, 3.0)[-1]
     assert controller.phase is Phase.OVERRUN
@@ -53,7 +54,7 @@ def test_the_retarder_gives_what_the_engine_brake_lacks_and_friction_rests():
     assert last.xbr_mode is XbrMode.OFF
 
 
-def test_friction_joins_through_xbr_where_engine_brake_and_retarder_are_at_their_ends():
+def test_friction_adds_to_engine_brake_and_retarder_at_their_limits():
     controller = LongitudinalController(PARAMETERS)
     last = run(controller, LADEN, plan(16.67), -0.10, 3.0)[-1]
     assert controller.phase is Phase.BRAKE
@@ -62,7 +63,7 @@ def test_friction_joins_through_xbr_where_engine_brake_and_retarder_are_at_their
     assert last.xbr_demand < -0.3
 
 
-def test_in_a_gear_change_the_retarder_steps_in_and_the_engine_brakes_request_stands():
+def test_in_a_gear_change_the_retarder_helps_and_the_engine_brakes_request_stays():
     controller = LongitudinalController(PARAMETERS)
     before = run(controller, LADEN, plan(16.67), -0.04, 3.0)[-1]
     changing = dataclasses.replace(LADEN, shift_in_process=True)
@@ -72,19 +73,19 @@ def test_in_a_gear_change_the_retarder_steps_in_and_the_engine_brakes_request_st
     assert during.xbr_mode is XbrMode.OFF
 
 
-def test_hard_braking_is_left_to_brake_control_which_knows_about_slip():
+def test_hard_braking_is_left_to_brake_control():
     controller = LongitudinalController(PARAMETERS)
     run(controller, LADEN, plan(16.67), -0.06, 3.0)
     last = run(controller, LADEN, plan(16.67, -4.0), -0.06, 1.0)[-1]
     assert (last.engine_brake, last.retarder) == (0.0, 0.0)
     assert last.xbr_ebi_mode is XbrEbiMode.INTEGRATION
-    # Plan and feedback: the standing truck of this test falls behind its plan.
+    # Plan plus feedback: the truck of this test does not slow down.
     assert last.xbr_demand == pytest.approx(-4.0, abs=0.2)
 
 
 @pytest.mark.parametrize("wanted", [-1.2, -1.8])
-def test_whatever_is_wanted_beyond_coasting_somebody_is_asked_for_it(wanted):
-    # An empty truck in a low gear: its engine brake could do it alone, but hard braking is not its.
+def test_braking_beyond_coasting_is_always_demanded_of_an_actuator(wanted):
+    # An empty truck in a low gear: its engine brake would be enough, but does not brake hard.
     empty = EgoState(mass=19_000.0, speed=4.2, gear=4, engine_speed=160.0, engine_torque=-150.0)
     controller = LongitudinalController(PARAMETERS)
     run(controller, empty, plan(4.2, -0.7), 0.0, 1.0)
@@ -94,7 +95,7 @@ def test_whatever_is_wanted_beyond_coasting_somebody_is_asked_for_it(wanted):
     assert last.xbr_demand < 0.9 * wanted
 
 
-def test_friction_is_called_before_the_engine_brake_gives_out_not_after():
+def test_friction_is_demanded_before_the_engine_brake_fades():
     def asks(speed):
         engine_speed = 110.0 * speed / 5.0
         ego = EgoState(mass=19_000.0, speed=speed, gear=6, engine_speed=engine_speed)
@@ -105,7 +106,7 @@ def test_friction_is_called_before_the_engine_brake_gives_out_not_after():
     fast, slow = asks(7.0), asks(4.9)
     assert fast[0] is Phase.OVERRUN
     assert slow[0] is Phase.BRAKE
-    # The engine brake goes on meanwhile.
+    # The engine brake stays active.
     assert slow[1].engine_brake > 0.9
     inverse = LongitudinalController(PARAMETERS).inverse
     assert inverse.engine_brake_torque(110.0 * 4.9 / 5.0) > 0.0
@@ -123,13 +124,13 @@ def test_requests_grow_and_fall_at_their_rate():
     steep = run(controller, LADEN, plan(16.67), -0.06, 2.0)
     climb = run(controller, LADEN, plan(16.67), 0.03, 2.0)
     requests = np.array([(c.engine_brake, c.retarder) for c in (*steep, *climb)])
-    reach = controller.config.endurance_rate * controller.config.step
+    reach = controller.config.endurance_rate * CONTROL_PERIOD
     assert np.abs(np.diff(requests, axis=0)).max() <= reach + 1e-12
     assert requests[-1].max() == 0.0
     assert climb[-1].accelerator_pedal > 0.2
 
 
-def test_standing_truck_is_held_by_friction_and_launched_without_a_demand():
+def test_a_stopped_truck_is_held_by_friction_and_launched_without_a_demand():
     controller = LongitudinalController(PARAMETERS)
     standing = dataclasses.replace(LADEN, speed=0.0, gear=2, engine_speed=62.8, engine_torque=0.0)
     held = run(controller, standing, plan(0.0), 0.05, 1.0)[-1]
@@ -142,7 +143,7 @@ def test_standing_truck_is_held_by_friction_and_launched_without_a_demand():
     assert launched[-1].accelerator_pedal > 0.1
 
 
-def test_a_truck_found_standing_is_held_before_it_starts_and_again_when_it_rolls_back():
+def test_a_stopped_truck_is_held_before_it_starts_and_again_when_it_rolls_back():
     controller = LongitudinalController(PARAMETERS)
     standing = dataclasses.replace(LADEN, speed=0.0, gear=2, engine_speed=62.8, engine_torque=0.0)
     start = run(controller, standing, plan(0.5, 0.5), 0.10, 2.0)
@@ -158,7 +159,7 @@ FAST = EgoState(mass=55_000.0, speed=20.0, gear=12, engine_speed=108.0, engine_t
 
 
 def coasting_grade(controller, ego):
-    """The grade that the truck rolls down at constant speed by its engine's drag alone."""
+    """The grade on which the engine's drag alone holds the truck's speed."""
     inverse = controller.inverse
     drag = inverse.endurance(ego.speed, ego.engine_speed, ego.gear, True).drag
     level = inverse.resistance(ego.mass, ego.speed, 0.0)
@@ -171,7 +172,7 @@ def settled(controller, ego, speed, grade):
     return controller.phase, last
 
 
-def test_where_the_drag_is_enough_the_truck_coasts_and_small_errors_are_let_be():
+def test_where_the_drag_is_enough_the_truck_coasts_and_ignores_small_errors():
     controller = LongitudinalController(PARAMETERS)
     grade = coasting_grade(controller, FAST)
     controller.command(FAST, plan(19.9), grade)
@@ -198,7 +199,7 @@ def test_coasting_ignores_small_errors_except_at_walking_pace():
     assert config.coasting_error(0.1, 0.0) == 0.1
 
 
-def test_braking_beyond_the_drag_is_asked_of_the_engine_brake_without_a_detour():
+def test_braking_beyond_the_drag_uses_the_engine_brake_at_once():
     controller = LongitudinalController(PARAMETERS)
     phases = []
     for _ in range(100):
@@ -209,7 +210,7 @@ def test_braking_beyond_the_drag_is_asked_of_the_engine_brake_without_a_detour()
 
 
 def kicks_down(pedals):
-    """Whether the gearbox, that low-passes the pedal, takes a course of it for a kick-down."""
+    """Whether the gearbox, which low-pass filters the pedal, detects a kick-down."""
     shifting = PARAMETERS.gearbox.shifting
     slow, found = 0.0, False
     for pedal in pedals:
@@ -219,11 +220,11 @@ def kicks_down(pedals):
 
 
 @pytest.mark.parametrize(("gain", "wanted"), [(0.5, False), (6.0, True)])
-def test_the_pedal_kicks_down_only_where_much_speed_is_to_be_gained(gain, wanted):
+def test_the_pedal_kicks_down_only_for_a_large_gain_of_speed(gain, wanted):
     controller = LongitudinalController(PARAMETERS)
     climbing = dataclasses.replace(FAST, engine_torque=1_500.0)
     commands = run(controller, climbing, plan(FAST.speed + gain), 0.03, 8.0)
     pedals = [command.accelerator_pedal for command in commands]
     assert kicks_down(pedals) is wanted
-    # Full power is there all the same, if a little later.
+    # The pedal reaches full power nevertheless, a little later.
     assert pedals[-1] == 1.0

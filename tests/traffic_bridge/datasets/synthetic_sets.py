@@ -1,4 +1,4 @@
-"""Data sets of our own making, in the formats that others publish."""
+"""Small computed data sets in the published formats."""
 
 import csv
 
@@ -48,47 +48,17 @@ def tracks(step=0.1, seconds=SECONDS):
 
 
 NGSIM_HEADER = [
-    "Vehicle_ID",
-    "Frame_ID",
-    "Total_Frames",
-    "Global_Time",
-    "Local_X",
-    "Local_Y",
-    "Global_X",
-    "Global_Y",
-    "v_Length",
-    "v_Width",
-    "v_Class",
-    "v_Vel",
-    "v_Acc",
-    "Lane_ID",
-    "Preceding",
-    "Following",
-    "Space_Headway",
-    "Time_Headway",
+    *("Vehicle_ID", "Frame_ID", "Total_Frames", "Global_Time"),
+    *("Local_X", "Local_Y", "Global_X", "Global_Y"),
+    *("v_Length", "v_Width", "v_Class", "v_Vel", "v_Acc"),
+    *("Lane_ID", "Preceding", "Following", "Space_Headway", "Time_Headway"),
 ]
 DICTIONARY_HEADER = [
-    name.replace("-", " ")
-    for name in [
-        "Vehicle-ID",
-        "Frame-ID",
-        "Total-Frames",
-        "Global-Time",
-        "Local-X",
-        "Local-Y",
-        "Global-X",
-        "Global-Y",
-        "Vehicle-Length",
-        "Vehicle-Width",
-        "Vehicle-Class",
-        "Vehicle-Velocity",
-        "Vehicle-Acceleration",
-        "Lane-Identification",
-        "Preceding-Vehicle",
-        "Following-Vehicle",
-        "Spacing",
-        "Headway",
-    ]
+    *("Vehicle ID", "Frame ID", "Total Frames", "Global Time"),
+    *("Local X", "Local Y", "Global X", "Global Y"),
+    *("Vehicle Length", "Vehicle Width", "Vehicle Class"),
+    *("Vehicle Velocity", "Vehicle Acceleration"),
+    *("Lane Identification", "Preceding Vehicle", "Following Vehicle", "Spacing", "Headway"),
 ]
 
 
@@ -172,8 +142,8 @@ def write_highd(folder, direction=2):
     for row in tracks(step=0.04):
         # From the right: the lowest band for direction 2, the uppermost for direction 1.
         band = LANES - 1 - row["lane"] if direction == 2 else row["lane"]
-        centre = (lower if direction == 2 else upper)[band] + 1.875
-        middle = centre - ahead * row["offset"] * 3.75 / LANE_WIDTH
+        center = (lower if direction == 2 else upper)[band] + 1.875
+        middle = center - ahead * row["offset"] * 3.75 / LANE_WIDTH
         left = row["station"] - row["length"] if direction == 2 else 400.0 - row["station"]
         lines.append(
             [

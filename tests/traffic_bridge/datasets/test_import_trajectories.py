@@ -7,9 +7,9 @@ from tests.traffic_bridge.datasets import synthetic_sets as sets
 from traffic_bridge import Recording
 
 
-def test_lay_writes_a_recording_and_says_what_it_did(tmp_path, capsys):
+def test_import_trajectories_writes_a_recording_and_reports_it(tmp_path, capsys):
     table = sets.write_ngsim(tmp_path / "table.csv")
-    out, fcd = tmp_path / "deep" / "laid.npz", tmp_path / "laid.xml"
+    out, fcd = tmp_path / "deep" / "imported.npz", tmp_path / "imported.xml"
     words = ["import-trajectories", str(table), "--file", str(out), "--start-station", "2900"]
     words += ["--fcd", str(fcd)]
     assert main([*words, "--begin", "5", "--filter-noise"]) == 0
@@ -39,11 +39,9 @@ def test_lay_writes_a_recording_and_says_what_it_did(tmp_path, capsys):
     ],
 )
 def test_wrong_use_is_one_line_and_exit_code_2(tmp_path, capsys, flags, words):
-    table = sets.write_ngsim(tmp_path / "table.csv")
-    assert (
-        main(["import-trajectories", str(table), "--file", str(tmp_path / "laid.npz"), *flags]) == 2
-    )
+    table, out = sets.write_ngsim(tmp_path / "table.csv"), tmp_path / "imported.npz"
+    assert main(["import-trajectories", str(table), "--file", str(out), *flags]) == 2
     shown = capsys.readouterr().err
     assert words in shown
     assert shown.count("\n") == 1
-    assert not (tmp_path / "laid.npz").exists()
+    assert not out.exists()

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 from iits_mj.core.errors import InputError
-from tests.paths import ROOT
+from tests.paths import outside
 from tests.traffic_bridge.datasets import synthetic_sets as sets
 from traffic_bridge import find_netconvert
-from traffic_bridge.datasets import read_trajectories, without_noise
+from traffic_bridge.datasets import pairs, read_trajectories, without_noise
 
-PAIRS = ROOT.parent / "shared/data/trajectories/ngsim_i80_1600_1615_reconstructed_pairs.parquet"
+PAIRS = "trajectories/ngsim_i80_1600_1615_reconstructed_pairs.parquet"
 TRUTH = {(row["name"], round(row["time"], 2)): row for row in sets.tracks()}
 FINE = {(row["name"], round(row["time"], 2)): row for row in sets.tracks(step=0.04)}
 
 
 def compare(found, truth=TRUTH, shift=0.0, tolerance=1e-3, names=None, across=True):
-    """Holds trajectories against the rows they were written from."""
+    """Compares trajectories with the rows from which they were written."""
     first = found.time.min()
     seen = set()
     for k in range(len(found)):
@@ -29,7 +29,7 @@ def compare(found, truth=TRUTH, shift=0.0, tolerance=1e-3, names=None, across=Tr
         assert found.speed[k] == pytest.approx(row["speed"], abs=tolerance)
         assert found.acceleration[k] == pytest.approx(row["acceleration"], abs=tolerance)
         if across:
-            # Either lane may be said to be the vehicle's while it is on the line between two.
+            # On the line between two lanes either one may be the vehicle's.
             place = found.lane[k] + found.offset[k] / found.lane_width
             meant = row["lane"] + row["offset"] / sets.LANE_WIDTH
             assert place == pytest.approx(meant, abs=tolerance)
@@ -41,7 +41,7 @@ def compare(found, truth=TRUTH, shift=0.0, tolerance=1e-3, names=None, across=Tr
 
 
 @pytest.mark.parametrize("header", [sets.NGSIM_HEADER, sets.DICTIONARY_HEADER])
-def test_ngsim_in_feet_and_frames_becomes_metres_and_seconds(tmp_path, header):
+def test_ngsim_in_feet_and_frames_becomes_meters_and_seconds(tmp_path, header):
     found = read_trajectories(sets.write_ngsim(tmp_path / "table.csv", header))
     compare(found)
     kinds = dict(zip(found.ids, found.kinds, strict=True))
@@ -69,7 +69,7 @@ def test_ngsim_table_may_be_compressed_and_group_its_digits(tmp_path):
     assert np.array_equal(a.time, b.time)
 
 
-def test_a_name_used_again_minutes_later_is_another_vehicle(tmp_path):
+def test_a_name_that_returns_minutes_later_is_another_vehicle(tmp_path):
     rows = list(sets.ngsim_rows())
     later = [[*row[:3], row[3] + 900_000, *row[4:]] for row in rows if row[0] == 7]
     found = read_trajectories(sets.write_ngsim(tmp_path / "twice.csv", rows=rows + later))
@@ -77,14 +77,14 @@ def test_a_name_used_again_minutes_later_is_another_vehicle(tmp_path):
     assert found.time[found.rows("7#2")].min() == pytest.approx(900.0)
 
 
-def test_rows_that_are_there_twice_count_once(tmp_path):
+def test_repeated_rows_count_once(tmp_path):
     rows = list(sets.ngsim_rows())
     found = read_trajectories(sets.write_ngsim(tmp_path / "twice.csv", rows=rows + rows[:50]))
     compare(found)
     assert any("50 rows" in note for note in found.notes)
 
 
-def test_ramps_are_left_out_on_demand_and_sites_are_told_apart(tmp_path):
+def test_ramps_can_be_left_out_and_a_site_selected(tmp_path):
     rows = [[*row, "i-80" if row[0] == 7 else "us-101"] for row in sets.ngsim_rows()]
     path = sets.write_ngsim(tmp_path / "sites.csv", [*sets.NGSIM_HEADER, "Location"], rows)
     with pytest.raises(InputError, match=r"holds i-80, us-101"):
@@ -95,7 +95,7 @@ def test_ramps_are_left_out_on_demand_and_sites_are_told_apart(tmp_path):
     assert found.lane_count == 2
 
 
-def test_leader_follower_pairs_hold_both_vehicles(tmp_path):
+def test_leader_follower_pairs_contain_both_vehicles(tmp_path):
     found = read_trajectories(sets.write_pairs(tmp_path / "pairs.parquet"))
     compare(found, names={7, 8}, across=False)
 
@@ -103,7 +103,7 @@ def test_leader_follower_pairs_hold_both_vehicles(tmp_path):
 @pytest.mark.parametrize("direction", [1, 2])
 def test_highd_like_boxes_become_front_bumpers_in_either_direction(tmp_path, direction):
     found = read_trajectories(sets.write_highd(tmp_path / "set", direction))
-    # Stations begin at the upstream end of what was seen: the rear of the last vehicle.
+    # Stations begin at the upstream end of the recorded stretch: the rear of the last vehicle.
     shift = min(row[5] - row[1] for row in sets.VEHICLES)
     compare(found, FINE, shift)
     assert found.lane_width == pytest.approx(3.75)
@@ -171,14 +171,14 @@ def test_floating_car_data_lie_on_one_road_through_the_junction(sumo_run):
 
 
 @pytest.mark.parametrize("other", ["out.csv", "out.xml.gz"])
-def test_floating_car_data_read_alike_in_every_form(sumo_run, other):
+def test_floating_car_data_have_the_same_rows_in_every_format(sumo_run, other):
     a, b = read_trajectories(sumo_run / "out.xml"), read_trajectories(sumo_run / other)
     assert a.ids == b.ids
     for name in ("time", "lane", "station", "speed", "acceleration", "leader"):
         assert np.array_equal(getattr(a, name), getattr(b, name)), name
 
 
-def test_sizes_of_unknown_types_can_be_told(sumo_run):
+def test_sizes_of_unknown_types_can_be_given(sumo_run):
     found = read_trajectories(sumo_run / "out.xml", types={"fast": ("van", 6.1, 2.1)})
     assert found.kinds[found.index_of("c.0")] == "van"
     assert found.length[found.index_of("c.0")] == 6.1
@@ -223,8 +223,8 @@ def test_a_vehicle_at_two_places_at_once_is_refused(tmp_path):
         read_trajectories(path)
 
 
-def test_metres_taken_for_feet_are_noticed(tmp_path):
-    path = sets.write_ngsim(tmp_path / "metres.csv", scale=1.0)
+def test_meters_read_as_feet_are_refused(tmp_path):
+    path = sets.write_ngsim(tmp_path / "meters.csv", scale=1.0)
     with pytest.raises(InputError, match=r"is the file in m\?"):
         read_trajectories(path)
     compare(read_trajectories(path, units="m"))
@@ -240,9 +240,7 @@ def test_metres_taken_for_feet_are_noticed(tmp_path):
         (0.0, "no usual factor"),
     ],
 )
-def test_speeds_that_the_positions_do_not_make_are_refused_with_the_factor(
-    tmp_path, factor, likely
-):
+def test_speeds_that_contradict_the_positions_are_refused_with_the_factor(tmp_path, factor, likely):
     rows = list(sets.ngsim_rows())
     for row in rows:
         row[sets.NGSIM_HEADER.index("v_Vel")] *= factor
@@ -253,7 +251,7 @@ def test_speeds_that_the_positions_do_not_make_are_refused_with_the_factor(
 
 
 @pytest.mark.parametrize("column", ["v_vel", "preceding_vel"])
-def test_either_speed_of_a_pair_is_held_against_its_positions(tmp_path, column):
+def test_both_speeds_of_a_pair_are_compared_with_the_positions(tmp_path, column):
     import pyarrow.compute
     import pyarrow.parquet
 
@@ -266,7 +264,7 @@ def test_either_speed_of_a_pair_is_held_against_its_positions(tmp_path, column):
         read_trajectories(path)
 
 
-def test_km_per_hour_in_boxes_and_floating_car_data_are_noticed(tmp_path, sumo_run):
+def test_km_per_hour_in_boxes_and_floating_car_data_are_refused(tmp_path, sumo_run):
     path = sets.write_highd(tmp_path / "set")
     head, *lines = path.read_text().splitlines()
     cells = [line.split(",") for line in lines]
@@ -282,7 +280,7 @@ def test_km_per_hour_in_boxes_and_floating_car_data_are_noticed(tmp_path, sumo_r
         read_trajectories(other)
 
 
-def test_jitter_queues_and_few_rows_are_no_wrong_units(tmp_path):
+def test_jitter_queues_and_few_rows_do_not_count_as_wrong_units(tmp_path):
     rng = np.random.default_rng(5)
     way, speed = (sets.NGSIM_HEADER.index(name) for name in ("Local_Y", "v_Vel"))
     rows = list(sets.ngsim_rows())
@@ -307,7 +305,7 @@ def test_jitter_queues_and_few_rows_are_no_wrong_units(tmp_path):
         ("binary.bin", bytes(range(256)) * 10),
         ("other.xml", b"<routes/>"),
         ("torn.xml", b"<fcd-export><timestep time='0'><vehicle id='a'"),
-        ("nobody.xml", b"<fcd-export><timestep time='0'/></fcd-export>"),
+        ("no_vehicles.xml", b"<fcd-export><timestep time='0'/></fcd-export>"),
         ("lane.xml", b"<fcd-export><timestep time='0'><vehicle id='a' pos='1' speed='1' "
                      b"lane='x'/></timestep></fcd-export>"),
         ("index.xml", b"<fcd-export><timestep time='0'><vehicle id='a' pos='1' speed='1' "
@@ -320,7 +318,7 @@ def test_jitter_queues_and_few_rows_are_no_wrong_units(tmp_path):
         ("numbers.txt", b"1 2 3\n4 5 6\n"),
     ],
 )  # fmt: skip
-def test_a_file_that_is_no_data_set_gives_one_clear_error(tmp_path, name, content):
+def test_a_file_that_is_not_a_data_set_gives_one_clear_error(tmp_path, name, content):
     path = tmp_path / name
     path.write_bytes(content)
     with pytest.raises(InputError, match=name) as caught:
@@ -328,7 +326,7 @@ def test_a_file_that_is_no_data_set_gives_one_clear_error(tmp_path, name, conten
     assert "\n" not in str(caught.value).strip()
 
 
-def test_a_vehicle_that_leaps_comes_back_as_another(tmp_path):
+def test_a_vehicle_that_jumps_continues_as_another_vehicle(tmp_path):
     rows = list(sets.ngsim_rows())
     for row in rows:
         if row[0] == 9 and row[1] > 200:
@@ -338,7 +336,7 @@ def test_a_vehicle_that_leaps_comes_back_as_another(tmp_path):
     assert any("jump" in note for note in found.notes)
 
 
-def test_text_of_numbers_names_its_wrong_line(tmp_path):
+def test_the_wrong_line_of_a_text_table_is_named(tmp_path):
     lines = [" ".join(map(str, row)) for row in sets.ngsim_rows()]
     path = tmp_path / "text.txt"
     path.write_text("\n".join([*lines[:4], lines[4] + " 7", *lines[5:]]))
@@ -361,7 +359,7 @@ def test_missing_values_of_a_parquet_file_are_named(tmp_path):
         read_trajectories(path)
 
 
-def test_missing_files_and_folders_are_told(tmp_path):
+def test_missing_files_and_folders_are_named(tmp_path):
     with pytest.raises(InputError, match="nowhere"):
         read_trajectories(tmp_path / "nowhere.csv")
     with pytest.raises(InputError, match="cannot be read"):
@@ -380,7 +378,7 @@ def test_an_option_that_the_format_does_not_have_is_refused(tmp_path):
         read_trajectories(path, direction=1)
 
 
-def test_noise_filter_keeps_steady_motion_and_calms_a_jittery_one(tmp_path):
+def test_noise_filter_keeps_steady_motion_and_smooths_jitter(tmp_path):
     rng = np.random.default_rng(3)
     rows = list(sets.ngsim_rows())
     steady = read_trajectories(sets.write_ngsim(tmp_path / "steady.csv"))
@@ -403,11 +401,8 @@ def test_noise_filter_keeps_steady_motion_and_calms_a_jittery_one(tmp_path):
     assert np.std(raw[middle]) > 20.0 * np.std(calm.acceleration[calm.rows("9")][middle])
 
 
-@pytest.mark.skipif(not PAIRS.exists(), reason="the reconstructed NGSIM pairs are not here")
 def test_reconstructed_pairs_have_the_counted_followers_and_speeds():
-    from traffic_bridge.datasets import pairs
-
-    found = read_trajectories(PAIRS)
+    found = read_trajectories(outside(PAIRS))
     assert len(found) == 110_905
     follow = pairs(found)
     assert len({pair.follower for pair in follow}) >= 142
@@ -421,7 +416,7 @@ def test_reconstructed_pairs_have_the_counted_followers_and_speeds():
     assert mean[2] == pytest.approx(13.2, abs=0.3)
     assert mean[1] == pytest.approx(7.6, abs=0.3)
     assert mean[0] == pytest.approx(8.2, abs=0.3)
-    # Positions and speeds belong together: a reader that mixed up rows would not have that.
+    # A reader that mixed up rows would give speeds that contradict the positions.
     pair = follow[0]
     driven = np.trapezoid(pair.speed, pair.time)
     assert pair.station[-1] - pair.station[0] == pytest.approx(driven, rel=0.02)

@@ -1,4 +1,4 @@
-"""Trajectories by columns: what they accept, what they give."""
+"""Columns and checks of `Trajectories`, and the pairs in them."""
 
 import dataclasses
 
@@ -55,7 +55,7 @@ def test_a_pair_ends_where_the_leader_is_lost_or_the_lane_changes():
         pairs(two(), minimum_duration=float("nan"))
 
 
-def test_rows_of_the_leader_are_of_the_same_instant():
+def test_rows_of_the_leader_have_the_same_instant():
     found = two()
     rows = found.leader_rows
     assert (rows[:201] == -1).all()
@@ -63,7 +63,7 @@ def test_rows_of_the_leader_are_of_the_same_instant():
     assert found.find_rows([1, 1, 0], [0.3, 99.0, 20.0]).tolist() == [204, -1, 200]
 
 
-def test_a_window_of_time_keeps_who_is_in_it():
+def test_a_time_window_keeps_the_vehicles_in_it():
     found = two().between(5.0, 6.0)
     assert len(found) == 20
     assert found.duration == pytest.approx(0.9)
@@ -98,9 +98,9 @@ def _with(column, place, value):
         (_with("vehicle", 0, 5), "outside the 2 given"),
         (_with("lane", 9, 2), r"lane of vehicle 'lead' at 0.9 s is 2: must be 0 to 1"),
         (_with("leader", 9, 0), "another vehicle's index"),
-        ({"ids": ("a", "a")}, "there twice"),
+        ({"ids": ("a", "a")}, "occurs twice"),
         ({"kinds": ("car", "tank")}, "'tank'; known are"),
-        ({"length": [1.0]}, "must be as many"),
+        ({"length": [1.0]}, "must be equal numbers"),
         ({"width": [1.0, -2.0]}, "width of vehicle 'tail'"),
         ({"ids": ("a", "b", "c"), "kinds": ("car",) * 3, "length": [4.0] * 3, "width": [2.0] * 3},
          "'c' has no rows"),
@@ -113,9 +113,9 @@ def test_impossible_values_are_named(changes, words):
         two(**changes)
 
 
-def test_an_unknown_vehicle_is_told():
-    with pytest.raises(InputError, match="no vehicle 'who'"):
-        two().rows("who")
+def test_an_unknown_vehicle_is_refused():
+    with pytest.raises(InputError, match="no vehicle 'other'"):
+        two().rows("other")
     with pytest.raises(InputError, match="no vehicle 2 among 2"):
         two().rows(2)
     with pytest.raises(InputError, match="mask of shape"):

@@ -5,7 +5,7 @@ import pytest
 
 from iits_mj.core.errors import InputError
 from iits_mj.road import RoadMap, Route
-from tests.paths import ROOT
+from tests.paths import outside
 from tests.traffic_bridge.datasets import synthetic_sets as sets
 from traffic_bridge import Recording, RepSim
 from traffic_bridge.datasets import (
@@ -19,7 +19,6 @@ from traffic_bridge.datasets import (
 from traffic_bridge.recording.rows import COLUMNS
 
 THREE_LANES = 2900.0  # [m]: where the built-in highway has three lanes, in a bend and on a slope
-XODR = ROOT.parent / "shared/data/xodr"
 
 
 def track(station, across, step=0.1, length=5.0, name="a", lanes=3, speed=None):
@@ -46,7 +45,7 @@ def track(station, across, step=0.1, length=5.0, name="a", lanes=3, speed=None):
 
 
 def columns(recording, name=None):
-    """Columns by name, of one vehicle when it is named, in the order of time."""
+    """Columns by name in the order of time, of all vehicles or of one."""
     found = dict(zip(COLUMNS, np.asarray(recording.columns), strict=True))
     found["lane"] = np.asarray(recording.lane)
     found["frame"] = np.repeat(np.arange(len(recording.time)), np.diff(recording.start))
@@ -63,21 +62,21 @@ def flow(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def laid(flow, highway):
+def imported(flow, highway):
     return import_trajectories(flow, highway, ImportConfig(start_station=THREE_LANES))
 
 
-def test_stations_are_those_of_the_data_set_plus_a_constant(flow, laid):
-    for name in laid.ids:
+def test_stations_are_those_of_the_data_set_plus_a_constant(flow, imported):
+    for name in imported.ids:
         rows = flow.rows(name)
         length = flow.length[flow.index_of(name)]
-        front = columns(laid, name)["station"] + 0.5 * length - THREE_LANES
+        front = columns(imported, name)["station"] + 0.5 * length - THREE_LANES
         assert np.abs(front - flow.station[rows]).max() < 0.005
-    assert laid.time[-1] == pytest.approx(sets.SECONDS)
+    assert imported.time[-1] == pytest.approx(sets.SECONDS)
 
 
-def test_everybody_stands_on_the_road_and_sideways_as_it_leans(laid, highway):
-    at = columns(laid)
+def test_imported_vehicles_lie_on_the_road_surface_with_its_slopes(imported, highway):
+    at = columns(imported)
     point = highway.evaluate(at["station"], at["offset"])
     assert np.abs(at["x"] - point.x).max() < 1e-9
     assert np.abs(at["z"] - point.z).max() < 1e-9
@@ -97,9 +96,9 @@ def test_everybody_stands_on_the_road_and_sideways_as_it_leans(laid, highway):
         assert at["roll"][k] == pytest.approx(np.arctan(rise(turned + np.pi / 2)), abs=2e-3)
 
 
-def test_speed_heading_and_turning_are_those_of_the_positions(laid):
-    for name in laid.ids:
-        at = columns(laid, name)
+def test_speed_heading_and_yaw_rate_are_those_of_the_positions(imported):
+    for name in imported.ids:
+        at = columns(imported, name)
         x, y = np.diff(at["x"]), np.diff(at["y"])
         way = 0.05 * (at["speed"][1:] + at["speed"][:-1])
         assert np.abs(np.hypot(x, y) - way).max() < 2e-3
@@ -114,7 +113,7 @@ def test_speed_heading_and_turning_are_those_of_the_positions(laid):
 
 
 def test_vehicles_that_keep_their_lane_stay_in_its_middle_where_it_tapers(highway):
-    # From two lanes to three and back: 2 km with the lanes' borders on the move.
+    # 2 km on which the road widens from two lanes to three and narrows again.
     station = 2400.0 + 15.0 * np.arange(0, 1600) * 0.1
     recording = import_trajectories(track(station, np.ones(1600), lanes=2), highway)
     at = columns(recording, "a")
@@ -123,7 +122,7 @@ def test_vehicles_that_keep_their_lane_stay_in_its_middle_where_it_tapers(highwa
     assert set(at["lane"].tolist()) == {1}
 
 
-def test_a_lane_change_that_jumps_is_carried_out_in_3_5_s(straight):
+def test_an_instantaneous_lane_change_takes_3_5_s(straight):
     station = 50.0 + 20.0 * np.arange(300) * 0.1
     across = np.where(np.arange(300) < 150, 0.0, 1.0)
     at = columns(import_trajectories(track(station, across), straight), "a")
@@ -141,17 +140,17 @@ def test_a_lane_change_that_jumps_is_carried_out_in_3_5_s(straight):
     assert np.abs(np.diff(jumped["offset"])).max() > np.abs(np.diff(at["offset"])).max()
 
 
-def test_a_lane_change_recorded_in_full_keeps_its_time(flow, laid, highway):
-    at = columns(laid, "12")
+def test_a_lane_change_recorded_in_full_keeps_its_time(flow, imported, highway):
+    at = columns(imported, "12")
     low, high = (highway.lane_offset(i, at["station"]) for i in (1, 2))
     part = (high - at["offset"]) / (high - low)
-    middle = laid.time[at["frame"][np.argmin(np.abs(part - 0.5))]]
+    middle = imported.time[at["frame"][np.argmin(np.abs(part - 0.5))]]
     assert middle == pytest.approx(10.0, abs=0.1)
     assert np.abs(part[at["frame"] < 75]).max() < 0.02
     assert np.abs(part[at["frame"] > 125] - 1.0).max() < 0.02
 
 
-def test_a_standing_vehicle_stands_still_for_all_the_noise_of_its_positions(straight):
+def test_a_standing_vehicle_does_not_move_with_the_noise_of_its_positions(straight):
     rng = np.random.default_rng(1)
     time = np.arange(400) * 0.1
     smooth = np.interp(time, [0, 10, 20, 40], [100, 200, 250, 250])
@@ -163,7 +162,7 @@ def test_a_standing_vehicle_stands_still_for_all_the_noise_of_its_positions(stra
     assert np.ptp(at["yaw"][still]) < 0.01
 
 
-def test_vehicles_leave_at_the_end_of_the_route_and_are_whole_on_it(flow):
+def test_vehicles_are_present_only_with_their_whole_length_on_the_route(flow):
     short = Route.straight(length=250.0)
     recording = import_trajectories(flow, short)
     at = columns(recording)
@@ -179,7 +178,7 @@ def test_a_lane_that_the_map_does_not_have_is_named_with_its_station(flow, highw
         import_trajectories(flow, highway)
     recording = import_trajectories(flow, highway, ImportConfig(lane_map={0: 0, 1: 1}))
     assert set(recording.ids) == {"7", "8", "9", "12"}
-    # Vehicle 12 is there only from when it is in lane 1.
+    # Vehicle 12 appears when it enters lane 1.
     assert columns(recording, "12")["frame"].min() == pytest.approx(100, abs=2)
     moved = import_trajectories(
         flow, highway, ImportConfig(start_station=THREE_LANES, lane_map={0: 1, 1: 2})
@@ -191,39 +190,39 @@ def test_a_lane_that_the_map_does_not_have_is_named_with_its_station(flow, highw
     ("settings", "words"),
     [
         ({"lane_map": {5: 0}}, "lane_map"),
-        ({"lane_map": {0: 0, 1: 0}}, "a lane of its own"),
-        ({"lane_map": {}}, "a lane of its own"),
+        ({"lane_map": {0: 0, 1: 0}}, "its own target lane"),
+        ({"lane_map": {}}, "its own target lane"),
         ({"start_station": float("nan")}, "start_station = nan"),
         ({"start_station": 5000.0}, "no vehicle is on the route"),
         ({"step": 0.0}, "step = 0"),
         ({"smoothing": -1.0}, "smoothing = -1"),
     ],
 )
-def test_unusable_settings_are_told(flow, straight, settings, words):
+def test_unusable_settings_are_refused(flow, straight, settings, words):
     with pytest.raises(InputError, match=words):
         import_trajectories(flow, straight, ImportConfig(**settings))
 
 
-def test_repsim_replays_what_was_laid_from_its_file(laid, highway, tmp_path):
-    path = laid.save(tmp_path / "laid")
+def test_repsim_replays_the_file_of_an_imported_recording(imported, highway, tmp_path):
+    path = imported.save(tmp_path / "imported")
     assert Recording.load(path).meta["mode"] == "DataSet"
     with RepSim(highway, path) as replay:
-        assert replay.reset() == laid.frames[0]
-        assert replay.step() == laid.frames[1]
+        assert replay.reset() == imported.frames[0]
+        assert replay.step() == imported.frames[1]
         between = replay.at(0.05)
         assert {v.id for v in between} == {"7", "8", "9", "12"}
 
 
-def test_other_frame_rates_give_the_same_motion(flow, laid, highway):
+def test_other_frame_rates_give_the_same_motion(flow, imported, highway):
     fine = import_trajectories(flow, highway, ImportConfig(start_station=THREE_LANES, step=0.04))
-    a, b = columns(laid, "8"), columns(fine, "8")
+    a, b = columns(imported, "8"), columns(fine, "8")
     assert len(b["x"]) == 501
     assert np.abs(b["x"][::5] - a["x"][::2]).max() < 1e-6
     assert np.abs(b["speed"][::5] - a["speed"][::2]).max() < 1e-6
 
 
-def test_a_recording_of_ours_reads_as_what_was_laid(flow, laid, highway):
-    found = of_recording(laid, route=highway)
+def test_an_imported_recording_reads_back_as_its_trajectories(flow, imported, highway):
+    found = of_recording(imported, route=highway)
     assert len(found) == len(flow)
     order = [found.index_of(name) for name in flow.ids]
     for i, name in zip(order, flow.ids, strict=True):
@@ -231,25 +230,25 @@ def test_a_recording_of_ours_reads_as_what_was_laid(flow, laid, highway):
         assert np.abs(apart).max() < 0.01
     assert np.abs(found.offset[found.lane == 0]).max() < 0.01
     again = import_trajectories(found, highway)
-    shift = np.abs(np.asarray(again.columns) - np.asarray(laid.columns)).max(axis=1)
+    shift = np.abs(np.asarray(again.columns) - np.asarray(imported.columns)).max(axis=1)
     assert shift[[COLUMNS.index(name) for name in "xyz"]].max() < 0.1
     with pytest.raises(InputError, match="not on"):
-        of_recording(laid, route=Route.straight(length=100.0))
+        of_recording(imported, route=Route.straight(length=100.0))
 
 
-def test_floating_car_data_of_a_recording_read_back_and_in_sumos_own_reader(laid, tmp_path):
+def test_floating_car_data_of_a_recording_read_back_and_in_sumos_own_reader(imported, tmp_path):
     import sumolib.xml
 
-    path = write_fcd(laid, tmp_path / "out.xml.gz")
+    path = write_fcd(imported, tmp_path / "out.xml.gz")
     found = read_trajectories(path)
-    at = columns(laid, "9")
+    at = columns(imported, "9")
     rows = found.rows("9")
-    length = laid.sizes[laid.ids.index("9"), 0]
+    length = imported.sizes[imported.ids.index("9"), 0]
     assert np.abs(found.station[rows] - at["station"] - 0.5 * length).max() < 1e-3
     assert np.abs(found.speed[rows] - at["speed"]).max() < 1e-4
     assert np.array_equal(found.lane[rows], at["lane"])
     steps = list(sumolib.xml.parse(str(path), "timestep"))
-    assert len(steps) == len(laid.time)
+    assert len(steps) == len(imported.time)
     first = {v.id: v for v in steps[0].vehicle}["9"]
     # SUMO's position is the front bumper's middle, its angle clockwise from north.
     yaw = np.radians(90.0 - float(first.angle))
@@ -258,11 +257,8 @@ def test_floating_car_data_of_a_recording_read_back_and_in_sumos_own_reader(laid
 
 
 @pytest.mark.parametrize("name", ["esmini_curves_elevation", "esmini_crest-curve", "esmini_e6mini"])
-def test_traffic_lies_on_real_maps_without_a_jump(name):
-    path = XODR / f"{name}.xodr"
-    if not path.exists():
-        pytest.skip("the esmini maps are not here")
-    route = RoadMap.from_opendrive(path).route()
+def test_imported_traffic_moves_without_jumps_on_esmini_maps(name):
+    route = RoadMap.from_opendrive(outside(f"xodr/{name}.xodr")).route()
     station = 20.0 + 15.0 * np.arange(0, round(max(route.length - 40.0, 50.0) / 1.5)) * 0.1
     one = track(station, np.zeros(len(station)), lanes=1)
     at = columns(import_trajectories(one, route), "a")

@@ -17,8 +17,8 @@ def angle(a, b):
 
 
 def test_pulled_semitrailer_follows_the_tractrix():
-    # The axles of a semitrailer pulled along x from being square to it lie on the classical curve
-    # x = d (t - tanh t), y = d / cosh t, t being the way in units of d.
+    # The semitrailer starts at right angles to x and is pulled along x: its axles follow the curve
+    # x = d (t - tanh t), y = d / cosh t, with the distance t in units of d.
     for way in (0.5, 3.0, 12.0):
         yaw = TRUCK.pulled(-0.5 * math.pi, 0.0, way)
         t = way / AXLES
@@ -26,7 +26,7 @@ def test_pulled_semitrailer_follows_the_tractrix():
         assert axles == pytest.approx((AXLES * (t - math.tanh(t)), AXLES / math.cosh(t)))
 
 
-def test_pull_is_undone_by_its_reverse_and_does_not_depend_on_its_parts():
+def test_a_pull_is_reversible_and_independent_of_its_division_into_parts():
     start, direction = 0.4, -0.3
     whole = TRUCK.pulled(start, direction, 3.0)
     parts = start
@@ -37,23 +37,23 @@ def test_pull_is_undone_by_its_reverse_and_does_not_depend_on_its_parts():
 
 
 @pytest.mark.parametrize("radius", [12.0, -20.0, 100.0])
-def test_a_bend_driven_for_long_puts_the_axles_on_the_concentric_circle(radius):
+def test_the_axles_reach_the_concentric_circle_in_a_long_bend(radius):
     memory = TrailerMemory()
     yaw = 0.0
     for _ in range(300):
         yaw += 0.5 / radius
         x, y = radius * math.sin(yaw), radius * (1.0 - math.cos(yaw))
-        # The memory begins straight: it is not told of the bend.
+        # The memory starts straight, without knowledge of the bend.
         (trailer,) = memory.follow(["t"], [TRUCK], [(x, y, yaw, 0.0)])
     axles = np.array([x - AXLES * math.cos(trailer), y - AXLES * math.sin(trailer)])
     expected = math.sqrt(radius**2 - AXLES**2)
     assert np.hypot(axles[0], axles[1] - radius) == pytest.approx(expected, rel=2e-3)
-    # So is who appears in the bend.
+    # A truck that appears in the bend has the same angle.
     settled = TRUCK.settled(yaw, 1.0 / radius)
     assert angle(settled, trailer) == pytest.approx(0.0, abs=0.012 * 12.0 / abs(radius))
 
 
-def test_the_tractor_points_where_the_kingpin_goes():
+def test_the_tractor_points_in_the_direction_in_which_the_kingpin_moves():
     yaw, trailer, step = 0.5, 0.1, 1e-6
     moved = TRUCK.pulled(trailer, yaw, step)
 
@@ -98,7 +98,7 @@ def units(model, data, mirror):
     return found
 
 
-def test_a_right_angle_turn_bends_the_truck_without_jumps_and_straightens_it_again():
+def test_articulation_grows_and_vanishes_without_jumps_in_a_right_angle_turn():
     mirror = Mirror({"articulated": 1}, visuals=False)
     model, data = scene(mirror)
     radius, speed = 12.0, 5.0
@@ -111,7 +111,7 @@ def test_a_right_angle_turn_bends_the_truck_without_jumps_and_straightens_it_aga
             mirror.update(data, None, (0.0, 0.0), elapsed=float(elapsed))
             (hitch, tractor), (same, trailer) = units(model, data, mirror)
             np.testing.assert_allclose(hitch, same, atol=1e-12)
-            # The box's centre, which the traffic knows, is on the semitrailer.
+            # The box's center, which the traffic reports, is on the semitrailer.
             center = hitch - KINGPIN * trailer[:, 0]
             if elapsed == 0.0:
                 truth = on_turn(way, radius, arc, speed)
@@ -119,7 +119,7 @@ def test_a_right_angle_turn_bends_the_truck_without_jumps_and_straightens_it_aga
             psi = [math.atan2(axes[1, 0], axes[0, 0]) for axes in (tractor, trailer)]
             bends.append(angle(*psi))
             if last is not None:
-                # 20 ms on: 0.1 m of way, and both units turned a little.
+                # 20 ms later: 0.1 m further, and both units turned a little.
                 assert np.linalg.norm(hitch - last[0]) < 0.15
                 assert max(abs(angle(a, b)) for a, b in zip(psi, last[1], strict=True)) < 0.05
             last = hitch, psi
@@ -130,7 +130,7 @@ def test_a_right_angle_turn_bends_the_truck_without_jumps_and_straightens_it_aga
     assert last[1] == pytest.approx([0.5 * math.pi] * 2, abs=0.01)
 
 
-def test_a_truck_standing_bent_stays_bent():
+def test_a_truck_at_standstill_keeps_its_articulation_angle():
     mirror = Mirror({"articulated": 1}, visuals=False)
     model, data = scene(mirror)
     arc = 0.5 * math.pi * 12.0
@@ -145,7 +145,7 @@ def test_a_truck_standing_bent_stays_bent():
         np.testing.assert_allclose(r, s, atol=1e-9)
 
 
-def test_a_truck_that_is_put_elsewhere_is_settled_there():
+def test_a_teleported_truck_is_settled_at_its_new_place():
     mirror = Mirror({"articulated": 1}, visuals=False)
     model, data = scene(mirror)
     arc = 0.5 * math.pi * 12.0

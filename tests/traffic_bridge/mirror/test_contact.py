@@ -38,7 +38,7 @@ def test_contact_names_the_pair_and_exerts_no_force(straight):
     assert mirror.contacts(data) == []
 
 
-def test_a_bridge_over_the_truck_is_no_contact(straight):
+def test_a_vehicle_on_a_bridge_over_the_truck_does_not_touch_it(straight):
     mirror = Mirror({"car": 1}, visuals=False)
     model, data = scene(mirror)
     for height, touched in ((6.0, False), (1.0, True)):
@@ -57,7 +57,7 @@ def driven():
     return route, mirror, truck
 
 
-def test_both_units_of_the_truck_meet_cars_and_both_units_of_others(driven):
+def test_tractor_and_trailer_touch_cars_and_both_units_of_articulated_trucks(driven):
     route, mirror, truck = driven
     mirror.bind(truck.model)
     truck.reset(station=100.0, offset=0.0)
@@ -75,7 +75,7 @@ def test_both_units_of_the_truck_meet_cars_and_both_units_of_others(driven):
     assert {("a", "tractor"), ("b", "trailer"), ("c", "tractor"), ("d", "trailer")} <= set(pairs)
 
 
-def test_a_collision_leaves_no_trace_in_the_trucks_motion(driven):
+def test_a_collision_does_not_change_the_motion_of_the_truck(driven):
     route, mirror, truck = driven
     states = []
     for crowd in (False, True):
@@ -96,9 +96,6 @@ def test_a_collision_leaves_no_trace_in_the_trucks_motion(driven):
         assert (touched > 50) == crowd
         states.append(np.array(trace))
     assert np.array_equal(*states)
-
-
-# Looking between traffic steps ----------------------------------------------------------------
 
 
 def rectangle(rng, *, spread=12.0, speed=0.0):
@@ -128,7 +125,7 @@ def test_separation_is_a_lower_bound_of_the_distance_and_zero_only_on_overlap():
     assert 30 < tight < apart
 
 
-def test_whoever_touches_within_the_time_was_announced():
+def test_may_touch_is_true_for_every_pair_that_touches_within_the_time():
     rng = np.random.default_rng(9)
     within, announced, touching = 0.1, 0, 0
     for _ in range(300):
@@ -161,7 +158,7 @@ def test_whoever_touches_within_the_time_was_announced():
     assert announced < 200
 
 
-def test_a_full_pool_beside_the_truck_makes_no_contacts_and_needs_no_closer_look(driven):
+def test_a_full_pool_in_the_other_lanes_cannot_touch_the_truck(driven):
     route, mirror, truck = driven
     mirror.bind(truck.model)
     ego = truck.reset(station=200.0, offset=0.0, speed=15.0)
@@ -181,13 +178,13 @@ def test_a_full_pool_beside_the_truck_makes_no_contacts_and_needs_no_closer_look
 
 
 @pytest.mark.parametrize("lasting", [0.01, 0.04])
-def test_a_thin_clip_at_30_meters_a_second_is_seen_between_two_traffic_steps(driven, lasting):
+def test_a_short_overlap_at_30_m_per_s_is_detected_between_two_traffic_steps(driven, lasting):
     route, mirror, truck = driven
     mirror.bind(truck.model)
     truck.reset(station=200.0, offset=0.0, speed=20.0)
     tractor = truck.parameters.tractor
-    # A car crosses from the right, and the last of it does not quite clear the left of the bumper:
-    # the corners overlap from 0.14 s on, while both move at 30 m/s to each other.
+    # A car crosses from the right, and its rear corner touches the left end of the bumper: the
+    # corners overlap from 0.14 s on, at a relative speed of 30 m/s.
     begin, speed = 0.14, 22.0
     front = 200.0 + tractor.front_overhang + 20.0 * begin
 
@@ -247,13 +244,13 @@ class _Crossing(Mode):
 
 
 class _Blind(Stack):
-    """Sees nobody, so that it does not brake for who crosses."""
+    """Plans without other vehicles, so that it does not brake for the crossing car."""
 
     def plan(self, scene):
         return super().plan(dataclasses.replace(scene, vehicles=()))
 
 
-def test_a_drive_ends_with_a_clip_between_two_traffic_steps():
+def test_a_drive_ends_at_a_short_overlap_between_two_traffic_steps():
     config = DriveConfig(
         duration=2.5, traffic_mode="none", speed=16.0, start_speed=16.0, decision="keep"
     )
@@ -271,9 +268,9 @@ def test_a_drive_ends_with_a_clip_between_two_traffic_steps():
         simulation.traffic = None
     assert simulation.collision
     assert simulation.failed
-    told = re.fullmatch(
+    ended = re.fullmatch(
         r"collision with crossing at the tractor at t = (\d+\.\d+) s", simulation.ended
     )
-    assert told is not None
-    assert float(told[1]) == pytest.approx(2.045, abs=0.015)
+    assert ended is not None
+    assert float(ended[1]) == pytest.approx(2.045, abs=0.015)
     assert simulation.time == pytest.approx(2.1)

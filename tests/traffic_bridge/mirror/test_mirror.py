@@ -8,11 +8,10 @@ import pytest
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import TrackedVehicle
 from iits_mj.road import RoadMap
-from tests.paths import ROOT
+from tests.paths import outside
 from tests.traffic_bridge.scripted_truck import ego_at
 from traffic_bridge import InterSim, Mirror, PureSim, TrafficConfig, VehicleFrame, default_types
 
-MAPS = ROOT.parent / "shared" / "data" / "xodr"
 TYPES = {kind.name: kind for kind in default_types()}
 TRUCK = """
 <mujoco>
@@ -70,7 +69,7 @@ def pose(model, data, mirror, name):
     return frame(model, data, mirror.bodies_of(name)[0])
 
 
-def test_bodies_lie_on_slope_and_cross_slope_as_their_frame_says(straight):
+def test_bodies_have_the_pitch_and_roll_of_their_frame(straight):
     mirror = Mirror({"car": 2}, visuals=False)
     model, data = scene(mirror)
     # Uphill, and the left side higher than the right (ISO 8855: nose up is negative pitch).
@@ -122,9 +121,9 @@ def test_vehicles_in_a_bend_move_along_the_circle(straight):
 
 
 def jumps(traffic, mirror, egos):
-    """What is left between bodies and vehicles when the traffic steps: along, across, up [m].
+    """Distances between bodies and vehicles at a traffic step: along, across, up [m].
 
-    Of vehicles that show one body and keep their acceleration within 0.05 m/s2.
+    Only of vehicles of one body whose acceleration changes by less than 0.05 m/s2.
     """
     model, data = scene(mirror)
     found = []
@@ -165,11 +164,8 @@ def test_bodies_do_not_jump_when_the_traffic_steps(highway, model_of_changes):
 
 
 @pytest.mark.parametrize("name", ["e6mini", "curves_elevation", "crest-curve", "velodrome"])
-def test_bodies_do_not_jump_on_maps_of_others(name):
-    path = MAPS / f"esmini_{name}.xodr"
-    if not path.exists():
-        pytest.skip(f"{path} is not there")
-    route = RoadMap.from_opendrive(path).route()
+def test_bodies_do_not_jump_on_esmini_maps(name):
+    route = RoadMap.from_opendrive(outside(f"xodr/esmini_{name}.xodr")).route()
     mirror = Mirror({"car": 60, "van": 20, "truck": 20}, view_range=1e5, visuals=False)
     with PureSim(route, TrafficConfig(density=0.2), seed=3) as traffic:
         found = jumps(traffic, mirror, [None] * 201)
@@ -184,10 +180,7 @@ def test_bodies_do_not_jump_on_maps_of_others(name):
 def test_bodies_are_tangent_to_the_road_in_both_directions(map_name, highway):
     route = highway
     if map_name != "built-in":
-        path = MAPS / f"esmini_{map_name}.xodr"
-        if not path.exists():
-            pytest.skip(f"{path} is not there")
-        route = RoadMap.from_opendrive(path).route()
+        route = RoadMap.from_opendrive(outside(f"xodr/esmini_{map_name}.xodr")).route()
     mirror = Mirror({"car": 40}, view_range=1e5, visuals=False)
     model, data = scene(mirror)
     config = TrafficConfig(density=0.2, scope="both", mix={"car": 1.0}, fill_ahead=4000.0)
@@ -213,8 +206,8 @@ def test_bodies_are_tangent_to_the_road_in_both_directions(map_name, highway):
                 position, axes = pose(model, data, mirror, name)
                 sense = math.copysign(1.0, axes[:, 0] @ along)
                 assert np.linalg.norm(position - here) < 0.05
-                # The frame's pitch is the reference line's: beside it the way is up to 2 % steeper
-                # where the cross slope changes.
+                # The frame's pitch is that of the reference line; beside it the path is up to 2 %
+                # steeper where the cross slope changes.
                 assert sense * axes[:, 0] @ along > math.cos(0.02) * np.linalg.norm(along)
                 assert axes[:, 2] @ normal > math.cos(0.02)
                 checked += 1
@@ -243,20 +236,17 @@ def test_bodies_follow_a_crest_and_a_changing_cross_slope(straight):
     assert math.asin(-axes[2, 0]) == pytest.approx(car(3).pitch, abs=1e-5)
 
 
-def test_pace_of_a_vehicle_is_taken_from_its_own_way(straight):
+def test_extrapolation_follows_the_distance_of_the_last_step(straight):
     mirror = Mirror({"car": 1}, visuals=False)
     model, data = scene(mirror)
-    # Two per cent shorter ways than the speed says, as on the inner lane of a bend.
+    # Steps 2 % shorter than speed times time, as on the inner lane of a bend.
     for station in (100.0, 100.98):
         mirror.update(data, [vehicle("a", straight, station, speed=10.0)], (100.0, 0.0))
     mirror.update(data, None, (100.0, 0.0), elapsed=0.1)
     assert pose(model, data, mirror, "a")[0][0] == pytest.approx(101.96, abs=1e-9)
-    # Put elsewhere: its speed counts.
+    # After a teleport the speed counts.
     mirror.update(data, [vehicle("a", straight, 130.0, speed=10.0)], (100.0, 0.0), elapsed=0.1)
     assert pose(model, data, mirror, "a")[0][0] == pytest.approx(131.0, abs=1e-9)
-
-
-# Slots -----------------------------------------------------------------------------------------
 
 
 def test_slots_are_kept_and_reused(straight):
@@ -269,7 +259,7 @@ def test_slots_are_kept_and_reused(straight):
     # Still among the nearest: the same body.
     mirror.update(data, cars[::-1], (110.0, 0.0))
     assert {name: mirror.bodies_of(name) for name in slots} == slots
-    # Gone: the bodies serve others.
+    # The vehicles are gone: other vehicles get their bodies.
     mirror.update(data, cars[2:], (160.0, 0.0))
     assert {mirror.bodies_of("car.2"), mirror.bodies_of("car.3")} == set(slots.values())
     mirror.update(data, [], (160.0, 0.0))
@@ -279,7 +269,7 @@ def test_slots_are_kept_and_reused(straight):
     assert distance.min() > 20.0
 
 
-def test_two_vehicles_at_the_edge_do_not_take_turns(straight):
+def test_two_vehicles_at_the_edge_of_the_view_do_not_alternate(straight):
     mirror = Mirror({"car": 1}, visuals=False)
     _, data = scene(mirror)
 
@@ -294,7 +284,7 @@ def test_two_vehicles_at_the_edge_do_not_take_turns(straight):
     assert shown(95.0, 105.0) == ("b",)
 
 
-def test_nobody_hidden_is_much_nearer_than_somebody_shown(straight):
+def test_no_hidden_vehicle_is_much_nearer_than_a_shown_one(straight):
     mirror = Mirror(
         {"car": 6, "van": 2, "truck": 2, "articulated": 2}, view_range=5000.0, visuals=False
     )
@@ -322,7 +312,7 @@ def test_nobody_hidden_is_much_nearer_than_somebody_shown(straight):
     assert 10 < changes < 200
 
 
-def test_a_body_that_was_parked_is_taken_before_one_that_is_just_left(straight):
+def test_a_parked_body_is_preferred_to_one_that_loses_its_vehicle(straight):
     mirror = Mirror({"car": 2}, visuals=False)
     _, data = scene(mirror)
     mirror.update(data, [vehicle("a", straight, 100.0)], (100.0, 0.0))
@@ -343,7 +333,7 @@ def test_vehicles_out_of_range_or_of_unknown_kind_are_not_shown(straight):
     assert mirror.update(data, seen, (100.0, 0.0)) == 0
 
 
-def test_color_belongs_to_the_vehicle_while_a_body_of_it_is_free(straight):
+def test_a_vehicle_gets_a_free_body_of_its_own_color(straight):
     car = TYPES["car"]
 
     def paint(model, mirror, name):
@@ -412,7 +402,7 @@ def test_update_is_a_function_of_the_frames_since_bind(straight):
     assert np.array_equal(*runs)
 
 
-def test_misuse_is_explained(straight):
+def test_wrong_arguments_are_refused_with_the_allowed_values(straight):
     with pytest.raises(InputError, match="types are car, van, truck, articulated"):
         Mirror({"bus": 1})
     for count in (-1, 501, 2.5, True):
@@ -424,7 +414,7 @@ def test_misuse_is_explained(straight):
                 Mirror(**{name: value})
     with pytest.raises(InputError, match="pool 14"):
         Mirror(14)
-    with pytest.raises(InputError, match="car, car: each name may be there once"):
+    with pytest.raises(InputError, match="car, car: each name may occur once"):
         Mirror(types=[TYPES["car"], TYPES["car"]])
     short = dataclasses.replace(TYPES["articulated"], length=9.0)
     with pytest.raises(InputError, match=r"9\.0 m: two units need 12 m or more"):

@@ -13,7 +13,7 @@ STEPS = 300
 
 
 def convoy(route: Route, speed: float = 6.0, steps: int = STEPS) -> Recording:
-    """Four vehicles that drive side by side in two lanes, so that nobody overtakes them."""
+    """Four vehicles side by side in two lanes, so that no vehicle can overtake them."""
     frames = []
     for k in range(steps + 1):
         frame = []
@@ -56,7 +56,7 @@ def two_lanes():
 
 @pytest.fixture(scope="module", params=["lc2013", "mobil"])
 def mixed(two_lanes, request):
-    """Frames of a drive in which the convoy is slower than all others."""
+    """Frames of a drive in which the convoy is slower than the live traffic."""
     recording = convoy(two_lanes)
     with MixedSim(two_lanes, recording, config(request.param), seed=4) as traffic:
         frames = [traffic.reset()]
@@ -64,7 +64,7 @@ def mixed(two_lanes, request):
         return recording, frames, traffic.conflicts
 
 
-def test_replayed_vehicles_are_exactly_where_they_were(mixed):
+def test_replayed_vehicles_have_exactly_their_recorded_states(mixed):
     recording, frames, _ = mixed
     for frame, recorded in zip(frames, recording.frames, strict=True):
         assert [v for v in frame if not v.id.startswith("live.")] == list(recorded)
@@ -88,7 +88,7 @@ def test_live_traffic_brakes_behind_replayed_vehicles_and_keeps_its_gap(mixed):
     assert least > 0.5
 
 
-def test_nobody_gets_past_a_closed_front_of_replayed_vehicles(mixed):
+def test_live_traffic_does_not_pass_replayed_vehicles_that_block_all_lanes(mixed):
     _, frames, _ = mixed
     behind = {v.id for v in frames[0] if v.id.startswith("live.") and v.station < 735.0}
     last = frames[-1]
@@ -97,7 +97,7 @@ def test_nobody_gets_past_a_closed_front_of_replayed_vehicles(mixed):
     assert all(v.station < rear for v in last if v.id in behind)
 
 
-def test_live_traffic_minds_the_truck_as_well(straight):
+def test_live_traffic_stops_behind_the_truck(straight):
     recording = convoy(straight, steps=100)
     with MixedSim(straight, recording, config(), seed=4) as traffic:
         traffic.reset(ego_at(straight, 0.0, 400.0, 0.0, 0.0))
@@ -110,9 +110,7 @@ def test_live_traffic_minds_the_truck_as_well(straight):
         assert all(v.station + 0.5 * v.length < 383.5 for v in behind)
 
 
-def test_one_seed_gives_one_course_and_a_mixture_can_be_recorded_and_replayed_again(
-    two_lanes, tmp_path
-):
+def test_one_seed_gives_one_recording_and_the_recording_can_be_replayed(two_lanes, tmp_path):
     recording = convoy(two_lanes, steps=20)
     made = []
     for _ in range(2):
@@ -130,7 +128,7 @@ def test_one_seed_gives_one_course_and_a_mixture_can_be_recorded_and_replayed_ag
         ReSim(two_lanes, path)
 
 
-def test_traffic_goes_on_alone_after_the_end_of_the_recording(two_lanes):
+def test_live_traffic_continues_after_the_end_of_the_recording(two_lanes):
     with MixedSim(two_lanes, convoy(two_lanes, steps=5), config(), seed=4) as traffic:
         traffic.reset()
         for _ in range(10):
@@ -141,7 +139,7 @@ def test_traffic_goes_on_alone_after_the_end_of_the_recording(two_lanes):
         assert replayed == []
 
 
-def test_without_replayed_vehicles_it_is_intersim(two_lanes):
+def test_without_replayed_vehicles_mixedsim_equals_intersim(two_lanes):
     recording = convoy(two_lanes, steps=5)
     far = Recording.of_frames(recording.meta, recording.time[:1], [[]])
     ego = ego_at(two_lanes, 0.0, 400.0, 0.0, 0.0)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from iits_mj.core.errors import InputError, TrafficError
+from iits_mj.road import Route
 from tests.paths import ROOT
 from tests.traffic_bridge.scripted_truck import ego_at, ego_box, overlap, vehicle_box
 from traffic_bridge import InterSim, PureSim, Traffic, TrafficConfig
@@ -35,9 +36,7 @@ def test_importing_the_package_does_not_load_libsumo():
 
 
 def test_follower_stops_behind_a_braking_truck(straight):
-    # One lane: nobody can overtake.
-    from iits_mj.road import Route
-
+    # On one lane no vehicle can overtake.
     route = Route.straight(length=3000.0, lanes=1)
     config = TrafficConfig(density=0.15, fill_ahead=0.0, fill_behind=900.0)
     closest, stopped = math.inf, False
@@ -61,7 +60,7 @@ def test_follower_stops_behind_a_braking_truck(straight):
 
 
 @pytest.mark.parametrize("lane_change", ["lc2013", "mobil"])
-def test_faster_traffic_overtakes_the_truck_and_never_drives_through_it(straight, lane_change):
+def test_faster_traffic_overtakes_the_truck_without_contact(straight, lane_change):
     config = TrafficConfig(
         density=0.2, lane_change=lane_change, fill_ahead=800.0, fill_behind=800.0
     )
@@ -80,7 +79,7 @@ def test_faster_traffic_overtakes_the_truck_and_never_drives_through_it(straight
     assert len(passed) >= 3
 
 
-def test_shown_vehicles_never_overlap_and_never_jump(straight):
+def test_shown_vehicles_do_not_overlap_or_jump(straight):
     with InterSim(straight, CROWDED, seed=4) as traffic:
         before = {}
         changes = 0
@@ -101,7 +100,7 @@ def test_shown_vehicles_never_overlap_and_never_jump(straight):
     assert changes > 5
 
 
-def test_nobody_appears_near_the_truck(straight):
+def test_no_vehicle_appears_near_the_truck(straight):
     with InterSim(straight, CROWDED, seed=6) as traffic:
         known = {v.id for v in traffic.reset(ego_at(straight, 0.0, 30.0, 10.0, 0.0))}
         for k in range(1, 401):
@@ -112,7 +111,7 @@ def test_nobody_appears_near_the_truck(straight):
                     known.add(v.id)
 
 
-def test_one_seed_gives_identical_poses_in_another_process(straight):
+def test_one_seed_gives_identical_poses_in_two_processes(straight):
     code = DIGEST.format(folder=str(ROOT))
     runs = [
         subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
@@ -122,9 +121,7 @@ def test_one_seed_gives_identical_poses_in_another_process(straight):
     assert runs[0].stdout == runs[1].stdout
 
 
-def test_resetting_gives_the_same_traffic_again_and_another_seed_another():
-    from iits_mj.road import Route
-
+def test_a_reset_repeats_the_traffic_and_another_seed_changes_it():
     route = Route.straight(length=2000.0)
     with PureSim(route, CROWDED, seed=1) as traffic:
         first = [traffic.reset(), *(traffic.step() for _ in range(50))]
@@ -146,9 +143,7 @@ def test_densities_give_increasing_numbers_of_vehicles(straight):
     assert 0 < counts[0] < counts[1] < counts[2], counts
 
 
-def test_flow_at_the_entrance_has_the_asked_probability():
-    from iits_mj.road import Route
-
+def test_flow_at_the_entrance_has_the_configured_probability():
     route = Route.straight(length=1500.0)
     with PureSim(route, TrafficConfig(density=0.1, fill_ahead=0.0), seed=1) as traffic:
         known = {v.id for v in traffic.reset()}
@@ -163,17 +158,17 @@ def test_a_second_simulation_in_the_process_is_refused(straight):
         first.reset()
         with pytest.raises(TrafficError, match="already running in this process"):
             PureSim(straight, CROWDED).reset()
-        # The first one is unharmed.
+        # The first one continues.
         assert first.step()
 
 
-def test_a_closed_simulation_says_what_to_do(straight):
+def test_a_step_before_the_first_reset_is_refused_with_advice(straight):
     traffic = PureSim(straight, CROWDED)
     with pytest.raises(TrafficError, match="reset"):
         traffic.step()
 
 
-def test_values_that_are_not_finite_are_refused_and_sumo_goes_on(straight):
+def test_an_ego_state_that_is_not_finite_is_refused_and_the_traffic_continues(straight):
     with InterSim(straight, CROWDED, seed=1) as traffic:
         traffic.reset(ego_at(straight, 0.0, 500.0, 5.0, 0.0))
         with pytest.raises(InputError, match=r"ego\.x = nan"):
@@ -183,7 +178,7 @@ def test_values_that_are_not_finite_are_refused_and_sumo_goes_on(straight):
         assert traffic.step(ego_at(straight, 0.1, 500.5, 5.0, 0.0))
 
 
-def test_lane_changes_in_bends_do_not_move_vehicles_along_the_road(highway):
+def test_lane_changes_in_bends_do_not_shift_vehicles_along_the_road(highway):
     config = TrafficConfig(density=0.15, fill_ahead=1500.0, fill_behind=1500.0)
     worst, changes = 0.0, 0
     with PureSim(highway, config, seed=2) as traffic:
@@ -226,8 +221,8 @@ def test_the_whole_highway_is_driven_without_a_collision_in_the_traffic(highway)
         assert not traffic.session.api.simulation.getCollidingVehiclesIDList()
 
 
-def test_a_truck_between_two_lanes_is_seen_in_both(straight):
-    # A standing truck with one wheel in the next lane: nobody passes it there, and nobody touches.
+def test_traffic_avoids_both_lanes_of_a_truck_that_stands_between_them(straight):
+    # A stopped truck with its wheels in the next lane: no vehicle passes it there or touches it.
     config = TrafficConfig(density=0.1, fill_ahead=100.0, fill_behind=700.0)
     passed = set()
     with InterSim(straight, config, seed=8) as traffic:
@@ -237,14 +232,14 @@ def test_a_truck_between_two_lanes_is_seen_in_both(straight):
             for v in traffic.step(ego):
                 if abs(v.station - 1193.0) < 20.0:
                     assert not overlap(vehicle_box(v), ego_box(ego))
-                # Beside the cab, the swing out of the blocked lanes is over.
+                # Beside the cab a passing vehicle has left the blocked lanes.
                 if abs(v.station - 1199.0) < 3.0:
                     assert v.lane == 2, v
                     passed.add(v.id)
     assert passed
 
 
-def test_vehicles_are_changed_in_the_run_one_by_one_and_by_kind(straight):
+def test_parameters_of_one_vehicle_and_of_a_type_change_during_the_run(straight):
     with PureSim(straight, TrafficConfig(density=0.1), seed=1) as traffic:
         name = next(v.id for v in traffic.reset() if v.kind == "car")
         traffic.vehicles.change(name, desired_speed=5.0)

@@ -20,6 +20,7 @@ from iits_mj.road import Route
 from tests.paths import ROOT
 from tests.traffic_bridge.scripted_truck import ego_at
 from traffic_bridge import InterSim, PureSim, TrafficConfig, TrafficWorlds, WorldSpec
+from traffic_bridge.modes.world_process import WorldProcess
 
 CROWDED = TrafficConfig(density=0.2, fill_ahead=500.0, fill_behind=500.0)
 BY_MOBIL = TrafficConfig(
@@ -45,7 +46,7 @@ SPECS = (
 
 @pytest.fixture(scope="module")
 def temporary(tmp_path_factory):
-    """A folder of temporary files of its own."""
+    """A separate folder for temporary files."""
     folder = tmp_path_factory.mktemp("temporary")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(tempfile, "tempdir", str(folder))
@@ -65,7 +66,7 @@ def worlds_with_files(folder):
 
 @pytest.fixture(scope="module")
 def alone():
-    """Frames of each world run in this process."""
+    """Frames of each world's simulation, run in this process."""
     runs = []
     for number, spec in enumerate(SPECS):
         with InterSim(spec.route, spec.config, spec.seed) as traffic:
@@ -80,14 +81,14 @@ def egos(k):
 
 
 def is_running(pid):
-    """Whether a process of this number exists and is not a dead one waiting to be reaped."""
+    """Whether a process of this number exists and is no zombie."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except FileNotFoundError:
         return False
 
 
-def test_worlds_of_different_routes_give_what_they_give_alone_bit_for_bit(worlds, alone):
+def test_worlds_are_bit_identical_to_simulations_in_this_process(worlds, alone):
     for _ in range(2):
         frames = [worlds.reset(egos(0))]
         frames += [worlds.step(egos(k)) for k in range(1, STEPS + 1)]
@@ -97,7 +98,7 @@ def test_worlds_of_different_routes_give_what_they_give_alone_bit_for_bit(worlds
     assert alone[0] != alone[1]
 
 
-def test_worlds_run_on_while_the_caller_works(worlds, alone):
+def test_a_step_is_sent_and_received_separately(worlds, alone):
     worlds.reset(egos(0))
     worlds.send_step(egos(1))
     with pytest.raises(TrafficError, match="under way"):
@@ -109,7 +110,7 @@ def test_worlds_run_on_while_the_caller_works(worlds, alone):
         worlds.receive_step()
 
 
-def test_one_world_is_reset_with_another_seed_while_the_other_goes_on(worlds, alone):
+def test_one_world_is_reset_with_another_seed_while_the_other_continues(worlds, alone):
     worlds.reset(egos(0), seeds=[3, 4])
     worlds.step(egos(1))
     (other,) = worlds.reset([ego(0, 0)], seeds=[np.int64(11)], worlds=[0])
@@ -121,7 +122,7 @@ def test_one_world_is_reset_with_another_seed_while_the_other_goes_on(worlds, al
     assert again == alone[0][0]
 
 
-def test_vehicles_are_changed_through_the_process(worlds):
+def test_methods_are_called_in_the_processes_of_the_worlds(worlds):
     worlds.reset(egos(0), seeds=[3, 4])
     worlds.call("vehicles.change", "car", worlds=[0], time_headway=2.5)
     name = next(v.id for v in worlds.step([ego(0, 1)], worlds=[0])[0] if v.kind == "car")
@@ -141,19 +142,19 @@ def test_vehicles_are_changed_through_the_process(worlds):
         worlds.call("vehicles.change", "bus.1", worlds=[0], time_headway=1.0)
 
 
-def test_an_error_of_a_world_comes_back_with_its_type_and_number(worlds, alone):
+def test_an_error_in_a_world_keeps_its_type_and_names_the_world(worlds, alone):
     worlds.reset(egos(0), seeds=[3, 4])
     broken = [ego(0, 1), type(ego(1, 1))(x=math.nan)]
     with pytest.raises(InputError, match=r"world 1: ego\.x = nan"):
         worlds.step(broken)
-    # The other one has made its step, and both go on.
+    # The other world has made its step, and both continue.
     assert worlds.step([ego(0, 2)], worlds=[0]) == (alone[0][2],)
     assert worlds.step([ego(1, 1)], worlds=[1]) == (alone[1][1],)
     with pytest.raises(InputError, match=r"world 0: InterSim\.step needs the ego"):
         worlds.step([None], worlds=[0])
 
 
-def test_wrong_numbers_egos_and_seeds_are_refused_before_anything_happens(worlds):
+def test_wrong_numbers_egos_and_seeds_are_refused_before_any_world_acts(worlds):
     worlds.reset(egos(0), seeds=[3, 4])
     for wrong in ([2], [-1], [0, 0], [0.5], ["a"]):
         with pytest.raises(InputError, match="world"):
@@ -168,7 +169,7 @@ def test_wrong_numbers_egos_and_seeds_are_refused_before_anything_happens(worlds
     with pytest.raises(InputError, match=r"worlds = 1: must be numbers of worlds"):
         worlds.step([ego(0, 1)], worlds=1)
     for wrong in (5, ego(0, 1), "ab", {0: None, 1: None}):
-        with pytest.raises(InputError, match="must be a sequence of 2, one a world"):
+        with pytest.raises(InputError, match="must be a sequence of 2, one per world"):
             worlds.step(wrong)
     with pytest.raises(InputError, match="5 to call: must be a name"):
         worlds.call(5)
@@ -177,18 +178,20 @@ def test_wrong_numbers_egos_and_seeds_are_refused_before_anything_happens(worlds
 
 
 class Unreadable:
-    """Goes out of this process, but raises an error where it is read."""
+    """Can be pickled, but raises an error when it is unpickled."""
 
     def __reduce__(self):
         return eval, ("1 // 0",)
 
 
-def test_what_cannot_leave_the_process_is_refused_and_the_worlds_step_on(worlds, alone):
+def test_arguments_that_cannot_be_pickled_are_refused_and_the_worlds_continue(worlds, alone):
     worlds.reset(egos(0), seeds=[3, 4])
     for lost in (lambda: 0, open(os.devnull), sys._getframe()):  # noqa: SIM115
-        with pytest.raises(InputError, match=r"'vehicles\.change' .* cannot be handed to another"):
+        with pytest.raises(
+            InputError, match=r"arguments of 'vehicles\.change' cannot be handed to"
+        ):
             worlds.call("vehicles.change", "car", time_headway=lost)
-    # The state of the first world is in order, that of the second holds what cannot be handed over.
+    # The first world's ego is valid; the second one cannot be pickled.
     with pytest.raises(InputError, match="ego of world 1 cannot be handed to another process"):
         worlds.step([ego(0, 1), dataclasses.replace(ego(1, 1), gear=lambda: 0)])
     with pytest.raises(InputError, match="ego of world 1 cannot be handed to another process"):
@@ -197,23 +200,28 @@ def test_what_cannot_leave_the_process_is_refused_and_the_worlds_step_on(worlds,
     assert worlds.step(egos(1)) == (alone[0][1], alone[1][1])
 
 
-def test_what_cannot_be_read_in_a_world_is_an_error_of_that_world_which_steps_on(worlds, alone):
+def test_arguments_that_cannot_be_unpickled_are_an_error_of_their_world(worlds, alone):
     worlds.reset(egos(0), seeds=[3, 4])
     pids = worlds.pids
-    with pytest.raises(InputError, match="world 0: what was handed over cannot be read there"):
+    with pytest.raises(InputError, match="world 0: the message cannot be read there"):
         worlds.call("vehicles.change", "car", time_headway=Unreadable())
     assert worlds.step(egos(1)) == (alone[0][1], alone[1][1])
     assert worlds.pids == pids
 
 
-def test_an_interrupt_while_worlds_are_asked_leaves_no_answer_unheard(worlds, alone, monkeypatch):
+def test_after_an_interrupt_no_old_answer_is_taken_for_a_new_one(worlds, alone, monkeypatch):
     worlds.reset(egos(0), seeds=[3, 4])
 
-    def interrupted(message):
-        raise KeyboardInterrupt
+    sent, send = [], WorldProcess.send
+
+    def interrupted(world, message):
+        if sent:
+            raise KeyboardInterrupt
+        sent.append(world)
+        send(world, message)
 
     with monkeypatch.context() as patch:
-        patch.setattr(worlds._worlds[1], "send", interrupted)
+        patch.setattr(WorldProcess, "send", interrupted)
         with pytest.raises(KeyboardInterrupt):
             worlds.step(egos(1))
     with pytest.raises(TrafficError, match="world 0: was ended by an interrupt; reset it"):
@@ -222,14 +230,14 @@ def test_an_interrupt_while_worlds_are_asked_leaves_no_answer_unheard(worlds, al
     assert worlds.step(egos(1)) == (alone[0][1], alone[1][1])
 
 
-def test_numbers_of_numpy_are_seeds_and_are_kept_as_pythons_own():
+def test_seeds_of_numpy_become_pythons_own_numbers():
     spec = WorldSpec(SPECS[0].route, seed=np.int64(3))
     assert type(spec.seed) is int
     assert spec == WorldSpec(SPECS[0].route, seed=3)
 
 
 @pytest.mark.parametrize("how", ["SIGKILL", "SIGTERM"])
-def test_a_killed_process_is_named_leaves_no_files_and_can_be_reset(how, worlds, alone, temporary):
+def test_a_killed_world_is_reported_leaves_no_files_and_can_be_reset(how, worlds, alone, temporary):
     worlds.reset(egos(0), seeds=[3, 4])
     assert worlds_with_files(temporary) == 2
     killed = worlds.pids[1]
@@ -245,7 +253,7 @@ def test_a_killed_process_is_named_leaves_no_files_and_can_be_reset(how, worlds,
     assert worlds.step(egos(2))[0] == alone[0][2]
 
 
-def test_a_process_that_hangs_is_ended_and_named(worlds, monkeypatch):
+def test_a_world_that_hangs_is_ended_and_reported(worlds, monkeypatch):
     worlds.reset(egos(0))
     monkeypatch.setattr(worlds, "timeout", 0.5)
     pid = worlds.pids[0]
@@ -255,7 +263,7 @@ def test_a_process_that_hangs_is_ended_and_named(worlds, monkeypatch):
     assert not is_running(pid)
 
 
-def test_what_is_no_world_is_refused():
+def test_wrong_specs_of_worlds_are_refused():
     with pytest.raises(InputError, match="at least one WorldSpec"):
         TrafficWorlds([])
     for wrong in ([SPECS[0], "world"], SPECS[0], 3):
@@ -276,14 +284,14 @@ def test_what_is_no_world_is_refused():
     assert pickle.loads(pickle.dumps(WorldSpec(SPECS[0].route, mode="PureSim")))().mode == "PureSim"
 
 
-def test_a_process_that_may_have_no_children_is_told_so(monkeypatch):
+def test_worlds_in_a_daemonic_process_are_refused_with_the_reason(monkeypatch):
     # Workers of vector environments are such processes.
     monkeypatch.setitem(multiprocessing.current_process()._config, "daemon", True)
     with pytest.raises(TrafficError, match=r"cannot be started: daemonic"):
         TrafficWorlds(SPECS)
 
 
-def test_worlds_beside_a_simulation_of_this_process_do_not_disturb_it(worlds, alone):
+def test_worlds_do_not_affect_a_simulation_in_this_process(worlds, alone):
     with PureSim(route_of(0), CROWDED, seed=1) as own:
         first = own.reset()
         worlds.reset(egos(0), seeds=[3, 4])
@@ -323,7 +331,7 @@ def test_worlds_end_when_their_owner_ends_and_leave_no_files(ending, tmp_path):
     assert worlds_with_files(folder) == 1
     if ending == "SIGKILL":
         owner.kill()
-    owner.communicate()  # else to the end of the script, where nobody closes the worlds
+    owner.communicate()  # else the script ends without closing its worlds
     deadline = time.monotonic() + 20.0
     while (is_running(pid) or list(folder.iterdir())) and time.monotonic() < deadline:
         time.sleep(0.02)
@@ -347,7 +355,7 @@ def test_the_example_of_the_manual_steps_three_trucks_in_three_worlds(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_script_without_a_guarded_main_part_is_told_so(tmp_path):
+def test_a_script_without_a_guarded_main_part_gets_an_error_that_names_it(tmp_path):
     script = tmp_path / "careless.py"
     script.write_text(
         "from iits_mj.road import Route\n"
@@ -359,8 +367,8 @@ def test_a_script_without_a_guarded_main_part_is_told_so(tmp_path):
     assert "__main__" in result.stderr.splitlines()[-1]
 
 
-def test_closing_leaves_no_process_and_no_file_and_closed_worlds_say_so(worlds, temporary):
-    # The last test of the file: the others share these worlds.
+def test_closing_leaves_no_process_and_no_file_and_closed_worlds_are_refused(worlds, temporary):
+    # Must be the last test of the file, because the others share these worlds.
     worlds.reset(egos(0))
     pids = worlds.pids
     assert all(map(is_running, pids))

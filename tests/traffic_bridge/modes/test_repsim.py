@@ -29,7 +29,7 @@ def replay_of(times, *tracks: dict[float, TrackedVehicle]) -> InterpolatedRecord
     return InterpolatedRecording(Recording.of_frames({}, np.array(times), frames))
 
 
-def test_replay_has_distance_zero_to_its_source(straight, recorded):
+def test_replay_equals_the_recorded_frames(straight, recorded):
     path, frames = recorded
     with RepSim(straight, path) as replay:
         assert replay.reset() == frames[0]
@@ -38,7 +38,7 @@ def test_replay_has_distance_zero_to_its_source(straight, recorded):
         assert len(replay.step()) == 0
 
 
-def test_replay_is_the_same_whatever_the_truck_does(straight, recorded):
+def test_replay_does_not_depend_on_the_truck(straight, recorded):
     path, frames = recorded
     replay = RepSim(straight, path)
     assert replay.reset(ego_at(straight, 0.0, 1000.0, 9.0, 4.0)) == frames[0]
@@ -56,7 +56,7 @@ def test_replay_needs_no_sumo(recorded, tmp_path):
     assert done.returncode == 0, done.stderr
 
 
-def test_place_and_yaw_have_a_continuous_rate(straight, recorded):
+def test_velocity_and_yaw_rate_are_continuous(straight, recorded):
     replay = RepSim(straight, recorded[0]).replay
     worst, speeds, h = 0.0, [], 1e-4
     for k in range(2, 60):
@@ -99,7 +99,7 @@ def test_constant_acceleration_is_replayed_exactly_even_at_uneven_times():
         assert replay.at(t)[0].y == pytest.approx(2.0 * t * t, abs=1e-12)
 
 
-def test_a_standing_vehicle_stands_until_it_starts():
+def test_a_stopped_vehicle_does_not_move_before_it_starts():
     times = [0.1 * k for k in range(6)]
     where = dict(zip(times, [5.0, 5.0, 5.0, 5.5, 6.5, 8.0], strict=True))
     replay = replay_of(times, {t: TrackedVehicle("a", x=x) for t, x in where.items()})
@@ -108,7 +108,7 @@ def test_a_standing_vehicle_stands_until_it_starts():
     assert (x[:200] == 5.0).all()
 
 
-def test_yaw_turns_the_short_way_round():
+def test_yaw_is_interpolated_along_the_shorter_arc():
     times = [0.0, 0.1]
     track = {
         0.0: TrackedVehicle("a", yaw=math.pi - 0.1),
@@ -137,7 +137,7 @@ def test_vehicles_enter_and_leave_at_their_recorded_times():
     }
 
 
-def test_only_what_is_in_range_is_reported(straight, recorded):
+def test_only_vehicles_within_the_view_range_are_reported(straight, recorded):
     path, frames = recorded
     ego = ego_at(straight, 0.0, 1000.0, 9.0, 4.0)
     near = RepSim(straight, path, view_range=100.0).reset(ego)
@@ -160,14 +160,14 @@ def test_unusable_arguments_are_refused(straight, recorded, wrong):
         RepSim(straight, recorded[0], **wrong)
 
 
-def test_times_that_are_no_number_are_refused_and_others_are_empty(straight, recorded):
+def test_a_time_that_is_not_finite_is_refused_and_other_times_are_empty(straight, recorded):
     replay = RepSim(straight, recorded[0])
     with pytest.raises(InputError, match="must be finite"):
         replay.at(math.nan)
     assert replay.at(-1.0) == replay.at(1e9) == VehicleFrame.empty()
 
 
-def test_a_file_of_version_1_is_replayed_with_the_slope_of_the_road(highway, tmp_path):
+def test_a_file_of_schema_1_is_replayed_with_the_slope_of_the_road(highway, tmp_path):
     path = version_1(tmp_path / "old.npz", highway)
     frame = RepSim(highway, path).reset()
     assert frame.column("x").tolist() == [100.0, 100.0]
@@ -210,11 +210,11 @@ def version_1(path: Path, route: Route) -> Path:
     return path
 
 
-def test_a_rerun_of_version_1_is_refused_with_the_reason(highway, tmp_path):
+def test_a_rerun_of_schema_1_is_refused_with_the_reason(highway, tmp_path):
     with pytest.raises(InputError, match="made with schema 1, here is 2"):
         ReSim(highway, version_1(tmp_path / "old.npz", highway))
 
 
-def test_changed_files_keep_their_poses(recorded, tmp_path, straight):
+def test_a_file_with_another_map_name_keeps_its_poses(recorded, tmp_path, straight):
     path = changed(recorded[0], tmp_path / "named.npz", map_name="other")
     assert RepSim(straight, path).reset() == recorded[1][0]

@@ -33,7 +33,7 @@ def one(straight, tmp_path_factory):
     return record(straight, tmp_path_factory.mktemp("recording") / "drive", steps=20)[0]
 
 
-def test_rerun_is_bit_identical_whatever_the_truck_does(straight, recorded):
+def test_rerun_is_bit_identical_for_any_state_of_the_truck(straight, recorded):
     path, frames = recorded
     with ReSim(straight, path) as again:
         assert again.reset() == frames[0]
@@ -88,20 +88,20 @@ def test_another_net_is_refused(straight, one, tmp_path):
         ReSim(straight, path)
 
 
-def test_a_laid_data_set_cannot_be_rerun(straight, one, tmp_path):
+def test_an_imported_data_set_cannot_be_rerun(straight, one, tmp_path):
     path = changed(one, tmp_path / "laid.npz", mode="data")
     with pytest.raises(InputError, match="mode 'data' cannot be re-run"):
         ReSim(straight, path)
 
 
 @pytest.mark.parametrize("settings", [{"config": {}}, {"config": None}, {"seed": "1"}])
-def test_settings_that_are_not_there_are_refused(straight, one, tmp_path, settings):
+def test_missing_settings_are_refused(straight, one, tmp_path, settings):
     path = changed(one, tmp_path / "settings.npz", **settings)
     with pytest.raises(InputError, match=r"settings|configuration"):
         ReSim(straight, path)
 
 
-def test_a_changed_pose_is_found_with_its_time_and_vehicle(straight, one, tmp_path):
+def test_a_changed_pose_is_reported_with_its_time_and_vehicle(straight, one, tmp_path):
     with np.load(one) as file:
         arrays = dict(file)
     row = int(arrays["frame_start"][13])
@@ -116,13 +116,13 @@ def test_a_changed_pose_is_found_with_its_time_and_vehicle(straight, one, tmp_pa
         again.verify()
 
 
-def test_a_changed_hash_is_found(straight, one, tmp_path):
+def test_a_changed_hash_is_reported(straight, one, tmp_path):
     path = changed(one, tmp_path / "hash.npz", digest="0" * 64)
     with ReSim(straight, path) as again, pytest.raises(TrafficError, match="recorded 000000000000"):
         again.verify()
 
 
-def test_a_changed_way_of_the_truck_gives_other_traffic(straight, one, tmp_path):
+def test_another_path_of_the_truck_gives_other_traffic(straight, one, tmp_path):
     with np.load(one) as file:
         arrays = dict(file)
     names = arrays["ego_columns"].tolist()
@@ -134,7 +134,7 @@ def test_a_changed_way_of_the_truck_gives_other_traffic(straight, one, tmp_path)
         again.verify()
 
 
-def test_difference_names_who_is_missing(recorded):
+def test_difference_names_the_missing_vehicle(recorded):
     frames = recorded[1]
     short = frames[0].select(np.arange(len(frames[0])) > 0)
     assert "is missing" in difference(frames[0], short)

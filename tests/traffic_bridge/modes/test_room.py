@@ -1,4 +1,4 @@
-"""Room for everybody: the truck across the centre line and at the road's end, and entrances."""
+"""Free space around the truck across the center line and at the road's end, and at entrances."""
 
 import dataclasses
 import math
@@ -9,21 +9,20 @@ import pytest
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint
 from iits_mj.road import RoadMap, Route
-from tests.paths import ROOT
+from iits_mj.road.writer import write
+from tests.traffic_bridge.merge_map import two_way_road
 from tests.traffic_bridge.scripted_truck import ego_at, ego_box, overlap, vehicle_box
 from traffic_bridge import Departure, InterSim, PureSim, SlowConvoy, TrafficConfig
 from traffic_bridge.network.lane_table import LaneTable
 from traffic_bridge.vehicles.ego_room import EgoRoom
 
-MAPS = ROOT / "../shared/data/xodr"
 both_models = pytest.mark.parametrize("lane_change", ["lc2013", "mobil"])
 FRONT, LENGTH = 1.40, 16.5
 
 
-def road(name):
-    path = MAPS / f"{name}.xodr"
-    if not path.is_file():
-        pytest.skip(f"{path.name} is not here")
+@pytest.fixture(scope="module")
+def two_way(tmp_path_factory):
+    path = write(two_way_road(), tmp_path_factory.mktemp("maps") / "two_way.xodr")
     return RoadMap.from_opendrive(path).route()
 
 
@@ -36,9 +35,6 @@ def overlapping(vehicles):
         for w, other in boxes[:i]
         if math.hypot(v.x - w.x, v.y - w.y) < 20.0 and overlap(box, other)
     ]
-
-
-# Entrances ---------------------------------------------------------------------------------------
 
 
 def entrance_overlaps(lane_change, density, seed, seconds, length=2000.0):
@@ -54,7 +50,7 @@ def entrance_overlaps(lane_change, density, seed, seconds, length=2000.0):
 
 @pytest.mark.parametrize(("density", "seed"), [(0.1, 1), (0.1, 2), (0.1, 4), (0.2, 2), (0.2, 4)])
 @both_models
-def test_nobody_enters_a_lane_that_another_one_is_still_leaving(lane_change, density, seed):
+def test_no_vehicle_enters_a_lane_that_another_one_is_still_leaving(lane_change, density, seed):
     assert not entrance_overlaps(lane_change, density, seed, 60.0)
 
 
@@ -66,7 +62,7 @@ def test_five_minutes_of_entering_traffic_without_an_overlap(lane_change, densit
     assert not entrance_overlaps(lane_change, density, seed, 300.0)
 
 
-def test_mobil_still_changes_lanes_when_the_entrance_is_behind():
+def test_mobil_changes_lanes_after_the_entrance():
     lanes, changed = {}, 0
     config = TrafficConfig(density=0.1, lane_change="mobil", fill_ahead=0.0)
     with PureSim(Route.straight(length=800.0), config, seed=1) as traffic:
@@ -76,9 +72,6 @@ def test_mobil_still_changes_lanes_when_the_entrance_is_behind():
                 changed += lanes.setdefault(v.id, v.lane) != v.lane
                 lanes[v.id] = v.lane
     assert changed >= 3
-
-
-# Scripted vehicles -------------------------------------------------------------------------------
 
 
 def first_speeds(route, config, seconds=3.0):
@@ -93,7 +86,7 @@ def first_speeds(route, config, seconds=3.0):
     return first, last
 
 
-def test_a_departure_faster_than_the_limit_begins_at_the_limit_and_keeps_its_wish(highway):
+def test_a_departure_faster_than_the_limit_begins_at_the_limit_and_then_accelerates(highway):
     config = TrafficConfig(density="empty", departures=(Departure(time=1.0, speed=35.0),))
     first, last = first_speeds(highway, config, 20.0)
     assert len(first) == 1
@@ -104,17 +97,14 @@ def test_a_departure_faster_than_the_limit_begins_at_the_limit_and_keeps_its_wis
 def test_departures_and_convoys_keep_to_the_limit_of_a_town():
     convoy = SlowConvoy(at_time=1.0, station=60.0, speed=20.0, count=1, type="car")
     config = TrafficConfig(density="empty", departures=(Departure(time=1.0),), events=(convoy,))
-    first, _ = first_speeds(road("esmini_fabriksgatan_traffic_lights"), config)
+    first, _ = first_speeds(Route.straight(length=500.0, speed_limit=13.89), config)
     assert len(first) == 2
     assert all(10.0 < speed <= 13.9 for speed in first.values())
 
 
-# The truck across the centre line ----------------------------------------------------------------
-
-
 @both_models
-def test_oncoming_traffic_stops_before_a_truck_that_reaches_over_the_centre_line(lane_change):
-    route = road("esmini_crest-curve")
+def test_oncoming_traffic_stops_before_a_truck_across_the_center_line(two_way, lane_change):
+    route = two_way
     truck = ego_at(route, 0.0, 60.0, 0.0, -0.1)
     config = TrafficConfig(density=0.2, scope="both", lane_change=lane_change)
     standing, nearest = set(), math.inf
@@ -131,8 +121,8 @@ def test_oncoming_traffic_stops_before_a_truck_that_reaches_over_the_centre_line
     assert 1.0 < nearest < 6.0
 
 
-def test_oncoming_traffic_passes_a_truck_that_is_back_in_its_lane():
-    route = road("esmini_crest-curve")
+def test_oncoming_traffic_passes_a_truck_that_has_returned_to_its_lane(two_way):
+    route = two_way
     config = TrafficConfig(density=0.2, scope="both")
     passed = set()
     with InterSim(route, config, seed=1) as traffic:
@@ -145,8 +135,8 @@ def test_oncoming_traffic_passes_a_truck_that_is_back_in_its_lane():
 
 
 @pytest.mark.parametrize("scope", ["both", "map"])
-def test_nobody_begins_in_the_way_of_a_truck_that_reaches_over_the_centre_line(scope):
-    route = road("esmini_crest-curve")
+def test_no_vehicle_begins_in_front_of_a_truck_across_the_center_line(two_way, scope):
+    route = two_way
     truck = ego_at(route, 0.0, 200.0, 0.0, 0.5)
     for seed in range(4):
         with InterSim(route, TrafficConfig(density=0.5, scope=scope), seed=seed) as traffic:
@@ -157,7 +147,7 @@ def test_nobody_begins_in_the_way_of_a_truck_that_reaches_over_the_centre_line(s
 
 
 def crossing_lane(length=200.0, spacing=5.0):
-    """A lane of another road, northwards, that crosses the x axis at its middle."""
+    """A lane of another road that runs northward and crosses the x axis at its middle."""
     count = round(length / spacing) + 1
     y = np.linspace(-0.5 * length, 0.5 * length, count)
     pose = np.zeros((7, count))
@@ -165,19 +155,16 @@ def crossing_lane(length=200.0, spacing=5.0):
     return LaneTable("a_0", "a", 0, -1, 0, length, spacing, np.zeros(count), y, pose)
 
 
-def test_a_crossing_road_stays_free_before_a_truck_that_stands_across_it_and_not_behind():
+def test_a_crossing_road_is_kept_free_before_the_truck_and_not_behind_it():
     axis = np.stack((np.linspace(-8.0, 8.5, 17), np.zeros(17)), axis=1)
     room = EgoRoom(8.5, 0, 0.0, axis, EgoFootprint(), traffic_speed=10.0)
     taken = {front: room.blocks(crossing_lane(), front, 4.7, 1.85) for front in range(10, 200, 10)}
-    # Its side is at 98.7 m, 30 m are kept before it, and the vehicle's rear has to be past it.
+    # The truck's side is at 98.7 m, 30 m before it are kept free, and a rear past it is allowed.
     assert [front for front, blocked in taken.items() if blocked] == [70, 80, 90, 100]
 
 
-# The end of the route ----------------------------------------------------------------------------
-
-
 @both_models
-def test_nobody_drives_through_the_trailer_of_a_truck_whose_front_has_left_the_road(lane_change):
+def test_traffic_stops_behind_the_trailer_of_a_truck_whose_front_has_left_the_road(lane_change):
     route = Route.straight(length=1000.0, lanes=1)
     offset = float(route.lane_offset(0, 900.0))
     config = TrafficConfig(density=0.2, lane_change=lane_change)
@@ -197,7 +184,7 @@ def test_nobody_drives_through_the_trailer_of_a_truck_whose_front_has_left_the_r
     assert hardest > -4.0
 
 
-def test_a_truck_that_has_left_the_road_with_its_trailer_leaves_it_free():
+def test_a_truck_leaves_sumo_once_its_trailer_has_left_the_road():
     route = Route.straight(length=1000.0, lanes=1)
     offset = float(route.lane_offset(0, 900.0))
     with InterSim(route, TrafficConfig(density="empty"), seed=1) as traffic:
@@ -207,9 +194,6 @@ def test_a_truck_that_has_left_the_road_with_its_trailer_leaves_it_free():
             traffic.step(ego_at(route, 0.1 * step, station, 15.0, offset))
             on_road = "ego" in traffic.session.api.vehicle.getIDList()
             assert on_road == (station + FRONT - LENGTH < 998.5)
-
-
-# Wrong ego states --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -222,7 +206,7 @@ def test_a_truck_that_has_left_the_road_with_its_trailer_leaves_it_free():
         ({"yaw": "north"}, "ego.yaw = 'north'"),
     ],
 )
-def test_an_ego_state_that_contradicts_itself_is_refused_and_the_traffic_goes_on(changes, text):
+def test_an_inconsistent_ego_state_is_refused_and_the_traffic_continues(changes, text):
     route = Route.straight(length=1000.0)
     good = ego_at(route, 0.0, 100.0, 10.0, 0.0)
     bad = dataclasses.replace(good, **changes)
@@ -237,7 +221,7 @@ def test_an_ego_state_that_contradicts_itself_is_refused_and_the_traffic_goes_on
 
 
 @pytest.mark.parametrize("ego", ["x", {}, 3.0])
-def test_what_is_no_ego_state_is_refused(ego):
+def test_an_ego_of_another_type_is_refused(ego):
     with InterSim(Route.straight(length=1000.0), TrafficConfig(density="empty")) as traffic:
         with pytest.raises(InputError, match="must be an EgoState"):
             traffic.reset(ego)

@@ -9,7 +9,7 @@ def evaluate(c, t):
     return sum(ck * t**k for k, ck in enumerate(c))
 
 
-def test_quintic_keeps_the_state_and_comes_to_rest():
+def test_quintic_begins_at_the_given_state_and_ends_at_rest():
     c = quintic(-4.0, 0.3, -0.2, 3.5)
     d = [k * ck for k, ck in enumerate(c)][1:]
     dd = [k * ck for k, ck in enumerate(d)][1:]
@@ -44,7 +44,7 @@ def shown_track(smoother, offsets, speed=15.0):
     )
 
 
-def test_a_jump_becomes_a_change_of_the_asked_duration():
+def test_a_jump_becomes_a_motion_of_the_configured_duration():
     track = shown_track(LateralSmoother(3.5), [0.0] * 10 + [4.0] * 60)
     assert np.abs(np.diff(track)).max() < 0.25
     moving = np.flatnonzero(np.abs(np.diff(track)) > 1e-3)
@@ -52,24 +52,24 @@ def test_a_jump_becomes_a_change_of_the_asked_duration():
     assert track[-1] == 4.0
 
 
-def test_a_second_jump_in_the_middle_stays_continuous():
+def test_a_second_jump_during_the_motion_stays_continuous():
     track = shown_track(LateralSmoother(3.5), [0.0] * 5 + [4.0] * 15 + [0.0] * 60)
     assert np.abs(np.diff(track)).max() < 0.3
     assert track[-1] == 0.0
 
 
-def test_a_standing_vehicle_does_not_slide_sideways():
+def test_a_stopped_vehicle_does_not_slide_sideways():
     track = shown_track(LateralSmoother(3.5), [0.0] * 5 + [4.0] * 50, speed=0.0)
     assert np.abs(np.diff(track[6:])).max() < 1e-9
 
 
-def test_zero_duration_shows_the_instant_change():
+def test_zero_duration_shows_the_instantaneous_change():
     assert shown_track(LateralSmoother(0.0), [0.0, 4.0]).tolist() == [0.0, 4.0]
 
 
-def test_a_vehicle_that_closes_in_leaves_the_lane_before_it_touches():
+def test_a_vehicle_that_closes_in_leaves_its_lane_before_contact():
     smoother = LateralSmoother(3.5)
-    # A car at 20 m/s, 14 m behind a truck at 10 m/s, is put into the next lane.
+    # A car at 20 m/s, 14 m behind a truck at 10 m/s, changes to the next lane.
     sizes = np.array([[4.7, 1.85], [16.5, 2.55]])
     for k in range(40):
         station = np.array([2.0 * k, 24.6 + 1.0 * k])
@@ -80,7 +80,7 @@ def test_a_vehicle_that_closes_in_leaves_the_lane_before_it_touches():
         assert not (along and across), k
 
 
-def test_a_bend_is_no_lane_change_and_a_change_in_a_bend_is_one():
+def test_a_bend_causes_no_lateral_motion_and_a_lane_change_in_a_bend_does():
     smoother = LateralSmoother(3.5)
     radius, sideways = 12.0, []
     for k in range(60):
@@ -99,7 +99,7 @@ def test_a_bend_is_no_lane_change_and_a_change_in_a_bend_is_one():
     assert np.abs(np.diff(sideways[20:])).max() < 0.25
 
 
-def test_a_vehicle_that_was_out_of_sight_is_shown_where_it_is():
+def test_a_vehicle_that_comes_into_view_again_is_shown_without_lateral_motion():
     smoother = LateralSmoother(3.5)
     assert (
         shown(smoother, ["a", "b"], [0.0, 50.0], [0.0, 0.0], [15.0, 15.0], np.tile(SIZE, (2, 1)))[1]
@@ -110,9 +110,9 @@ def test_a_vehicle_that_was_out_of_sight_is_shown_where_it_is():
     assert seen.tolist() == [0.0, 4.0]
 
 
-def test_who_swings_out_slowly_does_so_without_a_leap_and_never_like_a_crab():
+def test_lateral_speed_of_a_slow_vehicle_is_continuous_and_limited_by_its_speed():
     smoother = LateralSmoother(3.5)
-    # A car creeps off from close behind a standing truck, which makes its change urgent.
+    # A car starts close behind a stopped truck, which makes its lane change urgent.
     sizes = np.array([[4.7, 1.85], [16.5, 2.55]])
     place, last, sideways = 0.0, 0.0, []
     for k in range(150):

@@ -7,8 +7,8 @@ import pytest
 from iits_mj.core.errors import Error, InputError, MapError, TrafficError
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.elements import OpenDriveMap, RoadType
-from iits_mj.road.writer import write
-from tests.paths import ROOT
+from iits_mj.road.writer import to_xml, write
+from tests.traffic_bridge.esmini_maps import MAPS, esmini
 from tests.traffic_bridge.merge_map import (
     BANK,
     GRADE,
@@ -21,16 +21,6 @@ from tests.traffic_bridge.merge_map import (
 from traffic_bridge import MapNetwork
 from traffic_bridge.network.net_file import NetFile
 
-XODR = ROOT / "../shared/data/xodr"
-MAPS = ("e6mini", "curves_elevation", "crest-curve", "velodrome", "fabriksgatan_traffic_lights")
-
-
-def esmini(name):
-    path = XODR / f"esmini_{name}.xodr"
-    if not path.is_file():
-        pytest.skip(f"{path.name} is not here")
-    return MapNetwork.of(RoadMap.from_opendrive(path))
-
 
 @pytest.fixture(scope="module")
 def merge(tmp_path_factory):
@@ -39,7 +29,7 @@ def merge(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def town():
-    return esmini("fabriksgatan_traffic_lights")
+    return MapNetwork.of(esmini("fabriksgatan_traffic_lights"))
 
 
 def driving(network):
@@ -62,7 +52,7 @@ def assert_round_trips(network, count):
 
 
 def assert_continuous(network):
-    """Each lane begins where the one before it ends, in every coordinate."""
+    """Each lane begins at the end of the preceding lane, in every coordinate."""
     surfaces = {name: network.surface(name, 5.0) for name in network.lanes}
     assert network.connections or len(network.entrances) == len(network.exits)
     for link in network.connections:
@@ -74,18 +64,18 @@ def assert_continuous(network):
 
 
 @pytest.mark.parametrize("name", MAPS)
-def test_places_of_a_foreign_map_lead_to_points_and_back(name):
-    network = esmini(name)
+def test_places_of_a_foreign_map_convert_to_points_and_back(name):
+    network = MapNetwork.of(esmini(name))
     assert_round_trips(network, 40)
     assert_continuous(network)
 
 
-def test_places_of_a_merge_lead_to_points_and_back(merge):
+def test_places_of_a_merge_convert_to_points_and_back(merge):
     assert_round_trips(merge, 80)
     assert_continuous(merge)
 
 
-def test_lanes_of_the_highway_lie_where_its_route_has_them(highway):
+def test_lanes_of_the_highway_agree_with_its_route(highway):
     network = MapNetwork.of(highway.road_map)
     assert_round_trips(network, 40)
     for lane in driving(network)[::5]:
@@ -95,7 +85,7 @@ def test_lanes_of_the_highway_lie_where_its_route_has_them(highway):
         for k in (0, len(surface.x) // 2, -1):
             station, offset = highway.locate(surface.x[k], surface.y[k])
             index = highway.lane_at(station, offset)
-            # Where a lane opens or closes SUMO's ends in its taper.
+            # Where a lane opens or closes, SUMO's lane ends in its taper.
             assert index >= 0
             assert offset == pytest.approx(highway.lane_offset(index, station), abs=0.02)
             truth = highway.evaluate(station, offset)
@@ -103,7 +93,7 @@ def test_lanes_of_the_highway_lie_where_its_route_has_them(highway):
             assert surface.bank[k] == pytest.approx(float(truth.superelevation), abs=1e-3)
 
 
-def test_surface_of_a_lane_beside_the_route_is_the_road_s_own(merge):
+def test_surface_of_a_lane_off_the_route_follows_its_own_road(merge):
     surface = merge.surface("-5_0", 2.0)
     assert np.allclose(np.diff(surface.position), surface.position[1])
     assert np.all(np.hypot(np.diff(surface.x), np.diff(surface.y)) > 0.0)
@@ -117,15 +107,15 @@ def test_surface_of_a_lane_beside_the_route_is_the_road_s_own(merge):
     assert inside.z[-1] == pytest.approx(GRADE * inside.x[-1] + y * math.tan(BANK), abs=1e-6)
 
 
-def test_surface_of_an_oncoming_lane_slopes_the_other_way():
-    network = esmini("curves_elevation")
+def test_grade_of_an_oncoming_lane_has_the_opposite_sign():
+    network = MapNetwork.of(esmini("curves_elevation"))
     along, against = network.surface("-1_0", 1.0), network.surface("1_0", 1.0)
     assert np.allclose(along.grade, -against.grade[::-1][: along.grade.size], atol=0.02)
     turn = np.cos(along.heading[0] - against.heading[-1])
     assert turn == pytest.approx(-1.0, abs=1e-3)
 
 
-def test_steps_between_roads_are_shared_by_both_and_fade(tmp_path):
+def test_each_of_two_roads_takes_half_of_the_step_between_them(tmp_path):
     network = MapNetwork.of(RoadMap.from_opendrive(write(dirty_map(), tmp_path / "dirty.xodr")))
     assert_continuous(network)
     lanes = ("-1_0", "-2_0", "-3_0")
@@ -133,7 +123,7 @@ def test_steps_between_roads_are_shared_by_both_and_fade(tmp_path):
     joined = [np.concatenate([getattr(s, name) for s in surfaces]) for name in ("x", "y", "z")]
     x, y, z = joined
     way = np.hypot(np.diff(x), np.diff(y))
-    # Overlaps are shared out along the lane, nobody jumps.
+    # Overlaps are distributed along the lanes, without jumps.
     assert np.all(way < 1.1)
     assert np.all(np.abs(np.diff(z)) < 0.05)
     assert np.all(np.abs(np.diff(np.concatenate([s.heading for s in surfaces]))) < 0.012)
@@ -144,7 +134,7 @@ def test_steps_between_roads_are_shared_by_both_and_fade(tmp_path):
         assert network.point(place).z == pytest.approx(surface.z[k], abs=1e-9)
         path = np.arctan2(np.diff(surface.y), np.diff(surface.x))
         middle = 0.5 * (surface.heading[1:] + surface.heading[:-1])
-        # At the ends each takes half of the other's turn of 0.01 rad.
+        # At the ends each lane takes half of the turn of 0.01 rad.
         assert np.all(np.abs(path - middle) < 0.006)
     step = 0.5 * (0.15 - 0.2 * math.tan(BANK))
     assert surfaces[0].z[-1] - GRADE * 300.0 + 1.5 * WIDTH * math.tan(BANK) == pytest.approx(
@@ -153,7 +143,7 @@ def test_steps_between_roads_are_shared_by_both_and_fade(tmp_path):
 
 
 def test_cross_slopes_are_scaled_as_on_the_route():
-    network = esmini("velodrome")
+    network = MapNetwork.of(esmini("velodrome"))
     route = network.road_map.route()
     surface = network.surface("-1#0_1", 10.0)
     for k in range(0, surface.x.size, 10):
@@ -161,14 +151,14 @@ def test_cross_slopes_are_scaled_as_on_the_route():
         assert surface.z[k] == pytest.approx(float(route.evaluate(station, offset).z), abs=0.01)
 
 
-def test_a_point_beside_the_road_has_no_place(merge):
+def test_a_point_off_the_road_has_no_place(merge):
     assert merge.locate(300.0, 500.0) is None
     assert merge.locate(-50.0, -2.0) is None
     with pytest.raises(InputError, match="finite"):
         merge.locate(math.nan, 0.0)
 
 
-def test_heading_decides_between_roads_that_lie_over_each_other(town):
+def test_heading_decides_between_overlapping_roads(town):
     for lane in driving(town):
         if not lane.internal or lane.length < 5.0:
             continue
@@ -179,7 +169,7 @@ def test_heading_decides_between_roads_that_lie_over_each_other(town):
         assert found.junction == "4"
 
 
-def test_ways_through_a_town_turn_at_its_light(town):
+def test_paths_through_a_town_turn_at_its_light(town):
     assert set(town.entrances) == {"-2", "-3", "0", "1"}
     assert set(town.exits) == {"-0", "-1", "2", "3"}
     routes = town.routes()
@@ -193,7 +183,8 @@ def test_ways_through_a_town_turn_at_its_light(town):
     lights = [link for link in town.connections if link.light]
     assert len(lights) == 12
     assert {link.turn for link in lights} == {"s", "l", "r"}
-    assert {town.light_of(link) for link in lights} >= {"r"}
+    (light,) = town.lights
+    assert {light.phases[0][1][link.link] for link in lights} >= {"r"}
     node = town.junctions["4"]
     assert node.kind == "traffic_light"
     assert town.locate(node.x, node.y).junction == "4"
@@ -202,7 +193,7 @@ def test_ways_through_a_town_turn_at_its_light(town):
     assert town.reachable("-2") == {"-2", "3", "-0", "-1"}
 
 
-def test_the_quickest_way_is_taken_and_a_missing_one_is_named(merge):
+def test_the_quickest_path_is_found_and_a_missing_path_is_reported(merge):
     assert merge.entrances == ("-1", "-5")
     ramp = merge.path("-5", merge.exits[0])
     assert ramp.edges[:2] == ("-5", "-2#0")
@@ -213,13 +204,13 @@ def test_the_quickest_way_is_taken_and_a_missing_one_is_named(merge):
         merge.reachable("-7")
 
 
-def test_limits_of_roads_hold_on_every_lane(merge):
+def test_the_limit_of_a_road_holds_on_all_its_lanes(merge):
     for lane in driving(merge):
         if not lane.internal:
             assert lane.speed == (16.0 if lane.road == "5" else 25.0)
 
 
-def test_a_limit_that_changes_along_a_road_holds_from_there_on(tmp_path):
+def test_a_limit_that_changes_along_a_road_splits_its_lanes(tmp_path):
     (road,) = Route.straight(length=1000.0).road_map.content.roads
     (section,) = road.sections
     lanes = tuple(replace(lane, speeds=()) for lane in section.lanes)
@@ -228,12 +219,12 @@ def test_a_limit_that_changes_along_a_road_holds_from_there_on(tmp_path):
     path = write(OpenDriveMap(roads=(changed,)), tmp_path / "map.xodr")
     network = MapNetwork.of(RoadMap.from_opendrive(path))
     limits = {(lane.begin < 395.0, lane.speed) for lane in driving(network) if not lane.internal}
-    # SUMO needs a limit: 70 m/s is none.
+    # SUMO needs a limit: 70 m/s stands for no limit.
     assert limits == {(True, 70.0), (False, 20.0)}
     assert network.place("1", -1, 405.0).sumo_lane != network.place("1", -1, 390.0).sumo_lane
 
 
-def test_a_lane_that_closes_is_nobody_s_once_it_is_narrow(merge):
+def test_a_closing_lane_is_closed_to_traffic_where_it_is_narrow(merge):
     closing = [lane for lane in merge.lanes.values() if lane.road == "2" and lane.lane == -4]
     for lane in closing:
         surface = merge.surface(lane.id, 1.0)
@@ -258,7 +249,7 @@ def test_a_lane_that_closes_is_nobody_s_once_it_is_narrow(merge):
         (lambda n: n.path(n.place("10", -1, 5.0), "-1"), "no edge of its own"),
     ],
 )
-def test_a_wrong_question_gives_one_clear_error(merge, call, message):
+def test_a_wrong_query_gives_one_clear_error(merge, call, message):
     with pytest.raises(InputError, match=message):
         call(merge)
 
@@ -270,16 +261,14 @@ def test_a_net_of_another_map_is_refused(merge, highway):
         MapNetwork(highway.road_map, NetFile.read(merge.road_map.path))
 
 
-def test_a_road_made_in_memory_has_a_network_too(straight):
+def test_a_road_made_in_memory_has_a_network(straight):
     network = MapNetwork.of(straight.road_map)
     place = network.locate(1000.0, 0.0)
     assert (place.road, place.lane, place.edge) == ("1", -3, "-1")
     assert MapNetwork.of(Route.straight(length=4000.0).road_map).net.path == network.net.path
 
 
-def test_a_changed_map_gets_another_net_and_a_map_changed_since_is_refused(tmp_path):
-    from iits_mj.road.writer import to_xml
-
+def test_a_changed_map_file_is_refused_until_it_is_read_again(tmp_path):
     path = tmp_path / "map.xodr"
     first = write_merge_map(path)
     net = MapNetwork.of(first).net

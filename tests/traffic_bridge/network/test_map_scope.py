@@ -5,15 +5,12 @@ import numpy as np
 import pytest
 
 from iits_mj.core.errors import InputError
-from iits_mj.road import RoadMap
-from tests.paths import ROOT
+from tests.traffic_bridge.esmini_maps import MAPS, esmini
 from tests.traffic_bridge.merge_map import LIMIT, write_merge_map
 from tests.traffic_bridge.scripted_truck import ego_at, ego_box, overlap, vehicle_box
 from traffic_bridge import InterSim, MapNetwork, PureSim, TrafficConfig
 from traffic_bridge.session import load_libsumo
 
-XODR = ROOT / "../shared/data/xodr"
-MAPS = ("e6mini", "curves_elevation", "crest-curve", "velodrome", "fabriksgatan_traffic_lights")
 STEP = 0.1
 
 
@@ -22,19 +19,12 @@ def merge(tmp_path_factory):
     return write_merge_map(tmp_path_factory.mktemp("maps") / "merge.xodr")
 
 
-def foreign(name):
-    path = XODR / f"esmini_{name}.xodr"
-    if not path.is_file():
-        pytest.skip(f"{path.name} is not here")
-    return RoadMap.from_opendrive(path)
-
-
 def config(**more):
     return TrafficConfig(density=0.08, scope="map", **more)
 
 
 class Watch:
-    """Follows every vehicle: nobody collides, jumps, leaves the road or its surface."""
+    """Asserts that no vehicle collides, jumps, or leaves the road or its surface."""
 
     def __init__(self, road_map):
         self._network = MapNetwork.of(road_map)
@@ -51,7 +41,7 @@ class Watch:
         step = np.array([frame.values[i, :3] - self._place[self._before[name]]
                          for i, name in zip(k, both, strict=True)]).reshape(-1, 3)  # fmt: skip
         moved = np.hypot(step[:, 0], step[:, 1])
-        # SUMO moves by the new speed; a box turns about its middle, lanes are not exact.
+        # SUMO moves by the new speed, boxes turn about their centers, and lanes are not exact.
         assert np.all(np.abs(moved - STEP * frame.column("speed")[k]) < 0.2)
         assert np.all(np.abs(step[:, 2]) <= 0.2 * moved + 0.01)
         self._before, self._place = now, frame.values[:, :3]
@@ -63,7 +53,7 @@ class Watch:
 
 
 def drive(road_map, seconds, settings, seed=1, speed=8.0):
-    """InterSim with a truck that follows its route; returns who was where."""
+    """Runs InterSim with a truck that follows its route; returns the places of all vehicles."""
     route = road_map.route()
     watch = Watch(road_map)
     station = min(60.0, 0.3 * route.length)
@@ -80,32 +70,32 @@ def drive(road_map, seconds, settings, seed=1, speed=8.0):
 
 
 def road_order(places):
-    """Roads in the order in which a vehicle was on them."""
+    """Roads of a vehicle in the order of its drive."""
     roads = [place.road for place in places]
     return tuple(road for k, road in enumerate(roads) if k == 0 or road != roads[k - 1])
 
 
 @pytest.mark.parametrize("name", MAPS)
 def test_traffic_of_a_whole_map_stays_on_its_roads(name):
-    assert drive(foreign(name), 15.0, config()).seen
+    assert drive(esmini(name), 15.0, config()).seen
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("model", ["lc2013", "mobil"])
 @pytest.mark.parametrize("name", MAPS)
 def test_traffic_of_a_whole_map_stays_on_its_roads_for_two_minutes(name, model):
-    assert drive(foreign(name), 120.0, config(lane_change=model)).seen
+    assert drive(esmini(name), 120.0, config(lane_change=model)).seen
 
 
-def nobody_touches(frame):
-    """No two boxes overlap."""
+def assert_no_overlap(frame):
+    """No two vehicles of a frame overlap."""
     for a, b in itertools.combinations(frame, 2):
         if math.dist((a.x, a.y), (b.x, b.y)) < 0.5 * (a.length + b.length) + 1.0:
             assert not overlap(vehicle_box(a), vehicle_box(b)), (a, b)
 
 
 def watch_all(road_map, seconds, settings, seed=1, touch=False):
-    """PureSim without a truck; returns who was where. `touch`: boxes are checked, too."""
+    """Runs PureSim and returns the places of all vehicles; `touch` also checks for overlaps."""
     watch = Watch(road_map)
     with PureSim(road_map.route(), settings, seed=seed) as traffic:
         watch.look(traffic.reset(), True)
@@ -113,7 +103,7 @@ def watch_all(road_map, seconds, settings, seed=1, touch=False):
             frame = traffic.step()
             watch.look(frame, k % 20 == 0)
             if touch and k % 3 == 0:
-                nobody_touches(frame)
+                assert_no_overlap(frame)
     return watch
 
 
@@ -124,16 +114,16 @@ def test_traffic_of_the_ramp_merges_before_its_lane_ends(merge, model):
     merged = 0
     for places in seen.values():
         on_lane = [place for place in places if place.road == "2" and place.lane == -4]
-        # Nobody drives where the lane is too narrow.
+        # No vehicle drives where the lane is too narrow.
         assert all(place.station < 310.0 for place in on_lane)
         merged += places[0].road == "5" and places[-1].station > 360.0 and places[-1].road == "2"
     assert merged >= 3
 
 
 def test_traffic_turns_at_a_junction_in_every_direction():
-    town = foreign("fabriksgatan_traffic_lights")
+    town = esmini("fabriksgatan_traffic_lights")
     ways = set()
-    # Cars only: the box of a lorry is wider in this junction's bends than its lanes are apart.
+    # Cars only: in the bends of this junction a truck is wider than its lane.
     seen = watch_all(town, 100.0, config(mix={"car": 1.0}), touch=True).seen
     for places in seen.values():
         arms = [road for road in road_order(places) if int(road) < 4]
@@ -144,8 +134,8 @@ def test_traffic_turns_at_a_junction_in_every_direction():
     assert {start for start, _ in ways} == {"0", "1", "2", "3"}
 
 
-def test_nobody_drives_through_a_truck_that_stands_in_a_junction():
-    town = foreign("fabriksgatan_traffic_lights")
+def test_traffic_does_not_touch_a_truck_stopped_in_a_junction():
+    town = esmini("fabriksgatan_traffic_lights")
     route = town.route()
     station, speed = 70.0, 8.0
     with InterSim(route, config(mix={"car": 1.0}), seed=1) as traffic:
@@ -164,7 +154,7 @@ def test_nobody_drives_through_a_truck_that_stands_in_a_junction():
     assert waiting >= 2
 
 
-def test_flow_along_the_route_does_not_hang_on_the_scope(merge):
+def test_flow_along_the_route_does_not_depend_on_the_scope(merge):
     def along(scope):
         settings = TrafficConfig(density=0.05, scope=scope)
         with PureSim(merge.route(), settings, seed=2) as traffic:
@@ -173,7 +163,7 @@ def test_flow_along_the_route_does_not_hang_on_the_scope(merge):
     assert along("map") == along("route") != []
 
 
-def test_rare_vehicles_begin_on_every_road_and_keep_its_limit(merge):
+def test_vehicles_begin_on_every_road_and_keep_its_limit(merge):
     with PureSim(merge.route(), TrafficConfig(density=0.3, scope="map", speed_limit=30.0)) as sim:
         network = MapNetwork.of(merge)
         limits = {"1": LIMIT, "2": LIMIT, "10": LIMIT, "5": 16.0, "11": 20.5}
@@ -203,7 +193,7 @@ def test_an_unknown_scope_is_refused():
         TrafficConfig(scope="everywhere")
 
 
-def test_stored_configurations_of_the_first_version_are_read():
+def test_stored_configurations_of_version_0_1_are_read():
     stored = TrafficConfig().as_dict()
     del stored["scope"]
     assert TrafficConfig.from_dict(stored | {"oncoming": True}).scope == "both"

@@ -7,28 +7,20 @@ import pytest
 
 from iits_mj.core.errors import Error, MapError, TrafficError
 from iits_mj.road import RoadMap, Route
-from iits_mj.road.writer import to_xml
-from tests.paths import ROOT
+from iits_mj.road.writer import to_xml, write
+from tests.traffic_bridge.esmini_maps import MAPS, esmini
+from tests.traffic_bridge.merge_map import merge_map, two_way_road
 from traffic_bridge import MapNetwork, PureSim, TrafficConfig, build_network, cache_dir
 from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.session import Session, load_libsumo
 
-XODR = ROOT / "../shared/data/xodr"
 LOCATION = "<location netOffset='0,0' convBoundary='0,0,9,9' origBoundary='0,0,9,9'/>"
 LANE = "<edge id='a' from='x' to='y'><lane id='a_0' length='9' speed='9' shape='0,0 9,0'/></edge>"
-MAPS = ("e6mini", "curves_elevation", "crest-curve", "velodrome", "fabriksgatan_traffic_lights")
-
-
-def esmini(name):
-    path = XODR / f"esmini_{name}.xodr"
-    if not path.is_file():
-        pytest.skip(f"{path.name} is not here")
-    return path
 
 
 @pytest.mark.parametrize("name", MAPS)
 def test_lanes_of_a_foreign_map_lie_on_the_route(name):
-    route = RoadMap.from_opendrive(esmini(name)).route()
+    route = esmini(name).route()
     network = build_network(route)
     session = Session(network.path)
     try:
@@ -41,7 +33,6 @@ def test_lanes_of_a_foreign_map_lie_on_the_route(name):
                 station = float(table.station[middle])
                 center = route.lane_offset(table.lane, station)
                 assert abs(table.offset[middle] - center) < 0.05
-                # Back and forth between SUMO's position and the station.
                 assert abs(table.position_of(station) - middle * table.spacing) < 1e-6
                 reached = max(reached, float(table.station[-1]))
         assert reached > route.length - 1.0
@@ -69,7 +60,7 @@ def test_shipped_net_of_the_highway_is_used_and_covers_it(highway):
         session.close()
 
 
-def test_nets_are_made_once_and_kept_by_content(straight):
+def test_one_map_content_gives_one_cached_net(straight):
     first = build_network(straight)
     stamp = first.path.stat().st_mtime_ns
     assert first.path.is_relative_to(cache_dir())
@@ -94,7 +85,7 @@ def test_a_damaged_net_is_made_again(damage):
     assert path.read_bytes() == whole
 
 
-def test_two_processes_may_make_one_net_at_once(tmp_path):
+def test_two_processes_can_make_one_net_at_the_same_time(tmp_path):
     code = (
         "from iits_mj.road import Route; from traffic_bridge import build_network;"
         "print(build_network(Route.straight(length=2900.0)).path.read_bytes()[-80:])"
@@ -110,8 +101,8 @@ def test_two_processes_may_make_one_net_at_once(tmp_path):
     assert len(list((tmp_path / "nets").iterdir())) == 1
 
 
-def test_a_turn_is_driven_no_faster_than_its_bend_allows():
-    network = MapNetwork.of(RoadMap.from_opendrive(esmini("fabriksgatan_traffic_lights")))
+def test_limits_of_turns_follow_from_their_curvature():
+    network = MapNetwork.of(esmini("fabriksgatan_traffic_lights"))
     turns = {link.via: link.turn for link in network.connections if link.via}
     speeds = {turn: [network.lanes[via].speed for via, t in turns.items() if t == turn]
               for turn in "lrs"}  # fmt: skip
@@ -121,7 +112,7 @@ def test_a_turn_is_driven_no_faster_than_its_bend_allows():
     assert min(speeds["s"]) == pytest.approx(13.89)
 
 
-def test_an_empty_junction_means_none(tmp_path):
+def test_an_empty_junction_attribute_means_no_junction(tmp_path):
     path = tmp_path / "map.xodr"
     text = to_xml(Route.straight(length=500.0).road_map.content)
     path.write_text(text.replace('junction="-1"', 'junction=""'))
@@ -130,9 +121,13 @@ def test_an_empty_junction_means_none(tmp_path):
     assert network.roads["1"].junction == ""
 
 
-def test_a_map_that_netconvert_refuses_gives_one_error_and_leaves_no_sumo():
+def test_a_map_with_direct_junctions_gives_one_error_and_no_simulation(tmp_path):
+    path = tmp_path / "map.xodr"
+    text = to_xml(merge_map())
+    assert "<junction " in text
+    path.write_text(text.replace("<junction ", '<junction type="direct" '))
     with pytest.raises(Error) as caught:
-        PureSim(RoadMap.from_opendrive(esmini("soderleden")).route()).reset()
+        PureSim(RoadMap.from_opendrive(path).route()).reset()
     assert "direct junction" in str(caught.value)
     assert not load_libsumo().isLoaded()
 
@@ -149,7 +144,7 @@ def test_a_map_that_netconvert_refuses_gives_one_error_and_leaves_no_sumo():
         (f"<net version='1.2'>{LOCATION}{LANE}</net>", "node 'x'"),
     ],
 )
-def test_a_malformed_net_gives_one_error_and_leaves_no_sumo(tmp_path, text, expected):
+def test_a_malformed_net_gives_one_error_and_no_simulation(tmp_path, text, expected):
     net = tmp_path / "bad.net.xml"
     net.write_text(text)
     with pytest.raises(TrafficError, match=expected):
@@ -167,7 +162,7 @@ def test_a_net_of_another_map_is_refused(straight, highway):
     assert not session.is_open
 
 
-def test_a_broken_netconvert_run_says_why(straight, tmp_path):
+def test_a_failed_netconvert_run_reports_the_reason(straight, tmp_path):
     from traffic_bridge.network.nets import run_netconvert
 
     bad = tmp_path / "bad.xodr"
@@ -176,7 +171,7 @@ def test_a_broken_netconvert_run_says_why(straight, tmp_path):
         run_netconvert(["--opendrive", str(bad), "-o", str(tmp_path / "x.net.xml")], str(bad))
 
 
-def test_a_cache_folder_that_cannot_be_made_is_named(straight, monkeypatch, tmp_path):
+def test_an_unwritable_cache_folder_is_reported_with_its_variable(straight, monkeypatch, tmp_path):
     blocker = tmp_path / "file"
     blocker.write_text("")
     monkeypatch.setenv("IITS_MJ_CACHE", str(blocker / "cache"))
@@ -184,8 +179,9 @@ def test_a_cache_folder_that_cannot_be_made_is_named(straight, monkeypatch, tmp_
         build_network(straight)
 
 
-def test_oncoming_traffic_runs_on_the_opposite_lanes():
-    route = RoadMap.from_opendrive(esmini("e6mini")).route()
+def test_oncoming_traffic_runs_on_the_opposite_lanes(tmp_path):
+    path = write(two_way_road(1000.0), tmp_path / "two_way.xodr")
+    route = RoadMap.from_opendrive(path).route()
     config = TrafficConfig(density=0.1, scope="both")
     with PureSim(route, config, seed=1) as traffic:
         before = {v.id: v for v in traffic.reset()}

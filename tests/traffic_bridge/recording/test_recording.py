@@ -20,7 +20,7 @@ def recorded(straight, tmp_path_factory):
 
 
 class Invented:
-    """A traffic that costs nothing: `count` vehicles with figures that no two frames share."""
+    """Traffic without SUMO: `count` vehicles with random values, others in every frame."""
 
     mode, seed = "PureSim", 0
 
@@ -48,23 +48,23 @@ class Invented:
         pass
 
 
-def test_a_file_gives_back_every_bit(recorded, straight):
+def test_a_loaded_file_equals_the_recording_bit_for_bit(recorded, straight):
     path, frames = recorded
     loaded = Recording.load(path)
     assert len(loaded) == len(frames) == STEPS + 1
     assert all(a == b for a, b in zip(loaded.frames, frames, strict=True))
     assert loaded.frames[-1] == frames[-1]
     assert loaded.frames[2:4] == (frames[2], frames[3])
-    assert loaded.egos[7] == ego_at(straight, 0.1 * 7, 1000.0 + 0.9 * 7, 9.0, 4.0)
+    assert loaded.ego_at(7) == ego_at(straight, 0.1 * 7, 1000.0 + 0.9 * 7, 9.0, 4.0)
     assert loaded.command_at(2) == VehicleCommand(accelerator_pedal=0.5 / 3)
     assert loaded.digest() == loaded.meta["digest"]
 
 
-def test_a_long_recording_is_the_same_as_a_short_one_in_memory(straight, tmp_path):
+def test_a_recording_larger_than_a_block_keeps_every_frame(straight, tmp_path):
     traffic = Invented(straight, 40)
     with Recorder(traffic) as recorder:
         frames = [recorder.reset()]
-        # Enough rows that the greater part of them has gone to the temporary file.
+        # Enough rows that most of them are in the temporary file.
         frames += [recorder.step() for _ in range(1500)]
         assert 4 * PIECE < 40 * 1500 * 100
         path = recorder.save(tmp_path / "long")
@@ -94,19 +94,19 @@ def test_memory_does_not_grow_with_the_length_of_a_recording(straight, tmp_path)
     assert saved < 4 * PIECE + rows / 2
 
 
-def test_a_truck_that_is_not_there_is_recorded_as_none(straight, tmp_path):
+def test_a_missing_truck_is_recorded_as_none(straight, tmp_path):
     with Recorder(Invented(straight, 2)) as recorder:
         recorder.reset()
         recorder.step(EgoState(time=0.1, gear=-1, brake_pressures=(1.0, 2.0, 3.0, 4.0, 5.0)))
         loaded = Recording.load(recorder.save(tmp_path / "file"))
-    first, second = loaded.egos
+    first, second = loaded.ego_at(0), loaded.ego_at(1)
     assert first is None
     assert second is not None
     assert second.gear == -1
     assert second.brake_pressures == (1.0, 2.0, 3.0, 4.0, 5.0)
 
 
-def test_states_of_the_truck_survive_as_rows():
+def test_a_truck_state_equals_the_state_of_its_row():
     rng = np.random.default_rng(1)
     values = {f.name: float(rng.normal()) for f in dataclasses.fields(EgoState)}
     values |= {"gear": 7, "shift_in_process": True, "brake_pressures": (1.0, 2.0, 0.1, 4.0, 5.0)}
@@ -123,7 +123,7 @@ def test_commands_that_are_not_finite_are_refused(straight):
     recorder.note_command(0.0, VehicleCommand(xbr_demand=-1.0, xbr_mode=XbrMode.MAXIMUM))
 
 
-def test_a_name_that_comes_again_in_another_size_keeps_each_frames_size():
+def test_a_name_with_two_sizes_keeps_the_size_of_each_frame():
     frames = [[TrackedVehicle("a", length=4.0)], [TrackedVehicle("a", length=5.0)]]
     made = Recording.of_frames({}, np.array([0.0, 0.1]), frames)
     assert [frame[0].length for frame in made.frames] == [4.0, 5.0]
@@ -224,7 +224,7 @@ def _rewritten(path, target, change):
         (lambda a: a.__setitem__("meta", np.array("[1]")), "schema None"),
         (
             lambda a: a.__setitem__("meta", np.array('{"schema": 3}')),
-            "schema 3, this reads 1 and 2",
+            "schema 3: this version reads 1 and 2",
         ),
         (lambda a: a.__setitem__("meta", np.array("{")), "meta is not JSON"),
     ],
@@ -245,7 +245,7 @@ def test_a_file_that_cannot_be_written_leaves_nothing(recorded, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["folder.npz"]
 
 
-def test_an_interrupt_while_a_frame_is_noted_leaves_that_frame_out(straight, tmp_path):
+def test_an_interrupted_frame_is_left_out(straight, tmp_path):
     for owner, method in ((PoseDigest, "add"), (SpillTable, "append")):
         traffic = Invented(straight, 3)
         with Recorder(traffic) as recorder:
@@ -263,7 +263,7 @@ def interrupt(*_):
     raise KeyboardInterrupt
 
 
-def test_a_recording_without_frames_is_told(straight, tmp_path):
+def test_a_recording_without_frames_is_refused(straight, tmp_path):
     recorder = Recorder(Invented(straight, 3))
     path = recorder.save(tmp_path / "empty")
     for use in (RepSim, ReSim):
@@ -271,7 +271,7 @@ def test_a_recording_without_frames_is_told(straight, tmp_path):
             use(straight, path)
 
 
-def test_spilled_rows_come_back_in_order():
+def test_rows_in_the_temporary_file_keep_their_order():
     table = SpillTable(np.dtype([("a", "i8"), ("b", "f8", (3,))]))
     for k in range(0, 200_000, 1000):
         rows = table.room(1000)

@@ -44,7 +44,7 @@ def touching(vehicles, low, high):
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_drivers_merge_before_a_closure_and_flow_past_it(model, road):
+def test_drivers_merge_before_a_closure_and_pass_it(model, road):
     closure = LaneClosure(lane=0, start=900.0, end=1000.0, at_time=2.0)
     config = TrafficConfig(density=0.15, lane_change=model, events=(closure,))
     before, passed, driving_in = set(), set(), 0
@@ -68,7 +68,7 @@ def test_drivers_merge_before_a_closure_and_flow_past_it(model, road):
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_others_go_around_a_stopped_vehicle_which_drives_on_in_the_end(model, road):
+def test_traffic_passes_a_stopped_vehicle_which_drives_on_at_the_end(model, road):
     event = StoppedVehicle(station=900.0, lane=1, type="articulated", at_time=1.0, until=50.0)
     config = TrafficConfig(density=0.1, lane_change=model, events=(event,))
     passed = set()
@@ -89,8 +89,8 @@ def test_others_go_around_a_stopped_vehicle_which_drives_on_in_the_end(model, ro
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_who_waits_before_a_closure_is_let_in_by_a_dense_flow(model):
-    # More than one lane can take: without courtesy the closed lane waits for minutes.
+def test_dense_traffic_lets_waiting_vehicles_in_before_a_closure(model):
+    # More than the capacity of one lane: without zipper merges the closed lane waits for minutes.
     config = TrafficConfig(
         density=0.3, lane_change=model, events=(LaneClosure(lane=0, start=500.0, end=560.0),)
     )
@@ -106,7 +106,7 @@ def test_who_waits_before_a_closure_is_let_in_by_a_dense_flow(model):
     assert len(let_in) >= 3
 
 
-def test_on_a_single_lane_they_queue_behind_a_stopped_vehicle_and_go_on_after_it():
+def test_on_a_single_lane_traffic_queues_until_the_stopped_vehicle_drives_on():
     config = TrafficConfig(
         density=0.2, events=(StoppedVehicle(station=500.0, at_time=0.0, until=60.0),)
     )
@@ -128,7 +128,7 @@ def test_a_convoy_keeps_speed_and_lane_until_it_is_released(road):
         traffic.reset()
         for step in range(390):
             vehicles = traffic.step()
-            # A change of their class is not meant for vehicles that an event drives.
+            # A change of their type does not apply to the vehicles of an event.
             if step == 200:
                 traffic.vehicles.change("truck", desired_speed=14.0)
         slow = [v for v in vehicles if v.id.startswith("convoy")]
@@ -142,20 +142,20 @@ def test_a_convoy_keeps_speed_and_lane_until_it_is_released(road):
         assert vehicles.find("convoy.0.00").speed > 9.0
 
 
-def test_an_event_at_a_station_begins_once_when_the_truck_is_there(road):
+def test_an_event_at_a_station_begins_once_when_the_truck_reaches_it(road):
     event = SpeedLimit(limit=5.0, at_station=300.0, duration=3.0)
     limits = []
     with InterSim(road, TrafficConfig(density="empty", events=(event,))) as traffic:
         traffic.reset(ego_at(road, 0.0, 250.0, 20.0, 2.0))
         for step in range(100):
-            # Forth and back over the station: it does not begin a second time.
+            # Forward and back over the station: the event does not begin a second time.
             station = 250.0 + 2.0 * step if step < 60 else 370.0 - 4.0 * (step - 60)
             traffic.step(ego_at(road, 0.1 * step, station, 20.0, 2.0))
             limits.append(traffic.signals.speed_limit(1000.0))
     assert [round(limit) for limit in limits] == [25] * 25 + [5] * 30 + [25] * 45
 
 
-def test_nothing_appears_where_the_truck_is_or_could_not_stop(road):
+def test_no_vehicle_appears_where_the_truck_is_or_could_not_stop(road):
     stopped = StoppedVehicle(station=310.0)
     first = None
     with InterSim(road, TrafficConfig(density="empty", events=(stopped,))) as traffic:
@@ -169,7 +169,7 @@ def test_nothing_appears_where_the_truck_is_or_could_not_stop(road):
     assert 310.0 < rear < 320.0
 
 
-def test_departures_come_at_their_time_with_their_type_lane_and_speed(road):
+def test_departures_enter_at_their_time_with_their_type_lane_and_speed(road):
     departures = (
         Departure(time=5.0, type="truck", lane=1, speed=9.0),
         Departure(time=2.0, type="van", lane=0, station=300.0, speed=12.0),
@@ -189,7 +189,7 @@ def test_departures_come_at_their_time_with_their_type_lane_and_speed(road):
     assert (van.speed, truck.speed) == pytest.approx((12.0, 9.0), abs=0.01)
 
 
-def test_a_class_changed_by_an_event_is_put_back_when_it_ends(road):
+def test_a_type_changed_by_an_event_is_restored_at_its_end(road):
     event = VehicleChange(
         target="car", parameters={"time_headway": 4.0, "desired_speed": 6.0}, until=20.0
     )
@@ -205,11 +205,11 @@ def test_a_class_changed_by_an_event_is_put_back_when_it_ends(road):
             found = traffic.vehicles.in_force(name)
             assert found["time_headway"] == pytest.approx(1.5)
             assert found["desired_speed"] > 6.1
-        # Desired speeds differ again: each has its own, not one of the class.
+        # Each vehicle has its own desired speed again, not that of the type.
         assert len({traffic.vehicles.desired_speed(name) for name in cars}) > 5
 
 
-def test_overlapping_changes_by_events_leave_every_vehicle_as_it_was(road):
+def test_overlapping_changes_by_events_restore_every_vehicle(road):
     events = (
         VehicleChange(target="car", parameters={"time_headway": 2.0}, at_time=1.0, until=3.0),
         VehicleChange(target="car", parameters={"time_headway": 4.0}, at_time=2.0, until=4.0),
@@ -224,7 +224,7 @@ def test_overlapping_changes_by_events_leave_every_vehicle_as_it_was(road):
                 each = {traffic.vehicles.in_force(car.id)["time_headway"] for car in cars}
                 one = traffic.vehicles.in_force("car.00003")["time_headway"]
                 found.append((*each, one))
-    # Half a second each: the value of all others, then that of the single one.
+    # Every half second: the value of all other cars, then that of the single one.
     assert found == [
         *2 * [(1.5, 1.5)],
         *2 * [(2.0, 2.0)],
@@ -235,7 +235,7 @@ def test_overlapping_changes_by_events_leave_every_vehicle_as_it_was(road):
     ]
 
 
-def test_an_event_waits_for_its_vehicle_and_ends_quietly_when_it_never_comes(road):
+def test_an_event_waits_for_its_vehicle_and_ends_without_error_if_it_never_appears(road):
     events = tuple(
         VehicleChange(target=target, parameters={"color": (1.0, 0.0, 0.0)}, **when)
         for target, when in (
@@ -424,7 +424,7 @@ def test_a_missing_file_of_events_is_named(tmp_path):
         read_events(tmp_path / "none.toml")
 
 
-def test_events_are_not_changed_by_who_reads_them():
+def test_events_are_immutable():
     event = SpeedLimit(limit=9.0)
     with pytest.raises(dataclasses.FrozenInstanceError):
         event.limit = 3.0

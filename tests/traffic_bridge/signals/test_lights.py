@@ -2,18 +2,16 @@ import pytest
 
 from iits_mj.core.errors import InputError, TrafficError
 from iits_mj.road import RoadMap
-from tests.paths import ROOT
+from tests.paths import outside
 from traffic_bridge import LightOverride, LightPhase, LightProgramRun, PureSim, TrafficConfig
 
-MAP = ROOT / "../shared/data/xodr/esmini_fabriksgatan_traffic_lights.xodr"
 STOP_LINE = 114.25  # [m], where the road of the map ends before its junction
 
 
 @pytest.fixture(scope="module")
 def junction():
-    if not MAP.is_file():
-        pytest.skip(f"{MAP.name} is not here")
-    return RoadMap.from_opendrive(MAP).route()
+    path = outside("xodr/esmini_fabriksgatan_traffic_lights.xodr")
+    return RoadMap.from_opendrive(path).route()
 
 
 @pytest.fixture
@@ -28,14 +26,14 @@ def run(traffic, seconds):
         traffic.step()
 
 
-def test_the_light_ahead_is_told_with_its_stop_line_and_the_time_to_its_change(traffic):
+def test_the_light_ahead_has_its_stop_line_and_the_time_to_its_change(traffic):
     signals = traffic.signals
     (light,) = signals.lights()
     ahead = signals.light_ahead(20.0)
     assert (ahead.name, ahead.letter, ahead.is_open) == (light, "r", False)
     assert ahead.station == pytest.approx(STOP_LINE, abs=0.5)
     assert signals.state(light)[ahead.link] == "r"
-    # The change comes when it was foretold, to the letter that was foretold.
+    # The change has the predicted time and letter.
     run(traffic, ahead.next_switch - 0.2)
     assert signals.light_ahead(20.0).letter == "r"
     run(traffic, 0.3)
@@ -45,7 +43,7 @@ def test_the_light_ahead_is_told_with_its_stop_line_and_the_time_to_its_change(t
     assert signals.light_ahead(STOP_LINE + 1.0) is None
 
 
-def test_a_program_of_ones_own_runs_through_its_phases(traffic):
+def test_a_new_program_runs_through_its_phases(traffic):
     signals = traffic.signals
     (light,) = signals.lights()
     links = len(signals.state(light))
@@ -65,7 +63,7 @@ def test_a_program_of_ones_own_runs_through_its_phases(traffic):
     assert signals.phases(light) == signals.phases(light, former[0])
 
 
-def test_a_phase_can_be_chosen_and_stretched(traffic):
+def test_a_phase_can_be_selected_and_extended(traffic):
     signals = traffic.signals
     (light,) = signals.lights()
     signals.traffic_lights.set_phase(light, 2, duration=7.0)
@@ -77,7 +75,7 @@ def test_a_phase_can_be_chosen_and_stretched(traffic):
     assert signals.phase(light) == 3
 
 
-def test_nobody_foretells_a_light_that_is_set_by_hand(traffic):
+def test_a_light_set_by_hand_has_no_predicted_change(traffic):
     signals = traffic.signals
     (light,) = signals.lights()
     signals.set_state(light, "G")
@@ -90,7 +88,7 @@ def test_nobody_foretells_a_light_that_is_set_by_hand(traffic):
     assert signals.light_ahead(0.0).letter == "G"
 
 
-def test_lights_follow_events_and_go_back_to_their_program(junction):
+def test_lights_follow_events_and_return_to_their_program(junction):
     red = LightOverride(light="4", state="r", at_time=2.0, until=5.0)
     mine = LightProgramRun(
         light="4", program="short", phases=((1.0, "G" * 12), (1.0, "y" * 12)), at_time=7.0
@@ -129,7 +127,7 @@ def test_vehicles_stop_before_the_stop_line_of_a_red_light(junction):
         (LightProgramRun(light="4", program="night"), "program 'night' of traffic light '4'"),
     ],
 )
-def test_events_of_lights_that_are_not_there_are_refused(junction, event, text):
+def test_events_of_missing_lights_are_refused(junction, event, text):
     with (
         PureSim(junction, TrafficConfig(density="empty", events=(event,))) as traffic,
         pytest.raises(InputError, match=text),
@@ -194,7 +192,7 @@ def test_a_light_set_by_hand_stays_when_an_event_before_it_ends(traffic):
     assert lights.state("4") == "G" * 12
 
 
-def test_the_phases_of_a_light_are_read_and_set_and_go_on_in_their_order(traffic):
+def test_a_selected_phase_is_followed_by_the_next_one(traffic):
     signals = traffic.signals
     phases = signals.phases("4")
     for number, phase in enumerate(phases):
@@ -208,12 +206,12 @@ def test_the_phases_of_a_light_are_read_and_set_and_go_on_in_their_order(traffic
 
 
 @pytest.mark.parametrize("lane", ["a", 0.5, -1, True])
-def test_a_light_ahead_is_asked_for_by_a_lane_that_can_be(traffic, lane):
+def test_light_ahead_refuses_an_impossible_lane(traffic, lane):
     with pytest.raises(InputError, match="must be a whole number from 0"):
         traffic.signals.light_ahead(0.0, lane=lane)
 
 
-def test_lights_of_an_ended_run_are_neither_read_nor_set(junction):
+def test_lights_of_an_ended_run_can_be_neither_read_nor_set(junction):
     with PureSim(junction, TrafficConfig(density="empty")) as traffic:
         traffic.reset()
         signals = traffic.signals

@@ -36,14 +36,14 @@ def test_a_limit_inside_a_sumo_lane_holds_from_its_station_to_its_end(model, roa
                 if front > end + 150.0:
                     past.append(speed)
             before = dict(zip(frame.ids, fronts, strict=True))
-    # They come at the limit, not below it, having braked as drivers do; then they go on.
+    # Vehicles reach the sign at the limit with moderate braking, and accelerate after the end.
     assert len(at_start) > 5
     assert max(at_start) == pytest.approx(8.0, abs=0.01)
     assert hardest > -4.0
     assert max(past) > 11.0
 
 
-def test_a_limit_that_comes_into_force_slows_those_on_it_as_drivers_brake(road):
+def test_a_new_limit_slows_the_vehicles_on_its_stretch_with_comfortable_braking(road):
     with PureSim(road, TrafficConfig(density=0.1), seed=2) as traffic:
         traffic.reset()
         for _ in range(50):
@@ -56,11 +56,11 @@ def test_a_limit_that_comes_into_force_slows_those_on_it_as_drivers_brake(road):
         inside = (frame.column("station") > 510.0) & (frame.column("station") < 1490.0)
         assert inside.sum() > 10
         assert frame.column("speed")[inside].max() < 6.0 + 1e-6
-    # Three quarters of the comfortable 2 m/s2, and what following another one asks for.
+    # Three quarters of the comfortable 2 m/s2, and more behind another braking vehicle.
     assert -2.5 < hardest < -1.4
 
 
-def test_a_limit_on_one_lane_leaves_the_others_alone_and_the_later_one_holds(road):
+def test_a_limit_on_one_lane_does_not_affect_the_others_and_the_later_limit_holds(road):
     with PureSim(road, TrafficConfig(density=0.1), seed=1) as traffic:
         traffic.reset()
         signals = traffic.signals
@@ -95,7 +95,7 @@ def test_a_limit_above_the_maps_lets_vehicles_drive_faster():
         assert max(v.speed for v in vehicles if v.station > 800.0) > 12.0
 
 
-def test_a_vehicle_keeps_its_desire_under_a_limit(road):
+def test_a_vehicle_keeps_its_desired_speed_under_a_limit(road):
     with PureSim(road, TrafficConfig(density=0.05), seed=1) as traffic:
         traffic.reset()
         number = traffic.signals.set_speed_limit(5.0, 100.5, 1899.5)

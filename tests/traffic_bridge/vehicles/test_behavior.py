@@ -1,4 +1,4 @@
-"""What the traffic does around the truck, with both lane-change models."""
+"""Behavior of the traffic around the truck, with both lane-change models."""
 
 import math
 import os
@@ -7,13 +7,13 @@ import sys
 
 import pytest
 
-from iits_mj.road import RoadMap, Route
+from iits_mj.road import Route
 from tests.paths import ROOT
 from tests.traffic_bridge.articulated_truck import ArticulatedTruck
+from tests.traffic_bridge.esmini_maps import esmini
 from tests.traffic_bridge.scripted_truck import overlap, vehicle_box
 from traffic_bridge import InterSim, PureSim, TrafficConfig
 
-LIGHTS = ROOT / "../shared/data/xodr/esmini_fabriksgatan_traffic_lights.xodr"
 MODELS = ("lc2013", "mobil")
 both_models = pytest.mark.parametrize("lane_change", MODELS)
 
@@ -49,7 +49,7 @@ def overlapping(vehicles):
 
 
 def braking(deceleration):
-    """A plan: to brake after 4 s until standing."""
+    """A plan that brakes to a standstill from 4 s on."""
     return lambda truck, _: -deceleration if truck.time > 4.0 else 0.0
 
 
@@ -62,7 +62,7 @@ def rear(truck):
 
 
 def may_enter(truck, offset, vehicles):
-    """Whether the lane at an offset has room for the truck for the time of its change."""
+    """Whether the lane at an offset has room for the truck during its lane change."""
     for v in vehicles:
         if abs(v.offset - offset) > 3.0:
             continue
@@ -76,7 +76,7 @@ def may_enter(truck, offset, vehicles):
 
 
 def keep_distance(truck, vehicles, desired=8.0):
-    """Acceleration of a truck that drives no faster than those ahead of it allow."""
+    """Acceleration of a truck that keeps its distance to vehicles ahead."""
     wanted = min(0.5, desired - truck.speed)
     for v in vehicles:
         gap = v.station - 0.5 * v.length - (truck.station + 1.4)
@@ -88,7 +88,7 @@ def keep_distance(truck, vehicles, desired=8.0):
 
 
 class LaneChanges:
-    """Goes to and fro between the lanes when there is room, fast and slowly by turns."""
+    """A plan that changes lanes repeatedly when there is room, fast and slowly in turn."""
 
     def __init__(self, lane, durations=(4.0, 10.0)):
         self.lane, self.durations, self.begun, self.next = lane, durations, 0, 4.0
@@ -130,16 +130,16 @@ def test_followers_stop_behind_a_truck_that_brakes_as_hard_as_it_can(lane_change
 
 
 @both_models
-def test_the_queue_behind_a_standing_truck_goes_round_it_and_touches_nobody(lane_change):
+def test_the_queue_behind_a_stopped_truck_passes_it_without_contact(lane_change):
     route = Route.straight(length=3000.0)
-    came, passed, touched = set(), set(), []
+    behind, passed, touched = set(), set(), []
     config = crowd(lane_change, density=0.15, ahead=0.0, behind=900.0)
     truck = in_lane(route, 1, 1000.0, 12.0)
     for _, vehicles in drive(config, 1, truck, 45.0, braking(4.0)):
         for v in vehicles:
             if v.station < rear(truck) - 10.0:
-                came.add(v.id)
-            elif v.station > truck.station + 10.0 and v.id in came:
+                behind.add(v.id)
+            elif v.station > truck.station + 10.0 and v.id in behind:
                 passed.add(v.id)
             if truck.touches(v):
                 touched.append((truck.time, v))
@@ -149,9 +149,9 @@ def test_the_queue_behind_a_standing_truck_goes_round_it_and_touches_nobody(lane
 
 
 @both_models
-def test_nobody_touches_either_unit_while_the_truck_changes_lanes_to_and_fro(lane_change):
+def test_traffic_touches_neither_unit_while_the_truck_changes_lanes_repeatedly(lane_change):
     route = Route.straight(length=4000.0)
-    came, passed, touched = set(), set(), []
+    behind, passed, touched = set(), set(), []
     changes = LaneChanges(1)
     most = 0.0
     truck = in_lane(route, 1, 1000.0, 8.0)
@@ -159,8 +159,8 @@ def test_nobody_touches_either_unit_while_the_truck_changes_lanes_to_and_fro(lan
         most = max(most, abs(truck.yaw - truck.trailer_yaw))
         for v in vehicles:
             if v.station < rear(truck) - 10.0:
-                came.add(v.id)
-            elif v.station > truck.station + 10.0 and v.id in came:
+                behind.add(v.id)
+            elif v.station > truck.station + 10.0 and v.id in behind:
                 passed.add(v.id)
             if truck.touches(v):
                 touched.append((truck.time, v))
@@ -171,12 +171,12 @@ def test_nobody_touches_either_unit_while_the_truck_changes_lanes_to_and_fro(lan
 
 
 @both_models
-def test_a_truck_that_stops_half_way_into_the_next_lane_blocks_both(lane_change):
+def test_a_truck_that_stops_between_two_lanes_blocks_both(lane_change):
     route = Route.straight(length=3000.0)
-    came, passed, touched = set(), set(), []
+    behind, passed, touched = set(), set(), []
     truck = in_lane(route, 1, 1000.0, 8.0)
     config = crowd(lane_change, density=0.15, ahead=100.0, behind=700.0)
-    # It begins at once: room is left around it in the beginning.
+    # The lane change begins at once, while the initial traffic leaves room around the truck.
     truck.change_lane(0.5 * (route.lane_offset(0, 1000.0) + truck.offset), 3.0)
 
     def plan(truck, vehicles):
@@ -185,11 +185,11 @@ def test_a_truck_that_stops_half_way_into_the_next_lane_blocks_both(lane_change)
     for _, vehicles in drive(config, 5, truck, 40.0, plan):
         for v in vehicles:
             if truck.speed == 0.0 and v.station < rear(truck) - 20.0:
-                came.add(v.id)
+                behind.add(v.id)
             if truck.touches(v):
                 touched.append((truck.time, v))
-            # Beside the cab the swing out of the blocked lanes is over.
-            if v.id in came and abs(v.station - truck.station) < 2.0:
+            # Beside the cab a passing vehicle has left the blocked lanes.
+            if v.id in behind and abs(v.station - truck.station) < 2.0:
                 assert v.lane == 2, v
                 passed.add(v.id)
     assert truck.trailer_yaw != 0.0
@@ -200,7 +200,7 @@ def test_a_truck_that_stops_half_way_into_the_next_lane_blocks_both(lane_change)
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(10))
 @both_models
-def test_five_minutes_of_dense_traffic_never_touch_the_truck_nor_each_other(lane_change, seed):
+def test_five_minutes_of_dense_traffic_without_contact(lane_change, seed):
     route = Route.straight(length=6000.0)
     touched, known = [], set()
     changes = LaneChanges(1)
@@ -215,10 +215,8 @@ def test_five_minutes_of_dense_traffic_never_touch_the_truck_nor_each_other(lane
 
 
 @both_models
-def test_nobody_crosses_the_stop_line_of_a_red_light_and_the_queue_goes_at_green(lane_change):
-    if not LIGHTS.is_file():
-        pytest.skip(f"{LIGHTS.name} is not here")
-    route = RoadMap.from_opendrive(LIGHTS).route()
+def test_traffic_stops_at_a_red_light_and_the_queue_starts_at_green(lane_change):
+    route = esmini("fabriksgatan_traffic_lights").route()
     config = TrafficConfig(density=0.2, lane_change=lane_change, speed_limit=10.0)
     with PureSim(route, config, seed=1) as traffic:
         vehicles = traffic.reset()
@@ -267,7 +265,7 @@ for model in ("lc2013", "mobil"):
 """
 
 
-def test_poses_are_identical_in_other_processes_whatever_the_hash_seed():
+def test_poses_are_identical_in_processes_with_different_hash_seeds():
     code = DIGEST.format(folder=str(ROOT))
     outputs = []
     for hash_seed in ("0", "4711"):

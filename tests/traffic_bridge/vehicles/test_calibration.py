@@ -41,7 +41,7 @@ def _pair(parameters, seed=0, steps=400):
     return dataclasses.replace(raw, station=station, speed=speeds[:, 0, 0])
 
 
-def test_nobody_accelerates_at_the_equilibrium_gap():
+def test_acceleration_is_zero_at_the_equilibrium_gap():
     speed = np.array([0.0, 5.0, 12.0, 24.0])
     gap = equilibrium_gap(DRIVER.as_array(), speed)
     assert acceleration(DRIVER.as_array(), gap, speed, speed) == pytest.approx(0.0, abs=1e-12)
@@ -66,14 +66,14 @@ def test_slopes_are_the_derivatives_of_the_acceleration():
         assert (up - down) / (2 * h) == pytest.approx(found, rel=1e-6)
 
 
-def test_slow_oscillations_pass_whole_and_lazy_drivers_amplify():
+def test_slow_oscillations_pass_unchanged_and_sluggish_drivers_amplify_faster_ones():
     lazy = dataclasses.replace(DRIVER, acceleration=0.3, time_headway=0.8)
     frequency = np.array([1e-4, 0.02, 0.05])
     assert gain(DRIVER, 10.0, frequency)[0] == pytest.approx(1.0, abs=1e-3)
     assert gain(lazy, 10.0, frequency).max() > 1.05
 
 
-def test_a_follower_in_sumo_is_the_one_that_calibration_simulates():
+def test_a_follower_in_sumo_moves_as_the_calibration_simulates_it():
     kind = dataclasses.replace(
         default_types()[0],
         time_headway=DRIVER.time_headway,
@@ -126,7 +126,7 @@ def test_calibration_finds_the_driver_that_made_the_pairs():
     )
 
 
-def test_own_headways_are_told_apart():
+def test_headways_of_single_drivers_are_identified():
     pairs = [
         _pair(dataclasses.replace(DRIVER, time_headway=t), i) for i, t in enumerate((0.7, 1.2, 1.9))
     ]
@@ -145,7 +145,7 @@ def test_measures_weigh_small_gaps_differently():
     assert errors["relative"] == pytest.approx(np.sqrt(np.mean((expected / pair.gap) ** 2)))
 
 
-def test_trimmed_pairs_lose_their_ends_and_short_ones_go():
+def test_trimmed_pairs_lose_their_ends_and_short_pairs_are_omitted():
     pair = _pair(DRIVER, steps=301)
     (kept,) = trimmed([pair])
     assert (kept.time[0], kept.time[-1]) == pytest.approx((5.0, 27.0))
@@ -172,7 +172,7 @@ def test_wrong_input_is_one_clear_error(call, message):
         call()
 
 
-def test_calibrated_types_change_the_car_alone():
+def test_calibrated_types_differ_from_the_default_types_only_in_the_car():
     for ours, default in zip(calibrated_types(), default_types(), strict=True):
         assert (ours == default) == (ours.name != "car")
     assert TrafficConfig(types=calibrated_types()).types[0].time_headway == 1.09

@@ -1,4 +1,4 @@
-"""Lane changes of both models in running simulations; MOBIL's equations: test_traffic_mobil."""
+"""Lane changes of both models in running simulations; `test_mobil` tests MOBIL's equations."""
 
 import dataclasses
 
@@ -49,7 +49,7 @@ def changes_and_braking(politeness):
     return changes, sum(hardest) / len(hardest)
 
 
-def test_polite_drivers_change_less_and_make_others_brake_less():
+def test_polite_drivers_change_lanes_less_and_make_followers_brake_less():
     selfish, polite = changes_and_braking(0.0), changes_and_braking(1.0)
     assert polite[0] < 0.5 * selfish[0]
     assert polite[1] < 0.5 * selfish[1]
@@ -74,8 +74,8 @@ def test_keep_right_traffic_uses_the_right_lane_more_than_symmetric_traffic():
     assert shares[1] > shares[0] + 0.1
 
 
-def test_mobil_counts_with_the_accelerations_by_which_sumo_drives(highway):
-    # In bends and over the ends of edges, too.
+def test_accelerations_in_mobil_agree_with_those_in_sumo(highway):
+    # Also in bends and across the ends of edges.
     config = TrafficConfig(
         density=0.3, lane_change="mobil", fill_ahead=2000.0, lane_change_duration=0.0
     )
@@ -100,7 +100,7 @@ def test_mobil_counts_with_the_accelerations_by_which_sumo_drives(highway):
                 if v.id in predicted:
                     worst = max(worst, abs(v.acceleration - predicted[v.id]))
     assert behind_others > 300
-    # SUMO does not look beyond some 200 m, where a leader counts next to nothing.
+    # SUMO does not look beyond some 200 m, where the influence of a leader is negligible.
     assert worst < 0.005
 
 

@@ -99,11 +99,11 @@ def test_keep_right_driver_returns_to_a_free_right_lane_and_a_symmetric_one_stay
     assert incentive(driver(), alone, alone, to_right=True) == pytest.approx(-0.1)
 
 
-def test_above_the_critical_speed_nobody_gains_by_passing_on_the_right():
+def test_above_the_critical_speed_passing_on_the_right_has_no_incentive():
     me = driver(speed=25.0, desired=30.0, keep_right_bias=0.2)
     slower_left = LaneNeighbors(gap_ahead=60.0, speed_ahead=20.0)
     free_right = LaneNeighbors()
-    # The free right lane is worth no more than the left: what is left is bias less threshold.
+    # The free right lane counts no more than the left one: bias minus threshold remains.
     assert incentive(me, slower_left, free_right, to_right=True) == pytest.approx(0.2 - 0.1)
     slow = driver(speed=14.0, desired=30.0, keep_right_bias=0.2)
     queue_left = LaneNeighbors(gap_ahead=30.0, speed_ahead=10.0)
@@ -154,7 +154,7 @@ def test_neighbors_are_found_across_the_ends_of_edges():
     assert found.follower.name == "behind"
 
 
-def test_the_tail_of_a_long_vehicle_is_in_the_way_on_the_edge_it_leaves():
+def test_the_rear_of_a_long_vehicle_counts_on_the_edge_that_it_leaves():
     graph = straight_road()
     places = [
         on(graph, "A_0", 995.0, driver("me")),
@@ -179,7 +179,7 @@ def test_where_lanes_join_the_nearest_follower_counts():
     assert around(graph, places, "me", "B_0").follower.name == "ramp"
 
 
-def test_the_end_of_a_lane_is_an_obstacle_and_the_end_of_the_way_is_none():
+def test_the_end_of_a_lane_is_an_obstacle_and_the_end_of_the_way_is_not():
     lanes = [
         NetLane("A_0", "A", 0, 500.0),
         NetLane("A_1", "A", 1, 500.0),
@@ -193,7 +193,7 @@ def test_the_end_of_a_lane_is_an_obstacle_and_the_end_of_the_way_is_none():
     assert decide(graph, Occupancy(graph, leaving), anywhere)["me"].id == "A_1"
 
 
-def test_a_blocked_driver_goes_to_the_free_lane():
+def test_a_blocked_driver_changes_to_the_free_lane():
     graph = straight_road(lanes=2)
     places = [
         on(graph, "A_1", 100.0, driver("me")),
@@ -203,7 +203,7 @@ def test_a_blocked_driver_goes_to_the_free_lane():
     assert {name: lane.id for name, lane in changes.items()} == {"me": "A_0"}
 
 
-def test_nobody_changes_into_the_side_of_a_long_vehicle():
+def test_a_driver_does_not_change_lanes_beside_a_long_vehicle():
     graph = straight_road(lanes=2)
     places = [
         on(graph, "A_0", 100.0, driver("me", speed=8.0)),
@@ -227,7 +227,7 @@ def test_two_drivers_do_not_take_the_same_gap():
 
     changes = decide(graph, Occupancy(graph, places), middle)
     assert list(changes) == ["a"]
-    # The order in which the drivers are given does not matter.
+    # The order of the drivers does not matter.
     again = [
         dataclasses.replace(p, lane=graph.lanes[lane])
         for p, lane in zip(places[::-1], ("A_2", "A_2", "A_0", "A_0"), strict=True)
@@ -235,7 +235,7 @@ def test_two_drivers_do_not_take_the_same_gap():
     assert decide(graph, Occupancy(graph, again), middle) == changes
 
 
-def test_a_later_driver_sees_the_place_that_an_earlier_one_left():
+def test_a_later_decision_includes_the_place_that_an_earlier_driver_left():
     graph = straight_road(lanes=2)
     places = [
         on(graph, "A_0", 150.0, driver("a", speed=5.0)),
@@ -247,7 +247,7 @@ def test_a_later_driver_sees_the_place_that_an_earlier_one_left():
     assert occupancy.neighbors(occupancy.places["b"], graph.lanes["A_0"]).gap_ahead == 45.0
 
 
-def test_nobody_goes_to_a_place_that_another_one_is_about_to_leave():
+def test_a_driver_does_not_change_to_a_place_that_another_one_is_leaving():
     graph = straight_road()
     places = [
         on(graph, "A_1", 100.0, driver("a")),
@@ -262,11 +262,11 @@ def test_nobody_goes_to_a_place_that_another_one_is_about_to_leave():
     occupancy = Occupancy(graph, places)
     assert list(decide(graph, occupancy, to_the_right)) == ["a"]
     assert not occupancy.is_clear(occupancy.places["b"], graph.lanes["A_1"])
-    # Who comes from behind too fast would meet it as well, 3 s or 1 s before it is gone.
+    # A faster vehicle from behind touches it if it leaves within 3 s, but not within 1 s.
     for time, clear in ((3.0, False), (1.0, True)):
         fast = Occupancy(graph, [*places, on(graph, "A_2", 80.0, driver("fast", speed=15.0))])
         fast.note_leaving("a", "A_1", time)
         assert fast.is_clear(fast.places["fast"], graph.lanes["A_1"]) is clear
-    # Then it is gone.
+    # Afterwards the place is free.
     later = Occupancy(graph, occupancy.places.values())
     assert later.is_clear(later.places["b"], graph.lanes["A_1"])

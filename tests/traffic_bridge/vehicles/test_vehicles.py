@@ -16,6 +16,7 @@ from traffic_bridge import (
     default_types,
     read_types,
 )
+from traffic_bridge.modes.sumo_traffic import SumoTraffic
 from traffic_bridge.overrides import Overrides
 
 TYPES = {kind.name: kind for kind in default_types()}
@@ -26,7 +27,7 @@ def road():
     return Route.straight(length=1500.0)
 
 
-def test_a_type_of_ones_own_drives_by_its_name_and_is_seen_by_its_look(road):
+def test_a_custom_type_has_its_own_parameters_and_the_kind_of_its_look(road):
     tanker = dataclasses.replace(TYPES["articulated"], name="tanker", length=14.0, politeness=1.0)
     config = TrafficConfig(density=0.1, types=(TYPES["car"], tanker), mix={"car": 1, "tanker": 1})
     with PureSim(road, config, seed=1) as traffic:
@@ -49,7 +50,7 @@ def test_probabilities_by_type_are_the_density_and_the_mix(road):
     assert 0 < trucks < 0.5 * len(vehicles)
 
 
-def test_every_vehicle_has_one_of_its_types_colors_always_the_same():
+def test_every_vehicle_has_one_constant_color_of_its_type():
     car = TYPES["car"]
     names = [f"car.{k:05d}" for k in range(200)]
     found = [car.color_of(name) for name in names]
@@ -57,7 +58,7 @@ def test_every_vehicle_has_one_of_its_types_colors_always_the_same():
     assert found == [car.color_of(name) for name in names]
 
 
-def test_what_is_changed_for_one_vehicle_is_read_back_from_sumo(road):
+def test_changed_parameters_of_one_vehicle_are_read_back_from_sumo(road):
     with PureSim(road, TrafficConfig(density=0.1), seed=1) as traffic:
         name, other = [v.id for v in traffic.reset() if v.kind == "car"][:2]
         former = traffic.vehicles.in_force(other)
@@ -89,7 +90,7 @@ def test_what_is_changed_for_one_vehicle_is_read_back_from_sumo(road):
         assert traffic.vehicles.type_of(name) == before
 
 
-def test_a_changed_class_holds_for_vehicles_that_come_later(road):
+def test_a_changed_type_holds_for_later_vehicles(road):
     with PureSim(road, TrafficConfig(density=0.1), seed=1) as traffic:
         there = {v.id for v in traffic.reset()}
         undo = traffic.vehicles.change(
@@ -117,8 +118,8 @@ def test_a_changed_class_holds_for_vehicles_that_come_later(road):
                 assert found["desired_speed"] > 8.0
 
 
-def test_a_class_can_be_changed_while_some_of_it_found_no_room_to_depart(road):
-    # A queue over the entrance: SUMO gives up who cannot depart for some seconds.
+def test_a_type_can_be_changed_while_some_of_its_vehicles_cannot_depart(road):
+    # A queue covers the entrance: SUMO drops vehicles that cannot depart for some seconds.
     config = TrafficConfig(
         density=0.5, events=tuple(StoppedVehicle(station=60.0, lane=k) for k in range(3))
     )
@@ -155,7 +156,7 @@ def test_unusable_changes_are_refused(target, values, text, road):
         traffic.step()
 
 
-def test_types_of_a_file_are_laid_over_the_packages(tmp_path):
+def test_types_of_a_file_override_the_types_of_the_package(tmp_path):
     path = tmp_path / "types.toml"
     path.write_text(
         """
@@ -189,13 +190,13 @@ def test_types_of_a_file_are_laid_over_the_packages(tmp_path):
         ("[car]\ntime_headway = -1", "time_headway = -1: must be zero or positive"),
         ("[car]\ntime_headway = nan", "time_headway = nan"),
         ("[car]\ncolors = [[1, 2]]", "must be red, green, blue"),
-        ("[taxi]\nlength = 4.0", "there is no type 'taxi' to begin with"),
+        ("[taxi]\nlength = 4.0", "there is no type 'taxi' to start from"),
         ("car = 3", "expected a table"),
         ("[car", "not TOML"),
         ("[ego]\nlike = 'car'", "vehicle type 'ego'"),
     ],
 )
-def test_unusable_files_of_types_are_refused_by_name(tmp_path, text, reason):
+def test_unusable_type_files_are_refused_by_name(tmp_path, text, reason):
     path = tmp_path / "types.toml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=reason) as caught:
@@ -223,7 +224,7 @@ def test_two_types_of_one_name_are_refused():
         TrafficConfig(types=(TYPES["car"], TYPES["car"]), mix={"car": 1.0})
 
 
-def test_sumo_is_told_only_of_lane_change_figures_that_differ_from_its_own():
+def test_only_lane_change_parameters_unlike_the_defaults_of_sumo_are_written():
     assert "lcSpeedGain" not in TYPES["car"].to_sumo_xml(15.0)
     eager = dataclasses.replace(TYPES["car"], lc_speed_gain=2.0)
     assert 'lcSpeedGain="2.0"' in eager.to_sumo_xml(15.0)
@@ -241,7 +242,7 @@ def in_force(traffic, name, field):
 
 @pytest.mark.parametrize("first_ended", [0, 1])
 @pytest.mark.parametrize("target", ["car", "one"])
-def test_of_two_changes_the_newer_one_holds_and_both_gone_the_first_value(
+def test_the_newer_of_two_changes_holds_and_undoing_both_restores_the_original(
     road, target, first_ended
 ):
     with PureSim(road, TrafficConfig(density=0.1), seed=1) as traffic:
@@ -263,7 +264,7 @@ def test_of_two_changes_the_newer_one_holds_and_both_gone_the_first_value(
         assert traffic.vehicles.types() == TrafficConfig().types
 
 
-def test_a_change_of_one_vehicle_and_one_of_its_class_end_by_themselves(road):
+def test_changes_of_a_vehicle_and_of_its_type_end_independently(road):
     with PureSim(road, TrafficConfig(density=0.1), seed=1) as traffic:
         one, other = [v.id for v in traffic.reset() if v.kind == "car"][:2]
         change = traffic.vehicles.change
@@ -288,7 +289,7 @@ def test_a_change_of_one_vehicle_and_one_of_its_class_end_by_themselves(road):
         assert traffic.vehicles.color(one) in TYPES["car"].colors
 
 
-def test_a_vehicle_changed_for_good_again_and_again_takes_no_more_memory(road):
+def test_repeated_permanent_changes_of_a_vehicle_take_no_more_memory(road):
     with PureSim(road, TrafficConfig(density=0.1), seed=1) as traffic:
         name = next(v.id for v in traffic.reset() if v.kind == "car")
         undo = traffic.vehicles.change(name, time_headway=2.0)
@@ -305,7 +306,7 @@ def test_a_vehicle_changed_for_good_again_and_again_takes_no_more_memory(road):
     assert overrides.newest("time_headway", "a") == 3.0
 
 
-def test_vehicles_that_a_full_entrance_turns_away_are_forgotten(road):
+def test_vehicles_that_cannot_depart_at_a_full_entrance_are_dropped(road):
     config = TrafficConfig(
         density=0.5, events=tuple(StoppedVehicle(station=60.0, lane=k) for k in range(3))
     )
@@ -315,30 +316,32 @@ def test_vehicles_that_a_full_entrance_turns_away_are_forgotten(road):
             traffic.step()
         api = traffic.session.api
         there = {*api.vehicle.getIDList(), *api.simulation.getPendingVehicles()}
-        # 1.5 vehicles a second arrive, and none is noted for longer than 5 s.
+        # 1.5 vehicles a second arrive, and each is stored for at most 5 s.
         assert len(traffic.vehicles.names() - there) < 15
 
 
-def test_a_vehicle_that_an_event_takes_away_is_forgotten_by_who_looks_at_it(road):
+def test_data_of_a_vehicle_that_an_event_removes_are_dropped(road):
     closure = LaneClosure(lane=0, start=500.0, end=900.0, at_time=0.1, until=1.0)
     config = TrafficConfig(density="empty", events=(closure,))
-    with PureSim(road, config, seed=1) as traffic:
+    world = SumoTraffic(road, config, seed=1, with_ego=False)
+    try:
         forgotten = []
-        traffic.reset()
-        traffic.vehicles.when_forgotten(forgotten.append)
-        trucks = [v.id for _ in range(9) for v in traffic.step()]
-        observed = traffic._world._observation._bodies
-        assert set(observed) == set(trucks) != set()
+        world.begin(None)
+        world.vehicles.when_forgotten(forgotten.append)
+        trucks = {v.id for _ in range(9) for v in world.advance(None)}
+        assert world.observation.names() == trucks != set()
         for _ in range(9):
-            traffic.step()
-        assert sorted(forgotten) == sorted(set(trucks))
-        assert not observed
+            world.advance(None)
+        assert sorted(forgotten) == sorted(trucks)
+        assert not world.observation.names()
+    finally:
+        world.close()
 
 
-def test_a_limit_leaves_nothing_of_vehicles_that_are_gone(road):
+def test_a_speed_limit_keeps_no_data_of_vehicles_that_have_left(road):
     config = TrafficConfig(density=0.2, events=(SpeedLimit(limit=9.0, start=1400.0),))
     with PureSim(road, config, seed=1) as traffic:
         traffic.reset()
         for _ in range(300):
             traffic.step()
-        assert traffic.vehicles._ceilings.keys() <= traffic.vehicles.names()
+        assert traffic.vehicles.limited() <= traffic.vehicles.names()

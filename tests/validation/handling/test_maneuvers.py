@@ -1,4 +1,4 @@
-"""Maneuvers at a coarse step: they measure something, and the truck is in the right region."""
+"""Maneuvers at a coarse step: figures in the expected range."""
 
 import numpy as np
 import pytest

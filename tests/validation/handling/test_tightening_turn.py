@@ -1,4 +1,4 @@
-"""The tightening turn at a coarse step: what comes first, grip or roll-over."""
+"""The tightening turn at a coarse step: grip or roll-over as the first limit."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def test_tires_saturate_on_a_slippery_road(turns, payload):
 def test_slip_is_small_and_linear_in_a_gentle_turn(turns):
     turn = turns[LADEN, 0.8]
     gentle = int(np.argmax(turn.lateral > 1.0))
-    # The axles' slip follows from the yaw balance: each carries its own share of the weight.
+    # The slip follows from the yaw balance: each axle carries its share of the weight.
     assert np.all(np.rad2deg(turn.slip[:, gentle]) > 0.5)
     assert np.all(np.rad2deg(turn.slip[:, gentle]) < 2.5)
     assert np.all(turn.effort[:, gentle] < 0.4)
@@ -68,7 +68,7 @@ def test_effort_grows_to_one_and_stays_there():
     assert share[0] == 0.0
     assert np.all(np.diff(share) >= 0.0)
     assert share[-1] == pytest.approx(1.0)
-    # On a slippery road the same slip takes a greater share of what there is.
+    # On a slippery road the same slip uses a greater share of the grip.
     assert np.all(effort(TruckParameters.load(), LADEN, 0.3, 0, slip) >= share)
 
 

@@ -1,4 +1,4 @@
-"""Measures of recorded drives, on histories whose answer is known."""
+"""Measures of recorded drives, on histories with known results."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ LAG = 0.25
 
 
 def drive(duration=10.0, **columns):
-    """A run of this length [s]; columns that are not given are zero, the speed is 20 m/s."""
+    """A run of this length [s] at 20 m/s; other columns are zero unless given."""
     time = np.arange(round(duration / PERIOD) + 1) * PERIOD
     empty = {
         name: np.zeros_like(time)
@@ -94,7 +94,7 @@ def test_only_a_gear_taken_back_soon_is_hunting():
     assert hunting(drive(gear=lambda t: 5.0 + np.floor(t / 2.0))) == 0
 
 
-def test_old_gear_is_in_until_the_clutch_has_opened():
+def test_old_gear_stays_engaged_until_the_clutch_is_open():
     gear = np.array([5.0, 6.0, 6.0, 6.0, 6.0])
     engagement = np.array([1.0, 0.5, 0.0, 0.5, 1.0])
     assert engaged_gear(gear, engagement).tolist() == [5, 5, 6, 6, 6]

@@ -1,4 +1,4 @@
-"""The ledger closes, and notices when a force is not what it should be."""
+"""The ledger of energies closes, and shows a wrong force."""
 
 import dataclasses
 
@@ -15,7 +15,7 @@ PARTS = ("air", "rolling", "slip", "tire_damping", "suspension")
 
 
 def roll(payload=0.0, timestep=0.002, duration=4.0, believed=None, **command):
-    """Rolls over a hill; what the ledger has found, and what the truck has lost [J]."""
+    """Rolls over a hill; returns the losses of the ledger and of the truck [J], among others."""
     truck = Truck.load(payload, route=hills(), timestep=timestep, visuals=False)
     truck.reset(station=200.0, speed=20.0)
     truck.command(**command)
@@ -32,7 +32,7 @@ def roll(payload=0.0, timestep=0.002, duration=4.0, believed=None, **command):
 
 
 @pytest.mark.parametrize("payload", [0.0, 36_000.0])
-def test_a_rolling_truck_loses_what_road_and_air_take(payload):
+def test_energy_loss_of_a_rolling_truck_is_the_work_of_road_and_air(payload):
     _, _, brakes, found, lost = roll(payload, transmission_mode=NEUTRAL)
     assert found == pytest.approx(lost, rel=0.005)
     assert brakes == 0.0

@@ -1,8 +1,9 @@
-"""The point mass against figures worked out by hand, and the slopes it is used on."""
+"""The point mass against figures by hand, and its roads with slopes."""
 
 import numpy as np
 import pytest
 
+from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import static_axle_loads
 from iits_mj.validation.longitudinal import speed_accuracy
@@ -11,7 +12,6 @@ from iits_mj.validation.longitudinal.hills import hills, sloping
 
 PARAMETERS = TruckParameters.load()
 LADEN = ForceBalance(PARAMETERS, 36_000.0)
-GRAVITY = 9.81
 
 
 def test_resistances_are_rolling_grade_and_air():
@@ -25,7 +25,7 @@ def test_resistances_are_rolling_grade_and_air():
     assert LADEN.resistance(20.0) - LADEN.resistance(0.0) == pytest.approx(drag)
 
 
-def test_losses_of_the_gears_lessen_pull_and_increase_overrun():
+def test_losses_of_the_gears_reduce_pull_and_increase_overrun():
     gearbox = PARAMETERS.gearbox
     ideal = 1000.0 * gearbox.ratios[4] * gearbox.final_drive / LADEN.wheel_radius
     assert LADEN.pull(1000.0, 5) < ideal < -LADEN.pull(-1000.0, 5)
@@ -45,11 +45,11 @@ def test_drive_axles_carry_their_static_load_on_the_level_and_more_uphill():
 
 
 @pytest.mark.parametrize("grade", [0.0, 0.1, 0.3])
-def test_grade_for_a_force_is_the_grade_that_needs_it(grade):
+def test_grade_for_a_force_has_that_resistance(grade):
     assert LADEN.grade_for(float(LADEN.resistance(0.0, grade))) == pytest.approx(grade, abs=1e-9)
 
 
-def test_grip_ends_where_traction_is_what_the_grade_needs():
+def test_grip_limit_is_the_grade_whose_resistance_equals_the_traction():
     grade = LADEN.traction_grade()
     assert LADEN.traction(grade) == pytest.approx(float(LADEN.resistance(0.0, grade)))
     assert ForceBalance(PARAMETERS, 0.0).traction_grade() != pytest.approx(grade, rel=0.02)
@@ -86,7 +86,7 @@ def test_a_gear_too_high_has_no_steady_speed_and_the_best_gear_is_not_slower_tha
     assert LADEN.best_speed(0.05) == np.nanmax(speeds)
 
 
-def test_published_run_comes_out_of_the_published_tables():
+def test_published_tables_reproduce_the_published_run():
     run = speed_accuracy.compute(speed_accuracy.balance(), 0.4, 40.0)
     assert run.speed[-1] * 3.6 == pytest.approx(46.9, rel=0.02)
     assert run.time[run.gear >= 10.0][0] == pytest.approx(31.0, abs=1.5)

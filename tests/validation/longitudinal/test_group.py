@@ -1,4 +1,4 @@
-"""Pedal, climbing, brake and descent tests of the truck: it is in the right region."""
+"""Pedal, climbing, brake and descent tests of the truck: figures in the expected range."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def values_of(checks):
     return {check.name.rsplit(": ", 1)[1]: check.value for check in checks}
 
 
-def test_forty_percent_pedal_reads_as_the_paper():
+def test_40_percent_pedal_agrees_with_the_paper():
     record = part_throttle_run(STEP)
     values = values_of(part_throttle(record, record).checks)
     assert values["first gear used"] == 2.0
@@ -40,7 +40,7 @@ def test_forty_percent_pedal_reads_as_the_paper():
     assert 0.6 <= values["shift, shortest"] <= values["shift, longest"] <= 1.0
 
 
-def test_xbr_brings_the_demanded_deceleration_and_pressure_and_lets_go_smoothly():
+def test_xbr_reaches_the_demanded_deceleration_and_pressure_and_releases_smoothly():
     checks = braking.compare_xbr(31_000.0, STEP).checks
     values = values_of(check for check in checks if "integrated" not in check.name)
     assert values["mean deceleration"] == pytest.approx(1.5, rel=0.03)
@@ -56,7 +56,7 @@ def test_full_stop_holds_without_lock_up():
     assert 20.0 < values["distance"] < 50.0
 
 
-def test_brakes_respond_as_the_rule_and_their_lines_say():
+def test_brake_response_meets_un_r13_and_the_dead_times_of_the_lines():
     found = braking.compare_response(0.0, STEP)
     assert short(found) == []
     assert [len(panel.lines) for panel in found.panels] == [6]
@@ -124,7 +124,7 @@ def test_speed_is_held_down_six_percent_for_six_kilometers(kph):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("payload", [LADEN, 0.0])
-def test_every_joule_of_the_engine_is_found(payload):
+def test_ledger_accounts_for_the_work_of_the_engine(payload):
     assert short(energy_audit.compare(payload, STEP, HILLS_LENGTH)) == []
 
 

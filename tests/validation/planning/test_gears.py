@@ -1,7 +1,7 @@
-"""What is left for gear choice and eco-roll: the convex plan against the engine's map itself.
+"""Possible gain of gear choice and eco-roll: the convex plan against the engine's map itself.
 
-The dynamic programme drives by the map with the gear of least fuel in every interval, shifts free
-of charge, and also in neutral at idle. So it bounds from above what a plan with gears could gain.
+The dynamic program uses the map with the gear of least fuel in every interval, with shifts at no
+cost, and also neutral at idle. It is an upper bound of the gain of a plan with gears.
 """
 
 from dataclasses import replace
@@ -15,16 +15,15 @@ from controllers.pcc.planner import make_vehicle
 from iits_mj.parameters import TruckParameters
 from iits_mj.validation.planning.pcc_bound import below_fit
 from tests.controllers.pcc.dynamic_program import least_cost
-from tests.paths import ROOT
+from tests.paths import outside
 
-JINAN = ROOT / "../shared/data/road/jinan_altimap_pcc.csv"
 PARAMETERS = TruckParameters.load()
 FUEL_MAP = FuelMap(PARAMETERS)
 IDLE = float(FUEL_MAP.engine_rate(np.zeros(1), np.array([PARAMETERS.engine.idle_speed]))[0])
 
 
 def map_rate(neutral):
-    """Fuel [kg/s] over wheel force and speed: the map's, tabulated; idle where that is less."""
+    """Fuel [kg/s] over wheel force and speed: tabulated map; in neutral at most idle."""
     speed = np.linspace(10.0, 25.2, 153)
     force = np.linspace(-3_000.0, 42_000.0, 451)
     at = np.meshgrid(force, speed, indexing="ij")
@@ -44,13 +43,13 @@ def map_rate(neutral):
 
 
 def test_idling_in_neutral_burns_as_much_as_the_engine_without_load_in_top_gear():
-    # So eco-roll can only gain where the engine would turn fast: there is little in it.
+    # So eco-roll gains only where the engine would turn fast.
     rate, gear = FUEL_MAP.rate(np.array([1e-3]), np.array([20.0]))
     assert gear[0] == 12
     assert rate[0] == pytest.approx(IDLE, rel=0.1)
 
 
-def test_what_the_map_is_below_the_fit_bounds_the_saving_of_every_drive_by_the_map():
+def test_fuel_by_the_map_is_at_least_fuel_by_the_fit_less_their_greatest_distance():
     station = 50.0 * np.arange(61)
     height = 15.0 * np.sin(2.0 * np.pi * station / 2000.0)
     road = RoadProfile(station, height, np.full(61, np.inf), "hills")
@@ -72,14 +71,12 @@ def test_what_the_map_is_below_the_fit_bounds_the_saving_of_every_drive_by_the_m
     ("mass", "choice", "coasting"), [(55e3, 0.015, 0.001), (19e3, 0.015, 0.004)]
 )
 def test_gear_choice_and_eco_roll_leave_little_to_gain(mass, choice, coasting):
-    if not JINAN.exists():
-        pytest.skip("the paper's road profile is not there: ../shared/data/road")
-    road = RoadProfile.from_csv(JINAN, length=15_000.0)
+    road = RoadProfile.from_csv(outside("road/jinan_altimap_pcc.csv"), length=15_000.0)
     config = PccConfig(k_a=0.0)
     solution = plan(road, PARAMETERS, mass, config)
     vehicle = replace(
         make_vehicle(PARAMETERS, FUEL_MAP, mass, config),
-        power_drag=1e6,  # friction brakes and engine together; the map says what overrun burns
+        power_drag=1e6,  # friction brakes and engine together; the map has the fuel of overrun
     )
     base = solution.baseline.speed
     low, high = np.full(base.size, config.v_min**2), np.full(base.size, config.v_max**2)

@@ -1,16 +1,41 @@
-"""Path tracking on the MuJoCo truck: the wind, the measures, and short forms of the manoeuvres."""
+"""Planner and path tracking: situations, wind, measures, and short forms of the manoeuvres."""
 
 import numpy as np
 import pytest
 
+from iits_mj.core.results import Results
 from iits_mj.core.units import KMH
 from iits_mj.validation.harness.config import ValidateConfig
 from iits_mj.validation.planning import path_cases as cases
 from iits_mj.validation.planning.path_tracking import run_path_tracking, side_load
 from iits_mj.validation.planning.side_wind import SideWind, spectrum
+from iits_mj.validation.planning.situations import run_situations
 
 
-def test_turbulence_has_the_variance_of_its_spectrum_and_one_seed_one_wind():
+@pytest.fixture(scope="module")
+def situations() -> Results:
+    return run_situations(ValidateConfig(quick=True))
+
+
+def test_every_situation_meets_its_bounds(situations):
+    assert [check.name for check in situations.checks if not check.ok] == []
+
+
+def test_papers_three_situations_are_drawn_from_above(situations):
+    panels = situations.figures["lane change, seen from above"]
+    assert [panel.title[:3] for panel in panels] == ["(a)", "(b)", "(c)"]
+    for panel in panels:
+        assert any(line.label == "planned path" for line in panel.lines)
+        assert all(line.x.shape == line.y.shape for line in panel.lines)
+
+
+def test_notes_give_the_reasons_of_the_decisions(situations):
+    assert any("there is no lane to the right" in note for note in situations.notes)
+    assert any("beside the truck" in note for note in situations.notes)
+    assert any("aiming for the gap" in note for note in situations.notes)
+
+
+def test_turbulence_has_the_variance_of_its_spectrum_and_depends_on_the_seed_alone():
     wind = SideWind.gusty(np.random.default_rng(1), 100.0, peak=0.0)
     station = np.arange(0.0, 60_000.0, 3.0)
     blown = np.array([wind.at(float(s)) for s in station])
@@ -30,7 +55,7 @@ def test_the_spectrum_integrates_to_the_variance_of_the_surface_layer():
     assert variance == pytest.approx(2.684 * friction_speed**2, rel=0.01)
 
 
-def test_gusts_come_from_both_sides_in_turn_and_are_as_long_as_twice_their_gradient():
+def test_gusts_alternate_in_side_and_are_twice_as_long_as_their_gradient():
     wind = SideWind.gusty(np.random.default_rng(1), 4000.0, mean=1e-9, peak=12.0)
     for row in range(8):
         start, gradient = float(wind.start[row]), float(wind.gradient[row])
@@ -40,7 +65,7 @@ def test_gusts_come_from_both_sides_in_turn_and_are_as_long_as_twice_their_gradi
         assert wind.at(start + 2.0 * gradient + 0.1) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_reversals_are_counted_beyond_their_threshold_only():
+def test_only_reversals_beyond_the_threshold_count():
     time = np.arange(0.0, 10.0, 0.01)
     assert cases.count_reversals(np.sin(2.0 * np.pi * 0.5 * time), 0.5) == 10
     assert cases.count_reversals(0.2 * np.sin(2.0 * np.pi * 0.5 * time), 0.5) == 0

@@ -1,4 +1,4 @@
-"""The convex lower bound: below every drive, and met by the plan."""
+"""The convex lower bound: below every drive, and equal to the plan."""
 
 from dataclasses import replace
 
@@ -74,17 +74,17 @@ def test_plan_meets_the_bound_so_it_is_the_global_optimum(seed, mass, k_a):
 
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize(("mass", "k_a"), [(55_000.0, 0.5), (19_000.0, 0.0)])
-def test_the_plans_own_multipliers_certify_it(seed, mass, k_a):
+def test_multipliers_of_the_plan_certify_its_cost(seed, mass, k_a):
     task, base = task_on(random_road(seed), mass, k_a)
     answer = solve(task, base)
     bound = certificate(task, answer)
     total = cost(task, answer.speed)
     assert total * (1.0 - 1e-4) < bound < total * (1.0 + 1e-7)
-    # What the solver of the relaxation finds is at least as high, to its tolerance.
+    # The bound of the relaxation's solver is at least as high, within its tolerance.
     assert bound <= lower_bound(task).cost * (1.0 + 1e-6) + 1e-6
 
 
-def test_wrong_multipliers_make_a_weaker_certificate_never_a_false_one():
+def test_wrong_multipliers_weaken_the_certificate_but_keep_it_valid():
     task, base = task_on(random_road(1))
     answer = solve(task, base)
     total = cost(task, answer.speed)
@@ -136,7 +136,7 @@ def test_any_point_and_any_multipliers_give_a_bound():
 
 
 def test_bound_stays_below_where_the_relaxation_is_loose():
-    # A weight of acceleration beyond reason makes waiting on the spot worth its time.
+    # With an unreasonable weight of acceleration, waiting on the spot pays.
     task, base = task_on(random_road(5, steepest=0.05), k_a=400.0)
     answer = solve(task, base)
     bound = lower_bound(task)
@@ -152,14 +152,14 @@ def test_no_plan_takes_longer_than_the_chords_allow():
         b = rng.uniform(*relaxation.b_box)
         assert (relaxation.least_time(b) <= relaxation.most_time(b) * (1.0 + 1e-12)).all()
     for b in relaxation.b_box:
-        # At the ends of the box both say the same for equal speeds.
+        # At the ends of the box both agree for equal speeds.
         inner = slice(1, -1)
         assert relaxation.most_time(b)[inner] == pytest.approx(
             0.5 * task.road.step * (1.0 / np.sqrt(b[1:-2]) + 1.0 / np.sqrt(b[2:-1]))
         )
 
 
-def test_prices_of_time_and_end_speed_take_the_place_of_a_trip_time():
+def test_prices_of_time_and_end_speed_replace_a_trip_time():
     task, base = task_on(random_road(6))
     low, high = task.b_low.copy(), task.b_high.copy()
     low[-1], high[-1] = 12.5**2, 25.0**2
@@ -188,7 +188,7 @@ def test_a_task_without_speed_limits_is_refused():
         lower_bound(replace(task, b_high=np.full(task.b_high.size, np.inf)))
 
 
-def test_bounds_that_contradict_are_named():
+def test_contradicting_bounds_are_named():
     task, _ = task_on(random_road(0))
     low = task.b_low.copy()
     low[10] = 700.0
@@ -197,8 +197,8 @@ def test_bounds_that_contradict_are_named():
 
 
 @pytest.mark.parametrize("k_a", [0.0, 0.5])
-def test_bound_is_below_the_plan_on_a_level_road_too_where_both_are_the_same(k_a):
-    # The plan uses the room in the trip time that the solver takes; so must the bound.
+def test_bound_equals_the_plan_on_a_level_road_from_below(k_a):
+    # Plan and bound use the same tolerance of the trip time.
     station = 50.0 * np.arange(201)
     road = RoadProfile(station, np.zeros(201), np.full(201, np.inf), "level")
     task, base = task_on(road, k_a=k_a)
@@ -209,7 +209,7 @@ def test_bound_is_below_the_plan_on_a_level_road_too_where_both_are_the_same(k_a
 
 
 def climb_task():
-    """A climb that full power does not take at the least speed, which is to be kept around it."""
+    """A climb too steep for the least speed, which holds before and after it."""
     grade = np.concatenate([np.zeros(40), np.full(24, 0.05), np.full(56, -0.01)])
     height = np.concatenate([[0.0], np.cumsum(50.0 * grade)])
     road = RoadProfile(50.0 * np.arange(121), height, np.full(121, np.inf), "climb")
@@ -220,13 +220,13 @@ def climb_task():
     return replace(task, b_low=low, b_high=np.maximum(task.b_high, low)), base, fastest
 
 
-def test_a_plan_that_must_be_back_in_its_band_after_a_climb_is_certified():
+def test_plan_that_returns_to_its_band_after_a_climb_is_certified():
     task, base, _ = climb_task()
     answer = solve(task, base)
     assert -1e-9 < lower_bound(task).gap(cost(task, answer.speed)) < 5e-4
 
 
-def test_from_below_the_least_enough_speed_full_power_misses_one_ahead():
+def test_full_power_from_below_the_sufficient_speed_misses_a_least_speed_ahead():
     task, _, fastest = climb_task()
     low = np.sqrt(task.b_low)
     enough = enough_speeds(task.vehicle, task.road, low, fastest)

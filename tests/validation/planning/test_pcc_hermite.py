@@ -1,4 +1,4 @@
-"""The paper's finite elements in time beside the distance domain."""
+"""The paper's finite elements in time against the distance domain."""
 
 from dataclasses import replace
 
@@ -105,7 +105,7 @@ def test_ends_and_trip_time_are_met_exactly(hilly):
     assert answer.node_speed[[0, -1]] == pytest.approx(base[[0, -1]], rel=1e-6)
 
 
-def test_fuel_is_that_of_the_motion_it_describes(hilly):
+def test_fuel_agrees_with_the_motion_of_the_elements(hilly):
     task, _, answer = hilly
     vehicle = task.vehicle
     s, v, a = motion(answer)
@@ -127,7 +127,7 @@ def test_both_transcriptions_agree_within_half_a_percent(hilly):
     assert np.sqrt(np.mean((answer.speed - plan) ** 2)) < 0.5
 
 
-def test_shorter_elements_come_closer_to_the_distance_domain(hilly):
+def test_shorter_elements_approach_the_distance_domain(hilly):
     task, base, _ = hilly
     plan = solve(task, base).speed
     fuel = task.vehicle.fuel_of(plan, task.road).sum()
@@ -140,7 +140,7 @@ def test_constant_speed_is_the_optimum_on_a_level_road():
     task, base = task_on(hills(0.0))
     answer = by_elements(task, base)
     vehicle = task.vehicle
-    # Only the last stretch may coast a little and come back; the paper's ends are fixed.
+    # Only the last stretch may coast a little and recover, because the end speed is fixed.
     assert np.abs(answer.node_speed - 20.0).max() < 0.2
     power = (vehicle.slope_force(np.zeros(1))[0] + vehicle.drag * 400.0) * 20.0
     steady = float(vehicle.fuel.rate(np.array([power / vehicle.efficiency]))[0]) * task.time_max

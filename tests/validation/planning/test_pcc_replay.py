@@ -1,4 +1,4 @@
-"""Plan against cruise on the truck: what is compared, and how it is corrected."""
+"""Plan against cruise on the truck: measures, corrections, and kept drives."""
 
 import dataclasses
 
@@ -11,7 +11,7 @@ from controllers.pcc.profile import RoadProfile
 from controllers.pcc.schedule import make_schedule
 from controllers.pcc.vehicle import cruise
 from iits_mj.core.errors import InputError
-from iits_mj.validation.harness.config import ValidateConfig
+from iits_mj.validation.harness.config import PAPER_ROAD, ValidateConfig
 from iits_mj.validation.planning import replay_drives
 from iits_mj.validation.planning.closed_loop import COLUMNS, Record
 from iits_mj.validation.planning.pcc_replay import (
@@ -31,7 +31,6 @@ from iits_mj.validation.planning.replay_drives import (
     with_all_power,
     with_power_of,
 )
-from tests.paths import ROOT
 
 CASE = valley_case(1_000.0, 0.005, depth=0.02)
 
@@ -76,7 +75,7 @@ def schedule_of(arrival, start=20.0, end=20.0):
     return schedule, float(vehicle.fuel_of(schedule.speed, CASE.road).sum())
 
 
-def test_only_the_measured_stretch_counts():
+def test_time_and_fuel_are_those_of_the_measured_stretch():
     trip = MeasuredDrive.of(record(20.0), CASE)
     assert trip.time == pytest.approx(50.0, abs=1e-6)
     assert trip.fuel == pytest.approx(0.25, abs=1e-6)
@@ -85,13 +84,13 @@ def test_only_the_measured_stretch_counts():
     assert pytest.approx(replay_drives.RUN_IN) == CASE.first
 
 
-def test_two_drives_alike_save_nothing_and_a_fifth_less_fuel_is_20_percent():
+def test_equal_drives_save_nothing_and_a_fifth_less_fuel_is_20_percent():
     base = record(20.0)
     assert replay_of(base, base).saving == pytest.approx(0.0, abs=1e-12)
     assert replay_of(base, record(20.0, 0.004)).saving == pytest.approx(0.2, abs=1e-9)
 
 
-def test_a_faster_end_is_worth_fuel_and_a_faster_start_costs_as_the_optimizer_has_it():
+def test_faster_end_is_worth_fuel_and_faster_start_costs_fuel_by_the_optimizer():
     replay = replay_of(record(20.0), record(20.0))
     faster = dataclasses.replace(replay.plan, end_speed=20.2)
     ended = dataclasses.replace(replay, plan=faster).speed_worth
@@ -109,7 +108,7 @@ def replay_fuel(arrival, start=20.0, end=20.0):
     return schedule_of(arrival, start, end)[1]
 
 
-def test_a_longer_trip_is_charged_what_the_optimizer_would_have_saved_by_it():
+def test_longer_trip_is_charged_the_saving_of_the_optimizer():
     schedule, fuel = schedule_of(48.0)
     replay = dataclasses.replace(replay_of(record(20.0), record(20.0)), schedule=schedule)
     later = dataclasses.replace(replay.plan, time=replay.cruise.time + 0.2)
@@ -119,7 +118,7 @@ def test_a_longer_trip_is_charged_what_the_optimizer_would_have_saved_by_it():
     assert longer.saving < longer.raw_saving
 
 
-def test_climbing_power_is_what_the_engine_gives_with_the_pedal_on_the_floor():
+def test_climbing_power_is_the_engine_power_at_full_pedal():
     climb = record(20.0, pedal=1.0)
     assert climbing_power(climb) == pytest.approx(1_500.0 * 130.0)
     # A gear change and the seconds after it, in which the torque comes back, do not count.
@@ -140,7 +139,7 @@ def climber(power_share):
     return vehicle, road
 
 
-def test_the_planners_power_is_that_with_which_its_cruise_takes_as_long_as_the_driven_one():
+def test_cruise_at_the_estimated_power_takes_as_long_as_the_driven_cruise():
     strongest, road = climber(1.0)
     weaker, _ = climber(0.75)
     time = cruise_time(weaker, road, 20.0, 20.0)
@@ -148,17 +147,17 @@ def test_the_planners_power_is_that_with_which_its_cruise_takes_as_long_as_the_d
     climb = record(20.0, pedal=1.0, torque=0.9 * strongest.power_max / 130.0)
     found = with_power_of(strongest, road, climb, 20.0, 20.0, time)
     assert found.power_max == pytest.approx(weaker.power_max, rel=1e-4)
-    # No climb at full pedal: the delay has other causes, the engine's figure holds.
+    # Without a climb at full pedal the delay has other causes: the engine's power holds.
     level = with_power_of(strongest, road, record(20.0), 20.0, 20.0, time)
     assert level.power_max == strongest.power_max
 
 
-def test_the_set_speed_for_a_mean_is_higher_by_what_climbs_cost():
+def test_set_speed_exceeds_the_mean_speed_on_a_road_with_climbs():
     vehicle, road = climber(0.75)
     v_set = set_speed(vehicle, road, 19.0, 25.0)
     assert v_set > 19.2
     assert road.length / cruise_time(vehicle, road, v_set, v_set) == pytest.approx(19.0, rel=1e-6)
-    # Beyond reach the greatest allowed remains.
+    # For an unreachable mean the greatest allowed speed remains.
     assert set_speed(vehicle, road, 24.9, 25.0) == pytest.approx(25.0)
 
 
@@ -174,12 +173,12 @@ def test_the_trucks_mean_speed_is_corrected_by_a_second_cruise(tmp_path, monkeyp
     replay = replay_drives.run(dataclasses.replace(CASE, config=mean), tmp_path, drives=1)
     assert CASE.road.length / replay.cruise.time == pytest.approx(20.0, rel=1e-3)
     assert replay.case.config.v_ref == pytest.approx(20.0 / 0.97, rel=2e-3)
-    # Two for the set speed, of which the better one is not driven again, and one of the plan.
+    # Two drives for the set speed, of which the better one is kept, and one drive of the plan.
     assert len(driven) == 3
 
 
-def test_the_set_speed_is_corrected_as_a_truck_with_the_driven_ones_power_needs_it(monkeypatch):
-    """The stronger a truck is thought to be, the less a higher set speed seems to be needed."""
+def test_correction_of_the_set_speed_uses_the_power_of_the_driven_cruise(monkeypatch):
+    """An overestimated power would make the correction of the set speed too small."""
     weaker, road = climber(0.7)
     driven = []
 
@@ -198,27 +197,27 @@ def test_the_set_speed_is_corrected_as_a_truck_with_the_driven_ones_power_needs_
     assert len(set(driven)) == 2
 
 
-def test_where_a_plan_takes_all_power_the_truck_is_to_give_all_it_has():
+def test_reference_speed_is_raised_where_the_plan_uses_all_of_its_power():
     weaker, road = climber(0.75)
     strongest, _ = climber(1.0)
     planned = cruise(weaker, road, 20.0, 20.0)
-    told = with_all_power(weaker, strongest, road, planned, 25.0)
+    raised = with_all_power(weaker, strongest, road, planned, 25.0)
     climb = (road.station > 1_100.0) & (road.station < 2_900.0)
-    assert (told >= planned).all()
-    assert (told[climb] > planned[climb] + 0.1).all()
-    # Up to the climb and behind it, where the planned power does, nothing changes.
-    assert told[road.station <= 1_000.0] == pytest.approx(planned[road.station <= 1_000.0])
-    power = strongest.power(told, road)
+    assert (raised >= planned).all()
+    assert (raised[climb] > planned[climb] + 0.1).all()
+    # Before the climb, where the planned power suffices, nothing changes.
+    assert raised[road.station <= 1_000.0] == pytest.approx(planned[road.station <= 1_000.0])
+    power = strongest.power(raised, road)
     assert power.max() <= 1.001 * strongest.power_max
     # Back to the plan by coasting, without brakes.
-    assert strongest.net_force(told, road).min() > -1.0
-    assert told.max() <= 25.0
+    assert strongest.net_force(raised, road).min() > -1.0
+    assert raised.max() <= 25.0
 
 
-def test_the_profile_lies_on_the_plan_over_the_stations_of_the_route():
+def test_speed_profile_equals_the_plan_at_its_nodes():
     replay = replay_of(record(20.0), record(20.0))
     profile = reference_profile(CASE, replay.vehicle, replay.schedule)
-    # The run-in is the cruise's.
+    # The run-in is that of the cruise.
     run_in = profile.station < CASE.first
     assert profile.station[0] == pytest.approx(CASE.first - replay_drives.RUN_IN)
     assert profile.speed[run_in] == pytest.approx(CASE.config.v_ref)
@@ -229,7 +228,7 @@ def test_the_profile_lies_on_the_plan_over_the_stations_of_the_route():
     )
 
 
-def test_over_a_bump_between_two_nodes_the_reference_slows_down_by_the_energy_it_takes():
+def test_reference_speed_drops_on_a_bump_by_its_potential_energy():
     replay = replay_of(record(20.0), record(20.0))
     bumpy = CASE.route.evaluate
     top = CASE.origin + 475.0
@@ -250,7 +249,7 @@ def test_over_a_bump_between_two_nodes_the_reference_slows_down_by_the_energy_it
     assert np.abs(lost[~on_top]).max() < 1e-6
 
 
-def test_planner_and_truck_see_the_same_heights():
+def test_planner_and_truck_have_the_same_heights():
     for case in (CASE, highway_case(length=2_000.0)):
         station = case.origin + case.road.station
         height = np.asarray(case.route.evaluate(station).z)
@@ -258,21 +257,21 @@ def test_planner_and_truck_see_the_same_heights():
         assert np.ptp(difference) < 0.25
 
 
-def test_the_papers_saving_must_be_reached_at_its_set_and_at_its_mean_speed():
-    config = ValidateConfig(roads=ROOT.parent / "shared/data")
-    if paper_case(config) is None:
-        pytest.skip("the paper's road is not at hand")
-    must = [case for case in full_cases(config) if case.paper]
+def test_the_papers_saving_must_be_reached_at_its_set_and_at_its_mean_speed(tmp_path):
+    station = np.arange(0.0, 15_301.0, 10.0)
+    rows = "".join(f"{s},{20.0 * np.sin(s / 500.0)}\n" for s in station)
+    (tmp_path / PAPER_ROAD).write_text("s_m,z_m\n" + rows)
+    must = [case for case in full_cases(ValidateConfig(roads=tmp_path)) if case.paper]
     assert [case.config.mean_speed for case in must] == [True, False]
     assert all(case.config.v_ref == pytest.approx(20.0) for case in must)
     assert {case.parameters().gearbox.shift_strategy for case in must} == {"adaptive"}
 
 
-def test_without_its_file_the_papers_road_is_left_out():
+def test_papers_road_without_its_file_is_left_out():
     assert paper_case(ValidateConfig()) is None
 
 
-def test_a_finished_drive_is_taken_from_its_folder(tmp_path, monkeypatch):
+def test_finished_drive_is_read_from_its_folder(tmp_path, monkeypatch):
     calls = []
 
     def drive(task, parameters):
@@ -310,12 +309,12 @@ def test_a_route_without_run_in_is_refused():
 
 
 @pytest.mark.slow
-def test_the_quick_form_drives_plan_and_cruise_and_claims_no_saving():
+def test_quick_form_drives_plan_and_cruise_and_reports_no_saving():
     results = run_replay(ValidateConfig(quick=True))
     assert results.ok, results.to_table()
     figures = {check.name.split(": ")[1]: check.value for check in results.checks}
     assert not [name for name in figures if "saving" in name]
     assert figures["speed error where power suffices, rms"] < 0.3
-    # Plan and cruise are the same drive up to where the plan begins; nothing else differs much.
+    # Plan and cruise are the same drive up to the beginning of the plan.
     assert figures["fuel, plan"] == pytest.approx(figures["fuel, cruise"], rel=0.25)
     assert figures["trip time of the plan against the cruise's"] == pytest.approx(0.0, abs=3.0)

@@ -10,11 +10,10 @@ from controllers.pcc.vehicle import durations
 from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
 from iits_mj.validation.planning.pcc_roads import on_finer_road, read_cycle
-from tests.paths import ROOT
+from tests.paths import outside
 
 PARAMETERS = TruckParameters.load()
 MASS = 55_000.0
-CYCLES = ROOT / "../shared/data/cycles"
 
 
 def write(path, time, speed, grade):
@@ -34,7 +33,7 @@ def test_grade_over_time_becomes_grade_over_station(tmp_path):
     assert cycle.road.grade[41:] == pytest.approx(np.full(39, -0.01))
 
 
-def test_the_road_does_not_depend_on_how_fast_the_cycle_drives(tmp_path):
+def test_road_does_not_depend_on_the_speed_of_the_cycle(tmp_path):
     slow = read_cycle(
         write(tmp_path / "a.csv", np.arange(401), np.full(401, 10.0), np.full(401, 0.03))
     )
@@ -58,9 +57,7 @@ def test_standstill_adds_no_road(tmp_path):
     [("EPA_Ph2_urban_highway_55mph.csv", 55.0), ("EPA_Ph2_rural_interstate_65mph.csv", 65.0)],
 )
 def test_gem_cycles_are_20_km_within_5_percent_grade(name, speed):
-    if not (CYCLES / name).exists():
-        pytest.skip("the cycles are not there: ../shared/data/cycles")
-    cycle = read_cycle(CYCLES / name)
+    cycle = read_cycle(outside(f"cycles/{name}"))
     assert cycle.speed == pytest.approx(speed * 0.44704, rel=1e-3)
     assert 19_900.0 < cycle.road.length < 20_100.0
     assert 0.03 < np.abs(cycle.road.grade).max() < 0.0502
@@ -99,7 +96,7 @@ def road_of(grade, step=50.0):
     return RoadProfile(station, height, np.full(height.size, np.inf), "test road")
 
 
-def test_plan_followed_with_constant_forces_burns_what_was_planned_on_a_rough_road():
+def test_plan_with_constant_forces_burns_the_planned_fuel_on_a_rough_road():
     rng = np.random.default_rng(1)
     rough = 0.02 * np.sin(np.arange(600) / 60.0) + rng.normal(0.0, 0.01, 600)
     fine = road_of(rough, step=10.0)

@@ -1,4 +1,4 @@
-"""What judges a speed plan: its energy, its bound, its savings."""
+"""Checks of a speed plan: its energy, its bound, its savings."""
 
 from dataclasses import replace
 
@@ -36,7 +36,7 @@ def test_a_long_road_is_bounded_by_its_own_multipliers(case):
     assert gap.value > -1e-6
 
 
-def test_a_band_above_what_the_cruise_does_on_climbs_is_no_equal_trip():
+def test_band_above_the_climbing_speed_of_the_cruise_prevents_equal_trip_times():
     narrow = solve(hills(amplitude=0.05), PccConfig(v_min=19.5, v_max=25.0))
     assert not equal_times(narrow)
     assert equal_times(solve(hills(), BAND))
@@ -54,7 +54,7 @@ def case():
     return solve(hills(), BAND)
 
 
-def test_the_same_problem_is_set_again(case):
+def test_case_has_the_problem_of_its_plan(case):
     speed = case.solution.plan.speed
     assert (speed**2 >= case.task.b_low - 1e-6).all()
     assert (speed**2 <= case.task.b_high + 1e-6).all()
@@ -69,16 +69,16 @@ def test_engine_work_goes_into_resistances_height_and_brakes(case):
         assert flow.brakes >= 0.0
 
 
-def test_missing_work_is_seen_by_the_balance(case):
+def test_balance_shows_missing_work(case):
     heavier = replace(case.vehicle, rolling=1.1 * case.vehicle.rolling)
     speed = case.solution.plan.speed
-    # The forces of one truck do not drive the other: its work is not accounted for.
+    # The forces of one truck do not fit the other: part of its work is missing.
     own = balance(case.vehicle, case.road, speed)
     other = balance(heavier, case.road, speed)
     assert other.engine - own.engine == pytest.approx(other.rolling - own.rolling, rel=0.5)
 
 
-def test_saving_is_what_the_cruise_brakes_away(case):
+def test_saving_equals_the_brake_work_of_the_cruise_less_the_plans(case):
     plan = balance(case.vehicle, case.road, case.solution.plan.speed)
     cruise = balance(case.vehicle, case.road, case.solution.baseline.speed)
     saved = cruise.engine - plan.engine
@@ -90,7 +90,7 @@ def test_bound_is_below_plan_and_below_that_with_k_a(case):
     whole, _ = bound(case, case.task.k_a)
     assert fuel <= case.solution.fuel
     # The solver meets the trip time and the limits to a tolerance of its own.
-    assert fuel < whole <= case.cost(case.solution.plan.speed) * (1.0 + 1e-7)
+    assert fuel < whole <= case.task.cost(case.solution.plan.speed) * (1.0 + 1e-7)
     assert -1e-7 < gap < 1e-4
 
 
@@ -99,11 +99,11 @@ def test_finer_grid_confirms_the_fuel(case):
     assert optimum.ok
     assert 0.0 < abs(optimum.value) < 0.1
     assert driven.ok
-    # What drives on the fine grid is no better than its optimum, whose term of k_a counts, too.
+    # The drive on the fine grid is not better than its optimum, whose cost includes k_a.
     assert -0.02 < driven.value < 0.1
 
 
-def test_an_end_speed_missed_after_a_climb_is_no_difference_of_the_grids():
+def test_missed_end_speed_after_a_climb_is_not_a_difference_of_the_grids():
     # Full power all the way up: a few mm/s less at the end save as much as the grids may differ.
     def climb(step):
         station = step * np.arange(round(6_000.0 / step) + 1)
@@ -119,7 +119,7 @@ def test_the_plan_saves_no_more_by_the_map_than_the_bound_allows(case):
     assert by_map.value >= case.solution.map_saving_percent
 
 
-def test_finite_elements_tell_why_there_are_none(case):
+def test_finite_elements_give_the_reason_for_a_missing_solution(case):
     assert "5 km" in finite_elements(case, length_max=1_000.0).reason
 
 
@@ -145,7 +145,7 @@ def test_a_share_of_the_full_load_is_a_share_of_the_power(case):
     assert weaker.solution.plan.power.max() <= weaker.vehicle.power_max * (1.0 + 1e-4)
 
 
-def test_quick_form_needs_no_files_and_demands_nothing_of_the_paper():
+def test_quick_form_needs_no_files_and_has_no_check_on_the_papers_road():
     results = pcc_savings.run_savings(ValidateConfig(quick=True))
     assert any("--roads" in note for note in results.notes)
     assert not any("paper's road" in check.name for check in results.checks)
@@ -153,8 +153,8 @@ def test_quick_form_needs_no_files_and_demands_nothing_of_the_paper():
     assert [c.name for c in results.checks if not c.ok and not any(s in c.name for s in slow)] == []
 
 
-def test_a_plan_over_steep_hills_is_judged_by_what_it_burns_on_the_fine_road():
-    # The optima of both grids differ by more than the plan can be bettered.
+def test_plan_over_steep_hills_is_checked_by_its_fuel_on_the_fine_road():
+    # The optima of both grids differ by more than the possible improvement of the plan.
     steep = solve(hills(length=6_000.0, amplitude=0.05), BAND)
     optimum, driven = convergence_checks(steep, hills(step=5.0, length=6_000.0, amplitude=0.05))
     assert abs(optimum.value) > abs(driven.value)
@@ -163,14 +163,14 @@ def test_a_plan_over_steep_hills_is_judged_by_what_it_burns_on_the_fine_road():
     assert driven.ok
 
 
-def test_a_trip_as_short_as_can_be_is_the_same_on_every_grid():
-    # The cruise drives at the greatest speed already: there is only one drive in its time.
+def test_shortest_possible_trip_is_the_same_on_every_grid():
+    # The cruise has the greatest speed: there is only one drive in its time.
     fast = solve(hills(), PccConfig(v_ref=25.0, v_max=25.0))
     assert fast.solution.saving_percent == pytest.approx(0.0, abs=0.05)
     assert all(check.ok for check in convergence_checks(fast, hills(step=10.0)))
 
 
-def test_a_road_that_needs_no_fuel_is_named():
+def test_road_without_fuel_consumption_is_named():
     road = hills()
     falling = replace(road, height=-0.04 * road.station, name="descent")
     with pytest.raises(PlanningError, match=r"'descent' .* no fuel"):

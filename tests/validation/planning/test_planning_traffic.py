@@ -1,10 +1,9 @@
-"""The table of trips in traffic: pairs, corrections, and a runner that goes on."""
+"""The table of trips in traffic: pairs, corrections, and the runner of trips."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +11,6 @@ import pytest
 
 from iits_mj.core.errors import InputError
 from iits_mj.core.results import Results
-from iits_mj.parameters import TruckParameters
 from iits_mj.validation.harness.config import ValidateConfig
 from iits_mj.validation.planning import planning_traffic, traffic_trips
 from iits_mj.validation.planning.planning_traffic import (
@@ -74,7 +72,7 @@ def rows() -> list[TripRow]:
 
 
 def test_saving_counts_kinetic_energy_at_the_end_as_fuel() -> None:
-    worth = worth_of_energy(TruckParameters.load())
+    worth = worth_of_energy()
     # 160 to 200 g/kWh more at the engine for a little more power, 0.93 to the wheels.
     assert 4.7e-8 < worth < 6e-8
     assert saving_percent(CRUISE, PCC, worth) == pytest.approx(10.0)
@@ -84,7 +82,7 @@ def test_saving_counts_kinetic_energy_at_the_end_as_fuel() -> None:
     assert saving_percent(CRUISE, faster, worth) == pytest.approx(wanted)
 
 
-def test_figures_are_of_pairs_with_their_interval() -> None:
+def test_figures_are_means_of_pairs_with_their_interval() -> None:
     results = Results("test")
     summarize(results, rows())
     found = {check.name: check for check in results.checks}
@@ -97,7 +95,7 @@ def test_figures_are_of_pairs_with_their_interval() -> None:
     assert results.ok
 
 
-def test_a_failed_trip_counts_and_its_pair_does_not_save() -> None:
+def test_failed_trip_is_counted_and_its_pair_has_no_saving() -> None:
     spoiled = [
         replace(r, failed=int(r.seed == FIRST_SEED + 1 and r.planner == "pcc")) for r in rows()
     ]
@@ -131,14 +129,14 @@ def test_another_table_is_refused(tmp_path: Path) -> None:
         read_rows(path)
 
 
-def test_runner_drives_nothing_that_is_there(
+def test_runner_does_not_repeat_trips_of_the_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "trips.csv"
     write_rows(path, rows())
 
     def forbidden(*_: object) -> None:
-        raise AssertionError("a trip was driven that is in the table")
+        raise AssertionError("a trip of the table was driven again")
 
     monkeypatch.setattr(planning_traffic, "drive_pair", forbidden)
     assert main(["--seeds", "4", "--out", str(path)]) == 0
@@ -146,7 +144,7 @@ def test_runner_drives_nothing_that_is_there(
 
 
 def driver(drives: list[tuple[str, int, str]]) -> Callable[..., TripRow]:
-    """Drives nothing, and notes what it should have."""
+    """Returns a replacement of `drive_trip` that only records its calls."""
 
     def drive(density: str, seed: int, planner: str, cruise: TripRow | None = None) -> TripRow:
         assert (planner == "pcc") == (cruise is not None)
@@ -157,7 +155,7 @@ def driver(drives: list[tuple[str, int, str]]) -> Callable[..., TripRow]:
     return drive
 
 
-def test_a_kept_pair_is_taken_while_the_code_is_the_same(
+def test_kept_pair_is_used_only_for_the_same_code(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drives: list[tuple[str, int, str]] = []
@@ -171,35 +169,26 @@ def test_a_kept_pair_is_taken_while_the_code_is_the_same(
     assert len(drives) == 4
 
 
-def test_rows_of_other_code_are_never_shown(
+def test_rows_of_other_code_are_replaced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "trips.csv"
     write_rows(path, [replace(row, code="old", fuel=99.0) for row in rows()])
     asked: list[tuple[str, int]] = []
 
-    class Pool:
-        def __init__(self, *_: object, **__: object) -> None: ...
-
-        def __enter__(self) -> Pool:
-            return self
-
-        def __exit__(self, *_: object) -> None: ...
-
-        def submit(self, _: object, density: str, seed: int, folder: object) -> Future[list]:
+    def run_all(jobs, processes, work, keep, describe, what) -> None:
+        for density, seed in jobs:
             asked.append((density, seed))
-            found: Future[list] = Future()
-            found.set_result([replace(r, density=density, seed=seed) for r in (CRUISE, PCC)])
-            return found
+            keep([replace(row, density=density, seed=seed) for row in (CRUISE, PCC)])
 
-    monkeypatch.setattr(planning_traffic, "ProcessPoolExecutor", Pool)
+    monkeypatch.setattr(planning_traffic, "run_all", run_all)
     assert main(["--seeds", "3", "--out", str(path)]) == 0
     assert "24 trips of the table are of other code" in capsys.readouterr().out
     assert len(asked) == 9
     assert {row.fuel for row in read_rows(path)} == {CRUISE.fuel, PCC.fuel}
 
 
-def test_quick_form_says_that_traffic_is_left_out_and_the_full_one_drives_it(
+def test_quick_form_leaves_traffic_out_and_full_form_drives_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     quick = run_traffic(ValidateConfig(quick=True, runs=tmp_path))
@@ -216,7 +205,7 @@ def test_quick_form_says_that_traffic_is_left_out_and_the_full_one_drives_it(
 
 
 @pytest.mark.parametrize("words", [["--seeds", "0"], ["--jobs", "0"]])
-def test_wrong_use_of_the_runner_is_one_line(
+def test_wrong_use_of_the_runner_gives_a_one_line_error(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([*words, "--out", str(tmp_path / "t.csv")]) == 2

@@ -29,7 +29,7 @@ def test_coasting_between_two_uses_of_the_pedal_is_no_reversal():
     assert speed_tracking.shortest_turn(drive) == pytest.approx(30.0, abs=0.05)
 
 
-def test_pedal_brake_pedal_are_two_reversals_whichever_brake_it_is():
+def test_pedal_brake_pedal_are_two_reversals_with_every_brake():
     for brake in ("engine_brake", "retarder", "xbr_demand"):
         sign = -1.0 if brake == "xbr_demand" else 1.0
         drive = record(
@@ -47,7 +47,7 @@ def test_neutral_in_a_gear_change_is_not_counted_as_a_gear():
     assert speed_tracking.gear_changes(drive) == 1
 
 
-def test_the_error_is_not_judged_at_full_pedal_nor_just_after_it():
+def test_error_excludes_full_pedal_and_the_time_just_after_it():
     drive = record(
         30.0,
         pedal=lambda t: np.where((t > 10.0) & (t < 20.0), 1.0, 0.4),
@@ -61,7 +61,7 @@ def test_the_error_is_not_judged_at_full_pedal_nor_just_after_it():
     )
 
 
-def test_a_record_is_read_back_as_it_was_written(tmp_path):
+def test_record_is_read_back_unchanged(tmp_path):
     drive = record(5.0, speed=lambda t: 20.0 + t)
     drive.save(tmp_path / "drive.npz")
     assert np.array_equal(Record.load(tmp_path / "drive.npz").table, drive.table)
@@ -103,7 +103,7 @@ def test_the_empty_truck_keeps_its_speed_on_a_hill():
     assert len(results.checks) >= 3
 
 
-def test_a_truck_that_starts_on_a_hill_was_standing_braked():
+def test_truck_stands_braked_before_its_start_on_a_hill():
     route = Route.straight(length=400.0, grade=0.05)
     driven = drive_task(
         DriveTask(route, 100.0, 100.5, 0.0, 5.0, payload=0.0, timestep=0.005, time_limit=30.0)

@@ -70,7 +70,7 @@ def test_weights_count_as_repeated_vehicles():
     assert kolmogorov_smirnov(twice, weighted) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_only_cells_that_both_flows_have_are_compared():
+def test_only_common_cells_of_both_flows_are_compared():
     recorded = _samples([8.0, 9.0, 30.0], station=[10.0, 20.0, 310.0])
     simulated = _samples([8.0, 8.0, 10.0, 10.0, 99.0], station=[5.0, 15.0, 25.0, 35.0, 700.0])
     ours, theirs = matched(recorded, simulated)
@@ -109,12 +109,12 @@ def test_lane_changes_of_a_recorded_set_are_per_vehicle_and_kilometer():
     assert lane_change_rate(data) == (1, pytest.approx(0.1))
 
 
-def test_replayed_traffic_is_its_source():
+def test_replayed_traffic_equals_its_source():
     assert [check.value for check in own_recording(5.0).checks] == [0.0, 0.0]
 
 
 def _queue():
-    """Recorded conditions of our own making: one lane, 300 m, 8 m/s that falls to 4 m/s."""
+    """Artificial recorded conditions: one lane, 300 m, a speed of 8 m/s that drops to 4 m/s."""
     time = np.arange(0.0, 100.0, 0.5)
     speed = np.where(time < 50.0, 8.0, 4.0)
     rows = [
@@ -126,7 +126,7 @@ def _queue():
 
 
 def test_a_queue_drives_as_fast_as_its_end_and_keeps_its_equilibrium_distance():
-    # A driver of a stable string: an unstable one would make waves of the exit's jolts.
+    # The driver's string is stable: an unstable string would amplify changes at the exit.
     driver = IdmParameters(20.0, 1.6, 2.0, 1.5, 1.5)
     conditions = _queue()
     flow = drive(conditions, lambda _lane, _rng: driver, (0.0, 100.0))
@@ -147,7 +147,7 @@ def test_a_lane_without_leaders_is_refused():
         conditions_of.Conditions.of(flow, flow, 4.5)
 
 
-def test_without_data_the_command_checks_what_it_can_and_says_what_it_needs(capsys):
+def test_command_without_data_runs_the_other_checks_and_names_the_option(capsys):
     assert main(["validate", "traffic", "--quick", "--json"]) == 2
     out, err = capsys.readouterr()
     checks = json.loads(out)["checks"]
@@ -157,7 +157,7 @@ def test_without_data_the_command_checks_what_it_can_and_says_what_it_needs(caps
     assert err.count("\n") == 1
 
 
-def test_a_missing_data_file_is_wrong_use(capsys):
+def test_missing_data_file_is_an_error(capsys):
     assert main(["validate", "traffic", "--quick", "--data", "/nowhere/tracks.csv"]) == 2
     assert "/nowhere/tracks.csv" in capsys.readouterr().err
 

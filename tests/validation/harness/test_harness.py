@@ -1,9 +1,15 @@
+"""Measures of time histories, options of the validation, and the digest of kept drives."""
+
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+import iits_mj
 from iits_mj.core.errors import InputError
 from iits_mj.validation import COMMANDS, ValidateConfig
 from iits_mj.validation.harness.recorder import fit, harmonic, peak_ratio
+from iits_mj.validation.harness.run_cache import NOT_DRIVING, driving_files
 
 TIME = np.linspace(0.0, 20.0, 2001)
 
@@ -28,7 +34,7 @@ def test_harmonic_finds_amplitude_and_phase_beside_a_drift():
     assert np.angle(found[1]) == pytest.approx(-np.pi / 2)
 
 
-def test_commands_and_options_are_the_announced_ones():
+def test_commands_and_options_are_the_documented_ones():
     truck = {"lateral", "longitudinal", "standards", "step-size"}
     assert set(COMMANDS) == truck | {"traffic", "planning"}
     assert ValidateConfig().step == 0.001
@@ -40,3 +46,21 @@ def test_commands_and_options_are_the_announced_ones():
         ValidateConfig(payload=50_000.0)
     with pytest.raises(InputError, match="timestep"):
         ValidateConfig(timestep=0.1)
+
+
+def test_every_excluded_package_exists():
+    root = Path(iits_mj.__file__).parents[1]
+    assert [name for name in NOT_DRIVING if not (root / name).is_dir()] == []
+
+
+def test_planning_control_traffic_and_truck_are_covered_and_evaluation_is_not():
+    folders = {name.rsplit("/", 1)[0] for name in driving_files()}
+    assert folders >= {
+        "controllers/planning",
+        "controllers/tracking",
+        "iits_mj/simulation",
+        "iits_mj/parameters",
+        "mjcf",
+        "traffic_bridge",
+    }
+    assert not {"iits_mj/evaluation", "iits_mj/validation/planning"} & folders
