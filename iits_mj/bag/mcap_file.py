@@ -25,6 +25,7 @@ from iits_mj.bag.message_types import (
 )
 from iits_mj.core.context import Finishing
 from iits_mj.core.errors import InputError
+from iits_mj.core.input_files import read_json
 from iits_mj.core.messages import EgoState, Scene, Trajectory, VehicleCommand
 from iits_mj.j1939 import Frame as BusFrame
 from iits_mj.j1939.state import TruckSender
