@@ -400,6 +400,8 @@ def test_events_are_read_from_a_file(tmp_path):
         ('[[events]]\nevent = "speed_limit"\nlimit = "fast"', "limit = 'fast': allowed is 1"),
         ('[[events]]\nevent = "speed_limit"\nlimit = nan', "limit = nan: allowed is 1"),
         ("\xff", "not TOML|UTF-8"),
+        ("[[events]]\n" * 1001, "1001 events are more than 1000 allowed"),
+        ("events." * 5000 + "a = 1", "nested deeper than 32 levels"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_named_with_the_reason(tmp_path, text, reason):
