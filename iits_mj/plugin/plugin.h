@@ -129,6 +129,11 @@ void RegisterPlugin(const char* name, int capabilities) {
     reinterpret_cast<P*>(data)->Reset(reinterpret_cast<State*>(state));
   };
   plugin.compute = +[](const mjModel* m, mjData* d, int instance, int capability) {
+    // The plugin's object and state are those of the model for which the data were made.
+    if (m->signature != d->signature) {
+      mju_error("%s: mjData was made for another mjModel",
+                mjp_getPluginAtSlot(m->plugin[instance])->name);
+    }
     const P* p = reinterpret_cast<P*>(d->plugin_data[instance]);
     State* state = reinterpret_cast<State*>(d->plugin_state + m->plugin_stateadr[instance]);
     if (capability & mjPLUGIN_PASSIVE) p->Passive(m, d, state);

@@ -109,6 +109,9 @@ class Truck:
       parameters, payload, route: of the scene.
       prefix: of the truck's names in a model of several (`iits_mj.truck.fleet`).
       data: of the scene; default: new data, with the truck at the beginning of its road.
+
+    Raises:
+      InputError: the model lacks the truck's controls, or `data` is of another model.
     """
 
     def __init__(
@@ -121,6 +124,8 @@ class Truck:
         prefix: str = "",
         data: mujoco.MjData | None = None,
     ) -> None:
+        if data is not None and data.signature != model.signature:
+            raise InputError("data were made for another model: use mujoco.MjData(model)")
         self.model = model
         self.data = mujoco.MjData(model) if data is None else data
         self.parameters = parameters

@@ -15,7 +15,7 @@ import pytest
 
 import iits_mj
 from iits_mj import suite
-from iits_mj.core.errors import TrafficError
+from iits_mj.core.errors import InputError, TrafficError
 
 ENVIRONMENTS = sorted(name for name in gymnasium.registry if name.startswith("iits_mj/"))
 
@@ -105,3 +105,16 @@ def test_models_without_plugins_pickle_as_before() -> None:
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, 10)
     assert pickle.loads(pickle.dumps(data)).qpos.tobytes() == data.qpos.tobytes()
+
+
+def test_data_of_another_model_are_refused() -> None:
+    truck = iits_mj.Truck.load(0.0, visuals=False)
+
+    def add_body(spec: mujoco.MjSpec) -> None:
+        spec.worldbody.add_body(name="box", pos=[0, 50, 0]).add_geom(size=[1, 1, 1])
+
+    other = iits_mj.Truck.load(0.0, visuals=False, edit_spec=add_body)
+    with pytest.raises(InputError, match="data were made for another model"):
+        iits_mj.Truck(truck.model, truck.parameters, 0.0, truck.route, data=other.data)
+    with pytest.raises(mujoco.FatalError, match="mjData was made for another mjModel"):
+        mujoco.mj_forward(truck.model, other.data)
