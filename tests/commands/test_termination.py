@@ -1,4 +1,4 @@
-"""SIGTERM ends each long command like Ctrl-C: complete outputs, no temporary files, exit code 143."""
+"""SIGTERM ends a long command like Ctrl-C: complete outputs, no temporary files, exit code 143."""
 
 from __future__ import annotations
 
