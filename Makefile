@@ -15,7 +15,7 @@ BUILD   := pyproject.toml CMakeLists.txt
 DM_CONTROL = @$(BIN)/python -c 'import dm_control' 2>/dev/null || \
   $(PIP) -c constraints.txt --no-deps dm-control
 
-.PHONY: help drive validation test test-slow lint check check-mujoco4 coverage format generate \
+.PHONY: help drive validation test test-slow lint check check-mujoco4 coverage fuzz format generate \
 	pictures build wheel clean
 
 help:
@@ -24,6 +24,7 @@ help:
 	@echo "make validation the truck against models and standards: docs/validation/"
 	@echo "make test       lint, types, layers, C++ format and the tests"
 	@echo "make test-slow  the tests that take minutes"
+	@echo "make fuzz       a million mutated inputs for every reader, the bus and the plugin"
 	@echo "make coverage   the tests with branch coverage: $(OUT)/coverage/index.html"
 	@echo "make format     format Python and C++"
 	@echo "make generate   write the files that are made from code: manuals, model, messages, map"
@@ -96,6 +97,11 @@ check: $(VENV)/installed-test
 
 test-slow: $(VENV)/installed-test
 	$(BIN)/pytest -m slow -n $(JOBS) --dist load
+
+# A million inputs take hours; FUZZ='--inputs 20000 --only map' limits them.
+FUZZ ?=
+fuzz: $(VENV)/installed-test
+	$(BIN)/python -m tests.fuzz.harness --jobs $(JOBS) --out "$(OUT)/fuzz" $(FUZZ)
 
 # TESTS limits it, e.g. make coverage TESTS=tests/road.
 TESTS ?= tests

@@ -1,17 +1,21 @@
 """The command line `iits-mj`: runs a command and reports every error as one line.
 
 Exit codes: 0 done and every check holds; 1 failure, or a check falls short; 2 wrong use or unusable
-input; 70 fault of the program; 130 interrupted.
+input; 70 fault of the program; 130 interrupted (Ctrl-C); 143 terminated (SIGTERM), which ends a
+command as Ctrl-C does, with its outputs complete up to that moment.
 """
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
+import signal
 import sys
+import threading
 import traceback
-from collections.abc import Sequence
-from types import ModuleType
+from collections.abc import Iterator, Sequence
+from types import FrameType, ModuleType
 from typing import Any
 
 import iits_mj
@@ -36,7 +40,7 @@ COMMANDS = {
     "bench": "measure computing times",
     "doctor": "check the installation and name remedies",
 }
-EXIT_SHORT, EXIT_USE, EXIT_FAULT, EXIT_INTERRUPTED = 1, 2, 70, 130
+EXIT_SHORT, EXIT_USE, EXIT_FAULT, EXIT_INTERRUPTED, EXIT_TERMINATED = 1, 2, 70, 130, 143
 TRACEBACK_VARIABLE = "IITS_MJ_TRACEBACK"
 
 
@@ -96,6 +100,35 @@ def _options(module: ModuleType, name: str, words: Sequence[str]) -> Any:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line; prints every error as one line and returns the exit code."""
+    with _termination_as_interrupt() as received:
+        code = _report(argv)
+    return EXIT_TERMINATED if received and code == EXIT_INTERRUPTED else code
+
+
+@contextlib.contextmanager
+def _termination_as_interrupt() -> Iterator[list[int]]:
+    """Handles SIGTERM as the current handler of Ctrl-C does; yields the signals received."""
+    received: list[int] = []
+
+    def end(number: int, frame: FrameType | None) -> None:
+        received.append(number)
+        interrupt = signal.getsignal(signal.SIGINT)
+        # A shell starts background jobs with Ctrl-C ignored.
+        if not callable(interrupt):
+            raise KeyboardInterrupt
+        interrupt(number, frame)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield received
+        return
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield received
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _report(argv: Sequence[str] | None) -> int:
     # Otherwise libsumo prints a warning about pyarrow on stdout, into JSON output.
     os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
     try:

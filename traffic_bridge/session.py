@@ -6,15 +6,15 @@ import contextlib
 import math
 import os
 import re
-import tempfile
 import weakref
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from iits_mj.core.errors import TrafficError
+from iits_mj.core.output_files import TemporaryFolder
 
 ERROR_LOG = "errors.txt"
 
@@ -152,7 +152,7 @@ class Session:
     ) -> None:
         self.api = load_libsumo()
         self._guards = 0
-        self._finalizer: weakref.finalize[[Any, tempfile.TemporaryDirectory[str]], Session] | None
+        self._finalizer: weakref.finalize[[Any, TemporaryFolder], Session] | None
         self._finalizer = None
         if self.api.isLoaded():
             raise TrafficError(
@@ -161,8 +161,8 @@ class Session:
             )
         check_net(net)
         try:
-            folder = tempfile.TemporaryDirectory(prefix="iits_mj_sumo_")
-            self._folder = Path(folder.name)
+            folder = TemporaryFolder("sumo")
+            self._folder = folder.path
             types = self._folder / "types.add.xml"
             types.write_text(f"<additional>{additional}</additional>", encoding="utf-8")
         except OSError as error:
@@ -183,6 +183,12 @@ class Session:
         self._finalizer = weakref.finalize(self, _unload, self.api, folder)
         with self.guard(f"loading {net}", loading=True), _captured_stderr(self._stderr):
             self.api.start(command)
+
+    def __reduce__(self) -> NoReturn:
+        raise TrafficError(
+            "a running SUMO simulation cannot be copied or pickled: copy the environment or the "
+            "settings before reset(), and reset the copy with the same seed"
+        )
 
     @contextlib.contextmanager
     def guard(self, action: str, loading: bool = False) -> Iterator[None]:
@@ -283,9 +289,9 @@ def _holds(api: Any, error_log: str) -> bool:
         return True  # the options are missing: start() has failed half-way
 
 
-def _unload(api: Any, folder: tempfile.TemporaryDirectory[str]) -> None:
+def _unload(api: Any, folder: TemporaryFolder) -> None:
     # After a failed start, close() fails too, but ends the simulation.
     with contextlib.suppress(api.TraCIException, api.libsumo.FatalTraCIError, RuntimeError):
-        if _holds(api, str(Path(folder.name) / ERROR_LOG)):
+        if _holds(api, str(folder.path / ERROR_LOG)):
             api.close()
     folder.cleanup()

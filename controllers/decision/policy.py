@@ -10,7 +10,6 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,9 @@ from controllers.decision.observation import (
 )
 from controllers.decision.trip import ACTIONS
 from iits_mj.core.errors import InputError
+from iits_mj.core.input_files import read_json, read_npz
 from iits_mj.core.messages import Decision
+from iits_mj.core.output_files import OutputFile
 
 LAYERS = (OBSERVATION_SIZE, 256, 512, 256, 3)
 _KEEP = ACTIONS.index(Decision.KEEP)
@@ -113,7 +114,7 @@ class QNetwork:
         arrays: dict[str, Any] = {"metadata": np.array(json.dumps(header, sort_keys=True))}
         for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             arrays[f"w{i}"], arrays[f"b{i}"] = weight, bias
-        with Path(path).open("wb") as stream:
+        with OutputFile(path, "weights file") as partial, partial.open("wb") as stream:
             np.savez_compressed(stream, **arrays)
 
     @classmethod
@@ -125,22 +126,10 @@ class QNetwork:
             version of the observation, or a number is not finite; the message gives the reason.
         """
         name = f"weights file {str(path)!r}"
-        try:
-            if Path(path).stat().st_size > _SIZE_MAX:
-                raise InputError(f"{name} is larger than {_SIZE_MAX >> 20} MiB")
-            with np.load(path, allow_pickle=False) as content:
-                arrays = {key: content[key] for key in content.files}
-        except FileNotFoundError as error:
-            raise InputError(f"{name} does not exist") from error
-        except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
-            raise InputError(f"{name} is not a readable npz: {error}") from error
-        except Exception as error:  # a damaged deflate stream raises zlib.error
-            raise InputError(f"{name} is damaged: {error}") from error
-        metadata = _metadata(arrays, name)
         count = len(LAYERS) - 1
-        missing = [k for i in range(count) for k in (f"w{i}", f"b{i}") if k not in arrays]
-        if missing:
-            raise InputError(f"{name} lacks {', '.join(missing)}")
+        needed = ("metadata", *(f"{kind}{i}" for i in range(count) for kind in "wb"))
+        arrays = read_npz(path, "weights file", _SIZE_MAX, needed)
+        metadata = _metadata(arrays, name)
         weights = tuple(arrays[f"w{i}"].astype(np.float32) for i in range(count))
         biases = tuple(arrays[f"b{i}"].astype(np.float32) for i in range(count))
         try:
@@ -160,7 +149,7 @@ def check_observation(observation: NDArray[np.floating[Any]]) -> None:
 
 def _metadata(arrays: dict[str, Any], name: str) -> dict[str, Any]:
     try:
-        metadata = json.loads(str(arrays["metadata"]))
+        metadata = read_json(str(arrays["metadata"]), f"{name}: its metadata")
         kind, version = metadata["format"], metadata["observation_version"]
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{name} has no usable metadata: {error}") from error

@@ -25,6 +25,7 @@ from iits_mj.bag.message_types import (
 )
 from iits_mj.core.context import Finishing
 from iits_mj.core.errors import InputError
+from iits_mj.core.input_files import read_json
 from iits_mj.core.messages import EgoState, Scene, Trajectory, VehicleCommand
 from iits_mj.j1939 import Frame as BusFrame
 from iits_mj.j1939.state import TruckSender
@@ -132,7 +133,7 @@ def read_bag(path: Path) -> Bag:
     if missing:
         raise InputError(f"bag {str(path)!r} holds no drive: it lacks {', '.join(missing)}")
     try:
-        settings = json.loads(found["/drive"][0])
+        settings = read_json(found["/drive"][0], f"bag {str(path)!r}: /drive")
         options, timestep = dict(settings["options"]), float(settings["timestep"])
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"bag {str(path)!r}: /drive does not hold a drive's options") from error
@@ -151,7 +152,7 @@ def read_bag(path: Path) -> Bag:
 def _messages(path: Path) -> Iterator[tuple[str, Any]]:
     """Yields topics and messages of our own types and of /drive, in the order of time."""
     store = typestore()
-    from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.highlevel import AnyReader
 
     kinds = {type_name(kind): kind for kind in MESSAGES}
     folder = path.parent if path.suffix == ".mcap" else path
@@ -162,8 +163,11 @@ def _messages(path: Path) -> Iterator[tuple[str, Any]]:
                 message = store.deserialize_cdr(data, connection.msgtype)
                 kind = kinds.get(connection.msgtype)
                 yield connection.topic, message.data if kind is None else decode(message, kind)
-    except (AnyReaderError, OSError) as error:
-        raise InputError(f"bag {str(path)!r} cannot be read: {error}") from error
+    except InputError:
+        raise
+    except Exception as error:  # on damaged files rosbags raises what its parsers meet
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise InputError(f"bag {str(path)!r} cannot be read: {reason}") from error
 
 
 class BagWriter(Finishing, Observer):

@@ -21,6 +21,7 @@ from iits_mj.commands.output import prepare_folder, progress_bar
 from iits_mj.core import options as option_fields
 from iits_mj.core.errors import RenderError
 from iits_mj.core.options import option
+from iits_mj.core.output_files import write_whole
 from iits_mj.j1939 import CommandReceiver
 from iits_mj.j1939.log_files import WRITTEN
 from iits_mj.render import plots
@@ -227,7 +228,7 @@ def _write(job: Job, outcome: Outcome) -> list[tuple[str, Path]]:
     for name, panels in drive_figures(outcome.telemetry).items():
         images.append(picture_section(CAPTIONS[name], plots.save(panels, out / f"{name}.png")))
     content = json.dumps(_summary_object(job, outcome), indent=2, allow_nan=False)
-    plots.write_whole(out / "summary.json", f"{content}\n".encode())
+    write_whole(out / "summary.json", f"{content}\n".encode(), "summary")
     summary, road = outcome.summary, job.config.map
     where = road.name if road is not None else "the built-in highway"
     settings = [*_settings(job.options), ("version", iits_mj.__version__)]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import operator
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -23,6 +22,7 @@ from iits_mj.commands.output import (
     progress_of,
 )
 from iits_mj.core.options import option
+from iits_mj.core.output_files import TemporaryFolder
 from iits_mj.core.results import Results
 from iits_mj.evaluation import parameter_uncertainty as uncertainty
 from iits_mj.evaluation.parameter_uncertainty import Sample, SampleTask
@@ -46,8 +46,8 @@ def run(options: Options) -> int:
     if options.folder is not None:
         prepare_folder(options.folder, "folder")
         return finish(options, functools.partial(_measure, options, options.folder))
-    with tempfile.TemporaryDirectory() as folder:
-        return finish(options, functools.partial(_measure, options, Path(folder)))
+    with TemporaryFolder("montecarlo") as folder:
+        return finish(options, functools.partial(_measure, options, folder))
 
 
 def _measure(options: Options, folder: Path) -> Results:

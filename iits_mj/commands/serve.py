@@ -31,6 +31,7 @@ def run(options: Options) -> int:
     """Serves and prints the summary; returns the exit code."""
     with Server(options, tell=_tell) as server, _signals(server.stop):
         _tell(f"serving on CAN bus {server.bus.link.name}; Ctrl-C ends it")
+        _tell(_access(options))
         summary = server.run()
     if options.json:
         content = {"command": "serve", "version": iits_mj.__version__}
@@ -54,6 +55,15 @@ def _signals(stop: Callable[[str], None]) -> Iterator[None]:
     finally:
         for kind, handler in zip(kinds, before, strict=True):
             signal.signal(kind, handler)
+
+
+def _access(options: Options) -> str:
+    sender = "every address" if options.any_source else f"address 0x{options.source:02X}"
+    if options.bus != "udp_multicast":
+        return f"the truck obeys {sender} of the bus"
+    if options.reach == "host":
+        return f"the truck obeys {sender} on this machine; --reach network opens it to others"
+    return f"any machine of the local network can drive the truck as {sender}"
 
 
 def _tell(line: str) -> None:

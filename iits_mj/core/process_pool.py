@@ -24,6 +24,7 @@ FAULTS_MAX = 5
 DEATHS_MAX = 3
 _LEAVE_TIME = 5.0  # [s] for a worker to close SUMO
 _INTERRUPTED = 130  # exit code
+_ENDINGS = (signal.SIGINT, signal.SIGTERM)
 
 
 class TasksError(Error):
@@ -139,12 +140,12 @@ def _running(make_pool: Callable[[int], Executor], jobs: int) -> Iterator[Execut
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Blocks Ctrl-C; processes started meanwhile block it until `_begin_worker`."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    """Blocks Ctrl-C and SIGTERM; processes started meanwhile do so until `_begin_worker`."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, _ENDINGS)
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDINGS)
 
 
 def _end(workers: set[multiprocessing.process.BaseProcess]) -> None:
@@ -179,16 +180,18 @@ class _Worker:
 
 def _begin_worker() -> None:
     """Makes the process end without a message when it is interrupted or its parent has ended."""
-    signal.signal(signal.SIGINT, _leave)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    for kind in _ENDINGS:
+        signal.signal(kind, _leave)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDINGS)
     threading.Thread(target=_leave_with_parent, daemon=True).start()
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
-    del frame
+    del number, frame
     if not _Worker.busy:
         os._exit(_INTERRUPTED)
-    signal.signal(number, signal.SIG_IGN)
+    for kind in _ENDINGS:
+        signal.signal(kind, signal.SIG_IGN)
     raise KeyboardInterrupt
 
 

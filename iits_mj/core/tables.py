@@ -7,7 +7,6 @@ byte order mark and empty rows are ignored.
 from __future__ import annotations
 
 import csv
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -17,21 +16,10 @@ import numpy as np
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
+from iits_mj.core.output_files import OutputFile
 
 Row = TypeVar("Row")
 _KINDS = {"str": str, "int": int, "float": float}
-
-
-def read_toml(path: str | Path, what: str) -> dict[str, Any]:
-    """Returns the content of a TOML file; `what` names the kind of file in errors.
-
-    Raises:
-      InputError: the file cannot be read.
-    """
-    try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{what} {str(path)!r} cannot be read: {error}") from error
 
 
 def read_table(path: str | Path, what: str) -> tuple[list[str], list[list[str]]]:
@@ -142,12 +130,10 @@ def write_table(
     Raises:
       InputError: the file cannot be written.
     """
-    partial = path.with_suffix(".part")
-    try:
-        with partial.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.DictWriter(stream, names)
-            writer.writeheader()
-            writer.writerows(rows)
-        partial.replace(path)
-    except OSError as error:
-        raise InputError(f"file of {what} {str(path)!r} cannot be written: {error}") from error
+    with (
+        OutputFile(path, f"file of {what}") as partial,
+        partial.open("w", newline="", encoding="utf-8") as stream,
+    ):
+        writer = csv.DictWriter(stream, names)
+        writer.writeheader()
+        writer.writerows(rows)

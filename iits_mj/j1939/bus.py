@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import contextlib
 import enum
+import functools
 import logging
 import math
+import socket
 import time as wall_time
 import uuid
 from collections import Counter, deque
@@ -19,11 +21,12 @@ from typing import Any
 
 import can
 
-from iits_mj.core.checks import positive
+from iits_mj.core.checks import one_of, positive
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import BusError
 from iits_mj.j1939.frame import Frame
 
+REACHES = ("host", "network")
 # Default channels by interface of python-can.
 DEFAULT_CHANNELS = {"virtual": "iits_mj", "socketcan": "can0", "udp_multicast": "239.74.163.2"}
 # More than 2 s of a full bus at 500 kbit/s: a flood must not block a reader.
@@ -77,18 +80,23 @@ class Bus(Closing):
       channel: name of the channel, default that of `DEFAULT_CHANNELS`. Virtual buses of one process
         with the same channel are connected. For UDP, the multicast group, with an optional port:
         "239.74.163.2:43113".
+      reach: of UDP multicast: "host" sends to and hears this machine alone, "network" every machine
+        of the local network. Other buses reach what they are wired to.
 
     Attributes:
       name: "interface:channel", for messages.
-      ignored: number of received messages that are no J1939 frames, by kind: "11-bit", "error",
-        "FD", "malformed", "own", "remote".
+      ignored: number of received messages that are not used, by kind: "11-bit", "error", "FD",
+        "malformed", "other host", "own", "remote".
       off: whether the controller reports bus-off.
 
     Raises:
       BusError: the bus cannot be opened.
     """
 
-    def __init__(self, interface: str = "virtual", channel: str | None = None) -> None:
+    def __init__(
+        self, interface: str = "virtual", channel: str | None = None, *, reach: str = "host"
+    ) -> None:
+        one_of("reach", reach, REACHES)
         channel = DEFAULT_CHANNELS.get(interface, "") if channel is None else channel
         self.name = f"{interface}:{channel}"
         self.ignored: Counter[str] = Counter()
@@ -101,12 +109,30 @@ class Bus(Closing):
             settings["preserve_timestamps"] = True
         if interface == "udp_multicast":
             settings |= _group_and_port(channel)
+            settings["hop_limit"] = 0 if reach == "host" else 1
             # Other tools take the channel's number from its last digits: 0.
             self._mark = f"iits_mj-{uuid.uuid4().hex}-0"
         try:
             self._bus = can.Bus(interface=interface, **settings)
         except (*_FAILURES, ImportError, NotImplementedError) as error:
             raise self._error("cannot be opened", error) from error
+        if interface == "udp_multicast" and reach == "host":
+            self._hear_this_host()
+
+    def _hear_this_host(self) -> None:
+        """Drops datagrams from other machines before they are parsed."""
+        multicast = self._bus._multicast  # type: ignore[attr-defined]
+        receive = multicast.recv
+
+        def receive_own(timeout: float | None = None) -> Any:
+            for _ in range(FRAMES_AT_ONCE):
+                found = receive(timeout)
+                if found is None or is_own_address(found[1]):
+                    return found
+                self.ignored["other host"] += 1
+            return None
+
+        multicast.recv = receive_own
 
     def send(self, frame: Frame) -> None:
         """Sends one frame without waiting; BusError if the bus does not accept it."""
@@ -181,6 +207,18 @@ class Bus(Closing):
         return BusError(f"CAN bus {self.name} {what}: {reason}")
 
 
+@functools.lru_cache(maxsize=1024)
+def is_own_address(sender: tuple[Any, ...]) -> bool:
+    """Whether a socket address is one of this machine: only to such a socket can be bound."""
+    family = socket.AF_INET6 if ":" in sender[0] else socket.AF_INET
+    try:
+        with socket.socket(family, socket.SOCK_DGRAM) as trial:
+            trial.bind((sender[0], 0, *sender[2:]))
+    except OSError:
+        return False
+    return True
+
+
 def _kind(message: can.Message) -> str:
     if message.is_error_frame:
         return "error"
@@ -237,7 +275,7 @@ class Link(Closing):
     controller that recovers from bus-off by itself is used again at once.
 
     Args:
-      interface, channel: see `Bus`.
+      interface, channel, reach: see `Bus`.
       first_wait, longest_wait: before the bus is opened again [s].
       patience: longest time with every frame refused [s].
       clock: monotonic time [s].
@@ -256,6 +294,7 @@ class Link(Closing):
         interface: str = "virtual",
         channel: str | None = None,
         *,
+        reach: str = "host",
         first_wait: float = 0.1,
         longest_wait: float = 2.0,
         patience: float = 0.25,
@@ -264,11 +303,11 @@ class Link(Closing):
         times = {"first_wait": first_wait, "longest_wait": longest_wait, "patience": patience}
         for name, value in times.items():
             positive(f"link: {name}", value, "s")
-        self._interface, self._channel = interface, channel
+        self._interface, self._channel, self._reach = interface, channel, reach
         self._first_wait, self._longest_wait = first_wait, max(first_wait, longest_wait)
         self._patience = patience
         self._clock = clock
-        bus = Bus(interface, channel)
+        bus = Bus(interface, channel, reach=reach)
         self._bus: Bus | None = bus
         self.name = bus.name
         self.state = LinkState.UP
@@ -348,7 +387,7 @@ class Link(Closing):
             return
         self._drop_bus()
         try:
-            self._bus = Bus(self._interface, self._channel)
+            self._bus = Bus(self._interface, self._channel, reach=self._reach)
         except BusError:
             self._retry_later()
             if self.state is not LinkState.DOWN:

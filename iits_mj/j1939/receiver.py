@@ -134,6 +134,10 @@ class _Stream:
         return (counter - last - 1) % self.counters
 
 
+# A bus has 254 addresses and four messages that command.
+_MOST_STRANGERS = 1024
+
+
 @dataclass(slots=True)
 class _Unit:
     """A control unit that obeys a message of the controller.
@@ -262,6 +266,7 @@ class CommandReceiver:
     Attributes:
       accepted: obeyed frames by unit: `EEC2`, `XBR`, `TSC1 to 15`, `TSC1 to 16`, `IITS_COMMAND`.
       rejected, ignored: frames that are not obeyed, by "unit: reason", see `Reason`.
+      strangers: commands by message and address of a sender that may not command.
       lost: frames that never arrived, by unit, from the counters of the received frames.
 
     Raises:
@@ -282,6 +287,7 @@ class CommandReceiver:
         self.accepted: Counter[str] = Counter()
         self.rejected: Counter[str] = Counter()
         self.ignored: Counter[str] = Counter()
+        self.strangers: Counter[tuple[str, int]] = Counter()
         # Steering, parking brake, selector and brake pedal keep the positions of this command.
         self._held = VehicleCommand()
         read_body = functools.partial(BodyRequest.read, angle_max=steering_angle_max)
@@ -317,7 +323,10 @@ class CommandReceiver:
         addressed = [u for u in units if destination in (u.message.address, GLOBAL_ADDRESS)]
         reason = Reason.ADDRESS if not addressed else Reason.SENDER
         if not addressed or frame.source not in self.sources:
-            self.ignored[f"{units[0].message.message}: {reason.value}"] += 1
+            message = units[0].message.message
+            self.ignored[f"{message}: {reason.value}"] += 1
+            if reason is Reason.SENDER and len(self.strangers) < _MOST_STRANGERS:
+                self.strangers[message, frame.source] += 1
             return False
         taken = [self._take(unit, frame) for unit in addressed]
         return any(taken)

@@ -18,7 +18,8 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.assets import mjcf_dir
 from iits_mj.core.checks import is_number
 from iits_mj.core.errors import InputError
-from iits_mj.core.tables import read_table, read_toml
+from iits_mj.core.input_files import read_toml
+from iits_mj.core.tables import read_table
 from iits_mj.core.units import KMH, RPM
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from iits_mj.core.assets import mjcf_path
 from iits_mj.core.checks import is_number
 from iits_mj.core.errors import InputError
-from iits_mj.core.tables import read_toml
+from iits_mj.core.input_files import read_toml
 from iits_mj.parameters.truck import TruckParameters
 
 
@@ -115,8 +115,7 @@ class Spread:
         Raises:
           InputError: unreadable file, unknown key, or see `Spread`.
         """
-        file = mjcf_path("spread.toml") if path is None else path
-        tables = read_toml(file, "parameter file")
+        tables = read_toml(mjcf_path("spread.toml") if path is None else path, "spread file")
         return cls(tuple(Quantity.from_table(*entry) for entry in tables.items()))
 
     def draw(self, generator: np.random.Generator) -> Drawn:

@@ -16,7 +16,7 @@ from typing import Any
 
 from iits_mj.core.assets import mjcf_dir
 from iits_mj.core.checks import in_range
-from iits_mj.core.tables import read_toml
+from iits_mj.core.input_files import read_toml
 from iits_mj.parameters.brakes import AirBrake
 from iits_mj.parameters.files import (
     build,

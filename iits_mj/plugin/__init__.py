@@ -9,6 +9,7 @@ from pathlib import Path
 import mujoco
 
 from iits_mj.core.errors import PluginError
+from iits_mj.plugin import pickling
 
 LIBRARY_NAME = "libiits_mj_plugin.so"
 _registered: Path | None = None
@@ -56,5 +57,6 @@ def register() -> Path:
             "reinstall iits-mj with the pinned mujoco"
         )
     mujoco.mj_loadPluginLibrary(str(path))
+    pickling.enable()
     _registered = path
     return path

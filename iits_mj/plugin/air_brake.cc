@@ -23,6 +23,7 @@ const char* const kCircuitNames[kCircuits] = {"front", "rear", "trailer"};
 const char* const kPressures = "brake_pressures";
 const char* const kTorques = "brake_torques";
 const char* const kSpeeds = "wheel_speeds";
+const char* const kAnchor = "xbr_demand";
 const char* const kSides[2] = {"_left", "_right"};
 
 // Of SPN 2920 [m/s2]: resolution and range.
@@ -34,7 +35,7 @@ class AirBrakePlugin : public PluginBase {
 
   // Some sensors have a number per wheel, because each sensor costs time in MuJoCo.
   static int SensorSize(const mjModel* m, int instance, int sensor) {
-    const std::string name = LocalName(mj_id2name(m, mjOBJ_SENSOR, sensor));
+    const std::string name = LocalNames(m, instance, kAnchor).Of(m, mjOBJ_SENSOR, sensor);
     const bool per_wheel = name == kPressures || name == kTorques || name == kSpeeds;
     return per_wheel ? static_cast<int>(BodiesOfInstance(m, instance).size()) : 1;
   }
@@ -243,8 +244,9 @@ bool AirBrakePlugin::FindHubs(const mjModel* m, int instance) {
 }
 
 bool AirBrakePlugin::FindActuators(const mjModel* m, int instance) {
-  if (!FindActuatorsByName(m, instance,
-                           {{"xbr_demand", &demand_},
+  const LocalNames names(m, instance, kAnchor);
+  if (!FindActuatorsByName(m, instance, names,
+                           {{kAnchor, &demand_},
                             {"xbr_mode", &mode_},
                             {"parking_brake", &parking_},
                             {"brake_pedal", &pedal_},
@@ -254,7 +256,7 @@ bool AirBrakePlugin::FindActuators(const mjModel* m, int instance) {
   if (demand_ < 0 || mode_ < 0) {
     return Refuse(m, instance, "needs the actuators xbr_demand and xbr_mode");
   }
-  powertrain_ = PartnerInstance(m, demand_, "iits.powertrain");
+  powertrain_ = PartnerInstance(m, names.Whole("accelerator_pedal"), "iits.powertrain");
   return true;
 }
 
@@ -339,8 +341,9 @@ bool AirBrakePlugin::FindSignal(const std::string& name) {
 }
 
 bool AirBrakePlugin::FindSensors(const mjModel* m, int instance) {
+  const LocalNames names(m, instance, kAnchor);
   for (int i : SensorsOfInstance(m, instance)) {
-    const std::string name = LocalName(mj_id2name(m, mjOBJ_SENSOR, i));
+    const std::string name = names.Of(m, mjOBJ_SENSOR, i);
     if (name == kPressures || name == kTorques) {
       for (int k = 0; k < static_cast<int>(hubs_.size()); ++k) {
         const int begin = static_cast<int>(places_.size());

@@ -92,14 +92,4 @@ Attribute Values(const char* name, double low, double high, std::vector<double>*
           }};
 }
 
-std::string LocalName(const char* name) {
-  const std::string text = name ? name : "";
-  return text.substr(text.rfind('/') + 1);  // npos + 1 is 0
-}
-
-std::string NamePrefix(const char* name) {
-  const std::string text = name ? name : "";
-  return text.substr(0, text.rfind('/') + 1);
-}
-
 }  // namespace iits

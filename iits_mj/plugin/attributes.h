@@ -42,12 +42,6 @@ Attribute Axis(const char* name, std::vector<double>* out);
 Attribute Values(const char* name, double low, double high, std::vector<double>* out,
                  std::vector<const std::vector<double>*> axes, size_t columns = 1);
 
-// The part of an element's name after the last '/', the same in attached models.
-std::string LocalName(const char* name);
-
-// The part up to and including the last '/', or "".
-std::string NamePrefix(const char* name);
-
 }  // namespace iits
 
 #endif  // IITS_MJ_PLUGIN_ATTRIBUTES_H_

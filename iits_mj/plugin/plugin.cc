@@ -1,5 +1,6 @@
 #include "plugin/plugin.h"
 
+#include <cstring>
 #include <string>
 
 namespace iits {
@@ -28,10 +29,33 @@ std::vector<int> SensorsOfInstance(const mjModel* m, int instance) {
   return OfInstance(m->sensor_plugin, m->nsensor, instance);
 }
 
-bool FindActuatorsByName(const mjModel* m, int instance,
+LocalNames::LocalNames(const mjModel* m, int instance, const char* anchor) {
+  for (int i : ActuatorsOfInstance(m, instance)) {
+    const char* name = mj_id2name(m, mjOBJ_ACTUATOR, i);
+    const std::string whole = name ? name : "";
+    const size_t at = whole.rfind(anchor);
+    if (at == std::string::npos) continue;
+    prefix_ = whole.substr(0, at);
+    suffix_ = whole.substr(at + std::strlen(anchor));
+    return;
+  }
+}
+
+std::string LocalNames::Of(const mjModel* m, mjtObj type, int id) const {
+  const char* name = mj_id2name(m, type, id);
+  const std::string whole = name ? name : "";
+  const size_t added = prefix_.size() + suffix_.size();
+  if (whole.size() < added || whole.compare(0, prefix_.size(), prefix_) ||
+      whole.compare(whole.size() - suffix_.size(), suffix_.size(), suffix_)) {
+    return whole;
+  }
+  return whole.substr(prefix_.size(), whole.size() - added);
+}
+
+bool FindActuatorsByName(const mjModel* m, int instance, const LocalNames& names,
                          const std::vector<std::pair<const char*, int*>>& slots) {
   for (int i : ActuatorsOfInstance(m, instance)) {
-    const std::string name = LocalName(mj_id2name(m, mjOBJ_ACTUATOR, i));
+    const std::string name = names.Of(m, mjOBJ_ACTUATOR, i);
     std::string known;
     int* found = nullptr;
     for (const auto& [slot_name, slot] : slots) {
@@ -58,16 +82,12 @@ std::vector<std::pair<int, double>> TendonDofs(const mjModel* m, int actuator) {
   return found;
 }
 
-int PartnerInstance(const mjModel* m, int actuator, const char* plugin) {
+int PartnerInstance(const mjModel* m, const std::string& actuator, const char* plugin) {
   int slot = -1;
   if (!mjp_getPlugin(plugin, &slot)) return -1;
-  const std::string prefix = NamePrefix(mj_id2name(m, mjOBJ_ACTUATOR, actuator));
-  for (int i = 0; i < m->nactuator; ++i) {
-    const int instance = m->actuator_plugin[i];
-    if (instance < 0 || m->plugin[instance] != slot) continue;
-    if (NamePrefix(mj_id2name(m, mjOBJ_ACTUATOR, i)) == prefix) return instance;
-  }
-  return -1;
+  const int id = mj_name2id(m, mjOBJ_ACTUATOR, actuator.c_str());
+  const int instance = id < 0 ? -1 : m->actuator_plugin[id];
+  return instance >= 0 && m->plugin[instance] == slot ? instance : -1;
 }
 
 }  // namespace iits

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdint>
 #include <memory>
+#include <string>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -25,17 +26,33 @@ std::vector<int> ActuatorsOfInstance(const mjModel* m, int instance);
 // Sensors that belong to the plugin instance, in sensor order.
 std::vector<int> SensorsOfInstance(const mjModel* m, int instance);
 
+// Names of the elements of a plugin instance without the prefix and suffix that mjs_attach adds.
+class LocalNames {
+ public:
+  // `anchor` is the local name of an actuator that each instance has; the actuator shows what was
+  // added to the names.
+  LocalNames(const mjModel* m, int instance, const char* anchor);
+
+  // Local name of an element; its whole name, if that lacks the prefix or the suffix.
+  std::string Of(const mjModel* m, mjtObj type, int id) const;
+
+  // Whole name of the element with a local name.
+  std::string Whole(const char* local) const { return prefix_ + local + suffix_; }
+
+ private:
+  std::string prefix_, suffix_;
+};
+
 // Stores the actuators of the plugin instance in `slots` by local name; slots without an actuator
 // stay as they are. False after a warning for another name, or two actuators of one name.
-bool FindActuatorsByName(const mjModel* m, int instance,
+bool FindActuatorsByName(const mjModel* m, int instance, const LocalNames& names,
                          const std::vector<std::pair<const char*, int*>>& slots);
 
 // Degrees of freedom of the joints of an actuator's fixed tendon, with their coefficients.
 std::vector<std::pair<int, double>> TendonDofs(const mjModel* m, int actuator);
 
-// Instance of `plugin` that has an actuator with the same name prefix as `actuator`; -1 if there is
-// none.
-int PartnerInstance(const mjModel* m, int actuator, const char* plugin);
+// Instance of `plugin` that has the actuator of that whole name; -1 if there is none.
+int PartnerInstance(const mjModel* m, const std::string& actuator, const char* plugin);
 
 // Message that the partner committed at the end of the last step, so that the result does not
 // depend on the order in which MuJoCo calls the plugins. It is the first member of the partner's
@@ -112,6 +129,11 @@ void RegisterPlugin(const char* name, int capabilities) {
     reinterpret_cast<P*>(data)->Reset(reinterpret_cast<State*>(state));
   };
   plugin.compute = +[](const mjModel* m, mjData* d, int instance, int capability) {
+    // The plugin's object and state are those of the model for which the data were made.
+    if (m->signature != d->signature) {
+      mju_error("%s: mjData was made for another mjModel",
+                mjp_getPluginAtSlot(m->plugin[instance])->name);
+    }
     const P* p = reinterpret_cast<P*>(d->plugin_data[instance]);
     State* state = reinterpret_cast<State*>(d->plugin_state + m->plugin_stateadr[instance]);
     if (capability & mjPLUGIN_PASSIVE) p->Passive(m, d, state);

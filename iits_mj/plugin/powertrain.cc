@@ -55,6 +55,7 @@ const struct {
 
 // One sensor for several signals from gear_engaged on, because each sensor costs time in MuJoCo.
 const char* const kReport = "powertrain_report";
+const char* const kAnchor = "accelerator_pedal";
 constexpr int kReportSize = 5;
 constexpr int kReportPlace = offsetof(Output, gear_engaged) / sizeof(mjtNum);
 static_assert(offsetof(Output, engine_load_percent) - offsetof(Output, gear_engaged) ==
@@ -65,8 +66,9 @@ class PowertrainPlugin : public PluginBase {
  public:
   using State = PowertrainState<double>;
 
-  static int SensorSize(const mjModel* m, int, int sensor) {
-    return LocalName(mj_id2name(m, mjOBJ_SENSOR, sensor)) == kReport ? kReportSize : 1;
+  static int SensorSize(const mjModel* m, int instance, int sensor) {
+    const LocalNames names(m, instance, kAnchor);
+    return names.Of(m, mjOBJ_SENSOR, sensor) == kReport ? kReportSize : 1;
   }
 
   Attributes Table();
@@ -314,8 +316,9 @@ void PowertrainPlugin::Prepare() {
 }
 
 bool PowertrainPlugin::FindActuators(const mjModel* m, int instance) {
-  if (!FindActuatorsByName(m, instance,
-                           {{"accelerator_pedal", &pedal_},
+  const LocalNames names(m, instance, kAnchor);
+  if (!FindActuatorsByName(m, instance, names,
+                           {{kAnchor, &pedal_},
                             {"engine_brake", &engine_brake_},
                             {"retarder", &retarder_lever_},
                             {"transmission_mode", &mode_}})) {
@@ -326,13 +329,14 @@ bool PowertrainPlugin::FindActuators(const mjModel* m, int instance) {
                   "needs the actuator accelerator_pedal with a fixed tendon over the driven wheels "
                   "as its transmission");
   }
-  air_brake_ = PartnerInstance(m, pedal_, "iits.air_brake");
+  air_brake_ = PartnerInstance(m, names.Whole("xbr_demand"), "iits.air_brake");
   return true;
 }
 
 bool PowertrainPlugin::FindSensors(const mjModel* m, int instance) {
+  const LocalNames names(m, instance, kAnchor);
   for (int i : SensorsOfInstance(m, instance)) {
-    const std::string name = LocalName(mj_id2name(m, mjOBJ_SENSOR, i));
+    const std::string name = names.Of(m, mjOBJ_SENSOR, i);
     const size_t before = sensors_.size();
     std::string known = kReport;
     for (int k = 0; k < (name == kReport ? kReportSize : 0); ++k) {

@@ -1,9 +1,10 @@
 // Tire plugin `iits.tire`. Wheel bodies reference the instance; the road is the plane z = 0, or a
-// table in a custom numeric of the model named `iits_road`, with any prefix of an attached model:
+// table in a custom numeric of the model named `iits_road`, also in an attached model:
 // it is stored in mjModel, once for all mjData.
 #include "plugin/laws/tire.h"
 
 #include <algorithm>
+#include <cstring>
 #include <string>
 
 #include "plugin/laws/road.h"
@@ -128,9 +129,7 @@ class TirePlugin : public PluginBase {
   };
 
   static bool ReadsSlip(const mjModel* m, int sensor) {
-    const std::string name = m->names + m->name_sensoradr[sensor], tail = "_tire_slip";
-    return name.size() >= tail.size() &&
-           name.compare(name.size() - tail.size(), tail.size(), tail) == 0;
+    return std::strstr(m->names + m->name_sensoradr[sensor], "_tire_slip");
   }
 
   bool FindSensors(const mjModel* m, int instance) {
@@ -153,7 +152,7 @@ class TirePlugin : public PluginBase {
   bool FindRoad(const mjModel* m, int instance) {
     constexpr int kVersion = 1, kHeader = 4;
     for (int i = 0; i < m->nnumeric; ++i) {
-      if (LocalName(m->names + m->name_numericadr[i]) != "iits_road") continue;
+      if (!std::strstr(m->names + m->name_numericadr[i], "iits_road")) continue;
       const double* data = m->numeric_data + m->numeric_adr[i];
       const int size = m->numeric_size[i];
       const bool valid = size >= kHeader && data[0] == kVersion && data[1] >= 2 && data[3] > 0 &&

@@ -17,6 +17,7 @@ from pathlib import Path
 import jinja2
 from markupsafe import Markup, escape
 
+from iits_mj.core.output_files import write_whole
 from iits_mj.core.results import COLUMNS, Check, Results
 from iits_mj.render import plots
 
@@ -69,7 +70,7 @@ class Page:
     def write(self, path: Path) -> Path:
         """Writes the page in the format of the suffix; replaces an older file completely."""
         text = self.to_markdown() if path.suffix == ".md" else self.to_html(path.parent)
-        plots.write_whole(path, text.encode())
+        write_whole(path, text.encode(), "page")
         return path
 
 
@@ -92,7 +93,7 @@ def write_pictures(folder: Path, pictures: Iterable[tuple[str, bytes]]) -> None:
     folder.mkdir(exist_ok=True)
     written = set()
     for name, content in pictures:
-        plots.write_whole(folder / name, content)
+        write_whole(folder / name, content, "page")
         written.add(name)
     for old in folder.glob("*.png"):
         if old.name not in written:

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from iits_mj.core.errors import InputError
+from iits_mj.core.output_files import write_whole
 from iits_mj.core.results import Line, Panel
 
 PALETTE = ("#1f5fa8", "#d1495b", "#2a9d8f", "#e9a03b", "#6d597a", "#577590")
@@ -70,15 +71,8 @@ def to_png(figure: Figure, dpi: int = 110) -> bytes:
 def save(panels: Sequence[Panel], path: Path) -> bytes:
     """Draws the panels into a PNG file, replaces an older one; returns the content."""
     content = to_png(draw(panels))
-    write_whole(path, content)
+    write_whole(path, content, "plot")
     return content
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Writes a temporary file and renames it: no reader sees an incomplete file."""
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_bytes(content)
-    partial.replace(path)
 
 
 def _draw_panel(ax: Axes, panel: Panel) -> None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from iits_mj.core.context import Finishing
 from iits_mj.core.errors import InputError, RenderError
+from iits_mj.core.output_files import OutputFile
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.render.cameras import FollowCamera
 from iits_mj.render.lane_sketch import add_trajectory
@@ -58,8 +59,9 @@ class Mp4Encoder(Finishing):
             raise InputError(f"fps {fps!r} is not allowed: use 1 to 120")
         self.size = size
         self.frames = 0
-        self._partial = self.path.with_name(f".{self.path.stem}.partial.mp4")
-        self._pipe: Generator[None, Any, None] | None = _pipe(self._partial, size, fps)
+        self._output = OutputFile(self.path, "video")
+        partial = self._output.partial
+        self._pipe: Generator[None, Any, None] | None = _pipe(partial, size, fps)
 
     def add(self, picture: NDArray[np.uint8]) -> None:
         """Appends a picture (height, width, 3).
@@ -88,10 +90,11 @@ class Mp4Encoder(Finishing):
             return
         self._pipe.close()
         self._pipe = None
-        if self.frames and self._partial.is_file() and self._partial.stat().st_size:
-            self._partial.replace(self.path)
+        partial = self._output.partial
+        if self.frames and partial.is_file() and partial.stat().st_size:
+            self._output.finish()
             return
-        self._partial.unlink(missing_ok=True)
+        self._output.abandon()
         if self.frames:
             raise RenderError(f"ffmpeg wrote nothing to {str(self.path)!r}")
 
@@ -100,7 +103,7 @@ class Mp4Encoder(Finishing):
         if self._pipe is not None:
             self._pipe.close()
             self._pipe = None
-        self._partial.unlink(missing_ok=True)
+        self._output.abandon()
 
 
 def _pipe(path: Path, size: tuple[int, int], fps: float) -> Generator[None, Any, None]:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from iits_mj.core.errors import InputError
-from iits_mj.core.tables import read_toml
+from iits_mj.core.input_files import read_toml
 from iits_mj.road.elements import (
     Lane,
     LaneSection,
@@ -92,6 +92,8 @@ class Design:
             return cls._from_table(table)
         except KeyError as error:
             raise InputError(f"{path}: the entry {error} is missing in the design table") from error
+        except (TypeError, AttributeError, ZeroDivisionError) as error:
+            raise InputError(f"{path}: an entry of the design table is wrong: {error}") from error
 
     @classmethod
     def _from_table(cls, table: dict[str, Any]) -> Design:

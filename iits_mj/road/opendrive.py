@@ -31,6 +31,7 @@ LENGTH_LIMIT = 1e6
 CURVATURE_LIMIT = 10.0
 TURN_LIMIT = 200.0
 PLAN_JUMP_LIMIT = 3.0
+SIGNALS_MAX = 10_000
 _COEFFICIENTS = ("a", "b", "c", "d")
 _UNITS = {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704}
 _UNLIMITED = ("no limit", "undefined")
@@ -50,6 +51,9 @@ def parse(content: bytes, source: str) -> OpenDriveMap:
     version = 1 if header is None else reader.number(header, "revMajor", 1.0)
     if version != 1:
         reader.fail(f"is OpenDRIVE {version:g}.x; versions 1.4 to 1.8 are supported")
+    signals = sum(1 for _ in root.iter("signal"))
+    if signals > SIGNALS_MAX:
+        reader.fail(f"has {signals} signals; at most {SIGNALS_MAX} are supported")
     notes: list[str] = []
     junctions = tuple(_read_junction(reader, item, notes) for item in root.findall("junction"))
     roads = []

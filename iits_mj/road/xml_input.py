@@ -15,7 +15,8 @@ from xml.parsers import expat
 
 from iits_mj.core.errors import MapError
 
-SIZE_LIMIT = 256 * 2**20
+# A city of 1000 km has 60 MB; Python reads a megabyte in a second.
+SIZE_LIMIT = 64 * 2**20
 DEPTH_LIMIT = 64
 
 

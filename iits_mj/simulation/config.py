@@ -9,7 +9,8 @@ from typing import Any
 from controllers import decision
 from iits_mj.core import options
 from iits_mj.core.options import option
-from iits_mj.j1939.network import LAST_ADDRESS
+from iits_mj.j1939.bus import REACHES
+from iits_mj.j1939.network import CONTROLLER, LAST_ADDRESS
 from iits_mj.parameters import payload_option
 
 DENSITIES = ("dense", "medium", "sparse", "empty")
@@ -159,6 +160,12 @@ class ServeConfig(TruckStart):
         help="CAN interface (can0), or multicast group with or without port (239.74.163.2:43113)",
         metavar="NAME",
     )
+    reach: str = option(
+        "host",
+        help="machines that can drive the truck over udp_multicast; host: this one; network: every "
+        "machine of the local network, without authentication",
+        choices=REACHES,
+    )
     start_speed: float = _speed_option(
         0.0, "speed at the start; at 0 the parking brake holds until commands arrive", low=0.0
     )
@@ -170,17 +177,14 @@ class ServeConfig(TruckStart):
         high=1e7,
     )
     on_silence: str = option(
-        "release",
+        "stop",
         help="behavior while commands are missing; release: release pedal and brakes, hold the "
         "steering; stop: brake smoothly to a stop in the lane and park",
         choices=SILENCE,
     )
-    source: int | None = option(
-        None,
-        help="address of the only sender to obey; without it every address but the truck's own",
-        low=0,
-        high=LAST_ADDRESS,
-        metavar="ADDRESS",
+    source: int = option(CONTROLLER, help="address of the sender to obey", low=0, high=LAST_ADDRESS)
+    any_source: bool = option(
+        False, help="obey every address but the truck's own, each by the priority of its requests"
     )
     can_log: Path | None = option(
         None,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -63,13 +65,21 @@ def check_start(start: TruckStart, route: Route, footprint: EgoFootprint) -> Non
         )
 
 
+_LARGE_MAP = 4 * 2**20  # bytes that take seconds to read
+
+
 def load_map(path: Path | None) -> RoadMap:
     """Returns the map of a file; without a path, the built-in highway.
 
     Raises:
       MapError: the file cannot be used.
     """
-    return RoadMap.builtin() if path is None else RoadMap.from_opendrive(path)
+    if path is None:
+        return RoadMap.builtin()
+    with suppress(OSError):
+        if (size := path.stat().st_size) > _LARGE_MAP:
+            print(f"iits-mj: reading {path} ({size / 2**20:.0f} MB)", file=sys.stderr, flush=True)
+    return RoadMap.from_opendrive(path)
 
 
 def make_recorder(config: DriveConfig, route: Route, footprint: EgoFootprint) -> Recorder:

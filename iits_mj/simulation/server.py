@@ -238,7 +238,7 @@ class Server(Closing):
         stop.prepare(self.state)
         self._fallback = Fallback(stop)
         self.receiver = CommandReceiver(
-            sources=None if config.source is None else (config.source,),
+            sources=None if config.any_source else (config.source,),
             steering_angle_max=self.truck.parameters.steering.angle_max,
         )
         self.pace = Pace(TICK, clock=clock, sleep=sleep)
@@ -250,6 +250,13 @@ class Server(Closing):
         self._ticks = self._silences = self._silent_ticks = 0
         self._last_change: LinkChange | None = None
         self._log_reported = False
+        self._reported_addresses: set[int] = set()
+        self._reported_senders: set[tuple[str, int]] = set()
+        self._obeyed = (
+            "it is the truck's own address"
+            if config.any_source
+            else f"the sender to obey is 0x{config.source:02X}; --source selects another"
+        )
         self._distance = 0.0
         self._max_speed = self.state.speed
         self.bus = self._join()
@@ -259,7 +266,7 @@ class Server(Closing):
         config = self.config
         log = None if config.can_log is None else LogWriter(config.can_log)
         try:
-            link = Link(config.bus, config.channel, clock=self._clock)
+            link = Link(config.bus, config.channel, reach=config.reach, clock=self._clock)
         except BaseException:
             if log is not None:
                 log.close()
@@ -280,6 +287,7 @@ class Server(Closing):
         self.bus.exchange(self.time)
         self._report_bus()
         self._report_log()
+        self._report_network()
         self.command = self._decide()
         self.truck.command(self.command)
         try:
@@ -329,6 +337,7 @@ class Server(Closing):
             dropped=link.dropped,
             ignored=dict(link.ignored),
             requests=dict(self.bus.units.counts),
+            lost_addresses=sorted(self.bus.units.lost),
             bus_failures=link.failures,
             bus_restarts=link.restarts,
             bus_state=link.state.value,
@@ -367,7 +376,9 @@ class Server(Closing):
             # No controller has sent a command yet: the truck stays parked.
             return dataclasses.replace(received, parking_brake=1.0)
         if self.config.on_silence == "stop":
-            return self._fallback.command(self.state, received, loss.driver)
+            # A controller that no longer gets the truck's reports cannot drive it.
+            lost = loss.driver or bool(self.bus.units.lost)
+            return self._fallback.command(self.state, received, lost)
         return received
 
     def _watch_loss(self, loss: Loss) -> None:
@@ -396,6 +407,22 @@ class Server(Closing):
             else:
                 why = f": {change.reason}" if change.state is LinkState.DOWN else ""
                 self._tell(f"CAN bus {link.name} is {change.state.value}, will be reopened{why}")
+
+    def _report_network(self) -> None:
+        """Reports each lost address, and each sender of commands that is not obeyed, once."""
+        for address in self.bus.units.lost - self._reported_addresses:
+            self._reported_addresses.add(address)
+            self._tell(
+                f"address 0x{address:02X} is claimed by another node at t = {self.time:.2f} s: the "
+                "truck's reports from it end, and the truck stops"
+            )
+        for sender in self.receiver.strangers.keys() - self._reported_senders:
+            self._reported_senders.add(sender)
+            message, address = sender
+            self._tell(
+                f"{message} from address 0x{address:02X} is not obeyed (t = {self.time:.2f} s): "
+                f"{self._obeyed}"
+            )
 
     def _report_log(self) -> None:
         """Reports once that the log ended early."""

@@ -243,6 +243,7 @@ class ServeSummary(_Summary):
       silences: number of losses of the commands; silent_time: total duration [s].
       sent, received, dropped: frames of the bus; ignored: frames that are not J1939, by kind.
       requests: answered, refused and ignored, and claims contested.
+      lost_addresses: of the truck's units, claimed by another node.
       bus_failures: number of losses of the bus; bus_restarts: of reopenings; bus_state: at the end.
       log_failure: why the log of the bus ends early, "" when it is complete.
       ticks: of 10 ms; late_ticks: more than half a tick behind the clock.
@@ -263,6 +264,7 @@ class ServeSummary(_Summary):
     dropped: int
     ignored: dict[str, int]
     requests: dict[str, int]
+    lost_addresses: list[int]
     bus_failures: int
     bus_restarts: int
     bus_state: str
@@ -295,6 +297,7 @@ class ServeSummary(_Summary):
             ("frames", f"{self.sent} sent, {self.received} received, {self.dropped} dropped"),
             ("not J1939", counts_text(self.ignored)),
             ("requests", counts_text(self.requests)),
+            ("addresses lost", ", ".join(f"0x{a:02X}" for a in self.lost_addresses) or "none"),
             (
                 "bus",
                 f"{self.bus_state}; lost {self.bus_failures} times, reopened "

@@ -11,7 +11,6 @@ import csv
 import dataclasses
 import functools
 import math
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ from controllers.planning.speed_reference import CruiseReference
 from controllers.stack import Stack
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError
+from iits_mj.core.output_files import OutputFile
 from iits_mj.core.results import Line, Panel
 from iits_mj.core.units import KMH, RPM
 from iits_mj.simulation.frame import DriveFrame
@@ -113,13 +113,9 @@ class Telemetry(Closing, Observer):
         self._file = None
         if path is None:
             return
-        self._partial = path.with_name(f".{path.name}.partial")
-        try:
-            self._file = self._partial.open("w", newline="", encoding="utf-8")
-        except OSError as error:
-            raise InputError(
-                f"telemetry {str(path)!r} cannot be written: {error.strerror}"
-            ) from error
+        self._output = OutputFile(path, "telemetry")
+        with self._output.errors():
+            self._file = self._output.partial.open("w", newline="", encoding="utf-8")
         self._writer = csv.writer(self._file, lineterminator="\n")
         self._writer.writerow(COLUMNS)
 
@@ -129,18 +125,20 @@ class Telemetry(Closing, Observer):
         row = [value(frame) for value in COLUMNS.values()]
         self._rows.append(row)
         if self._file is not None:
-            self._writer.writerow([_cell(value) for value in row])
+            with self._output.errors():
+                self._writer.writerow([_cell(value) for value in row])
 
     def close(self) -> None:
         """Moves the finished table to its path; a second call does nothing."""
-        if self._file is None or self.path is None:
+        if self._file is None:
             return
-        self._file.close()
-        self._file = None
+        file, self._file = self._file, None
+        with self._output.errors():
+            file.close()
         if self._rows:
-            os.replace(self._partial, self.path)
+            self._output.finish()
         else:
-            self._partial.unlink()
+            self._output.abandon()
 
     def __len__(self) -> int:
         return len(self._rows)

@@ -155,6 +155,18 @@ class Physics(BasePhysics):
         self._behind = parameters.fifth_wheel.position + float(group)
         self._trailer_axles = self.model.ptr.site(f"{truck.prefix}trailer_axle_center").id
 
+    def __getstate__(self) -> tuple[wrapper.MjData, Truck]:
+        return self.data, self.truck
+
+    def __setstate__(self, state: tuple[wrapper.MjData, Truck]) -> None:
+        data, truck = state
+        # The base class computes the positions again, and with them the solver's first guess.
+        warm_start, sensors = data.qacc_warmstart.copy(), data.sensordata.copy()
+        super().__setstate__(data)
+        data.qacc_warmstart[:], data.sensordata[:] = warm_start, sensors
+        truck.model = self.model.ptr
+        self._bind(truck)
+
     def copy(self, share_model: bool = False) -> Physics:
         """Returns a copy with its own data (and model, unless shared)."""
         twin: Physics = super().copy(share_model=share_model)

@@ -9,11 +9,14 @@ import mujoco
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.checks import is_number, positive
+from iits_mj.core.checks import in_range, is_number, shown
 from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import group_center
 from iits_mj.road import Route
+
+# No truck rolls faster: well above what the tires and the driveline are made for.
+SPEED_MAX = 60.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +31,7 @@ class TruckPlacement:
       articulation: tractor's yaw less the trailer's [rad]; None: the trailer follows the road.
 
     Raises:
-      InputError: a value is not finite, or the speed is negative.
+      InputError: a value is not finite, or the speed is negative or above 60 m/s.
     """
 
     station: float = 20.0
@@ -41,8 +44,8 @@ class TruckPlacement:
         for field in fields(self):
             value = getattr(self, field.name)
             if value is not None and not is_number(value):
-                raise InputError(f"reset: {field.name} = {value!r} must be a finite number")
-        positive("reset: speed", self.speed, "m/s", zero=True)
+                raise InputError(f"reset: {field.name} = {shown(value)} must be a finite number")
+        in_range("reset: speed", self.speed, 0.0, SPEED_MAX, "m/s")
 
 
 class Poser:

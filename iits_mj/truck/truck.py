@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.core.checks import in_range
+from iits_mj.core.checks import in_range, is_whole, shown
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import (
     EgoFootprint,
@@ -36,6 +36,8 @@ from iits_mj.truck.report import Reporter, sensor_addresses
 
 COMMAND_FIELDS = tuple(field.name for field in dataclasses.fields(VehicleCommand))
 _COMMAND_INDEX = {name: index for index, name in enumerate(COMMAND_FIELDS)}
+_MODES = ("xbr_mode", "transmission_mode", "xbr_ebi_mode")
+_MODE_INDEX = tuple(_COMMAND_INDEX[name] for name in _MODES)
 _command_values = operator.attrgetter(*COMMAND_FIELDS)
 BRAKE_PRESSURES = tuple(
     f"brake_pressure_{place}"
@@ -107,6 +109,9 @@ class Truck:
       parameters, payload, route: of the scene.
       prefix: of the truck's names in a model of several (`iits_mj.truck.fleet`).
       data: of the scene; default: new data, with the truck at the beginning of its road.
+
+    Raises:
+      InputError: the model lacks the truck's controls, or `data` is of another model.
     """
 
     def __init__(
@@ -119,6 +124,8 @@ class Truck:
         prefix: str = "",
         data: mujoco.MjData | None = None,
     ) -> None:
+        if data is not None and data.signature != model.signature:
+            raise InputError("data were made for another model: use mujoco.MjData(model)")
         self.model = model
         self.data = mujoco.MjData(model) if data is None else data
         self.parameters = parameters
@@ -234,28 +241,34 @@ class Truck:
         """Sets the controls; fields that are not given keep their value.
 
         Raises:
-          InputError: unknown field, a value that is not finite or outside the control's range.
+          InputError: unknown field, or a value that is no finite number, outside the control's
+            range, or not whole for a mode. No control is changed then.
         """
         if command is not None:
             if not fields and self._set_all(command):
                 return
             fields = {name: getattr(command, name) for name in COMMAND_FIELDS} | fields
+        controls = self.data.ctrl[self._controls].copy()
         for name, value in fields.items():
             index = _COMMAND_INDEX.get(name)
             if index is None:
                 raise InputError(f"unknown command {name!r}; there are {COMMAND_FIELDS}")
-            low, high = self._ranges[index]
-            number = float(value)
-            if not (low <= number <= high):
-                raise InputError(f"command {name} = {value!r} is outside [{low:g}, {high:g}]")
-            self.data.ctrl[self.control_start + index] = number
+            controls[index] = in_range(f"command {name}", value, *self._ranges[index])
+            if name in _MODES and not controls[index].is_integer():
+                raise InputError(f"command {name} = {shown(value)}: a whole number is needed")
+        self.data.ctrl[self._controls] = controls
 
     def _set_all(self, command: VehicleCommand) -> bool:
         """Sets all controls at once; returns False and sets none if a value is not allowed."""
-        values = tuple(map(float, _command_values(command)))
+        try:
+            values = tuple(map(float, _command_values(command)))
+        except (TypeError, ValueError):
+            return False
         for value, (low, high) in zip(values, self._ranges, strict=True):
             if not low <= value <= high:
                 return False
+        if not all(values[index].is_integer() for index in _MODE_INDEX):
+            return False
         self.data.ctrl[self._controls] = values
         return True
 
@@ -263,17 +276,20 @@ class Truck:
         """Advances the physics by `n` time steps.
 
         Raises:
+          InputError: `n` is not a whole number of zero or more.
           Error: the simulation diverged (MuJoCo reports a state that is not finite).
         """
-        # MuJoCo resets diverged data, including their time.
-        begin = self.data.time
+        if not is_whole(n) or n < 0:
+            raise InputError(f"step: n = {shown(n)}: a whole number of zero or more is needed")
+        end = self.data.time + n * self.model.opt.timestep
         mujoco.mj_step(self.model, self.data, n)
         if not self.data.warning.number.any():
             return
         for warning in _FATAL_WARNINGS:
             if self.data.warning[warning].number:
+                # MuJoCo reset the data at that moment, and their time counts from there.
                 raise Error(
-                    f"the simulation diverged after t = {begin:.3f} s "
+                    f"the simulation diverged at t = {end - self.data.time:.3f} s "
                     f"({warning.name}, element {self.data.warning[warning].lastinfo}); "
                     "use a smaller time step, unless the truck has rolled over"
                 )

@@ -24,6 +24,7 @@ from iits_mj.j1939 import (
     read_log,
     state_to_frames,
 )
+from iits_mj.j1939.bus import is_own_address
 from tests.j1939.failing_can import FailingBus, Medium
 
 
@@ -308,6 +309,34 @@ def test_only_datagrams_of_other_senders_are_received() -> None:
         assert heard == [FRAME]
         assert here.receive() == []
         assert (here.ignored, there.ignored) == ({"own": 1}, {})
+
+
+def test_multicast_from_another_machine_is_dropped_unless_the_network_is_allowed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert is_own_address(("127.0.0.1", 4711))
+    assert not is_own_address(("192.0.2.7", 4711))  # of documentation alone (RFC 5737)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("", 0))
+        channel = f"239.74.163.2:{probe.getsockname()[1]}"
+    monkeypatch.setattr("iits_mj.j1939.bus.is_own_address", lambda sender: False)
+    try:
+        here = Bus("udp_multicast", channel)
+        there = Bus("udp_multicast", channel, reach="network")
+    except BusError as error:
+        pytest.skip(f"UDP multicast is not routed here: {error}")
+    with here, there, Bus("udp_multicast", channel) as sender:
+        sender.send(FRAME)
+        end = time.monotonic() + 2.0
+        heard: list[Frame] = []
+        while not heard and time.monotonic() < end:
+            heard = there.receive(time=1.25)
+        if not heard:
+            pytest.skip("UDP multicast does not come back to this machine")
+        assert here.receive() == []
+        assert here.ignored == {"other host": 1}
+    with pytest.raises(InputError, match="reach 'world' is not known; use one of: host, network"):
+        Bus("udp_multicast", channel, reach="world")
 
 
 @pytest.mark.parametrize(

@@ -32,6 +32,10 @@ BAD = {
     "deep": ("<OpenDRIVE>" + "<a>" * 500 + "</a>" * 500 + "</OpenDRIVE>", "nested deeper"),
     "version 2": ('<OpenDRIVE><header revMajor="2" revMinor="0"/></OpenDRIVE>', "OpenDRIVE 2"),
     "no road": (document(), "no <road>"),
+    "10 001 signals": (
+        document(road(extra="<signals>" + '<signal id="a" s="1"/>' * 10_001 + "</signals>")),
+        "has 10001 signals; at most 10000",
+    ),
     "twice": (document(road(), road()), "defined twice"),
     "no id": (document(road().replace('id="1"', "", 1)), "'id'"),
     "no geometry": (document(road(geometry="")), "<geometry>"),

@@ -28,7 +28,8 @@ from iits_mj.j1939 import (
     pgn_of,
     read_log,
 )
-from iits_mj.j1939.network import ADDRESS_CLAIMED, request
+from iits_mj.j1939.frame import GLOBAL_ADDRESS, make_id
+from iits_mj.j1939.network import ADDRESS_CLAIMED, BRAKES, request
 from iits_mj.j1939.receiver import UNIT_NAMES
 from iits_mj.simulation import ServeConfig, Server
 from iits_mj.simulation.frame import LEAVE_MARGIN, ROLL_OVER
@@ -200,6 +201,47 @@ def test_only_the_selected_sender_is_obeyed(bench: Callable[..., Bench]) -> None
     assert named.server.command.accelerator_pedal == pytest.approx(0.4)
 
 
+def test_xbr_of_a_second_sender_is_not_obeyed_and_is_reported_once(
+    bench: Callable[..., Bench],
+) -> None:
+    here = bench()
+    brake = VehicleCommand(xbr_demand=-6.0, xbr_mode=XbrMode.MAXIMUM)
+    for counter in range(50):
+        for frame in command_to_frames(brake, counter, here.server.time, source=0x31):
+            here.bus.send(frame)
+        here.serve(0.02, KEEP)
+    assert here.server.command.xbr_mode is XbrMode.OFF
+    assert here.server.state.speed > 15.5
+    summary = here.server.summary()
+    assert summary.passed_over["XBR: from an address that is not obeyed"] == 50
+    lines = [line for line in here.reported if line.startswith("XBR")]
+    assert len(lines) == 1
+    assert "XBR from address 0x31 is not obeyed" in lines[0]
+    assert "the sender to obey is 0x2A; --source selects another" in lines[0]
+    opened = bench(any_source=True)
+    for counter in range(50):
+        for frame in command_to_frames(brake, counter, opened.server.time, source=0x31):
+            opened.bus.send(frame)
+        opened.serve(0.02, KEEP)
+    assert opened.server.state.speed < 14.0
+
+
+def test_truck_that_loses_an_address_stops_in_its_lane_and_names_it(
+    bench: Callable[..., Bench],
+) -> None:
+    here = bench()
+    here.serve(0.5, KEEP)
+    # A NAME of zero wins every address.
+    here.bus.send(Frame(make_id(6, ADDRESS_CLAIMED, BRAKES, GLOBAL_ADDRESS), bytes(8), 0.0))
+    here.serve(14.0, KEEP)
+    assert abs(here.server.state.speed) < 0.1
+    assert abs(here.server.state.offset - here.server.route.lane_offset(0, 20.0)) < 0.5
+    assert not here.server.ended
+    assert here.server.summary().lost_addresses == [BRAKES]
+    lines = [line for line in here.reported if "address 0x0B is claimed by another node" in line]
+    assert len(lines) == 1
+
+
 def test_truck_stays_parked_until_the_first_command(bench: Callable[..., Bench]) -> None:
     here = bench(start_speed=0.0, start_station=600.0)
     here.serve(3.0)
@@ -213,7 +255,7 @@ def test_truck_stays_parked_until_the_first_command(bench: Callable[..., Bench])
 def test_silent_bus_releases_pedal_and_brakes_and_holds_the_wheel(
     bench: Callable[..., Bench],
 ) -> None:
-    here = bench()
+    here = bench(on_silence="release")
     here.serve(1.0, dataclasses.replace(KEEP, steering_wheel_angle=0.05))
     assert here.server.command.accelerator_pedal == pytest.approx(0.4)
     here.serve(0.3)
@@ -251,7 +293,7 @@ def test_silent_bus_stops_the_truck_in_its_lane_when_so_configured(
 def test_truck_obeys_again_after_the_bus_was_unplugged(
     bench: Callable[..., Bench],
 ) -> None:
-    here = bench()
+    here = bench(on_silence="release")
     here.serve(0.5, KEEP)
     Plug.pulled = True
     for _ in range(100):

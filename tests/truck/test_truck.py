@@ -217,7 +217,7 @@ def test_divergence_is_reported_with_its_time(truck):
     truck.reset(speed=20.0)
     truck.step(500)
     truck.data.qvel[0] = 1e20
-    with pytest.raises(Error, match=rf"diverged after t = {500 * truck.model.opt.timestep:.3f} s"):
+    with pytest.raises(Error, match=rf"diverged at t = {500 * truck.model.opt.timestep:.3f} s"):
         truck.step()
     truck.reset(speed=20.0)
     truck.step()

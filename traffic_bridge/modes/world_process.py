@@ -19,6 +19,7 @@ from multiprocessing.reduction import ForkingPickler
 from typing import TYPE_CHECKING, Any
 
 from iits_mj.core.errors import Error, InputError, TrafficError
+from iits_mj.core.output_files import TemporaryFolder
 
 if TYPE_CHECKING:
     from traffic_bridge.modes.sumo_modes import PureSim
@@ -83,18 +84,20 @@ class WorldProcess:
         # A forked process would inherit a loaded SUMO, and broken threads of MuJoCo and torch.
         context = multiprocessing.get_context("spawn")
         try:
-            self._folder = tempfile.mkdtemp(prefix="iits_mj_world_")
+            self._folder = TemporaryFolder("world")
         except OSError as error:
             raise TrafficError(f"the process of a world cannot be started: {error}") from error
         self._link, far = context.Pipe()
-        self._process = context.Process(target=serve, args=(far, make, self._folder), daemon=True)
+        self._process = context.Process(
+            target=serve, args=(far, make, str(self._folder.path)), daemon=True
+        )
         self._ended = ""
         self._working = False
         try:
             self._process.start()
         except _NOT_STARTED as error:
             self._link.close()
-            _remove(self._folder)
+            self._folder.cleanup()
             raise TrafficError(f"the process of a world cannot be started: {error}") from error
         finally:
             far.close()
@@ -161,7 +164,7 @@ class WorldProcess:
         self._process.join()
         self._link.close()
         self._process.close()
-        _remove(self._folder)
+        self._folder.cleanup()
 
     def _cause(self) -> str:
         code = self._process.exitcode

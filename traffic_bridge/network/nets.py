@@ -26,6 +26,7 @@ from traffic_bridge.network.net_file import NetFile
 
 CACHE_VARIABLE = "IITS_MJ_CACHE"
 TIMEOUT = 120.0  # [s]; the largest test map takes 0.3 s
+MEMORY_MAX = 4 * 2**30  # bytes of netconvert
 UNLIMITED = 70.0  # [m/s], the limit in the net for a road without one
 TURN_ACCELERATION = 3.0  # [m/s2] lateral, accepted by drivers at junctions in town (judgement)
 # With these options the net agrees with the exact geometry within 0.02 m, names the OpenDRIVE lane
@@ -176,15 +177,25 @@ def run_netconvert(arguments: list[str], name: str = "netconvert") -> str:
 
     Raises:
       MapError: its exit code or its messages report a failure.
-      TrafficError: it is missing, or does not end in time.
+      TrafficError: it is missing, does not end in time, or needs more than `MEMORY_MAX`.
     """
-    command = [str(find_netconvert()), *arguments]
+    # The shell sets the limit before netconvert begins.
+    limited = f'ulimit -v {MEMORY_MAX // 1024}; exec "$@"'
+    command = ["/bin/sh", "-c", limited, "sh", str(find_netconvert()), *arguments]
     try:
         result = subprocess.run(
             command, capture_output=True, text=True, timeout=TIMEOUT, check=False
         )
-    except (OSError, subprocess.TimeoutExpired) as error:
+    except subprocess.TimeoutExpired as error:
+        raise TrafficError(
+            f"{name}: SUMO's netconvert did not finish this map within {TIMEOUT:g} s"
+        ) from error
+    except OSError as error:
         raise TrafficError(f"{name}: netconvert cannot be run: {error}") from error
+    if "bad_alloc" in result.stderr:
+        raise TrafficError(
+            f"{name}: SUMO's netconvert needs more than {MEMORY_MAX >> 30} GB for this map"
+        )
     errors = [line for line in result.stderr.splitlines() if line.startswith("Error:")]
     if result.returncode != 0 or errors:
         reason = "; ".join(dict.fromkeys(line.removeprefix("Error:").strip() for line in errors))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import zipfile
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.core.errors import InputError
+from iits_mj.core.input_files import read_json, read_npz
+from iits_mj.core.output_files import OutputFile
 from traffic_bridge.recording.rows import (
     COLUMNS,
     COMMAND_COLUMNS,
@@ -22,6 +23,7 @@ from traffic_bridge.recording.rows import (
     SCHEMA,
 )
 
+SIZE_MAX = 2**30  # bytes unpacked; an hour among 100 vehicles has a quarter of it
 COMPRESSION = 1  # the fastest: higher levels hardly make the files smaller
 _COMMON = ("meta", "time", "ego", "ego_columns", "vehicle_id", "vehicle_kind", "vehicle_size")
 _ROWS = ("frame_start", "vehicle", "lane")
@@ -64,52 +66,38 @@ def write(fields: Mapping[str, Any], path: Path) -> Path:
         "command": fields["commands"],
         "truck_hash": fields["truck_hash"],
     }
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        with zipfile.ZipFile(
-            partial, "w", zipfile.ZIP_DEFLATED, compresslevel=COMPRESSION
-        ) as archive:
-            for name, array in arrays.items():
-                # Without the time of day, so that the same drive gives the same bytes.
-                entry = zipfile.ZipInfo(f"{name}.npy")
-                entry.compress_type = zipfile.ZIP_DEFLATED
-                with archive.open(entry, "w", force_zip64=True) as file:
-                    np.lib.format.write_array(file, np.asanyarray(array), allow_pickle=False)
-        partial.replace(path)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise InputError(f"recording {path}: cannot be written: {error.strerror}") from error
-    except BaseException:
-        partial.unlink(missing_ok=True)
-        raise
+    with (
+        OutputFile(path, "recording") as partial,
+        zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED, compresslevel=COMPRESSION) as archive,
+    ):
+        for name, array in arrays.items():
+            # Without the time of day, so that the same drive gives the same bytes.
+            entry = zipfile.ZipInfo(f"{name}.npy")
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            with archive.open(entry, "w", force_zip64=True) as file:
+                np.lib.format.write_array(file, np.asanyarray(array), allow_pickle=False)
     return path
 
 
 def read(path: Path) -> dict[str, Any]:
     """Reads the fields of a `Recording` from a file; see `Recording.load`."""
     name = f"recording {path}"
+    arrays = read_npz(path, "recording", SIZE_MAX, _COMMON, (*_ROWS, *COLUMNS, *_OF_DRIVES))
+    meta = read_json(str(arrays["meta"]), f"{name}: its meta")
+    schema = meta.get("schema") if isinstance(meta, dict) else None
+    if schema not in (1, SCHEMA):
+        raise InputError(f"{name}: schema {schema!r}, this reads 1 and {SCHEMA}")
     try:
-        with np.load(path, allow_pickle=False) as file:
-            if not isinstance(file, np.lib.npyio.NpzFile):
-                raise InputError(f"{name}: is a single array, not a recording")
-            _require(file.files, _COMMON, name)
-            meta = json.loads(str(file["meta"]))
-            schema = meta.get("schema") if isinstance(meta, dict) else None
-            if schema not in (1, SCHEMA):
-                raise InputError(f"{name}: schema {schema!r}: this version reads 1 and {SCHEMA}")
-            return _fields(file, meta, schema, name)
-    except InputError:
-        raise
-    except (
-        *(OSError, ValueError, KeyError, IndexError, TypeError, EOFError, MemoryError),
-        *(NotImplementedError, zlib.error, zipfile.BadZipFile),
-    ) as error:
+        return _fields(arrays, meta, schema, name)
+    except (ValueError, IndexError, TypeError, MemoryError) as error:
         raise InputError(f"{name}: cannot be read: {error}") from error
 
 
-def _fields(file: Any, meta: dict[str, Any], schema: int, name: str) -> dict[str, Any]:
+def _fields(
+    file: dict[str, NDArray[Any]], meta: dict[str, Any], schema: int, name: str
+) -> dict[str, Any]:
     stored = COLUMNS if schema == SCHEMA else tuple(c for c in COLUMNS if c not in _NEW_COLUMNS)
-    _require(file.files, (*_ROWS, *stored, *(_OF_DRIVES if schema == SCHEMA else ())), name)
+    _require(list(file), (*_ROWS, *stored, *(_OF_DRIVES if schema == SCHEMA else ())), name)
     vehicle = file["vehicle"].astype(np.int32, casting="same_kind")
     columns = np.zeros((len(COLUMNS), len(vehicle)))
     for place, column in enumerate(COLUMNS):

@@ -15,7 +15,8 @@ from typing import Any, ClassVar
 
 from iits_mj.core.checks import in_range, is_whole, make_plain, plain
 from iits_mj.core.errors import InputError
-from traffic_bridge.vehicles.types import check_changes, read_toml
+from iits_mj.core.input_files import read_toml
+from traffic_bridge.vehicles.types import check_changes
 
 LONGEST = 1e6  # [m], [s]
 LIGHT_LETTERS = "rRyYgGuoOs"
@@ -301,6 +302,9 @@ def _check_stretch(event: SpeedLimit | LaneClosure) -> None:
         )
 
 
+EVENTS_MAX = 1000
+
+
 def read_events(path: str | Path) -> tuple[Event, ...]:
     """The events of a TOML file, in its order; the fields are those of the events' classes.
 
@@ -317,13 +321,15 @@ def read_events(path: str | Path) -> tuple[Event, ...]:
         has the file, the event's number and what is allowed.
     """
     path = Path(path)
-    content = read_toml(path)
+    content = read_toml(path, "file of events")
     unknown = [name for name in content if name != "events"]
     if unknown:
         raise InputError(f"{path}: {unknown[0]!r} is unknown; the file has tables [[events]]")
     entries = content.get("events", [])
     if not isinstance(entries, list) or any(not isinstance(entry, dict) for entry in entries):
         raise InputError(f"{path}: 'events' must be tables [[events]]")
+    if len(entries) > EVENTS_MAX:
+        raise InputError(f"{path}: {len(entries)} events are more than {EVENTS_MAX} allowed")
     events = []
     for number, entry in enumerate(entries, start=1):
         try:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import re
-import tomllib
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ import numpy as np
 from iits_mj.core.assets import VEHICLE_TYPES
 from iits_mj.core.checks import in_range, is_number, make_plain, shown
 from iits_mj.core.errors import InputError
+from iits_mj.core.input_files import read_toml
 
 KINDS = ("car", "van", "truck", "articulated")
 HEAVY = ("truck", "articulated")
@@ -198,7 +198,7 @@ class VehicleType:
 @cache
 def default_types() -> tuple[VehicleType, ...]:
     """The four types of the package."""
-    table = read_toml(VEHICLE_TYPES)
+    table = read_toml(VEHICLE_TYPES, "file of vehicle types")
     return tuple(VehicleType(name=kind, **table[kind]) for kind in KINDS)
 
 
@@ -218,7 +218,7 @@ def read_types(
       InputError: the file cannot be read, or has an unknown field or an unusable value.
     """
     types = {t.name: t for t in (default_types() if base is None else base)}
-    for name, values in read_toml(Path(path)).items():
+    for name, values in read_toml(path, "file of vehicle types").items():
         try:
             if not isinstance(values, dict):
                 raise InputError(f"{name} = {values!r}: expected a table [{name}]")
@@ -316,15 +316,3 @@ def _colors(name: str, colors: object) -> tuple[Color, ...]:
     if not isinstance(colors, (tuple, list)) or not colors:
         raise InputError(f"{name}.colors = {shown(colors)}: must be a list of at least one color")
     return tuple(check_color(name, color) for color in colors)
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """Returns the content of a TOML file; raises InputError if it cannot be read."""
-    try:
-        with path.open("rb") as file:
-            return tomllib.load(file)
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise InputError(f"{path}: cannot be read: {reason}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not TOML: {error}") from error

@@ -17,6 +17,7 @@ import numpy as np
 
 from controllers.decision.learning.config import CHANGEABLE
 from iits_mj.core.errors import InputError
+from iits_mj.core.output_files import OutputFile
 
 CHECKPOINT, PREVIOUS = "checkpoint.pt", "checkpoint.previous.pt"
 FORMAT = "iits_mj.training.1"
@@ -34,16 +35,16 @@ def write(folder: Path, state: dict[str, Any]) -> None:
     stream = io.BytesIO()
     torch.save(_exchange(state, np.ndarray, torch.from_numpy), stream)
     payload = stream.getbuffer()
-    path, partial = folder / CHECKPOINT, folder / (CHECKPOINT + ".partial")
-    with partial.open("wb") as file:
-        file.write(f"{FORMAT} {hashlib.sha256(payload).hexdigest()}\n".encode())
-        file.write(payload)
-        file.flush()
-        os.fsync(file.fileno())
-    with contextlib.suppress(OSError):  # no checkpoint yet, or no hard links on the file system
-        (folder / PREVIOUS).unlink(missing_ok=True)
-        os.link(path, folder / PREVIOUS)
-    partial.replace(path)
+    path = folder / CHECKPOINT
+    with OutputFile(path, "checkpoint") as partial:
+        with partial.open("wb") as file:
+            file.write(f"{FORMAT} {hashlib.sha256(payload).hexdigest()}\n".encode())
+            file.write(payload)
+            file.flush()
+            os.fsync(file.fileno())
+        with contextlib.suppress(OSError):  # none yet, or a file system without hard links
+            (folder / PREVIOUS).unlink(missing_ok=True)
+            os.link(path, folder / PREVIOUS)
     directory = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(directory)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -15,7 +13,9 @@ from controllers.planning.speed_plan import SpeedConfig
 from controllers.stack import Stack
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import Error, InputError
+from iits_mj.core.input_files import read_npz
 from iits_mj.core.messages import EgoState, Scene, SpeedProfile, VehicleCommand, XbrMode
+from iits_mj.core.output_files import OutputFile
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
 from iits_mj.road import Route
@@ -25,6 +25,7 @@ from iits_mj.truck import Truck
 # Time in which the brakes of a standing truck build up before it starts [s].
 _BUILD_UP = 2.0
 _COUNTERS = ("engine_work", "driveline_loss", "retarder_work", "brake_work")
+_SIZE_MAX = 2**28  # bytes of a record
 COLUMNS = (
     "time",
     "station",
@@ -78,9 +79,8 @@ class Record:
 
     def save(self, path: Path) -> None:
         """Writes the record; the file appears only when it is complete."""
-        partial = path.with_name(f".{path.name}.partial.npz")
-        np.savez_compressed(partial, columns=np.array(self.columns), table=self.table)
-        partial.replace(path)
+        with OutputFile(path, "record of a drive") as partial:
+            np.savez_compressed(partial, columns=np.array(self.columns), table=self.table)
 
     @classmethod
     def load(cls, path: Path) -> Record:
@@ -89,13 +89,8 @@ class Record:
         Raises:
           InputError: the file is not a record of this version.
         """
-        try:
-            with np.load(path) as content:
-                names, table = tuple(content["columns"].tolist()), np.asarray(content["table"])
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error) as error:
-            raise InputError(
-                f"{str(path)!r} is not a record of a drive: {error}; remove it to drive again"
-            ) from error
+        content = read_npz(path, "record of a drive", _SIZE_MAX, ("columns", "table"))
+        names, table = tuple(content["columns"].tolist()), content["table"]
         if names != COLUMNS or table.ndim != 2 or table.shape[1] != len(COLUMNS):
             raise InputError(f"{str(path)!r} holds other columns: remove it to drive again")
         if len(table) < 2 or table.dtype.kind != "f" or not np.isfinite(table).all():

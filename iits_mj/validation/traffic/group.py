@@ -8,12 +8,12 @@ with the recording that it replays.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
+from iits_mj.core.output_files import TemporaryFolder
 from iits_mj.core.results import Findings, Results
 from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.core.vehicles import VehicleFrame
@@ -86,7 +86,7 @@ def own_recording(duration: float = 30.0) -> Findings:
         seen.append(recorder.reset())
         while recorder.time < duration - 1e-9:
             seen.append(recorder.step())
-        with tempfile.TemporaryDirectory(prefix="iits_mj_replay_") as folder:
+        with TemporaryFolder("replay") as folder:
             path = recorder.save(Path(folder) / "recording.npz")
             with RepSim(route, path) as replay:
                 replayed = [replay.reset()]

@@ -11,6 +11,7 @@ from iits_mj.road.writer import to_xml, write
 from tests.traffic_bridge.esmini_maps import MAPS, esmini
 from tests.traffic_bridge.merge_map import merge_map, two_way_road
 from traffic_bridge import MapNetwork, PureSim, TrafficConfig, build_network, cache_dir
+from traffic_bridge.network import nets
 from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.session import Session, load_libsumo
 
@@ -169,6 +170,35 @@ def test_a_failed_netconvert_run_reports_the_reason(straight, tmp_path):
     bad.write_text("<OpenDRIVE><road id='1'/></OpenDRIVE>")
     with pytest.raises(MapError, match=r"bad\.xodr: .*netconvert"):
         run_netconvert(["--opendrive", str(bad), "-o", str(tmp_path / "x.net.xml")], str(bad))
+
+
+def test_a_netconvert_that_does_not_end_or_fills_the_memory_is_stopped(
+    straight, monkeypatch, tmp_path
+):
+    def replace_by(script):
+        tool = tmp_path / "netconvert"
+        tool.write_text(f"#!{sys.executable}\n{script}\n")
+        tool.chmod(0o755)
+        monkeypatch.setattr(nets, "find_netconvert", lambda: tool)
+
+    nets.netconvert_version()  # kept from the real one
+    monkeypatch.setenv("IITS_MJ_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(nets, "TIMEOUT", 0.5)
+    replace_by("import time; time.sleep(60)")
+    with pytest.raises(
+        TrafficError, match=r"straight road of 4000 m: SUMO's netconvert did not finish .* 0.5 s"
+    ):
+        nets.build_network(straight)
+    monkeypatch.setattr(nets, "TIMEOUT", 20.0)
+    replace_by(
+        "import sys\n"
+        "try:\n    content = bytearray(2**33)\n"
+        "except MemoryError:\n    sys.exit('std::bad_alloc')"
+    )
+    with pytest.raises(
+        TrafficError, match=r"straight road of 4000 m: SUMO's netconvert needs more than 4 GB"
+    ):
+        nets.build_network(straight)
 
 
 def test_an_unwritable_cache_folder_is_reported_with_its_variable(straight, monkeypatch, tmp_path):

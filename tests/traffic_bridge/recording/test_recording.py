@@ -226,7 +226,7 @@ def _rewritten(path, target, change):
             lambda a: a.__setitem__("meta", np.array('{"schema": 3}')),
             "schema 3: this version reads 1 and 2",
         ),
-        (lambda a: a.__setitem__("meta", np.array("{")), "cannot be read"),
+        (lambda a: a.__setitem__("meta", np.array("{")), "meta is not JSON"),
     ],
 )
 def test_unusable_contents_are_refused_with_the_reason(recorded, tmp_path, change, reason):

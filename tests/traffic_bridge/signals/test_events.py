@@ -400,6 +400,8 @@ def test_events_are_read_from_a_file(tmp_path):
         ('[[events]]\nevent = "speed_limit"\nlimit = "fast"', "limit = 'fast': allowed is 1"),
         ('[[events]]\nevent = "speed_limit"\nlimit = nan', "limit = nan: allowed is 1"),
         ("\xff", "not TOML|UTF-8"),
+        ("[[events]]\n" * 1001, "1001 events are more than 1000 allowed"),
+        ("events." * 5000 + "a = 1", "nested deeper than 32 levels"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_named_with_the_reason(tmp_path, text, reason):
@@ -420,7 +422,7 @@ def test_the_example_runs_on_the_built_in_highway(highway):
 
 
 def test_a_missing_file_of_events_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"none\.toml: cannot be read"):
+    with pytest.raises(InputError, match=r"none\.toml. cannot be read"):
         read_events(tmp_path / "none.toml")
 
 

@@ -1,0 +1,107 @@
+"""SIGTERM ends a long command like Ctrl-C: complete outputs, no temporary files, exit code 143."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from controllers.decision.policy import QNetwork
+from traffic_bridge.recording.recording import Recording
+
+LONGEST = 120.0  # [s] for a command to begin and to end; against hanging
+
+
+def drive_is_complete(folder: Path) -> None:
+    summary = json.loads((folder / "out/summary.json").read_text())
+    rows = list(csv.reader((folder / "out/telemetry.csv").open()))
+    assert summary["summary"]["ended"] == "interrupted"
+    assert len(rows) > 20
+    assert len({len(row) for row in rows}) == 1
+    assert (folder / "out/report.html").stat().st_size > 10_000
+
+
+def recording_is_complete(folder: Path) -> None:
+    assert len(Recording.load(folder / "drive.npz")) > 10
+
+
+def training_is_complete(folder: Path) -> None:
+    pytest.importorskip("torch")
+    from controllers.decision.learning import checkpoint
+
+    assert checkpoint.read(folder / "out")
+    for weights in (folder / "out").glob("*.npz"):
+        QNetwork.load(weights)
+
+
+def trials_are_complete(folder: Path) -> None:
+    lines = (folder / "trials.csv").read_text().splitlines()
+    assert len({line.count(",") for line in lines}) == 1
+
+
+def samples_are_complete(folder: Path) -> None:
+    for path in (folder / "trucks").rglob("*.csv"):
+        assert len({line.count(",") for line in path.read_text().splitlines()}) == 1
+
+
+COMMANDS: dict[str, tuple[str, str, Callable[[Path], None]]] = {
+    "drive": ("--no-video --duration 4000 --out out", "*/.telemetry*", drive_is_complete),
+    "record": ("drive.npz --duration 4000", "tmp/iits_mj_sumo*", recording_is_complete),
+    "train": (
+        "--out out --jobs 2 --decisions 400000 --checkpoint-seconds 1",
+        "out/checkpoint*",
+        training_is_complete,
+    ),
+    "evaluate": (
+        "--file trials.csv --jobs 2 --duration 400 --trials 9 --methods aggressive --timestep 5e-3",
+        "tmp/iits_mj_sumo*",
+        trials_are_complete,
+    ),
+    "montecarlo": (
+        "--folder trucks --jobs 2 --timestep 5e-3 --shard 1",
+        "trucks/*/*.csv",
+        samples_are_complete,
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        *("drive", "record", "train"),
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("evaluate", "montecarlo")),
+    ],
+)
+def test_sigterm_completes_the_outputs_and_leaves_nothing_temporary(
+    command: str, tmp_path: Path
+) -> None:
+    if command == "train":
+        pytest.importorskip("torch")
+    flags, sign, check = COMMANDS[command]
+    temporary = tmp_path / "tmp"
+    temporary.mkdir()
+    line = [sys.executable, "-m", "iits_mj.cli", command, *flags.split()]
+    environment = {**os.environ, "TMPDIR": str(temporary)}
+    process = subprocess.Popen(
+        line, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    deadline = time.monotonic() + LONGEST
+    while process.poll() is None and not list(tmp_path.glob(sign)):
+        assert time.monotonic() < deadline, "the command did not begin"
+        time.sleep(0.1)
+    time.sleep(3.0)
+    process.send_signal(signal.SIGTERM)
+    _, error = process.communicate(timeout=LONGEST)
+    assert process.returncode == 143, error.decode()
+    assert b"Traceback" not in error
+    assert list(temporary.glob("iits_mj*")) == []
+    assert list(tmp_path.rglob(".*partial*")) == []
+    check(tmp_path)
