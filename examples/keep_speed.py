@@ -2,7 +2,7 @@
 
 It uses python-can, cantools and the DBC file, and no code of the package that serves the truck:
 
-    iits-mj serve --bus udp_multicast --start-speed 16.67
+    iits-mj serve --bus udp_multicast --start-speed 16.67 --on-silence release
     python examples/keep_speed.py --duration 60
 
 It receives the speed in CCVS1, the yaw rate in VDC2 and the distance from the road's reference line

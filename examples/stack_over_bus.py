@@ -1,6 +1,6 @@
 """Drives a truck over its bus with the controllers of this package.
 
-    iits-mj serve --bus udp_multicast --start-speed 15
+    iits-mj serve --bus udp_multicast --start-speed 15 --on-silence release
     python examples/stack_over_bus.py --duration 60
 
 The controllers get the truck's state from the bus alone. For a real truck use

@@ -23,6 +23,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
+from iits_mj.road.xml_input import SIZE_LIMIT
 from iits_mj.simulation.config import DriveConfig, TruckStart
 from iits_mj.simulation.frame import END_MARGIN
 from traffic_bridge import (
@@ -77,7 +78,7 @@ def load_map(path: Path | None) -> RoadMap:
     if path is None:
         return RoadMap.builtin()
     with suppress(OSError):
-        if (size := path.stat().st_size) > _LARGE_MAP:
+        if _LARGE_MAP < (size := path.stat().st_size) <= SIZE_LIMIT:
             print(f"iits-mj: reading {path} ({size / 2**20:.0f} MB)", file=sys.stderr, flush=True)
     return RoadMap.from_opendrive(path)
 

@@ -167,7 +167,7 @@ def test_weights_that_cannot_drive_are_refused_before_the_first_trial(tmp_path):
     policy.write_bytes(b"no weights")
     config = EvaluateConfig(trials=1, methods="keep,ddqn", weights=policy, jobs=1)
     idle = Fake()
-    with pytest.raises(InputError, match=r"policy\.npz.* is not a readable npz"):
+    with pytest.raises(InputError, match=r"policy\.npz.* cannot be read"):
         run(config, drive_all=idle)
     assert idle.driven == []
     # Without the method ddqn the policy is not read.

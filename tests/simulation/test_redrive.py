@@ -298,8 +298,8 @@ def test_reactive_adds_sumo_traffic_to_the_recorded_traffic(recorded: Path) -> N
         # Flags with their default values.
         (["--verify", "--seed", "0"], "made with seed 3, not 0"),
         (["--verify", "--truck", "--duration", "120"], "made with duration 4.0, not 120"),
-        (["--verify", "--events", "missing.toml"], "missing.toml: cannot be read"),
-        (["--verify", "--truck", "--events", "missing.toml"], "missing.toml: cannot be read"),
+        (["--verify", "--events", "missing.toml"], "missing.toml' cannot be read"),
+        (["--verify", "--truck", "--events", "missing.toml"], "missing.toml' cannot be read"),
         (["--verify", "--reactive"], "made with reactive False"),
         (["--verify", "--out", "out"], "--out has no effect with --verify"),
         (["--density", "dense"], "--density has no effect on recorded traffic"),

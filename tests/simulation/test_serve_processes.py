@@ -21,6 +21,8 @@ from tests.paths import ROOT
 
 GROUP = "239.74.163.2"
 SERVE = [sys.executable, "-m", "iits_mj.cli", "serve", "--json"]
+# The truck rolls on while the controller starts.
+ROLLING = ("--on-silence", "release")
 
 
 def _multicast_is_routed() -> bool:
@@ -114,7 +116,7 @@ def test_the_example_controller_imports_no_project_code() -> None:
 def test_controller_in_another_process_keeps_60_kmh_for_10_s(
     port: int, processes: list[subprocess.Popen[str]]
 ) -> None:
-    server = _serve(port, "--start-speed", "16.67", "--payload", "10000")
+    server = _serve(port, "--start-speed", "16.67", "--payload", "10000", *ROLLING)
     processes.append(server)
     code, reported = _drive("keep_speed.py", port, 10, "--settle", "3")
     assert code == 0, reported
@@ -135,7 +137,7 @@ def test_controller_in_another_process_keeps_60_kmh_for_10_s(
 def test_controller_in_another_process_keeps_60_kmh_for_60_s(
     example: str, port: int, processes: list[subprocess.Popen[str]]
 ) -> None:
-    server = _serve(port, "--start-speed", "16.67", "--start-station", "950")
+    server = _serve(port, "--start-speed", "16.67", "--start-station", "950", *ROLLING)
     processes.append(server)
     # The laden truck starts on a grade without power, loses 3.2 km/h and regains it at full pedal.
     code, reported = _drive(example, port, 70, "--settle", "10")
@@ -176,7 +178,7 @@ def test_a_missing_can_interface_is_one_line_without_driver_output() -> None:
 NETWORK = """
 up() { ip link set lo up multicast on; ip route replace 239.0.0.0/8 dev lo; }
 up
-"$@" --payload 10000 --start-speed 16 --duration 60 & served=$!
+"$@" --payload 10000 --start-speed 16 --on-silence release --duration 60 & served=$!
 trap 'kill $served 2>/dev/null' EXIT
 "$PYTHON" examples/keep_speed.py --duration 4 --settle 3 >&2
 [ $? = 2 ] && exit 10

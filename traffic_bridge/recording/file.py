@@ -86,7 +86,7 @@ def read(path: Path) -> dict[str, Any]:
     meta = read_json(str(arrays["meta"]), f"{name}: its meta")
     schema = meta.get("schema") if isinstance(meta, dict) else None
     if schema not in (1, SCHEMA):
-        raise InputError(f"{name}: schema {schema!r}, this reads 1 and {SCHEMA}")
+        raise InputError(f"{name}: schema {schema!r}: this version reads 1 and {SCHEMA}")
     try:
         return _fields(arrays, meta, schema, name)
     except (ValueError, IndexError, TypeError, MemoryError) as error:
