@@ -10,7 +10,7 @@ import pytest
 from tests.fuzz.harness import MEMORY_MAX, memory, trial
 from tests.fuzz.targets import Target, make_targets
 
-INPUTS = 120
+INPUTS = 80
 NAMES = (
     *("map", "design", "overlay", "spread", "events", "types", "recording", "weights", "trials"),
     *("log", "table", "profile", "trajectories", "highd", "bag", "bus", "plugin", "command line"),
