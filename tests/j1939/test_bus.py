@@ -290,22 +290,33 @@ def test_virtual_bus_keeps_the_times_of_the_frames() -> None:
         assert there.receive(time=7.0)[0].time == 7.0
 
 
-def test_only_datagrams_of_other_senders_are_received() -> None:
+def free_multicast_channel() -> str:
+    """A multicast group with a port that no other test uses."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("", 0))
-        channel = f"239.74.163.2:{probe.getsockname()[1]}"
+        return f"239.74.163.2:{probe.getsockname()[1]}"
+
+
+def await_frames(bus: Bus) -> list[Frame]:
+    """The next frames; skips the test where multicast does not come back to this machine."""
+    end = time.monotonic() + 2.0
+    heard: list[Frame] = []
+    while not heard and time.monotonic() < end:
+        heard = bus.receive(time=1.25)
+    if not heard:
+        pytest.skip("UDP multicast does not come back to this machine")
+    return heard
+
+
+def test_only_datagrams_of_other_senders_are_received() -> None:
+    channel = free_multicast_channel()
     try:
         here, there = Bus("udp_multicast", channel), Bus("udp_multicast", channel)
     except BusError as error:
         pytest.skip(f"UDP multicast is not routed here: {error}")
     with here, there:
         here.send(FRAME)
-        end = time.monotonic() + 2.0
-        heard: list[Frame] = []
-        while not heard and time.monotonic() < end:
-            heard = there.receive(time=1.25)
-        if not heard:
-            pytest.skip("UDP multicast does not come back to this machine")
+        heard = await_frames(there)
         assert heard == [FRAME]
         assert here.receive() == []
         assert (here.ignored, there.ignored) == ({"own": 1}, {})
@@ -316,9 +327,7 @@ def test_multicast_from_another_machine_is_dropped_unless_the_network_is_allowed
 ) -> None:
     assert is_own_address(("127.0.0.1", 4711))
     assert not is_own_address(("192.0.2.7", 4711))  # of documentation alone (RFC 5737)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("", 0))
-        channel = f"239.74.163.2:{probe.getsockname()[1]}"
+    channel = free_multicast_channel()
     monkeypatch.setattr("iits_mj.j1939.bus.is_own_address", lambda sender: False)
     try:
         here = Bus("udp_multicast", channel)
@@ -327,12 +336,7 @@ def test_multicast_from_another_machine_is_dropped_unless_the_network_is_allowed
         pytest.skip(f"UDP multicast is not routed here: {error}")
     with here, there, Bus("udp_multicast", channel) as sender:
         sender.send(FRAME)
-        end = time.monotonic() + 2.0
-        heard: list[Frame] = []
-        while not heard and time.monotonic() < end:
-            heard = there.receive(time=1.25)
-        if not heard:
-            pytest.skip("UDP multicast does not come back to this machine")
+        await_frames(there)
         assert here.receive() == []
         assert here.ignored == {"other host": 1}
     with pytest.raises(InputError, match="reach 'world' is not known; use one of: host, network"):
