@@ -40,7 +40,11 @@ _DRIVER = 1.0
 _EXECUTION: dict[int, float] = {XbrMode.ADDITION: 2.0, XbrMode.MAXIMUM: 3.0}
 # SPN 899 and 900: the unit that decides on the torque of an engine or a retarder.
 _NO_REQUEST, _OPERATOR, _TRANSMISSION, _BRAKES = 0.0, 1.0, 6.0, 10.0
-_CONTROLLERS = {_TRANSMISSION: network.TRANSMISSION, _BRAKES: network.BRAKES}
+_ASR, _ABS = 5.0, 7.0
+_CONTROLLERS = {
+    _TRANSMISSION: network.TRANSMISSION,
+    **dict.fromkeys((_BRAKES, _ASR, _ABS), network.BRAKES),
+}
 # SPN 162 and 163: two characters; a single letter follows a blank.
 _RANGES: dict[int, float] = {
     mode: float(int.from_bytes(f" {letter}".encode(), "little"))

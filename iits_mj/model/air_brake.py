@@ -36,6 +36,7 @@ SIGNALS = (
     "compressor_active",
     "brake_work",
     "endurance_torque_demand",
+    "slip_control_active",
 )
 # Decelerations of the table by axle loads [m/s2]; friction allows no more.
 _DEMAND = np.arange(0.0, 11.0)

@@ -55,6 +55,14 @@ _TABLE: tuple[tuple[str, SensorUnit], ...] = (
     (r"brake_pressures?(_.*)?|reservoir_pressure_.*", SensorUnit(_PASCAL)),
     (r"brake_torques", SensorUnit(_NEWTON_METER, (), "of each wheel end")),
     (r"wheel_speeds", SensorUnit("rad/s", (), "of each wheel end")),
+    (
+        r"slip_control_active",
+        SensorUnit(
+            "1",
+            ("asr_engine", "asr_brake", "drag_torque"),
+            "0 or 1: traction control by engine, by brakes, drag-torque control",
+        ),
+    ),
     (r"xbr_active|abs_active|compressor_active", SensorUnit("1", (), "0 or 1")),
     (r"steering_wheel_position|steer_angle_.*", SensorUnit("rad", (), "left positive")),
     (

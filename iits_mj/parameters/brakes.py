@@ -19,6 +19,13 @@ class AirBrake:
       torque_per_pressure: slope through zero, per axle, of one wheel end; with a push-out pressure
         the torque is the same at `anchor_pressure`.
       chamber_volume: of one chamber, per axle.
+      drive_slip_lag, drive_slip_lead: of the rate of the driven wheels' slip.
+      drag_slip_begin, drag_slip_end, drag_release_time, drag_return_time: slips at which drag-torque
+        control begins and ends, and times in which the drag torque goes and returns.
+      asr_slip_begin, asr_slip_end, asr_release_time, asr_return_time: the same for traction control
+        (ASR) and the accelerator.
+      asr_hold_time, asr_slip_range: of the control that holds the slip while the truck starts.
+      asr_brake_speed, asr_brake_pressure: greatest speed and pressure of a braked spinning wheel.
       distribution: "axle_loads": every axle uses the same friction; "table": shares follow the
         pressure table.
       release_rate: at which the XBR demand falls when it ends.
@@ -59,6 +66,20 @@ class AirBrake:
     abs_slip_lag: float
     abs_slip_lead: float
     abs_speed_low: float
+    drive_slip_lag: float
+    drive_slip_lead: float
+    drag_slip_begin: float
+    drag_slip_end: float
+    drag_release_time: float
+    drag_return_time: float
+    asr_slip_begin: float
+    asr_slip_end: float
+    asr_release_time: float
+    asr_return_time: float
+    asr_hold_time: float
+    asr_slip_range: float
+    asr_brake_speed: float
+    asr_brake_pressure: float
     stiffness: float
     parking_torque: float
     parking_time_constant: float

@@ -23,6 +23,8 @@ const char* const kCircuitNames[kCircuits] = {"front", "rear", "trailer"};
 const char* const kPressures = "brake_pressures";
 const char* const kTorques = "brake_torques";
 const char* const kSpeeds = "wheel_speeds";
+const char* const kSlipControl = "slip_control_active";
+constexpr int kSlipControls = 3;  // by engine, by brakes, of the drag torque
 const char* const kAnchor = "xbr_demand";
 const char* const kSides[2] = {"_left", "_right"};
 
@@ -36,6 +38,7 @@ class AirBrakePlugin : public PluginBase {
   // Some sensors have a number per wheel, because each sensor costs time in MuJoCo.
   static int SensorSize(const mjModel* m, int instance, int sensor) {
     const std::string name = LocalNames(m, instance, kAnchor).Of(m, mjOBJ_SENSOR, sensor);
+    if (name == kSlipControl) return kSlipControls;
     const bool per_wheel = name == kPressures || name == kTorques || name == kSpeeds;
     return per_wheel ? static_cast<int>(BodiesOfInstance(m, instance).size()) : 1;
   }
@@ -107,6 +110,7 @@ Attributes AirBrakePlugin::Table() {
   BrakeControl<double>& c = law_.control;
   BrakeDistribution<double>& d = c.distribution;
   Reservoirs<double>& r = law_.reservoirs;
+  DriveSlipControl<double>& slip = law_.drive_slip;
   return {
       // Axles.
       per_axle("circuit", 0, kCircuits - 1, &Wheel::circuit),
@@ -130,6 +134,21 @@ Attributes AirBrakePlugin::Table() {
       common("abs_speed_low", 0.1, 100, &Wheel::abs_speed_low),
       common("stiffness", 1, 1e9, &Wheel::stiffness),
       Number("trailer_line_delay", 0, 2, &trailer_delay_),
+      // Slip of the driven wheels.
+      Number("drive_slip_lag", 0.001, 1, &slip.lag),
+      Number("drive_slip_lead", 0, 1, &slip.lead),
+      Number("drag_slip_begin", 0.001, 1, &slip.drag.begin),
+      Number("drag_slip_end", 0, 1, &slip.drag.end),
+      Number("drag_release_time", 0.001, 100, &slip.drag.release_time),
+      Number("drag_return_time", 0.001, 100, &slip.drag.return_time),
+      Number("asr_slip_begin", 0.001, 10, &slip.traction.begin),
+      Number("asr_slip_end", 0, 10, &slip.traction.end),
+      Number("asr_release_time", 0.001, 100, &slip.traction.release_time),
+      Number("asr_return_time", 0.001, 100, &slip.traction.return_time),
+      Number("asr_hold_time", 0.001, 100, &slip.hold_time),
+      Number("asr_slip_range", 0.001, 10, &slip.range),
+      Number("asr_brake_speed", 0, 100, &slip.brake_speed),
+      Number("asr_brake_pressure", 0, 1e8, &slip.brake_pressure),
       Number("parking_time_constant", 0.001, 10, &law_.parking_time_constant),
       // Control.
       Number("supply_rise_rate", 1, 1e9, &c.rise_rate),
@@ -185,6 +204,7 @@ bool AirBrakePlugin::Bind(const mjModel* m, int instance) {
   law_.control.distribution.push_out = law_.wheels[0].push_out_pressure;
   law_.control.hysteresis = law_.wheels[0].hysteresis_pressure;
   law_.Prepare(m->opt.timestep);
+  law_.drive_slip.low_speed = law_.wheels[0].abs_speed_low;
   FindShaft(m);
   return FindSensors(m, instance);
 }
@@ -198,6 +218,13 @@ bool AirBrakePlugin::Check(const mjModel* m, int instance) const {
   if (wheel.abs_reapply_slip >= wheel.abs_release_slip) {
     return Refuse(m, instance, "abs_reapply_slip %g must be less than abs_release_slip %g",
                   wheel.abs_reapply_slip, wheel.abs_release_slip);
+  }
+  const SlipReliefLaw<double>&drag = law_.drive_slip.drag, &asr = law_.drive_slip.traction;
+  if (drag.end >= drag.begin || asr.end >= asr.begin) {
+    return Refuse(m, instance,
+                  "drag_slip_end %g must be less than drag_slip_begin %g, and asr_slip_end %g less "
+                  "than asr_slip_begin %g",
+                  drag.end, drag.begin, asr.end, asr.begin);
   }
   if (c.shaft_speed_on <= c.shaft_speed_off) {
     return Refuse(m, instance, "endurance_speed_on %g must exceed endurance_speed_off %g",
@@ -266,7 +293,9 @@ void AirBrakePlugin::FindShaft(const mjModel* m) {
   if (powertrain_ < 0 || m->actuator_trntype[demand_] != mjTRN_TENDON) return;
   for (const auto& [dof, coefficient] : TendonDofs(m, demand_)) {
     for (size_t k = 0; k < dofs_.size(); ++k) {
-      if (dofs_[k] == dof) law_.shaft_ratio += coefficient / law_.wheels[k].wheel_radius;
+      if (dofs_[k] != dof) continue;
+      law_.shaft_ratio += coefficient / law_.wheels[k].wheel_radius;
+      law_.driven.push_back(k);
     }
   }
 }
@@ -352,6 +381,16 @@ bool AirBrakePlugin::FindSensors(const mjModel* m, int instance) {
       }
       continue;
     }
+    if (name == kSlipControl) {
+      const int begin = static_cast<int>(places_.size());
+      for (size_t offset : {offsetof(State, asr_engine_active), offsetof(State, asr_brake_active),
+                            offsetof(State, drag_control_active)}) {
+        const int at = static_cast<int>(places_.size());
+        places_.push_back(Place(offset));
+        sensors_.push_back({m->sensor_adr[i] + at - begin, at, at + 1, 1});
+      }
+      continue;
+    }
     if (name == kSpeeds) {
       speeds_ = m->sensor_adr[i];
       continue;
@@ -364,8 +403,9 @@ bool AirBrakePlugin::FindSensors(const mjModel* m, int instance) {
                     "sensor '%s' is unknown; known are %s"
                     "reservoir_pressure_{front,rear,trailer}, "
                     "brake_pressure_{front,rear}_{left,right}, brake_pressure_trailer, "
-                    "brake_pressure_axle{1..%zu}_{left,right}, %s, %s, %s",
-                    name.c_str(), known.c_str(), hubs_.size() / 2, kPressures, kTorques, kSpeeds);
+                    "brake_pressure_axle{1..%zu}_{left,right}, %s, %s, %s, %s",
+                    name.c_str(), known.c_str(), hubs_.size() / 2, kPressures, kTorques, kSpeeds,
+                    kSlipControl);
     }
     const size_t count = places_.size() - begin;
     sensors_.push_back({m->sensor_adr[i], static_cast<int>(begin), static_cast<int>(places_.size()),

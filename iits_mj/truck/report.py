@@ -15,6 +15,8 @@ _FIELDS = tuple(field.name for field in dataclasses.fields(TruckReport))
 # Sensor and index of the fields whose sensor has another name.
 _SENSORS = {
     "accelerator_pedal": ("accelerator_pedal_position", 0),
+    "asr_engine_active": ("slip_control_active", 0),
+    "asr_brake_active": ("slip_control_active", 1),
     "brake_pressure_rear2_left": ("brake_pressures", 4),
     "brake_pressure_rear2_right": ("brake_pressures", 5),
     "gear_engaged": ("powertrain_report", 0),

@@ -71,6 +71,13 @@ def test_stop_from_60_mph_is_within_fmvss_121(payload, feet):
     assert result.locked < 1.0
 
 
+def test_empty_truck_keeps_its_wheels_turning_on_ice():
+    """A chamber below its push-out pressure still brakes by its hysteresis: ABS empties it, too."""
+    result = stop(EMPTY, 35 * KMH, friction=0.1, brake_pedal=1.0)
+    assert result.locked < 0.3
+    assert result.slowest_wheel < 0.6
+
+
 @pytest.mark.parametrize("friction", [0.8, 0.3])
 @pytest.mark.parametrize("payload", [EMPTY, LADEN])
 def test_stop_does_not_depend_on_the_time_step(payload, friction):

@@ -7,6 +7,7 @@
 
 #include "plugin/laws/brake_control.h"
 #include "plugin/laws/dead_time.h"
+#include "plugin/laws/drive_slip.h"
 #include "plugin/laws/endurance.h"
 #include "plugin/laws/reservoir.h"
 #include "plugin/laws/wheel_brake.h"
@@ -20,6 +21,7 @@ template <class T>
 struct BrakePneumatics {
   BrakeControlState<T> control;
   ReservoirState<T> reservoir;
+  DriveSlipState<T> drive_slip;
   T parking[kCircuits];                  // share of the spring brakes that is applied
   WheelBrakeState<T> wheel[kWheelsMax];  // only those of existing wheels are used
 };
@@ -39,6 +41,7 @@ struct AirBrakeState {
   BrakeWindUp<T> wind_up, next_wind_up;
   T next_is_fresh, next_wind_up_is_fresh;  // computed since the last commit
   T xbr_active, abs_active;
+  T asr_engine_active, asr_brake_active, drag_control_active;
   T work;       // of the brakes on the wheels since the reset [J]
   T next_work;  // half of the next step's work, with the wheel speeds at its start [J]
 };
@@ -51,8 +54,10 @@ struct AirBrake {
 
   BrakeControl<T> control;
   Reservoirs<T> reservoirs;
+  DriveSlipControl<T> drive_slip;
   std::vector<WheelBrake<T>> wheels;
   T parking_time_constant = 0;  // [s]
+  std::vector<size_t> driven;   // wheels on the propeller shaft
   T shaft_ratio = 0;  // force at the driven wheels per torque of the propeller shaft [1/m]
 
   // Computes the constants that depend on the wheels and the time step.
@@ -111,12 +116,13 @@ struct AirBrake {
     demand.shaft_force_max = shaft_ratio * shaft.shaft_torque_max;
     demand.reservoir = next->reservoir.pressure;
     const BrakeEffort<T> effort = control.Update(demand, h, &next->control);
-    if (!Quiet(*s, h)) Brake(h, hub_speed, wheel_speed, s);
+    T asr[kWheelsMax];
+    const bool spinning = ControlSlip(effort.active, h, hub_speed, wheel_speed, asr, s);
+    if (spinning || !Quiet(*s, h)) Brake(h, hub_speed, wheel_speed, spinning ? asr : nullptr, s);
     Park(parking, h, next);
     reservoirs.Pump(shaft.engine_speed, h, &next->reservoir);
     s->next_endurance.shaft_torque = shaft_ratio > 0 ? effort.shaft_force / shaft_ratio : T(0);
     if (demand.abs_on_drive) s->next_endurance.shaft_torque = EnduranceDemand<T>::kRelease;
-    s->next_endurance.cut_traction = effort.active;
     s->next_is_fresh = 1;
     s->xbr_active = demand.xbr > 0 && demand.xbr_mode != demand.kOff;
     s->abs_active = demand.abs_active;
@@ -158,6 +164,7 @@ struct AirBrake {
   void Copy(const Pneumatics& from, Pneumatics* to) const {
     to->control = from.control;
     to->reservoir = from.reservoir;
+    to->drive_slip = from.drive_slip;
     std::copy(from.parking, from.parking + kCircuits, to->parking);
     std::copy(from.wheel, from.wheel + wheels.size(), to->wheel);
   }
@@ -170,9 +177,46 @@ struct AirBrake {
     return pressure == 0 && s.line.clock + h - s.line.last_used > dead_time_max_;
   }
 
-  // From the supply valves to the chambers.
+  // Engine: the brakes cut the accelerator, and traction control a share of it; drag-torque control
+  // only takes the drag away while the brakes act. Brakes: returns whether traction control brakes
+  // wheels, with the pressures `asr` [Pa].
   template <class HubSpeed, class WheelSpeed>
-  void Brake(T h, const HubSpeed& hub_speed, const WheelSpeed& wheel_speed, State* s) const {
+  bool ControlSlip(bool braking, T h, const HubSpeed& hub_speed, const WheelSpeed& wheel_speed,
+                   T asr[kWheelsMax], State* s) const {
+    EnduranceDemand<T>* engine = &s->next_endurance;
+    engine->cut_traction = braking;
+    if (driven.empty()) return false;
+    DriveSlip<T> slip;
+    T slips[kWheelsMax];
+    T dragged = 0;  // slip that is not the friction brake's, or that its ABS does not end
+    for (size_t i : driven) {
+      slip.Add(slips[i] = wheels[i].Slip(hub_speed(i), wheel_speed(i)));
+      const WheelBrakeState<T>& brake = s->now.wheel[i];
+      const bool braked = brake.effective > wheels[i].push_out_pressure;
+      if (!braked || brake.abs_active != 0) dragged = Max(dragged, slips[i]);
+    }
+    const T speed = hub_speed(0);
+    const T relief = drive_slip.Drag(dragged, speed, h, &s->next.drive_slip);
+    const T cut = drive_slip.Traction(slip, speed, h, &s->next.drive_slip);
+    engine->drag_relief = braking ? Min(relief, EnduranceDemand<T>::kNoDrag) : relief;
+    engine->cut_traction = Max(engine->cut_traction, cut);
+    s->drag_control_active = relief > 0;
+    s->asr_engine_active = engine->traction_cut = cut > 0 && !braking;
+    s->asr_brake_active = 0;
+    if (braking) return false;
+    std::fill(asr, asr + wheels.size(), T(0));
+    for (size_t i : driven) {
+      const T pressure = drive_slip.Pressure(slip, slips[i], speed);
+      asr[i] = Min(pressure, s->next.reservoir.pressure[wheels[i].circuit]);
+      if (asr[i] > 0) s->asr_brake_active = 1;
+    }
+    return s->asr_brake_active != 0;
+  }
+
+  // From the supply valves, or those of traction control, to the chambers.
+  template <class HubSpeed, class WheelSpeed>
+  void Brake(T h, const HubSpeed& hub_speed, const WheelSpeed& wheel_speed, const T* asr,
+             State* s) const {
     const Pneumatics& now = s->now;
     Pneumatics* next = &s->next;
     T supplies[kWheelsMax], duty[kWheelsMax];
@@ -181,7 +225,8 @@ struct AirBrake {
       supplies[i] = s->line.Look(lines_[i].circuit, lines_[i].dead_time, h, current);
     }
     for (size_t i = 0; i < wheels.size(); ++i) {
-      const bool braked = now.wheel[i].pressure > wheels[i].push_out_pressure;
+      // Behind the hysteresis: a chamber that is being emptied may still brake its wheel.
+      const bool braked = now.wheel[i].effective > wheels[i].push_out_pressure;
       duty[i] = wheels[i].Duty(Rates(i, h), now.wheel[i], braked ? hub_speed(i) : T(0),
                                wheel_speed(i), &next->wheel[i].slip);
     }
@@ -195,7 +240,8 @@ struct AirBrake {
     }
     for (size_t i = 0; i < wheels.size(); ++i) {
       const WheelBrake<T>& wheel = wheels[i];
-      const T supply = supplies[line_of_wheel_[i]];
+      const T line = supplies[line_of_wheel_[i]];
+      const T supply = asr ? Max(line, asr[i]) : line;
       WheelBrakeState<T>* chamber = &next->wheel[i];
       if (supply == 0 && chamber->pressure == 0) continue;
       const WheelBrakeRates<T> rates = Rates(i, h);

@@ -15,7 +15,12 @@ struct EnduranceDemand {
   static constexpr double kRelease = -1;
 
   T shaft_torque;  // demanded retarding torque at the propeller shaft [N m]
-  T cut_traction;  // 1: the engine does not pull against the brakes
+  T cut_traction;  // share of the accelerator to cut, by the brakes or by traction control
+  T traction_cut;  // 1: by traction control
+  T drag_relief;   // by drag-torque control, 0 to 1; see DriveSlipControl
+
+  // Relief without engine brake and retarder, at which the engine overcomes its own drag.
+  static constexpr double kNoDrag = 0.75;
 };
 
 // From the powertrain to the brakes.
@@ -67,15 +72,31 @@ struct EnduranceControl {
     if (command.pedal >= pedal_up || demand.shaft_torque < 0) return command;
     command.engine_brake = levers.engine_brake;
     command.retarder_torque = levers.retarder * retarder_max;
-    if (!(demand.shaft_torque > 0)) return command;
+    if (demand.shaft_torque > 0)
+      Brake(demand.shaft_torque, gearing, drag, brake_max, retarder_max, &command);
+    if (demand.drag_relief > 0) {
+      const T left = Max(0.0, 1 - 2 * demand.drag_relief);
+      command.engine_brake *= left;
+      command.retarder_torque *= left;
+    }
+    return command;
+  }
+
+  // Brake torque of the engine that drag-torque control demands, from its drag to the opposite.
+  static T PullTorque(const EnduranceDemand<T>& demand, T drag) {
+    return (4 * Clamp(demand.drag_relief, 0.5, 1.0) - 3) * drag;
+  }
+
+ private:
+  void Brake(T shaft_torque, const EnduranceGearing<T>& gearing, T drag, T brake_max,
+             T retarder_max, EnduranceCommand<T>* command) const {
     if (gearing.engine_factor > 0 && brake_max > 0) {
-      const T wanted = demand.shaft_torque / gearing.engine_factor - drag;
-      command.engine_brake = Max(command.engine_brake, Clamp(wanted / brake_max, 0.0, 1.0));
+      const T wanted = shaft_torque / gearing.engine_factor - drag;
+      command->engine_brake = Max(command->engine_brake, Clamp(wanted / brake_max, 0.0, 1.0));
     }
     const T engine = gearing.engine_factor * (drag + brake_max);
-    const T rest = (demand.shaft_torque - engine) / gearing.retarder_factor;
-    command.retarder_torque = Max(command.retarder_torque, Clamp(rest, 0.0, retarder_max));
-    return command;
+    const T rest = (shaft_torque - engine) / gearing.retarder_factor;
+    command->retarder_torque = Max(command->retarder_torque, Clamp(rest, 0.0, retarder_max));
   }
 };
 

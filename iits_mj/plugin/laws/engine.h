@@ -35,13 +35,14 @@ struct EngineRequest {
     kSpeed,  // synchronize: bring the free engine to target_speed
   };
   Mode mode;
-  T pedal;               // 0 to 1
-  T engine_brake;        // share of the available torque, 0 to 1
-  T time_left;           // kCut [s]
-  T target_speed;        // kSpeed [rad/s]
-  T inertia;             // kSpeed: of all parts that turn with the crankshaft [kg m2]
-  bool limited = false;  // kPedal: the brakes reduce the torque, faster than the pedal
-  T torque = 0;          // kPedal: brake torque of the pedal at the present speed [N m]
+  T pedal;                // 0 to 1
+  T engine_brake;         // share of the available torque, 0 to 1
+  T time_left;            // kCut [s]
+  T target_speed;         // kSpeed [rad/s]
+  T inertia;              // kSpeed: of all parts that turn with the crankshaft [kg m2]
+  bool limited = false;   // kPedal: the brakes reduce the torque, faster than the pedal
+  bool relieved = false;  // kPedal: drag-torque control takes the engine brake away at once
+  T torque = 0;           // kPedal: brake torque of the pedal at the present speed [N m]
 };
 
 // Recovery of the engine's torque up to a level.
@@ -226,7 +227,7 @@ struct Engine {
     if (request.engine_brake <= 0 && s->brake_torque <= 0) return;
     const bool braking = request.mode == request.kPedal && request.pedal < pedal_up;
     const T brake = braking ? request.engine_brake * available : T(0);
-    const T lag = braking ? brake_lag : brake_release_lag;
+    const T lag = braking && !request.relieved ? brake_lag : brake_release_lag;
     s->brake_torque += (brake - s->brake_torque) * h / (lag + h);
     s->brake_torque = Min(s->brake_torque, available);
   }

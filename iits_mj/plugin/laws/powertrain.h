@@ -114,6 +114,10 @@ struct Powertrain {
     const T driver_torque = engine.PedalTorque(at, pedal);
     request.torque = request.pedal == pedal ? driver_torque : engine.PedalTorque(at, request.pedal);
     if (core->driveline.engagement < 1) request.engine_brake = 0;
+    if (controls.demand.drag_relief > 0) {
+      request.relieved = true;
+      request.torque = Max(request.torque, endurance.PullTorque(controls.demand, at.drag));
+    }
     engine.Update(request, at, h, &core->engine);
 
     const GearData<T> gear = Gear(core->gearbox);
@@ -127,7 +131,7 @@ struct Powertrain {
                    h, &core->driveline, &core->engine.speed, &s->work);
     core->shaft_torque = s->work.shaft_torque;
 
-    ReportStep(at, request, command, retarder_max, pedal, driver_torque, s);
+    ReportStep(controls, at, request, command, retarder_max, driver_torque, s);
     core->fuel_used += h * s->output.fuel_rate;
     const EnduranceGearing<T> after = Gearing(*core);
     s->next_endurance = {
@@ -139,7 +143,14 @@ struct Powertrain {
 
  private:
   // Controllers of the engine's torque (SPN 899).
-  enum TorqueMode { kNoRequest = 0, kAccelerator = 1, kTransmission = 6, kBrakes = 10 };
+  enum TorqueMode {
+    kNoRequest = 0,
+    kAccelerator = 1,
+    kTraction = 5,
+    kTransmission = 6,
+    kDragControl = 7,
+    kBrakes = 10
+  };
 
   // While a change synchronizes, the gearbox's input turns with the engine, as in the target gear.
   GearData<T> Gear(const GearboxState<T>& s) const {
@@ -199,9 +210,10 @@ struct Powertrain {
 
   // Percent torques as in J1939: of the reference torque of engine, engine brake or retarder;
   // braking is negative.
-  void ReportStep(const EnginePoint<T>& at, const Request& request,
-                  const EnduranceCommand<T>& command, T retarder_max, T pedal, T driver_torque,
-                  PowertrainState<T>* s) const {
+  void ReportStep(const PowertrainControls<T>& controls, const EnginePoint<T>& at,
+                  const Request& request, const EnduranceCommand<T>& command, T retarder_max,
+                  T driver_torque, PowertrainState<T>* s) const {
+    const T pedal = controls.levers.pedal;
     const Core& core = s->next;
     PowertrainOutput<T>* o = &s->output;
     const T of_reference = 100 / engine.reference_torque;
@@ -217,10 +229,12 @@ struct Powertrain {
     o->engine_torque_percent_driver = of_reference * (driver_torque + at.drag);
     const T greatest = at.limit + at.drag;
     o->engine_load_percent = greatest > 0 ? 100 * Min(1.0, core.engine.torque / greatest) : T(0);
-    o->engine_torque_mode = request.mode != request.kPedal ? kTransmission
-                            : request.pedal < pedal        ? kBrakes
-                            : pedal > 0                    ? kAccelerator
-                                                           : kNoRequest;
+    o->engine_torque_mode = request.mode != request.kPedal   ? kTransmission
+                            : request.torque > driver_torque ? kDragControl
+                            : request.pedal < pedal && controls.demand.traction_cut != 0 ? kTraction
+                            : request.pedal < pedal                                      ? kBrakes
+                            : pedal > 0 ? kAccelerator
+                                        : kNoRequest;
     o->fuel_rate = engine.FuelRate(at, core.engine);
     o->clutch_engagement = core.driveline.engagement;
     o->propeller_shaft_torque = core.shaft_torque;

@@ -51,6 +51,12 @@ struct WheelBrake {
     return chamber_volume * (s.pressure + stroke * kAtmosphere);
   }
 
+  // Slip in the direction of travel: positive if the wheel turns slower than the road.
+  T Slip(T hub_speed, T wheel_speed) const {
+    const T speed = abs(hub_speed);
+    return (speed - abs(wheel_speed) * wheel_radius) / Max(speed, abs_speed_low);
+  }
+
   WheelBrakeRates<T> Rates(T h) const {
     // Explicit in the wheel's speed: stiffness and damping are limited to the stable range.
     const T k = Min(stiffness, 0.4 * inertia / (h * h));
@@ -84,7 +90,7 @@ struct WheelBrake {
   T Duty(const WheelBrakeRates<T>& rates, const WheelBrakeState<T>& s, T hub_speed, T wheel_speed,
          T* slow) const {
     *slow = 0;
-    if (hub_speed < abs_speed_min || s.pressure <= push_out_pressure) return 1;
+    if (hub_speed < abs_speed_min || s.effective <= push_out_pressure) return 1;
     T slip = (hub_speed - wheel_speed * wheel_radius) / Max(hub_speed, abs_speed_low);
     *slow = s.slip + rates.slip * (slip - s.slip);
     const T rate = (slip - 0.5 * (s.slip + *slow)) / abs_slip_lag;

@@ -183,29 +183,48 @@ def overlay(group: Group, parameters: TruckParameters) -> dict[str, object]:
     return {"air_brake": {"abs_speed_min": 100.0, "torque_per_pressure": chosen}}
 
 
-def bend(payload: float, group: Group, timestep: float) -> Run:
-    """Brakes in the bend to 3 km/h or a jack-knife; the record begins with the demand."""
-    parameters = TruckParameters.load()
+def steady_bend(
+    payload: float, timestep: float, friction: float, lateral: float, changes: dict[str, object]
+) -> tuple[Truck, float]:
+    """The truck in a steady bend at 60 km/h, and its steering-wheel angle [rad].
+
+    Args:
+      payload: [kg].
+      timestep: [s].
+      friction: of the road.
+      lateral: acceleration in the bend without understeer [m/s2].
+      changes: of the parameters, as in an overlay.
+    """
     truck, hold = steady_truck(
         payload,
         BEND_SPEED,
         timestep,
         station=50.0,
-        parameters=overlay(group, parameters),
-        route=Route.straight(2000.0).with_friction(BEND_FRICTION),
+        parameters=changes,
+        route=Route.straight(2000.0).with_friction(friction),
     )
-    radius = BEND_SPEED**2 / LATERAL
+    parameters = truck.parameters
+    radius = BEND_SPEED**2 / lateral
     wheel = parameters.steering.ratio * parameters.tractor.axles[1].position / radius
 
     # Understeer makes the bend wider, equally for all groups.
     def turn_in(time: float, _: float) -> float:
         return wheel * min(time / 2.0, 1.0)
 
-    def over(state: EgoState) -> bool:
-        return state.speed < _SLOW or abs(state.articulation) > 2.0 * FOLDED
-
     drive(truck, turn_in, speed=BEND_SPEED, duration=_INTO, hold=hold)
-    return brake(truck, BEND_DEMAND, lambda _, __: wheel, duration=_BRAKING, stop=over)
+    return truck, wheel
+
+
+def bend_is_over(state: EgoState) -> bool:
+    """Whether the truck has stopped or jack-knifed."""
+    return state.speed < _SLOW or abs(state.articulation) > 2.0 * FOLDED
+
+
+def bend(payload: float, group: Group, timestep: float) -> Run:
+    """Brakes in the bend to 3 km/h or a jack-knife; the record begins with the demand."""
+    changes = overlay(group, TruckParameters.load())
+    truck, wheel = steady_bend(payload, timestep, BEND_FRICTION, LATERAL, changes)
+    return brake(truck, BEND_DEMAND, lambda _, __: wheel, duration=_BRAKING, stop=bend_is_over)
 
 
 def compare_locked(payload: float, timestep: float) -> Findings:

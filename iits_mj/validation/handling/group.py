@@ -9,6 +9,7 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.validation.handling import (
     braking_stability,
     circle,
+    drive_slip,
     lane_change,
     low_speed_turn,
     rollover,
@@ -89,4 +90,5 @@ def run_standards(config: ValidateConfig) -> Results:
         results.add(f"low_speed_turn_{load}", low_speed_turn.compare_pbs(payload, step))
         results.add(f"split_friction_{load}", braking_stability.compare_split(payload, step))
         results.add(f"wheel_lock_{load}", braking_stability.compare_locked(payload, step))
+        results.add(f"drive_slip_{load}", drive_slip.compare(payload, step))
     return results

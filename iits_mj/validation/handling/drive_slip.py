@@ -1,0 +1,115 @@
+"""Slip of the driven wheels: engine brake, retarder and accelerator on slippery roads.
+
+**In a bend** at 60 km/h, whose lateral acceleration is half of what the road allows, the driver
+holds the steering wheel and applies engine brake and retarder, or the full accelerator. These act
+on the driven axles alone. Without drag-torque and traction control the tractor folds against its
+trailer, with no wheel locked by a brake.
+
+**Starts** with the full accelerator on ice, and with the wheels of one side on ice. Open
+differentials give both sides the torque that the side on ice can carry, unless the brake holds its
+wheels.
+
+The controls are switched off by slips that no wheel reaches. No standard sets bounds; ours are
+those of ABS in the same bend.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from iits_mj.core.messages import EgoState, VehicleCommand
+from iits_mj.core.results import Findings, Line
+from iits_mj.core.units import GRAVITY
+from iits_mj.road import Route
+from iits_mj.truck import Truck
+from iits_mj.validation.handling.braking_stability import (
+    FOLDED,
+    STEADY,
+    bend_is_over,
+    steady_bend,
+)
+from iits_mj.validation.harness.maneuver import Run, run
+
+FRICTIONS = (0.2, 0.1)
+BRAKING: dict[str, Any] = {"engine_brake": 1.0, "retarder": 1.0}
+PULLING: dict[str, Any] = {"accelerator_pedal": 1.0}
+# No slip is as large: the controls are off.
+OFF: dict[str, object] = {
+    "air_brake": {
+        "drive_slip_lead": 0.0,
+        "drag_slip_begin": 1.0,
+        "asr_slip_begin": 10.0,
+        "asr_brake_speed": 0.0,
+        "asr_hold_time": 100.0,
+        "asr_slip_range": 10.0,
+    }
+}
+ICE, GRIP = 0.1, 0.8
+_DURATION, _START = 12.0, 10.0
+
+
+def in_bend(
+    payload: float, timestep: float, friction: float, levers: dict[str, Any], *, control: bool
+) -> Run:
+    """Applies pedal and levers in the bend; the record begins with them."""
+    lateral = 0.5 * friction * GRAVITY
+    truck, wheel = steady_bend(payload, timestep, friction, lateral, {} if control else OFF)
+
+    def command(_: float, __: EgoState) -> VehicleCommand:
+        return VehicleCommand(steering_wheel_angle=wheel, **levers)
+
+    return run(truck, command, _DURATION, bend_is_over)
+
+
+def start(payload: float, timestep: float, left: float, right: float, *, control: bool) -> Run:
+    """Starts on a level road with these coefficients of friction, by the full accelerator."""
+    route = Route.straight(2000.0).with_friction(left, right)
+    changes = {} if control else OFF
+    truck = Truck.load(payload, timestep=timestep, visuals=False, route=route, parameters=changes)
+    truck.reset()
+    return run(truck, lambda _, __: VehicleCommand(accelerator_pedal=1.0), _START)
+
+
+def compare(payload: float, timestep: float) -> Findings:
+    """Bends and starts with one payload [kg]."""
+    load = f"{payload / 1e3:g} t"
+    found = Findings(f"slip of the driven wheels, {load}")
+    folded, steady = np.rad2deg((FOLDED, STEADY))
+    for friction in FRICTIONS:
+        for action, levers in (("engine brake and retarder", BRAKING), ("accelerator", PULLING)):
+            lines = []
+            for control in (True, False):
+                record = in_bend(payload, timestep, friction, levers, control=control)
+                change = np.rad2deg(record.articulation - record.articulation[0])
+                name = "with slip control" if control else "without"
+                lines.append(Line(name, record.time, change, "simulation" if control else ""))
+                label = f"bend on {friction:g}, {action}, {name}: greatest change of hitch angle"
+                must = f"<= {steady:g}" if control else ""
+                if not control and levers is BRAKING:
+                    must = f">= {folded:g}"
+                found.check(label, np.max(np.abs(change)), "deg", must=must)
+            place = f"bend on {friction:g}, {action}"
+            found.panel(place, "time [s]", "change of the hitch angle [deg]", *lines)
+    for name, left, right, gain in (
+        ("on ice", ICE, ICE, 1.0),
+        ("with one side on ice", GRIP, ICE, 1.5),
+    ):
+        with_control, without = (
+            start(payload, timestep, left, right, control=control) for control in (True, False)
+        )
+        reached = float(with_control.speed[-1])
+        least = gain * float(without.speed[-1])
+        label = f"start {name}: speed after {_START:g} s"
+        found.check(f"{label}, without slip control", float(without.speed[-1]), "m/s")
+        found.check(label, reached, "m/s", must=f">= {least:.2f}")
+        spin = [float(np.max(np.abs(r.wheel_slips[:, 2:6]))) for r in (with_control, without)]
+        found.check(f"start {name}: greatest slip, without slip control", spin[1], "1")
+        found.check(f"start {name}: greatest slip", spin[0], "1", must=f"< {spin[1]:.2f}")
+        lines = [
+            Line("with slip control", with_control.time, with_control.speed, "simulation"),
+            Line("without", without.time, without.speed),
+        ]
+        found.panel(f"start {name}", "time [s]", "speed [m/s]", *lines)
+    return found
