@@ -171,8 +171,8 @@ class TruckReport:
       reservoir_pressure_front, reservoir_pressure_rear, reservoir_pressure_trailer: [Pa].
       compressor_active: 1 while the compressor fills the reservoirs.
       abs_active, xbr_active: 1 while ABS modulates, while an XBR demand is being answered.
-      asr_engine_active, asr_brake_active: 1 while traction control reduces the engine's torque, while
-        it brakes spinning wheels.
+      asr_engine_active, asr_brake_active: 1 while traction control reduces the engine's torque,
+        while it brakes spinning wheels.
       brake_pressure_rear2_left, brake_pressure_rear2_right: of the second drive axle [Pa].
       wheel_based_speed: of the drive axles' tires, a magnitude, as their sensor has no sign [m/s].
       wheel_speeds: the same of the tractor's wheel ends, front to rear, left before right [m/s].

@@ -20,8 +20,8 @@ class AirBrake:
         the torque is the same at `anchor_pressure`.
       chamber_volume: of one chamber, per axle.
       drive_slip_lag, drive_slip_lead: of the rate of the driven wheels' slip.
-      drag_slip_begin, drag_slip_end, drag_release_time, drag_return_time: slips at which drag-torque
-        control begins and ends, and times in which the drag torque goes and returns.
+      drag_slip_begin, drag_slip_end, drag_release_time, drag_return_time: slips at which
+        drag-torque control begins and ends, and times in which the drag torque goes and returns.
       asr_slip_begin, asr_slip_end, asr_release_time, asr_return_time: the same for traction control
         (ASR) and the accelerator.
       asr_hold_time, asr_slip_range: of the control that holds the slip while the truck starts.
