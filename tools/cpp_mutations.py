@@ -25,10 +25,25 @@ PACKAGE = Path(__file__).parents[1] / "iits_mj"
 GUARD = 1e-5  # constants below it guard divisions
 
 OPPOSITE = {
-    **{"+": "-", "-": "+", "*": "/", "/": "*", "%": "*"},
-    **{"<": ">=", ">=": "<", ">": "<=", "<=": ">", "==": "!=", "!=": "=="},
-    **{"&&": "||", "||": "&&", "&": "|", "|": "&"},
-    **{"+=": "-=", "-=": "+=", "*=": "/=", "/=": "*="},
+    "+": "-",
+    "-": "+",
+    "*": "/",
+    "/": "*",
+    "%": "*",
+    "<": ">=",
+    ">=": "<",
+    ">": "<=",
+    "<=": ">",
+    "==": "!=",
+    "!=": "==",
+    "&&": "||",
+    "||": "&&",
+    "&": "|",
+    "|": "&",
+    "+=": "-=",
+    "-=": "+=",
+    "*=": "/=",
+    "/=": "*=",
 }
 BOUNDARY = {"<": "<=", "<=": "<", ">": ">=", ">=": ">"}
 COMPARISONS = ("<", ">", "<=", ">=", "==", "!=")
@@ -80,7 +95,8 @@ def include_flags() -> list[str]:
     import importlib.util
 
     spec = importlib.util.find_spec("mujoco")
-    assert spec and spec.submodule_search_locations
+    assert spec is not None
+    assert spec.submodule_search_locations
     return [f"-I{PACKAGE}", f"-I{Path(spec.submodule_search_locations[0]) / 'include'}"]
 
 
@@ -130,9 +146,9 @@ class _Finder:
         source = self.code[line_start : self.code.find("\n", start)]
         at = start - line_start - (len(source) - len(source.lstrip()))
         line = node.extent.start.line
-        clean = (" ".join(x.split()) for x in (original, mutant))
+        before, after = (" ".join(x.split()) for x in (original, mutant))
         self.found.append(
-            Mutant(self.file, line, at, operator, *clean, source.strip(), start, end, text)
+            Mutant(self.file, line, at, operator, before, after, source.strip(), start, end, text)
         )
 
     def walk(self, node: cindex.Cursor, parents: list[cindex.Cursor]) -> None:

@@ -40,7 +40,18 @@ from cpp_mutations import PACKAGE, Mutant
 ROOT = PACKAGE.parent
 TESTS = ROOT / "tests" / "plugin"
 EQUIVALENT = Path(__file__).with_name("mutants_equivalent.toml")
-FIELDS = "file line at operator original mutant outcome by seconds source".split()
+FIELDS = [
+    "file",
+    "line",
+    "at",
+    "operator",
+    "original",
+    "mutant",
+    "outcome",
+    "by",
+    "seconds",
+    "source",
+]
 FLAGS = ["-std=c++17", "-fPIC", "-ffp-contract=off", "-fno-math-errno", "-w", "-DNDEBUG"]
 PYTEST = ["-x", "-q", "-p", "no:cacheprovider", "-m", "not slow"]
 FOUND = ("killed", "crash", "timeout")
@@ -83,10 +94,12 @@ def default_base() -> str:
 
 
 def digest(paths: list[Path]) -> str:
+    """Of the contents of files."""
     return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()
 
 
 def as_json(value: Any) -> Any:
+    """The value as JSON returns it, where tuples are lists."""
     return json.loads(json.dumps(value))
 
 
@@ -163,10 +176,12 @@ class Watcher:
         self.failed = ""
 
     def pytest_runtest_logreport(self, report: Any) -> None:
+        """Of a test."""
         if report.failed and not self.failed:
             self.failed = report.nodeid.split("::", 1)[-1]
 
     def pytest_collectreport(self, report: Any) -> None:
+        """Of a file that cannot be imported."""
         if report.failed and not self.failed:
             self.failed = report.nodeid
 
@@ -180,6 +195,7 @@ class Tests:
 
         self.library, self.count = library, count
         self.area_only, self.tests = area_only, tests
+        self.last_reached = ""
         self.reached: dict[Path, set[int]] = {}
         self.seconds: dict[Path, float] = {}
         load = mujoco.mj_loadPluginLibrary
@@ -190,6 +206,8 @@ class Tests:
 
         mujoco.mj_loadPluginLibrary = lambda path: load(redirected(path))
         ctypes.CDLL = lambda path, *a, **k: open_library(redirected(path), *a, **k)  # type: ignore
+        for program in library.parent.glob("*.program"):
+            program.unlink()
         os.environ["CXX"] = str(library.with_name("c++"))
         sys.path.insert(0, str(ROOT))
         os.chdir(ROOT)
@@ -213,9 +231,9 @@ class Tests:
             os.environ["IITS_MUTANT"] = str(max(number, 0))
             self.switch.value = number
             watcher = Watcher()
-            code = pytest.main([*PYTEST, *map(str, files)], plugins=[watcher])
+            ended_with = pytest.main([*PYTEST, *map(str, files)], plugins=[watcher])
             reached = "".join(f"{i} " for i in range(1, self.count + 1) if self.flags[i])
-            text = f"{int(code)}\n{watcher.failed}\n{reached if number < 0 else ''}"
+            text = f"{int(ended_with)}\n{watcher.failed}\n{reached if number < 0 else ''}"
             with os.fdopen(writing, "w") as pipe:
                 pipe.write(text)
             os._exit(0)
@@ -285,6 +303,7 @@ def key(row: dict[str, str]) -> tuple[str, ...]:
 
 
 def read(path: Path) -> list[dict[str, str]]:
+    """Rows of earlier results, if there are any."""
     if not path.exists():
         return []
     with path.open() as lines:
@@ -317,6 +336,7 @@ def table(rows: list[dict[str, str]]) -> Iterator[str]:
 
 
 def parse() -> argparse.Namespace:
+    """Reads the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--since", metavar="REV", help="mutate lines that differ from this commit")
@@ -332,6 +352,7 @@ def parse() -> argparse.Namespace:
 
 
 def main() -> int:
+    """Runs the mutants that have no result yet, and prints the tables."""
     options = parse()
     mutants = [m for path in cpp_mutations.sources() for m in cpp_mutations.find(path)]
     if not options.full:
@@ -363,7 +384,9 @@ def main() -> int:
                 outcome, by = tests.judge(mutant)
             known[mutant.key] = {
                 **{name: str(getattr(mutant, name)) for name in FIELDS if hasattr(mutant, name)},
-                **{"outcome": outcome, "by": by, "seconds": f"{time.monotonic() - begin:.1f}"},
+                "outcome": outcome,
+                "by": by,
+                "seconds": f"{time.monotonic() - begin:.1f}",
             }
             write(results, list(known.values()))
             if done % 20 == 0:
@@ -379,6 +402,7 @@ def main() -> int:
 
 
 def write(path: Path, rows: list[dict[str, str]]) -> None:
+    """Replaces the results, so that a stopped run leaves a whole file."""
     with path.with_suffix(".part").open("w", newline="") as lines:
         writer = csv.DictWriter(lines, FIELDS)
         writer.writeheader()

@@ -1,6 +1,6 @@
 """Runs of powertrain and air brake without MuJoCo, and the signals that they had.
 
-    python -m tests.plugin.laws_runs        # writes laws_runs.csv after a wanted change of a law
+python -m tests.plugin.laws_runs        # writes laws_runs.csv after a wanted change of a law
 """
 
 import csv
@@ -12,7 +12,7 @@ from tests.plugin.laws_direct import law
 
 REFERENCE = Path(__file__).with_name("laws_runs.csv")
 
-# Seconds; pedal, engine brake, retarder, mode, demanded torque of the shaft, cut, mass, grade force.
+# Seconds; pedal, engine brake, retarder, mode, shaft torque demand, cut, mass, grade force.
 LADEN = [
     (40, [1, 0, 0, 0, 0, 0, 40e3, 1e3]),
     (20, [1, 0, 0, 0, 0, 0, 40e3, 22e3]),

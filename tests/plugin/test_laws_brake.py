@@ -186,22 +186,65 @@ def test_chamber_fills_and_empties_with_its_lags_and_behind_its_hysteresis():
 # --- brake control --------------------------------------------------------------------------
 
 CONTROL = {
-    **{"rise_rate": 5e6, "fall_rate": 4e6, "pressure_max": 850e3, "release_rate": 5},
-    **{"pedal_deceleration": 10, "rolling_resistance": 0.006, "filter_time": 0.3},
-    **{"trim_gain": 0.8, "trim_max": 0.4, "trim_share": 0.3, "trim_speed_min": 2},
-    **{"shaft_speed_off": 4, "shaft_speed_on": 7, "endurance_rate": 0.5, "hysteresis": 15e3},
-    **{"hysteresis_time": 0.1, "hold_speed": 0.3, "hold_deceleration": 1.6},
-    **{"hold_release_speed": 1, "hold_time_max": 5, "hold_uphill": 0.05},
+    "rise_rate": 5e6,
+    "fall_rate": 4e6,
+    "pressure_max": 850e3,
+    "release_rate": 5,
+    "pedal_deceleration": 10,
+    "rolling_resistance": 0.006,
+    "filter_time": 0.3,
+    "trim_gain": 0.8,
+    "trim_max": 0.4,
+    "trim_share": 0.3,
+    "trim_speed_min": 2,
+    "shaft_speed_off": 4,
+    "shaft_speed_on": 7,
+    "endurance_rate": 0.5,
+    "hysteresis": 15e3,
+    "hysteresis_time": 0.1,
+    "hold_speed": 0.3,
+    "hold_deceleration": 1.6,
+    "hold_release_speed": 1,
+    "hold_time_max": 5,
+    "hold_uphill": 0.05,
 }
-ORDER = (
-    "rise_rate fall_rate pressure_max release_rate pedal_deceleration rolling_resistance "
-    "filter_time trim_gain trim_max trim_share trim_speed_min shaft_speed_off shaft_speed_on "
-    "endurance_rate hysteresis hysteresis_time hold_speed hold_deceleration hold_release_speed "
-    "hold_time_max hold_uphill"
-).split()
+ORDER = [
+    "rise_rate",
+    "fall_rate",
+    "pressure_max",
+    "release_rate",
+    "pedal_deceleration",
+    "rolling_resistance",
+    "filter_time",
+    "trim_gain",
+    "trim_max",
+    "trim_share",
+    "trim_speed_min",
+    "shaft_speed_off",
+    "shaft_speed_on",
+    "endurance_rate",
+    "hysteresis",
+    "hysteresis_time",
+    "hold_speed",
+    "hold_deceleration",
+    "hold_release_speed",
+    "hold_time_max",
+    "hold_uphill",
+]
 DEMAND = {
-    **{"xbr": 0, "pedal": 0, "xbr_mode": 2, "ebi": 0, "speed": 15, "mass": 25e3, "gravity": 9.81},
-    **{"abs": 0, "abs_on_drive": 0, "shaft": 0, "shaft_max": 0, "uphill": 0, "reservoir": 1e6},
+    "xbr": 0,
+    "pedal": 0,
+    "xbr_mode": 2,
+    "ebi": 0,
+    "speed": 15,
+    "mass": 25e3,
+    "gravity": 9.81,
+    "abs": 0,
+    "abs_on_drive": 0,
+    "shaft": 0,
+    "shaft_max": 0,
+    "uphill": 0,
+    "reservoir": 1e6,
 }
 STATES = (
     *("initialized", "supply", "supply1", "supply2", "chamber", "chamber1", "chamber2"),
@@ -338,7 +381,9 @@ def test_shaft_brakes_first_and_friction_gives_the_rest():
 
 def test_demand_on_the_shaft_fades_near_walking_speed_and_ends_under_abs():
     def asked(**demand):
-        effort = control(3000, effort=True, xbr=2, shaft_max=1e6, changes={"trim_gain": 0}, **demand)
+        effort = control(
+            3000, effort=True, xbr=2, shaft_max=1e6, changes={"trim_gain": 0}, **demand
+        )
         return effort[0] / force(2)
 
     assert asked(ebi=2, speed=15) == pytest.approx(1)
@@ -364,20 +409,30 @@ def test_force_of_the_shaft_is_extrapolated_by_the_response_time():
     start = {"initialized": 1, "shaft": 10e3, "shaft_max": 5e4, "speed": 15, "supply": 50e3}
     s = control(1, xbr=2, shaft=9e3, shaft_max=5e4, start={**start}, changes={"trim_gain": 0})
     assert s["shaft"] == pytest.approx(10e3 - 1e3 * 0.01 / 0.31)
-    slow = control(1, xbr=2, shaft=9e3, shaft_max=5e4, start=start, changes={"rise_rate": 1e12, "trim_gain": 0})
+    slow = control(
+        1, xbr=2, shaft=9e3, shaft_max=5e4, start=start, changes={"rise_rate": 1e12, "trim_gain": 0}
+    )
     assert slow["supply"] == pytest.approx(pressures(force(2) - 8e3, 8e3, 2.0)[0], rel=1e-6)
     # The greatest force falls as well, from 10 to 6 kN: 2 kN are expected.
     start = {"initialized": 1, "shaft": 9e3, "shaft_max": 10e3, "speed": 15}
-    less = control(1, xbr=2, shaft=9e3, shaft_max=6e3, start=start, changes={"rise_rate": 1e12, "trim_gain": 0})
+    less = control(
+        1, xbr=2, shaft=9e3, shaft_max=6e3, start=start, changes={"rise_rate": 1e12, "trim_gain": 0}
+    )
     assert less["supply"] == pytest.approx(pressures(force(2) - 2e3, 2e3, 2.0)[0], rel=1e-6)
 
 
 def trim(*, deceleration=0.0, reference=1.0, speed=15.0, h=0.01, old=0.0, **demand):
     """The trim after one step in which the filtered deceleration and the reference are given."""
     start = {
-        **{"initialized": 1, "speed": speed + deceleration * (0.3 + h), "trim": old},
-        **{"reference": reference, "reference1": reference, "supply": 2e5, "supply1": 2e5},
-        **{"supply2": 2e5, **demand.pop("start", {})},
+        "initialized": 1,
+        "speed": speed + deceleration * (0.3 + h),
+        "trim": old,
+        "reference": reference,
+        "reference1": reference,
+        "supply": 2e5,
+        "supply1": 2e5,
+        "supply2": 2e5,
+        **demand.pop("start", {}),
     }
     return control(1, h=h, start=start, **{"xbr": 1, "speed": speed, **demand})
 
@@ -391,7 +446,12 @@ def test_trim_integrates_the_deficit_of_deceleration():
     assert trim(speed=1.9)["trim"] == 0
     # Brakes at their limit, or released.
     assert trim(reservoir=30e3)["trim"] == 0
-    assert trim(shaft=1e5, shaft_max=1e5, deceleration=2.0, start={"shaft": 1e5, "shaft_max": 1e5})["trim"] == 0
+    assert (
+        trim(shaft=1e5, shaft_max=1e5, deceleration=2.0, start={"shaft": 1e5, "shaft_max": 1e5})[
+            "trim"
+        ]
+        == 0
+    )
     assert trim(shaft=1e5, shaft_max=1e5, start={"shaft": 1e5, "shaft_max": 1e5})["trim"] > 0
 
 

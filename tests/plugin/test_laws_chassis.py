@@ -47,7 +47,9 @@ def settled(motion, steps=400, *, road=PLANE, bristles=(0, 0, 0), h=0.002, **cha
     law("tire_steps", list({**TIRE, **changes}.values()), motion, road, steps, h, bristles, out)
     names = ("fx", "fy", "fz", "mz", "slip", "angle", "deflection", "friction")
     return {
-        **{"force": out[:3], "moment": out[3:6], "next": out[6:9]},
+        "force": out[:3],
+        "moment": out[3:6],
+        "next": out[6:9],
         **dict(zip(names, out[9:], strict=True)),
     }
 
@@ -125,7 +127,11 @@ def test_hub_moves_with_the_angular_velocity_at_its_arm():
 def test_wheel_heads_along_its_axle():
     yaw = 0.1
     turned = settled(
-        wheel(velocity=(10, 0, 0), spin=10 * math.cos(yaw) / ROLLING, axle=(-math.sin(yaw), math.cos(yaw), 0))
+        wheel(
+            velocity=(10, 0, 0),
+            spin=10 * math.cos(yaw) / ROLLING,
+            axle=(-math.sin(yaw), math.cos(yaw), 0),
+        )
     )
     # It heads to the left of its velocity, so the road pushes it to the left.
     assert turned["angle"] == pytest.approx(yaw)
@@ -278,7 +284,9 @@ def test_low_speed_damping_fades_out_at_2_meters_per_second():
         for v in (1.0, 3.0)
     )
     sigma = relaxation(LOAD)
-    spring = [-LOAD * stiffness(LOAD) * 0.002 * 0.01 / (1 + 0.002 * v / sigma) / sigma for v in (1, 3)]
+    spring = [
+        -LOAD * stiffness(LOAD) * 0.002 * 0.01 / (1 + 0.002 * v / sigma) / sigma for v in (1, 3)
+    ]
     damping = 2 * 6000 * 0.5 * (LOAD / 70e3) * 0.01
     assert slow == pytest.approx(spring[0] - damping, rel=1e-2)
     assert fast == pytest.approx(spring[1], rel=1e-2)
@@ -296,16 +304,24 @@ def test_slip_signals_stay_finite_at_rest():
 def road_at(rows, x, y, *, start=100.0, step=10.0, hint=-1e10):
     out = np.zeros(7)
     law("road_evaluate", np.ravel(rows).astype(float), len(rows), start, step, x, y, hint, out)
-    return {**dict(zip(("height", "norm", "friction", "station"), out[[0, 4, 5, 6]], strict=True)), "up": out[1:4]}
+    return {
+        **dict(zip(("height", "norm", "friction", "station"), out[[0, 4, 5, 6]], strict=True)),
+        "up": out[1:4],
+    }
 
 
 def straight(count=8, heading=0.3, grade=0.05, tilt=0.02):
     stations = 10.0 * np.arange(count)
     c, s = math.cos(heading), math.sin(heading)
-    return [[5 + r * c, -3 + r * s, 2 + r * grade, c, s, 0, grade, tilt, 0.7, 0.3, 0.5] for r in stations]
+    return [
+        [5 + r * c, -3 + r * s, 2 + r * grade, c, s, 0, grade, tilt, 0.7, 0.3, 0.5]
+        for r in stations
+    ]
 
 
-@pytest.mark.parametrize(("along", "left"), [(0.0, 0.0), (14.0, 1.5), (35.0, -2.0), (-5.0, 1.0), (80.0, 2.0)])
+@pytest.mark.parametrize(
+    ("along", "left"), [(0.0, 0.0), (14.0, 1.5), (35.0, -2.0), (-5.0, 1.0), (80.0, 2.0)]
+)
 @pytest.mark.parametrize("hint", [-1e10, 100.0, 165.0, 1e4])
 def test_straight_road_is_a_plane(along, left, hint):
     heading, grade, tilt = 0.3, 0.05, 0.02
@@ -346,7 +362,19 @@ def test_grade_is_steeper_on_the_inside_of_a_bend():
     radius, grade = 50.0, 0.06
     angles = np.arange(8) * 10.0 / radius
     rows = [
-        [radius * math.sin(a), radius * (1 - math.cos(a)), grade * radius * a, math.cos(a), math.sin(a), 1 / radius, grade, 0, 0.8, 0.8, 0]
+        [
+            radius * math.sin(a),
+            radius * (1 - math.cos(a)),
+            grade * radius * a,
+            math.cos(a),
+            math.sin(a),
+            1 / radius,
+            grade,
+            0,
+            0.8,
+            0.8,
+            0,
+        ]
         for a in angles
     ]
     for offset in (0.0, 5.0, -5.0):
@@ -354,10 +382,14 @@ def test_grade_is_steeper_on_the_inside_of_a_bend():
         x, y = (radius - offset) * math.sin(a), radius - (radius - offset) * math.cos(a)
         point = road_at(rows, x, y, start=0.0)
         assert point["station"] == pytest.approx(a * radius, abs=0.02)
-        assert math.hypot(*point["up"][:2]) == pytest.approx(grade / (1 - offset / radius), rel=5e-3)
+        assert math.hypot(*point["up"][:2]) == pytest.approx(
+            grade / (1 - offset / radius), rel=5e-3
+        )
     # Near the bend's center the line would have no length; its stretch is at least a fifth.
     x, y = 2 * math.sin(0.7), radius - 2 * math.cos(0.7)
-    assert math.hypot(*road_at(rows, x, y, start=0.0)["up"][:2]) == pytest.approx(5 * grade, rel=0.05)
+    assert math.hypot(*road_at(rows, x, y, start=0.0)["up"][:2]) == pytest.approx(
+        5 * grade, rel=0.05
+    )
 
 
 @pytest.mark.parametrize("hint", [0.0, 1500.0, 100.0, 2990.0])
@@ -463,8 +495,18 @@ def test_tables_interpolate_and_are_constant_beyond_their_ends():
         assert law("curve", x, y, 3, float(at)) == pytest.approx(value)
     rows, columns = [0, 1, 3], [0, 10]
     values = [0, 1, 2, 5, 4, 9]
-    for row, column, value in ((0, 0, 0), (0, 5, 0.5), (0.5, 5, 2), (2, 10, 7), (2, 5, 5), (9, 99, 9), (-1, -1, 0)):
-        assert law("map", rows, 3, columns, 2, values, float(row), float(column)) == pytest.approx(value)
+    for row, column, value in (
+        (0, 0, 0),
+        (0, 5, 0.5),
+        (0.5, 5, 2),
+        (2, 10, 7),
+        (2, 5, 5),
+        (9, 99, 9),
+        (-1, -1, 0),
+    ):
+        assert law("map", rows, 3, columns, 2, values, float(row), float(column)) == pytest.approx(
+            value
+        )
 
 
 def test_sampled_functions_pass_through_their_samples_and_between_them():

@@ -3,8 +3,6 @@
 The engine is that of laws_truck.h: idle 62.8 rad/s, governed 219.9 rad/s with a droop of 4 %.
 """
 
-import math
-
 import numpy as np
 import pytest
 
@@ -75,8 +73,14 @@ STATES = ("speed", "torque", "boost_demand", "boost", "integral", "brake")
 def engine(*, mode=PEDAL, h=0.01, steps=1, request=None, **state):
     """The engine's state after some steps at constant speed and request."""
     r = {
-        **{"pedal": 0, "brake": 0, "left": 0, "target": 0, "inertia": 2.5, "limited": 0},
-        **{"torque": 0, **(request or {})},
+        "pedal": 0,
+        "brake": 0,
+        "left": 0,
+        "target": 0,
+        "inertia": 2.5,
+        "limited": 0,
+        "torque": 0,
+        **(request or {}),
     }
     start = {**dict.fromkeys(STATES, 0), "speed": 130, **state}
     values = np.array([start[name] for name in STATES], float)
@@ -119,7 +123,9 @@ def test_charge_pressure_follows_the_demand_within_its_rate_behind_its_lag():
     low = engine(request={"torque": 2000})
     assert low["boost_demand"] > THRESHOLD
     assert low["boost"] >= THRESHOLD
-    assert engine(mode=SPEED, boost_demand=300, boost=300, steps=1500)["boost"] == pytest.approx(220)
+    assert engine(mode=SPEED, boost_demand=300, boost=300, steps=1500)["boost"] == pytest.approx(
+        220
+    )
 
 
 def test_idle_governor_is_proportional_and_integral_near_idle_and_forgets_elsewhere():
@@ -132,7 +138,9 @@ def test_idle_governor_is_proportional_and_integral_near_idle_and_forgets_elsewh
     # 2 rad/s too slow: drag, 40 N m and the integral.
     slow = engine(speed=60.8, integral=100, torque=1e3, request={"torque": -drag(60.8)}, steps=1)
     assert slow["torque"] == pytest.approx(1e3 - FALL * 0.01)
-    torques = engine(speed=60.8, integral=0, torque=271, boost=1e3, request={"torque": -131}, h=0.001)
+    torques = engine(
+        speed=60.8, integral=0, torque=271, boost=1e3, request={"torque": -131}, h=0.001
+    )
     wanted = drag(60.8) + 20 * 2 + 0.001 * 30 * 2
     assert torques["torque"] == pytest.approx(max(wanted, 271 - FALL * 0.001))
     settled = engine(speed=60.8, torque=171.5, boost=1e3, request={"torque": -131}, h=0.001)
@@ -149,7 +157,9 @@ def test_torque_is_cut_to_zero_at_the_end_of_the_time_left():
 
 def test_engine_brake_acts_with_the_pedal_up_and_releases_faster():
     braking = engine(request={"brake": 0.5, "pedal": 0.01}, brake=100)
-    assert braking["brake"] == pytest.approx(100 + (0.5 * brake_max(130) - 100) * 0.01 / 0.26, rel=1e-4)
+    assert braking["brake"] == pytest.approx(
+        100 + (0.5 * brake_max(130) - 100) * 0.01 / 0.26, rel=1e-4
+    )
     for request, mode in (({"brake": 0.5, "pedal": 0.02}, PEDAL), ({"brake": 0.5, "left": 1}, CUT)):
         released = engine(request=request, mode=mode, brake=100)
         assert released["brake"] == pytest.approx(100 - 100 * 0.01 / 0.06)
@@ -172,9 +182,12 @@ def test_free_engine_is_brought_to_the_speed_of_the_new_gear():
     assert synchronized(60)["brake"] == pytest.approx(0.4 * brake_max(130), rel=1e-4)
 
 
-@pytest.mark.parametrize(("before", "demand", "level"), [(500, 2000, 1500), (500, 900, 800), (1500, 2300, 2300), (800, 2000, 900)])
+@pytest.mark.parametrize(
+    ("before", "demand", "level"),
+    [(500, 2000, 1500), (500, 900, 800), (1500, 2300, 2300), (800, 2000, 900)],
+)
 def test_recovery_after_a_pause_is_that_of_the_simulated_engine(before, demand, level):
-    friction, pause, h = drag(130), 0.9, 1e-3
+    friction, pause = drag(130), 0.9
     out = np.zeros(2)
     law("engine_recovery", float(before), pause, float(demand), float(level), friction, out)
     impulse, time = integrate(before, demand, level, pause)
@@ -228,7 +241,9 @@ def test_clutch_is_a_spring_and_damper_that_slips_at_its_capacity():
     assert torque == pytest.approx(6e4 * state[0] + 6e2 * (state[0] - 0.01) / h)
     for sign in (1, -1):
         state = np.array([0.0, 100.0])
-        assert law("clutch_step", 6e4, 6e2, 0.0, 2.5, 100 - sign * 50.0, 800.0, h, state) == sign * 800
+        assert (
+            law("clutch_step", 6e4, 6e2, 0.0, 2.5, 100 - sign * 50.0, 800.0, h, state) == sign * 800
+        )
     state = np.array([0.0, 0.1])
     law("clutch_step", 6e4, 6e2, -5e3, 2.5, 0.0, 100.0, h, state)
     assert state[1] == 0
@@ -236,7 +251,9 @@ def test_clutch_is_a_spring_and_damper_that_slips_at_its_capacity():
 
 def test_clutch_engages_with_the_engine_speed_and_opens_near_idle():
     def update(engagement, engine_speed, input_speed, pedal, h=10.0):
-        return law("clutch_control", float(engagement), float(engine_speed), float(input_speed), pedal, h)
+        return law(
+            "clutch_control", float(engagement), float(engine_speed), float(input_speed), pedal, h
+        )
 
     share = 2700 / 4000
     assert update(0, 82.8, 0, 0.5) == pytest.approx(0.5 * share)
@@ -267,7 +284,9 @@ SHAFT_STIFFNESS, SHAFT_DAMPING = 6e5 / 2.85**2, 6e3 / 2.85**2
 
 def driveline(gear, engine_torque, retarder, shaft_speed, engine_speed, state, h=0.002):
     state, work = np.array(state, float), np.zeros(6)
-    speed = law("driveline_step", gear, engine_torque, retarder, shaft_speed, h, engine_speed, state, work)
+    speed = law(
+        "driveline_step", gear, engine_torque, retarder, shaft_speed, h, engine_speed, state, work
+    )
     return speed, state, work
 
 
@@ -276,7 +295,9 @@ def test_driveline_passes_the_clutchs_torque_less_losses(ratio):
     # A torsion that passes 800 N m, with equal speeds.
     stiffness = SHAFT_STIFFNESS / ratio**2
     shaft = 100 / ratio
-    speed, state, work = driveline([ratio, 2.4, 0.98], 800.0, 50.0, shaft, 100.0, [800 / stiffness, 1, 2.4, stiffness])
+    speed, state, work = driveline(
+        [ratio, 2.4, 0.98], 800.0, 50.0, shaft, 100.0, [800 / stiffness, 1, 2.4, stiffness]
+    )
     assert state[2:] == pytest.approx([2.4, stiffness])
     torque = work[2] / ratio
     assert torque == pytest.approx(800, rel=1e-3)
@@ -285,7 +306,11 @@ def test_driveline_passes_the_clutchs_torque_less_losses(ratio):
     assert work[5] == shaft
     # The flywheel's work is that of the mean speed.
     assert work[0] == pytest.approx(0.002 * 800 * (100 + speed) / 2)
-    assert work[0] - work[1] == pytest.approx(law("driveline_energy", state, speed) - law("driveline_energy", [800 / stiffness, 1, 2.4, stiffness], 100.0), abs=1e-6)
+    assert work[0] - work[1] == pytest.approx(
+        law("driveline_energy", state, speed)
+        - law("driveline_energy", [800 / stiffness, 1, 2.4, stiffness], 100.0),
+        abs=1e-6,
+    )
 
 
 def test_losses_change_their_sign_gradually_near_standstill():
@@ -294,9 +319,23 @@ def test_losses_change_their_sign_gradually_near_standstill():
     _, _, work = driveline([1.0, 2.4, 0.98], -500.0, 0.0, 1.0, 1.0, start)
     # The engine stands nearly still, and the clutch carries nothing.
     assert work[4] == 0
-    _, _, work = driveline([40.0, 2.4, 0.98], -500.0, 0.0, 2.5, 100.0, [-500 / (stiffness / 1600), 1, 2.4, stiffness / 1600])
+    _, _, work = driveline(
+        [40.0, 2.4, 0.98],
+        -500.0,
+        0.0,
+        2.5,
+        100.0,
+        [-500 / (stiffness / 1600), 1, 2.4, stiffness / 1600],
+    )
     fast = work[4] / work[2]
-    _, _, work = driveline([100.0, 2.4, 0.98], -500.0, 0.0, 1.0, 100.0, [-500 / (stiffness / 1e4), 1, 2.4, stiffness / 1e4])
+    _, _, work = driveline(
+        [100.0, 2.4, 0.98],
+        -500.0,
+        0.0,
+        1.0,
+        100.0,
+        [-500 / (stiffness / 1e4), 1, 2.4, stiffness / 1e4],
+    )
     slow = work[4] / work[2]
     assert fast == pytest.approx(1 / 0.98 / 0.95)
     assert slow == pytest.approx(1 / 0.98 * (0.95 + 0.5 * (1 / 0.95 - 0.95)))
@@ -357,7 +396,19 @@ def test_retarder_fills_and_empties_with_its_lags_and_heats_by_its_power():
 
 def endurance(levers=(0, 0, 0), demand=(0, 0), gearing=(5, 1.05), held=0.0, brake_max=1000.0):
     out, held_back = np.zeros(3), np.array([held])
-    law("endurance_update", [0.02, 1], levers, demand, gearing, 150.0, brake_max, 3000.0, 0.01, held_back, out)
+    law(
+        "endurance_update",
+        [0.02, 1],
+        levers,
+        demand,
+        gearing,
+        150.0,
+        brake_max,
+        3000.0,
+        0.01,
+        held_back,
+        out,
+    )
     return *out, held_back[0]
 
 
