@@ -317,8 +317,8 @@ double dot(const double* a, const double* b) { return Dot(a, b); }
 
 // A drive of `seconds` at constant controls: pedal, engine brake, retarder, mode, shaft torque
 // demand, cut, mass, grade force. `state` has room for a PowertrainState, all zero at the start;
-// `signals`, an array of `columns` numbers per 0.1 s, gets core and output. Returns the shaft's
-// speed.
+// `signals`, an array of `columns` numbers per 0.1 s, gets core, message to the brakes, and output.
+// Returns the shaft's speed.
 double drive(int adaptive, const double* controls, double seconds, double shaft_speed, double h,
              double* state, double* signals) {
   const Powertrain<double>& p = Truck(adaptive);
@@ -337,6 +337,8 @@ double drive(int adaptive, const double* controls, double seconds, double shaft_
     if (i % every == 0) {
       Write(s.now, signals);
       signals += sizeof(s.now) / sizeof(double);
+      Write(s.endurance, signals);
+      signals += sizeof(s.endurance) / sizeof(double);
       Write(s.output, signals);
       signals += sizeof(s.output) / sizeof(double);
     }
@@ -349,8 +351,8 @@ double drive(int adaptive, const double* controls, double seconds, double shaft_
 // and `parking`. `signals` gets speed, trim, hold, work, and per wheel speed, pressure and torque
 // every 0.05 s.
 double stop(const double* demand, double parking, double friction_left, double friction_right,
-            double grade_force, double seconds, double speed, double mass, double h,
-            double* signals) {
+            double grade_force, double seconds, double speed, double mass, double prepared,
+            int repeat, double h, double* signals) {
   AirBrake<double> brake = MakeAirBrake<double>();
   brake.wheels.assign(6, MakeWheelBrake<double>());
   for (int i = 0; i < 6; ++i) {
@@ -361,7 +363,7 @@ double stop(const double* demand, double parking, double friction_left, double f
   BrakeDistribution<double>& d = brake.control.distribution;
   d.light = d.heavy = {0.4, 0.3, 0.3, 0.4, 0.3, 0.3};
   brake.shaft_ratio = 5;
-  brake.Prepare(h);
+  brake.Prepare(prepared);
   AirBrakeState<double> state = {};
   const double radius = 0.51, inertia = 25, load = mass * 9.81 / 6;
   double spin[6];
@@ -375,7 +377,9 @@ double stop(const double* demand, double parking, double friction_left, double f
     x.xbr_mode = static_cast<BrakeDemand<double>::XbrMode>(demand[2]);
     x.ebi_mode = static_cast<BrakeDemand<double>::EbiMode>(demand[3]);
     x.speed = speed, x.mass = mass, x.gravity = 9.81;
-    brake.Step(x, {demand[9] / 5, demand[10] / 5, 100}, parking, h, hub, wheel, &state);
+    for (int k = 0; k < repeat; ++k)
+      brake.Step(x, {demand[9] / 5, demand[10] / 5, 100}, n * h < seconds - 1 ? parking : 0, h, hub,
+                 wheel, &state);
     double power = 0, force = 0;
     for (size_t i = 0; i < 6; ++i) {
       const double torque = brake.Torque(i, spin[i], h, &state, &power);
@@ -409,8 +413,48 @@ double stop(const double* demand, double parking, double friction_left, double f
   return speed;
 }
 
+// Gear to engage, and whether the present one failed. `input` is a GearboxInput from the pedal on,
+// without clutch_open, which comes last; `state` a GearboxState.
+int shift_choice(int adaptive, int gear, const double* input, const double* state, double h,
+                 double* failed) {
+  const Powertrain<double>& p = Truck(adaptive);
+  const GearboxInput<double> in = {GearboxInput<double>::kDrive,
+                                   input[0],
+                                   input[1],
+                                   input[2],
+                                   input[3],
+                                   input[4],
+                                   input[8] != 0,
+                                   input[5],
+                                   input[6],
+                                   input[7]};
+  const GearboxState<double> s = Read<GearboxState<double>>(state);
+  const auto choice = ShiftStrategy<double>::Choose(
+      {p.gearbox.strategy, p.gearbox.gears, p.engine, in, s, gear}, h);
+  *failed = choice.failed;
+  return choice.gear;
+}
+double shift_low_time(int adaptive, int gear, const double* input, const double* state, double h) {
+  const Powertrain<double>& p = Truck(adaptive);
+  const GearboxInput<double> in = {GearboxInput<double>::kDrive,
+                                   input[0],
+                                   input[1],
+                                   input[2],
+                                   input[3],
+                                   input[4],
+                                   input[8] != 0,
+                                   input[5],
+                                   input[6],
+                                   input[7]};
+  const GearboxState<double> s = Read<GearboxState<double>>(state);
+  return ShiftStrategy<double>::LowTime(
+      {p.gearbox.strategy, p.gearbox.gears, p.engine, in, s, gear}, h);
+}
+
 int drive_columns() {
-  return (sizeof(PowertrainCore<double>) + sizeof(PowertrainOutput<double>)) / sizeof(double);
+  return (sizeof(PowertrainCore<double>) + sizeof(EnduranceState<double>) +
+          sizeof(PowertrainOutput<double>)) /
+         sizeof(double);
 }
 int drive_state() { return sizeof(PowertrainState<double>) / sizeof(double); }
 

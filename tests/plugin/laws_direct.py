@@ -14,7 +14,12 @@ import pytest
 import iits_mj
 
 PACKAGE = Path(iits_mj.plugin.__file__).parents[1]
-WHOLE = ("wheel_active", "drive_columns", "drive_state")  # functions that return an int
+WHOLE = (
+    "wheel_active",
+    "drive_columns",
+    "drive_state",
+    "shift_choice",
+)  # functions that return an int
 
 
 @functools.cache

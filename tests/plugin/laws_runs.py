@@ -4,6 +4,7 @@ python -m tests.plugin.laws_runs        # writes laws_runs.csv after a wanted ch
 """
 
 import csv
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -53,10 +54,10 @@ STOPS = {
 }
 
 
-def drive(adaptive, segments, h=0.002):
+def drive(adaptive, segments, speed=0.0, h=0.002):
     """Signals over time, a row per 0.1 s."""
     columns = law("drive_columns")
-    state, speed, rows = np.zeros(law("drive_state")), 0.0, []
+    state, rows = np.zeros(law("drive_state")), []
     for seconds, controls in segments:
         signals = np.zeros((round(10 * seconds), columns))
         speed = law("drive", adaptive, controls, float(seconds), speed, h, state, signals)
@@ -64,11 +65,34 @@ def drive(adaptive, segments, h=0.002):
     return np.concatenate(rows)
 
 
-def stop(demand, *numbers, h=0.002):
+def stop(demand, *numbers, prepared=None, repeat=1, h=0.002):
     """Signals over time, a row per 0.05 s."""
     signals = np.zeros((round(20 * numbers[4]), 30))
-    law("stop", [*demand, 0, 0], *map(float, numbers), h, signals)
+    law("stop", [*demand, 0, 0], *map(float, numbers), prepared or h, repeat, h, signals)
     return signals
+
+
+def choices(adaptive):
+    """Chosen gear, failure and call for a lower gear, a row per situation."""
+    rows = []
+    failed = np.zeros(1)
+    for gear, engine, pedal, load, mass, slope, time in itertools.product(
+        range(1, 6),
+        (75, 95, 120, 150, 180, 205, 230),
+        (0, 0.2, 0.5, 0.8, 1),
+        (0, 400, 1200, 3000, 7000),
+        (15e3, 40e3),
+        (0, -1),
+        (3.0005, 9.0005),
+    ):
+        ratio = (11.67, 6, 3.2, 1.8, 1)[gear - 1]
+        brake = 1 if pedal == 0 and slope == 0 else 0
+        inputs = [pedal, brake, engine / ratio, load, engine, mass, pedal, brake, 0]
+        state = [gear, gear, 0, 0, time, 1, 0, slope, 0, load, 0.6, 2 * (mass > 2e4) - 1, 0, 0]
+        chosen = law("shift_choice", adaptive, gear, inputs, state, 0.002, failed)
+        calls = law("shift_low_time", adaptive, gear, inputs, state, 0.002) > 1
+        rows.append([chosen, failed[0], calls])
+    return np.array(rows)
 
 
 def runs():
@@ -77,6 +101,9 @@ def runs():
     for name, segments in (("laden", LADEN), ("empty", EMPTY), ("steep", STEEP)):
         for adaptive in (0, 1):
             found[f"{name} {('tables', 'adaptive')[adaptive]}"] = drive(adaptive, segments)
+    found["rolling"] = drive(0, LADEN[6:7], speed=60.0)
+    for adaptive in (0, 1):
+        found[f"choices {('tables', 'adaptive')[adaptive]}"] = choices(adaptive)
     return found | {name: stop(*arguments) for name, arguments in STOPS.items()}
 
 

@@ -421,6 +421,14 @@ def test_force_of_the_shaft_is_extrapolated_by_the_response_time():
     assert less["supply"] == pytest.approx(pressures(force(2) - 2e3, 2e3, 2.0)[0], rel=1e-6)
 
 
+def test_shaft_that_is_expected_to_give_nothing_leaves_all_to_friction():
+    # Its greatest force falls from 10 to 1 kN, which would be -8 kN after the response time.
+    start = {"initialized": 1, "shaft": 9e3, "shaft_max": 10e3, "speed": 15}
+    quick = {"rise_rate": 1e12, "trim_gain": 0}
+    s = control(1, xbr=2, shaft=9e3, shaft_max=1e3, start=start, changes=quick)
+    assert s["supply"] == pytest.approx(pressures(force(2), 0.0, 2.0)[0], rel=1e-6)
+
+
 def trim(*, deceleration=0.0, reference=1.0, speed=15.0, h=0.01, old=0.0, **demand):
     """The trim after one step in which the filtered deceleration and the reference are given."""
     start = {

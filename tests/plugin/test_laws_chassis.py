@@ -214,19 +214,26 @@ def test_locked_wheel_slides_against_its_velocity_with_the_roads_friction(surfac
     assert abs(out["mz"]) < 1e-6  # it ends with the adhesion
 
 
-def test_force_turns_from_the_normalized_to_the_true_slip_between_three_and_nine():
-    # At a normalized slip of 6, half-way.
+@pytest.mark.parametrize(("rho", "turned"), [(3, 0), (4, 1 / 6), (6, 0.5), (8.5, 5.5 / 6)])
+def test_force_turns_from_the_normalized_to_the_true_slip_between_three_and_nine(rho, turned):
     fade = 1 - 0.08 * (LOAD / 70e3 - 1)
-    slip = 6 * fade / math.hypot(11 * 0.8 / 0.8, stiffness(LOAD) * 0.6 / 0.82)
+    slip = rho * fade / math.hypot(11 * 0.8 / 0.8, stiffness(LOAD) * 0.6 / 0.82)
     sx, sy = 0.8 * slip, 0.6 * slip
     # Theoretical slips are over the rolling speed.
-    spin = 20 / ROLLING
-    out = settled(wheel(velocity=(20 * (1 - sx), -20 * sy, 0), spin=spin), steps=2000)
-    fx = 0.8 * fade * LOAD * sliding_friction("longitudinal", 6)
-    fy = 0.6 * fade * LOAD * sliding_friction("lateral", 6)
-    stick = LOAD * np.array([11 * sx, stiffness(LOAD) * sy]) / 6
-    stick *= [sliding_friction(n, 6) / TIRE[f"friction_{n}"] for n in ("longitudinal", "lateral")]
-    assert [out["fx"], out["fy"]] == pytest.approx((np.array([fx, fy]) + stick) / 2, rel=1e-4)
+    motion = wheel(velocity=(20 * (1 - sx), -20 * sy, 0), spin=20 / ROLLING)
+    out = settled(motion, steps=2000)
+    friction = [sliding_friction(n, rho) for n in ("longitudinal", "lateral")]
+    slide = fade * LOAD * np.array([0.8, 0.6]) * friction
+    stick = LOAD * np.array([11 * sx, stiffness(LOAD) * sy]) / rho
+    stick *= friction / np.array([0.8, 0.82])
+    expected = turned * slide + (1 - turned) * stick
+    assert [out["fx"], out["fy"]] == pytest.approx(expected, rel=1e-4)
+
+
+def test_wheel_that_lies_flat_has_finite_forces():
+    out = step(wheel(axle=(0, 0, 1), velocity=(1, 1, 0)))
+    assert np.isfinite(out["force"]).all()
+    assert out["force"][2] == pytest.approx(LOAD)
 
 
 @pytest.mark.parametrize(
@@ -248,7 +255,7 @@ def test_friction_falls_with_the_load_down_to_a_floor_of_30_percent(load, slope,
 
 
 def test_aligning_moment_is_the_side_force_at_the_brush_models_trail():
-    for slip in (0.005, 0.02, 0.05):
+    for slip in (0.005, 0.02, 0.05, 0.2):
         out = settled(wheel(velocity=(20, -20 * slip, 0), spin=20 / ROLLING))
         grip = 0.82 * (1 - 0.08 * (LOAD / 70e3 - 1))
         r = min(stiffness(LOAD) * slip / grip / 3, 1)

@@ -48,3 +48,17 @@ def test_runs_hardly_depend_on_the_time_step():
         (stop(*STOPS["dry"], h=0.001), stop(*STOPS["dry"])),
     ):
         assert half[:, 0].mean() == pytest.approx(whole[:, 0].mean(), rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["dry", "split"])
+def test_brake_gives_the_same_at_another_step_than_expected_and_computed_twice(name, signals):
+    assert (stop(*STOPS[name], repeat=2) == signals[name]).all()
+    assert (
+        stop(*STOPS[name], prepared=0.002, h=0.001)[:, 0] == stop(*STOPS[name], h=0.001)[:, 0]
+    ).all()
+
+
+def test_release_of_the_spring_brakes_takes_air_of_the_circuits_that_have_them(signals):
+    # Reservoirs of front, driven and trailer axles, before and after the release.
+    before, after = signals["parked"][[59, 79], 6:9]
+    assert (after < before).tolist() == [False, True, True]
