@@ -13,13 +13,31 @@ RADIUS = 0.52 / 2.85  # meters per radian of the shaft
 IDLE, GOVERNED, BRAKE_SPEED = 62.8, 219.9, 240.9
 CEILING = 0.92 * GOVERNED
 INPUT = {
-    **{"pedal": 0.5, "brake": 0, "shaft": 40, "torque": 0, "engine": 100, "mass": 20e3},
-    **{"driver_pedal": None, "driver_brake": None, "open": 0},
+    "pedal": 0.5,
+    "brake": 0,
+    "shaft": 40,
+    "torque": 0,
+    "engine": 100,
+    "mass": 20e3,
+    "driver_pedal": None,
+    "driver_brake": None,
+    "open": 0,
 }
 STATE = {
-    **{"gear": 0, "target": 0, "phase": 0, "phase_time": 0, "gear_time": 10, "low_time": 0},
-    **{"speed": 0, "acceleration": 0, "filtered": 0, "load": 0, "filtered_pedal": 0.5},
-    **{"direction": 0, "failed_gear": 0, "failed_load": 0},
+    "gear": 0,
+    "target": 0,
+    "phase": 0,
+    "phase_time": 0,
+    "gear_time": 10,
+    "low_time": 0,
+    "speed": 0,
+    "acceleration": 0,
+    "filtered": 0,
+    "load": 0,
+    "filtered_pedal": 0.5,
+    "direction": 0,
+    "failed_gear": 0,
+    "failed_load": 0,
 }
 
 
@@ -159,8 +177,14 @@ def test_floored_pedal_that_loses_speed_calls_for_a_lower_gear():
     engine_speed = 112.0
     full = 2565 * 1.8 * 0.931
     losing = {
-        **{"pedal": 1, "shaft": shaft(4, engine_speed), "torque": full, "load": 1.1 * full},
-        **{"engine": engine_speed, "acceleration": -0.01, "filtered_pedal": 1, "mass": 40e3},
+        "pedal": 1,
+        "shaft": shaft(4, engine_speed),
+        "torque": full,
+        "load": 1.1 * full,
+        "engine": engine_speed,
+        "acceleration": -0.01,
+        "filtered_pedal": 1,
+        "mass": 40e3,
     }
     assert calls_for_lower(4, **losing)
     # The torque has not built up, the gear carries the load, or the pedal is not floored.
