@@ -157,7 +157,8 @@ def build(mutants: list[Mutant], folder: Path) -> tuple[Path, set[int]]:
 
 # Test files of a law's area; these run first.
 AREAS = {
-    "tire|road|spatial": "tire",
+    "tire|road": "tire",
+    "spatial": "aerodynamics|tire",
     "fifth_wheel": "fifth_wheel",
     "steering": "steering",
     "aerodynamics": "aerodynamics",
