@@ -9,14 +9,15 @@ FLAGS  ?=
 JOBS   ?= 2
 
 PLUGIN  := $(wildcard iits_mj/plugin/*.cc iits_mj/plugin/*.h iits_mj/plugin/laws/*.h)
+CXX_TESTS := $(wildcard tests/plugin/*.cc tests/plugin/*.h tools/*.h)
 BUILD   := pyproject.toml CMakeLists.txt
 
 # Python 3.13 gets dm-control without its dependencies: pyproject.toml says why.
 DM_CONTROL = @$(BIN)/python -c 'import dm_control' 2>/dev/null || \
   $(PIP) -c constraints.txt --no-deps dm-control
 
-.PHONY: help drive validation test test-slow lint check check-mujoco4 coverage fuzz format generate \
-	pictures build wheel clean
+.PHONY: help drive validation test test-slow lint check check-mujoco4 coverage fuzz mutants format \
+	generate pictures build wheel clean
 
 help:
 	@echo "make drive      set up and drive: video, telemetry, plots and report in $(OUT)/"
@@ -25,6 +26,7 @@ help:
 	@echo "make test       lint, types, layers, C++ format and the tests"
 	@echo "make test-slow  the tests that take minutes"
 	@echo "make fuzz       a million mutated inputs for every reader, the bus and the plugin"
+	@echo "make mutants    the share of small faults in the code that the tests find"
 	@echo "make coverage   the tests with branch coverage: $(OUT)/coverage/index.html"
 	@echo "make format     format Python and C++"
 	@echo "make generate   write the files that are made from code: manuals, model, messages, map"
@@ -90,7 +92,7 @@ lint: $(VENV)/installed-test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/clang-format --dry-run -Werror $(PLUGIN) tests/plugin/laws.cc
+	$(BIN)/clang-format --dry-run -Werror $(PLUGIN) $(CXX_TESTS)
 
 check: $(VENV)/installed-test
 	$(BIN)/pytest -m "not slow" -n $(JOBS)
@@ -102,6 +104,13 @@ test-slow: $(VENV)/installed-test
 FUZZ ?=
 fuzz: $(VENV)/installed-test
 	$(BIN)/python -m tests.fuzz.harness --jobs $(JOBS) --out "$(OUT)/fuzz" $(FUZZ)
+
+# Faults in what changed since main; MUTANTS='--full' takes a night, --sample 300 limits it.
+MUTANTS ?=
+mutants: $(VENV)/installed-test
+	@$(BIN)/python -c 'import clang.cindex' 2>/dev/null || $(PIP) libclang
+	$(BIN)/python tools/mutants_cpp.py --out "$(OUT)/mutants" $(MUTANTS)
+	$(BIN)/python tools/mutants_python.py --out "$(OUT)/mutants" $(MUTANTS)
 
 # TESTS limits it, e.g. make coverage TESTS=tests/road.
 TESTS ?= tests
@@ -121,7 +130,7 @@ check-mujoco4: $(BIN)/cmake
 format: $(VENV)/installed-test
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
-	$(BIN)/clang-format -i $(PLUGIN) tests/plugin/laws.cc
+	$(BIN)/clang-format -i $(PLUGIN) $(CXX_TESTS)
 
 # --- generated files ------------------------------------------------------------------------
 

@@ -43,3 +43,53 @@ def test_side_wind_pushes_the_truck_downwind(truck):
     air = truck.parameters.aerodynamics
     expected = 0.5 * air.density * air.side_area * np.hypot(20, 10) * 10
     assert force[1] == pytest.approx(expected, rel=1e-6)
+
+
+ARTICULATED = """
+<mujoco>
+  <option timestep="0.002" gravity="0 0 0" wind="-5 3 1"/>
+  <extension>
+    <plugin plugin="iits.aerodynamics">
+      <instance name="air">
+        <config key="density" value="1.2"/>
+        <config key="drag_area" value="6"/>
+        <config key="side_area" value="40"/>
+      </instance>
+    </plugin>
+  </extension>
+  <worldbody>
+    <body name="tractor" pos="1 2 3">
+      <freejoint/>
+      <inertial pos="0.5 -0.3 0.7" mass="9000" diaginertia="1e4 5e4 5e4"/>
+      <body name="trailer" pos="-4 0.2 1.1">
+        <joint name="yaw" axis="0 0 1"/><joint name="roll" axis="1 0 0"/>
+        <inertial pos="-6 0.4 1" mass="30000" diaginertia="4e4 4e5 4e5"/>
+        <body name="side" pos="-5 0.6 1.7">
+          <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+          <plugin plugin="iits.aerodynamics" instance="air"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_moving_turned_and_spinning_body_has_the_force_of_mujocos_own_velocity(seed):
+    model = mujoco.MjModel.from_xml_string(ARTICULATED)
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(seed)
+    data.qpos[3:] = rng.normal(size=model.nq - 3)
+    data.qvel[:] = 3 * rng.normal(size=model.nv)
+    mujoco.mj_forward(model, data)
+    body = model.body("side").id
+    # Angular, then linear velocity of the body's origin in its own axes.
+    velocity = np.zeros(6)
+    mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, body, velocity, 1)
+    axes = data.xmat[body].reshape(3, 3)
+    v = velocity[3:] - axes.T @ model.opt.wind
+    force = axes @ (-0.5 * 1.2 * np.linalg.norm(v) * v * [6, 40, 0])
+    expected = np.zeros(model.nv)
+    mujoco.mj_applyFT(model, data, force, np.zeros(3), data.xpos[body], body, expected)
+    assert data.qfrc_passive == pytest.approx(expected, rel=1e-9, abs=1e-6)
