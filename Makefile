@@ -15,7 +15,8 @@ BUILD   := pyproject.toml CMakeLists.txt
 DM_CONTROL = @$(BIN)/python -c 'import dm_control' 2>/dev/null || \
   $(PIP) -c constraints.txt --no-deps dm-control
 
-.PHONY: help drive validation test test-slow lint check check-mujoco4 coverage fuzz format generate \
+.PHONY: help drive validation test test-slow lint check check-mujoco4 coverage fuzz references \
+	determinism format generate \
 	pictures build wheel clean
 
 help:
@@ -25,6 +26,8 @@ help:
 	@echo "make test       lint, types, layers, C++ format and the tests"
 	@echo "make test-slow  the tests that take minutes"
 	@echo "make fuzz       a million mutated inputs for every reader, the bus and the plugin"
+	@echo "make references REASON=\"...\"  renew the reference outputs of decision, planner, tracker, traffic"
+	@echo "make determinism the same physics, drives and trips in every way they can run: digests equal"
 	@echo "make coverage   the tests with branch coverage: $(OUT)/coverage/index.html"
 	@echo "make format     format Python and C++"
 	@echo "make generate   write the files that are made from code: manuals, model, messages, map"
@@ -102,6 +105,16 @@ test-slow: $(VENV)/installed-test
 FUZZ ?=
 fuzz: $(VENV)/installed-test
 	$(BIN)/python -m tests.fuzz.harness --jobs $(JOBS) --out "$(OUT)/fuzz" $(FUZZ)
+
+# The reason goes into tests/references/changes.csv. DRIVE=1 records the modules' inputs again, too.
+REASON ?=
+references: $(VENV)/installed-test
+	$(BIN)/python tools/references.py renew --reason '$(subst ','\'',$(REASON))' $(if $(DRIVE),--drive)
+
+# DETERMINISM='--short' or '--only drives' limits it.
+DETERMINISM ?=
+determinism: $(VENV)/installed-test
+	$(BIN)/python tools/determinism.py $(DETERMINISM)
 
 # TESTS limits it, e.g. make coverage TESTS=tests/road.
 TESTS ?= tests
