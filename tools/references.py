@@ -477,11 +477,11 @@ def compare(module: str, reference: Reference, outputs: Outputs, bits: bool) -> 
         found.differences.append(Difference(f"shape ({size})", 0.0, len(outputs), None))
         return found
     for column, name in enumerate(reference.names):
-        worst, beyond = 0.0, []
+        worst, beyond, allowed = 0.0, [], _allowed(reference, name)
         for k, fields in reference.stored.items():
             apart = _apart(fields[name], outputs[k][1][name])
             worst = max(worst, apart)
-            if apart > _allowed(reference, name):
+            if apart > allowed:
                 beyond.append(k)
         if bits:
             beyond = np.flatnonzero(
