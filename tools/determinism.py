@@ -6,8 +6,8 @@
 
 Within a group all ways must give the same digest:
 
-- physics: a recorded sequence of commands, by `mj_step`, `mujoco.rollout` and `mujoco.batch`, on one
-  and two threads, in this process and in a new one.
+- physics: a recorded sequence of commands, by `mj_step`, `mujoco.rollout` and `mujoco.batch`, on
+  one and two threads, in this process and in a new one.
 - direct, bus: a drive in traffic with the commands as values, or as frames on the bus: after a
   reset, and in new processes with one and two threads of the linear algebra.
 - video: the telemetry of a drive with and without a video; left out where OpenGL is missing.

@@ -64,13 +64,14 @@ def test_a_difference_names_the_field_the_time_and_its_size():
     assert same.digest == stored.digest
     outputs[100][1]["steering_wheel_angle"] = outputs[100][1]["steering_wheel_angle"] + 1e-12
     (found,) = references.compare("tracker", stored, outputs, bits=True).differences
-    assert (found.name, found.time, found.count) == ("steering_wheel_angle", 2.0, 1)
+    assert (found.name, found.count) == ("steering_wheel_angle", 1)
+    assert found.time == pytest.approx(2.0)
     assert found.largest == pytest.approx(1e-12, rel=1e-3)
     # With a tolerance, where the kernels round differently, this is equal; more is not.
     assert references.compare("tracker", stored, outputs, bits=False).differences == []
     outputs[200][1]["steering_wheel_angle"] = outputs[200][1]["steering_wheel_angle"] + 1e-6
     (found,) = references.compare("tracker", stored, outputs, bits=False).differences
-    assert found.time == 4.0
+    assert found.time == pytest.approx(4.0)
 
 
 def test_another_number_of_outputs_is_a_difference():
