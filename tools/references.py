@@ -23,6 +23,7 @@ import csv
 import dataclasses
 import datetime
 import hashlib
+import importlib
 import json
 import os
 import platform
@@ -174,9 +175,9 @@ def unpack_plans(arrays: Fields) -> list[Trajectory]:
     for table, (mode, lane, refused) in zip(
         unpack(arrays["plans"], axis=2), arrays["plan_modes"].tolist(), strict=True
     ):
-        found.append(
-            Trajectory(*table, mode=modes[mode], target_lane=lane, refused=Decision(refused))
-        )
+        path: dict[str, Any] = dict(zip(_PATH, table, strict=True))
+        path |= {"mode": modes[mode], "target_lane": lane, "refused": Decision(refused)}
+        found.append(Trajectory(**path))
     return found
 
 
@@ -326,7 +327,7 @@ def _move(inputs: Fields) -> Iterator[tuple[float, Fields]]:
 
 def kernels() -> dict[str, str]:
     """What decides about the last bits: processor, vector units in use, libraries."""
-    from numpy._core import _multiarray_umath as units
+    units: Any = importlib.import_module("numpy._core._multiarray_umath")
 
     used = [name for name in units.__cpu_dispatch__ if units.__cpu_features__[name]]
     libraries = ("numpy", "scipy", "casadi", "libsumo")
