@@ -16,8 +16,8 @@ BUILD   := pyproject.toml CMakeLists.txt
 DM_CONTROL = @$(BIN)/python -c 'import dm_control' 2>/dev/null || \
   $(PIP) -c constraints.txt --no-deps dm-control
 
-.PHONY: help drive validation test test-slow lint check check-mujoco4 coverage fuzz mutants format \
-	generate pictures build wheel clean
+.PHONY: help drive validation test test-slow lint check check-mujoco4 coverage fuzz mutants \
+	references determinism format generate pictures build wheel clean
 
 help:
 	@echo "make drive      set up and drive: video, telemetry, plots and report in $(OUT)/"
@@ -27,6 +27,8 @@ help:
 	@echo "make test-slow  the tests that take minutes"
 	@echo "make fuzz       a million mutated inputs for every reader, the bus and the plugin"
 	@echo "make mutants    the share of small faults in the code that the tests find"
+	@echo "make references REASON=\"...\"  renew the reference outputs of decision, planner, tracker, traffic"
+	@echo "make determinism the same physics, drives and trips in every way they can run: digests equal"
 	@echo "make coverage   the tests with branch coverage: $(OUT)/coverage/index.html"
 	@echo "make format     format Python and C++"
 	@echo "make generate   write the files that are made from code: manuals, model, messages, map"
@@ -111,6 +113,15 @@ mutants: $(VENV)/installed-test
 	@$(BIN)/python -c 'import clang.cindex' 2>/dev/null || $(PIP) libclang
 	$(BIN)/python tools/mutants_cpp.py --out "$(OUT)/mutants" $(MUTANTS)
 	$(BIN)/python tools/mutants_python.py --out "$(OUT)/mutants" $(MUTANTS)
+# The reason goes into tests/references/changes.csv. DRIVE=1 records the modules' inputs again, too.
+REASON ?=
+references: $(VENV)/installed-test
+	$(BIN)/python tools/references.py renew --reason '$(subst ','\'',$(REASON))' $(if $(DRIVE),--drive)
+
+# DETERMINISM='--short' or '--only drives' limits it.
+DETERMINISM ?=
+determinism: $(VENV)/installed-test
+	$(BIN)/python tools/determinism.py $(DETERMINISM)
 
 # TESTS limits it, e.g. make coverage TESTS=tests/road.
 TESTS ?= tests

@@ -45,6 +45,8 @@ class AirBrakePlugin : public PluginBase {
 
   Attributes Table();
   bool Bind(const mjModel* m, int instance);
+  // Sensors show the charged reservoirs before the first step, too.
+  void Reset(State* s) const { law_.reservoirs.Fill(&s->now.reservoir); }
   void Passive(const mjModel* m, mjData* d, State* s) const;
   void Actuator(const mjModel* m, mjData* d, State* s) const;
   void Sensors(const mjModel* m, mjData* d, const State* s) const;

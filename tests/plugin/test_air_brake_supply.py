@@ -1,5 +1,6 @@
 """Compressed air: consumption, compressor, and spring brakes at low pressure."""
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -16,6 +17,16 @@ def pump(sled, times):
     for _ in range(times):
         sled.run(1.5, brake_pedal=1.0).run(1.5, brake_pedal=0.0)
     return np.array([sled[name] for name in RESERVOIRS])
+
+
+def test_sensors_show_full_reservoirs_from_the_reset_on():
+    sled = Sled().run(1.0, brake_pedal=1.0)
+    for _ in range(2):
+        mujoco.mj_resetData(sled.model, sled.data)
+        mujoco.mj_forward(sled.model, sled.data)
+        assert [sled[name] for name in RESERVOIRS] == [BRAKE.governor_cut_out] * 3
+        mujoco.mj_step(sled.model, sled.data)
+        assert [sled[name] for name in RESERVOIRS] == [BRAKE.governor_cut_out] * 3
 
 
 def test_reservoirs_start_full():
