@@ -21,10 +21,13 @@ import argparse
 import ast
 import csv
 import importlib
+import itertools
+import math
 import os
 import random
 import re
 import subprocess
+import time
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -34,6 +37,7 @@ from mutant_runs import COLUMNS, KEY, ROOT, Area, Mutant, coverage_of, digest_of
 
 EQUIVALENT = Path(__file__).with_name("mutants_equivalent_python.toml")
 SUMMARY = "python_summary.csv"
+SURVIVED = "survived: {file}:{line}: {operator}: {original} -> {mutant}"
 EQUIVALENT_KEY = ("file", "function", "operator", "original", "mutant")
 # Libraries that the first process imports. They must not import this project's modules.
 LIBRARIES = (
@@ -118,7 +122,7 @@ def choose(arguments: argparse.Namespace) -> dict[str, list[Mutant]]:
         if arguments.sample is not None and arguments.sample < len(found):
             found = random.Random(arguments.seed).sample(found, arguments.sample)
         if found:
-            chosen[area.name] = sorted(found, key=lambda m: (m.file, m.number))
+            chosen[area.name] = found
     return chosen
 
 
@@ -177,6 +181,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--sample", type=int, help="number of mutants drawn from each area")
     parser.add_argument("--seed", type=int, default=1, help="of the sample")
     parser.add_argument("--budget", type=float, default=20.0, help="tests of a mutant [s]")
+    parser.add_argument("--minutes", type=float, default=math.inf, help="time for all of it")
     parser.add_argument("--again", action="store_true", help="run surviving mutants again")
     parser.add_argument("--out", type=Path, default=Path("out/mutants"))
     return parser.parse_args(arguments)
@@ -197,22 +202,25 @@ def main(arguments: Sequence[str] | None = None) -> None:
     done: dict[tuple[str, ...], dict[str, str]] = {}
     areas = choose(flags)
     tests = {k: coverage_of(area[0].area, flags.out / "coverage") for k, area in areas.items()}
-    for name, chosen in areas.items():
-        for mutant in chosen:
-            row = known.get(mutant.key)
-            if tuple(mutant.row("")[column] for column in EQUIVALENT_KEY) in equivalent:
-                row = mutant.row("equivalent")
-            elif (
-                row is None
-                or row["outcome"] == "equivalent"
-                or (flags.again and row["outcome"] == "survived")
-            ):
-                row = judge(mutant, tests[name], flags.budget)
-            done[mutant.key] = known[mutant.key] = row
-            write_rows(table, known.values(), COLUMNS)
-            if row["outcome"] == "survived":
-                print("survived: {file}:{line}: {operator}: {original} -> {mutant}".format(**row))
-        print(f"{name}: {len(chosen)} mutants", flush=True)
+    end = time.monotonic() + 60.0 * flags.minutes
+    # In turn, so that a run that ends early has a sample of every area.
+    rounds = itertools.zip_longest(*areas.values())
+    for mutant in (m for each in rounds for m in each if m is not None):
+        row = known.get(mutant.key)
+        if tuple(mutant.row("")[column] for column in EQUIVALENT_KEY) in equivalent:
+            row = mutant.row("equivalent")
+        elif (
+            row is None
+            or row["outcome"] == "equivalent"
+            or (flags.again and row["outcome"] == "survived")
+        ):
+            if time.monotonic() > end:
+                continue
+            row = judge(mutant, tests[mutant.area.name], flags.budget)
+        done[mutant.key] = known[mutant.key] = row
+        write_rows(table, known.values(), COLUMNS)
+        if row["outcome"] == "survived":
+            print(SURVIVED.format(**row), flush=True)
     summary = summarize(done.values())
     if summary:
         write_rows(flags.out / SUMMARY, summary, list(summary[0]))
