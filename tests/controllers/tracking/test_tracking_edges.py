@@ -1,0 +1,81 @@
+"""Tracking at its edges: ends of the path, yaw that wraps, brakes that are not there, tires."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from controllers.tracking.driveline_inverse import EnduranceForces, share_out
+from controllers.tracking.lateral import LateralController, PathView
+from controllers.tracking.lateral_gains import LateralConfig
+from controllers.tracking.lateral_model import LateralModel
+from controllers.tracking.longitudinal import KickDown, LongitudinalController
+from iits_mj.core.messages import EgoState
+from iits_mj.core.timing import CONTROL_PERIOD
+from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import static_axle_loads
+from iits_mj.parameters.tire_law import cornering_stiffness
+from tests.controllers.tracking.test_lateral import arc
+from tests.controllers.tracking.test_longitudinal import LADEN, plan
+
+PARAMETERS = TruckParameters.load()
+
+
+def test_before_its_start_and_beyond_its_end_a_bend_is_its_tangent():
+    view = PathView(arc())
+    assert view.error(EgoState(station=-5.0, x=-5.0))[1] == 0.0
+    last = float(arc().yaw[-1])
+    assert view.error(EgoState(station=70.0, yaw=last))[1] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_yaw_that_wraps_from_plus_to_minus_pi_is_made_continuous():
+    path = arc()
+    yaw = np.full(len(path.yaw), 3.1)
+    yaw[7:] = -3.1
+    view = PathView(dataclasses.replace(path, yaw=yaw))
+    assert view.yaw[-1] == pytest.approx(2.0 * math.pi - 3.1)
+    assert np.abs(view.curvature(np.array([0.0, 10.0, 20.0, 30.0]))).max() < 0.05
+
+
+def test_the_steady_angle_uses_the_curvature_over_twice_the_lag():
+    config = LateralConfig(speed_grid=(10.0, 20.0))
+    controller = LateralController(PARAMETERS, config)
+    assert controller._near * CONTROL_PERIOD == pytest.approx(2.0 * config.lag)
+    quick = LateralController(PARAMETERS, dataclasses.replace(config, lag=1e-3))
+    assert quick._near == 1
+
+
+def test_a_brake_that_is_not_there_gets_no_request():
+    shared = share_out(9e3, EnduranceForces(1e3, 0.0, 4e3))
+    assert (shared.engine_brake, shared.retarder, shared.short) == (0.0, 1.0, 4e3)
+    weak = share_out(9e3, EnduranceForces(1e3, 0.5, 0.25))
+    assert (weak.engine_brake, weak.retarder, weak.short) == (1.0, 1.0, 8e3 - 0.75)
+
+
+def test_a_pedal_filter_faster_than_the_control_follows_at_once():
+    shifting = dataclasses.replace(PARAMETERS.gearbox.shifting, pedal_lag=1e-3)
+    gearbox = dataclasses.replace(PARAMETERS.gearbox, shifting=shifting)
+    kick_down = KickDown(dataclasses.replace(PARAMETERS, gearbox=gearbox))
+    kick_down.follow(0.5)
+    assert kick_down._slow_pedal == 0.5
+
+
+def test_at_standstill_the_endurance_brakes_are_released():
+    controller = LongitudinalController(PARAMETERS)
+    controller._engine_brake = controller._retarder = 0.5
+    command = controller.command(dataclasses.replace(LADEN, speed=0.0), plan(0.0), 0.05)
+    assert (command.engine_brake, command.retarder) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("load", [0.0, 20_000.0])
+def test_an_axle_has_the_cornering_stiffness_of_all_its_tires(load):
+    model = LateralModel.of(PARAMETERS, PARAMETERS.gross_mass(load), 0.1)
+    found = [*model.axles, *model.trailer_axles]
+    loads = static_axle_loads(PARAMETERS, load)
+    for axle, on_axle, (position, stiffness) in zip(PARAMETERS.axles, loads, found, strict=True):
+        tire = PARAMETERS.tires[axle.tire]
+        count = 2 * tire.count
+        each = cornering_stiffness(float(on_axle) / count, tire, PARAMETERS.tire_common)
+        assert stiffness == pytest.approx(count * float(each))
+        assert position == axle.position
