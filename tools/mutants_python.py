@@ -207,15 +207,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     rounds = itertools.zip_longest(*areas.values())
     for mutant in (m for each in rounds for m in each if m is not None):
         row = known.get(mutant.key)
+        again = row is not None and flags.again and row["outcome"] == "survived"
         if tuple(mutant.row("")[column] for column in EQUIVALENT_KEY) in equivalent:
             row = mutant.row("equivalent")
-        elif (
-            row is None
-            or row["outcome"] == "equivalent"
-            or (flags.again and row["outcome"] == "survived")
-        ):
-            if time.monotonic() > end:
+        elif time.monotonic() > end:
+            if row is None:
                 continue
+        elif row is None or again or row["outcome"] == "equivalent":
             row = judge(mutant, tests[mutant.area.name], flags.budget)
         done[mutant.key] = known[mutant.key] = row
         write_rows(table, known.values(), COLUMNS)

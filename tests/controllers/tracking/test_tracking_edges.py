@@ -79,3 +79,54 @@ def test_an_axle_has_the_cornering_stiffness_of_all_its_tires(load):
         each = cornering_stiffness(float(on_axle) / count, tire, PARAMETERS.tire_common)
         assert stiffness == pytest.approx(count * float(each))
         assert position == axle.position
+
+
+def test_the_preview_begins_at_the_truck_and_covers_its_time():
+    config = LateralConfig(speed_grid=(10.0, 20.0))
+    controller = LateralController(PARAMETERS, config)
+    path = arc(1e9, 1.0, 60.0, 10.0)
+    yaw = 1e-4 * path.station**2 + 1e-6 * path.station**3
+    controller._demand = 0.0
+    ego = EgoState(station=5.0, x=5.0, yaw=0.0, speed=10.0, mass=55_000.0)
+    view = PathView(dataclasses.replace(path, yaw=yaw))
+    error, heading = view.error(ego)
+    controller.steer(ego, view.trajectory)
+    gains = controller._gains_for(55_000.0).at(10.0)
+    steps = round(config.preview_time / CONTROL_PERIOD)
+    ends = 5.0 + 10.0 * CONTROL_PERIOD * np.arange(steps + 1)
+    curvature = np.diff(np.interp(ends, path.station, yaw)) / np.diff(ends)
+    state = np.array([0.0, 0.0, 0.0, 0.0, error, heading, 0.0, 0.0, 0.0])
+    rate = -float(gains.feedback @ state) - float(gains.preview @ curvature)
+    assert controller._demand == pytest.approx(rate * CONTROL_PERIOD)
+
+
+@pytest.mark.parametrize("speed", [3.0, 20.0])
+def test_the_models_matrices_are_those_of_virtual_work(speed):
+    """Newton's law for (w, r, r_t): each mass and axle acts by its own lateral velocity."""
+    model = LateralModel.of(PARAMETERS, 45_000.0, 0.1)
+    m1, m2, c = model.mass, model.trailer_mass, model.kingpin
+    tractor, trailer = np.array([1.0, -model.cg, 0.0]), np.array([1.0, -c, -model.trailer_cg])
+    inertia = m1 * np.outer(tractor, tractor) + m2 * np.outer(trailer, trailer)
+    inertia += np.diag([0.0, model.inertia, model.trailer_inertia])
+    rates, articulation, steer = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    for place, stiffness in model.axles:
+        velocity = np.array([1.0, -place, 0.0])
+        rates -= stiffness / speed * np.outer(velocity, velocity)
+        steer += stiffness * velocity * (place == 0.0)
+    for place, stiffness in model.trailer_axles:
+        velocity = np.array([1.0, -c, -place])
+        rates -= stiffness / speed * np.outer(velocity, velocity)
+        articulation -= stiffness * velocity
+    rates[:, 1] -= speed * (m1 * tractor + m2 * trailer)
+    a, b, e = model.matrices(speed)
+    assert inertia @ a[:3, :3] == pytest.approx(rates, rel=1e-9, abs=1e-3)
+    assert inertia @ a[:3, 3] == pytest.approx(articulation)
+    assert inertia @ a[:3, 6] == pytest.approx(steer, abs=1e-3)
+    # Articulation, offset, heading error, actuator and integral.
+    assert a[3] == pytest.approx([0, 1, -1, 0, 0, 0, 0, 0, 0])
+    assert a[4] == pytest.approx([1, 0, 0, 0, 0, speed, 0, 0, 0])
+    assert a[5] == pytest.approx([0, 1, 0, 0, 0, 0, 0, 0, 0])
+    assert a[6] == pytest.approx([0, 0, 0, 0, 0, 0, -10, 10, 0])
+    assert a[8] == pytest.approx([0, 0, 0, 0, 1, 0, 0, 0, 0])
+    assert b[:, 0] == pytest.approx([0, 0, 0, 0, 0, 0, 0, 1, 0])
+    assert e[:, 0] == pytest.approx([0, 0, 0, 0, 0, -speed, 0, 0, 0])
