@@ -75,15 +75,15 @@ def test_the_wheel_turns_no_faster_than_the_gear_and_up_to_its_end_stop(controll
     assert np.abs(wheels).max() <= STEERING.angle_max
 
 
-def test_an_offset_beyond_its_bound_steers_as_one_at_the_bound(controller):
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_an_offset_beyond_its_bound_steers_as_one_at_the_bound(controller, side):
     demands = []
-    for aside in (CONFIG.error_max, 3.0 * CONFIG.error_max):
+    for aside in (0.5, 1.0, 3.0):
         controller.reset()
-        demands.append(held(controller, beside(aside), straight(), 3)[-1])
-    assert demands[0] == pytest.approx(demands[1])
-    assert demands[0] < -0.01
-    controller.reset()
-    assert held(controller, beside(0.5), straight(), 3)[-1] > demands[0]
+        ego = beside(aside * side * CONFIG.error_max)
+        demands.append(side * held(controller, ego, straight(), 3)[-1])
+    assert demands[0] > demands[1] == pytest.approx(demands[2])
+    assert demands[1] < -0.01
 
 
 def integral_after(controller, aside, speed, steps):

@@ -10,7 +10,7 @@ from controllers.tracking.driveline_inverse import EnduranceForces, share_out
 from controllers.tracking.lateral import LateralController, PathView
 from controllers.tracking.lateral_gains import LateralConfig
 from controllers.tracking.lateral_model import LateralModel
-from controllers.tracking.longitudinal import KickDown, LongitudinalController
+from controllers.tracking.longitudinal import KickDown, LongitudinalController, Phase
 from iits_mj.core.messages import EgoState
 from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.parameters import TruckParameters
@@ -130,3 +130,19 @@ def test_the_models_matrices_are_those_of_virtual_work(speed):
     assert a[8] == pytest.approx([0, 0, 0, 0, 1, 0, 0, 0, 0])
     assert b[:, 0] == pytest.approx([0, 0, 0, 0, 0, 0, 0, 1, 0])
     assert e[:, 0] == pytest.approx([0, 0, 0, 0, 0, -speed, 0, 0, 0])
+
+
+def test_the_gear_is_kept_while_none_is_engaged():
+    controller = LongitudinalController(PARAMETERS)
+    for gear, kept in ((1, 1), (9, 9), (0, 9), (-1, 9), (1, 1)):
+        controller.command(dataclasses.replace(LADEN, gear=gear), plan(16.67), 0.0)
+        assert controller._gear == kept
+
+
+@pytest.mark.parametrize(("gear", "phase"), [(1, Phase.OVERRUN), (0, Phase.DRIVE)])
+def test_the_engine_brakes_in_first_gear_and_not_in_neutral(gear, phase):
+    controller = LongitudinalController(PARAMETERS)
+    ego = EgoState(mass=19_000.0, speed=2.0, gear=gear, engine_speed=150.0)
+    for _ in range(50):
+        controller.command(ego, plan(2.0), -0.12)
+    assert controller.phase is phase
