@@ -36,6 +36,11 @@ def test_a_yaw_that_wraps_from_plus_to_minus_pi_is_made_continuous():
     view = PathView(dataclasses.replace(path, yaw=yaw))
     assert view.yaw[-1] == pytest.approx(2.0 * math.pi - 3.1)
     assert np.abs(view.curvature(np.array([0.0, 10.0, 20.0, 30.0]))).max() < 0.05
+    # A path of two points, too.
+    names = ("time", "station", "offset", "x", "y", "z", "curvature", "speed", "acceleration")
+    short = {name: getattr(path, name)[:2] for name in names}
+    view = PathView(dataclasses.replace(path, yaw=np.array([3.1, -3.1]), **short))
+    assert view.yaw[-1] == pytest.approx(2.0 * math.pi - 3.1)
 
 
 def test_the_steady_angle_uses_the_curvature_over_twice_the_lag():
@@ -146,3 +151,16 @@ def test_the_engine_brakes_in_first_gear_and_not_in_neutral(gear, phase):
     for _ in range(50):
         controller.command(ego, plan(2.0), -0.12)
     assert controller.phase is phase
+
+
+@pytest.mark.parametrize(("engine_speed", "assumed"), [(60.0, 70.0), (95.0, 95.0)])
+def test_a_start_uses_the_engine_speed_above_idle(engine_speed, assumed):
+    controller = LongitudinalController(PARAMETERS)
+    ego = dataclasses.replace(LADEN, speed=0.0, gear=2, engine_speed=engine_speed)
+    for _ in range(100):
+        last = controller.command(ego, plan(0.5, 0.5), 0.0)
+    inverse = controller.inverse
+    force = 0.35 * ego.mass + inverse.resistance(ego.mass, 0.1, 0.0)
+    expected = inverse.pedal(inverse.engine_torque(force, 2), assumed)
+    assert expected > 0.12
+    assert last.accelerator_pedal == pytest.approx(expected)
