@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from controllers.planning.config import FollowingConfig, Powers
-from controllers.planning.following import Lead
+from controllers.planning.following import Lead, follow_acceleration
 from controllers.planning.road_preview import RoadPreview
 from controllers.planning.speed_plan import (
     SpeedConfig,
     SpeedState,
+    _behind,
     _desired_speed,
     _to_stop,
     most_urgent,
@@ -237,3 +238,18 @@ def test_the_default_powers_are_those_of_the_shipped_truck():
     expected = power / (30_000.0 * 15.0) - 9.81 * rolling - drag * 225.0 / 30_000.0
     assert power_acceleration(15.0, 30_000.0, 0.0, config) == pytest.approx(expected, rel=1e-3)
     assert FollowingConfig() == FOLLOWING
+
+
+@pytest.mark.parametrize("acceleration", [-1.5, 0.8])
+def test_behind_a_leader_its_acceleration_fades_and_ends_with_its_motion(acceleration):
+    lead, time = Lead(30.0, 12.0, acceleration), 1.0
+    way, speed = lead.at(time)
+    fading = acceleration * math.exp(-0.5 * time)
+    desired = _desired_speed(14.0, 20.0, 0.3, FOLLOWING)
+    gap = 30.0 + way - 14.0
+    expected = follow_acceleration(14.0, desired, gap, speed, fading, FOLLOWING)
+    assert _behind(14.0, 14.0, time, 20.0, 0.3, [lead], FOLLOWING) == pytest.approx(expected)
+    # A leader at rest does not brake any more.
+    still = Lead(30.0, 0.0, -1.5)
+    expected = follow_acceleration(14.0, desired, 16.0, 0.0, 0.0, FOLLOWING)
+    assert _behind(14.0, 14.0, time, 20.0, 0.3, [still], FOLLOWING) == pytest.approx(expected)
