@@ -172,7 +172,7 @@ def roll_out(
             moved, v_next = v * step + 0.5 * a * step * step, v + a * step
             moved = moved if moved > 0.0 else 0.0
             # If the truck stops within the step, it moves only until then.
-            s += moved if v_next > 0.0 or a >= 0.0 else min(moved, v * v / max(-2.0 * a, 1e-6))
+            s += moved if v_next > 0.0 or a >= 0.0 else v * v / (-2.0 * a)
             v = v_next if v_next > 0.0 else 0.0
         wanted = -emergency
         hold = hold or (k > 0 and v <= 0.0 and s > stop - HOLD_REACH)

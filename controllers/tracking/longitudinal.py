@@ -250,9 +250,8 @@ class LongitudinalController:
         # Brake control's hill hold keeps the truck until the driveline does; an XBR demand would
         # cut the engine's torque.
         self._demand = 0.0
-        gear = max(self._gear, 1)
         resistance = inverse.resistance(ego.mass, 0.1, grade)
-        torque = inverse.engine_torque(0.35 * ego.mass + resistance, gear)
+        torque = inverse.engine_torque(0.35 * ego.mass + resistance, self._gear)
         target = max(inverse.pedal(torque, max(ego.engine_speed, 70.0)), 0.12)
         self._pedal = min(target, self._pedal + config.pedal_rise * CONTROL_PERIOD)
         return self._output()

@@ -328,6 +328,9 @@ def test_a_bend_bounds_the_speed_by_the_rollover_threshold():
     found = caps(sharp)
     bound = math.sqrt(CONFIG.curve_share * margin.threshold * 100.0)
     assert found.bearable(1600.0, margin) == pytest.approx(bound)
+    # The last row of the straight is within a step of the bend.
+    row = sharp.station[sharp.index(1500.0)]
+    assert found.bearable(row, margin) == pytest.approx(bound)
     braking = CONFIG.speed.following.preview_deceleration
     before = found.bearable(1400.0, margin)
     # The speed is reached by the row at which the bend begins.
