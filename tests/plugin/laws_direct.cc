@@ -120,6 +120,35 @@ void air_force(const double* attributes, double forward, double side, double up,
   Read<Aerodynamics<double>>(attributes).Force(speed, forward, side, out);
 }
 
+// Slip control of the driven wheels; `slips` of `count` wheels.
+DriveSlip<double> SlipsOf(const double* slips, int count) {
+  DriveSlip<double> slip;
+  for (int i = 0; i < count; ++i) slip.Add(slips[i]);
+  return slip;
+}
+double drag_relief(const double* attributes, double slip, double speed, double h, double* state) {
+  double relief;
+  Change<DriveSlipState<double>>(state, [&](auto* s) {
+    relief = Read<DriveSlipControl<double>>(attributes).Drag(slip, speed, h, s);
+  });
+  return relief;
+}
+double traction_cut(const double* attributes, const double* slips, int count, double speed,
+                    double h, double* state) {
+  double cut;
+  Change<DriveSlipState<double>>(state, [&](auto* s) {
+    cut = Read<DriveSlipControl<double>>(attributes).Traction(SlipsOf(slips, count), speed, h, s);
+  });
+  return cut;
+}
+double traction_pressure(const double* attributes, const double* slips, int count, double slip,
+                         double speed) {
+  return Read<DriveSlipControl<double>>(attributes).Pressure(SlipsOf(slips, count), slip, speed);
+}
+double wheel_slip(double hub_speed, double wheel_speed) {
+  return MakeWheelBrake<double>().Slip(hub_speed, wheel_speed);
+}
+
 // Reservoirs.
 void reservoir_pump(const double* attributes, double engine_speed, double h, double* state) {
   Change<ReservoirState<double>>(
@@ -291,6 +320,10 @@ void endurance_update(const double* attributes, const double* levers, const doub
         out);
 }
 
+double pull_torque(const double* demand, double drag) {
+  return EnduranceControl<double>::PullTorque(Read<EnduranceDemand<double>>(demand), drag);
+}
+
 // Tables.
 double curve(const double* x, const double* y, int count, double at) {
   return Curve<double>{{x, x + count}, {y, y + count}}(at);
@@ -324,7 +357,7 @@ double drive(int adaptive, const double* controls, double seconds, double shaft_
   const Powertrain<double>& p = Truck(adaptive);
   const PowertrainControls<double> c = {{controls[0], controls[1], controls[2]},
                                         static_cast<GearboxInput<double>::Mode>(controls[3]),
-                                        {controls[4], controls[5]},
+                                        {controls[4], controls[5], 0, 0},
                                         controls[6]};
   const double radius = p.gearbox.gears.meters_per_radian;
   PowertrainState<double> s = Read<PowertrainState<double>>(state);

@@ -132,6 +132,72 @@ def test_abs_fills_below_the_lower_slip_and_empties_above_the_upper_one():
     assert duty(0.25, hub=2.5, slow=0.125)[0] == pytest.approx(0.25)
 
 
+# Drag: begin, end, release and return times; traction likewise; lag, lead; low speed, hold time,
+# range; brake speed and pressure.
+SLIP_CONTROL = [0.08, 0.02, 0.3, 10, 0.1, 0.03, 0.3, 10, 0.02, 0.08, 5, 1, 0.3, 11.1, 5e5]
+
+
+def relief(slips, *, speed=15.0, h=0.01):
+    state = np.zeros(6)
+    return np.array([law("drag_relief", SLIP_CONTROL, float(s), speed, h, state) for s in slips])
+
+
+def test_slip_of_a_driven_wheel_is_positive_when_the_driveline_brakes_it():
+    assert law("wheel_slip", 10.0, 9.0 / 0.51) == pytest.approx(0.1)
+    assert law("wheel_slip", -10.0, -11.0 / 0.51) == pytest.approx(-0.1)
+    # Below 5 m/s the slip is over 5 m/s.
+    assert law("wheel_slip", 0.0, 0.5 / 0.51) == pytest.approx(-0.1)
+
+
+def test_drag_goes_from_the_first_slip_to_the_second_and_returns_slowly():
+    up = relief([0.079] + [0.09] * 30)
+    assert up[0] > 0  # its rate announces it
+    assert up[:-1] == pytest.approx(np.minimum(1, 0.01 / 0.3 * np.arange(1, 31)))
+    down = relief([0.09] * 40 + [*np.linspace(0.09, 0.03, 200)] + [0.01] * 100)
+    assert down[239] == 1  # between the slips it goes on
+    assert down[-1] == pytest.approx(1 - 0.01 / 10 * 100, abs=0.005)
+
+
+def test_steady_slip_below_the_first_does_not_take_the_drag():
+    ramp = np.linspace(0, 0.07, 400)
+    assert not relief(ramp).any()
+    assert not relief([0.5] * 50, speed=4.9).any()
+    assert relief([0.5] * 50, speed=-5.1).all()
+
+
+def traction(slips, *, speed, steps=1, h=0.01):
+    state = np.zeros(6)
+    return [
+        law("traction_cut", SLIP_CONTROL, slips, len(slips), speed, h, state) for _ in range(steps)
+    ]
+
+
+def test_traction_control_of_a_start_is_a_pi_control_of_the_mean_slip():
+    cut = traction([-0.1, -0.5, -0.1, -0.3], speed=2.0, steps=101)
+    error = (0.25 - 0.1) / 0.3
+    assert cut[0] == pytest.approx(error + 0.01 * error)
+    assert cut[100] == pytest.approx(min(1, 2.01 * error))
+    assert traction([-0.1] * 4, speed=2.0, steps=3)[-1] == 0
+    assert traction([-0.9] * 4, speed=2.0)[0] == 1
+
+
+def test_fastest_wheel_counts_above_the_speed_of_the_brakes():
+    slips = [0.0, -0.08, 0.0, 0.0]
+    mean = traction(slips, speed=10.0, steps=500)
+    assert mean[-1] == 0
+    assert traction(slips, speed=12.0, steps=50)[-1] == 1
+
+
+def test_brakes_stop_the_wheel_that_spins_faster_than_the_slowest():
+    slips = [0.0, -0.33, -0.18, -0.03]
+    found = [law("traction_pressure", SLIP_CONTROL, slips, 4, s, 2.0) for s in slips]
+    assert found == pytest.approx([0, 5e5, 2.5e5, 0])
+    assert law("traction_pressure", SLIP_CONTROL, slips, 4, -0.33, 11.2) == 0
+    # A slowest wheel that brakes does not count as spin of the others.
+    dragged = [0.5, 0.0]
+    assert law("traction_pressure", SLIP_CONTROL, dragged, 2, 0.0, 2.0) == 0
+
+
 def test_rate_of_the_slip_damps_abs():
     value, slow = duty(0.15, slow=0.145)
     share = 1 - math.exp(-0.2)

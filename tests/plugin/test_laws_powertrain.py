@@ -396,6 +396,7 @@ def test_retarder_fills_and_empties_with_its_lags_and_heats_by_its_power():
 
 def endurance(levers=(0, 0, 0), demand=(0, 0), gearing=(5, 1.05), held=0.0, brake_max=1000.0):
     out, held_back = np.zeros(3), np.array([held])
+    demand = (*demand, 0, 0, 0)[:4]  # torque, cut, whether by traction control, relief
     law(
         "endurance_update",
         [0.02, 1],
@@ -423,6 +424,20 @@ def test_levers_demand_their_share_and_abs_releases_it():
     assert endurance((0, 0.4, 0.5))[:3] == pytest.approx((0, 0.4, 1500))
     assert endurance((0, 0.4, 0.5), (-1, 0))[:3] == (0, 0, 0)
     assert endurance((0.019, 0.4, 0.5))[:2] == pytest.approx((0.019, 0.4))
+
+
+def test_drag_torque_control_takes_the_torques_away_by_half_of_its_relief():
+    for relief, left in ((0.1, 0.8), (0.25, 0.5), (0.5, 0), (1, 0)):
+        given = endurance((0, 0.4, 0.5), (0, 0, 0, relief))
+        assert given[1:3] == pytest.approx((0.4 * left, 1500 * left))
+        given = endurance(demand=(5750 + 1050, 0, 0, relief))
+        assert given[1:3] == pytest.approx((left, 1000 * left))
+
+
+def test_engine_then_pulls_up_to_the_opposite_of_its_drag():
+    reliefs, shares = (0, 0.5, 0.625, 0.75, 1, 7), (-1, -1, -0.5, 0, 1, 1)
+    for relief, share in zip(reliefs, shares, strict=True):
+        assert law("pull_torque", (0, 0, 0, relief), 150.0) == pytest.approx(150 * share)
 
 
 def test_engine_brakes_first_and_the_retarder_gives_the_rest():
