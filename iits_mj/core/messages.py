@@ -171,6 +171,7 @@ class TruckReport:
       reservoir_pressure_front, reservoir_pressure_rear, reservoir_pressure_trailer: [Pa].
       compressor_active: 1 while the compressor fills the reservoirs.
       abs_active, xbr_active: 1 while ABS modulates, while an XBR demand is being answered.
+      abs_operational: 0 while ABS does not use a wheel's sensor.
       brake_pressure_rear2_left, brake_pressure_rear2_right: of the second drive axle [Pa].
       wheel_based_speed: of the drive axles' tires, a magnitude, as their sensor has no sign [m/s].
       wheel_speeds: the same of the tractor's wheel ends, front to rear, left before right [m/s].
@@ -207,6 +208,7 @@ class TruckReport:
     reservoir_pressure_trailer: float | None = None
     compressor_active: float | None = None
     abs_active: float | None = None
+    abs_operational: float | None = None
     xbr_active: float | None = None
     brake_pressure_rear2_left: float | None = None
     brake_pressure_rear2_right: float | None = None
