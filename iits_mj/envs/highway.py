@@ -236,7 +236,7 @@ class HighwayFastEnv(DecisionEnv):
       speed: reference speed of the truck [m/s].
       duration: of an episode [s].
       payload: on the semitrailer [kg].
-      render_mode: None.
+      render_mode: None; there are no pictures.
 
     Raises:
       InputError: an argument is not allowed.
