@@ -82,10 +82,11 @@ def dispatch(argv: Sequence[str]) -> int:
 
 def understood(argv: Sequence[str]) -> bool:
     """Returns whether a command line is valid, without running it."""
+    if not argv or argv[0] not in COMMANDS:
+        return False
     try:
-        name, rest = argv[0], argv[1:]
-        _options(_module(name), name, rest)
-    except (Error, IndexError, ImportError):
+        _options(_module(argv[0]), argv[0], argv[1:])
+    except (Error, ImportError):
         return False
     return True
 

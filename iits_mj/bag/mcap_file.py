@@ -245,9 +245,13 @@ class BagWriter(Finishing, Observer):
 
     def close(self) -> None:
         """Completes the bag; the drive may go on."""
-        if self._writer is not None:
-            self._writer.close()
-            self._writer = None
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            try:
+                writer.close()
+            except OSError as error:
+                shutil.rmtree(self.folder, ignore_errors=True)
+                raise _unwritable(self.folder, error) from error
 
     def abandon(self) -> None:
         """Deletes the unfinished bag."""
@@ -263,7 +267,10 @@ class BagWriter(Finishing, Observer):
     def _write(self, topic: str, time: float, message: Any) -> None:
         connection = self._connections[topic]
         data = self._store.serialize_cdr(message, connection.msgtype)
-        self._writer.write(connection, round(time * 1e9), data)
+        try:
+            self._writer.write(connection, round(time * 1e9), data)
+        except OSError as error:
+            raise _unwritable(self.folder, error) from error
         self.count += 1
 
 
@@ -275,5 +282,10 @@ def _open(folder: Path) -> Any:
         writer = Writer(folder, version=VERSION, storage_plugin=StoragePlugin.MCAP)
         writer.open()
     except (OSError, WriterError) as error:
-        raise InputError(f"bag {str(folder)!r} cannot be written: {error}") from error
+        raise _unwritable(folder, error) from error
     return writer
+
+
+def _unwritable(folder: Path, error: Exception) -> InputError:
+    reason = getattr(error, "strerror", None) or str(error)
+    return InputError(f"bag {str(folder)!r} cannot be written: {reason}")

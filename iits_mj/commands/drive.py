@@ -194,6 +194,12 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
     if receiver is not None and not receiver.accepted["IITS_COMMAND"]:
         print(f"iits-mj: {UNSTEERED}", file=sys.stderr)
         notes += (UNSTEERED,)
+    for unit, senders in receiver.senders.items() if receiver is not None else ():
+        if len(senders) > 1:
+            named = ", ".join(f"0x{address:02X}" for address in senders)
+            text = f"{unit} was obeyed from several senders ({named}): --source selects one."
+            print(f"iits-mj: {text}", file=sys.stderr)
+            notes += (text,)
     video = film.path if film else None
     logged = log.count if log else 0
     driver = simulation.driver

@@ -173,6 +173,7 @@ class TruckReport:
       abs_active, xbr_active: 1 while ABS modulates, while an XBR demand is being answered.
       asr_engine_active, asr_brake_active: 1 while traction control reduces the engine's torque,
         while it brakes spinning wheels.
+      abs_operational: 0 while ABS does not use a wheel's sensor.
       brake_pressure_rear2_left, brake_pressure_rear2_right: of the second drive axle [Pa].
       wheel_based_speed: of the drive axles' tires, a magnitude, as their sensor has no sign [m/s].
       wheel_speeds: the same of the tractor's wheel ends, front to rear, left before right [m/s].
@@ -209,6 +210,7 @@ class TruckReport:
     reservoir_pressure_trailer: float | None = None
     compressor_active: float | None = None
     abs_active: float | None = None
+    abs_operational: float | None = None
     xbr_active: float | None = None
     asr_engine_active: float | None = None
     asr_brake_active: float | None = None

@@ -9,6 +9,7 @@ import numpy as np
 
 from iits_mj import suite
 from iits_mj.core.checks import read_action
+from iits_mj.core.errors import InputError
 from iits_mj.envs.picture import RENDER_MODES, Action, Observation, Picture, ScaledObservations
 from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.suite.tasks import DrivingTask
@@ -83,6 +84,7 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         self.observation_names = self._scaled.names
         self.observation_space = self._scaled.space
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.task.actions),), np.float32)
+        self._begun = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -91,14 +93,17 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         super().reset(seed=seed, options=options)
         self.task.random.seed(int(self.np_random.integers(2**31)))
         step = self._environment.reset()
+        self._begun = True
         return self._scaled(step.observation), self.task.info(self.physics)
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Holds the action for 0.1 s.
 
         Raises:
-          InputError: not one finite number for each of the task's actions.
+          InputError: not one finite number for each of the task's actions, or no episode has begun.
         """
+        if not self._begun:
+            raise InputError("the episode has not begun: call reset first")
         step = self._environment.step(read_action(action, (len(self.task.actions),)))
         # In dm_env a failure has discount 0, the end of the time discount 1.
         terminated = bool(step.last() and step.discount == 0.0)
@@ -116,5 +121,6 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         return self._picture.draw(self.physics.model.ptr, self.physics.data.ptr)
 
     def close(self) -> None:
-        """Closes renderer and window."""
+        """Ends the episode, the renderer and the window."""
+        self._begun = False
         self._picture.close()

@@ -7,7 +7,6 @@ of `controllers.decision.trip` defines the actions, the reward and the end of bo
 from __future__ import annotations
 
 import dataclasses
-import functools
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
@@ -41,8 +40,14 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
         speed: float = 60.0 / 3.6,
         duration: float = 120.0,
         payload: float = MAX_PAYLOAD,
+        render_mode: str | None = None,
     ) -> None:
         one_of("density", density, DENSITIES)
+        modes = (None, *self.metadata["render_modes"])
+        if render_mode not in modes:
+            allowed = ", ".join(map(str, modes))
+            raise InputError(f"render_mode {render_mode!r} is not known; use one of: {allowed}")
+        self.render_mode = render_mode
         self.trip = TripConfig(
             spawn_probability=DENSITIES[density],
             traffic_speed=traffic_speed,
@@ -140,7 +145,6 @@ class HighwayEnv(DecisionEnv):
         camera: str = "chase",
         timestep: float = TIMESTEP,
     ) -> None:
-        self.render_mode = render_mode
         self._picture = Picture(render_mode, camera)
         super().__init__(
             density=density,
@@ -149,6 +153,7 @@ class HighwayEnv(DecisionEnv):
             speed=speed,
             duration=duration,
             payload=payload,
+            render_mode=render_mode,
         )
         self.payload_height = payload_height
         self.timestep = timestep
@@ -231,6 +236,7 @@ class HighwayFastEnv(DecisionEnv):
       speed: reference speed of the truck [m/s].
       duration: of an episode [s].
       payload: on the semitrailer [kg].
+      render_mode: None; there are no pictures.
 
     Raises:
       InputError: an argument is not allowed.
@@ -238,15 +244,21 @@ class HighwayFastEnv(DecisionEnv):
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - Gymnasium's way
 
-    @functools.cached_property
-    def _world(self) -> FastWorld:
-        return FastWorld()
+    _world: FastWorld | None = None
+
+    def render(self) -> None:
+        """Returns None: there are no pictures."""
+
+    def close(self) -> None:
+        """Ends the episode."""
+        self._world = None
 
     def _open(self) -> FastWorld:
+        self._world = self._world or FastWorld()
         return self._world
 
     def _state(self) -> dict[str, Any]:
-        world = self._world
+        world = self._open()
         return {
             "time": world.time,
             "speed": world.truck.speed,

@@ -7,8 +7,10 @@ end of the run the file is sorted.
 from __future__ import annotations
 
 import csv
+import errno
 import fcntl
 import hashlib
+import io
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -163,14 +165,23 @@ def write_trials(path: Path, trials: Iterable[Trial]) -> None:
 
 
 def append_trial(path: Path, trial: Trial) -> None:
-    """Appends one row.
+    """Appends one row, or nothing.
 
     Raises:
       InputError: the file cannot be written.
     """
+    row = io.StringIO(newline="")
+    csv.DictWriter(row, _COLUMNS).writerow(asdict(trial))
+    content = row.getvalue().encode()
     try:
-        with path.open("a", newline="", encoding="utf-8") as stream:
-            csv.DictWriter(stream, _COLUMNS).writerow(asdict(trial))
+        with path.open("ab", buffering=0) as stream:
+            size = stream.seek(0, os.SEEK_END)
+            try:
+                if stream.write(content) != len(content):
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            except OSError:
+                stream.truncate(size)
+                raise
     except OSError as error:
         raise _unwritable(path, error) from error
 

@@ -5,6 +5,7 @@ This includes messages of several frames and unknown groups.
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import functools
 import math
@@ -13,7 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from iits_mj.core.errors import BusError
+from iits_mj.core.errors import BusError, InputError
+from iits_mj.core.output_files import OutputFile
 from iits_mj.j1939.database import message_names, pgn_of
 from iits_mj.j1939.diagnostics import LONG_GROUPS, LongGroup, read_group
 from iits_mj.j1939.frame import Frame
@@ -304,29 +306,31 @@ def write_table(
       only_values: whether to omit the signals that are not available.
 
     Raises:
-      BusError: the file cannot be written, or the frames cannot be read. An unfinished table is
-        deleted, also after an interruption.
+      InputError: the file cannot be written. BusError: the frames cannot be read. An older file
+        stays as it was then, also after an interruption.
     """
     path = Path(path)
     summary = BusSummary()
-    try:
-        file = path.open("w", encoding="utf-8", newline="")
-    except OSError as error:
-        raise BusError(f"table {str(path)!r} cannot be written: {error}") from error
-    try:
-        with file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(COLUMNS)
-            for reading in _readings(frames, summary):
-                writer.writerows(_rows(reading, only_values))
-    except BaseException as error:
-        # Deletes an unfinished table, but never a device or a link to one, such as /dev/stdout.
-        if path.is_file() and not path.is_symlink():
-            path.unlink()
-        if isinstance(error, OSError):
-            raise BusError(f"table {str(path)!r} cannot be written: {error}") from error
-        raise
+    with _output(path) as place, place.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for reading in _readings(frames, summary):
+            writer.writerows(_rows(reading, only_values))
     return summary
+
+
+@contextlib.contextmanager
+def _output(path: Path) -> Iterator[Path]:
+    """Yields the place to write a table to: a device, or a link to one, is written directly."""
+    if not path.exists() or path.is_file():
+        with OutputFile(path.resolve(), "table") as partial:
+            yield partial
+        return
+    try:
+        yield path
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(f"table {str(path)!r} cannot be written: {reason}") from error
 
 
 def _rows(reading: Reading, only_values: bool) -> Iterator[tuple[object, ...]]:

@@ -115,9 +115,9 @@ def quantities() -> dict[str, Quantity]:
         "fuel_economy": lambda s, r, _t: _economy(r.wheel_based_speed, s.fuel_rate),
         "friction_braking": lambda s, _r, _t: float(max(s.brake_pressures) > 0.0),
         "xbr_execution": lambda _s, r, _t: _execution(r),
-        # This truck accepts any demand at any time (SPN 2917), and its ABS never fails (SPN 1243).
+        # This truck accepts any demand at any time (SPN 2917).
         "xbr_system_state": lambda _s, r, _t: None if r.xbr_active is None else 0.0,
-        "abs_operational": lambda _s, r, _t: None if r.abs_active is None else 1.0,
+        "abs_operational": lambda _s, r, _t: r.abs_operational,
         # SPN 1812: the angle is absolute.
         "steering_sensor_type": lambda _s, _r, _t: 1.0,
     }

@@ -311,6 +311,14 @@ class CommandReceiver:
         """Frames that never arrived, by unit."""
         return {unit.message.name: unit.lost for unit in self._units.values() if unit.lost}
 
+    @property
+    def senders(self) -> dict[str, list[int]]:
+        """Addresses whose commands were accepted, by unit."""
+        return {
+            unit.message.name: sorted(k for k, s in unit.streams.items() if s.request is not None)
+            for unit in self._units.values()
+        }
+
     def receive(self, frame: Frame) -> bool:
         """Receives one frame of the bus; returns whether a unit obeys it.
 

@@ -12,6 +12,8 @@ import xml.etree.ElementTree as ET
 import mujoco
 from numpy.typing import ArrayLike
 
+from iits_mj.core.checks import in_range
+from iits_mj.core.errors import InputError
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.core.units import GRAVITY
 from iits_mj.model import visuals
@@ -35,6 +37,7 @@ from iits_mj.parameters.mass_state import (
 
 # Contact bits: the truck's hulls collide with ground (bit 0) and traffic (bit 2), not each other.
 TRUCK_CONTYPE, TRUCK_CONAFFINITY = 2, 5
+LENGTH_MAX = 100.0  # [m]
 HEAVE_TRAVEL = 0.15  # [m], bump stop to rebound stop from ride height
 
 
@@ -46,10 +49,16 @@ def truck_spec(parameters: TruckParameters, payload: float) -> mujoco.MjSpec:
       payload: [kg], 0 to `parameters.payload.mass_max`.
 
     Raises:
-      InputError: the payload is out of range.
+      InputError: the payload is out of range, or no truck has such parameters.
     """
-    spec = mujoco.MjSpec.from_string(truck_xml(parameters, payload))
-    visuals.decorate(spec, parameters, payload)
+    parameters.check_payload(payload)
+    in_range("parameter semitrailer.length", parameters.semitrailer.length, 1.0, LENGTH_MAX, "m")
+    try:
+        spec = mujoco.MjSpec.from_string(truck_xml(parameters, payload))
+        visuals.decorate(spec, parameters, payload)
+    except (ValueError, ArithmeticError, LookupError) as error:
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"no truck can be built from these parameters: {reason}") from error
     return spec
 
 

@@ -16,11 +16,13 @@ import numpy as np
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.assets import mjcf_dir
-from iits_mj.core.checks import is_number
+from iits_mj.core.checks import is_number, shown
 from iits_mj.core.errors import InputError
 from iits_mj.core.input_files import read_toml
 from iits_mj.core.tables import read_table
 from iits_mj.core.units import KMH, RPM
+
+MAGNITUDE_MAX = 1e9  # of a parameter in SI units; the greatest are stiffnesses
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,9 @@ def _build_dataclass(kind: Any, node: Any, where: str) -> Any:
 
 def _number(kind: type, node: Any, where: str) -> int | float:
     if not is_number(node):
-        raise InputError(f"parameter {where} = {node!r}: a finite number is needed")
+        raise InputError(f"parameter {where} = {shown(node)}: a finite number is needed")
+    if abs(node) > MAGNITUDE_MAX:
+        raise InputError(f"parameter {where} = {shown(node)}: more than {MAGNITUDE_MAX:g}")
     if kind is int and node != int(node):
         raise InputError(f"parameter {where} = {node!r}: a whole number is needed")
     return kind(node)
@@ -140,8 +144,8 @@ def _array(node: Any, where: str) -> FloatArray:
         values = np.asarray(node, dtype=float)
     except (TypeError, ValueError):
         raise InputError(f"parameter {where} = {node!r}: a table of numbers is needed") from None
-    if not values.size or not np.isfinite(values).all():
-        raise InputError(f"parameter {where}: a table of finite numbers is needed")
+    if not values.size or not (np.abs(values) <= MAGNITUDE_MAX).all():
+        raise InputError(f"parameter {where}: a table of numbers up to {MAGNITUDE_MAX:g} is needed")
     return values
 
 

@@ -424,7 +424,9 @@ void AirBrakePlugin::Sensors(const mjModel*, mjData* d, const State* s) const {
     d->sensordata[sensor.address] = sum * sensor.share;
   }
   if (speeds_ < 0) return;
-  for (size_t i = 0; i < dofs_.size(); ++i) d->sensordata[speeds_ + i] = d->qvel[dofs_[i]];
+  for (size_t i = 0; i < dofs_.size(); ++i) {
+    d->sensordata[speeds_ + i] = law_.Sensed(*s, i, d->qvel[dofs_[i]]);
+  }
 }
 
 // Brake torque from the committed pressures.

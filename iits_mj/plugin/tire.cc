@@ -23,6 +23,7 @@ class TirePlugin : public PluginBase {
     TireBristles<double> next_bristles;
     double next_station;
     double signal[TireForces<Pair>::kSignals];
+    double puncture;  // last: lost share of a tire's pressure, set from outside
   };
 
   static int StateCount(const mjModel* m, int instance) {
@@ -192,7 +193,8 @@ class TirePlugin : public PluginBase {
     const TireBristles<Pair> bristles = {{sa->bristles.x, sb->bristles.x},
                                          {sa->bristles.y, sb->bristles.y},
                                          {sa->bristles.spin, sb->bristles.spin}};
-    const TireForces<Pair> forces = law_.Step(wheel, road, bristles, m->opt.timestep);
+    const TireForces<Pair> forces =
+        law_.Step(wheel, road, bristles, m->opt.timestep, Pair{sa->puncture, sb->puncture});
 
     State* const states[2] = {sa, sb};
     for (int k = 0; k < 2; ++k) {

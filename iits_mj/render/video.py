@@ -61,7 +61,12 @@ class Mp4Encoder(Finishing):
         self.frames = 0
         self._output = OutputFile(self.path, "video")
         partial = self._output.partial
-        self._pipe: Generator[None, Any, None] | None = _pipe(partial, size, fps)
+        self._pipe: Generator[None, Any, None] | None = None
+        try:
+            self._pipe = _pipe(partial, size, fps)
+        except BaseException:
+            self._output.abandon()
+            raise
 
     def add(self, picture: NDArray[np.uint8]) -> None:
         """Appends a picture (height, width, 3).

@@ -92,7 +92,7 @@ class Design:
             return cls._from_table(table)
         except KeyError as error:
             raise InputError(f"{path}: the entry {error} is missing in the design table") from error
-        except (TypeError, AttributeError, ZeroDivisionError) as error:
+        except (TypeError, AttributeError, ArithmeticError) as error:
             raise InputError(f"{path}: an entry of the design table is wrong: {error}") from error
 
     @classmethod

@@ -40,6 +40,7 @@ from traffic_bridge import (
 if TYPE_CHECKING:
     from controllers.pcc import PccConfig
 
+_LARGE_MAP = 4 * 2**20  # bytes that take seconds to read
 SPEED_LIMITER = 25.0  # [m/s]: 90 km/h, directive 92/6/EEC
 SLOWEST_SHARE = 0.75  # of the reference speed: a slower truck would obstruct the traffic
 # Least road between the start and the end of the drive [m].
@@ -64,9 +65,6 @@ def check_start(start: TruckStart, route: Route, footprint: EgoFootprint) -> Non
             f"start-lane {start.start_lane} does not exist at station "
             f"{start.start_station:g} m; use 0 to {lanes - 1}"
         )
-
-
-_LARGE_MAP = 4 * 2**20  # bytes that take seconds to read
 
 
 def load_map(path: Path | None) -> RoadMap:

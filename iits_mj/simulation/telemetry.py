@@ -7,11 +7,12 @@ and an older table is never half overwritten.
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import dataclasses
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -125,20 +126,34 @@ class Telemetry(Closing, Observer):
         row = [value(frame) for value in COLUMNS.values()]
         self._rows.append(row)
         if self._file is not None:
-            with self._output.errors():
+            with self._whole():
                 self._writer.writerow([_cell(value) for value in row])
 
     def close(self) -> None:
         """Moves the finished table to its path; a second call does nothing."""
         if self._file is None:
             return
-        file, self._file = self._file, None
-        with self._output.errors():
-            file.close()
+        with self._whole():
+            self._file.close()
+        self._file = None
         if self._rows:
             self._output.finish()
         else:
             self._output.abandon()
+
+    @contextlib.contextmanager
+    def _whole(self) -> Iterator[None]:
+        """Removes the table if writing fails: it would not be complete."""
+        try:
+            with self._output.errors():
+                yield
+        except InputError:
+            assert self._file is not None
+            with contextlib.suppress(OSError):
+                self._file.close()
+            self._file = None
+            self._output.abandon()
+            raise
 
     def __len__(self) -> int:
         return len(self._rows)

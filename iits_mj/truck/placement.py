@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.checks import in_range, is_number, shown
-from iits_mj.core.errors import InputError
+from iits_mj.core.checks import in_range
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import group_center
 from iits_mj.road import Route
 
 # No truck rolls faster: well above what the tires and the driveline are made for.
 SPEED_MAX = 60.0
+STATION_MAX, OFFSET_MAX = 1e6, 1e3  # [m], beyond every road
+ARTICULATION_MAX = 0.5 * math.pi  # [rad], where the trailer meets the cab
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +32,8 @@ class TruckPlacement:
       articulation: tractor's yaw less the trailer's [rad]; None: the trailer follows the road.
 
     Raises:
-      InputError: a value is not finite, or the speed is negative or above 60 m/s.
+      InputError: a value is not a number, or beyond these bounds: station 1000 km, offset 1 km,
+        speed 0 to 60 m/s, heading half a turn, articulation a right angle.
     """
 
     station: float = 20.0
@@ -41,11 +43,13 @@ class TruckPlacement:
     articulation: float | None = None
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if value is not None and not is_number(value):
-                raise InputError(f"reset: {field.name} = {shown(value)} must be a finite number")
+        in_range("reset: station", self.station, -STATION_MAX, STATION_MAX, "m")
+        in_range("reset: offset", self.offset, -OFFSET_MAX, OFFSET_MAX, "m")
         in_range("reset: speed", self.speed, 0.0, SPEED_MAX, "m/s")
+        in_range("reset: heading", self.heading, -math.pi, math.pi, "rad")
+        if self.articulation is not None:
+            most = ARTICULATION_MAX
+            in_range("reset: articulation", self.articulation, -most, most, "rad")
 
 
 class Poser:

@@ -83,7 +83,7 @@ class Reporter:
             "cargo_mass": payload,
         }
 
-    def read(self, data: mujoco.MjData) -> TruckReport:
+    def read(self, data: mujoco.MjData, abs_operational: bool) -> TruckReport:
         """Returns the report at the last step or observation; None without a sensor."""
         readings = data.sensordata
         numbers = readings[self._sensed].tolist() + data.ctrl[self._commanded].tolist()
@@ -92,6 +92,7 @@ class Reporter:
         return TruckReport(
             **known,
             **self._constants,
+            abs_operational=float(abs_operational),
             gear_ratio=self._ratios.get(round(known["gear_engaged"])),
             wheel_based_speed=abs(known["propeller_shaft_speed"]) * self._meters_per_radian,
             wheel_speeds=tuple(np.abs(readings[self._spins] * self._radii).tolist()),

@@ -31,6 +31,7 @@ from iits_mj.model.scenery.road_scene import add_road
 from iits_mj.parameters import TruckParameters
 from iits_mj.plugin import register
 from iits_mj.road import Route
+from iits_mj.truck.faults import Faults
 from iits_mj.truck.placement import Poser, TruckPlacement
 from iits_mj.truck.report import Reporter, sensor_addresses
 
@@ -103,6 +104,7 @@ class Truck:
 
     `model` and `data` are plain MuJoCo objects: `mujoco.mj_step`, `mujoco.rollout` and the viewer
     work on them. `data.ctrl` has the order of `VehicleCommand`'s fields, from `control_start` on.
+    `faults` makes parts of the truck fail.
 
     Args:
       model: a compiled scene with the truck in it; use `load` to make one.
@@ -154,6 +156,7 @@ class Truck:
         self._rear_site = model.site(f"{prefix}trailer_axle_center").id
         self._address = sensor_addresses(model, prefix)
         self._ranges = model.actuator_ctrlrange[first : first + len(COMMAND_FIELDS)].tolist()
+        self.faults = Faults(self)
         self._reporter = Reporter(model, parameters, payload, prefix)
         self._poser = Poser(model, parameters, route, prefix)
         self._station_hint: float | None = None
@@ -370,4 +373,4 @@ class Truck:
 
         A quantity without sensor or control in this model is None.
         """
-        return self._reporter.read(self.data)
+        return self._reporter.read(self.data, self.faults.abs_operational)

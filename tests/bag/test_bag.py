@@ -258,3 +258,15 @@ def test_a_drive_that_fails_leaves_no_bag(tmp_path):
         raise ZeroDivisionError
     assert not (tmp_path / "bag").exists()
     assert simulation.observers == ()
+
+
+def test_a_full_disk_is_named_and_leaves_no_bag(tmp_path, full_disk):
+    config = DriveConfig(duration=20.0, traffic_mode="none", decision="keep")
+    with (
+        Simulation(config, visuals=False) as simulation,
+        pytest.raises(InputError, match=r"bag .*bag' cannot be written: File too large"),
+        full_disk(200_000),
+        BagWriter(tmp_path / "bag", simulation) as bag,
+    ):
+        simulation.run([bag])
+    assert list(tmp_path.iterdir()) == []

@@ -193,3 +193,9 @@ def test_doctor_accepts_this_installation(capsys: pytest.CaptureFixture[str]) ->
     assert {"engine plugin", "SUMO (libsumo)", "netconvert", "OpenGL"} <= {
         finding["name"] for finding in report["findings"]
     }
+
+
+@pytest.mark.parametrize("words", [(), ("pc" + "." * 2000 + "c",), ("drive", "--seed", "x")])
+def test_a_wrong_command_line_is_not_understood(words: tuple[str, ...]) -> None:
+    assert not cli.understood(words)
+    assert cli.understood(("drive", "--seed", "3"))

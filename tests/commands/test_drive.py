@@ -6,6 +6,8 @@ import csv
 import html.parser
 import json
 import math
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import mujoco
@@ -15,6 +17,7 @@ from controllers.stack import Stack
 from iits_mj import cli
 from iits_mj.core.errors import RenderError
 from iits_mj.core.messages import EgoState, VehicleCommand
+from iits_mj.core.output_files import OutputFile
 from iits_mj.simulation import Simulation
 from iits_mj.truck import Truck
 
@@ -208,3 +211,31 @@ def test_twenty_five_minutes_leave_no_warning_and_no_nan(tmp_path: Path) -> None
     assert summary["warnings"] == {}
     assert summary["duration_s"] == pytest.approx(1500.0) or "end of the route" in summary["ended"]
     assert summary["distance_m"] > 10_000.0
+
+
+def test_two_drives_into_one_folder_do_not_mix(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["drive", *SHORT, "--no-video", "--traffic-mode", "none", "--out", str(tmp_path)]
+    with OutputFile(tmp_path / "telemetry.csv", "telemetry") as partial:
+        partial.write_text("of the first drive")
+        assert cli.main(words) == 2
+        assert "another process is writing it" in capsys.readouterr().err
+    assert (tmp_path / "telemetry.csv").read_text() == "of the first drive"
+    assert listing(tmp_path) == {"telemetry.csv"}
+
+
+def test_drive_on_a_full_disk_names_the_file_and_keeps_the_old_one(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    full_disk: Callable[[int], AbstractContextManager[None]],
+) -> None:
+    (tmp_path / "telemetry.csv").write_text("old")
+    words = ["drive", *SHORT, "--no-video", "--traffic-mode", "none", "--out", str(tmp_path)]
+    with full_disk(3000):
+        assert cli.main(words) == 2
+    error = capsys.readouterr().err
+    assert "telemetry.csv' cannot be written: File too large" in error
+    assert len(error.strip().splitlines()) == 1
+    assert (tmp_path / "telemetry.csv").read_text() == "old"
+    assert listing(tmp_path) == {"telemetry.csv"}

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from iits_mj import cli
-from iits_mj.core.messages import VehicleCommand
-from iits_mj.j1939 import LogWriter, command_to_frames, read_log
+from iits_mj.core.messages import VehicleCommand, XbrMode
+from iits_mj.j1939 import LogWriter, command_to_frames, pgn_of, read_log
 from tests.paths import outside
 
 Capture = pytest.CaptureFixture[str]
@@ -182,3 +182,18 @@ def test_wrong_use_is_one_line(
     assert reported in captured.err
     assert captured.err.count("\n") == 1
     assert captured.out == ""
+
+
+def test_two_senders_of_a_brake_demand_in_a_log_are_named(tmp_path: Path, capsys: Capture) -> None:
+    log = tmp_path / "bus.log"
+    braking = VehicleCommand(xbr_demand=-1.0, xbr_mode=XbrMode.MAXIMUM)
+    with LogWriter(log) as writer:
+        for cycle in range(60):
+            for frame in command_to_frames(VehicleCommand(0.4), cycle, 0.02 * cycle):
+                writer.write(frame)
+            for frame in command_to_frames(braking, cycle, 0.02 * cycle, source=0x2B):
+                if frame.pgn == pgn_of("XBR"):
+                    writer.write(frame)
+    assert cli.main(["replay-can", str(log), "--out", str(tmp_path / "out")]) == 0
+    error = capsys.readouterr().err
+    assert "XBR was obeyed from several senders (0x2A, 0x2B): --source selects one." in error

@@ -74,18 +74,48 @@ COMMANDS: dict[str, tuple[str, str, Callable[[Path], None]]] = {
 
 
 @pytest.mark.parametrize(
-    "command",
+    ("command", "number"),
     [
-        *("drive", "record", "train"),
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("evaluate", "montecarlo")),
+        *((name, signal.SIGTERM) for name in ("drive", "record", "train")),
+        *(
+            pytest.param(name, signal.SIGTERM, marks=pytest.mark.slow)
+            for name in ("evaluate", "montecarlo")
+        ),
+        *(pytest.param(name, signal.SIGINT, marks=pytest.mark.slow) for name in COMMANDS),
     ],
 )
-def test_sigterm_completes_the_outputs_and_leaves_nothing_temporary(
+def test_a_signal_completes_the_outputs_and_leaves_nothing_temporary(
+    command: str, number: signal.Signals, tmp_path: Path
+) -> None:
+    error = end(command, number, tmp_path)
+    assert b"Traceback" not in error
+    assert list((tmp_path / "tmp").glob("iits_mj*")) == []
+    assert list(tmp_path.rglob(".*partial*")) == []
+    COMMANDS[command][2](tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["drive", "record"])
+def test_a_killed_command_leaves_no_incomplete_output_and_the_next_one_cleans_up(
     command: str, tmp_path: Path
 ) -> None:
+    end(command, signal.SIGKILL, tmp_path)
+    assert not list(tmp_path.glob("out/[!.]*"))
+    assert not list(tmp_path.glob("[!.]*.npz"))
+    words = COMMANDS[command][0].replace("4000", "5")
+    environment = {**os.environ, "TMPDIR": str(tmp_path / "tmp")}
+    line = [sys.executable, "-m", "iits_mj.cli", command, *words.split()]
+    done = subprocess.run(line, cwd=tmp_path, env=environment, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr.decode()
+    assert list((tmp_path / "tmp").glob("iits_mj*")) == []
+    assert list(tmp_path.rglob(".*partial*")) == []
+
+
+def end(command: str, number: signal.Signals, tmp_path: Path) -> bytes:
+    """Runs a command, ends it by a signal when it is well under way, and returns its stderr."""
     if command == "train":
         pytest.importorskip("torch")
-    flags, sign, check = COMMANDS[command]
+    flags, sign, _ = COMMANDS[command]
     temporary = tmp_path / "tmp"
     temporary.mkdir()
     line = [sys.executable, "-m", "iits_mj.cli", command, *flags.split()]
@@ -98,10 +128,8 @@ def test_sigterm_completes_the_outputs_and_leaves_nothing_temporary(
         assert time.monotonic() < deadline, "the command did not begin"
         time.sleep(0.1)
     time.sleep(3.0)
-    process.send_signal(signal.SIGTERM)
+    process.send_signal(number)
     _, error = process.communicate(timeout=LONGEST)
-    assert process.returncode == 143, error.decode()
-    assert b"Traceback" not in error
-    assert list(temporary.glob("iits_mj*")) == []
-    assert list(tmp_path.rglob(".*partial*")) == []
-    check(tmp_path)
+    codes = {signal.SIGTERM: 143, signal.SIGINT: 130, signal.SIGKILL: -9}
+    assert process.returncode == codes[number], error.decode()
+    return error

@@ -75,3 +75,14 @@ def test_the_command_line_accepts_every_printed_command() -> None:
     for line in lines:
         words = line.split("#")[0].split()[1:]
         assert cli.understood(words), line
+
+
+def test_the_tests_named_in_the_manual_exist() -> None:
+    named = re.findall(r"`(tests/[\w/]+\.py)::(test_\w+)`", (ROOT / "docs/testing.md").read_text())
+    missing = [
+        f"{file}::{name}"
+        for file, name in named
+        if not (ROOT / file).is_file() or f"def {name}(" not in (ROOT / file).read_text()
+    ]
+    assert len(named) > 50
+    assert missing == []

@@ -14,6 +14,7 @@ from gymnasium.utils.env_checker import check_env
 from iits_mj.core.errors import InputError, RenderError
 from iits_mj.envs import ENVIRONMENTS, register
 from iits_mj.envs.driving import DrivingEnv
+from iits_mj.envs.highway import HighwayFastEnv
 from iits_mj.suite.tasks import DRIVING_TASKS
 
 LOW_LEVEL = [name for name, settings in ENVIRONMENTS.items() if "kwargs" in settings]
@@ -306,3 +307,24 @@ def test_speed_planning_passes_gymnasiums_checker_and_refuses_nonsense(planning)
     planning.reset(seed=0)
     with pytest.raises(InputError, match="action"):
         planning.unwrapped.step(np.array([np.nan]))
+
+
+@pytest.mark.parametrize("name", ["Stop", "HighwayFast"])
+def test_a_step_before_reset_or_after_close_is_refused_and_reset_begins_again(name):
+    environment = gymnasium.make(f"iits_mj/{name}-v0", render_mode=None).unwrapped
+    action = environment.action_space.sample()
+    with pytest.raises(InputError, match="not begun: call reset"):
+        environment.step(action)
+    for _ in range(2):
+        environment.reset(seed=1)
+        environment.step(action)
+        environment.close()
+        environment.close()
+        with pytest.raises(InputError, match="not begun: call reset"):
+            environment.step(action)
+
+
+def test_an_environment_without_pictures_refuses_render_modes():
+    with pytest.raises(InputError, match="render_mode 'rgb_array' is not known; use one of: None"):
+        gymnasium.make("iits_mj/HighwayFast-v0", render_mode="rgb_array")
+    assert HighwayFastEnv(render_mode=None).render() is None

@@ -293,3 +293,12 @@ def test_real_trials_in_two_processes_equal_those_of_one_process(tmp_path):
     assert all(row["ended"] == "reached the end of the time" for row in two)
     way = [float(row["distance"]) for row in two]
     assert loss == pytest.approx([1.0 - d / 10.0 / (60.0 / 3.6) for d in way])
+
+
+def test_a_row_that_does_not_fit_on_the_disk_leaves_the_file_whole(tmp_path, full_disk):
+    path = tmp_path / "trials.csv"
+    trials.write_trials(path, [trial(task("keep", 1), 0.1)])
+    whole = path.read_bytes()
+    with full_disk(len(whole) + 20), pytest.raises(InputError, match=r"trials.csv' cannot be wri"):
+        trials.append_trial(path, trial(task("keep", 2), 0.1))
+    assert path.read_bytes() == whole

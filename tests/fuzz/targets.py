@@ -6,6 +6,7 @@ of ours. Everything else is a finding.
 
 from __future__ import annotations
 
+import hashlib
 import io
 import struct
 import zipfile
@@ -127,6 +128,7 @@ def make_targets(folder: Path) -> Mapping[str, Target]:
         ),
         "highd": _highd(folder, made),
         "bag": _bag(folder, made),
+        "checkpoint": _checkpoint(folder),
         "bus": Target((_frames(),), _take_frames),
         "plugin": Target((bytes(64),), _Physics()),
         "command line": Target(LINES, _take_line),
@@ -201,6 +203,27 @@ def _bag(folder: Path, made: dict[str, bytes]) -> Target:
         read_bag(bag)
 
     return Target(tuple(files.values()), take)
+
+
+def _checkpoint(folder: Path) -> Target:
+    """A training continued from a changed checkpoint with a correct checksum."""
+    from controllers.decision.learning import checkpoint
+    from controllers.decision.learning.config import TrainConfig
+    from controllers.decision.learning.training import Training
+
+    out = folder / "training"
+    out.mkdir()
+    path = out / checkpoint.CHECKPOINT
+    config = TrainConfig(decisions=100, replay_capacity=100, warm_up=50)
+    training = Training(config, out, "", None, None)
+    training.save()
+
+    def take(content: bytes) -> None:
+        digest = hashlib.sha256(content).hexdigest()
+        path.write_bytes(f"{checkpoint.FORMAT} {digest}\n".encode() + content)
+        training.restore()
+
+    return Target((path.read_bytes().partition(b"\n")[2],), take)
 
 
 _FRAME = struct.Struct("<Id8s")

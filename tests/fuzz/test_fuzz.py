@@ -13,7 +13,8 @@ from tests.fuzz.targets import Target, make_targets
 INPUTS = 80
 NAMES = (
     *("map", "design", "overlay", "spread", "events", "types", "recording", "weights", "trials"),
-    *("log", "table", "profile", "trajectories", "highd", "bag", "bus", "plugin", "command line"),
+    *("log", "table", "profile", "trajectories", "highd", "bag", "checkpoint"),
+    *("bus", "plugin", "command line"),
 )
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from iits_mj.core.errors import BusError
+from iits_mj.core.errors import BusError, InputError
 from iits_mj.j1939 import (
     BusReader,
     Failure,
@@ -130,7 +130,7 @@ def test_summary_of_an_empty_log_is_empty():
 
 
 def test_a_failed_table_leaves_no_file(tmp_path):
-    with pytest.raises(BusError, match=r"table .*cannot be written"):
+    with pytest.raises(InputError, match=r"table .*cannot be written"):
         write_table(log(), tmp_path / "missing" / "table.csv")
 
     def broken():
@@ -145,8 +145,17 @@ def test_a_failed_table_leaves_no_file(tmp_path):
     with pytest.raises(BusError, match="cut off"):
         write_table(broken(), link)
     assert link.is_symlink()
-    with pytest.raises(BusError, match="No space left"):
+    with pytest.raises(InputError, match="table '/dev/full' cannot be written: No space left"):
         write_table(log(), "/dev/full")
+
+
+def test_an_older_table_stays_whole_on_a_full_disk(tmp_path, full_disk):
+    path = tmp_path / "table.csv"
+    path.write_text("old")
+    with full_disk(1000), pytest.raises(InputError, match=r"table .*table.csv' cannot be written"):
+        write_table(log() * 20, path)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_an_interrupted_table_leaves_no_file(tmp_path):
@@ -167,7 +176,7 @@ def test_a_write_protected_file_keeps_its_content(tmp_path, monkeypatch):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(Path, "open", refused)
-    with pytest.raises(BusError, match="Permission denied"):
+    with pytest.raises(InputError, match="Permission denied"):
         write_table(log(), path)
     monkeypatch.undo()
     assert path.read_text() == "kept"

@@ -70,6 +70,7 @@ REPORT = TruckReport(
     reservoir_pressure_trailer=840e3,
     compressor_active=1.0,
     abs_active=0.0,
+    abs_operational=1.0,
     xbr_active=0.0,
     brake_pressure_rear2_left=140e3,
     brake_pressure_rear2_right=145e3,

@@ -164,6 +164,17 @@ def test_failed_video_leaves_the_old_video_and_no_partial_file(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["film.mp4"]
 
 
+def test_missing_ffmpeg_is_named_and_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr("imageio_ffmpeg._io.get_ffmpeg_exe", refuse)
+    with pytest.raises(RenderError, match="ffmpeg does not start: No ffmpeg exe could be found"):
+        Mp4Encoder(tmp_path / "film.mp4", SIZE, 20)
+    assert list(tmp_path.iterdir()) == []
+
+
+def refuse():
+    raise RuntimeError("No ffmpeg exe could be found")
+
+
 def test_wrong_picture_name_and_folder_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"end in \.mp4"):
         Mp4Encoder(tmp_path / "film.avi", SIZE, 20)

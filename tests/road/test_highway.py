@@ -158,6 +158,11 @@ def test_incomplete_design_table_is_refused(tmp_path):
     path.write_text("= nonsense")
     with pytest.raises(InputError, match=r"design table .* cannot be read"):
         Design.load(path)
+    path.write_text(
+        re.sub(r"initial_grade = .*", f"initial_grade = {'1' * 400}", TABLE.read_text())
+    )
+    with pytest.raises(InputError, match=r"an entry of the design table is wrong: int too large"):
+        Design.load(path)
 
 
 def test_design_length_is_the_sum_of_its_elements():

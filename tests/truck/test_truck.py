@@ -259,3 +259,59 @@ def test_trailer_accelerometer_sits_at_the_center_of_gravity_of_trailer_and_load
     ]
     center = np.average(data.xipos[on_trailer], axis=0, weights=model.body_mass[on_trailer])
     np.testing.assert_allclose(data.site("trailer_cg").xpos, center, atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        ({"station": 1e300}, r"reset: station = 1e\+300 m: allowed is -1e\+06 to 1e\+06 m"),
+        ({"station": None}, "reset: station = None m: allowed is"),
+        ({"offset": float("nan")}, "reset: offset = nan m: allowed is -1000 to 1000 m"),
+        ({"speed": -1.0}, "reset: speed = -1.0 m/s: allowed is 0 to 60 m/s"),
+        ({"heading": 1e300}, "heading = 1e\\+300 rad: allowed is -3.14159 to 3.14159 rad"),
+        ({"articulation": 9}, "articulation = 9 rad: allowed is -1.5708 to 1.5708 rad"),
+    ],
+)
+def test_an_impossible_place_is_refused_and_the_truck_stays(truck, place, words):
+    truck.reset(speed=10.0)
+    before = state(truck.model, truck.data)
+    with pytest.raises(InputError, match=words):
+        truck.reset(**place)
+    assert np.array_equal(state(truck.model, truck.data), before)
+
+
+def test_any_number_in_the_plugins_state_leaves_the_process_alive():
+    """A slot of the brake lines or a gear out of range was an index into memory."""
+    script = """
+import mujoco, iits_mj
+import numpy as np
+mujoco.set_mju_user_warning(lambda _text: None)
+truck = iits_mj.Truck.load(0.0, visuals=False)
+model, data = truck.model, truck.data
+truck.reset(speed=15.0)
+kind = mujoco.mjtState.mjSTATE_INTEGRATION
+begin = np.empty(mujoco.mj_stateSize(model, kind))
+mujoco.mj_getState(model, data, begin, kind)
+for number in (3.7e6, -3.7e6, np.nan):
+    for place in range(data.plugin_state.size):
+        mujoco.mj_setState(model, data, begin, kind)
+        data.plugin_state[place] = number
+        mujoco.mj_step(model, data, 2)
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr.decode()
+
+
+@pytest.mark.parametrize(
+    ("overlay", "words"),
+    [
+        ({"semitrailer": {"length": 1e18}}, r"semitrailer.length = .*: more than 1e\+09"),
+        ({"semitrailer": {"length": 1e8}}, "semitrailer.length = .*allowed is 1 to 100 m"),
+        ({"payload": {"cg_position": 1e308}}, "payload.cg_position = 1e\\+308: more than"),
+        ({"tires": {"steer": {"count": 0}}}, "no truck can be built from these parameters: Zero"),
+        ({"steering": {"knuckle_inertia": 1e-320}}, "no truck can be built .*armature"),
+    ],
+)
+def test_no_truck_is_built_from_absurd_parameters(overlay, words):
+    with pytest.raises(InputError, match=words):
+        iits_mj.Truck.load(0.0, parameters=overlay, visuals=False)

@@ -180,9 +180,9 @@ def read_parquet(path: Path) -> Table:
     pyarrow, parquet = load("", path), load("parquet", path)
     try:
         content = parquet.read_table(path)
-    except (OSError, pyarrow.ArrowException) as error:
+        columns = {name: content[name].combine_chunks() for name in content.column_names}
+    except (OSError, pyarrow.ArrowException, UnicodeDecodeError) as error:
         raise InputError(f"data set {path}: not a readable Parquet file: {error}") from error
-    columns = {name: content[name].combine_chunks() for name in content.column_names}
     return Table(path, columns, lambda row: f"row {row + 1}")
 
 
@@ -214,7 +214,7 @@ def read_csv(path: Path, delimiter: str) -> Table:
                     strings_can_be_null=False,
                 ),
             )
-    except (OSError, pyarrow.ArrowException) as error:
+    except (OSError, pyarrow.ArrowException, UnicodeDecodeError) as error:
         raise InputError(f"data set {path}: not a readable table: {error}") from error
     columns = {name: content[name].combine_chunks() for name in content.column_names}
     return Table(path, columns, lambda row: f"line {row + 2}")

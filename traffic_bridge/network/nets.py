@@ -50,10 +50,15 @@ _SEAL = "<!-- sha256 "
 
 def cache_dir() -> Path:
     """The folder of cached nets: $IITS_MJ_CACHE, else iits_mj in the user's cache folder."""
-    if os.environ.get(CACHE_VARIABLE):
-        return Path(os.environ[CACHE_VARIABLE]).expanduser()
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "iits_mj"
+    chosen, base = os.environ.get(CACHE_VARIABLE), os.environ.get("XDG_CACHE_HOME")
+    try:
+        if chosen:
+            return Path(chosen).expanduser()
+        return (Path(base) if base else Path.home() / ".cache") / "iits_mj"
+    except RuntimeError as error:
+        raise TrafficError(
+            f"there is no home folder for cached nets; set {CACHE_VARIABLE} to a folder"
+        ) from error
 
 
 def build_network(source: RoadMap | Route) -> NetFile:

@@ -20,6 +20,7 @@ from traffic_bridge.vehicles.types import check_changes
 
 LONGEST = 1e6  # [m], [s]
 LIGHT_LETTERS = "rRyYgGuoOs"
+EVENTS_MAX = 1000  # of a file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -300,9 +301,6 @@ def _check_stretch(event: SpeedLimit | LaneClosure) -> None:
         raise InputError(
             f"{event.name}: start = {event.start:g} m must be before end = {event.end:g} m"
         )
-
-
-EVENTS_MAX = 1000
 
 
 def read_events(path: str | Path) -> tuple[Event, ...]:

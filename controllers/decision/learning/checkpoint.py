@@ -71,13 +71,13 @@ def read(folder: Path) -> dict[str, Any]:
         if hashlib.sha256(payload).hexdigest() != digest:
             raise ValueError("it is damaged: its checksum does not match")
         state: dict[str, Any] = torch.load(io.BytesIO(payload), weights_only=True)
+        learner = state.pop("learner")
+        return {**_exchange(state, torch.Tensor, torch.Tensor.numpy), "learner": learner}
     except Exception as error:  # torch raises many kinds
         before = f"; {PREVIOUS!r} is the previous one" if (folder / PREVIOUS).is_file() else ""
         raise InputError(
             f"resume: checkpoint {str(path)!r} is not usable: {error}{before}"
         ) from error
-    learner = state.pop("learner")
-    return {**_exchange(state, torch.Tensor, torch.Tensor.numpy), "learner": learner}
 
 
 def check_settings(stored: dict[str, Any], wanted: dict[str, Any]) -> None:

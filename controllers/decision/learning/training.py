@@ -158,7 +158,7 @@ class Training:
         try:
             (out / POLICIES).mkdir(parents=True, exist_ok=True)
             if config.resume:
-                rows = self._restore()
+                rows = self.restore()
             elif (out / checkpoint.CHECKPOINT).exists():
                 raise InputError(
                     f"folder {str(out)!r} contains a checkpoint; continue it with --resume, "
@@ -190,7 +190,7 @@ class Training:
                     if self.flight.stage != self.stage:
                         self._switch()
                     if self._checkpoint_due():
-                        self._save()
+                        self.save()
                     if self.finished:
                         break
                     began = time.monotonic()
@@ -203,7 +203,7 @@ class Training:
                     self.flight = following
                     self._log_round(driven, time.monotonic() - began)
             except Interrupted:
-                self._save()
+                self.save()
                 raise
             finally:
                 self.log.close()
@@ -331,7 +331,7 @@ class Training:
         late = time.monotonic() - self.saved_at >= self.config.checkpoint_seconds
         return since > 0 and (self.finished or late or since >= self.config.checkpoint_interval)
 
-    def _save(self) -> None:
+    def save(self) -> None:
         """Writes a checkpoint."""
         flight = self.flight
         network = [flight.network.weights, flight.network.biases]
@@ -348,12 +348,26 @@ class Training:
         checkpoint.write(self.out, state)
         self.saved, self.saved_at = self.decisions, time.monotonic()
 
-    def _restore(self) -> list[str]:
-        """Restores the checkpoint; returns the rows of its table."""
+    def restore(self) -> list[str]:
+        """Restores the checkpoint; returns the rows of its table.
+
+        Raises:
+          InputError: there is none, or it is not of such a training.
+        """
         state = checkpoint.read(self.out)
-        checkpoint.check_settings(state["settings"], self._settings())
+        try:
+            checkpoint.check_settings(state["settings"], self._settings())
+            return self._take(state)
+        except InputError:
+            raise
+        except Exception as error:  # torch and numpy raise many kinds
+            path = str(self.out / checkpoint.CHECKPOINT)
+            reason = f"{type(error).__name__}: {error}"
+            raise InputError(f"resume: checkpoint {path!r} is not usable: {reason}") from error
+
+    def _take(self, state: dict[str, Any]) -> list[str]:
         for name in _COUNTERS:
-            setattr(self, name, state["counters"][name])
+            setattr(self, name, type(getattr(self, name))(state["counters"][name]))
         self.saved = self.decisions
         self.learner.restore(state["learner"])
         self.memory.restore(state["replay"])
@@ -363,4 +377,4 @@ class Training:
         network = QNetwork(tuple(weights), tuple(biases), margin=margin)
         self.flight = Round(index, stage, epsilon, network)
         self.means = Means(state["means"])
-        return list(state["rows"])
+        return [str(row) for row in state["rows"]]

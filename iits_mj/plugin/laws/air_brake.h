@@ -32,6 +32,15 @@ struct BrakeWindUp {
   T torque[kWheelsMax];  // on the wheel, against forward rotation [N m]
 };
 
+// Faults, set from outside; all zero: none.
+template <class T>
+struct BrakeFaults {
+  T leak[kCircuits];    // rate at which a reservoir empties [1/s]
+  T stuck[kWheelsMax];  // 1: a wheel-speed sensor shows `shown`
+  T shown[kWheelsMax];  // [rad/s]
+  T doubt[kWheelsMax];  // for how long the speed of a wheel has not been plausible [s]
+};
+
 template <class T>
 struct AirBrakeState {
   EnduranceDemand<T> endurance;  // first: the powertrain reads it
@@ -42,8 +51,10 @@ struct AirBrakeState {
   T next_is_fresh, next_wind_up_is_fresh;  // computed since the last commit
   T xbr_active, abs_active;
   T asr_engine_active, asr_brake_active, drag_control_active;
-  T work;       // of the brakes on the wheels since the reset [J]
-  T next_work;  // half of the next step's work, with the wheel speeds at its start [J]
+  T work;                 // of the brakes on the wheels since the reset [J]
+  T next_work;            // half of the next step's work, with the wheel speeds at its start [J]
+  T speed;                // of the vehicle [m/s]
+  BrakeFaults<T> faults;  // last
 };
 
 // Order of the wheels: left and right of each axle, axle by axle.
@@ -78,6 +89,11 @@ struct AirBrake {
     }
     sample_spacing_ = dead_time_max_ / (DeadTimeLine<T>::kSlots - 2);
     control.response_time = response;
+  }
+
+  // Speed of a wheel as its sensor shows it.
+  static T Sensed(const State& s, size_t i, T wheel_speed) {
+    return s.faults.stuck[i] != 0 ? s.faults.shown[i] : wheel_speed;
   }
 
   // Brake torque of a wheel from the committed pressures, against its rotation; 0 without pressure.
@@ -117,10 +133,15 @@ struct AirBrake {
     demand.reservoir = next->reservoir.pressure;
     const BrakeEffort<T> effort = control.Update(demand, h, &next->control);
     T asr[kWheelsMax];
-    const bool spinning = ControlSlip(effort.active, h, hub_speed, wheel_speed, asr, s);
-    if (spinning || !Quiet(*s, h)) Brake(h, hub_speed, wheel_speed, spinning ? asr : nullptr, s);
+    auto sensed = [&wheel_speed, s](size_t i) { return Sensed(*s, i, wheel_speed(i)); };
+    const bool spinning = ControlSlip(effort.active, h, hub_speed, sensed, asr, s);
+    if (spinning || !Quiet(*s, h)) Brake(h, hub_speed, sensed, spinning ? asr : nullptr, s);
     Park(parking, h, next);
     reservoirs.Pump(shaft.engine_speed, h, &next->reservoir);
+    for (int i = 0; i < kCircuits; ++i) {
+      next->reservoir.pressure[i] /= 1 + h * Max(0.0, s->faults.leak[i]);
+    }
+    s->speed = demand.speed;
     s->next_endurance.shaft_torque = shaft_ratio > 0 ? effort.shaft_force / shaft_ratio : T(0);
     if (demand.abs_on_drive) s->next_endurance.shaft_torque = EnduranceDemand<T>::kRelease;
     s->next_is_fresh = 1;
@@ -135,6 +156,10 @@ struct AirBrake {
       Copy(s->next, &s->now);
       s->line.Push(s->now.control.supply, h, sample_spacing_);
       s->endurance = s->next_endurance;
+      for (size_t i = 0; i < wheels.size() && s->speed > kMonitorSpeed; ++i) {
+        const T rolled = Sensed(*s, i, wheel_speed(i)) * wheels[i].wheel_radius;
+        s->faults.doubt[i] = rolled < kMonitorShare * s->speed ? s->faults.doubt[i] + h : T(0);
+      }
     }
     if (s->next_wind_up_is_fresh != 0) {
       // Torque times the mean of the wheel speeds before and after the step is the change of the
@@ -151,6 +176,10 @@ struct AirBrake {
   }
 
  private:
+  // ABS ignores a sensor that shows less than a share of the vehicle's speed for this time: no
+  // wheel that ABS releases stays so slow so long. Estimated.
+  static constexpr double kMonitorSpeed = 3, kMonitorShare = 0.5, kDoubtMax = 2;  // [m/s], [1], [s]
+
   // Brake line to wheels with the same dead time.
   struct Line {
     int circuit;
@@ -185,15 +214,21 @@ struct AirBrake {
                    T asr[kWheelsMax], State* s) const {
     EnduranceDemand<T>* engine = &s->next_endurance;
     engine->cut_traction = braking;
-    if (driven.empty()) return false;
     DriveSlip<T> slip;
     T slips[kWheelsMax];
     T dragged = 0;  // slip that is not the friction brake's, or that its ABS does not end
     for (size_t i : driven) {
+      slips[i] = 0;
+      if (s->faults.doubt[i] > kDoubtMax) continue;
       slip.Add(slips[i] = wheels[i].Slip(hub_speed(i), wheel_speed(i)));
       const WheelBrakeState<T>& brake = s->now.wheel[i];
       const bool braked = brake.effective > wheels[i].push_out_pressure;
       if (!braked || brake.abs_active != 0) dragged = Max(dragged, slips[i]);
+    }
+    if (slip.count == 0) {  // no driven wheel, or none with a plausible speed
+      engine->drag_relief = engine->traction_cut = 0;
+      s->asr_engine_active = s->asr_brake_active = s->drag_control_active = 0;
+      return false;
     }
     const T speed = hub_speed(0);
     const T relief = drive_slip.Drag(dragged, speed, h, &s->next.drive_slip);
@@ -229,6 +264,7 @@ struct AirBrake {
       const bool braked = now.wheel[i].effective > wheels[i].push_out_pressure;
       duty[i] = wheels[i].Duty(Rates(i, h), now.wheel[i], braked ? hub_speed(i) : T(0),
                                wheel_speed(i), &next->wheel[i].slip);
+      if (s->faults.doubt[i] > kDoubtMax) duty[i] = 1;  // no ABS without a plausible speed
     }
     for (size_t i = 0; i < wheels.size(); i += 2) {  // axle by axle
       // Driven axles are controlled by the wheel with less grip (select low), others individually.

@@ -24,7 +24,7 @@ struct DeadTimeLine {
   void Push(const T supply[kCircuits], T h, T spacing) {
     clock += h;
     if (supply[kFront] > 0 || supply[kDrive] > 0 || supply[kTrailer] > 0) last_used = clock;
-    int slot = static_cast<int>(newest);
+    int slot = Whole(newest, 0, kSlots - 1);
     if (clock - stamp[slot] < spacing) return;
     slot = (slot + 1) % kSlots;
     newest = slot;
@@ -37,7 +37,7 @@ struct DeadTimeLine {
   T Look(int circuit, T delay, T h, T current) const {
     const T wanted = clock + h - delay;
     T later_stamp = clock + h, later_value = current;
-    int slot = static_cast<int>(newest);
+    int slot = Whole(newest, 0, kSlots - 1);
     for (int i = 0; i < kSlots; ++i) {
       if (stamp[slot] <= wanted) {
         const T span = later_stamp - stamp[slot];

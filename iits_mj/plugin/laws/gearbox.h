@@ -26,7 +26,7 @@ struct Gearbox {
   void Update(const Engine<T>& engine, const GearboxInput<T>& in, T h, GearboxState<T>* s) const {
     strategy.Observe(gears, in, h, s);
     s->phase_time += h;
-    switch (static_cast<int>(s->phase)) {
+    switch (Whole(s->phase, kInGear, kClose)) {
       case kInGear:
         s->gear_time += h;
         Choose(engine, in, h, s);
@@ -56,7 +56,7 @@ struct Gearbox {
       request.mode = request.kCut;
       request.time_left = cut_time - s.phase_time;
     } else if (s.phase == kSynchronize || s.phase == kClose) {
-      const int target = static_cast<int>(s.target);
+      const int target = gears.Gear(s.target);
       const T speed = gears.Ratio(target) * in.shaft_speed;
       request.mode = request.kSpeed;
       request.target_speed = Clamp(speed, engine.idle_speed, engine.brake_speed);
@@ -68,7 +68,7 @@ struct Gearbox {
  private:
   // Chooses a gear and begins a change if it is not the present gear.
   void Choose(const Engine<T>& engine, const GearboxInput<T>& in, T h, GearboxState<T>* s) const {
-    const int gear = static_cast<int>(s->gear);
+    const int gear = gears.Gear(s->gear);
     const T speed = gears.Speed(in.shaft_speed);
     const T slow = strategy.engage_speed_max;
     typename ShiftStrategy<T>::Choice choice = {gear, false};
@@ -105,11 +105,11 @@ struct Gearbox {
       return;
     }
     const T closed = in.shaft_speed + close_time * s->acceleration;
-    if (drive && !strategy.Fits(gears, engine, static_cast<int>(s->target), closed)) {
+    if (drive && !strategy.Fits(gears, engine, gears.Gear(s->target), closed)) {
       s->target = GearForSpeed(engine, closed);
     }
     if (s->phase_time < synchronization_time) return;
-    const T ratio = gears.Ratio(static_cast<int>(s->target));
+    const T ratio = gears.Ratio(gears.Gear(s->target));
     const T speed = ratio * in.shaft_speed;
     const T off = abs(in.engine_speed - Max(speed, engine.idle_speed));
     if (off > synchronized_difference && s->phase_time < synchronization_limit) return;

@@ -51,6 +51,8 @@ struct Gears {
   T meters_per_radian;  // of the propeller shaft
 
   int count() const { return static_cast<int>(ratios.size()); }
+  // A gear in the state.
+  int Gear(T gear) const { return Whole(gear, -1, count()); }
   // 0 in neutral, negative in reverse.
   T Ratio(int gear) const {
     return gear > 0 ? ratios[gear - 1] : (gear < 0 ? -reverse_ratio : T(0));

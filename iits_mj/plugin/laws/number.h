@@ -47,6 +47,13 @@ auto Clamp(T x, Low low, High high) {
   return Min(Max(x, low), high);
 }
 
+// A whole number from `low` to `high` in a state, into which users may write any number; `low` for
+// NaN.
+template <class T>
+int Whole(T x, int low, int high) {
+  return x > low ? (x < high ? static_cast<int>(x) : high) : low;
+}
+
 // Lanes of a number: two of a Pair, one of any other type.
 template <class T>
 inline constexpr int kLanes = 1;

@@ -154,8 +154,8 @@ struct Powertrain {
 
   // While a change synchronizes, the gearbox's input turns with the engine, as in the target gear.
   GearData<T> Gear(const GearboxState<T>& s) const {
-    const int gear = static_cast<int>(s.gear);
-    const int turning = gear ? gear : static_cast<int>(s.target);
+    const int gear = gearbox.gears.Gear(s.gear);
+    const int turning = gear ? gear : gearbox.gears.Gear(s.target);
     return {gearbox.gears.Ratio(gear), engine.inertia + gearbox.gears.InputInertia(turning),
             gearbox.gears.gear_efficiency};
   }
@@ -163,7 +163,7 @@ struct Powertrain {
   // Without a closed clutch the engine's factor is zero, so that the retarder fills in time.
   EnduranceGearing<T> Gearing(const Core& core) const {
     const bool closed = core.gearbox.phase == Box::kInGear && core.driveline.engagement >= 1;
-    const T ratio = abs(gearbox.gears.Ratio(static_cast<int>(core.gearbox.gear)));
+    const T ratio = abs(gearbox.gears.Ratio(gearbox.gears.Gear(core.gearbox.gear)));
     const T behind = 1 / driveline.efficiency;
     return {closed ? ratio * behind / gearbox.gears.gear_efficiency : T(0), behind};
   }
@@ -250,7 +250,7 @@ struct Powertrain {
     o->retarder_torque_percent_available = of_retarder * retarder_max;
     // Without a gear, the gearbox input turns with the engine, and the current gear is the last one
     // engaged (SPN 523).
-    const int gear = static_cast<int>(core.gearbox.gear);
+    const int gear = gearbox.gears.Gear(core.gearbox.gear);
     if (gear != 0 || core.gearbox.phase == Box::kInGear) o->gear_engaged = gear;
     o->input_shaft_speed = gear ? gearbox.gears.Ratio(gear) * s->work.shaft_speed : o->engine_speed;
   }

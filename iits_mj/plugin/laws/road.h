@@ -108,7 +108,7 @@ struct RoadTable {
     const int last = count - 2;
     int row = 0;
     if (station_hint > 0.1 * kUnknownStation) {
-      row = Clamp(static_cast<int>((station_hint - start) * inverse_step), 0, last);
+      row = Whole((station_hint - start) * inverse_step, 0, last);
       // Walk along the road to the section with the point.
       int walked = 0;
       while (row < last && walked < kWalkMax && Along(rows + (row + 1) * kColumns, x, y) >= 0) {

@@ -45,6 +45,14 @@ struct TireSlip {
   T cornering;   // cornering stiffness over load [1/rad]
 };
 
+// What a loss of pressure changes at a wheel end; an intact one has `tires` = count.
+template <class T>
+struct TirePuncture {
+  T tires;          // that carry
+  T drop;           // of the radius [m]
+  T soft, dragged;  // factors on cornering stiffness and rolling resistance
+};
+
 // Result of a step; all zero in the air.
 template <class T>
 struct TireForces {
@@ -94,18 +102,27 @@ struct Tire {
     return kCarry * inertia / (slip_stiffness * rolling_radius * rolling_radius);
   }
 
+  // Of a twin, one tire goes flat and the other carries the load. A single tire runs on its rim.
+  template <class T>
+  TirePuncture<T> Puncture(T lost) const {
+    lost = Clamp(lost, 0., 1.);
+    if (count > 1) return {count - lost, Fill<T>(0), Fill<T>(1), Fill<T>(1)};
+    return {Fill<T>(count), kFlatDrop * lost, 1 - kFlatSoft * lost, 1 + kFlatDrag * lost};
+  }
+
   // Contact of a wheel end with the road below it.
   template <class T>
-  TireContact<T> Meet(const WheelMotion<T>& wheel, const RoadPoint<T>& road) const {
+  TireContact<T> Meet(const WheelMotion<T>& wheel, const RoadPoint<T>& road,
+                      const TirePuncture<T>& flat) const {
     TireContact<T> c;
     T linear[3];
     Cross(wheel.angular, wheel.arm, linear);
     for (int i = 0; i < 3; ++i) linear[i] += wheel.velocity[i];
     for (int i = 0; i < 3; ++i) c.normal[i] = road.up[i] * road.norm;
     c.distance = (wheel.height - road.height) * c.normal[2];
-    c.deflection = free_radius - c.distance;
+    c.deflection = (free_radius - flat.drop) - c.distance;
     const T push =
-        count * (vertical_stiffness * c.deflection - vertical_damping * Dot(linear, c.normal));
+        flat.tires * (vertical_stiffness * c.deflection - vertical_damping * Dot(linear, c.normal));
     c.touches = (c.deflection > 0) & (push > 1);  // false for NaN
     c.load = c.touches ? push : Fill<T>(1);
 
@@ -116,7 +133,8 @@ struct Tire {
     for (T& value : c.ex) value *= scale;
     Cross(c.normal, c.ex, c.ey);
 
-    c.rolling_radius = rolling_radius + (nominal_deflection - c.deflection) * (1. / 3);
+    c.rolling_radius =
+        (rolling_radius - flat.drop) + (nominal_deflection - c.deflection) * (1. / 3);
     c.speed = Dot(linear, c.ex);
     c.slip_vx = c.speed - c.rolling_radius * wheel.spin;
     // At the patch, `distance` below the center: (w x -distance n) ey = distance w ex.
@@ -129,12 +147,12 @@ struct Tire {
   // 3rd ed., section 4.3.1). `relative` is the load over the nominal one, `surface` the friction
   // over that of the surface on which the attributes hold.
   template <class T>
-  TireSlip<T> Combine(T sx, T sy, T load, T relative, T surface) const {
+  TireSlip<T> Combine(T sx, T sy, T load, T relative, T surface, T soft = Fill<T>(1)) const {
     const T fade = Max(1 - friction_load_slope * (relative - 1), 0.3);
     const T x = relative * inverse_saturation;
     // K_y = c1 sin(2 atan(Fz / (c2 Fz0))) per tire, and sin(2 atan x) = 2x / (1 + x^2).
     const T linear_x = slip_stiffness * sx;
-    const T cornering = stiffness_y / (1 + x * x);
+    const T cornering = soft * stiffness_y / (1 + x * x);
     const T linear_y = cornering * sy;
     const T inverse_friction = 1 / (fade * surface);
     const T qx = linear_x * inverse_friction * inverse_friction_x;
@@ -156,15 +174,17 @@ struct Tire {
     return {fx, fy, rho, cornering};
   }
 
-  // One step of a wheel end: forces, and the bristles at its end.
+  // One step of a wheel end: forces, and the bristles at its end. `lost` is the lost share of a
+  // tire's pressure.
   template <class T>
   TireForces<T> Step(const WheelMotion<T>& wheel, const RoadPoint<T>& road,
-                     const TireBristles<T>& bristles, double h) const {
-    const TireContact<T> c = Meet(wheel, road);
+                     const TireBristles<T>& bristles, double h, T lost = T{}) const {
+    const TirePuncture<T> flat = Puncture(lost);
+    const TireContact<T> c = Meet(wheel, road, flat);
 
     // Relaxation: dz/dt = -Vs - |Vr| z / sigma, semi-implicit, so that it holds at standstill.
     const T transport = abs(c.rolling_radius * wheel.spin);
-    const T relative = c.load * inverse_nominal_load;
+    const T relative = c.load * inverse_nominal_load * (count / flat.tires);
     // At a step of 5 ms, the bound by the step is active.
     const T inverse_x = Min(wheel.carry / (h * h * c.load), inverse_relaxation_x);
     const T inverse_y =
@@ -188,7 +208,7 @@ struct Tire {
     }
 
     const TireSlip<T> slip =
-        Combine(sx, sy, c.load, relative, T(road.friction * (1 / kReferenceFriction)));
+        Combine(sx, sy, c.load, relative, T(road.friction * (1 / kReferenceFriction)), flat.soft);
     const T slide = Min(slip.saturation * (1. / 3), 1.), stick = 1 - slide;
     const T damping = count * kLowSpeedDamping * Max(1 - transport * (1 / kLowSpeed), 0.) * stick *
                       Min(relative, 1.);
@@ -198,7 +218,7 @@ struct Tire {
     const T trail = pneumatic_trail * stick * stick * stick / (stick + slide * slide * (1. / 3));
     const T mz = -trail * slip.fy;
     // Rolling resistance as an elasto-plastic wind-up, so that it also holds a wheel at rest.
-    const T resistance = rolling_resistance * c.load * c.rolling_radius;
+    const T resistance = flat.dragged * rolling_resistance * c.load * c.rolling_radius;
     const T wind_up = Clamp(bristles.spin + h * wheel.spin, -kSpinWindUp, kSpinWindUp);
     const T strained = Clamp((wind_up + kSpinDamping * wheel.spin) * (1 / kSpinWindUp), -1., 1.);
     // Forces act at the patch; the spin moment uses the rolling radius, which conserves energy. The
@@ -238,6 +258,8 @@ struct Tire {
   static constexpr double kTurnBegin = 3, kTurnEnd = 9;  // normalized slip: sliding sets in
   static constexpr double kRelaxationMin = 0.1;          // [m], of a lightly loaded tire
   static constexpr double kSpeedMin = 0.5;               // [m/s], in the slips that sensors read
+  // A flat single tire, estimated: loss of radius [m], of cornering stiffness, more resistance.
+  static constexpr double kFlatDrop = 0.1, kFlatSoft = 0.7, kFlatDrag = 9;
 
   // Share of the linear force that is left at normalized slip rho = K s / (mu Fz): Magic Formula
   // with unit initial slope and unit peak, over rho.

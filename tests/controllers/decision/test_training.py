@@ -1,5 +1,7 @@
 """Training as a whole: rounds, stages, validation, checkpoints, interruption, failures."""
 
+import hashlib
+import io
 import os
 import re
 import signal
@@ -400,3 +402,21 @@ def test_validation_trips_are_the_same_each_time_and_start_at_different_places()
     assert [trip for _, trip, _ in first] == [trip for _, trip, _ in second]
     assert [g.random() for *_, g in first] == [g.random() for *_, g in second]
     assert len({trip.start_station for _, trip, _ in first}) == 18
+
+
+def test_training_without_torch_names_the_install_command(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    with pytest.raises(InputError, match=r"needs torch: pip install 'iits-mj\[train\]'"):
+        train(TrainConfig(decisions=100), tmp_path)
+
+
+def test_a_checkpoint_of_other_content_with_a_right_checksum_is_refused(tmp_path):
+    import torch
+
+    stream = io.BytesIO()
+    torch.save({"learner": {}, "settings": {}}, stream)
+    payload = stream.getvalue()
+    header = f"{checkpoint.FORMAT} {hashlib.sha256(payload).hexdigest()}\n"
+    (tmp_path / checkpoint.CHECKPOINT).write_bytes(header.encode() + payload)
+    with pytest.raises(InputError, match="resume"):
+        train(TrainConfig(decisions=100, resume=True), tmp_path)

@@ -315,6 +315,7 @@ def test_jitter_queues_and_few_rows_do_not_count_as_wrong_units(tmp_path):
         ("torn.npz", b"PK\x03\x04 and nothing more"),
         ("torn.gz", b"\x1f\x8b and nothing more"),
         ("columns.csv", b"a,b\n1,2\n"),
+        ("name.csv", b"id,\xcc\n1,2\n"),
         ("numbers.txt", b"1 2 3\n4 5 6\n"),
     ],
 )  # fmt: skip

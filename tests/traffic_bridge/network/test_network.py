@@ -1,6 +1,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -225,3 +226,25 @@ def test_oncoming_traffic_runs_on_the_opposite_lanes(tmp_path):
             assert v.station < before[v.id].station
             heading = float(route.evaluate(v.station).heading)
             assert np.cos(v.yaw - heading) < -0.95
+
+
+def test_without_a_usable_home_the_message_names_the_cache_variable(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    for name in (nets.CACHE_VARIABLE, "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path / "file" / "home"))
+    with pytest.raises(TrafficError, match=r"cache folder .*Not a directory.*set IITS_MJ_CACHE to"):
+        build_network(Route.straight())
+    monkeypatch.setenv(nets.CACHE_VARIABLE, str(tmp_path / "cache"))
+    assert build_network(Route.straight())
+
+
+def test_a_user_without_a_home_gets_the_same_message(monkeypatch):
+    def unknown() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    for name in (nets.CACHE_VARIABLE, "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(Path, "home", unknown)
+    with pytest.raises(TrafficError, match="set IITS_MJ_CACHE to a folder"):
+        build_network(Route.straight())
