@@ -15,8 +15,8 @@ BUILD   := pyproject.toml CMakeLists.txt
 DM_CONTROL = @$(BIN)/python -c 'import dm_control' 2>/dev/null || \
   $(PIP) -c constraints.txt --no-deps dm-control
 
-.PHONY: help drive validation test test-slow lint check check-mujoco4 coverage fuzz format generate \
-	pictures build wheel clean
+.PHONY: help drive validation test test-slow lint check check-mujoco4 coverage fuzz sanitize soak \
+	format generate pictures build wheel clean
 
 help:
 	@echo "make drive      set up and drive: video, telemetry, plots and report in $(OUT)/"
@@ -25,6 +25,8 @@ help:
 	@echo "make test       lint, types, layers, C++ format and the tests"
 	@echo "make test-slow  the tests that take minutes"
 	@echo "make fuzz       a million mutated inputs for every reader, the bus and the plugin"
+	@echo "make sanitize   the plugin under AddressSanitizer, UBSan and ThreadSanitizer; needs GCC"
+	@echo "make soak       24 simulated hours in chunks, continued after an interruption"
 	@echo "make coverage   the tests with branch coverage: $(OUT)/coverage/index.html"
 	@echo "make format     format Python and C++"
 	@echo "make generate   write the files that are made from code: manuals, model, messages, map"
@@ -90,7 +92,7 @@ lint: $(VENV)/installed-test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/clang-format --dry-run -Werror $(PLUGIN) tests/plugin/laws.cc
+	$(BIN)/clang-format --dry-run -Werror $(PLUGIN) tests/plugin/*.cc
 
 check: $(VENV)/installed-test
 	$(BIN)/pytest -m "not slow" -n $(JOBS)
@@ -102,6 +104,16 @@ test-slow: $(VENV)/installed-test
 FUZZ ?=
 fuzz: $(VENV)/installed-test
 	$(BIN)/python -m tests.fuzz.harness --jobs $(JOBS) --out "$(OUT)/fuzz" $(FUZZ)
+
+# SANITIZE='--only thread' limits it.
+SANITIZE ?=
+sanitize: $(VENV)/installed-test
+	$(BIN)/python tools/sanitize.py $(SANITIZE)
+
+# A row of the table for each drive; SOAK='--hours 2 --table out/soak.csv' limits it.
+SOAK ?=
+soak: $(VENV)/installed-test
+	$(BIN)/python tools/soak.py $(SOAK)
 
 # TESTS limits it, e.g. make coverage TESTS=tests/road.
 TESTS ?= tests
@@ -121,7 +133,7 @@ check-mujoco4: $(BIN)/cmake
 format: $(VENV)/installed-test
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
-	$(BIN)/clang-format -i $(PLUGIN) tests/plugin/laws.cc
+	$(BIN)/clang-format -i $(PLUGIN) tests/plugin/*.cc
 
 # --- generated files ------------------------------------------------------------------------
 

@@ -4,7 +4,7 @@
 
 Each drive (chunk) has its own process, seed, load, traffic, map and time step, which follow from
 the chunk's number. A row is appended when a chunk is complete. The same command continues after an
-interruption: it skips the chunks that have a row.
+interruption: it skips the chunks that have a row. The sums stand in docs/testing.md.
 
 A row fails (and the exit code is 1) after a MuJoCo warning, a number that is not finite, a
 collision caused by the truck, a roll-over, memory growth, output on stderr, a process or a
@@ -17,6 +17,7 @@ import argparse
 import csv
 import dataclasses
 import gc
+import io
 import json
 import math
 import os
@@ -26,7 +27,7 @@ import sys
 import tempfile
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ import numpy as np
 
 from iits_mj.core.errors import Error
 from iits_mj.core.messages import PlanMode
+from iits_mj.core.output_files import write_whole
 from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road.design import Design, build
@@ -47,6 +49,9 @@ CHUNK_DURATION = 1200.0  # longest simulated time of a chunk [s]
 WARM_UP = 300.0  # simulated time after which the memory must stay constant [s]
 GROWTH_MAX = 6.0  # [MB] from the end of the warm-up to the end of the drive
 EVENTS = Path(__file__).resolve().parents[1] / "examples" / "traffic_events.toml"
+TABLE = Path("docs/validation/soak.csv")
+# The page with the summary of that table, between two of these marks.
+PAGE, MARK = Path("docs/testing.md"), "<!-- soak -->"
 # A lane change counts as recent for this time [s].
 RECENT = 4.0
 # Below this speed the truck stands [m/s].
@@ -410,7 +415,7 @@ def session_members(session: int) -> list[int]:
 
 
 def read_rows(table: Path) -> list[dict[str, str]]:
-    """Returns the complete rows of a table; none without a file.
+    """Returns the rows of a table; none without a file.
 
     Raises:
       Error: the table has other columns.
@@ -419,7 +424,7 @@ def read_rows(table: Path) -> list[dict[str, str]]:
         return []
     with table.open(newline="", encoding="utf-8") as file:
         reader = csv.DictReader(file)
-        rows = [row for row in reader if None not in row.values() and None not in row]
+        rows = list(reader)
     if reader.fieldnames != HEADER:
         raise Error(f"{table}: has other columns than this version; name another table")
     return rows
@@ -444,25 +449,59 @@ def simulated_hours(rows: Iterable[Mapping[str, str]]) -> float:
 
 
 def append(table: Path, chunk: Chunk, row: Row) -> dict[str, str]:
-    """Appends a row to a table and returns it; a new table gets its header."""
-    values = {
-        k: str(v) for k, v in {**dataclasses.asdict(chunk), **dataclasses.asdict(row)}.items()
-    }
-    new = not table.is_file() or not table.stat().st_size
-    with table.open("a", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, HEADER, lineterminator="\n")
-        if new:
-            writer.writeheader()
-        writer.writerow(values)
-        file.flush()
-        os.fsync(file.fileno())
+    """Adds a row to a table and returns it; an interruption leaves the old or the new table."""
+    columns = dataclasses.asdict(chunk) | dataclasses.asdict(row)
+    values = {name: str(value) for name, value in columns.items()}
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, HEADER, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows([*read_rows(table), values])
+    write_whole(table, text.getvalue().encode(), "soak table")
     return values
+
+
+def summary(rows: Sequence[Mapping[str, str]]) -> str:
+    """Returns the sums of the rows by map and traffic mode as a Markdown table."""
+    titles = [
+        *("map", "traffic", "drives", "h", "km", "warnings", "not finite", "collisions"),
+        *("caused by the truck", "other failures", "growth, mean and max [MB]", "left behind"),
+    ]
+    lines = [f"| {' | '.join(titles)} |", "|---|---|" + "---:|" * (len(titles) - 2)]
+    kinds = sorted({(row["map"], row["mode"]) for row in rows})
+    for name in (*kinds, ("all", "")):
+        chosen = [row for row in rows if name[0] == "all" or (row["map"], row["mode"]) == name]
+
+        def total(*columns: str, among: Sequence[Mapping[str, str]] = chosen) -> float:
+            return math.fsum(float(row[column]) for row in among for column in columns)
+
+        growth = [float(row["growth_mb"]) for row in chosen]
+        growth = [value for value in growth if math.isfinite(value)]
+        other = sum(row["failed"] == "True" and row["collisions"] == "0" for row in chosen)
+        other += sum(row["exit_code"] != "0" or row["stderr_lines"] != "0" for row in chosen)
+        cells = [
+            *(*name, f"{len(chosen)}", f"{total('simulated_s') / 3600.0:.2f}"),
+            *(f"{total('distance_km'):.0f}", f"{total('warnings'):.0f}"),
+            *(f"{total('not_finite'):.0f}", f"{total('collisions'):.0f}"),
+            *(f"{total('caused'):.0f}", f"{other}"),
+            f"{math.fsum(growth) / len(growth):.1f}, {max(growth):.1f}" if growth else "-",
+            f"{total('processes', 'files'):.0f}",
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def write_summary(page: Path, rows: Sequence[Mapping[str, str]]) -> None:
+    """Replaces the table between the marks of a page; a page without marks stays as it is."""
+    text = page.read_text(encoding="utf-8") if page.is_file() else ""
+    parts = text.split(MARK)
+    if len(parts) == 3:
+        write_whole(page, f"{MARK}\n{summary(rows)}\n{MARK}".join(parts[::2]).encode(), "page")
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Command line; 1 when a row has a fault."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--table", type=Path, default=Path("docs/validation/soak.csv"))
+    parser.add_argument("--table", type=Path, default=TABLE)
     parser.add_argument("--hours", type=float, default=24.0, help="simulated hours in all")
     parser.add_argument("--duration", type=float, default=CHUNK_DURATION, help="of a chunk [s]")
     parser.add_argument("--chunk", type=int, help="drive this chunk alone and print its row")
@@ -472,11 +511,15 @@ def main(arguments: list[str] | None = None) -> int:
         print(json.dumps(dataclasses.asdict(row)))
         return 0
     rows = read_rows(options.table)
+    if options.table == TABLE:
+        write_summary(PAGE, rows)
     faults = 0
     for chunk in pending(rows, options.hours):
         row = run_chunk(chunk, options.duration)
         rows.append(append(options.table, chunk, row))
         faults += bool(row.faults())
+        if options.table == TABLE:
+            write_summary(PAGE, rows)
         print(
             f"{chunk.number:4d} {simulated_hours(rows):6.2f} h  {row.simulated_s:6.0f} s in "
             f"{row.wall_s:4.0f} s  {chunk.map} {chunk.mode} {chunk.density}: {row.ended}"
