@@ -38,8 +38,8 @@ BUGS = ROOT / "tests" / "plugin" / "sanitizer_bugs.cc"
 BUILD = ROOT / "build" / "sanitize"
 LIBRARY = "libiits_mj_plugin.so"
 BUGS_LIBRARY = "libsanitizer_bugs.so"
-# Folder of the instrumented library, for `pytest_configure`.
-FOLDER_VARIABLE = "IITS_SANITIZE_FOLDER"
+BUGS_VARIABLE = "IITS_SANITIZER_BUGS"
+LIBRARY_VARIABLE = "IITS_MJ_PLUGIN"  # of `iits_mj.plugin`
 # As in CMakeLists.txt, but with little optimization, so that stacks are complete.
 FLAGS = (
     *("-std=c++17", "-O1", "-g", "-fno-omit-frame-pointer", "-fPIC", "-shared"),
@@ -188,7 +188,8 @@ def run(kind: Kind, arguments: Sequence[str], quiet: bool = False) -> tuple[int,
     environment = os.environ | {
         "LD_PRELOAD": " ".join(runtime(name) for name in kind.runtimes),
         "PYTHONPATH": os.pathsep.join((str(ROOT / "tools"), str(ROOT))),
-        FOLDER_VARIABLE: str(kind.folder),
+        BUGS_VARIABLE: str(kind.folder / BUGS_LIBRARY),
+        LIBRARY_VARIABLE: str(kind.folder / LIBRARY),
     }
     environment |= kind.options
     command = [*fixed_addresses(), sys.executable, *arguments]
@@ -247,29 +248,26 @@ def check_finds_bugs(kind: Kind) -> bool:
 # --- inside the instrumented process ----------------------------------------------------------
 
 
-def use_instrumented_library() -> None:
-    """Makes `iits_mj.plugin` find the instrumented library first.
+def check_library() -> None:
+    """Checks that this process runs the instrumented plugin, and no other build of it.
 
     Raises:
-      RuntimeError: another library was found.
+      RuntimeError: it does not.
     """
-    import iits_mj
-    from iits_mj.plugin import library_path
+    from iits_mj.plugin import register
 
-    folder = os.environ[FOLDER_VARIABLE]
-    assert iits_mj.__spec__ is not None
-    locations = iits_mj.__spec__.submodule_search_locations
-    assert isinstance(locations, list)
-    if folder not in locations:
-        locations.insert(0, folder)
-    if library_path() != Path(folder) / LIBRARY:
-        raise RuntimeError(f"{library_path()} was found instead of the library in {folder}")
+    library = register()
+    # A line of the memory map ends with the file; the runtime may have unlinked a copy.
+    lines = Path("/proc/self/maps").read_text().splitlines()
+    mapped = {line.split(maxsplit=5)[5] for line in lines if LIBRARY in line}
+    if BUILD not in library.parents or mapped != {str(library)}:
+        raise RuntimeError(f"registered: {library}, loaded: {mapped}; expected a build in {BUILD}")
 
 
 def pytest_configure(config: object) -> None:
     """Hook of pytest, which loads this file as a plugin."""
     del config
-    use_instrumented_library()
+    check_library()
 
 
 def show_bug(bug: str) -> None:
@@ -278,7 +276,7 @@ def show_bug(bug: str) -> None:
     import mujoco.rollout
     import numpy as np
 
-    mujoco.mj_loadPluginLibrary(str(Path(os.environ[FOLDER_VARIABLE]) / BUGS_LIBRARY))
+    mujoco.mj_loadPluginLibrary(os.environ[BUGS_VARIABLE])
     model = mujoco.MjModel.from_xml_string(
         f"""<mujoco><extension><plugin plugin="iits.sanitizer_bugs"><instance name="bugs">
         <config key="bug" value="{bug}"/></instance></plugin></extension>
@@ -413,11 +411,11 @@ def main(arguments: list[str] | None = None) -> int:
         show_bug(options.bug)
         return 0
     if options.fuzz:
-        use_instrumented_library()
+        check_library()
         fuzz(300)
         return 0
     if options.threads:
-        use_instrumented_library()
+        check_library()
         roll_out_trucks()
         make_and_delete()
         return 0
@@ -426,10 +424,10 @@ def main(arguments: list[str] | None = None) -> int:
         if options.only not in (None, kind.name):
             continue
         build(kind, BUGS_LIBRARY, [BUGS])
+        build(kind, LIBRARY, sorted(PLUGIN.glob("*.cc")))
         good &= check_finds_bugs(kind)
         if options.self_check:
             continue
-        build(kind, LIBRARY, sorted(PLUGIN.glob("*.cc")))
         for what, command in CHECKS[kind.name].items():
             good &= check(kind, what, command)
     return 0 if good else 1

@@ -47,6 +47,11 @@ def test_output_without_reports_has_none() -> None:
     assert sanitize.read_reports("WARNING: Nan, Inf or huge value in CTRL at ACTUATOR 1.\n") == []
 
 
+def test_a_process_with_the_released_plugin_is_refused() -> None:
+    with pytest.raises(RuntimeError, match="expected a build in"):
+        sanitize.check_library()
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("g++") is None, reason="needs g++")
 @pytest.mark.parametrize("kind", sanitize.KINDS)
