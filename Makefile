@@ -17,7 +17,7 @@ DM_CONTROL = @$(BIN)/python -c 'import dm_control' 2>/dev/null || \
   $(PIP) -c constraints.txt --no-deps dm-control
 
 .PHONY: help drive validation test test-slow lint check check-mujoco4 coverage fuzz mutants \
-	references determinism format generate pictures build wheel clean
+	references determinism sanitize soak format generate pictures build wheel clean
 
 help:
 	@echo "make drive      set up and drive: video, telemetry, plots and report in $(OUT)/"
@@ -29,6 +29,8 @@ help:
 	@echo "make mutants    the share of small faults in the code that the tests find"
 	@echo "make references REASON=\"...\"  renew the reference outputs of decision, planner, tracker, traffic"
 	@echo "make determinism the same physics, drives and trips in every way they can run: digests equal"
+	@echo "make sanitize   the plugin under AddressSanitizer, UBSan and ThreadSanitizer; needs GCC"
+	@echo "make soak       24 simulated hours in chunks, continued after an interruption"
 	@echo "make coverage   the tests with branch coverage: $(OUT)/coverage/index.html"
 	@echo "make format     format Python and C++"
 	@echo "make generate   write the files that are made from code: manuals, model, messages, map"
@@ -113,6 +115,7 @@ mutants: $(VENV)/installed-test
 	@$(BIN)/python -c 'import clang.cindex' 2>/dev/null || $(PIP) libclang
 	$(BIN)/python tools/mutants_cpp.py --out "$(OUT)/mutants" $(MUTANTS)
 	$(BIN)/python tools/mutants_python.py --out "$(OUT)/mutants" $(MUTANTS)
+
 # The reason goes into tests/references/changes.csv. DRIVE=1 records the modules' inputs again, too.
 REASON ?=
 references: $(VENV)/installed-test
@@ -122,6 +125,16 @@ references: $(VENV)/installed-test
 DETERMINISM ?=
 determinism: $(VENV)/installed-test
 	$(BIN)/python tools/determinism.py $(DETERMINISM)
+
+# SANITIZE='--only thread' limits it.
+SANITIZE ?=
+sanitize: $(VENV)/installed-test
+	$(BIN)/python tools/sanitize.py $(SANITIZE)
+
+# A row of the table for each drive; SOAK='--hours 2 --table out/soak.csv' limits it.
+SOAK ?=
+soak: $(VENV)/installed-test
+	$(BIN)/python tools/soak.py $(SOAK)
 
 # TESTS limits it, e.g. make coverage TESTS=tests/road.
 TESTS ?= tests

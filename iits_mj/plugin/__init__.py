@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import importlib.util
+import os
 from pathlib import Path
 
 import mujoco
@@ -12,6 +13,8 @@ from iits_mj.core.errors import PluginError
 from iits_mj.plugin import pickling
 
 LIBRARY_NAME = "libiits_mj_plugin.so"
+# Environment variable with the path of another build, for instance one with sanitizers.
+LIBRARY_VARIABLE = "IITS_MJ_PLUGIN"
 _registered: Path | None = None
 
 
@@ -21,6 +24,8 @@ def library_path() -> Path:
     Raises:
       PluginError: it is missing (the package was not built).
     """
+    if other := os.environ.get(LIBRARY_VARIABLE):
+        return Path(other)
     # In an editable install the library is in site-packages, not beside the sources.
     spec = importlib.util.find_spec("iits_mj")
     folders = list(spec.submodule_search_locations or []) if spec else []

@@ -2,7 +2,8 @@
 
 The telemetry is a CSV table with units in the header and one row every 100 ms. Rows go to a
 temporary file that replaces the target when the drive ends: an interrupted drive keeps its rows,
-and an older table is never half overwritten.
+and an older table is never half overwritten. The numbers for the plots go to an unnamed temporary
+file after the first minutes, so that the memory does not grow with the drive.
 """
 
 from __future__ import annotations
@@ -11,7 +12,9 @@ import contextlib
 import csv
 import dataclasses
 import functools
+import io
 import math
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -34,6 +37,9 @@ Value = float | int | str
 STATION = "station [m]"
 # Longer gaps are not drawn [m].
 _GAP_SHOWN = 300.0
+# Numbers are kept in memory up to this size, and in a file beyond it [bytes].
+_IN_MEMORY = 2**20
+_ROWS_READ = 4096
 _PRESSURES = ("front_left", "front_right", "rear_left", "rear_right", "trailer")
 
 # Column name with its unit, and its source. SI units, except the usual ones of engine speed and
@@ -110,7 +116,9 @@ class Telemetry(Closing, Observer):
 
     def __init__(self, path: Path | None) -> None:
         self.path = path
-        self._rows: list[list[Value]] = []
+        self._count = 0
+        # Rows of float64 in full precision; text is nan.
+        self._numbers = tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY)  # noqa: SIM115
         self._file = None
         if path is None:
             return
@@ -124,7 +132,15 @@ class Telemetry(Closing, Observer):
         """Adds one row."""
         del simulation
         row = [value(frame) for value in COLUMNS.values()]
-        self._rows.append(row)
+        numbers = [math.nan if isinstance(value, str) else value for value in row]
+        try:
+            self._numbers.write(np.array(numbers, dtype=float).tobytes())
+        except OSError as error:
+            folder = tempfile.gettempdir()
+            raise InputError(
+                f"telemetry: the temporary file in {folder} cannot be written: {error.strerror}"
+            ) from error
+        self._count += 1
         if self._file is not None:
             with self._whole():
                 self._writer.writerow([_cell(value) for value in row])
@@ -136,7 +152,7 @@ class Telemetry(Closing, Observer):
         with self._whole():
             self._file.close()
         self._file = None
-        if self._rows:
+        if self._count:
             self._output.finish()
         else:
             self._output.abandon()
@@ -156,10 +172,10 @@ class Telemetry(Closing, Observer):
             raise
 
     def __len__(self) -> int:
-        return len(self._rows)
+        return self._count
 
     def column(self, name: str) -> NDArray[np.float64]:
-        """Returns one numeric column as an array of shape (rows,).
+        """Returns one column as an array of shape (rows,); text is nan.
 
         Raises:
           InputError: the column is unknown.
@@ -167,8 +183,14 @@ class Telemetry(Closing, Observer):
         names = list(COLUMNS)
         if name not in names:
             raise InputError(f"telemetry has no column {name!r}; use one of: {', '.join(names)}")
-        index = names.index(name)
-        return np.array([row[index] for row in self._rows], dtype=float)
+        index, width = names.index(name), len(names)
+        found = np.empty(self._count)
+        self._numbers.seek(0)
+        for first in range(0, self._count, _ROWS_READ):
+            block = np.frombuffer(self._numbers.read(8 * width * _ROWS_READ))
+            found[first : first + _ROWS_READ] = block.reshape(-1, width)[:, index]
+        self._numbers.seek(0, io.SEEK_END)
+        return found
 
 
 def _cell(value: Value) -> str:

@@ -161,6 +161,27 @@ def test_stopped_drive_keeps_its_rows_and_replaces_an_older_table_whole(tmp_path
     assert [p.name for p in tmp_path.iterdir()] == ["telemetry.csv"]
 
 
+def test_columns_in_a_file_equal_those_in_memory_also_when_read_during_the_drive(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    config = DriveConfig(duration=1.0, traffic_mode="none")
+    tables = []
+    for size in (10**9, 1000):
+        monkeypatch.setattr("iits_mj.simulation.telemetry._IN_MEMORY", size)
+        monkeypatch.setattr("iits_mj.simulation.telemetry._ROWS_READ", 4)
+        telemetry = Telemetry(None)
+
+        def read(frame: DriveFrame, telemetry: Telemetry = telemetry) -> None:
+            assert telemetry.column("time [s]")[-1] == frame.time
+
+        with Simulation(config, visuals=False) as simulation:
+            simulation.run([telemetry], read)
+        tables.append([telemetry.column(name) for name in COLUMNS])
+    assert len(telemetry) == len(tables[0][0]) == 11
+    np.testing.assert_array_equal(*tables)
+    assert np.isnan(telemetry.column("plan_mode [-]")).all()
+
+
 def test_table_has_no_nan_or_inf(tmp_path: Path) -> None:
     path = tmp_path / "telemetry.csv"
     config = DriveConfig(duration=0.5 + 0.5, traffic_mode="none")
