@@ -106,8 +106,13 @@ struct Tire {
   template <class T>
   TirePuncture<T> Puncture(T lost) const {
     lost = Clamp(lost, 0., 1.);
-    if (count > 1) return {count - lost, Fill<T>(0), Fill<T>(1), Fill<T>(1)};
-    return {Fill<T>(count), kFlatDrop * lost, 1 - kFlatSoft * lost, 1 + kFlatDrag * lost};
+    const T twin = Fill<T>(count > 1), on_rim = lost * (1 - twin);
+    TirePuncture<T> flat;
+    flat.tires = count - twin * lost;
+    flat.drop = kFlatDrop * on_rim;
+    flat.soft = 1 - kFlatSoft * on_rim;
+    flat.dragged = 1 + kFlatDrag * on_rim;
+    return flat;
   }
 
   // Contact of a wheel end with the road below it.
