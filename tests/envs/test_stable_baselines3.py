@@ -48,6 +48,7 @@ def _random(environment, _):
     return environment.action_space.sample()
 
 
+@pytest.mark.slow
 def test_ppo_learns_to_start_on_a_hill():
     name, settings = "iits_mj/HillStart-v0", {"time_limit": 10.0}
     model = PPO(

@@ -146,6 +146,7 @@ def test_evaluate_gives_the_trials_of_one_machine(cluster, tmp_path, capsys):
     assert not (tmp_path / "there.csv.shards").exists()
 
 
+@pytest.mark.slow
 def test_a_new_head_continues_with_the_finished_shards(cluster, tmp_path):
     file = tmp_path / "trials.csv"
     shards = tmp_path / "trials.csv.shards"
@@ -182,6 +183,7 @@ def test_an_error_without_ray_names_the_install_command(monkeypatch):
         RayExecutor("local", same)
 
 
+@pytest.mark.slow
 def test_training_on_a_cluster_is_bit_identical_to_one_machine(cluster, tmp_path):
     pytest.importorskip("torch")
     from controllers.decision.policy import QNetwork
@@ -204,6 +206,7 @@ def test_training_on_a_cluster_is_bit_identical_to_one_machine(cluster, tmp_path
             assert (ours == theirs).all()
 
 
+@pytest.mark.slow
 def test_ppo_of_rllib_trains_on_the_highway():
     """RLlib's workers import iits_mj because of the prefix of the environment's name."""
     pytest.importorskip("torch")
