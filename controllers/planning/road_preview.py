@@ -275,9 +275,15 @@ def sharpest(curvature: FloatArray, offset: FloatArray | float) -> FloatArray:
     offset = np.asarray(offset, dtype=float)
     if not np.isfinite(offset).all():
         offset = np.nan_to_num(offset)
-    own = np.abs(curvature / np.maximum(1.0 - curvature * offset, 0.2))
-    beside = np.concatenate((own[:1], own, own[-1:]))
-    return np.maximum(np.maximum(beside[:-2], beside[1:-1]), beside[2:])
+    return np.abs(strongest(curvature / np.maximum(1.0 - curvature * offset, 0.2)))
+
+
+def strongest(values: FloatArray) -> FloatArray:
+    """Value with the greatest magnitude of a row and its neighbors, with its sign, shape (n,)."""
+    found = values
+    for beside in (np.append(values[:1], values[:-1]), np.append(values[1:], values[-1:])):
+        found = np.where(np.abs(beside) > np.abs(found), beside, found)
+    return found
 
 
 def gradient(values: FloatArray, step: float) -> FloatArray:

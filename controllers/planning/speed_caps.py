@@ -10,7 +10,7 @@ import numpy as np
 
 from controllers.planning.config import PlannerConfig
 from controllers.planning.following import braking_profile
-from controllers.planning.road_preview import LanePath, RoadPreview
+from controllers.planning.road_preview import LanePath, RoadPreview, strongest
 from controllers.planning.rollover_limits import RollMargin, curve_speed_by_roll
 from controllers.planning.speed_plan import power_acceleration, speed_cap
 from iits_mj.core.arrays import FloatArray
@@ -144,11 +144,7 @@ class SpeedCaps:
         acceleration = self.config.curve_share * margin.threshold
         if self._acceleration != acceleration:
             preview, braking = self.preview, self.config.speed.following.preview_deceleration
-            # The sharpest of a row and its neighbors, with its own sign: the speed must fit before
-            # the bend begins.
-            beside = np.pad(preview.curvature, 1, mode="edge")
-            rows = np.stack((beside[1:-1], beside[:-2], beside[2:]))
-            tight = np.take_along_axis(rows, np.abs(rows).argmax(axis=0)[np.newaxis], axis=0)[0]
+            tight = strongest(preview.curvature)  # the speed must fit before the bend begins
             bends = curve_speed_by_roll(tight, preview.superelevation, acceleration)
             self._bearable = braking_profile(preview.station, bends, braking)
             self._acceleration = acceleration

@@ -446,42 +446,34 @@ double stop(const double* demand, double parking, double friction_left, double f
   return speed;
 }
 
-// Gear to engage, and whether the present one failed. `input` is a GearboxInput from the pedal on,
-// without clutch_open, which comes last; `state` a GearboxState.
+// `input` is a GearboxInput from the pedal on, without clutch_open, which comes last.
+GearboxInput<double> InputOf(const double* input) {
+  return {GearboxInput<double>::kDrive,
+          input[0],
+          input[1],
+          input[2],
+          input[3],
+          input[4],
+          input[8] != 0,
+          input[5],
+          input[6],
+          input[7]};
+}
+// Gear to engage, and whether the present one failed; `state` is a GearboxState.
 int shift_choice(int adaptive, int gear, const double* input, const double* state, double h,
                  double* failed) {
   const Powertrain<double>& p = Truck(adaptive);
-  const GearboxInput<double> in = {GearboxInput<double>::kDrive,
-                                   input[0],
-                                   input[1],
-                                   input[2],
-                                   input[3],
-                                   input[4],
-                                   input[8] != 0,
-                                   input[5],
-                                   input[6],
-                                   input[7]};
   const GearboxState<double> s = Read<GearboxState<double>>(state);
   const auto choice = ShiftStrategy<double>::Choose(
-      {p.gearbox.strategy, p.gearbox.gears, p.engine, in, s, gear}, h);
+      {p.gearbox.strategy, p.gearbox.gears, p.engine, InputOf(input), s, gear}, h);
   *failed = choice.failed;
   return choice.gear;
 }
 double shift_low_time(int adaptive, int gear, const double* input, const double* state, double h) {
   const Powertrain<double>& p = Truck(adaptive);
-  const GearboxInput<double> in = {GearboxInput<double>::kDrive,
-                                   input[0],
-                                   input[1],
-                                   input[2],
-                                   input[3],
-                                   input[4],
-                                   input[8] != 0,
-                                   input[5],
-                                   input[6],
-                                   input[7]};
   const GearboxState<double> s = Read<GearboxState<double>>(state);
   return ShiftStrategy<double>::LowTime(
-      {p.gearbox.strategy, p.gearbox.gears, p.engine, in, s, gear}, h);
+      {p.gearbox.strategy, p.gearbox.gears, p.engine, InputOf(input), s, gear}, h);
 }
 
 int drive_columns() {
