@@ -26,7 +26,7 @@ from iits_mj.core.messages import (
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from tests.controllers.planning.test_crossing import bend
-from tests.controllers.scenes import car
+from tests.controllers.scenes import Ideal, car
 
 PARAMETERS = TruckParameters.load()
 ROUTE = Route.straight(length=3_000.0, lanes=2)
@@ -118,3 +118,27 @@ def test_only_a_slow_truck_is_braked_harder_than_the_plan_near_a_stop():
     slow = dataclasses.replace(ego, speed=7.9)
     planner._last = dataclasses.replace(plan, speed=np.full_like(plan.speed, 7.5))
     assert planner._start(Scene(0.3, slow, ()), 1010.0).speed == pytest.approx(7.8)
+
+
+class DriftingLanes:
+    """A straight road whose lanes move to the left by 1 m in 100 m."""
+
+    def __init__(self):
+        self._route = Route.straight(length=2000.0, lanes=2)
+        self.length = self._route.length
+
+    def __getattr__(self, name):
+        return getattr(self._route, name)
+
+    def lane_offset(self, lane, station):
+        return self._route.lane_offset(lane, station) + 0.01 * np.asarray(station)
+
+
+def test_a_truck_stays_in_its_lane_where_the_lanes_move_aside():
+    road = DriftingLanes()
+    ideal = Ideal(road, 100.0, 0, 20.0).run(32.0)
+    assert ideal.ego.station > 600.0
+    assert ideal.ego.offset == pytest.approx(
+        float(road.lane_offset(0, ideal.ego.station)), abs=0.05
+    )
+    assert {plan.target_lane for plan in ideal.plans} == {0}

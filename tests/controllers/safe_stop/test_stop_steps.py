@@ -28,6 +28,7 @@ from iits_mj.core.messages import (
 from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
+from tests.controllers.scenes import RightLaneEnds
 
 ROUTE = Route.straight(length=2000.0, lanes=2)
 PARAMETERS = TruckParameters.load()
@@ -484,3 +485,25 @@ def test_a_released_pedal_acknowledges_only_since_the_last_gap():
 @pytest.mark.parametrize("name", ["return_time", "blend_time"])
 def test_a_return_may_take_no_time(name):
     assert getattr(FallbackConfig(**{name: 0.0}), name) == 0.0
+
+
+# --- lanes that move ------------------------------------------------------------------------
+
+
+def test_a_reversing_truck_stops_in_the_lane_in_which_it_is(stop):
+    # Its direction of motion says nothing about the lane ahead.
+    width = LEFT - MIDDLE
+    stop.command(ego(MIDDLE + 0.45 * width, speed=-2.0, lateral_speed=0.3 * width))
+    assert stop.lane == 0
+
+
+def test_the_stop_stays_in_its_lane_where_the_lane_to_the_right_ends():
+    road = RightLaneEnds(end=150.0)
+    stop = SafeStop(road, PARAMETERS)
+    middle = float(road.lane_offset(1, 100.0))
+    stop.command(ego(middle))
+    assert (stop.lane, stop.trajectory.target_lane) == (1, 1)
+    stop.command(dataclasses.replace(ego(middle, station=160.0), time=3.0))
+    # The lane has become the only one.
+    assert (stop.lane, stop.trajectory.target_lane) == (0, 0)
+    assert stop.trajectory.offset == pytest.approx(middle)

@@ -1,0 +1,283 @@
+"""Predicted boxes of the traffic, the ground that the truck sweeps, and what crosses it."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from controllers.planning.crossing import crossing_leads, is_free
+from controllers.planning.predicted_boxes import Poses, bodies_along, swept_path
+from controllers.planning.road_preview import RoadPreview
+from controllers.planning.trajectory import Quintic, on_road
+from iits_mj.core.messages import EgoState, Scene, TrackedVehicle
+from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import group_center
+from iits_mj.road import Route
+from iits_mj.road.measured import Lanes, measured_route
+from tests.controllers.scenes import car
+
+PARAMETERS = TruckParameters.load()
+STRAIGHT = Route.straight(length=3000.0, lanes=2)
+PREVIEW = RoadPreview(STRAIGHT)
+MIDDLE = float(STRAIGHT.lane_offset(0, 1000.0))
+RADIUS = 60.0
+STATION = np.arange(0.0, 500.0, 1.0)
+CIRCLE = measured_route(
+    STATION,
+    np.zeros_like(STATION),
+    curvature=np.full_like(STATION, 1.0 / RADIUS),
+    lanes=Lanes(2, 3.5, 14.0),
+)
+ROUND = RoadPreview(CIRCLE)
+
+
+def poses(*vehicles, preview=PREVIEW):
+    neighbors = Scene(0.0, EgoState(station=1000.0), vehicles).neighbors
+    return Poses.of(neighbors, np.ones(len(vehicles), dtype=bool), preview)
+
+
+def posed(station=1050.0, aside=0.0, course=0.0, speed=4.0, road=STRAIGHT, **fields):
+    """A car with a pose in the map frame; `course` is relative to the road."""
+    offset = float(road.lane_offset(0, station)) + aside
+    point = road.evaluate(station, offset)
+    return TrackedVehicle(
+        id="car",
+        x=float(point.x),
+        y=float(point.y),
+        z=float(point.z),
+        yaw=float(point.heading) + course,
+        speed=speed,
+        station=station,
+        offset=offset,
+        lane=-1,
+        **fields,
+    )
+
+
+# --- the traffic ----------------------------------------------------------------------------
+
+
+def test_a_vehicle_at_rest_without_a_pose_points_along_the_road():
+    found = poses(car(STRAIGHT, "a", 1050.0, 1, 0.0), car(STRAIGHT, "b", 1050.0, 1, -1.0))
+    assert found.to_road[0] == 0.0
+    assert abs(found.to_road[1]) == pytest.approx(math.pi)
+
+
+def test_a_vehicle_that_brakes_drives_as_far_as_its_deceleration_allows():
+    times = np.array([0.0, 1.0, 2.0, 9.0])
+    found = poses(posed(speed=6.0, acceleration=-3.0), posed(speed=6.0, acceleration=2.0))
+    assert found.distance(times)[:, 0] == pytest.approx([0.0, 4.5, 6.0, 6.0])
+    assert found.distance(times)[:, 1] == pytest.approx([0.0, 6.0, 12.0, 54.0])
+
+
+def test_a_vehicle_that_turns_is_predicted_on_its_circle():
+    times = np.array([0.0, 1.0, 3.0])
+    found = poses(posed(speed=5.0, yaw_rate=0.25)).ahead(times)
+    start = posed()
+    yaw = start.yaw + 0.25 * times
+    assert found.yaw[:, 0] == pytest.approx(yaw)
+    assert found.x[:, 0] == pytest.approx(start.x + 20.0 * (np.sin(yaw) - math.sin(start.yaw)))
+    assert found.y[:, 0] == pytest.approx(start.y - 20.0 * (np.cos(yaw) - math.cos(start.yaw)))
+    # A crawling one is predicted straight, whatever its sensor says.
+    slow = poses(posed(speed=0.49, yaw_rate=0.25)).ahead(times)
+    assert np.ptp(slow.yaw) == 0.0
+    assert slow.x[:, 0] == pytest.approx(start.x + 0.49 * times)
+
+
+def test_an_oncoming_vehicle_is_also_predicted_along_the_road():
+    vehicle = posed(100.0, 3.5, math.pi, 8.0, CIRCLE)
+    found = poses(vehicle, preview=ROUND).along_road(np.array([0.0, 2.0]), ROUND)
+    there = CIRCLE.evaluate(84.0, vehicle.offset)
+    assert (found.x[1, 0], found.y[1, 0]) == pytest.approx((float(there.x), float(there.y)))
+    assert found.yaw[1, 0] == pytest.approx(float(there.heading) + math.pi)
+    assert (found.length[0], found.width[0]) == (vehicle.length, vehicle.width)
+
+
+# --- the truck ------------------------------------------------------------------------------
+
+
+def test_on_a_circle_each_unit_follows_the_one_ahead_at_a_right_angle_to_its_axle():
+    radius = 20.0
+    angle = np.arange(0.0, 3.0 * math.pi, 0.005)
+    path = radius * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)])
+    swept = swept_path(PARAMETERS, path, 0.0)
+    tractor, trailer = PARAMETERS.tractor, PARAMETERS.semitrailer
+    wheelbase = group_center(tractor.axles[1:]) - tractor.axles[0].position
+    hitch = PARAMETERS.fifth_wheel.position - tractor.axles[0].position
+    length = group_center(trailer.axles)
+    rear = math.sqrt(radius**2 - wheelbase**2)
+    kingpin = math.hypot(rear, wheelbase - hitch)
+    axle = math.sqrt(kingpin**2 - length**2)
+    centre = np.array([0.0, radius])
+    assert np.hypot(*(swept.kingpin[-1] - centre)) == pytest.approx(kingpin, rel=1e-3)
+    assert np.hypot(*(swept.trailer_axle[-1] - centre)) == pytest.approx(axle, rel=1e-3)
+    assert angle[-1] - swept.yaw[-1] == pytest.approx(math.asin(wheelbase / radius), abs=3e-3)
+    corners = swept.tractor_corners[-1]
+    forward = np.array([math.cos(swept.yaw[-1]), math.sin(swept.yaw[-1])])
+    left = np.array([-forward[1], forward[0]])
+    ahead, half = tractor.front_overhang, 0.5 * tractor.width
+    assert (corners - path[-1]) @ forward == pytest.approx(
+        [ahead, ahead, -wheelbase - 1.0, -wheelbase - 1.0]
+    )
+    assert (corners - path[-1]) @ left == pytest.approx([half, -half, -half, half])
+    along = np.array([math.cos(swept.trailer_yaw[-1]), math.sin(swept.trailer_yaw[-1])])
+    reach = (swept.trailer_corners[-1] - swept.kingpin[-1]) @ along
+    front = trailer.front_overhang
+    assert reach == pytest.approx([front, front, front - trailer.length, front - trailer.length])
+
+
+def test_a_bar_behind_a_straight_pull_follows_the_tractrix():
+    path = np.column_stack([np.linspace(0.0, 12.0, 400), np.zeros(400)])
+    swept = swept_path(PARAMETERS, path, 0.4, trailer_yaw=-0.2)
+    tractor = PARAMETERS.tractor
+    wheelbase = group_center(tractor.axles[1:]) - tractor.axles[0].position
+    expected = 2.0 * math.atan(math.tan(0.2) * math.exp(-12.0 / wheelbase))
+    assert swept.yaw[-1] == pytest.approx(expected, rel=1e-6)
+    assert (swept.yaw[0], swept.trailer_yaw[0]) == (0.4, -0.2)
+    assert -0.2 < swept.trailer_yaw[-1] < 0.3
+
+
+def test_the_bodies_on_a_straight_road_stand_behind_each_other():
+    path = PREVIEW.follow(0, 1000.0, 400.0, 150.0)
+    stations = np.array([1000.0, 1002.0])
+    tractor, trailer = bodies_along(PARAMETERS, PREVIEW, path, None, stations)
+    body, box = PARAMETERS.tractor, PARAMETERS.semitrailer
+    wheelbase = group_center(body.axles[1:]) - body.axles[0].position
+    hitch = PARAMETERS.fifth_wheel.position - body.axles[0].position
+    middle = 0.5 * (body.front_overhang - wheelbase - 1.0)
+    assert tractor.x == pytest.approx(stations + middle, abs=1e-6)
+    assert trailer.x == pytest.approx(
+        stations - hitch + box.front_overhang - 0.5 * box.length, abs=1e-6
+    )
+    assert tractor.y == pytest.approx(MIDDLE)
+    assert (float(tractor.length), float(tractor.width)) == pytest.approx(
+        (body.front_overhang + wheelbase + 1.0, body.width)
+    )
+    assert (float(trailer.length), float(trailer.width)) == pytest.approx((box.length, box.width))
+    # A residual moves them aside, the trailer later.
+    aside = Quintic.to_zero(1000.0, 60.0, 3.0)
+    tractor, trailer = bodies_along(PARAMETERS, PREVIEW, path, aside, np.array([1030.0]))
+    assert MIDDLE + 0.5 < float(tractor.y[0]) < float(trailer.y[0]) < MIDDLE + 3.0
+
+
+# --- what crosses ---------------------------------------------------------------------------
+
+
+def ego(station=1000.0, speed=1.0, **fields):
+    return EgoState(station=station, offset=MIDDLE, x=station, y=MIDDLE, speed=speed, **fields)
+
+
+def leads(*vehicles, speed=1.0):
+    path = PREVIEW.follow(0, 1000.0, 400.0, 150.0)
+    return crossing_leads(Scene(0.0, ego(speed=speed), vehicles), PREVIEW, PARAMETERS, path, None)
+
+
+@pytest.mark.parametrize("distance", np.arange(8.1, 19.0, 0.75))
+def test_the_truck_stops_before_the_position_at_which_it_touches(distance):
+    ((lead, name),) = leads(posed(1000.0 + distance, course=0.5 * math.pi, speed=0.0))
+    # Positions are 2 m apart; half of it is kept.
+    free = distance - 0.5 * posed().width - PARAMETERS.tractor.front_overhang - 0.4
+    assert free > 0.0
+    assert lead.gap == pytest.approx(2.0 * math.ceil(free / 2.0) - 1.0)
+    assert (name, lead.speed, lead.until) == ("car", 0.0, math.inf)
+
+
+def test_a_vehicle_that_touches_the_truck_already_is_no_lead():
+    assert leads(posed(1001.0, course=0.5 * math.pi, speed=0.0)) == []
+    assert leads() == []
+
+
+@pytest.mark.parametrize(
+    ("course", "counts"), [(0.33, False), (0.37, True), (math.pi - 0.37, True), (-0.37, True)]
+)
+def test_a_standing_vehicle_across_the_road_counts_from_20_degrees(course, counts):
+    assert bool(leads(posed(1010.0, course=course, speed=0.0))) is counts
+
+
+@pytest.mark.parametrize(
+    ("aside", "speed", "station", "counts"),
+    [
+        (0.0, 5.0, 1030.0, True),
+        (0.0, 0.49, 1030.0, False),
+        (0.0, 0.51, 1015.0, True),
+        (0.0, 5.0, 985.0, False),
+        (2.1, 5.0, 1030.0, True),
+        (2.3, 5.0, 1030.0, False),
+        (-2.3, 5.0, 1030.0, False),
+    ],
+)
+def test_an_oncoming_vehicle_counts_in_the_truck_s_way_only(aside, speed, station, counts):
+    half = 0.5 * (posed().width + PARAMETERS.semitrailer.width)
+    assert 2.1 < half < 2.3
+    vehicle = posed(station, aside, math.pi, speed)
+    assert bool(leads(vehicle, speed=5.0)) is counts
+
+
+def test_only_vehicles_on_the_truck_s_level_and_within_reach_count():
+    across = posed(1010.0, course=0.5 * math.pi, speed=0.0)
+    assert leads(across)
+    assert not leads(dataclasses.replace(across, z=across.z + 6.0))
+    # Slow, the truck looks at 3 m/s over 4 s and 10 m: 22 m ahead.
+    assert leads(posed(1021.0, course=0.5 * math.pi, speed=0.0))
+    assert not leads(posed(1028.0, course=0.5 * math.pi, speed=0.0))
+    # At 20 m/s its braking distance of 154 m and 10 m.
+    assert leads(posed(1160.0, course=0.5 * math.pi, speed=0.0), speed=20.0)
+    assert not leads(posed(1172.0, course=0.5 * math.pi, speed=0.0), speed=20.0)
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "free"),
+    [
+        (posed(1015.0, -20.0, 0.5 * math.pi, 4.0), False),
+        # It drives away, along the lane, or is not there within 8 s.
+        (posed(1015.0, -20.0, -0.5 * math.pi, 4.0), True),
+        (posed(1015.0, -20.0, 0.34, 4.0), True),
+        (posed(1015.0, -40.0, 0.5 * math.pi, 4.0), True),
+        (posed(1015.0, -36.0, 0.5 * math.pi, 4.0), False),
+        (posed(1015.0, 0.0, 0.5 * math.pi, 0.4), True),
+        (posed(1015.0, 0.0, 0.5 * math.pi, 0.6), False),
+        # Behind the line and beyond 30 m of it others pass freely.
+        (posed(992.0, -20.0, 0.5 * math.pi, 4.0), True),
+        (posed(1038.0, -20.0, 0.5 * math.pi, 4.0), True),
+        (posed(1033.0, -20.0, 0.5 * math.pi, 4.0), False),
+        (posed(1015.0, 36.0, -0.5 * math.pi, 4.0), False),
+    ],
+)
+def test_behind_a_green_arrow_the_way_is_free_if_nothing_crosses_it_soon(vehicle, free):
+    assert is_free(Scene(0.0, ego(990.0), (vehicle,)), PREVIEW, 1000.0) is free
+    assert is_free(Scene(0.0, ego(990.0), (posed(1200.0), vehicle)), PREVIEW, 1000.0) is free
+
+
+# --- the curve of a plan --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("aside", [0.0, 3.0, -3.0])
+def test_on_a_circle_a_plan_beside_the_middle_has_the_curvature_of_its_own_circle(aside):
+    path = ROUND.follow(0, 200.0, 100.0, 50.0)
+    path = dataclasses.replace(path, offset=np.full_like(path.offset, aside))
+    for way in (0.5, 0.0):
+        station = 200.0 + way * np.arange(30)
+        plan = on_road(
+            ROUND, path, None, 3.0, station, np.full(30, 5.0 * way), np.zeros(30), 0.1, 0.7
+        )
+        assert plan.curvature == pytest.approx(1.0 / (RADIUS - plan.offset), rel=1e-3)
+        assert plan.time == pytest.approx(3.0 + 0.1 * np.arange(30))
+        assert plan.extra == {"urgency": 0.7}
+
+
+def test_a_curve_across_a_circle_heads_along_its_points():
+    path = ROUND.follow(0, 200.0, 100.0, 50.0)
+    residual = Quintic.to_zero(200.0, 50.0, 3.5)
+    station = np.arange(205.0, 245.0, 0.05)
+    n = len(station)
+    plan = on_road(ROUND, path, residual, 0.0, station, np.full(n, 5.0), np.zeros(n), 0.1)
+    course = np.unwrap(np.arctan2(np.diff(plan.y), np.diff(plan.x)))
+    yaw = np.unwrap(plan.yaw)
+    apart = np.angle(np.exp(1j * (course - 0.5 * (yaw[1:] + yaw[:-1]))))
+    assert apart == pytest.approx(0.0, abs=2e-4)
+    # At rest the curvature is that of the offset curve, for small angles.
+    moving = plan.curvature[n // 2]
+    rest = np.full(3, station[n // 2])
+    still = on_road(ROUND, path, residual, 0.0, rest, np.zeros(3), np.zeros(3), 0.1)
+    assert still.curvature == pytest.approx(moving, rel=0.05)
