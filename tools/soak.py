@@ -22,6 +22,7 @@ import json
 import math
 import os
 import resource
+import signal
 import subprocess
 import sys
 import tempfile
@@ -510,6 +511,8 @@ def main(arguments: list[str] | None = None) -> int:
         row = drive(Chunk.of(options.chunk), Path.cwd(), options.duration)
         print(json.dumps(dataclasses.asdict(row)))
         return 0
+    # SystemExit ends the chunk's process and removes its folder.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     rows = read_rows(options.table)
     if options.table == TABLE:
         write_summary(PAGE, rows)

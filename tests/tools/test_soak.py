@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import os
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -106,3 +110,21 @@ def test_a_chunk_in_its_own_process_leaves_nothing_behind() -> None:
     assert row.faults() == []
     assert row.simulated_s == pytest.approx(3.0)
     assert row.ended == "reached the end of the time"
+
+
+def test_a_terminated_run_ends_its_chunk_and_removes_its_folder(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, soak.__file__, "--table", str(tmp_path / "soak.csv")],
+        env=os.environ | {"TMPDIR": str(tmp_path)},
+        start_new_session=True,
+    )
+    deadline = time.monotonic() + 60.0
+    while not (found := list(tmp_path.glob("soak_*/work"))) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert found
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    chunks = children.read_text().split()
+    process.terminate()
+    assert process.wait(timeout=60.0) == 143
+    assert not list(tmp_path.glob("soak_*"))
+    assert not [chunk for chunk in chunks if Path(f"/proc/{chunk}").exists()]
