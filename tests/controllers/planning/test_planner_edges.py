@@ -6,16 +6,21 @@ import math
 import numpy as np
 import pytest
 
+from controllers.planning import merging
 from controllers.planning.config import LightConfig, PlannerConfig, Powers
 from controllers.planning.crossing import crossing_leads
+from controllers.planning.lane_change import Change
 from controllers.planning.planner import Planner
 from controllers.planning.predicted_boxes import Poses
 from controllers.planning.road_preview import RoadPreview
-from controllers.planning.speed_reference import check_profile
-from controllers.planning.stops import LightStop, _needed
+from controllers.planning.speed_reference import check_covers, check_profile
+from controllers.planning.stopped_vehicle import way_past
+from controllers.planning.stops import LightStop, Stops, _needed
+from controllers.planning.tight_bend_yield import TightBends
 from controllers.planning.trajectory import Quintic, on_road
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import (
+    Decision,
     EgoState,
     LightState,
     Scene,
@@ -142,3 +147,161 @@ def test_a_truck_stays_in_its_lane_where_the_lanes_move_aside():
         float(road.lane_offset(0, ideal.ego.station)), abs=0.05
     )
     assert {plan.target_lane for plan in ideal.plans} == {0}
+
+
+# --- parts at their edges -------------------------------------------------------------------
+
+
+def at(station=1000.0, lane=0, speed=15.0, **fields):
+    offset = float(ROUTE.lane_offset(lane, station))
+    return EgoState(station=station, offset=offset, speed=speed, mass=30_000.0, **fields)
+
+
+def test_a_vehicle_at_rest_points_where_its_pose_points():
+    point = ROUTE.evaluate(1050.0, 0.0)
+    vehicle = TrackedVehicle(
+        id="still",
+        x=float(point.x),
+        y=float(point.y),
+        z=float(point.z),
+        yaw=float(point.heading) + 0.3,
+        station=1050.0,
+        lane=-1,
+        speed=0.0,
+    )
+    scene = Scene(0.0, at(), (vehicle, dataclasses.replace(vehicle, id="back", speed=-1.0)))
+    found = Poses.of(scene.neighbors, np.array([True, True]), PREVIEW)
+    assert found.to_road[0] == pytest.approx(0.3)
+    assert abs(found.to_road[1]) == pytest.approx(math.pi - 0.3)
+
+
+@pytest.mark.parametrize(("lane", "allowed"), [(0, 1), (1, 0)])
+def test_room_is_kept_for_passing_on_either_side(lane, allowed):
+    config = PlannerConfig(lanes=(lane, allowed))
+    stops = Stops(PREVIEW, config, PARAMETERS)
+    truck = at(lane=lane, speed=5.0)
+    scene = Scene(0.0, truck, (car(ROUTE, "stopped", 1060.0, lane, 0.0),))
+    path = PREVIEW.follow(lane, 1000.0, 400.0, 150.0)
+    gap = scene.neighbors.leader_along_path(path).gap
+    assert stops._keeps_room(scene, path, None) == pytest.approx(
+        scene.neighbors.front + gap - config.passing.gap
+    )
+    alone = Stops(PREVIEW, PlannerConfig(lanes=(lane,)), PARAMETERS)
+    assert alone._keeps_room(scene, path, None) == math.inf
+
+
+def test_the_way_past_a_vehicle_ends_at_others_that_stand_on_this_road():
+    target = PREVIEW.follow(1, 1000.0, 400.0, 150.0)
+    size = float(ROUTE.lane_offset(0, 1000.0) - ROUTE.lane_offset(1, 1000.0))
+    config = PlannerConfig().passing
+
+    def way(*vehicles):
+        scene = Scene(0.0, at(speed=2.0), (car(ROUTE, "stopped", 1040.0, 0, 0.0), *vehicles))
+        return way_past(scene, PREVIEW, PARAMETERS, target, (size, 0.0, 0.0), config)
+
+    assert way() is not None
+    blocking = car(ROUTE, "other", 1040.0, 1, 0.0)
+    assert way(blocking) is None
+    assert way(dataclasses.replace(blocking, speed=3.0)) is not None
+    assert way(dataclasses.replace(blocking, z=8.0)) is not None
+    assert way(dataclasses.replace(blocking, station=1400.0)) is not None
+
+
+def test_the_leader_of_the_lane_being_left_counts_unless_it_is_passed():
+    planner = Planner(ROUTE, PlannerConfig(), PARAMETERS)
+    path = PREVIEW.follow(1, 1000.0, 400.0, 150.0)
+    start, end = (float(ROUTE.lane_offset(lane, 1000.0)) for lane in (0, 1))
+    scene = Scene(0.0, at(), (car(ROUTE, "old", 1022.0, 0, 8.0),))
+    maneuver = planner.maneuver
+    maneuver.residual = Quintic.to_zero(1000.0, 90.0, start - end)
+    for passed, count in (("", 1), ("old", 0)):
+        maneuver.change = Change(start, end - start, passed)
+        assert len(planner._leads(scene, path)[0]) == count
+    maneuver.change = Change(start, end - start)
+    assert maneuver.origin(scene.ego).lane == 0
+    maneuver.residual = None
+    assert maneuver.origin(scene.ego) is None
+
+
+@pytest.mark.parametrize(("begin", "wanted"), [(0, Decision.LEFT), (1, Decision.RIGHT)])
+def test_a_change_to_either_side_knows_its_size(begin, wanted):
+    planner = Planner(ROUTE, PlannerConfig(), PARAMETERS)
+    planner.plan(Scene(0.0, at(lane=begin), ()), wanted)
+    width = float(ROUTE.lane_offset(1, 0.0) - ROUTE.lane_offset(0, 0.0))
+    assert planner.maneuver.change.size == pytest.approx(width)
+
+
+@pytest.mark.parametrize(
+    ("follower_speed", "short"),
+    [(15.1, True), (15.0, True), (14.95, True), (14.8, False), (6.0, False)],
+)
+def test_a_gap_counts_by_its_length_now_or_at_the_last_time_tried(follower_speed, short):
+    # 20 m are free, the truck needs its length and two margins.
+    vehicles = (
+        car(ROUTE, "leader", 1024.5, 1, 15.0),
+        car(ROUTE, "follower", 1000.0, 1, follower_speed),
+    )
+    neighbors = Scene(0.0, at(), vehicles).neighbors
+    safety = PlannerConfig().safety
+    needed = 16.5 + 2.0 * safety.margin
+    later = 20.0 + (15.0 - follower_speed) * float(merging._TIMES[-1])
+    assert (max(20.0, later) < needed) is short
+    assert merging._too_short(neighbors, 0, 1, safety) is short
+
+
+def test_a_profile_covers_up_to_its_last_station():
+    rows = SpeedProfile(np.array([100.0, 150.0, 200.0]), np.full(3, 10.0))
+    check_covers(rows, 180.0, 300.0, "test")
+    check_covers(rows, 120.0, 160.0, "test")
+
+
+@pytest.mark.parametrize(("shift", "same"), [(1.1, True), (1.3, False)])
+def test_a_lane_goes_on_where_its_middle_moves_aside_by_less_than_1_2_m(shift, same):
+    class Shifted(DriftingLanes):
+        def lane_offset(self, lane, station):
+            aside = np.where(np.asarray(station) > 502.0, shift, 0.0)
+            return self._route.lane_offset(lane, station) + aside
+
+    path = RoadPreview(Shifted()).follow(0, 450.0, 200.0, 100.0)
+    assert (path.end > 600.0) is same
+
+
+def test_a_light_that_turns_green_is_approached_slowly_to_the_end():
+    config = LightConfig()
+    stop = LightStop(config)
+
+    def light(wait):
+        return TrafficLight(
+            station=100.0,
+            state=LightState.RED,
+            next_state=LightState.GREEN,
+            next_switch=wait,
+        )
+
+    assert stop.demand(light(3.0), 40.0, 10.0).speed > config.slow_speed
+    # The change is put off: the truck still rolls slowly to the line.
+    late = stop.demand(light(60.0), 60.0, 8.0)
+    assert late.speed == config.slow_speed
+    assert late.deceleration >= config.yellow_deceleration
+
+
+def test_a_light_that_has_let_the_truck_go_is_braked_for_gently_again():
+    config = LightConfig()
+    stop = LightStop(config)
+    hard = stop.demand(TrafficLight(station=100.0, state=LightState.RED), 70.0, 10.0)
+    assert hard.deceleration > config.deceleration
+    assert not math.isfinite(
+        stop.demand(TrafficLight(station=100.0, state=LightState.GREEN), 71.0, 9.0).stop
+    )
+    again = stop.demand(TrafficLight(station=100.0, state=LightState.RED), 71.0, 3.0)
+    assert again.deceleration == pytest.approx(
+        max(config.deceleration, _needed(29.0 - config.stop_before - config.reaction_time * 3, 3.0))
+    )
+
+
+def test_in_a_narrow_lane_the_waiting_place_lies_before_the_swept_ground():
+    preview = RoadPreview(bend(width=2.6))
+    bends = TightBends(preview, PARAMETERS)
+    sweep = bends.ahead(preview.follow(0, 190.0, 400.0, 150.0), EgoState(station=190.0))
+    begin, _ = bends._bends[0]
+    assert sweep.begin == pytest.approx(min(begin, sweep.first) - 1.5)
