@@ -25,6 +25,8 @@ COMPARISONS: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.In: (ast.NotIn,),
     ast.NotIn: (ast.In,),
 }
+# Exchanged between whole numbers only: between real numbers, one value in 2^53 would differ.
+BOUNDARIES = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
 ARITHMETIC: dict[type[ast.operator], type[ast.operator]] = {
     ast.Add: ast.Sub,
     ast.Sub: ast.Add,
@@ -158,8 +160,12 @@ def _enter(parent: ast.AST, node: ast.AST, place: _Place) -> _Place:
 def _replacements(parent: ast.AST, node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
     """Operators and new nodes for one node."""
     if isinstance(node, ast.Compare):
+        operands = [node.left, *node.comparators]
         for k, op in enumerate(node.ops):
+            whole = any(_is_whole(operand) for operand in operands[k : k + 2])
             for other in COMPARISONS[type(op)]:
+                if other is BOUNDARIES.get(type(op)) and not whole:
+                    continue
                 yield "comparison", _with(node, ops=[*node.ops[:k], other(), *node.ops[k + 1 :]])
     elif isinstance(node, ast.BinOp) and type(node.op) in ARITHMETIC:
         if not (isinstance(node.left, ast.Constant) and isinstance(node.left.value, str)):
@@ -186,6 +192,15 @@ def _replacements(parent: ast.AST, node: ast.AST) -> Iterator[tuple[str, ast.AST
     test = isinstance(parent, ast.If | ast.IfExp | ast.While) and node is parent.test
     if test and isinstance(node, ast.Name | ast.Attribute | ast.Call | ast.BoolOp):
         yield "negated condition", ast.UnaryOp(ast.Not(), node)
+
+
+def _is_whole(node: ast.expr) -> bool:
+    """Whether the source shows that a value is a whole number."""
+    if isinstance(node, ast.Constant):
+        return isinstance(node.value, int)
+    if isinstance(node, ast.Call):
+        return getattr(node.func, "id", "") == "len"
+    return isinstance(node, ast.Attribute) and node.attr == "size"
 
 
 def _constants(node: ast.Constant) -> Iterator[tuple[str, ast.AST]]:

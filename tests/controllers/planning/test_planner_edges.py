@@ -9,10 +9,15 @@ import pytest
 from controllers.planning import merging
 from controllers.planning.config import LightConfig, PlannerConfig, Powers
 from controllers.planning.crossing import crossing_leads
+from controllers.planning.following import Lead
 from controllers.planning.lane_change import Change
 from controllers.planning.planner import Planner
 from controllers.planning.predicted_boxes import Poses
 from controllers.planning.road_preview import RoadPreview
+from controllers.planning.rollover_limits import RollMargins
+from controllers.planning.safety import SafetyConfig, conflict, rear_gap_needed
+from controllers.planning.speed_caps import with_zones
+from controllers.planning.speed_plan import most_urgent
 from controllers.planning.speed_reference import check_covers, check_profile
 from controllers.planning.stopped_vehicle import way_past
 from controllers.planning.stops import LightStop, Stops, _needed
@@ -25,6 +30,7 @@ from iits_mj.core.messages import (
     LightState,
     Scene,
     SpeedProfile,
+    SpeedZone,
     TrackedVehicle,
     TrafficLight,
 )
@@ -36,6 +42,7 @@ from tests.controllers.scenes import Ideal, car
 PARAMETERS = TruckParameters.load()
 ROUTE = Route.straight(length=3_000.0, lanes=2)
 PREVIEW = RoadPreview(ROUTE)
+MARGIN = RollMargins(PARAMETERS, 1.0 / PlannerConfig().change.duration_min).at(30_000.0)
 
 
 def test_the_drag_is_half_of_density_times_drag_area():
@@ -203,6 +210,7 @@ def test_the_way_past_a_vehicle_ends_at_others_that_stand_on_this_road():
     blocking = car(ROUTE, "other", 1040.0, 1, 0.0)
     assert way(blocking) is None
     assert way(dataclasses.replace(blocking, speed=3.0)) is not None
+    assert way(dataclasses.replace(blocking, speed=-3.0)) is not None
     assert way(dataclasses.replace(blocking, z=8.0)) is not None
     assert way(dataclasses.replace(blocking, station=1400.0)) is not None
 
@@ -305,3 +313,103 @@ def test_in_a_narrow_lane_the_waiting_place_lies_before_the_swept_ground():
     sweep = bends.ahead(preview.follow(0, 190.0, 400.0, 150.0), EgoState(station=190.0))
     begin, _ = bends._bends[0]
     assert sweep.begin == pytest.approx(min(begin, sweep.first) - 1.5)
+
+
+def test_a_quintic_begins_straight_unless_told_otherwise():
+    assert Quintic.to_zero(0.0, 50.0, 3.0).coefficients[:3] == (3.0, 0.0, 0.0)
+
+
+def test_an_emergency_that_fades_still_brakes_at_least_as_hard_as_one_begins():
+    planner = Planner(ROUTE, PlannerConfig(), PARAMETERS)
+    speed = planner.config.speed
+    wanted = speed.emergency_release + 0.05
+    assert speed.emergency_share * wanted < speed.emergency_onset
+    path = PREVIEW.follow(0, 1000.0, 400.0, 150.0)
+    scene, cap = Scene(0.0, at(), ()), np.full(len(path.station), 30.0)
+
+    def plan(gap):
+        return planner._assemble(scene, path, [Lead(gap, 4.0)], cap, False)
+
+    gaps = np.arange(10.0, 60.0, 0.25)
+    urgencies = [most_urgent([Lead(gap, 4.0)], 15.0, speed) for gap in gaps.tolist()]
+    middle = float(gaps[int(np.argmin(np.abs(np.array(urgencies) - wanted)))])
+    first = plan(middle).acceleration[0]
+    planner._emergency = True
+    assert plan(middle).acceleration[0] == pytest.approx(-speed.emergency_onset)
+    assert first > -speed.emergency_onset
+
+
+@pytest.mark.parametrize(("more", "aborts"), [(-1.0, False), (1.0, True)])
+def test_a_change_is_aborted_only_where_the_old_lane_leaves_room_to_stop(more, aborts):
+    planner = Planner(ROUTE, PlannerConfig(), PARAMETERS)
+    maneuver, merge = planner.maneuver, planner.config.merge
+    truck = at(speed=15.0)
+    start, end = (float(ROUTE.lane_offset(lane, 1000.0)) for lane in (0, 1))
+    maneuver.residual = Quintic.to_zero(1000.0, 90.0, start - end)
+    maneuver.change = Change(start, end - start)
+    scene = Scene(0.0, truck, (car(ROUTE, "fast", 980.0, 1, 25.0),))
+    path = PREVIEW.follow(1, 1000.0, 400.0, 150.0)
+    room = 15.0**2 / (2.0 * merge.stop_deceleration) + merge.room + more
+    ends = dataclasses.replace(PREVIEW.follow(0, 1000.0, 400.0, 150.0), end=1000.0 + room)
+    maneuver._origin = lambda ego, change: ends
+    assert maneuver._must_abort(scene, path, maneuver.change) is aborts
+    # Later, when the change is nearly complete, it goes on.
+    late = dataclasses.replace(truck, station=1000.0 + 75.0)
+    assert not maneuver._must_abort(dataclasses.replace(scene, ego=late), path, maneuver.change)
+
+
+def test_the_road_ahead_of_a_standing_or_reversing_truck_is_felt_for_a_meter():
+    curved = RoadPreview(ROUTE)
+    curved.curvature = np.where(curved.station > 999.0, 0.004, 0.0)
+    planner = Planner(ROUTE, PlannerConfig(), PARAMETERS)
+    planner.maneuver.preview = curved
+    assert planner.maneuver._felt(1000.0, -200.0, 10.0) == pytest.approx(0.4, rel=1e-3)
+    assert planner.maneuver._felt(900.0, 50.0, 10.0) == pytest.approx(0.0, abs=1e-9)
+    assert planner.maneuver._felt(900.0, 120.0, 10.0) == pytest.approx(0.4, rel=1e-3)
+
+
+def test_a_change_that_would_run_into_a_bend_is_planned_for_its_acceleration():
+    def size_of(begin):
+        curved = RoadPreview(ROUTE)
+        curved.curvature = np.where(curved.station > begin, 1.0 / 450.0, 0.0)
+        planner = Planner(ROUTE, PlannerConfig(), PARAMETERS)
+        planner.maneuver.preview = curved
+        path, target = (PREVIEW.follow(lane, 1000.0, 400.0, 150.0) for lane in (0, 1))
+        assert planner.maneuver._begin(at(), path, target, 25.0, MARGIN) == ""
+        return planner.maneuver.residual.length
+
+    change = PlannerConfig().change
+    reach = change.duration_min * 25.0
+    free = size_of(2900.0)
+    assert size_of(1000.0 + 0.5 * reach) > free
+    assert size_of(1000.0 + max(free, reach) + 30.0) == free
+
+
+@pytest.mark.parametrize("speed", [-5.0, 0.0])
+def test_a_vehicle_that_reverses_behind_the_truck_needs_no_gap_to_stop(speed):
+    safety = PlannerConfig().safety
+    assert rear_gap_needed(0.0, speed, safety) == pytest.approx(
+        safety.margin + max(safety.rear_time_gap * speed, 0.0)
+    )
+
+
+@pytest.mark.parametrize(("limit", "fast"), [(25.0, False), (60.0, True)])
+def test_an_unseen_vehicle_drives_somewhat_above_the_limit_at_most(limit, fast):
+    safety = SafetyConfig(sight_behind=120.0)
+    path = PREVIEW.follow(1, 1000.0, 400.0, 150.0)
+    unseen = min(limit * (1.0 + safety.speeding), safety.unlimited_speed)
+    assert (unseen == safety.unlimited_speed) is fast
+    text = conflict(Scene(0.0, at(speed=1.0), ()), path, safety, limit=limit)
+    assert (f"{unseen:.0f} m/s" in text) if fast else (text is None)
+
+
+def test_a_speed_zone_replaces_the_limit_and_only_lowers_it_just_outside():
+    path = PREVIEW.follow(0, 1000.0, 400.0, 150.0)
+    limit = float(path.speed_limit[0])
+    for zone, near in ((8.0, 8.0), (60.0, limit)):
+        found = with_zones(path, (SpeedZone(1001.0, 1101.0, zone),)).speed_limit
+        at_row = dict(zip(path.station.tolist(), found.tolist(), strict=True))
+        assert at_row[1005.0] == at_row[1100.0] == zone
+        assert at_row[1000.0] == at_row[1105.0] == pytest.approx(near)
+        assert at_row[995.0] == at_row[1110.0] == limit
+    assert with_zones(path, (SpeedZone(1001.0, 1101.0, 8.0, lane=1),)).speed_limit.min() == limit

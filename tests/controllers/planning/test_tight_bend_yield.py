@@ -18,6 +18,7 @@ from iits_mj.core.messages import (
     TrafficLight,
 )
 from iits_mj.parameters import TruckParameters
+from iits_mj.road.measured import Lanes, measured_route
 from tests.controllers.planning.test_crossing import bend
 from tests.controllers.scenes import advanced, car
 
@@ -321,3 +322,15 @@ def test_vehicles_in_the_trucks_own_lane_and_far_away_are_left_to_others(at_bend
     )
     assert sorted(names) == ["near", "van"]
     assert len(found.x) == 2
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_tight_bends_to_both_sides_are_found(side):
+    station = np.arange(0.0, 300.0, 1.0)
+    curvature = np.where((station >= 200.0) & (station < 214.0), side / 9.25, 0.0)
+    road = measured_route(
+        station, np.zeros_like(station), curvature=curvature, lanes=Lanes(1, 3.5, 14.0)
+    )
+    ((begin, over),) = TightBends(RoadPreview(road), TruckParameters.load())._bends
+    assert begin == pytest.approx(200.0, abs=5.0)
+    assert over == pytest.approx(214.0, abs=5.0)
