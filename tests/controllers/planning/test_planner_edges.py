@@ -13,7 +13,7 @@ from controllers.planning.following import Lead
 from controllers.planning.lane_change import Change
 from controllers.planning.planner import Planner
 from controllers.planning.predicted_boxes import Poses
-from controllers.planning.road_preview import RoadPreview
+from controllers.planning.road_preview import RoadPreview, lane_shift
 from controllers.planning.rollover_limits import RollMargins
 from controllers.planning.safety import SafetyConfig, conflict, rear_gap_needed
 from controllers.planning.speed_caps import with_zones
@@ -28,6 +28,7 @@ from iits_mj.core.messages import (
     Decision,
     EgoState,
     LightState,
+    RoadSignals,
     Scene,
     SpeedProfile,
     SpeedZone,
@@ -413,3 +414,62 @@ def test_a_speed_zone_replaces_the_limit_and_only_lowers_it_just_outside():
         assert at_row[1000.0] == at_row[1105.0] == pytest.approx(near)
         assert at_row[995.0] == at_row[1110.0] == limit
     assert with_zones(path, (SpeedZone(1001.0, 1101.0, 8.0, lane=1),)).speed_limit.min() == limit
+
+
+def test_the_limit_of_a_zone_may_be_walking_pace_but_not_zero():
+    path = PREVIEW.follow(0, 1000.0, 400.0, 150.0)
+    assert with_zones(path, (SpeedZone(1000.0, 1100.0, 0.5),)).speed_limit.min() == 0.5
+    with pytest.raises(InputError, match="speed zone of 0"):
+        with_zones(path, (SpeedZone(1000.0, 1100.0, 0.0),))
+
+
+def test_a_vehicle_that_crawls_as_its_brakes_fade_stops_at_once():
+    lead = Lead(10.0, 1e-4, -4e-4)
+    assert lead.at(5.0) == pytest.approx((1e-5, 0.0))
+    assert Lead(10.0, 0.0, -3.0).at(1.0) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("vehicles", "returns"),
+    [
+        ((), True),
+        ((car(ROUTE, "beside", 995.0, 0, 15.0),), False),
+        ((car(ROUTE, "near", 1005.5, 0, 15.0),), False),
+        ((car(ROUTE, "ahead", 1009.5, 0, 15.0),), True),
+        ((car(ROUTE, "ahead", 1009.5, 0, 15.0), car(ROUTE, "beside", 995.0, 0, 15.0)), False),
+    ],
+)
+def test_the_truck_returns_to_its_lane_only_if_that_is_free(vehicles, returns):
+    planner = Planner(ROUTE, PlannerConfig(), PARAMETERS)
+    origin = PREVIEW.follow(0, 1000.0, 400.0, 150.0)
+    scene = Scene(0.0, dataclasses.replace(at(), offset=at().offset + 1.0), vehicles)
+    assert planner.maneuver._can_return(scene, origin) is returns
+
+
+def test_a_reset_forgets_the_stop_chosen_at_a_light():
+    stops = Stops(PREVIEW, PlannerConfig(), PARAMETERS)
+    path = PREVIEW.follow(0, 1000.0, 400.0, 150.0)
+    cap = np.full(len(path.station), 20.0)
+
+    def look(front, state):
+        light = TrafficLight(station=1100.0, state=state)
+        ego = at(front - 1.4)
+        stops.look(Scene(0.0, ego, (), signals=RoadSignals(light=light)), path, cap, None)
+        return math.isfinite(stops.light.stop)
+
+    assert look(1030.0, LightState.YELLOW)
+    # The choice lasts where a new one would be too late, until the reset.
+    assert look(1075.0, LightState.YELLOW)
+    stops.reset()
+    assert not look(1075.0, LightState.YELLOW)
+
+
+def test_off_tracking_counts_up_to_the_speed_that_the_lane_allows():
+    def shift(limit):
+        road = RoadPreview(Route.straight(length=3_000.0, lanes=2, speed_limit=limit))
+        road.curvature = np.full_like(road.station, 1.0 / 300.0)
+        road.half_width = np.full_like(road.half_width, 9.0)
+        return float(lane_shift(road, PARAMETERS, 55_000.0, 1.3)[0, 300])
+
+    # At speed the trailer moves outward, so the shift to the outside is smaller.
+    assert abs(shift(25.0)) < abs(shift(3.0))
