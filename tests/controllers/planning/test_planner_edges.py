@@ -473,3 +473,20 @@ def test_off_tracking_counts_up_to_the_speed_that_the_lane_allows():
 
     # At speed the trailer moves outward, so the shift to the outside is smaller.
     assert abs(shift(25.0)) < abs(shift(3.0))
+
+
+@pytest.mark.parametrize(("bound", "speed"), [(100.0, 15.0), (9.0, 9.0)])
+def test_the_motion_to_a_gap_lowers_the_speed_and_never_raises_it(bound, speed):
+    class Gap:
+        def cap(self, path, station, now):
+            return np.full(len(path.station), bound)
+
+    found = []
+    for gap in (None, Gap()):
+        planner = Planner(ROUTE, PlannerConfig(), PARAMETERS)
+        planner._choose_gap = lambda step, scene, cap, path, gap=gap: gap
+        found.append(planner.plan(Scene(0.0, at(), ())).speed)
+    if bound > speed:
+        assert found[1] == pytest.approx(found[0])
+    else:
+        assert found[1][-1] < 11.0 < found[0][-1]

@@ -180,7 +180,7 @@ def test_the_truck_stops_before_the_position_at_which_it_touches(distance):
     free = distance - 0.5 * posed().width - PARAMETERS.tractor.front_overhang - 0.4
     assert free > 0.0
     assert lead.gap == pytest.approx(2.0 * math.ceil(free / 2.0) - 1.0)
-    assert (name, lead.speed, lead.until) == ("car", 0.0, math.inf)
+    assert (name, lead.speed, lead.acceleration, lead.until) == ("car", 0.0, 0.0, math.inf)
 
 
 def test_a_vehicle_that_touches_the_truck_already_is_no_lead():
