@@ -37,6 +37,7 @@ from iits_mj.core.messages import (
 )
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
+from iits_mj.road.measured import Lanes, measured_route
 from tests.controllers.planning.test_crossing import bend
 from tests.controllers.scenes import Ideal, car
 
@@ -490,3 +491,79 @@ def test_the_motion_to_a_gap_lowers_the_speed_and_never_raises_it(bound, speed):
         assert found[1] == pytest.approx(found[0])
     else:
         assert found[1][-1] < 11.0 < found[0][-1]
+
+
+@pytest.mark.parametrize("station", [989.0, 995.0])
+def test_the_gap_of_the_last_cycle_is_kept_while_another_is_hardly_better(station):
+    target, config = PREVIEW.follow(1, 1000.0, 400.0, 200.0), PlannerConfig()
+    scene = Scene(0.0, at(), (car(ROUTE, "beside", station, 1, 15.0),))
+
+    def ends(last):
+        given = None if last is None else merging.GapChoice(0.0, 15.0, last)
+        arguments = scene, target, 1500.0, 0.3, 20.0, config.safety, config.merge
+        return merging.choose_gap(*arguments, given).ends
+
+    before, behind = ("", "beside"), ("beside", "")
+    assert ends(None) == (before if station < 992.0 else behind)
+    assert ends(before) == before
+    assert ends(behind) == behind
+
+
+@pytest.mark.parametrize(("begin", "end"), [(0, 1), (1, 0)])
+def test_a_passed_vehicle_that_moves_off_ends_the_pass_only_near_its_own_lane(begin, end):
+    planner = Planner(ROUTE, PlannerConfig(), PARAMETERS)
+    lane, target = (float(ROUTE.lane_offset(i, 1000.0)) for i in (begin, end))
+    origin = PREVIEW.follow(begin, 1000.0, 400.0, 150.0)
+    vehicle = car(ROUTE, "passed", 1040.0, begin, 5.0)
+    assert vehicle.speed > planner.config.passing.moves
+    free = origin.half_width - 0.5 * Scene(0.0, at()).footprint.width
+    for aside, ends in ((free - 0.05, True), (free + 0.05, False)):
+        truck = dataclasses.replace(
+            at(speed=2.0), offset=lane + math.copysign(aside, target - lane)
+        )
+        scene = Scene(0.0, truck, (vehicle,))
+        assert planner.maneuver._drives_on(scene, origin, "passed") is ends
+        slow = dataclasses.replace(vehicle, speed=0.1)
+        assert not planner.maneuver._drives_on(Scene(0.0, truck, (slow,)), origin, "passed")
+        assert not planner.maneuver._drives_on(scene, origin, "another")
+
+
+def test_a_vehicle_in_the_way_is_named_before_one_that_may_come():
+    safety = SafetyConfig(sight_behind=50.0)
+    path = PREVIEW.follow(1, 1000.0, 400.0, 150.0)
+    beside = Scene(0.0, at(), (car(ROUTE, "side", 995.0, 1, 15.0),))
+    assert conflict(beside, path, safety, limit=40.0) == "vehicle side is beside the truck"
+    assert "in sight" in conflict(Scene(0.0, at(), ()), path, safety, limit=40.0)
+    assert conflict(Scene(0.0, at(), ()), path, safety) is None
+
+
+def test_the_way_back_is_gentler_in_a_bend():
+    def length(curvature):
+        curved = RoadPreview(ROUTE)
+        curved.curvature = np.full_like(curved.station, curvature)
+        planner = Planner(ROUTE, PlannerConfig(), PARAMETERS)
+        planner.maneuver.preview = curved
+        return planner.maneuver._back(at(speed=25.0), 3.0, 0.0, 0.0, MARGIN).length
+
+    assert length(1.0 / 450.0) > length(0.0)
+
+
+@pytest.mark.parametrize(("between", "count"), [(30.0, 1), (60.0, 2)])
+def test_bends_shortly_after_each_other_are_one(between, count):
+    station = np.arange(0.0, 500.0, 1.0)
+    first = (station >= 200.0) & (station < 214.0)
+    second = (station >= 214.0 + between) & (station < 228.0 + between)
+    curvature = np.where(first, 1.0 / 9.25, 0.0) - np.where(second, 1.0 / 9.25, 0.0)
+    road = measured_route(
+        station, np.zeros_like(station), curvature=curvature, lanes=Lanes(1, 3.5, 14.0)
+    )
+    bends = TightBends(RoadPreview(road), PARAMETERS)._bends
+    assert len(bends) == count
+    assert bends[-1][1] == pytest.approx(228.0 + between, abs=5.0)
+
+
+def test_the_preview_of_a_long_road_has_10_000_rows():
+    preview = RoadPreview(Route.straight(length=100_000.0, lanes=1))
+    assert preview.step == pytest.approx(10.0)
+    assert len(preview.station) == 10_001
+    assert preview.nearest_lane(100.0, 99.0) == 0
