@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from controllers.planning.crossing import crossing_leads, is_free
+from controllers.planning.crossing import _crosses, crossing_leads, is_free
 from controllers.planning.predicted_boxes import Poses, bodies_along, swept_path
 from controllers.planning.road_preview import RoadPreview
 from controllers.planning.trajectory import Quintic, on_road
@@ -283,3 +283,16 @@ def test_a_curve_across_a_circle_heads_along_its_points():
     bent = float(residual.evaluate(236.0)[2])
     assert abs(bent) > 1e-3
     assert still.curvature == pytest.approx(1.0 / RADIUS / stretch + bent / stretch**2, rel=1e-3)
+
+
+def test_a_crossing_vehicle_counts_until_half_a_second_after_its_last_contact():
+    touch = np.zeros((20, 17), dtype=bool)
+    touch[5:7, 8:11] = True
+    one = poses(posed(speed=10.0, course=0.5 * math.pi))
+    lead = _crosses(touch, one, ego(speed=5.0))
+    assert (lead.gap, lead.until) == (9.0, 3.0)
+    touch[6, 16] = True
+    assert _crosses(touch, one, ego(speed=5.0)).until == math.inf
+    # One that can stop gently, or that the truck does not meet, is no lead.
+    assert _crosses(touch, poses(posed(speed=5.0)), ego(speed=5.0)) is None
+    assert _crosses(touch, one, ego(speed=15.0)) is None
