@@ -533,6 +533,8 @@ def test_a_vehicle_in_the_way_is_named_before_one_that_may_come():
     path = PREVIEW.follow(1, 1000.0, 400.0, 150.0)
     beside = Scene(0.0, at(), (car(ROUTE, "side", 995.0, 1, 15.0),))
     assert conflict(beside, path, safety, limit=40.0) == "vehicle side is beside the truck"
+    near = Scene(0.0, at(), (car(ROUTE, "near", 1006.0, 1, 15.0),))
+    assert conflict(near, path, safety, limit=40.0).startswith("front gap")
     assert "in sight" in conflict(Scene(0.0, at(), ()), path, safety, limit=40.0)
     assert conflict(Scene(0.0, at(), ()), path, safety) is None
 
