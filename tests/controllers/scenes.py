@@ -27,6 +27,22 @@ def car(route, name, station, lane, speed, **fields) -> TrackedVehicle:
     )
 
 
+def posed(route, name, station, offset, course, speed, **fields) -> TrackedVehicle:
+    """A car with a pose in the map frame; its course is relative to the road's direction [rad]."""
+    point = route.evaluate(station, offset)
+    return TrackedVehicle(
+        id=name,
+        x=float(point.x),
+        y=float(point.y),
+        z=float(point.z),
+        yaw=float(point.heading) + course,
+        speed=speed,
+        station=station,
+        offset=offset,
+        **({"lane": -1} | fields),
+    )
+
+
 def moved(vehicle: TrackedVehicle, time: float) -> TrackedVehicle:
     """The vehicle after `time` seconds at constant speed."""
     return dataclasses.replace(vehicle, station=vehicle.station + vehicle.speed * time)

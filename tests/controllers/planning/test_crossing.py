@@ -9,7 +9,7 @@ from controllers.planning.planner import Planner
 from iits_mj.core.messages import EgoState, PlanMode, RoadSignals, Scene, TrackedVehicle
 from iits_mj.road import Route
 from iits_mj.road.measured import Lanes, measured_route
-from tests.controllers.scenes import advanced, car
+from tests.controllers.scenes import advanced, car, posed
 
 ROAD = Route.straight(length=3000.0, lanes=2)
 MIDDLE = float(ROAD.lane_offset(0, 500.0))
@@ -22,21 +22,8 @@ def plan(*vehicles, ego=EGO):
 
 def crossing(station=530.0, aside=-8.0, speed=4.0, **fields):
     """A car that crosses the road to the left, with its pose in the map frame."""
-    offset = MIDDLE + aside
-    point = ROAD.evaluate(station, offset)
-    return TrackedVehicle(
-        id="across",
-        x=float(point.x),
-        y=float(point.y),
-        z=float(point.z),
-        yaw=float(point.heading) + 0.5 * math.pi,
-        speed=speed,
-        lateral_speed=speed,
-        station=station,
-        offset=offset,
-        lane=-1,
-        **fields,
-    )
+    fields = {"lateral_speed": speed} | fields
+    return posed(ROAD, "across", station, MIDDLE + aside, 0.5 * math.pi, speed, **fields)
 
 
 def test_the_truck_brakes_hard_for_a_vehicle_that_crosses_30_m_ahead():
@@ -95,17 +82,7 @@ def test_before_a_turn_that_needs_more_than_the_lane_the_truck_waits_until_it_is
     planner = Planner(road)
     ego = EgoState(station=170.0, offset=float(road.lane_offset(0, 170.0)), speed=5.0, mass=19e3)
     lane = float(road.lane_offset(0, 220.0))
-    place = road.evaluate(222.0, lane + 3.5)
-    standing = TrackedVehicle(
-        id="oncoming",
-        x=float(place.x),
-        y=float(place.y),
-        z=float(place.z),
-        yaw=float(place.heading) + math.pi,
-        station=222.0,
-        offset=lane + 3.5,
-        lane=-1,
-    )
+    standing = posed(road, "oncoming", 222.0, lane + 3.5, math.pi, 0.0)
     for cycle in range(400):
         around = (standing,) if cycle < 200 else ()
         found = planner.plan(Scene(ego.time, ego, around, signals=RoadSignals()))

@@ -32,14 +32,13 @@ from iits_mj.core.messages import (
     Scene,
     SpeedProfile,
     SpeedZone,
-    TrackedVehicle,
     TrafficLight,
 )
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.road.measured import Lanes, measured_route
 from tests.controllers.planning.test_crossing import bend
-from tests.controllers.scenes import Ideal, car
+from tests.controllers.scenes import Ideal, car, posed
 
 PARAMETERS = TruckParameters.load()
 ROUTE = Route.straight(length=3_000.0, lanes=2)
@@ -61,18 +60,7 @@ def test_the_first_station_that_does_not_rise_is_named():
 @pytest.mark.parametrize(("distance", "counts"), [(14.0, True), (18.0, True), (40.0, False)])
 def test_a_crawling_truck_sees_a_vehicle_that_stands_across_its_lane(distance, counts):
     station, middle = 1000.0, float(ROUTE.lane_offset(0, 1000.0))
-    point = ROUTE.evaluate(station + distance, middle)
-    across = TrackedVehicle(
-        id="across",
-        x=float(point.x),
-        y=float(point.y),
-        z=float(point.z),
-        yaw=float(point.heading) + 0.5 * math.pi,
-        speed=0.0,
-        station=station + distance,
-        offset=middle,
-        lane=0,
-    )
+    across = posed(ROUTE, "across", station + distance, middle, 0.5 * math.pi, 0.0, lane=0)
     ego = EgoState(station=station, offset=middle, x=station, y=middle, speed=1.0)
     path = PREVIEW.follow(0, station, 400.0, 150.0)
     leads = crossing_leads(Scene(0.0, ego, (across,)), PREVIEW, PARAMETERS, path, None)
@@ -167,17 +155,7 @@ def at(station=1000.0, lane=0, speed=15.0, **fields):
 
 
 def test_a_vehicle_at_rest_points_where_its_pose_points():
-    point = ROUTE.evaluate(1050.0, 0.0)
-    vehicle = TrackedVehicle(
-        id="still",
-        x=float(point.x),
-        y=float(point.y),
-        z=float(point.z),
-        yaw=float(point.heading) + 0.3,
-        station=1050.0,
-        lane=-1,
-        speed=0.0,
-    )
+    vehicle = posed(ROUTE, "still", 1050.0, 0.0, 0.3, 0.0)
     scene = Scene(0.0, at(), (vehicle, dataclasses.replace(vehicle, id="back", speed=-1.0)))
     found = Poses.of(scene.neighbors, np.array([True, True]), PREVIEW)
     assert found.to_road[0] == pytest.approx(0.3)

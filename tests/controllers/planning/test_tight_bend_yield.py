@@ -14,13 +14,12 @@ from iits_mj.core.messages import (
     LightState,
     RoadSignals,
     Scene,
-    TrackedVehicle,
     TrafficLight,
 )
 from iits_mj.parameters import TruckParameters
 from iits_mj.road.measured import Lanes, measured_route
 from tests.controllers.planning.test_crossing import bend
-from tests.controllers.scenes import advanced, car
+from tests.controllers.scenes import advanced, car, posed
 
 ROAD = bend()
 FREE = 235.0
@@ -29,19 +28,7 @@ FREE = 235.0
 def oncoming(name, station, speed, **fields):
     """A car in the opposite lane, 3.5 m beside the truck's."""
     offset = float(ROAD.lane_offset(0, station)) + 3.5
-    place = ROAD.evaluate(station, offset)
-    return TrackedVehicle(
-        id=name,
-        x=float(place.x),
-        y=float(place.y),
-        z=float(place.z),
-        yaw=float(place.heading) + math.pi,
-        speed=speed,
-        station=station,
-        offset=offset,
-        lane=-1,
-        **fields,
-    )
+    return posed(ROAD, name, station, offset, math.pi, speed, **fields)
 
 
 def drive(vehicles, duration, station=190.0, speed=3.0, signals=None):
