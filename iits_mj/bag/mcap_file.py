@@ -27,6 +27,7 @@ from iits_mj.core.context import Finishing
 from iits_mj.core.errors import InputError
 from iits_mj.core.input_files import read_json
 from iits_mj.core.messages import EgoState, Scene, Trajectory, VehicleCommand
+from iits_mj.core.output_files import unwritable
 from iits_mj.j1939 import Frame as BusFrame
 from iits_mj.j1939.state import TruckSender
 from iits_mj.simulation.config import DriveConfig
@@ -251,7 +252,7 @@ class BagWriter(Finishing, Observer):
                 writer.close()
             except OSError as error:
                 shutil.rmtree(self.folder, ignore_errors=True)
-                raise _unwritable(self.folder, error) from error
+                raise unwritable("bag", self.folder, error) from error
 
     def abandon(self) -> None:
         """Deletes the unfinished bag."""
@@ -270,7 +271,7 @@ class BagWriter(Finishing, Observer):
         try:
             self._writer.write(connection, round(time * 1e9), data)
         except OSError as error:
-            raise _unwritable(self.folder, error) from error
+            raise unwritable("bag", self.folder, error) from error
         self.count += 1
 
 
@@ -282,10 +283,5 @@ def _open(folder: Path) -> Any:
         writer = Writer(folder, version=VERSION, storage_plugin=StoragePlugin.MCAP)
         writer.open()
     except (OSError, WriterError) as error:
-        raise _unwritable(folder, error) from error
+        raise unwritable("bag", folder, error) from error
     return writer
-
-
-def _unwritable(folder: Path, error: Exception) -> InputError:
-    reason = getattr(error, "strerror", None) or str(error)
-    return InputError(f"bag {str(folder)!r} cannot be written: {reason}")

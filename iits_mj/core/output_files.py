@@ -59,7 +59,7 @@ class OutputFile:
             return
         self.abandon()
         if isinstance(error, OSError):
-            raise self._unwritable(error) from error
+            raise unwritable(self.what, self.path, error) from error
 
     @contextlib.contextmanager
     def errors(self) -> Iterator[None]:
@@ -67,7 +67,7 @@ class OutputFile:
         try:
             yield
         except OSError as error:
-            raise self._unwritable(error) from error
+            raise unwritable(self.what, self.path, error) from error
 
     def finish(self) -> None:
         """Moves the complete file to its place."""
@@ -89,9 +89,11 @@ class OutputFile:
             os.close(self._lock)
             self._lock = None
 
-    def _unwritable(self, error: OSError) -> InputError:
-        reason = error.strerror or str(error)
-        return InputError(f"{self.what} {str(self.path)!r} cannot be written: {reason}")
+
+def unwritable(what: str, path: str | Path, error: Exception) -> InputError:
+    """The error that names an output, such as "table", its path and the reason."""
+    reason = getattr(error, "strerror", None) or str(error)
+    return InputError(f"{what} {str(path)!r} cannot be written: {reason}")
 
 
 def write_whole(path: str | Path, content: bytes, what: str) -> None:

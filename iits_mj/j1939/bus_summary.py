@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from iits_mj.core.errors import BusError, InputError
-from iits_mj.core.output_files import OutputFile
+from iits_mj.core.errors import BusError
+from iits_mj.core.output_files import OutputFile, unwritable
 from iits_mj.j1939.database import message_names, pgn_of
 from iits_mj.j1939.diagnostics import LONG_GROUPS, LongGroup, read_group
 from iits_mj.j1939.frame import Frame
@@ -329,8 +329,7 @@ def _output(path: Path) -> Iterator[Path]:
     try:
         yield path
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(f"table {str(path)!r} cannot be written: {reason}") from error
+        raise unwritable("table", path, error) from error
 
 
 def _rows(reading: Reading, only_values: bool) -> Iterator[tuple[object, ...]]:
