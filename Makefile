@@ -8,7 +8,8 @@ OUT    ?= out
 FLAGS  ?=
 JOBS   ?= 2
 
-PLUGIN  := $(wildcard iits_mj/plugin/*.cc iits_mj/plugin/*.h iits_mj/plugin/laws/*.h)
+CXX_SOURCES := $(wildcard iits_mj/plugin/*.cc iits_mj/plugin/*.h iits_mj/plugin/laws/*.h \
+             iits_mj/kernels/*.cc iits_mj/kernels/*.h)
 CXX_TESTS := $(wildcard tests/plugin/*.cc tests/plugin/*.h tools/*.h)
 BUILD   := pyproject.toml CMakeLists.txt
 
@@ -64,12 +65,12 @@ compiler:
 	  echo "make: a C++17 compiler is missing: apt-get install g++" >&2; exit 2; }
 
 # Editable, so that changes of Python and MJCF count at once; the plugin is compiled here.
-$(VENV)/installed: $(BUILD) $(PLUGIN) | compiler $(BIN)/python
+$(VENV)/installed: $(BUILD) $(CXX_SOURCES) | compiler $(BIN)/python
 	$(PIP) -c constraints.txt -e .
 	$(DM_CONTROL)
 	@touch $@
 
-$(VENV)/installed-test: $(BUILD) $(PLUGIN) constraints.txt | compiler $(BIN)/python
+$(VENV)/installed-test: $(BUILD) $(CXX_SOURCES) constraints.txt | compiler $(BIN)/python
 	$(PIP) -c constraints.txt -e '.[test]'
 	$(DM_CONTROL)
 	@touch $(VENV)/installed $@
@@ -96,7 +97,7 @@ lint: $(VENV)/installed-test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/clang-format --dry-run -Werror $(PLUGIN) $(CXX_TESTS)
+	$(BIN)/clang-format --dry-run -Werror $(CXX_SOURCES) $(CXX_TESTS)
 
 check: $(VENV)/installed-test
 	$(BIN)/pytest -m "not slow" -n $(JOBS)
@@ -154,7 +155,7 @@ check-mujoco4: $(BIN)/cmake
 format: $(VENV)/installed-test
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
-	$(BIN)/clang-format -i $(PLUGIN) $(CXX_TESTS)
+	$(BIN)/clang-format -i $(CXX_SOURCES) $(CXX_TESTS)
 
 # --- generated files ------------------------------------------------------------------------
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import ctypes
-import importlib.util
-import os
 from pathlib import Path
 
 import mujoco
 
+from iits_mj.core import libraries
 from iits_mj.core.errors import PluginError
 from iits_mj.plugin import pickling
 
@@ -24,19 +23,7 @@ def library_path() -> Path:
     Raises:
       PluginError: it is missing (the package was not built).
     """
-    if other := os.environ.get(LIBRARY_VARIABLE):
-        return Path(other)
-    # In an editable install the library is in site-packages, not beside the sources.
-    spec = importlib.util.find_spec("iits_mj")
-    folders = list(spec.submodule_search_locations or []) if spec else []
-    for folder in folders:
-        path = Path(folder) / LIBRARY_NAME
-        if path.is_file():
-            return path
-    raise PluginError(
-        f"{LIBRARY_NAME} is not in {folders}: "
-        "build it with 'pip install .' (a C++17 compiler is needed)"
-    )
+    return libraries.library_path(LIBRARY_NAME, LIBRARY_VARIABLE)
 
 
 def register() -> Path:

@@ -10,6 +10,7 @@ from types import ModuleType
 import controllers
 import iits_mj
 import traffic_bridge
+from iits_mj import kernels
 from iits_mj.core.assets import mjcf_dir
 from iits_mj.core.errors import InputError
 from iits_mj.plugin import library_path
@@ -49,8 +50,8 @@ def driving_files() -> dict[str, Path]:
 
 @functools.cache
 def code_digest() -> str:
-    """SHA-256 over the code, parameters and plugin on which every drive depends, hexadecimal."""
-    digest = hashlib.sha256(library_path().read_bytes())
+    """SHA-256, hexadecimal, over the code, parameters and libraries on which every drive depends."""
+    digest = hashlib.sha256(library_path().read_bytes() + kernels.path().read_bytes())
     for name, path in driving_files().items():
         digest.update(name.encode() + path.read_bytes())
     return digest.hexdigest()
