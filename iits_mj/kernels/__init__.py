@@ -57,14 +57,11 @@ def function(name: str, result: Any, *arguments: Any) -> Callable[..., Any]:
     Raises:
       PluginError: the library is missing, or is another build that has no such function.
     """
-    try:
-        found = getattr(_library(), name)
-    except AttributeError:
-        raise PluginError(
-            f"{path()} has no function {name}: rebuild it with 'make build'"
-        ) from None
+    found: Any = getattr(_library(), name, None)
+    if found is None:
+        raise PluginError(f"{path()} has no function {name}: rebuild it with 'make build'")
     found.restype, found.argtypes = result, arguments
-    return found  # type: ignore[no-any-return]
+    return found
 
 
 def address(array: np.ndarray[Any, Any]) -> int:

@@ -50,7 +50,7 @@ def driving_files() -> dict[str, Path]:
 
 @functools.cache
 def code_digest() -> str:
-    """SHA-256, hexadecimal, over the code, parameters and libraries on which every drive depends."""
+    """SHA-256 over the code, parameters and libraries on which every drive depends, in hex."""
     digest = hashlib.sha256(library_path().read_bytes() + kernels.path().read_bytes())
     for name, path in driving_files().items():
         digest.update(name.encode() + path.read_bytes())
