@@ -195,7 +195,9 @@ def read_table(path: str | Path, names: dict[str, str] | None = None) -> Log:
     for index, (title, unit) in enumerate(headings):
         name = titles.pop(title, title)
         if name in SIGNALS and not (name in (names or {}) and title == name):
-            columns[name] = _column(rows, index, title) * _TO_SI.get(unit, 1.0)
+            # `Log` refuses a value that becomes infinite.
+            with np.errstate(over="ignore"):
+                columns[name] = _column(rows, index, title) * _TO_SI.get(unit, 1.0)
     if titles:
         raise InputError(f"log {str(path)!r} has no column {next(iter(titles))!r}")
     if "time" not in columns:

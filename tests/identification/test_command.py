@@ -97,6 +97,10 @@ def test_unusable_tables_give_one_clear_error(tmp_path):
         read_table(path)
     with pytest.raises(InputError, match="no column 'v'"):
         read_table(path, {"speed": "v"})
+    rows = "".join(f"{row},1e305\n" for row in range(60))
+    path.write_text(f"time [s],brake_pressure_trailer [bar]\n{rows}")
+    with pytest.raises(InputError, match="brake_pressure_trailer.*not finite"):
+        read_table(path)
 
 
 def test_unusable_signals_give_one_clear_error(log):

@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 from iits_mj.core.arrays import BoolArray, FloatArray, IntArray
 from iits_mj.core.errors import InputError
 from traffic_bridge.datasets.kinematics import check_speeds
-from traffic_bridge.datasets.trajectories import INSTANT, Trajectories, find, instant_keys
+from traffic_bridge.datasets.trajectories import (
+    INSTANT,
+    LATEST,
+    Trajectories,
+    find,
+    instant_keys,
+)
 
 LONGEST_GAP = 1.0  # [s]: a vehicle that is missing for longer continues as another one
 # [m] more than the distance at 100 m/s: a vehicle that jumps farther continues as another one.
@@ -79,6 +85,7 @@ def assemble(
         raise InputError(f"{rows.source}: no rows")
     for column in ("time", "station", "offset", "speed", "length", "width"):
         rows.must(np.isfinite(getattr(rows, column)), column, "is not a finite number")
+    rows.must(np.abs(rows.time) < LATEST, "time", f"is beyond {LATEST:g} s")
     rows.must(rows.speed >= 0.0, "speed", "is negative")
     rows.must(rows.speed < FASTEST, "speed", f"is above {FASTEST:g} m/s")
     rows.must(np.abs(rows.station) < FARTHEST, "station", f"is beyond {FARTHEST:g} m")

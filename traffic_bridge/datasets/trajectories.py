@@ -16,6 +16,7 @@ from iits_mj.core.errors import InputError
 from traffic_bridge.vehicles.types import KINDS
 
 INSTANT = 1e-3  # [s]: rows nearer in time than this belong to the same instant
+LATEST = 1e8  # [s]
 _FLOATS = ("time", "station", "offset", "speed", "acceleration")
 _INTEGERS = ("vehicle", "lane", "leader")
 _ROWS = (*_FLOATS, *_INTEGERS)
@@ -209,7 +210,7 @@ class Trajectories:
         for name in _FLOATS:
             column = getattr(self, name)
             self._must(np.isfinite(column), name, column, "must be finite")
-        self._must(np.abs(self.time) < 1e8, "time", self.time, "must be below 1e8 s")
+        self._must(np.abs(self.time) < LATEST, "time", self.time, "must be below 1e8 s")
         self._must(self.speed >= 0.0, "speed", self.speed, "must be zero or positive")
         later = np.diff(self.time) >= INSTANT
         order = (np.diff(self.vehicle) > 0) | ((np.diff(self.vehicle) == 0) & later)

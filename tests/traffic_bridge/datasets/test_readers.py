@@ -204,6 +204,7 @@ def _broken(rows, line, column, value):
         ("v_Vel", "2000", r"line 5: speed of vehicle '7' is above 150 m/s"),
         ("Local_Y", "1e9", r"line 5: station of vehicle '7' is beyond"),
         ("v_Length", "0", r"line 5: length of vehicle '7' is not positive"),
+        ("Global_Time", "1e15", r"line 5: time of vehicle '7' is beyond"),
     ],
 )
 def test_a_wrong_value_is_named_by_file_line_and_column(tmp_path, column, value, words):
