@@ -99,7 +99,7 @@ def test_unusable_tables_give_one_clear_error(tmp_path):
         read_table(path, {"speed": "v"})
     rows = "".join(f"{row},1e305\n" for row in range(60))
     path.write_text(f"time [s],brake_pressure_trailer [bar]\n{rows}")
-    with pytest.raises(InputError, match="brake_pressure_trailer.*not finite"):
+    with pytest.raises(InputError, match=r"brake_pressure_trailer.*not finite"):
         read_table(path)
 
 
