@@ -16,6 +16,7 @@ from controllers.decision import fast_world
 from controllers.decision.base import DecisionContext, DecisionMaker
 from controllers.decision.fast_world.env import HighwayEnv
 from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig
+from controllers.stack import Stack
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision
 from iits_mj.core.timing import CYCLE_PERIOD
@@ -110,8 +111,16 @@ class _TripObserver(Observer):
         return self._error / self._frames
 
 
-def _drive_full(task: Task, maker: _CountingMaker) -> dict[str, Any]:
-    """Figures of a trip in the full chain: MuJoCo truck, planner and tracking in SUMO traffic."""
+def full_chain(task: Task, maker: DecisionMaker) -> Simulation:
+    """The simulation of a trip in the full chain: MuJoCo truck, planner, tracking, SUMO traffic.
+
+    Args:
+      task: which trial; the trip ends after its duration, not after its length.
+      maker: of the decisions.
+
+    Raises:
+      TrafficError: SUMO failed.
+    """
     config = DriveConfig(
         density=task.density,
         traffic_speed=task.traffic_speed,
@@ -127,18 +136,18 @@ def _drive_full(task: Task, maker: _CountingMaker) -> dict[str, Any]:
         speed_planner="cruise",
     )
 
-    def driver(route: Route, truck: Truck) -> object:
+    def driver(route: Route, truck: Truck) -> Stack:
         stack = make_stack(config, route, truck.parameters)
         stack.decision_maker = maker
         return stack
 
+    return Simulation(config, driver=driver, visuals=False, timestep=task.timestep)
+
+
+def _drive_full(task: Task, maker: _CountingMaker) -> dict[str, Any]:
+    """Figures of a trip in the full chain."""
     observer = _TripObserver(task.length_limit)
-    with Simulation(
-        config,
-        driver=driver,  # type: ignore[arg-type]
-        visuals=False,
-        timestep=task.timestep,
-    ) as simulation:
+    with full_chain(task, maker) as simulation:
         try:
             result = simulation.run([observer])
         except DivergedError:
