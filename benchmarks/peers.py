@@ -6,8 +6,8 @@
 Both simulate one ego and 20 or 60 vehicles near it on one core. highway-env moves points with a
 bicycle model 15 times a second and makes no physics, no SUMO and no J1939 messages; a drive of
 `iits_mj` makes 500 physics steps of the articulated truck, 50 commands and 10 plans a second, or
-200 steps at 5 ms. `HighwayFast-v0` is the environment of like detail. The table gives simulated time
-per processor time: the median and the range of rounds that alternate.
+200 steps at 5 ms. `HighwayFast-v0` is the environment of like detail. The table gives simulated
+time per processor time: the median and the range of rounds that alternate.
 """
 
 from __future__ import annotations
