@@ -224,7 +224,7 @@ def read_types(
                 raise InputError(f"{name} = {values!r}: expected a table [{name}]")
             values = dict(values)
             like = values.pop("like", name if name in types else values.get("look", name))
-            if like not in types:
+            if not isinstance(like, str) or like not in types:
                 raise InputError(
                     f"vehicle type {name!r}: there is no type {like!r} to start from; "
                     f"set `like` or `look` to one of {', '.join(types)}"

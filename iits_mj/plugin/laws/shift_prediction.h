@@ -198,8 +198,8 @@ struct ShiftSituation {
     if (!Floored() || state.acceleration >= 0 || Recovers()) return false;
     const T ratio = gears.Ratio(gear);
     const T step = kHeldSpeedStep * engine.governed_speed / ratio;
-    const T slowest = LowSpeed() / ratio;
-    for (T speed = SpeedWhenRecovered(gear); speed >= slowest; speed -= step) {
+    const T slowest = LowSpeed() / ratio, fastest = engine.governed_speed / ratio;
+    for (T speed = Min(SpeedWhenRecovered(gear), fastest); speed >= slowest; speed -= step) {
       if (Carries(gear, speed, 1)) return false;
     }
     const T held = BestHeld(in.shaft_speed).speed;

@@ -191,6 +191,7 @@ def test_types_of_a_file_override_the_types_of_the_package(tmp_path):
         ("[car]\ntime_headway = nan", "time_headway = nan"),
         ("[car]\ncolors = [[1, 2]]", "must be red, green, blue"),
         ("[taxi]\nlength = 4.0", "there is no type 'taxi' to start from"),
+        ("[bus]\nlike = []", r"there is no type \[\] to start from"),
         ("car = 3", "expected a table"),
         ("[car", "not TOML"),
         ("[ego]\nlike = 'car'", "vehicle type 'ego'"),
