@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from controllers.tracking.lateral import USED, LateralConfig, LateralController, check_finite
@@ -57,8 +57,8 @@ class Tracker:
           InputError: a value of the state that the controllers use is not finite.
         """
         check_finite(ego, _USED)
-        command = self.longitudinal.command(ego, trajectory, self.grade(ego))
-        return replace(command, steering_wheel_angle=self.lateral.steer(ego, trajectory))
+        angle = self.lateral.steer(ego, trajectory)
+        return self.longitudinal.command(ego, trajectory, self.grade(ego), angle)
 
     def grade(self, ego: EgoState) -> float:
         """Grade under the combination, rise over run, tractor and trailer weighted by mass."""

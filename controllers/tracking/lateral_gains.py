@@ -7,10 +7,8 @@ of the observed disturbance, assumed to last. One Riccati equation per speed giv
 
 from __future__ import annotations
 
-from bisect import bisect
-from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
@@ -100,47 +98,49 @@ class LateralConfig:
 
 
 class Gains(NamedTuple):
-    """Gains and model at one speed.
+    """Gains and model at one speed, in the kernel's order.
 
     Attributes:
+      speed: [m/s].
+      response: steady lateral acceleration by road wheel angle [m/s2 per rad].
       feedback: of the state, (9,).
-      preview: of the curvatures ahead, (n,).
       disturbance: of the three disturbing accelerations, (3,).
       motion: (w, r, r_t) a step later as a product with (w, r, r_t, articulation, delta), (3, 5).
       blame: disturbing accelerations from the prediction error of (w, r, r_t), (3, 3).
       balance: road wheel angle that holds a disturbance on a straight path, (3,).
-      response: steady lateral acceleration by road wheel angle [m/s2 per rad].
+      preview: of the curvatures ahead, (n,).
     """
 
+    speed: float
+    response: float
     feedback: FloatArray
-    preview: FloatArray
     disturbance: FloatArray
     motion: FloatArray
     blame: FloatArray
     balance: FloatArray
-    response: float
+    preview: FloatArray
 
 
 @dataclass(frozen=True)
 class LateralGains:
-    """Gains at the speeds of a grid [m/s]."""
+    """Gains at the speeds of a grid, between which the kernel interpolates.
 
-    speed: tuple[float, ...]
+    Attributes:
+      gains: by speed.
+      previews: number of curvatures ahead.
+      table: all numbers, speed by speed, as the kernel reads them.
+    """
+
     gains: tuple[Gains, ...]
+    previews: int
+    table: bytes
 
     @classmethod
     def design(cls, model: LateralModel, config: LateralConfig) -> LateralGains:
         """Solves the Riccati equation at every speed of the grid."""
-        grid = config.speed_grid
-        return cls(grid, tuple(_design(model, speed, config) for speed in grid))
-
-    def at(self, speed: float) -> Gains:
-        """The gains interpolated at a speed [m/s], clamped to the grid."""
-        grid = self.speed
-        row = min(max(bisect(grid, speed) - 1, 0), len(grid) - 2)
-        share = min(max((speed - grid[row]) / (grid[row + 1] - grid[row]), 0.0), 1.0)
-        pairs: Iterable[tuple[Any, Any]] = zip(self.gains[row], self.gains[row + 1], strict=True)
-        return Gains(*((1.0 - share) * low + share * high for low, high in pairs))
+        gains = tuple(_design(model, speed, config) for speed in config.speed_grid)
+        table = np.concatenate([np.ravel(value) for row in gains for value in row])
+        return cls(gains, len(gains[0].preview), table.tobytes())
 
 
 def _design(model: LateralModel, speed: float, config: LateralConfig) -> Gains:
@@ -161,14 +161,15 @@ def _design(model: LateralModel, speed: float, config: LateralConfig) -> Gains:
     row[-1] += (inverse @ b.T @ np.linalg.solve(forever, term)).item()
     lasting = inverse @ b.T @ np.linalg.solve(forever, riccati @ disturb)
     return Gains(
+        speed=speed,
+        response=model.steady_acceleration(speed),
         feedback=gain[0],
-        preview=np.array(row),
         disturbance=lasting[0],
         # Over a step the road wheel angle stays at its measured value.
         motion=np.column_stack([a[:3, :4], a[:3, 6] + a[:3, 7]]),
         blame=np.asarray(np.linalg.inv(disturb[:3]), dtype=float),
         balance=model.balance(speed),
-        response=model.steady_acceleration(speed),
+        preview=np.array(row),
     )
 
 

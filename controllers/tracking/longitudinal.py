@@ -12,15 +12,11 @@ its own TSC1; an XBR demand that may use both adds the missing force. At standst
 from __future__ import annotations
 
 import enum
+from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from controllers.tracking.driveline_inverse import (
-    DrivelineInverse,
-    Retardation,
-    interpolate,
-    share_out,
-    xbr_deceleration,
-)
+from controllers.tracking.driveline_inverse import Actuation, DrivelineInverse, xbr_deceleration
 from iits_mj.core.messages import EgoState, Trajectory, VehicleCommand, XbrEbiMode, XbrMode
 from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.core.units import GRAVITY
@@ -38,6 +34,12 @@ class Phase(enum.Enum):
     BRAKE = "brake"
     HOLD = "hold"
     LAUNCH = "launch"
+
+
+# Names of their own: looking up a member in its class takes as long as a law of this module.
+_DRIVE, _COAST, _OVERRUN, _BRAKE, _HOLD, _LAUNCH = Phase
+_XBR_OFF, _XBR_MAXIMUM = XbrMode.OFF, XbrMode.MAXIMUM
+_FRICTION_ONLY, _INTEGRATION = XbrEbiMode.FRICTION_ONLY, XbrEbiMode.INTEGRATION
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,23 @@ class LongitudinalConfig:
         return error - min(max(error, -band), band)
 
 
+def interpolate(x: float, places: Sequence[float], values: Sequence[float]) -> float:
+    """Linear interpolation of one value; the same bits as `np.interp`, faster on lists.
+
+    Args:
+      x: a number.
+      places: rising, at least one.
+      values: finite, one for each place; the first and last hold beyond the ends.
+    """
+    row = bisect_right(places, x) - 1
+    if row < 0:
+        return values[0]
+    low, value = places[row], values[row]
+    if row == len(places) - 1 or low == x:
+        return value
+    return (values[row + 1] - value) / (places[row + 1] - low) * (x - low) + value
+
+
 class SpeedView:
     """A trajectory prepared for lookups of speed and acceleration by time.
 
@@ -115,9 +134,9 @@ class SpeedView:
 
     def __init__(self, trajectory: Trajectory) -> None:
         self.trajectory = trajectory
-        self.greatest = float(trajectory.speed.max())
         self._time = trajectory.time.tolist()
         self._speed = trajectory.speed.tolist()
+        self.greatest: float = max(self._speed)
         self._acceleration = trajectory.acceleration.tolist()
 
     def speed(self, time: float) -> float:
@@ -167,7 +186,7 @@ class LongitudinalController:
 
     def reset(self) -> None:
         """Clears phase and integral."""
-        self.phase = Phase.DRIVE
+        self.phase = _DRIVE
         self._since = self.config.dwell
         self._integral = 0.0
         self._pedal = 0.0
@@ -178,13 +197,20 @@ class LongitudinalController:
         self._gear = 1
         self._view: SpeedView | None = None
 
-    def command(self, ego: EgoState, trajectory: Trajectory, grade: float) -> VehicleCommand:
-        """The command of pedal and brakes, without steering.
+    def command(
+        self,
+        ego: EgoState,
+        trajectory: Trajectory,
+        grade: float,
+        steering_wheel_angle: float = 0.0,
+    ) -> VehicleCommand:
+        """The command of pedal and brakes.
 
         Args:
           ego: the truck.
           trajectory: planned motion, looked up by time.
           grade: under the combination, rise over run.
+          steering_wheel_angle: of the command [rad]; another controller's.
         """
         config = self.config
         self._since += CONTROL_PERIOD
@@ -193,74 +219,64 @@ class LongitudinalController:
         view = self._view
         if view is None or view.trajectory is not trajectory:
             view = self._view = SpeedView(trajectory)
-        planned, soon = view.speed(ego.time), view.speed(ego.time + 0.5)
-        ahead = view.acceleration(ego.time + config.lead_time)
+        time, speed = ego.time, ego.speed
+        planned, soon = view.speed(time), view.speed(time + 0.5)
         if self._stand(ego, planned, soon):
-            return self._hold(ego, grade, soon)
-        error = planned - ego.speed
-        if self.phase is Phase.COAST:
-            error = config.coasting_error(error, ego.speed)
+            self._hold(ego, grade, soon)
+            return self._output(steering_wheel_angle)
+        error = planned - speed
+        if self.phase is _COAST:
+            error = config.coasting_error(error, speed)
+        ahead = view.acceleration(time + config.lead_time)
         wanted = ahead + config.speed_gain * error + self._integral
-        inverse, gear = self.inverse, self._gear
-        force = inverse.effective_mass(ego.mass, gear) * wanted
-        force += inverse.resistance(ego.mass, ego.speed, grade)
-        torque = inverse.engine_torque(force, gear)
-        drag = inverse.drag_torque(ego.engine_speed)
+        inverse, gear, mass = self.inverse, self._gear, ego.mass
+        force = inverse.effective_mass(mass, gear) * wanted
+        force += inverse.resistance(mass, speed, grade)
         engaged = not ego.shift_in_process and ego.gear >= 1
-        endurance = inverse.endurance(ego.speed, ego.engine_speed, gear, engaged)
-        shared = share_out(-force, endurance)
-        deficit = max(shared.short, self._short_soon(ego, force, wanted, engaged)) / ego.mass
-        beyond = max(-force - endurance.drag, 0.0) / ego.mass
-        self._choose(torque + drag, beyond, deficit, wanted, engaged)
-        self._pull(ego, torque, view.greatest - ego.speed)
-        self._retard(shared, wanted, engaged)
-        self._brake(ego, force, wanted)
+        # Engine brake and retarder fade as the truck slows down, so friction must build up before.
+        later = max(speed + min(wanted, 0.0) * config.build_up, 0.0)
+        split = inverse.actuation(force, speed, ego.engine_speed, gear, engaged, later)
+        above = split.torque + split.drag
+        self._choose(above, split.beyond / mass, split.lacking / mass, wanted, engaged)
+        self._pull(ego, split.pedal, view.greatest - speed)
+        self._retard(split, wanted, engaged)
+        self._brake(mass, force, wanted)
         self._learn(ego, error)
-        return self._output()
-
-    def _short_soon(self, ego: EgoState, force: float, wanted: float, engaged: bool) -> float:
-        """Force [N] that engine brake and retarder will lack once friction has built up.
-
-        Both fade as the truck slows down, so friction must build up before.
-        """
-        speed = max(ego.speed + min(wanted, 0.0) * self.config.build_up, 0.0)
-        engine_speed = ego.engine_speed * speed / max(ego.speed, 0.1)
-        then = self.inverse.endurance(speed, engine_speed, self._gear, engaged)
-        return share_out(-force, then).short
+        return self._output(steering_wheel_angle)
 
     def _stand(self, ego: EgoState, planned: float, soon: float) -> bool:
         """Whether the truck is at standstill and stays there or starts."""
         config = self.config
-        if self.phase in (Phase.HOLD, Phase.LAUNCH):
+        if self.phase in (_HOLD, _LAUNCH):
             return ego.speed < config.stop_speed or soon <= config.go_speed
         return ego.speed < config.stop_speed and (
             max(planned, soon) <= config.go_speed or abs(ego.speed) < 0.05
         )
 
-    def _hold(self, ego: EgoState, grade: float, soon: float) -> VehicleCommand:
-        """Commands at standstill, and of a start without rolling back."""
+    def _hold(self, ego: EgoState, grade: float, soon: float) -> None:
+        """Sets the actuators at standstill, and for a start without rolling back."""
         config, inverse = self.config, self.inverse
         self._integral = 0.0
         start = soon > config.go_speed and self._may_start(ego, grade)
-        self._enter(Phase.LAUNCH if start else Phase.HOLD)
+        self._enter(_LAUNCH if start else _HOLD)
         self._engine_brake = self._retarder = 0.0
-        if self.phase is Phase.HOLD:
+        if self.phase is _HOLD:
             self._pedal, self._demand = 0.0, config.hold_demand
-            return self._output()
+            return
         # Brake control's hill hold keeps the truck until the driveline does; an XBR demand would
         # cut the engine's torque.
         self._demand = 0.0
-        resistance = inverse.resistance(ego.mass, 0.1, grade)
-        torque = inverse.engine_torque(0.35 * ego.mass + resistance, self._gear)
-        target = max(inverse.pedal(torque, max(ego.engine_speed, 70.0)), 0.12)
+        force = 0.35 * ego.mass + inverse.resistance(ego.mass, 0.1, grade)
+        engine_speed = max(ego.engine_speed, 70.0)
+        split = inverse.actuation(force, 0.1, engine_speed, self._gear, True, 0.1)
+        target = max(split.pedal, 0.12)
         self._pedal = min(target, self._pedal + config.pedal_rise * CONTROL_PERIOD)
-        return self._output()
 
     def _may_start(self, ego: EgoState, grade: float) -> bool:
         """Whether a start is possible: uphill only from a hold with hill hold, not rolling back."""
-        if self.phase is Phase.LAUNCH:
+        if self.phase is _LAUNCH:
             return ego.speed > -self.config.roll_back
-        held = self.phase is Phase.HOLD and self._since >= self.config.dwell
+        held = self.phase is _HOLD and self._since >= self.config.dwell
         return held or grade < self.config.level
 
     def _choose(
@@ -276,69 +292,67 @@ class LongitudinalController:
           engaged: False in a gear change.
         """
         config = self.config
-        if self.phase in (Phase.HOLD, Phase.LAUNCH):
-            self._enter(Phase.DRIVE)
+        if self.phase in (_HOLD, _LAUNCH):
+            self._enter(_DRIVE)
         urgent = wanted < -config.urgent
         if (self._since < config.dwell or not engaged) and not urgent:
             return
-        if self.phase is Phase.BRAKE:
+        if self.phase is _BRAKE:
             if deficit < config.brake_leave and wanted > -config.calm:
-                self._enter(Phase.DRIVE if above > config.overrun_leave else Phase.OVERRUN)
+                self._enter(_DRIVE if above > config.overrun_leave else _OVERRUN)
         elif urgent or deficit > config.brake_enter:
-            self._enter(Phase.BRAKE)
-        elif self.phase is Phase.OVERRUN:
+            self._enter(_BRAKE)
+        elif self.phase is _OVERRUN:
             if above > config.overrun_leave:
-                self._enter(Phase.DRIVE)
+                self._enter(_DRIVE)
             elif above > 0.0:
-                self._enter(Phase.COAST)
+                self._enter(_COAST)
         elif beyond > config.retard_enter:
-            self._enter(Phase.OVERRUN)
-        elif self.phase is Phase.DRIVE and above < -config.overrun_enter:
-            self._enter(Phase.COAST)
-        elif self.phase is Phase.COAST and above > config.overrun_leave:
-            self._enter(Phase.DRIVE)
+            self._enter(_OVERRUN)
+        elif self.phase is _DRIVE and above < -config.overrun_enter:
+            self._enter(_COAST)
+        elif self.phase is _COAST and above > config.overrun_leave:
+            self._enter(_DRIVE)
 
-    def _pull(self, ego: EgoState, torque: float, gain: float) -> None:
+    def _pull(self, ego: EgoState, pedal: float, gain: float) -> None:
         """Sets the accelerator within its rates; released in every phase but DRIVE.
 
         Args:
-          ego: the truck.
-          torque: wanted at the crankshaft [N m].
+          ego: the truck; in a gear change the pedal rests.
+          pedal: that gives the wanted torque, 0 to 1.
           gain: speed still to be gained by the plan [m/s].
         """
         config = self.config
-        if self.phase is not Phase.DRIVE:
+        if self.phase is not _DRIVE:
             self._pedal = 0.0
             return
-        pedal = self._pedal
-        if not ego.shift_in_process:
-            pedal = self.inverse.pedal(torque, ego.engine_speed)
+        if ego.shift_in_process:
+            pedal = self._pedal
         if gain < config.kick_down_gain:
             pedal = min(pedal, self._kick_down.greatest_pedal)
         lowest = self._pedal - config.pedal_fall * CONTROL_PERIOD
         self._pedal = min(max(pedal, lowest), self._pedal + config.pedal_rise * CONTROL_PERIOD)
 
-    def _retard(self, shared: Retardation, wanted: float, engaged: bool) -> None:
+    def _retard(self, split: Actuation, wanted: float, engaged: bool) -> None:
         """Sets engine brake and retarder; a gear change keeps the engine brake's request."""
-        engine_brake, retarder = shared.engine_brake, shared.retarder
+        engine_brake, retarder = split.engine_brake, split.retarder
         if not engaged:
             engine_brake = self._engine_brake
-        resting = self.phase in (Phase.DRIVE, Phase.COAST)
+        resting = self.phase in (_DRIVE, _COAST)
         if resting or wanted < -self.config.urgent:
             engine_brake = retarder = 0.0
         reach = self.config.endurance_rate * CONTROL_PERIOD
         self._engine_brake += min(max(engine_brake - self._engine_brake, -reach), reach)
         self._retarder += min(max(retarder - self._retarder, -reach), reach)
 
-    def _brake(self, ego: EgoState, force: float, wanted: float) -> None:
+    def _brake(self, mass: float, force: float, wanted: float) -> None:
         """Sets the XBR demand for a force at the wheels [N], negative when it brakes."""
         config, brake = self.config, self.parameters.air_brake
         demand = 0.0
-        if self.phase is Phase.BRAKE:
+        if self.phase is _BRAKE:
             # Brake control includes rolling resistance and slows the wheels as well.
-            weight = ego.mass * GRAVITY
-            level = self.inverse.rolling * weight - force
-            level /= ego.mass + self.inverse.wheel_mass
+            level = self.inverse.rolling * (mass * GRAVITY) - force
+            level /= mass + self.inverse.wheel_mass
             demand = xbr_deceleration(-wanted, level, brake.trim_max, brake.trim_share)
             demand = min(max(demand, 1e-3), config.demand_max)
         rise = (10.0 if wanted < -2.5 else config.demand_rate) * CONTROL_PERIOD
@@ -351,9 +365,7 @@ class LongitudinalController:
             self._demand >= config.demand_max and error < 0.0
         )
         idle = self._engine_brake <= 0.0 and self._retarder <= 0.0
-        coasting = self.phase is Phase.COAST or (
-            self.phase is Phase.OVERRUN and idle and error < 0.0
-        )
+        coasting = self.phase is _COAST or (self.phase is _OVERRUN and idle and error < 0.0)
         if stuck or coasting or ego.shift_in_process or ego.speed < 1.0:
             return
         grown = self._integral + config.integral_gain * error * CONTROL_PERIOD
@@ -363,19 +375,16 @@ class LongitudinalController:
         if phase is not self.phase:
             self.phase, self._since = phase, 0.0
 
-    def _output(self) -> VehicleCommand:
+    def _output(self, steering_wheel_angle: float) -> VehicleCommand:
         active = self._demand > 0.0
         pedal = min(max(self._pedal, 0.0), 1.0)
         self._kick_down.follow(pedal)
         return VehicleCommand(
             accelerator_pedal=pedal,
             xbr_demand=-self._demand if active else 0.0,
-            xbr_mode=XbrMode.MAXIMUM if active else XbrMode.OFF,
-            xbr_ebi_mode=(
-                XbrEbiMode.INTEGRATION
-                if active and self.phase is Phase.BRAKE
-                else XbrEbiMode.FRICTION_ONLY
-            ),
+            xbr_mode=_XBR_MAXIMUM if active else _XBR_OFF,
+            steering_wheel_angle=steering_wheel_angle,
+            xbr_ebi_mode=_INTEGRATION if active and self.phase is _BRAKE else _FRICTION_ONLY,
             engine_brake=min(max(self._engine_brake, 0.0), 1.0),
             retarder=min(max(self._retarder, 0.0), 1.0),
         )

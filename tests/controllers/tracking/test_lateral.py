@@ -5,12 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from controllers.tracking.lateral import (
-    DisturbanceObserver,
-    LateralController,
-    PathView,
-    SteeringPlay,
-)
+from controllers.tracking.lateral import LateralController
 from controllers.tracking.lateral_gains import LateralConfig, LateralGains, PlayConfig
 from controllers.tracking.lateral_model import LateralModel
 from iits_mj.core.angles import wrap_angles
@@ -18,6 +13,12 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Trajectory
 from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.parameters import TruckParameters
+from tests.controllers.tracking.reference import (
+    DisturbanceObserver,
+    PathView,
+    SteeringPlay,
+    gains_at,
+)
 
 PARAMETERS = TruckParameters.load()
 STEERING = PARAMETERS.steering
@@ -148,9 +149,8 @@ def test_the_play_is_crossed_at_its_own_rate():
 @pytest.mark.parametrize("speed", [8.0, 16.0, 25.0])
 def test_the_observer_finds_a_steady_disturbance_and_no_other(speed):
     model = LateralModel.of(PARAMETERS, 55_000.0, CONFIG.lag)
-    gains = LateralGains.design(model, dataclasses.replace(CONFIG, speed_grid=(speed, 30.0))).at(
-        speed
-    )
+    config = dataclasses.replace(CONFIG, speed_grid=(speed, 30.0))
+    gains = LateralGains.design(model, config).gains[0]
     _, _, _, disturb = model.discrete(speed, CONTROL_PERIOD)
     for push in (np.zeros(3), np.array([0.3, -0.02, 0.01])):
         observer = DisturbanceObserver(CONFIG.disturbance_time)
@@ -190,7 +190,7 @@ def closed_loop(plant, gains, speed):
     """Transition of (state 9, estimate 3, expectation 3) over a step; play left out, (15, 15)."""
     low, high = CONFIG.disturbance_speed
     trust = min(max((speed - low) / (high - low), 0.0), 1.0)
-    at = gains.at(speed)
+    at = gains_at(gains, speed)
     a, b, *_ = plant.discrete(speed, CONTROL_PERIOD)
     share = 1.0 - np.exp(-CONTROL_PERIOD / CONFIG.disturbance_time)
     moving, measured = np.eye(3, 9), np.zeros((5, 9))

@@ -9,6 +9,7 @@ from controllers.tracking.longitudinal import LongitudinalConfig, LongitudinalCo
 from iits_mj.core.messages import EgoState, Trajectory, XbrEbiMode, XbrMode
 from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.parameters import TruckParameters
+from tests.controllers.tracking.reference import Powertrain
 
 PARAMETERS = TruckParameters.load()
 LADEN = EgoState(mass=55_000.0, speed=16.67, gear=9, engine_speed=183.0, engine_torque=-150.0)
@@ -108,8 +109,7 @@ def test_friction_is_demanded_before_the_engine_brake_fades():
     assert slow[0] is Phase.BRAKE
     # The engine brake stays active.
     assert slow[1].engine_brake > 0.9
-    inverse = LongitudinalController(PARAMETERS).inverse
-    assert inverse.engine_brake_torque(110.0 * 4.9 / 5.0) > 0.0
+    assert Powertrain(PARAMETERS).engine_brake_torque(110.0 * 4.9 / 5.0) > 0.0
 
 
 def test_hard_braking_does_not_wait_for_a_gear_change():
@@ -161,7 +161,7 @@ FAST = EgoState(mass=55_000.0, speed=20.0, gear=12, engine_speed=108.0, engine_t
 def coasting_grade(controller, ego):
     """The grade on which the engine's drag alone holds the truck's speed."""
     inverse = controller.inverse
-    drag = inverse.endurance(ego.speed, ego.engine_speed, ego.gear, True).drag
+    drag = Powertrain(PARAMETERS).endurance(ego.speed, ego.engine_speed, ego.gear, True).drag
     level = inverse.resistance(ego.mass, ego.speed, 0.0)
     return -(level + drag) / (ego.mass * 9.81)
 

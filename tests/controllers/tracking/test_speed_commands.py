@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from controllers.tracking.controller import Tracker
-from controllers.tracking.driveline_inverse import DrivelineInverse, EnduranceForces, Retardation
+from controllers.tracking.driveline_inverse import Actuation
 from controllers.tracking.longitudinal import (
     KickDown,
     LongitudinalConfig,
@@ -20,10 +20,11 @@ from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
+from tests.controllers.tracking.reference import EnduranceForces, Powertrain
 from tests.controllers.tracking.test_longitudinal import LADEN, plan, run
 
 PARAMETERS = TruckParameters.load()
-INVERSE = DrivelineInverse(PARAMETERS)
+INVERSE = Powertrain(PARAMETERS)
 CONFIG = LongitudinalConfig()
 GEARBOX, ENGINE = PARAMETERS.gearbox, PARAMETERS.engine
 
@@ -183,8 +184,8 @@ def test_uphill_a_start_needs_a_hold(controller, phase, since, speed, grade, sta
 
 def test_the_pedal_rises_and_falls_at_its_rates(controller):
     pedals = []
-    for torque in [3000.0] * 30 + [-200.0] * 30:
-        controller._pull(LADEN, torque, gain=9.0)
+    for wanted in [1.0] * 30 + [0.0] * 30:
+        controller._pull(LADEN, wanted, gain=9.0)
         pedals.append(controller._pedal)
     steps = np.diff([0.0, *pedals])
     assert steps[:20] == pytest.approx(np.full(20, CONFIG.pedal_rise * CONTROL_PERIOD))
@@ -194,39 +195,41 @@ def test_the_pedal_rises_and_falls_at_its_rates(controller):
 
 def test_the_pedal_rests_in_a_gear_change_and_is_released_in_other_phases(controller):
     controller._pedal = 0.4
-    controller._pull(dataclasses.replace(LADEN, shift_in_process=True), 3000.0, gain=9.0)
+    controller._pull(dataclasses.replace(LADEN, shift_in_process=True), 1.0, gain=9.0)
     assert controller._pedal == 0.4
     controller.phase = Phase.COAST
-    controller._pull(LADEN, 3000.0, gain=9.0)
+    controller._pull(LADEN, 1.0, gain=9.0)
     assert controller._pedal == 0.0
 
 
 @pytest.mark.parametrize(("gain", "kicks"), [(1.9, False), (2.0, True)])
 def test_only_a_large_gain_of_speed_lifts_the_bound_on_the_pedal(controller, gain, kicks):
     controller._pedal = 0.99
-    controller._pull(LADEN, 9000.0, gain)
+    controller._pull(LADEN, 1.0, gain)
     assert (controller._pedal == 1.0) is kicks
 
 
 def test_endurance_requests_change_at_their_rate_and_rest_without_them(controller):
     reach = CONFIG.endurance_rate * CONTROL_PERIOD
     controller.phase = Phase.OVERRUN
-    controller._retard(Retardation(1.0, 0.5 * reach, 0.0), -0.2, engaged=True)
+    controller._retard(Actuation(engine_brake=1.0, retarder=0.5 * reach), -0.2, engaged=True)
     assert controller._engine_brake == pytest.approx(reach)
     assert controller._retarder == pytest.approx(0.5 * reach)
     # A gear change keeps the request of the engine brake.
-    controller._retard(Retardation(0.0, 1.0, 0.0), -0.2, engaged=False)
+    controller._retard(Actuation(engine_brake=0.0, retarder=1.0), -0.2, engaged=False)
     assert controller._engine_brake == pytest.approx(reach)
     assert controller._retarder == pytest.approx(1.5 * reach)
     # At exactly the urgent deceleration they still work; beyond it brake control commands them.
-    controller._retard(Retardation(1.0, 1.0, 0.0), -CONFIG.urgent, engaged=True)
+    controller._retard(Actuation(engine_brake=1.0, retarder=1.0), -CONFIG.urgent, engaged=True)
     assert controller._engine_brake == pytest.approx(2.0 * reach)
-    controller._retard(Retardation(1.0, 1.0, 0.0), -1.1 * CONFIG.urgent, engaged=True)
+    controller._retard(
+        Actuation(engine_brake=1.0, retarder=1.0), -1.1 * CONFIG.urgent, engaged=True
+    )
     assert controller._engine_brake == pytest.approx(reach)
     for phase in (Phase.DRIVE, Phase.COAST):
         controller._engine_brake = controller._retarder = 0.5
         controller.phase = phase
-        controller._retard(Retardation(1.0, 1.0, 0.0), 0.0, engaged=True)
+        controller._retard(Actuation(engine_brake=1.0, retarder=1.0), 0.0, engaged=True)
         assert controller._engine_brake == pytest.approx(0.5 - reach)
         assert controller._retarder == pytest.approx(0.5 - reach)
 
@@ -234,7 +237,7 @@ def test_endurance_requests_change_at_their_rate_and_rest_without_them(controlle
 def demands(controller, force, wanted, steps):
     found = []
     for _ in range(steps):
-        controller._brake(LADEN, force, wanted)
+        controller._brake(LADEN.mass, force, wanted)
         found.append(controller._demand)
     return found
 
@@ -303,17 +306,17 @@ def test_the_integral_rests_where_the_truck_cannot_follow_it(controller, error, 
 
 def test_the_command_is_within_the_ranges_of_its_signals(controller):
     controller._pedal, controller._engine_brake, controller._retarder = 1.4, -0.2, 1.3
-    command = controller._output()
+    command = controller._output(0.5)
     assert (command.accelerator_pedal, command.engine_brake, command.retarder) == (1.0, 0.0, 1.0)
     assert (command.xbr_mode, command.xbr_demand) == (XbrMode.OFF, 0.0)
     controller._pedal, controller._engine_brake, controller._retarder = -0.4, 1.2, -0.3
     controller._demand = 0.7
-    command = controller._output()
+    command = controller._output(0.5)
     assert (command.accelerator_pedal, command.engine_brake, command.retarder) == (0.0, 1.0, 0.0)
     assert (command.xbr_mode, command.xbr_demand) == (XbrMode.MAXIMUM, -0.7)
     assert command.xbr_ebi_mode is XbrEbiMode.FRICTION_ONLY
     controller.phase = Phase.BRAKE
-    assert controller._output().xbr_ebi_mode is XbrEbiMode.INTEGRATION
+    assert controller._output(0.5).xbr_ebi_mode is XbrEbiMode.INTEGRATION
 
 
 def test_a_start_uses_the_pedal_for_a_gentle_pull_and_releases_the_brakes(controller):
@@ -359,20 +362,28 @@ def test_the_demanded_force_is_that_of_plan_error_and_integral(controller):
     assert controller._pedal == pytest.approx(pedal)
 
 
+def lacking(force, speed, engine_speed, soon, engaged=True):
+    """Force that the controller's inverse lacks in sixth gear [N]."""
+    return INVERSE.actuation(force, speed, engine_speed, 6, engaged, soon).lacking
+
+
 def test_friction_that_will_be_missing_soon_is_judged_at_the_speed_after_its_build_up(controller):
-    ego = EgoState(mass=19_000.0, speed=6.0, gear=6, engine_speed=110.0)
-    controller._gear = 6
     later = 6.0 - 1.5 * CONFIG.build_up
     forces = INVERSE.endurance(later, 110.0 * later / 6.0, 6, engaged=True)
-    force = -(forces.drag + forces.engine_brake + forces.retarder) - 3000.0
-    assert controller._short_soon(ego, force, -1.5, True) == pytest.approx(3000.0)
-    # While it accelerates, its forces are those of now; in a gear change the engine does not brake.
+    assert lacking(-sum(forces) - 3000.0, 6.0, 110.0, later) == pytest.approx(3000.0)
+    # In a gear change the engine does not brake.
     now = INVERSE.endurance(6.0, 110.0, 6, engaged=True)
-    assert controller._short_soon(ego, -(sum(now) + 500.0), 1.0, True) == pytest.approx(500.0)
-    retarder = INVERSE.endurance(6.0, 110.0, 6, engaged=False).retarder
-    assert controller._short_soon(ego, -retarder - 700.0, 0.0, False) == pytest.approx(700.0)
-    stopping = dataclasses.replace(ego, speed=0.05)
-    assert controller._short_soon(stopping, -4000.0, -2.0, True) > 0.0
+    assert lacking(-sum(now) - 500.0, 6.0, 110.0, 6.0) == pytest.approx(500.0)
+    assert lacking(-now.retarder - 700.0, 6.0, 110.0, 6.0, False) == pytest.approx(700.0)
+    assert lacking(-4000.0, 0.05, 110.0, 0.0) > 0.0
+    # The controller looks ahead by the speed that it wants to lose.
+    ego = EgoState(mass=19_000.0, speed=6.0, gear=6, engine_speed=110.0)
+    seen = []
+    controller.inverse.actuation = lambda *asked: seen.append(asked) or INVERSE.actuation(*asked)
+    for wanted in (-1.5, 1.0):
+        controller.reset()
+        controller.command(ego, plan(6.0, wanted), 0.0)
+    assert [asked[-1] for asked in seen] == pytest.approx([later, 6.0])
 
 
 # --- forces ---------------------------------------------------------------------------------
@@ -463,7 +474,7 @@ def test_the_grade_is_the_mean_of_both_units_weighted_by_their_mass():
 
 def test_a_reset_of_the_tracker_clears_both_controllers():
     tracker = Tracker(Route.straight(length=500.0), PARAMETERS)
-    tracker.longitudinal._demand, tracker.lateral.error = 2.0, 0.5
+    tracker.longitudinal._demand, tracker.lateral.memory.error = 2.0, 0.5
     tracker.longitudinal.phase = Phase.BRAKE
     tracker.reset()
     assert tracker.longitudinal.phase is Phase.DRIVE

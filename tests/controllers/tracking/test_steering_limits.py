@@ -6,13 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from controllers.tracking.lateral import (
-    DisturbanceObserver,
-    LateralController,
-    PathView,
-    SteeringPlay,
-    check_finite,
-)
+from controllers.tracking.lateral import LateralController, check_finite
 from controllers.tracking.lateral_gains import (
     Gains,
     LateralConfig,
@@ -25,6 +19,13 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState
 from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.parameters import TruckParameters
+from tests.controllers.tracking.reference import (
+    DisturbanceObserver,
+    PathView,
+    Steering,
+    SteeringPlay,
+    gains_at,
+)
 from tests.controllers.tracking.test_lateral import arc, on_arc
 
 PARAMETERS = TruckParameters.load()
@@ -89,7 +90,7 @@ def test_an_offset_beyond_its_bound_steers_as_one_at_the_bound(controller, side)
 def integral_after(controller, aside, speed, steps):
     controller.reset()
     held(controller, beside(aside, speed=speed), straight(), steps)
-    return controller._integral
+    return controller.memory.integral
 
 
 def test_the_integral_is_that_of_the_offset_over_time(controller):
@@ -107,9 +108,9 @@ def test_the_integral_rests_far_from_the_path_and_at_walking_pace(controller, as
 def test_the_integral_is_bounded(controller, side):
     controller.reset()
     bound = CONFIG.integral_max
-    controller._integral = side * (bound - 0.005)
+    controller.memory.integral = side * (bound - 0.005)
     held(controller, beside(0.4 * side), straight(), 2)
-    assert controller._integral == side * bound
+    assert controller.memory.integral == side * bound
 
 
 def test_the_integral_steers_against_a_lasting_offset(controller):
@@ -117,40 +118,37 @@ def test_the_integral_steers_against_a_lasting_offset(controller):
     wheels = []
     for integral in (0.0, CONFIG.integral_max):
         controller.reset()
-        controller._integral = integral
+        controller.memory.integral = integral
         wheels.append(held(controller, beside(0.3), straight(), 5)[-1])
     assert wheels[1] < wheels[0] < 0.0
 
 
-def test_small_corrections_are_omitted_and_large_ones_lack_the_idle_angle(controller):
-    gains = controller._gains_for(55_000.0).at(20.0)
-    idle = min(CONFIG.idle_angle, CONFIG.idle_acceleration / gains.response)
-    assert idle == CONFIG.idle_acceleration / gains.response < CONFIG.idle_angle
+def test_small_corrections_are_omitted_and_large_ones_lack_the_idle_angle():
+    controller, response = Steering(PARAMETERS, CONFIG), 90.0
+    idle = CONFIG.idle_acceleration / response
+    assert idle < CONFIG.idle_angle
     for steady in (-0.02, 0.0, 0.03):
         for beyond in (-3.0, -0.9, 0.0, 0.9, 3.0):
-            controller._demand = steady + beyond * idle
+            controller.demand = steady + beyond * idle
             wanted = steady + np.sign(beyond) * max(abs(beyond) - 1.0, 0.0) * idle
-            assert controller._quieted(steady, gains) == pytest.approx(wanted, abs=1e-12)
-    controller._demand = None
-    assert controller._quieted(0.03, gains) == pytest.approx(idle)
-    slow = gains._replace(response=1e-3)
-    controller._demand = 0.1
-    assert controller._quieted(0.0, slow) == pytest.approx(0.1 - CONFIG.idle_angle)
+            assert controller.quieted(steady, response) == pytest.approx(wanted, abs=1e-12)
+    controller.demand = 0.1
+    assert controller.quieted(0.0, 1e-3) == pytest.approx(0.1 - CONFIG.idle_angle)
     for demand in (-5.0, 5.0):
-        controller._demand = demand
-        assert abs(controller._quieted(0.0, gains)) == controller._most
+        controller.demand = demand
+        assert abs(controller.quieted(0.0, response)) == controller.most
 
 
 @pytest.mark.parametrize(("speed", "share"), [(1.0, 0.0), (3.0, 0.0), (4.5, 0.5), (6.0, 1.0)])
-def test_the_disturbance_counts_more_the_faster_the_truck_drives(controller, speed, share):
-    assert controller._trust(speed) == pytest.approx(share)
+def test_the_disturbance_counts_more_the_faster_the_truck_drives(speed, share):
+    assert Steering(PARAMETERS, CONFIG).trust(speed) == pytest.approx(share)
 
 
 def test_gains_are_kept_for_a_similar_mass_only(controller):
-    first = controller._gains_for(40_000.0)
-    assert controller._gains_for(40_150.0) is first
-    assert controller._gains_for(39_850.0) is first
-    assert controller._gains_for(40_250.0) is not first
+    first = controller.gains(40_000.0)
+    assert controller.gains(40_150.0) is first
+    assert controller.gains(39_850.0) is first
+    assert controller.gains(40_250.0) is not first
 
 
 def test_the_wheel_keeps_its_last_angle_below_the_least_speed(controller):
@@ -195,26 +193,25 @@ def test_one_step_demands_the_feedback_of_the_whole_state(controller):
     ego = beside(0.2, speed=9.0, lateral_speed=-6.0, yaw_rate=0.02, trailer_yaw_rate=0.03)
     ego = dataclasses.replace(ego, yaw=0.1, articulation=0.2, road_wheel_angle=0.05)
     speed = math.hypot(9.0, 6.0)
-    gains = controller._gains_for(55_000.0).at(speed)
+    gains = gains_at(controller.gains(55_000.0), speed)
     course = 0.1 + math.asin(-6.0 / speed) + 6.0 / speed
     angle = math.sin(0.05)
     state = [-6.0, 0.02, 0.03, math.sin(0.2), 0.2, course, angle, angle, 1.5]
-    controller._integral = 1.5
+    controller.memory.integral = 1.5
     controller.steer(ego, straight())
     limit = STEERING.rate_max / STEERING.ratio
     rate = -float(gains.feedback @ state)
     assert abs(rate) < limit
-    assert controller._demand == pytest.approx(angle + rate * CONTROL_PERIOD)
+    assert controller.memory.demand == pytest.approx(angle + rate * CONTROL_PERIOD)
 
 
 def test_on_a_bend_the_demand_is_that_of_its_curvature_ahead(controller):
     path = dataclasses.replace(straight(), curvature=np.full(len(straight().yaw), 1.0 / 400.0))
     path = dataclasses.replace(path, yaw=path.station / 400.0)
-    controller._demand = 0.0
     controller.steer(beside(0.0, 0.0, speed=10.0), path)
-    gains = controller._gains_for(55_000.0).at(10.0)
+    gains = gains_at(controller.gains(55_000.0), 10.0)
     rate = -float(gains.preview.sum()) / 400.0
-    assert controller._demand == pytest.approx(rate * CONTROL_PERIOD, rel=0.05)
+    assert controller.memory.demand == pytest.approx(rate * CONTROL_PERIOD, rel=0.05)
     # While the demand is near the steady angle of the bend, the wheel asks for just that angle.
     steady = 10.0**2 / 400.0 / gains.response
     quick = LateralController(
@@ -223,7 +220,8 @@ def test_on_a_bend_the_demand_is_that_of_its_curvature_ahead(controller):
     quick._gains, quick._mass = controller._gains, controller._mass
     for off in (-0.5, 0.5):
         quick.reset()
-        quick._demand = steady + off * CONFIG.idle_acceleration / gains.response
+        quick.memory.started = quick.memory.flank = 1.0
+        quick.memory.demand = steady + off * CONFIG.idle_acceleration / gains.response
         asked = quick.steer(beside(0.0, 0.0, speed=10.0), path)
         assert asked == pytest.approx(math.asin(steady) * STEERING.ratio + HALF, abs=1e-3)
 
@@ -235,15 +233,16 @@ def test_a_lasting_push_is_balanced_after_the_steady_time(controller):
     share = 1.0 - math.exp(-CONTROL_PERIOD / CONFIG.steady_time)
     for _ in range(20):
         controller.steer(ego, path)
-        values.append(controller._observer.value.copy())
+        values.append(np.array(controller.memory.disturbance))
         lasting = lasting + share * (values[-1] - lasting)
     assert np.abs(values[-1]).max() > 0.0
-    assert controller._lasting == pytest.approx(lasting)
+    assert list(controller.memory.lasting) == pytest.approx(lasting)
     slow = beside(0.0, speed=4.5, yaw_rate=0.01)
     controller.reset()
     for _ in range(2):
         controller.steer(slow, path)
-    assert controller._lasting == pytest.approx(share * 0.5 * controller._observer.value)
+    estimate = np.array(controller.memory.disturbance)
+    assert list(controller.memory.lasting) == pytest.approx(share * 0.5 * estimate)
 
 
 # --- the path -------------------------------------------------------------------------------
@@ -282,6 +281,7 @@ def test_yaw_may_jump_by_just_less_than_half_a_turn():
 # --- disturbance ----------------------------------------------------------------------------
 
 UNIT = Gains(
+    speed=1.0,
     feedback=np.zeros(9),
     preview=np.zeros(1),
     disturbance=np.zeros(3),
@@ -369,13 +369,13 @@ def test_the_wheel_stays_between_its_end_stops():
 
 
 def test_gains_are_interpolated_between_the_speeds_and_held_beyond(made):
-    gains = made._gains_for(55_000.0)
+    gains = made.gains(55_000.0)
     low, high = gains.gains[1], gains.gains[2]
-    between = gains.at(12.5)
+    between = gains_at(gains, 12.5)
     assert between.response == pytest.approx(0.75 * low.response + 0.25 * high.response)
     assert between.feedback == pytest.approx(0.75 * low.feedback + 0.25 * high.feedback)
-    assert gains.at(1.0).response == gains.gains[0].response
-    assert gains.at(40.0).response == gains.gains[-1].response
+    assert gains_at(gains, 1.0).response == gains.gains[0].response
+    assert gains_at(gains, 40.0).response == gains.gains[-1].response
 
 
 def test_a_steady_curve_has_no_cost():
@@ -401,7 +401,7 @@ def test_preview_and_feedback_keep_a_steady_curve():
     """In a steady curve, feedback and preview cancel: the demanded angle does not change."""
     model = LateralModel.of(PARAMETERS, 55_000.0, CONFIG.lag)
     for speed in CONFIG.speed_grid:
-        gains = LateralGains.design(model, CONFIG).at(speed)
+        gains = gains_at(LateralGains.design(model, CONFIG), speed)
         a, _, e = model.matrices(speed)
         kappa = 1e-3
         rows = [0, 1, 2, 3, 5]
@@ -421,7 +421,7 @@ def test_preview_and_feedback_keep_a_steady_curve():
 
 def test_a_lasting_disturbance_is_balanced_by_the_steady_feed_forward():
     model = LateralModel.of(PARAMETERS, 55_000.0, CONFIG.lag)
-    gains = LateralGains.design(model, CONFIG).at(20.0)
+    gains = gains_at(LateralGains.design(model, CONFIG), 20.0)
     a, b, _, disturb = model.discrete(20.0, CONTROL_PERIOD)
     state, push = np.zeros(9), np.array([0.3, -0.02, 0.01])
     for _ in range(3000):
@@ -433,7 +433,7 @@ def test_a_lasting_disturbance_is_balanced_by_the_steady_feed_forward():
 
 def test_a_prediction_holds_the_measured_road_wheel_angle_for_a_step():
     model = LateralModel.of(PARAMETERS, 55_000.0, CONFIG.lag)
-    gains = LateralGains.design(model, CONFIG).at(10.0)
+    gains = gains_at(LateralGains.design(model, CONFIG), 10.0)
     a, _, _, disturb = model.discrete(10.0, CONTROL_PERIOD)
     state = np.array([0.1, 0.05, 0.04, 0.02, 0.0, 0.0, 0.01, 0.01, 0.0])
     predicted = gains.motion @ state[[0, 1, 2, 3, 6]]

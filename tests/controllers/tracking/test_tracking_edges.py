@@ -6,8 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from controllers.tracking.driveline_inverse import EnduranceForces, share_out
-from controllers.tracking.lateral import LateralController, PathView
+from controllers.tracking.lateral import LateralController
 from controllers.tracking.lateral_gains import LateralConfig
 from controllers.tracking.lateral_model import LateralModel
 from controllers.tracking.longitudinal import KickDown, LongitudinalController, Phase
@@ -16,6 +15,14 @@ from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import static_axle_loads
 from iits_mj.parameters.tire_law import cornering_stiffness
+from tests.controllers.tracking.reference import (
+    EnduranceForces,
+    PathView,
+    Powertrain,
+    Steering,
+    gains_at,
+    share_out,
+)
 from tests.controllers.tracking.test_lateral import arc
 from tests.controllers.tracking.test_longitudinal import LADEN, plan
 
@@ -45,10 +52,8 @@ def test_a_yaw_that_wraps_from_plus_to_minus_pi_is_made_continuous():
 
 def test_the_steady_angle_uses_the_curvature_over_twice_the_lag():
     config = LateralConfig(speed_grid=(10.0, 20.0))
-    controller = LateralController(PARAMETERS, config)
-    assert controller._near * CONTROL_PERIOD == pytest.approx(2.0 * config.lag)
-    quick = LateralController(PARAMETERS, dataclasses.replace(config, lag=1e-3))
-    assert quick._near == 1
+    assert Steering(PARAMETERS, config).near * CONTROL_PERIOD == pytest.approx(2.0 * config.lag)
+    assert Steering(PARAMETERS, dataclasses.replace(config, lag=1e-3)).near == 1
 
 
 def test_a_brake_that_is_not_there_gets_no_request():
@@ -91,18 +96,17 @@ def test_the_preview_begins_at_the_truck_and_covers_its_time():
     controller = LateralController(PARAMETERS, config)
     path = arc(1e9, 1.0, 60.0, 10.0)
     yaw = 1e-4 * path.station**2 + 1e-6 * path.station**3
-    controller._demand = 0.0
     ego = EgoState(station=5.0, x=5.0, yaw=0.0, speed=10.0, mass=55_000.0)
     view = PathView(dataclasses.replace(path, yaw=yaw))
     error, heading = view.error(ego)
     controller.steer(ego, view.trajectory)
-    gains = controller._gains_for(55_000.0).at(10.0)
+    gains = gains_at(controller.gains(55_000.0), 10.0)
     steps = round(config.preview_time / CONTROL_PERIOD)
     ends = 5.0 + 10.0 * CONTROL_PERIOD * np.arange(steps + 1)
     curvature = np.diff(np.interp(ends, path.station, yaw)) / np.diff(ends)
     state = np.array([0.0, 0.0, 0.0, 0.0, error, heading, 0.0, 0.0, 0.0])
     rate = -float(gains.feedback @ state) - float(gains.preview @ curvature)
-    assert controller._demand == pytest.approx(rate * CONTROL_PERIOD)
+    assert controller.memory.demand == pytest.approx(rate * CONTROL_PERIOD)
 
 
 @pytest.mark.parametrize("speed", [3.0, 20.0])
@@ -159,7 +163,7 @@ def test_a_start_uses_the_engine_speed_above_idle(engine_speed, assumed):
     ego = dataclasses.replace(LADEN, speed=0.0, gear=2, engine_speed=engine_speed)
     for _ in range(100):
         last = controller.command(ego, plan(0.5, 0.5), 0.0)
-    inverse = controller.inverse
+    inverse = Powertrain(PARAMETERS)
     force = 0.35 * ego.mass + inverse.resistance(ego.mass, 0.1, 0.0)
     expected = inverse.pedal(inverse.engine_torque(force, 2), assumed)
     assert expected > 0.12

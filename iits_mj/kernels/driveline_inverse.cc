@@ -1,0 +1,136 @@
+// Inverse powertrain: accelerator, engine brake, retarder and rest for a force at the wheels.
+//
+// `controllers/tracking/driveline_inverse.py` describes the quantities and packs the constants.
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+
+#include "kernels/kernels.h"
+#include "kernels/rounding.h"
+
+namespace iits {
+namespace {
+
+// Numbers of the powertrain; the tables follow: speeds and torques of the engine's drag, then the
+// speeds, pedals, share of traction over the pedals, and torques (a row each speed) of the map.
+struct Powertrain {
+  double radius, efficiency, shaft, driveline_efficiency;
+  double brake_speed_min, brake_speed, brake_torque, brake_exponent, brake_fade;
+  double retarder_speed, retarder_torque, retarder_power;
+  double drag_count, speed_count, pedal_count;
+
+  const double* tables() const { return reinterpret_cast<const double*>(this + 1); }
+};
+
+struct Actuation {
+  double torque, drag, pedal, beyond, engine_brake, retarder, lacking;
+};
+
+// Greatest forces at the wheels [N].
+struct Forces {
+  double drag, engine_brake, retarder;
+};
+
+// Between (x0, y0) and (x1, y1), rounded as `numpy.interp`.
+double Between(double x, double x0, double x1, double y0, double y1) {
+  return x == x0 ? y0 : (y1 - y0) / (x1 - x0) * (x - x0) + y0;
+}
+
+// Drag of the engine on overrun [N m].
+double DragTorque(const Powertrain& p, double engine_speed) {
+  const int count = p.drag_count;
+  const double *speeds = p.tables(), *torques = speeds + count;
+  const int next = std::upper_bound(speeds, speeds + count, engine_speed) - speeds;
+  if (next == 0 || next == count) return torques[std::max(next - 1, 0)];
+  return Between(engine_speed, speeds[next - 1], speeds[next], torques[next - 1], torques[next]);
+}
+
+// Greatest torque of the engine brake beyond the drag [N m]: a power law, 0 at idle.
+double EngineBrakeTorque(const Powertrain& p, double engine_speed) {
+  const double above = engine_speed - p.brake_speed_min;
+  if (above <= 0.0) return 0.0;
+  const double torque = p.brake_torque * std::pow(engine_speed / p.brake_speed, p.brake_exponent);
+  return std::min(above / p.brake_fade, 1.0) * torque;
+}
+
+// Greatest torque of the cold retarder at the propeller shaft [N m].
+double RetarderTorque(const Powertrain& p, double shaft_speed) {
+  if (shaft_speed <= 0.0) return 0.0;
+  const double rise = std::min(shaft_speed / p.retarder_speed, 1.0);
+  return std::min(p.retarder_torque * Square(rise), p.retarder_power / shaft_speed);
+}
+
+// Forces increased by losses; in a gear change only the retarder brakes.
+Forces Endurance(const Powertrain& p, double speed, double engine_speed, double ratio,
+                 bool engaged) {
+  const double retarder = RetarderTorque(p, speed * p.shaft) * p.shaft / p.driveline_efficiency;
+  if (!engaged) return {0.0, 0.0, retarder};
+  const double factor = ratio / p.radius / p.efficiency;
+  return {factor * DragTorque(p, engine_speed), factor * EngineBrakeTorque(p, engine_speed),
+          retarder};
+}
+
+// Takes the force that a brake can give from the rest; returns its share of the greatest one.
+double Take(double available, double* rest) {
+  if (available <= 0.0) return 0.0;
+  const double share = std::min(*rest / available, 1.0);
+  *rest = std::max(*rest - available, 0.0);
+  return share;
+}
+
+// Divides a braking force: engine drag, engine brake, retarder, friction in this order.
+void ShareOut(double force, const Forces& forces, Actuation* a) {
+  a->beyond = a->lacking = std::max(force - forces.drag, 0.0);
+  a->engine_brake = Take(forces.engine_brake, &a->lacking);
+  a->retarder = Take(forces.retarder, &a->lacking);
+}
+
+// Accelerator pedal, 0 to 1, for a torque at the crankshaft [N m].
+double Pedal(const Powertrain& p, double torque, double engine_speed, double drag) {
+  const int count = p.speed_count, pedals = p.pedal_count;
+  const double* speeds = p.tables() + 2 * static_cast<int>(p.drag_count);
+  const double *positions = speeds + count, *fade = positions + pedals;
+  const int next = std::lower_bound(speeds, speeds + count, engine_speed) - speeds;
+  const int row = std::min(std::max(next - 1, 0), count - 2);
+  const double *low = fade + (row + 1) * pedals, *high = low + pedals;
+  const double span = speeds[row + 1] - speeds[row];
+  const double share = std::min(std::max((engine_speed - speeds[row]) / span, 0.0), 1.0);
+  double most = -std::numeric_limits<double>::infinity(), before = most;
+  for (int i = 0; i < pedals; ++i) {
+    // Over the first travel of the pedal, overrun changes to traction.
+    const double full = (1.0 - share) * low[i] + share * high[i];
+    most = std::max(most, fade[i] * (full + drag) - drag);
+    // Slightly rising, so that a flat map has an inverse.
+    const double here = most + 1e-6 * i;
+    if (here > torque) {
+      if (i == 0) return positions[0];
+      return Between(torque, before, here, positions[i - 1], positions[i]);
+    }
+    before = here;
+  }
+  return positions[pedals - 1];
+}
+
+}  // namespace
+}  // namespace iits
+
+// What each actuator does for a force at the wheels [N].
+//
+// Args: `ratio` is the overall one of the engaged gear; `engaged` is 0 in a gear change;
+// `speed_soon` [m/s] is the speed at which friction, if it were demanded now, would act.
+IITS_KERNEL void iits_driveline_inverse(const iits::Powertrain* powertrain, double force,
+                                        double speed, double engine_speed, double ratio,
+                                        std::ptrdiff_t engaged, double speed_soon,
+                                        iits::Actuation* out) {
+  const iits::Powertrain& p = *powertrain;
+  const double bare = force * p.radius / ratio;
+  out->torque = bare > 0.0 ? bare / p.efficiency : bare * p.efficiency;
+  out->drag = iits::DragTorque(p, engine_speed);
+  out->pedal = iits::Pedal(p, out->torque, engine_speed, out->drag);
+  iits::ShareOut(-force, iits::Endurance(p, speed, engine_speed, ratio, engaged), out);
+  const double engine_speed_soon = engine_speed * speed_soon / std::max(speed, 0.1);
+  iits::Actuation soon;
+  iits::ShareOut(-force, iits::Endurance(p, speed_soon, engine_speed_soon, ratio, engaged), &soon);
+  out->lacking = std::max(out->lacking, soon.lacking);
+}

@@ -1,0 +1,118 @@
+"""The compiled laws of tracking give the bits of their Python form, on any processor."""
+
+import copy
+import dataclasses
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+from controllers.tracking.driveline_inverse import Actuation, DrivelineInverse
+from controllers.tracking.lateral import LateralController
+from controllers.tracking.lateral_gains import LateralConfig
+from iits_mj.core.angles import wrap_angles
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoState
+from iits_mj.parameters import TruckParameters
+from tests.controllers.tracking.reference import Powertrain, Steering
+from tests.controllers.tracking.test_lateral import arc
+
+PARAMETERS = TruckParameters.load()
+CONFIG = LateralConfig(speed_grid=(2.0, 10.0, 20.0))
+
+
+def winding(rng, count=61):
+    """A path of random bends and steps, some of them of no length, whose yaw wraps."""
+    step = rng.uniform(0.0, 2.5, count) * (rng.uniform(size=count) > 0.05)
+    yaw = np.cumsum(rng.normal(0.0, 0.02, count)) + rng.choice([0.0, 3.1])
+    path = arc(step=1.0, length=count - 1.0)
+    return dataclasses.replace(
+        path,
+        station=np.cumsum(step),
+        x=np.cumsum(step * np.cos(yaw)),
+        y=np.cumsum(step * np.sin(yaw)),
+        yaw=wrap_angles(yaw),
+        curvature=rng.normal(0.0, 0.01, count),
+    )
+
+
+def somewhere(rng, path):
+    """A truck near a path, at times at standstill, before its start or beyond its end."""
+    at = int(rng.integers(len(path.x)))
+    speed, lateral, turn, trailer = rng.normal((12.0, 0.0, 0.0, 0.0), (8.0, 0.3, 0.1, 0.1))
+    return EgoState(
+        x=path.x[at] + rng.normal(),
+        y=path.y[at] + rng.normal(),
+        yaw=path.yaw[at] + rng.normal(0.0, 0.1),
+        station=path.station[at] + rng.choice([0.0, rng.normal(0.0, 20.0)]),
+        speed=speed,
+        lateral_speed=lateral,
+        yaw_rate=turn,
+        trailer_yaw_rate=trailer,
+        articulation=rng.normal(0.0, 0.2),
+        steering_wheel_angle=rng.normal(0.0, 0.5),
+        road_wheel_angle=rng.normal(0.0, 0.03),
+        mass=40_000.0,
+    )
+
+
+@pytest.mark.parametrize("lag", [0.05, 0.12, 0.4])
+def test_steering_equals_its_python_form_to_the_bit(lag):
+    rng = np.random.default_rng(round(100 * lag))
+    config = dataclasses.replace(CONFIG, lag=lag)
+    compiled, python = LateralController(PARAMETERS, config), Steering(PARAMETERS, config)
+    for _ in range(8):
+        compiled.reset()
+        python.reset()
+        for k in range(24):
+            if k % 4 == 0:
+                path = winding(rng)
+            ego = somewhere(rng, path)
+            assert compiled.steer(ego, path) == python.steer(ego, path)
+        memory = compiled.memory
+        assert (memory.demand, memory.integral) == (python.demand, python.integral)
+        assert list(memory.disturbance) == python.observer.value.tolist()
+        assert list(memory.lasting) == python.lasting.tolist()
+
+
+def test_the_powertrain_equals_its_python_form_to_the_bit():
+    compiled, python = DrivelineInverse(PARAMETERS), Powertrain(PARAMETERS)
+    names = [name for name, _ in Actuation._fields_]
+    rng, engine = np.random.default_rng(4), PARAMETERS.engine
+    places = [*engine.pedal_map.rows, *engine.drag_speed, engine.engine_brake_speed_min]
+    for _ in range(4000):
+        force, speed = rng.normal(0.0, 30e3), rng.choice([0.0, rng.uniform(-0.5, 28.0)])
+        engine_speed = float(rng.choice([rng.uniform(0.0, 280.0), rng.choice(places)]))
+        gear, engaged = int(rng.integers(-1, 14)), bool(rng.uniform() > 0.2)
+        soon = float(rng.choice([speed, max(speed - rng.uniform(0.0, 2.0), 0.0)]))
+        asked = (float(force), float(speed), engine_speed, gear, engaged, soon)
+        found = compiled.actuation(*asked)
+        assert tuple(getattr(found, name) for name in names) == python.split(*asked)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
+def test_a_copy_steers_on_alone(copied):
+    path, rng = arc(), np.random.default_rng(1)
+    first = LateralController(PARAMETERS, CONFIG)
+    states = [somewhere(rng, path) for _ in range(20)]
+    for ego in states[:10]:
+        first.steer(ego, path)
+    second = copied(first)
+    wheels = [first.steer(ego, path) for ego in states[10:]]
+    assert [second.steer(ego, path) for ego in states[10:]] == wheels
+
+
+def test_a_path_of_one_point_is_refused():
+    path = arc()
+    names = ("station", "x", "y", "yaw", "curvature")
+    short = {name: getattr(path, name)[:1] for name in names}
+    with pytest.raises(InputError, match="1 point"):
+        LateralController(PARAMETERS, CONFIG).steer(EgoState(), dataclasses.replace(path, **short))
+
+
+def test_states_that_are_not_finite_do_not_crash():
+    controller, path = LateralController(PARAMETERS, CONFIG), arc()
+    for value in (math.nan, math.inf, -math.inf):
+        controller.steer(EgoState(station=value, speed=value, x=value), path)
+        DrivelineInverse(PARAMETERS).actuation(value, value, value, 5, True, value)
