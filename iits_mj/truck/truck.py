@@ -282,7 +282,7 @@ class Truck:
             raise InputError(f"step: n = {shown(n)}: a whole number of zero or more is needed")
         end = self.data.time + n * self.model.opt.timestep
         mujoco.mj_step(self.model, self.data, n)
-        if not self.data.warning.number.any():
+        if not any(self.data.warning.number.tolist()):
             return
         for warning in _FATAL_WARNINGS:
             if self.data.warning[warning].number:
