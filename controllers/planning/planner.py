@@ -285,9 +285,6 @@ class Planner:
             graded = max(speed.emergency_share * urgency, speed.emergency_onset)
             demand = min(graded, speed.emergency_deceleration)
         stop, deceleration, cap = self._stops.nearest(scene, path, cap, waits)
-        if deceleration != speed.following.preview_deceleration:
-            following = replace(speed.following, preview_deceleration=deceleration)
-            speed = replace(speed, following=following)
         rolled = roll_out(
             self._start(scene, stop),
             path,
@@ -301,6 +298,7 @@ class Planner:
             stop,
             demand,
             self._stops.holds(stop, scene.ego),
+            deceleration,
         )
         residual = self.maneuver.residual
         return on_road(self.preview, path, residual, scene.time, *rolled, config.step, urgency)
