@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 
-from iits_mj.core.boxes import box_distance
 from iits_mj.core.messages import EgoState, Scene, TrackedVehicle
 from iits_mj.parameters import TruckParameters
 from iits_mj.simulation import gaps
+from tests.core.box_distance import box_distance
 
 
 def lane_gaps(ego: EgoState, *vehicles: TrackedVehicle) -> tuple[float, float]:
