@@ -45,6 +45,8 @@ _SPEEDS = np.array([0.5, 4.0, 8.0, 12.0, 16.0, 20.0, 25.0, 30.0])
 STEERING_LAG = 0.1
 # Room that the tractor leaves between its side and the lane's edge [m].
 _LANE_MARGIN = 0.15
+# Spacing of samples of the heading between rows [m], and turn between two of them [rad].
+_SWING_SAMPLE, _SWING_SLACK = 0.5, 0.1
 # The lane shift begins and ends over about twice this distance, as the trailer follows [m].
 _SMOOTHING = 25.0
 
@@ -117,6 +119,8 @@ class RoadPreview:
       station: of shape (n,), `step` apart [m].
       offset, half_width, speed_limit: of the lanes, shape (lanes, n); offset is NaN for no lane.
       curvature, grade, height, superelevation: of the reference line, shape (n,).
+      heading: of the reference line at the rows, shape (n,) [rad].
+      swing: bound on its difference from the heading nearest to a row, shape (n,) [rad].
       shift: wanted offset of the steer axle from the lane's middle, shape (lanes, n) [m].
       table: rows of station, curvature and grade, for the compiled functions.
     """
@@ -141,6 +145,8 @@ class RoadPreview:
         )
         point = route.evaluate(self.station, 0.0)
         self.curvature = road_curvature(route, self.station)
+        self.heading = np.asarray(point.heading, dtype=float)
+        self.swing = heading_swing(route, self.station, self.heading)
         self.height = np.asarray(point.z, dtype=float)
         self.superelevation = np.asarray(point.superelevation, dtype=float)
         self.grade = np.asarray(route.smoothed_grade(self.station), dtype=float)
@@ -268,6 +274,23 @@ def road_curvature(route: Route, station: FloatArray) -> FloatArray:
     spike = np.where(np.abs(excess) < _SEAM_TURN, excess, 0.0)
     spread = np.convolve(np.pad(spike, half), np.full(_SEAM_ROWS, 1.0 / _SEAM_ROWS), mode="valid")
     return np.asarray((turn - spike + spread) / step)
+
+
+def heading_swing(route: Route, station: FloatArray, heading: FloatArray) -> FloatArray:
+    """Bound on the difference of headings nearest to each station from the one there [rad].
+
+    Between two samples the heading may turn by `_SWING_SLACK`, more than half a meter of any bend.
+
+    Args:
+      route: the road.
+      station: uniform, shape (n,) [m].
+      heading: at the stations, shape (n,) [rad].
+    """
+    half = 0.5 * float(station[1] - station[0])
+    around = np.linspace(-half, half, 2 * math.ceil(half / _SWING_SAMPLE) + 1)
+    places = (station[:, None] + around).ravel()
+    beside = route.heading(places).reshape(len(station), -1)
+    return np.asarray(np.abs(wrap_angles(beside - heading[:, None])).max(axis=1) + _SWING_SLACK)
 
 
 def sharpest(curvature: FloatArray, offset: FloatArray | float) -> FloatArray:

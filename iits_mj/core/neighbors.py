@@ -169,6 +169,7 @@ class Neighbors:
         self.posed = (self.x != 0.0) | (self.y != 0.0) | (self.z != 0.0)
         self._level: tuple[RoadSurface, BoolArray] | None = None
         self._along: dict[int, tuple[LaneAlong, BoolArray]] = {}
+        self._leaders: dict[int, tuple[LaneAlong, Neighbor | None]] = {}
 
     def neighbor(self, index: int) -> Neighbor:
         """Returns the vehicle of an index."""
@@ -222,7 +223,11 @@ class Neighbors:
 
     def leader_along_path(self, path: LaneAlong) -> Neighbor | None:
         """The nearest vehicle of the followed lane whose center is ahead of the front bumper."""
-        return self._nearest(self.along_path(path) & (self.station > self.front))
+        found = self._leaders.get(id(path))
+        if found is None:
+            leader = self._nearest(self.along_path(path) & (self.station > self.front))
+            found = self._leaders[id(path)] = path, leader
+        return found[1]
 
     def is_beside(self, path: LaneAlong) -> bool:
         """Whether the center of a vehicle of the followed lane is beside the truck."""
