@@ -88,7 +88,9 @@ class Maneuver:
             return None
         return self._origin(ego, self.change)
 
-    def step(self, scene: Scene, decision: Decision, top: Callable[[], float], margin: RollMargin) -> Step:
+    def step(
+        self, scene: Scene, decision: Decision, top: Callable[[], float], margin: RollMargin
+    ) -> Step:
         """Continues the maneuver under way, or begins the decided one.
 
         Args:

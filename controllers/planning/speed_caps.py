@@ -76,9 +76,9 @@ class SpeedCaps:
         self.config = config
         self._acceleration = math.nan
         self._bearable: FloatArray = np.empty(0)
-        self._known: (
-            tuple[tuple[LanePath, SpeedProfile | None, RollMargin], FloatArray] | None
-        ) = None
+        self._known: tuple[tuple[LanePath, SpeedProfile | None, RollMargin], FloatArray] | None = (
+            None
+        )
 
     def cap(
         self, path: LanePath, profile: SpeedProfile | None, margin: RollMargin, ego: EgoState

@@ -21,9 +21,7 @@ from iits_mj.parameters import TruckParameters
 # A truck that comes to rest this near to a stop stays there [m].
 HOLD_REACH = 1.0
 
-_most_urgent = kernels.function(
-    "iits_most_urgent", Real, Address, Integer, Real, Real, Real
-)
+_most_urgent = kernels.function("iits_most_urgent", Real, Address, Integer, Real, Real, Real)
 _power_acceleration = kernels.function("iits_power_acceleration", Real, *5 * [Real])
 _roll_out = kernels.function(
     "iits_roll_out",
@@ -88,11 +86,11 @@ def power_acceleration(speed: float, mass: float, grade: float, config: SpeedCon
 
     With this least value the plan demands full power where the truck cannot hold its speed.
     """
-    power, *resistances = _powers(mass, grade, config)
+    power, *resistances = _powers(grade, config)
     return float(_power_acceleration(speed, mass, power, *resistances))
 
 
-def _powers(mass: float, grade: float, config: SpeedConfig) -> tuple[float, float, float]:
+def _powers(grade: float, config: SpeedConfig) -> tuple[float, float, float]:
     """Power [W], acceleration by rolling resistance and slope [m/s2], and drag [kg/m]."""
     power, rolling_resistance, drag = config.powers or _shipped()
     return power, GRAVITY * (grade + rolling_resistance), drag
@@ -138,7 +136,7 @@ def roll_out(
         *(start.station, start.speed, start.acceleration),
         *(kernels.address(cap), count, float(path.station[0]), preview.step),
         *(lead_table(leads), len(leads)),
-        *(mass, *_powers(mass, grade, config)),
+        *(mass, *_powers(grade, config)),
         *(stop, braking or config.following.preview_deceleration, HOLD_REACH),
         *(emergency, hold, steps, step),
         kernels.address(rows),

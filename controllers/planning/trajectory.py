@@ -172,7 +172,7 @@ def on_road(
     )
     offset, x, y, z, yaw, curvature = rows
     return Trajectory(
-        time=time + step * np.arange(count),
+        time=np.asarray(time + step * np.arange(count), dtype=np.float64),
         station=station,
         offset=offset,
         x=x,

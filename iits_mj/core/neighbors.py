@@ -287,16 +287,16 @@ class Neighbors:
           behind: reach behind the trailer's rear [m].
         """
         distance, on_route = self.front_distance, self.lane >= 0
-        before = np.flatnonzero(on_route & (distance > 0.0) & (distance <= ahead))
+        before = (on_route & (distance > 0.0) & (distance <= ahead)).nonzero()[0]
         least = -behind - self._footprint.length
-        after = np.flatnonzero(on_route & (distance <= 0.0) & (distance >= least))
+        after = (on_route & (distance <= 0.0) & (distance >= least)).nonzero()[0]
         return (
             before[np.argsort(distance[before], kind="stable")],
             after[np.argsort(-distance[after], kind="stable")],
         )
 
     def _nearest(self, chosen: BoolArray) -> Neighbor | None:
-        candidates = np.flatnonzero(chosen)
+        candidates = chosen.nonzero()[0]
         if not candidates.size:
             return None
         return self.neighbor(int(candidates[self.gap[candidates].argmin()]))

@@ -20,7 +20,8 @@ struct Box {
         sine(std::sin(yaw)),
         length(0.5 * (ahead + behind)),
         width(0.5 * wide) {
-    const double ends[4][2] = {{ahead, -width}, {ahead, width}, {-behind, width}, {-behind, -width}};
+    const double ends[4][2] = {
+        {ahead, -width}, {ahead, width}, {-behind, width}, {-behind, -width}};
     for (int k = 0; k < 4; ++k) {
       corners[k][0] = origin_x + ends[k][0] * cosine + ends[k][1] * -sine;
       corners[k][1] = origin_y + ends[k][0] * sine + ends[k][1] * cosine;
@@ -34,10 +35,9 @@ struct Box {
     const double dx = other.x - x, dy = other.y - y;
     const double along = std::abs(cosine * other.cosine + sine * other.sine);
     const double across = std::abs(cosine * other.sine - sine * other.cosine);
-    return std::max(std::abs(cosine * dx + sine * dy) -
-                        (length + other.length * along + other.width * across),
-                    std::abs(cosine * dy - sine * dx) -
-                        (width + other.length * across + other.width * along));
+    return std::max(
+        std::abs(cosine * dx + sine * dy) - (length + other.length * along + other.width * across),
+        std::abs(cosine * dy - sine * dx) - (width + other.length * across + other.width * along));
   }
 
   // Least distance from the corners of another rectangle to the edges of this one.

@@ -22,9 +22,8 @@ struct Following {
   double Idm(double speed, double desired, double gap, double lead_speed) const {
     const double a = acceleration_max, b = deceleration;
     desired = std::max(desired, 0.1);
-    const double free = speed <= desired
-                            ? a * (1.0 - std::pow(speed / desired, exponent))
-                            : -b * (1.0 - std::pow(desired / speed, a * exponent / b));
+    const double free = speed <= desired ? a * (1.0 - std::pow(speed / desired, exponent))
+                                         : -b * (1.0 - std::pow(desired / speed, a * exponent / b));
     const double closing = speed * (speed - lead_speed) / (2.0 * std::sqrt(a * b));
     const double wanted = standstill_gap + std::max(0.0, speed * time_gap + closing);
     const double ratio = wanted / std::max(gap, 0.1);

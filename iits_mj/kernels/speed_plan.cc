@@ -114,10 +114,10 @@ IITS_KERNEL double iits_most_urgent(const Lead* leads, long count, double speed,
 IITS_KERNEL void iits_roll_out(const Following* config, double station, double speed,
                                double acceleration, const double* cap, long cap_count,
                                double cap_first, double cap_step, const Lead* leads,
-                               long lead_count, double mass, double power,
-                               double rolling_and_slope, double drag, double stop_station,
-                               double stop_deceleration, double hold_reach, double emergency,
-                               long hold, long steps, double step, double* rows) {
+                               long lead_count, double mass, double power, double rolling_and_slope,
+                               double drag, double stop_station, double stop_deceleration,
+                               double hold_reach, double emergency, long hold, long steps,
+                               double step, double* rows) {
   const Following& following = *config;
   const Cap bound{cap, cap_count - 1, cap_first, 1.0 / cap_step};
   double fastest_cap = cap[0];
@@ -155,8 +155,8 @@ IITS_KERNEL void iits_roll_out(const Following* config, double station, double s
       wanted = to_cap < most ? to_cap : most;
       if (lead_count > 0) {
         const double here = cap_at(s, false);
-        wanted = std::min(wanted, Behind(following, leads, lead_count, v, s - station, time, here,
-                                         to_cap));
+        wanted = std::min(wanted,
+                          Behind(following, leads, lead_count, v, s - station, time, here, to_cap));
       }
       wanted = wanted > least ? wanted : least;
       const double left = iits_power_acceleration(v, mass, power, rolling_and_slope, drag);

@@ -50,7 +50,9 @@ def test_speed_plan():
     for _ in range(300):
         station = float(generator.uniform(200.0, 14_000.0))
         path = PREVIEW.follow(0, station, 400.0, 150.0)
-        cap = generator.uniform(0.5, 22.0) + np.cumsum(generator.normal(0.0, 0.3, len(path.station)))
+        cap = generator.uniform(0.5, 22.0) + np.cumsum(
+            generator.normal(0.0, 0.3, len(path.station))
+        )
         speed = float(generator.choice([0.0, 0.2, 1.5, 5.0, 15.0, 22.0]))
         start = SpeedState(station, speed, float(generator.uniform(-2.0, 1.0)))
         stop = station + float(generator.choice([-1.0, 0.5, 3.0, 30.0, 120.0, math.inf]))
@@ -95,7 +97,9 @@ def test_points_of_a_trajectory():
         residual = None
         if generator.random() < 0.6:
             start = here + float(generator.uniform(-60.0, 20.0))
-            residual = Quintic.to_zero(start, float(generator.uniform(30.0, 120.0)), 3.5, 0.01, 1e-4)
+            residual = Quintic.to_zero(
+                start, float(generator.uniform(30.0, 120.0)), 3.5, 0.01, 1e-4
+            )
         # The truck may stand, and the plan may reach beyond the end of the road.
         station = here + np.cumsum(generator.choice([0.0, 0.001, 1.6], 61))
         plan = on_road(PREVIEW, path, residual, 3.0, station, station, station, 0.1)

@@ -10,7 +10,7 @@ from controllers.stack import Stack
 from iits_mj import Truck
 from iits_mj.core.messages import TrackedVehicle, VehicleCommand
 from iits_mj.road import Route
-from iits_mj.simulation import DriveConfig, Simulation, gaps
+from iits_mj.simulation import DriveConfig, Simulation
 from tests.core.box_distance import box_distance
 from tests.traffic_bridge.mirror.test_mirror import scene, vehicle
 from traffic_bridge import Mirror, VehicleFrame
