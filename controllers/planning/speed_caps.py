@@ -98,9 +98,9 @@ class SpeedCaps:
         # another path or another reference.
         inputs = path, profile, margin
         launches = profile is not None and ego.speed < LAUNCH_SPEED
-        if not launches and self._known is not None:
-            if all(map(operator.is_, inputs, self._known[0])):
-                return self._known[1]
+        known = None if launches else self._known
+        if known is not None and all(map(operator.is_, inputs, known[0])):
+            return known[1]
         if profile is not None:
             profile = _reference(path.station, profile, ego)
         cap = speed_cap(path, self.preview, self.config.speed, profile)
