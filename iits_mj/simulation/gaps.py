@@ -46,11 +46,13 @@ def nearest_box_distance(
     frame = VehicleFrame.of(vehicles)
     if not frame:
         return math.inf
+    # A frame may hold views of another table.
+    columns, lanes = map(np.ascontiguousarray, (frame.values.T, frame.lanes))
     units = [number for unit in _units(ego, parameters) for number in unit]
     return float(
         _nearest_box(
             *((Real * len(units))(*units), len(units) // 6),
-            *(kernels.address(frame.values.T), _PLACES.ctypes.data, kernels.address(frame.lanes)),
+            *(kernels.address(columns), kernels.address(_PLACES), kernels.address(lanes)),
             *(len(frame), ego.x, ego.y, horizon, ego.z, LEVEL_OVER_TRUCK),
         )
     )
