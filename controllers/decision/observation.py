@@ -74,16 +74,15 @@ def observe_frame(scene: Scene, route: Route, reference_speed: float) -> Frame:
         reference_speed,
     )
     for first, found in ((1, behind[:_BEHIND]), (1 + _BEHIND, ahead[:_AHEAD])):
-        rows[first : first + len(found)] = np.column_stack(
-            (
-                np.ones(len(found)),
-                neighbors.front_distance[found],
-                neighbors.offset[found] - ego.offset,
-                neighbors.speed[found] - ego.speed,
-                neighbors.lateral_speed[found],
-                reference_speed - neighbors.speed[found],
-            )
-        )
+        if found.size:
+            speed = neighbors.speed[found]
+            columns = rows[first : first + len(found)].T
+            columns[0] = 1.0
+            columns[1] = neighbors.front_distance[found]
+            columns[2] = neighbors.offset[found] - ego.offset
+            columns[3] = speed - ego.speed
+            columns[4] = neighbors.lateral_speed[found]
+            columns[5] = reference_speed - speed
     check_finite(rows)
     return np.minimum(np.maximum(rows / SCALE, -1.0), 1.0).astype(np.float32)
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import functools
+from dataclasses import dataclass, field, fields
 from typing import NamedTuple
 
 from iits_mj.core.checks import require_positive
 from iits_mj.core.errors import InputError
+from iits_mj.kernels import Table
 from iits_mj.parameters import TruckParameters
 
 # Delay of the truck's brakes [s], and its hardest braking, positive [m/s2].
@@ -59,6 +61,11 @@ class FollowingConfig:
     regain_deceleration: float = 0.8
     coolness: float = 0.95
     exponent: float = 4.0
+
+    @functools.cached_property
+    def table(self) -> Table:
+        """The settings in this order, for the compiled functions."""
+        return Table([getattr(self, field.name) for field in fields(self)])
 
 
 @dataclass(frozen=True)

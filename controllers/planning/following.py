@@ -8,14 +8,23 @@ truck does not brake when the leader is faster, far, or has cut in without dange
 
 from __future__ import annotations
 
+import ctypes
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from controllers.planning.config import FollowingConfig
+from iits_mj import kernels
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.neighbors import Neighbor
+from iits_mj.kernels import Address, Real
+
+_idm = kernels.function("iits_idm_acceleration", Real, Address, *4 * [Real])
+_follow = kernels.function("iits_follow_acceleration", Real, Address, *5 * [Real])
+_lead_at = kernels.function("iits_lead_at", None, *3 * [Real], Address)
+_Place = Real * 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,12 +48,15 @@ class Lead:
 
     def at(self, time: float) -> tuple[float, float]:
         """Distance driven since now [m] and speed [m/s], by `a(t) = a exp(-t / 2 s)`."""
-        fade = 2.0 * (1.0 - math.exp(-0.5 * time))
-        speed = self.speed + self.acceleration * fade
-        if speed <= 0.0 < -self.acceleration:
-            return self.speed**2 / max(-2.0 * self.acceleration, 1e-3), 0.0
-        way = self.speed * time + self.acceleration * 2.0 * (time - fade)
-        return max(way, 0.0), max(speed, 0.0)
+        found = _Place()
+        _lead_at(self.speed, self.acceleration, time, found)
+        return found[0], found[1]
+
+
+def lead_table(leads: Sequence[Lead]) -> ctypes.Array[ctypes.c_double]:
+    """The fields of leads one after the other, for the compiled functions."""
+    numbers = [x for lead in leads for x in (lead.gap, lead.speed, lead.acceleration, lead.until)]
+    return (Real * len(numbers))(*numbers)
 
 
 def idm_acceleration(
@@ -59,22 +71,7 @@ def idm_acceleration(
       lead_speed: [m/s].
       config: parameters.
     """
-    a, b = config.acceleration_max, config.deceleration
-    desired = max(desired, 0.1)
-    if speed <= desired:
-        free = a * (1.0 - (speed / desired) ** config.exponent)
-    else:
-        free = -b * (1.0 - (desired / speed) ** (a * config.exponent / b))
-    wanted = config.standstill_gap + max(
-        0.0,
-        speed * config.time_gap + speed * (speed - lead_speed) / (2.0 * math.sqrt(a * b)),
-    )
-    ratio = wanted / max(gap, 0.1)
-    if ratio >= 1.0:
-        return a * (1.0 - ratio**2) + min(free, 0.0)
-    if speed > desired or free <= 1e-6:
-        return free
-    return free * (1.0 - ratio ** (2.0 * a / free))
+    return float(_idm(config.table.address, speed, desired, gap, lead_speed))
 
 
 def follow_acceleration(
@@ -89,22 +86,8 @@ def follow_acceleration(
 
     Source: Kesting, Treiber and Helbing, Phil. Trans. R. Soc. A 368 (2010), equations 2.6 to 2.8.
     """
-    idm = idm_acceleration(speed, desired, gap, lead_speed, config)
-    if not math.isfinite(gap):
-        return idm
-    # The heuristic stops at the standstill gap, too: the source has the bare gap.
-    gap = max(gap - config.standstill_gap, 0.1)
-    lead = min(lead_acceleration, config.acceleration_max)
-    closing = speed - lead_speed
-    if lead < 0.0 and lead_speed * closing <= -2.0 * gap * lead:
-        heuristic = speed**2 * lead / (lead_speed**2 - 2.0 * gap * lead)
-    else:
-        heuristic = lead - max(closing, 0.0) ** 2 / (2.0 * gap)
-    if idm >= heuristic:
-        return idm
-    regain = config.regain_deceleration
-    tempered = heuristic + regain * math.tanh((idm - heuristic) / regain)
-    return (1.0 - config.coolness) * idm + config.coolness * tempered
+    table = config.table.address
+    return float(_follow(table, speed, desired, gap, lead_speed, lead_acceleration))
 
 
 def braking_profile(station: FloatArray, limit: FloatArray, deceleration: float) -> FloatArray:
@@ -120,11 +103,3 @@ def braking_profile(station: FloatArray, limit: FloatArray, deceleration: float)
 def curve_speed(curvature: FloatArray, lateral_acceleration: float) -> FloatArray:
     """Greatest speed at a lateral acceleration, `sqrt(a / |kappa|)`, shape as curvature [m/s]."""
     return np.asarray(np.sqrt(lateral_acceleration / np.maximum(np.abs(curvature), 1e-6)))
-
-
-def required_deceleration(gap: float, speed: float, lead_speed: float, margin: float) -> float:
-    """Constant deceleration that just avoids closing the gap to `margin`, positive [m/s2]."""
-    closing = speed - lead_speed
-    if closing <= 0.0:
-        return 0.0
-    return closing**2 / (2.0 * max(gap - margin, 0.1))

@@ -7,6 +7,7 @@ of successive cycles are one curve.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -87,13 +88,15 @@ class Maneuver:
             return None
         return self._origin(ego, self.change)
 
-    def step(self, scene: Scene, decision: Decision, top: float, margin: RollMargin) -> Step:
+    def step(
+        self, scene: Scene, decision: Decision, top: Callable[[], float], margin: RollMargin
+    ) -> Step:
         """Continues the maneuver under way, or begins the decided one.
 
         Args:
           scene: the truck and the traffic.
           decision: of the decision maker; ignored while a change is under way.
-          top: greatest speed that the truck may reach during a change [m/s].
+          top: gives the greatest speed that the truck may reach during a change [m/s].
           margin: of the truck with its load.
         """
         ego = scene.ego
@@ -150,7 +153,12 @@ class Maneuver:
             self.residual = self.change = None
 
     def _decide(
-        self, scene: Scene, path: LanePath, decision: Decision, top: float, margin: RollMargin
+        self,
+        scene: Scene,
+        path: LanePath,
+        decision: Decision,
+        top: Callable[[], float],
+        margin: RollMargin,
     ) -> Step:
         """Begins a change if it is wanted and possible; otherwise gives the reason."""
         ego, config = scene.ego, self.config
@@ -185,7 +193,7 @@ class Maneuver:
                 done = f"passing {stopped.id}"
                 why = self._begin_passing(scene, path, target, stopped.id)
             else:
-                why = self._begin(ego, path, target, top, margin)
+                why = self._begin(ego, path, target, top(), margin)
             if not why:
                 return Step(target, done)
         if not forced and not own:

@@ -28,7 +28,14 @@ from controllers.tracking.lateral import check_finite
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import is_whole
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import Decision, PlanMode, Scene, SpeedProfile, Trajectory
+from iits_mj.core.messages import (
+    Decision,
+    PlanMode,
+    Scene,
+    SpeedProfile,
+    SpeedZone,
+    Trajectory,
+)
 from iits_mj.core.neighbors import Neighbor
 from iits_mj.parameters import TruckParameters
 
@@ -75,6 +82,7 @@ class Planner:
         self._parameters = parameters
         self._margins = RollMargins(parameters, 1.0 / self.config.change.duration_min)
         laden = parameters.gross_mass(parameters.payload.mass_max)
+        self._masses = parameters.gross_mass(0.0) / _MASS_FACTOR, laden * _MASS_FACTOR
         self.preview.shift = lane_shift(
             self.preview, parameters, laden, self.config.speed.curve_acceleration
         )
@@ -92,6 +100,7 @@ class Planner:
         self._crossing: list[str] = []
         self._gap: GapChoice | None = None
         self._last: Trajectory | None = None
+        self._zoned: tuple[LanePath, tuple[SpeedZone, ...], LanePath] | None = None
 
     @property
     def changing(self) -> bool:
@@ -147,8 +156,8 @@ class Planner:
         decision = named_decision(decision)
         ego = scene.ego
         margin = self._margins.at(ego.mass)
-        step = self.maneuver.step(scene, decision, self._caps.top(ego, profile), margin)
-        path = with_zones(step.path, scene.signals.zones)
+        step = self.maneuver.step(scene, decision, lambda: self._caps.top(ego, profile), margin)
+        path = self._with_zones(step.path, scene.signals.zones)
         leads, follows = self._leads(scene, path)
         cap = self._caps.cap(path, profile, margin, ego)
         passing_until = self.maneuver.passing_until
@@ -171,12 +180,16 @@ class Planner:
         )
         return self._last
 
+    def _with_zones(self, path: LanePath, zones: tuple[SpeedZone, ...]) -> LanePath:
+        """The path with the limits of the zones; the same object while neither changes."""
+        if self._zoned is None or self._zoned[0] is not path or self._zoned[1] != zones:
+            self._zoned = path, zones, with_zones(path, zones)
+        return self._zoned[2]
+
     def _check(self, scene: Scene) -> None:
         """Raises InputError for a state of the truck from which no plan is possible."""
-        ego, parameters = scene.ego, self._parameters
+        ego, (least, most) = scene.ego, self._masses
         check_finite(ego, _STATE)
-        least = parameters.gross_mass(0.0) / _MASS_FACTOR
-        most = parameters.gross_mass(parameters.payload.mass_max) * _MASS_FACTOR
         if not least <= ego.mass <= most:
             raise InputError(
                 f"state of the truck: mass is {ego.mass:g} kg: allowed is {least:.0f} to "
@@ -285,9 +298,6 @@ class Planner:
             graded = max(speed.emergency_share * urgency, speed.emergency_onset)
             demand = min(graded, speed.emergency_deceleration)
         stop, deceleration, cap = self._stops.nearest(scene, path, cap, waits)
-        if deceleration != speed.following.preview_deceleration:
-            following = replace(speed.following, preview_deceleration=deceleration)
-            speed = replace(speed, following=following)
         rolled = roll_out(
             self._start(scene, stop),
             path,
@@ -301,6 +311,7 @@ class Planner:
             stop,
             demand,
             self._stops.holds(stop, scene.ego),
+            deceleration,
         )
         residual = self.maneuver.residual
         return on_road(self.preview, path, residual, scene.time, *rolled, config.step, urgency)
@@ -312,6 +323,8 @@ def named_decision(value: object) -> Decision:
     Raises:
       InputError: it is neither.
     """
+    if isinstance(value, Decision):
+        return value
     for decision in Decision:
         if is_whole(value) and value == decision:
             return decision

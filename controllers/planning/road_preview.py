@@ -15,15 +15,17 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from controllers.planning.following import curve_speed
 from controllers.tracking.lateral_model import LateralModel
+from iits_mj import kernels
 from iits_mj.core.angles import wrap_angles
 from iits_mj.core.arrays import FloatArray, IntArray
 from iits_mj.core.units import GRAVITY
+from iits_mj.kernels import Address, Integer, Real, Table
 from iits_mj.parameters import TruckParameters
 
 if TYPE_CHECKING:
@@ -43,8 +45,16 @@ _SPEEDS = np.array([0.5, 4.0, 8.0, 12.0, 16.0, 20.0, 25.0, 30.0])
 STEERING_LAG = 0.1
 # Room that the tractor leaves between its side and the lane's edge [m].
 _LANE_MARGIN = 0.15
+# Spacing of samples of the heading between rows [m], and turn between two of them [rad].
+_SWING_SAMPLE, _SWING_SLACK = 0.5, 0.1
 # The lane shift begins and ends over about twice this distance, as the trailer follows [m].
 _SMOOTHING = 25.0
+
+_interpolate = kernels.function("iits_interpolate", Real, Address, Integer, Integer, Real)
+# Rows of the tables for the compiled functions after the stations: of a path, of the road.
+_DRIVEN, _OFFSET, _GRADE = 1, 4, 2
+
+Stations = TypeVar("Stations", float, FloatArray)
 
 
 @dataclass(frozen=True)
@@ -73,27 +83,30 @@ class LanePath:
     shift: FloatArray | None = None
     road: RoadPreview | None = None
 
-    def offset_at(self, station: FloatArray | float) -> FloatArray:
-        """Offset of the lane's middle [m], same shape as station."""
-        return np.asarray(np.interp(station, self.station, self.offset))
-
     @functools.cached_property
     def driven(self) -> FloatArray:
         """Offset at which the steer axle drives, shape (n,) [m]."""
         return self.offset if self.shift is None else self.offset + self.shift
 
-    def driven_at(self, station: FloatArray | float) -> FloatArray:
+    @functools.cached_property
+    def table(self) -> Table:
+        """Station, driven offset, its slope [1] and second derivative [1/m], middle's offset."""
+        step = float(self.station[1] - self.station[0]) if self.road is None else self.road.step
+        slope = gradient(self.driven, step)
+        return Table([self.station, self.driven, slope, gradient(slope, step), self.offset])
+
+    def offset_at(self, station: Stations) -> Stations:
+        """Offset of the lane's middle [m], same shape as station."""
+        return self._row_at(_OFFSET, station)
+
+    def driven_at(self, station: Stations) -> Stations:
         """Offset at which the steer axle drives [m], same shape as station."""
-        return np.asarray(np.interp(station, self.station, self.driven))
+        return self._row_at(_DRIVEN, station)
 
-
-class _PathTables(NamedTuple):
-    """`RoadPreview.sharpest` and `RoadPreview.course` of one path."""
-
-    path: LanePath
-    sharpest: FloatArray
-    slope: FloatArray
-    bend: FloatArray
+    def _row_at(self, row: int, station: Stations) -> Stations:
+        if isinstance(station, float):
+            return float(_interpolate(self.table.address, len(self.station), row, station))
+        return np.asarray(np.interp(station, self.station, self.table.numbers[row]))
 
 
 class RoadPreview:
@@ -106,7 +119,10 @@ class RoadPreview:
       station: of shape (n,), `step` apart [m].
       offset, half_width, speed_limit: of the lanes, shape (lanes, n); offset is NaN for no lane.
       curvature, grade, height, superelevation: of the reference line, shape (n,).
+      heading: of the reference line at the rows, shape (n,) [rad].
+      swing: bound on its difference from the heading nearest to a row, shape (n,) [rad].
       shift: wanted offset of the steer axle from the lane's middle, shape (lanes, n) [m].
+      table: rows of station, curvature and grade, for the compiled functions.
     """
 
     def __init__(self, route: Route) -> None:
@@ -129,10 +145,13 @@ class RoadPreview:
         )
         point = route.evaluate(self.station, 0.0)
         self.curvature = road_curvature(route, self.station)
+        self.heading = np.asarray(point.heading, dtype=float)
+        self.swing = heading_swing(route, self.station, self.heading)
         self.height = np.asarray(point.z, dtype=float)
         self.superelevation = np.asarray(point.superelevation, dtype=float)
         self.grade = np.asarray(route.smoothed_grade(self.station), dtype=float)
-        self._tables: _PathTables | None = None
+        self.table = Table([self.station, self.curvature, self.grade])
+        self._sharpest: tuple[LanePath, FloatArray] | None = None
 
     def index(self, station: float) -> int:
         """Nearest row of the tables."""
@@ -180,6 +199,10 @@ class RoadPreview:
             road=self,
         )
 
+    def grade_at(self, station: float) -> float:
+        """Grade at a station."""
+        return float(_interpolate(self.table.address, len(self.station), _GRADE, station))
+
     def felt(self, station: FloatArray, speed: float) -> FloatArray:
         """Lateral acceleration by bends and cross-slope at a speed [m/s2], shape as station.
 
@@ -191,21 +214,11 @@ class RoadPreview:
 
     def sharpest(self, path: LanePath) -> FloatArray:
         """Curvature of a path for bounds on its speed, a magnitude, shape of path.station [1/m]."""
-        return self._tables_of(path).sharpest
-
-    def course(self, path: LanePath) -> tuple[FloatArray, FloatArray]:
-        """Slope and second derivative [1/m] of `path.driven` over station, shape (n,) each."""
-        tables = self._tables_of(path)
-        return tables.slope, tables.bend
-
-    def _tables_of(self, path: LanePath) -> _PathTables:
-        """Tables of a path, cached because a planner uses a path for some cycles."""
-        if self._tables is None or self._tables.path is not path:
+        if self._sharpest is None or self._sharpest[0] is not path:
             curvature = np.interp(path.station, self.station, self.curvature)
-            slope = gradient(path.driven, self.step)
-            bend = gradient(slope, self.step)
-            self._tables = _PathTables(path, sharpest(curvature, path.offset), slope, bend)
-        return self._tables
+            # Kept because a planner uses a path for some cycles.
+            self._sharpest = path, sharpest(curvature, path.offset)
+        return self._sharpest[1]
 
     def _walk(
         self,
@@ -261,6 +274,23 @@ def road_curvature(route: Route, station: FloatArray) -> FloatArray:
     spike = np.where(np.abs(excess) < _SEAM_TURN, excess, 0.0)
     spread = np.convolve(np.pad(spike, half), np.full(_SEAM_ROWS, 1.0 / _SEAM_ROWS), mode="valid")
     return np.asarray((turn - spike + spread) / step)
+
+
+def heading_swing(route: Route, station: FloatArray, heading: FloatArray) -> FloatArray:
+    """Bound on the difference of headings nearest to each station from the one there [rad].
+
+    Between two samples the heading may turn by `_SWING_SLACK`, more than half a meter of any bend.
+
+    Args:
+      route: the road.
+      station: uniform, shape (n,) [m].
+      heading: at the stations, shape (n,) [rad].
+    """
+    half = 0.5 * float(station[1] - station[0])
+    around = np.linspace(-half, half, 2 * math.ceil(half / _SWING_SAMPLE) + 1)
+    places = (station[:, None] + around).ravel()
+    beside = route.heading(places).reshape(len(station), -1)
+    return np.asarray(np.abs(wrap_angles(beside - heading[:, None])).max(axis=1) + _SWING_SLACK)
 
 
 def sharpest(curvature: FloatArray, offset: FloatArray | float) -> FloatArray:

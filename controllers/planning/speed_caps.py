@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -75,6 +76,9 @@ class SpeedCaps:
         self.config = config
         self._acceleration = math.nan
         self._bearable: FloatArray = np.empty(0)
+        self._known: tuple[tuple[LanePath, SpeedProfile | None, RollMargin], FloatArray] | None = (
+            None
+        )
 
     def cap(
         self, path: LanePath, profile: SpeedProfile | None, margin: RollMargin, ego: EgoState
@@ -90,13 +94,22 @@ class SpeedCaps:
         Raises:
           InputError: the reference speed is not a number.
         """
+        # At speed the bound does not depend on the truck: it is the last one until the truck has
+        # another path or another reference.
+        inputs = path, profile, margin
+        launches = profile is not None and ego.speed < LAUNCH_SPEED
+        known = None if launches else self._known
+        if known is not None and all(map(operator.is_, inputs, known[0])):
+            return known[1]
         if profile is not None:
             profile = _reference(path.station, profile, ego)
         cap = speed_cap(path, self.preview, self.config.speed, profile)
         if np.isnan(cap).any():
             raise InputError("the reference speed ahead is not a number")
         first = self.preview.index(float(path.station[0]))
-        return np.minimum(cap, self._by_roll(margin)[first : first + len(cap)])
+        cap = np.minimum(cap, self._by_roll(margin)[first : first + len(cap)])
+        self._known = None if launches else (inputs, cap)
+        return cap
 
     def top(self, ego: EgoState, profile: SpeedProfile | None) -> float:
         """Greatest speed that the truck may reach during a lane change [m/s].

@@ -4,33 +4,36 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.planning.config import FollowingConfig, Powers, SpeedConfig
-from controllers.planning.following import (
-    Lead,
-    braking_profile,
-    curve_speed,
-    follow_acceleration,
-    required_deceleration,
-)
+from controllers.planning.config import Powers, SpeedConfig
+from controllers.planning.following import Lead, braking_profile, curve_speed, lead_table
 from controllers.planning.road_preview import LanePath, RoadPreview
+from iits_mj import kernels
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import SpeedProfile
 from iits_mj.core.units import GRAVITY
+from iits_mj.kernels import Address, Integer, Real
 from iits_mj.parameters import TruckParameters
 
-# The plan uses the cap this far ahead [s]: far for a smooth onset, near for an exact end.
-_LOOK_AHEAD = (1.0, 0.4)
-# Below this speed the plan of a stop uses the distance that is left: with a look-ahead the truck
-# would creep towards it without end [m/s].
-_LAST_SPEED = 2.0
-# A truck that comes to rest this near to a stop stays there [m], and brakes by this [m/s2].
+# A truck that comes to rest this near to a stop stays there [m].
 HOLD_REACH = 1.0
-_HOLD_DECELERATION = 1.2
+
+_most_urgent = kernels.function("iits_most_urgent", Real, Address, Integer, Real, Real, Real)
+_power_acceleration = kernels.function("iits_power_acceleration", Real, *5 * [Real])
+_roll_out = kernels.function(
+    "iits_roll_out",
+    None,
+    *(Address, Real, Real, Real),  # settings and start
+    *(Address, Integer, Real, Real),  # bound on the speed
+    *(Address, Integer),  # leads
+    *(Real, Real, Real, Real),  # mass and power
+    *(Real, Real, Real),  # stop
+    *(Real, Integer, Integer, Real),  # emergency, hold, and steps
+    Address,
+)
 
 
 @functools.cache
@@ -63,17 +66,10 @@ def most_urgent(leads: list[Lead], speed: float, config: SpeedConfig) -> float:
     A braking leader counts with its speed after the brakes' reaction time, and the truck must not
     reach it even if it stops.
     """
-    worst = 0.0
-    for lead in leads:
-        way, lead_speed = lead.at(config.reaction_time)
-        gap = lead.gap + way - speed * config.reaction_time
-        needed = required_deceleration(gap, speed, lead_speed, config.emergency_margin)
-        if lead.acceleration < -1.0:
-            # Both stop: the leader's stopping distance adds to the room.
-            room = gap - config.emergency_margin + lead_speed**2 / (-2.0 * lead.acceleration)
-            needed = max(needed, speed**2 / (2.0 * max(room, 0.1)))
-        worst = max(worst, needed)
-    return worst
+    if not leads:
+        return 0.0
+    margin = config.emergency_margin
+    return float(_most_urgent(lead_table(leads), len(leads), speed, config.reaction_time, margin))
 
 
 @dataclass(frozen=True)
@@ -90,20 +86,14 @@ def power_acceleration(speed: float, mass: float, grade: float, config: SpeedCon
 
     With this least value the plan demands full power where the truck cannot hold its speed.
     """
-    return _power_left(mass, grade, config)(speed)
+    power, *resistances = _powers(grade, config)
+    return float(_power_acceleration(speed, mass, power, *resistances))
 
 
-def _power_left(mass: float, grade: float, config: SpeedConfig) -> Callable[[float], float]:
-    """`power_acceleration` over speed."""
+def _powers(grade: float, config: SpeedConfig) -> tuple[float, float, float]:
+    """Power [W], acceleration by rolling resistance and slope [m/s2], and drag [kg/m]."""
     power, rolling_resistance, drag = config.powers or _shipped()
-    rolling_and_slope = GRAVITY * (grade + rolling_resistance)
-
-    def left(speed: float) -> float:
-        resistance = rolling_and_slope + drag * speed**2 / mass
-        found = power / (mass * (speed if speed > 3.0 else 3.0)) - resistance
-        return found if found > 0.05 else 0.05
-
-    return left
+    return power, GRAVITY * (grade + rolling_resistance), drag
 
 
 def roll_out(
@@ -119,6 +109,7 @@ def roll_out(
     stop: float = math.inf,
     emergency: float = 0.0,
     hold: bool = False,
+    braking: float | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Station, speed and acceleration at steps + 1 instants, the first being now.
 
@@ -135,118 +126,20 @@ def roll_out(
       stop: station at which to stop at the latest [m].
       emergency: deceleration of emergency braking, positive [m/s2]; 0: no emergency.
       hold: the truck comes to rest at once and stays.
+      braking: deceleration towards the stop, positive [m/s2]; default: the preview deceleration.
     """
-    following = config.following
-    rows: list[tuple[float, float, float]] = []
-    s, v, a = start.station, max(start.speed, 0.0), start.acceleration
-    grade = float(np.interp(s, preview.station, preview.grade))
-    power_left = _power_left(mass, grade, config)
-    first, inverse = float(path.station[0]), 1.0 / preview.step
-    caps, last = cap.tolist(), len(cap) - 1
-    rises = (cap[1:] - cap[:-1]).tolist()
-
-    wanted_braking = following.preview_deceleration
-    braking = 2.0 * wanted_braking
-    # Before this station the stop does not bound the speed.
-    near_stop = stop - max(caps) ** 2 / braking
-
-    def cap_at(place: float, creeping: bool = False) -> float:
-        position = (place - first) * inverse
-        if position <= 0.0:
-            cap_here = caps[0]
-        elif position >= last:
-            cap_here = caps[last]
-        else:
-            row = int(position)
-            cap_here = caps[row] + (position - row) * rises[row]
-        if place > near_stop and not creeping:
-            cap_here = min(cap_here, math.sqrt(braking * max(stop - place, 0.0)))
-        return cap_here
-
-    far, near = _LOOK_AHEAD
-    down, up = following.jerk_max * step, 0.5 * (following.jerk_max * step)
-    least, most = -following.deceleration_max, following.acceleration_max
-    for k in range(steps + 1):
-        time = k * step
-        if k:
-            moved, v_next = v * step + 0.5 * a * step * step, v + a * step
-            moved = moved if moved > 0.0 else 0.0
-            # If the truck stops within the step, it moves only until then.
-            s += moved if v_next > 0.0 or a >= 0.0 else v * v / (-2.0 * a)
-            v = v_next if v_next > 0.0 else 0.0
-        wanted = -emergency
-        hold = hold or (k > 0 and v <= 0.0 and s > stop - HOLD_REACH)
-        if not emergency:
-            slow = v < _LAST_SPEED
-            to_cap = (cap_at(s + v * far, slow) - v) / far
-            soon = (cap_at(s + v * near, slow) - v) / near
-            to_cap = soon if soon < to_cap else to_cap
-            if hold:
-                to_cap = -_HOLD_DECELERATION
-            elif slow and s > near_stop:
-                to_cap = min(to_cap, _to_stop(v, stop - s, wanted_braking, following))
-            wanted = to_cap if to_cap < most else most
-            if leads:
-                way, free = s - start.station, cap_at(s)
-                wanted = min(wanted, _behind(v, way, time, free, to_cap, leads, following))
-            wanted = wanted if wanted > least else least
-            left = power_left(v)
-            wanted = left if left < wanted else wanted
-            slowest, fastest = a - down, a + up
-            wanted = slowest if wanted < slowest else fastest if wanted > fastest else wanted
-        a = wanted
-        # At a hold the brakes stay on: the truck may come to rest later than the plan.
-        if v <= 0.0 and a < 0.0 and not (hold and start.speed > 0.0):
-            a = 0.0
-        rows.append((s, v, a))
-    station, speed, acceleration = np.array(rows).T.copy()
+    count = len(path.station)
+    grade = preview.grade_at(start.station)
+    rows = np.empty((3, steps + 1))
+    _roll_out(
+        config.following.table.address,
+        *(start.station, start.speed, start.acceleration),
+        *(kernels.address(cap), count, float(path.station[0]), preview.step),
+        *(lead_table(leads), len(leads)),
+        *(mass, *_powers(grade, config)),
+        *(stop, braking or config.following.preview_deceleration, HOLD_REACH),
+        *(emergency, hold, steps, step),
+        kernels.address(rows),
+    )
+    station, speed, acceleration = rows
     return station, speed, acceleration
-
-
-def _to_stop(v: float, left: float, braking: float, following: FollowingConfig) -> float:
-    """Acceleration over the last meters before a stop [m/s2], which ends in finite time.
-
-    The needed constant deceleration, `v^2 / (2 left)`, if it exceeds 0.8 of the wanted one; a
-    positive acceleration if it is less than half of the wanted one.
-    """
-    if left < 0.05:
-        return -_HOLD_DECELERATION
-    needed = v * v / (2.0 * left)
-    share = needed / braking
-    if share < 0.5:
-        return following.acceleration_max * (1.0 - 2.0 * share)
-    return -needed if share > 0.8 else -0.8 * braking * (share - 0.5) / 0.3
-
-
-def _behind(
-    v: float,
-    way: float,
-    time: float,
-    cap_here: float,
-    to_cap: float,
-    leads: list[Lead],
-    following: FollowingConfig,
-) -> float:
-    """Acceleration that every leader allows [m/s2].
-
-    On the free road the plan follows the cap exactly, also where it rises: the free term of car
-    following would lag a rising reference by `v / (4 a)`, some 5 s. Behind a leader the desired
-    speed of that term is high enough not to lag either.
-    """
-    wanted = math.inf
-    desired = _desired_speed(v, cap_here, to_cap, following)
-    for lead in leads:
-        if time > lead.until:
-            continue
-        lead_way, lead_speed = lead.at(time)
-        fading = lead.acceleration * math.exp(-0.5 * time) if lead_speed > 0.0 else 0.0
-        gap = lead.gap + lead_way - way
-        behind = follow_acceleration(v, desired, gap, lead_speed, fading, following)
-        wanted = min(wanted, behind)
-    return wanted
-
-
-def _desired_speed(v: float, cap: float, to_cap: float, following: FollowingConfig) -> float:
-    """Desired speed whose free term, `a (1 - (v / desired)^n)`, is no less than `to_cap` [m/s]."""
-    share = min(max(to_cap / following.acceleration_max, 0.0), 0.9)
-    return max(cap, v / (1.0 - share) ** (1.0 / following.exponent))

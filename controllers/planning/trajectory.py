@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from controllers.planning.road_preview import LanePath, RoadPreview
-from iits_mj.core.angles import wrap_angles
+from iits_mj import kernels
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Trajectory
+from iits_mj.kernels import Address, Integer, Table
 
 _SAMPLES = np.linspace(0.0, 1.0, 41)
-# Shorter pieces of the plan have no direction of their own [m].
-_MOVES = 0.02
+
+_trajectory = kernels.function(
+    "iits_trajectory",
+    None,
+    *(Address, Address, Integer),  # reference line and road
+    *(Address, Integer, Address),  # path and quintic
+    *(Address, Integer, Address),  # stations and result
+)
 
 
 @dataclass(frozen=True)
@@ -59,6 +67,11 @@ class Quintic:
     def end(self) -> float:
         """Station of the end [m]."""
         return self.start + self.length
+
+    @functools.cached_property
+    def table(self) -> Table:
+        """Start, length, its square and the coefficients, for the compiled functions."""
+        return Table([self.start, self.length, self.length**2, *self.coefficients])
 
     def evaluate(self, station: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Value [m] and first three derivatives over station, each of station's shape."""
@@ -149,43 +162,25 @@ def on_road(
       step: between points [s].
       urgency: greatest deceleration that a leader requires, for the log [m/s2].
     """
-    slopes, bends = preview.course(path)
-    slope = np.interp(station, path.station, slopes)
-    bend = np.interp(station, path.station, bends)
-    offset = np.interp(station, path.station, path.driven)
-    if residual is not None:
-        q, first, second, _ = residual.evaluate(station)
-        offset, slope, bend = offset + q, slope + first, bend + second
-    curvature = np.interp(station, preview.station, preview.curvature)
-    stretch = 1.0 - curvature * offset
-    point = preview.route.evaluate(station, offset)
-    x, y = np.asarray(point.x), np.asarray(point.y)
-    yaw = np.asarray(point.heading) + np.arctan2(slope, stretch)
-    # Curvature of the points where the truck moves; else of the offset curve, for small angles.
-    bent = _curvature(x, y, yaw, curvature / stretch + bend / stretch**2)
+    count = len(station)
+    rows = np.empty((6, count))
+    _trajectory(
+        *(preview.route.line.table.address, preview.table.address, len(preview.station)),
+        *(path.table.address, len(path.station)),
+        None if residual is None else residual.table.address,
+        *(kernels.address(station), count, kernels.address(rows)),
+    )
+    offset, x, y, z, yaw, curvature = rows
     return Trajectory(
-        time=np.asarray(time + step * np.arange(len(station)), dtype=np.float64),
+        time=np.asarray(time + step * np.arange(count), dtype=np.float64),
         station=station,
         offset=offset,
         x=x,
         y=y,
-        z=np.asarray(point.z),
+        z=z,
         yaw=yaw,
-        curvature=bent,
+        curvature=curvature,
         speed=speed,
         acceleration=acceleration,
         extra={"urgency": urgency},
     )
-
-
-def _curvature(x: FloatArray, y: FloatArray, yaw: FloatArray, still: FloatArray) -> FloatArray:
-    """Curvature of a path of points with headings [1/m]; `still` where the points coincide."""
-    ways = np.hypot(x[1:] - x[:-1], y[1:] - y[:-1])
-    turns = wrap_angles(yaw[1:] - yaw[:-1])
-    moves = ways > _MOVES
-    each = np.where(moves, turns / np.maximum(ways, _MOVES), 0.0)
-    # At a point: mean of the pieces before and after it that have a length.
-    pieces = np.zeros((2, len(yaw) + 1))
-    pieces[0, 1:-1], pieces[1, 1:-1] = each, moves
-    total, count = pieces[:, 1:] + pieces[:, :-1]
-    return np.asarray(np.where(count > 0.0, total / np.maximum(count, 1.0), still))

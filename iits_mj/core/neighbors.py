@@ -169,6 +169,7 @@ class Neighbors:
         self.posed = (self.x != 0.0) | (self.y != 0.0) | (self.z != 0.0)
         self._level: tuple[RoadSurface, BoolArray] | None = None
         self._along: dict[int, tuple[LaneAlong, BoolArray]] = {}
+        self._leaders: dict[int, tuple[LaneAlong, Neighbor | None]] = {}
 
     def neighbor(self, index: int) -> Neighbor:
         """Returns the vehicle of an index."""
@@ -222,7 +223,11 @@ class Neighbors:
 
     def leader_along_path(self, path: LaneAlong) -> Neighbor | None:
         """The nearest vehicle of the followed lane whose center is ahead of the front bumper."""
-        return self._nearest(self.along_path(path) & (self.station > self.front))
+        found = self._leaders.get(id(path))
+        if found is None:
+            leader = self._nearest(self.along_path(path) & (self.station > self.front))
+            found = self._leaders[id(path)] = path, leader
+        return found[1]
 
     def is_beside(self, path: LaneAlong) -> bool:
         """Whether the center of a vehicle of the followed lane is beside the truck."""
@@ -282,16 +287,16 @@ class Neighbors:
           behind: reach behind the trailer's rear [m].
         """
         distance, on_route = self.front_distance, self.lane >= 0
-        before = np.flatnonzero(on_route & (distance > 0.0) & (distance <= ahead))
+        before = (on_route & (distance > 0.0) & (distance <= ahead)).nonzero()[0]
         least = -behind - self._footprint.length
-        after = np.flatnonzero(on_route & (distance <= 0.0) & (distance >= least))
+        after = (on_route & (distance <= 0.0) & (distance >= least)).nonzero()[0]
         return (
             before[np.argsort(distance[before], kind="stable")],
             after[np.argsort(-distance[after], kind="stable")],
         )
 
     def _nearest(self, chosen: BoolArray) -> Neighbor | None:
-        candidates = np.flatnonzero(chosen)
+        candidates = chosen.nonzero()[0]
         if not candidates.size:
             return None
         return self.neighbor(int(candidates[self.gap[candidates].argmin()]))

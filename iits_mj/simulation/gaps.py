@@ -7,20 +7,28 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from iits_mj import kernels
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.boxes import Corners, box_corners, box_distance, separation
+from iits_mj.core.boxes import box_corners
 from iits_mj.core.messages import EgoState, TrackedVehicle
 from iits_mj.core.neighbors import LEVEL_OVER_TRUCK
-from iits_mj.core.vehicles import VehicleFrame
+from iits_mj.core.vehicles import COLUMNS, VehicleFrame
+from iits_mj.kernels import Address, Integer, Real
 from iits_mj.parameters import TruckParameters
 
-# A lower bound of a distance may be off by less than this [m].
-_ROUNDING = 1e-6
+_nearest_box = kernels.function(
+    "iits_nearest_box",
+    Real,
+    *(Address, Integer),  # the truck's units
+    *(Address, Address, Address, Integer),  # the vehicles
+    *(Real, Real, Real, Real, Real),  # horizon and level
+)
+_PLACES = np.array([COLUMNS.index(name) for name in ("x", "y", "z", "yaw", "length", "width")])
 
 
 def truck_boxes(ego: EgoState, parameters: TruckParameters) -> tuple[FloatArray, FloatArray]:
     """Returns corners of tractor and semitrailer in the map frame, each of shape (4, 2) [m]."""
-    tractor, trailer = _truck_corners(ego, parameters)
+    tractor, trailer = (box_corners(*unit) for unit in _units(ego, parameters))
     return np.array(tractor), np.array(trailer)
 
 
@@ -35,34 +43,29 @@ def nearest_box_distance(
     It is 0 when two boxes overlap, and inf when no vehicle's centre is within `horizon` of the
     steer axle [m]. Vehicles on another level, such as a bridge above, are ignored.
     """
-    frame = VehicleFrame.of(vehicles).near(ego.x, ego.y, horizon)
-    level = (frame.lanes >= 0) | (np.abs(frame.column("z") - ego.z) < LEVEL_OVER_TRUCK)
-    places = frame.select(level).columns("x", "y", "yaw", "length", "width").T.tolist()
-    others = [
-        box_corners(x, y, yaw, 0.5 * long, 0.5 * long, wide) for x, y, yaw, long, wide in places
-    ]
-    units = _truck_corners(ego, parameters)
-    # Sorted by the lower bound: most pairs need no exact distance.
-    pairs = sorted(
-        (separation(unit, other), u, o)
-        for u, unit in enumerate(units)
-        for o, other in enumerate(others)
+    frame = VehicleFrame.of(vehicles)
+    if not frame:
+        return math.inf
+    # A frame may hold views of another table.
+    columns, lanes = map(np.ascontiguousarray, (frame.values.T, frame.lanes))
+    units = [number for unit in _units(ego, parameters) for number in unit]
+    return float(
+        _nearest_box(
+            *((Real * len(units))(*units), len(units) // 6),
+            *(kernels.address(columns), kernels.address(_PLACES), kernels.address(lanes)),
+            *(len(frame), ego.x, ego.y, horizon, ego.z, LEVEL_OVER_TRUCK),
+        )
     )
-    nearest = math.inf
-    for least, u, o in pairs:
-        if least > nearest + _ROUNDING:
-            break
-        nearest = min(nearest, box_distance(units[u], others[o]))
-    return nearest
 
 
-def _truck_corners(ego: EgoState, parameters: TruckParameters) -> tuple[Corners, Corners]:
+def _units(ego: EgoState, parameters: TruckParameters) -> tuple[tuple[float, ...], ...]:
+    """Origin, heading, reach ahead and behind, and width of tractor and semitrailer."""
     tractor, trailer = parameters.tractor, parameters.semitrailer
     rear = tractor.axles[-1].position + 0.6
     hitch = parameters.fifth_wheel.position
     return (
-        box_corners(ego.x, ego.y, ego.yaw, tractor.front_overhang, rear, tractor.width),
-        box_corners(
+        (ego.x, ego.y, ego.yaw, tractor.front_overhang, rear, tractor.width),
+        (
             ego.x - hitch * math.cos(ego.yaw),
             ego.y - hitch * math.sin(ego.yaw),
             ego.yaw - ego.articulation,

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from controllers.planning.road_preview import RoadPreview
-from iits_mj.core.boxes import Boxes, axis_gaps, box_corners, box_distance, separation
+from iits_mj.core.boxes import Boxes, axis_gaps, box_corners
 from iits_mj.core.messages import EgoState, Scene, TrackedVehicle
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
+from tests.core.box_distance import box_distance, separation
 
 ROUTE = Route.straight(length=3000.0, lanes=2)
 PREVIEW = RoadPreview(ROUTE)

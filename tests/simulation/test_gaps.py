@@ -3,10 +3,11 @@ import math
 import numpy as np
 import pytest
 
-from iits_mj.core.boxes import box_distance
 from iits_mj.core.messages import EgoState, Scene, TrackedVehicle
+from iits_mj.core.vehicles import COLUMNS, VehicleFrame
 from iits_mj.parameters import TruckParameters
 from iits_mj.simulation import gaps
+from tests.core.box_distance import box_distance
 
 
 def lane_gaps(ego: EgoState, *vehicles: TrackedVehicle) -> tuple[float, float]:
@@ -123,3 +124,12 @@ def _corners(car: TrackedVehicle) -> np.ndarray:
     along = 0.5 * car.length * np.array([1.0, 1.0, -1.0, -1.0])[:, None]
     across = 0.5 * car.width * np.array([-1.0, 1.0, 1.0, -1.0])[:, None]
     return np.array([car.x, car.y]) + along * forward + across * left
+
+
+def test_the_columns_of_a_frame_may_be_views_of_another_table() -> None:
+    cars = [TrackedVehicle(str(i), x=20.0 + 9.0 * i, y=3.0 * i) for i in range(3)]
+    frame, parameters = VehicleFrame.of(cars), TruckParameters.load()
+    columns = np.asfortranarray(frame.columns(*COLUMNS))
+    view = VehicleFrame(frame.ids, frame.kinds, np.repeat(frame.lanes, 2)[::2], columns)
+    expected = gaps.nearest_box_distance(EgoState(), frame, parameters)
+    assert gaps.nearest_box_distance(EgoState(), view, parameters) == expected

@@ -12,10 +12,10 @@ from controllers.planning.following import (
     curve_speed,
     follow_acceleration,
     idm_acceleration,
-    required_deceleration,
 )
 from controllers.planning.safety import SafetyConfig, front_gap_needed, rear_gap_needed
 from iits_mj.core.neighbors import Neighbor
+from tests.controllers.planning.speed_plan_in_python import required_deceleration
 
 CONFIG = FollowingConfig()
 

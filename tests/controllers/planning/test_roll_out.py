@@ -12,9 +12,6 @@ from controllers.planning.road_preview import RoadPreview
 from controllers.planning.speed_plan import (
     SpeedConfig,
     SpeedState,
-    _behind,
-    _desired_speed,
-    _to_stop,
     most_urgent,
     power_acceleration,
     roll_out,
@@ -23,6 +20,7 @@ from controllers.planning.speed_plan import (
 from iits_mj.core.messages import SpeedProfile
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
+from tests.controllers.planning.speed_plan_in_python import _behind, _desired_speed, _to_stop
 
 POWERS = Powers(300e3, 0.006, 3.0)
 CONFIG = SpeedConfig(cruise_speed=20.0, powers=POWERS)

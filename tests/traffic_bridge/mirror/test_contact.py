@@ -10,7 +10,8 @@ from controllers.stack import Stack
 from iits_mj import Truck
 from iits_mj.core.messages import TrackedVehicle, VehicleCommand
 from iits_mj.road import Route
-from iits_mj.simulation import DriveConfig, Simulation, gaps
+from iits_mj.simulation import DriveConfig, Simulation
+from tests.core.box_distance import box_distance
 from tests.traffic_bridge.mirror.test_mirror import scene, vehicle
 from traffic_bridge import Mirror, VehicleFrame
 from traffic_bridge.mirror.bodies import Outline, may_touch, separation
@@ -117,7 +118,7 @@ def test_separation_is_a_lower_bound_of_the_distance_and_zero_only_on_overlap():
     tight = apart = 0
     for _ in range(500):
         a, b = rectangle(rng), rectangle(rng)
-        true, found = gaps.box_distance(corners(a), corners(b)), separation(a, b)
+        true, found = box_distance(corners(a), corners(b)), separation(a, b)
         assert found <= true + 1e-9
         assert (found <= 0.0) == (true == 0.0)
         apart += true > 0.0
