@@ -185,7 +185,8 @@ class Truck:
           parameters: of the truck, or an overlay (TOML file or mapping) over the shipped figures.
           route: the road; default: a flat plane, driven along x.
           timestep: of the physics [s], 0.0005 to 0.005.
-          visuals: adds road and landscape for pictures; the physics is the same without.
+          visuals: adds what pictures show of truck, road and landscape; the physics is the same
+            without, a step takes less time.
           edit_spec: called with the specification before it is compiled, to add cameras, traffic.
 
         Raises:
@@ -200,7 +201,7 @@ class Truck:
         payload = parameters.check_payload(payload)
         shown = route if route is not None else Route.straight()
         model = compile_scene(
-            truck_spec(parameters, payload),
+            truck_spec(parameters, payload, visuals=visuals),
             shown,
             timestep,
             visuals=visuals,
