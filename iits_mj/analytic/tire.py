@@ -123,7 +123,8 @@ class Tires:
         """Returns the forces of one step, and the bristles at its end.
 
         Args:
-          motion, surface: at the start of the step.
+          motion: of the wheels at the start of the step.
+          surface: below them.
           bristles: at the start of the step; see `Forces`.
           timestep: [s].
           lost: lost share of a tire's pressure, 0 to 1.

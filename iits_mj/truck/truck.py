@@ -310,7 +310,7 @@ class Truck:
                 options.disableflags = flags
             n = 1
         mujoco.mj_step(self.model, self.data, n)
-        if not self.data.warning.number.any():
+        if not any(self.data.warning.number.tolist()):
             return
         for warning in _FATAL_WARNINGS:
             if self.data.warning[warning].number:
