@@ -348,7 +348,8 @@ def rollout_gain(truck: Truck, threads: int, rounds: int = 30) -> Findings:
     found.check(f"rollout, {many} threads, per step in all", per_step[many], "us")
     found.check("rollout's gain over one thread", wall[one] / wall[many], "1", float(threads))
     name = f"processor time of a rollout, {many} threads over 1"
-    found.check(name, processor[many] / processor[one], "1", 1.0)
+    # With two threads on idle cores, this bound means a gain of 1.93.
+    found.check(name, processor[many] / processor[one], "1", 1.0, "<= 1.036")
     return found
 
 
@@ -363,9 +364,8 @@ def batch_speed(
         for workers in threads:
             batch = Batch(truck.model, nsim=count, nthread=workers)
             for name in ("qpos", "qvel", "ctrl", "plugin_state"):
-                batch.bind(name)[:] = np.reshape(
-                    getattr(truck.data, name), batch.bind(name)[0].shape
-                )
+                rows = batch.bind(name)
+                rows[:] = np.reshape(getattr(truck.data, name), rows[0].shape)
             batch.step(nstep=_STEPS // 10)
             calls, begin = 0, time.perf_counter()
             while time.perf_counter() - begin < seconds:
