@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
@@ -79,12 +80,13 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         self.steps_per_action = round(
             self._environment.control_timestep() / self.physics.timestep()
         )
-        first = self._environment.reset().observation
-        self._scaled = ScaledObservations(first, self.task.scales)
+        self._environment.reset()
+        self._scaled = ScaledObservations(self.task.observed)
         self.observation_names = self._scaled.names
         self.observation_space = self._scaled.space
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.task.actions),), np.float32)
-        self._begun = False
+        # Steps until the time limit, not always a whole number; 0 outside an episode.
+        self._steps_left = 0.0
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -92,9 +94,9 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         """Starts an episode; the same seed gives the same episode."""
         super().reset(seed=seed, options=options)
         self.task.random.seed(int(self.np_random.integers(2**31)))
-        step = self._environment.reset()
-        self._begun = True
-        return self._scaled(step.observation), self.task.info(self.physics)
+        self._environment.reset()
+        self._steps_left = self._environment._step_limit
+        return self._seen(), self.task.info(self.physics, self.task.reward_terms(self.physics))
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Holds the action for 0.1 s.
@@ -102,15 +104,44 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         Raises:
           InputError: not one finite number for each of the task's actions, or no episode has begun.
         """
-        if not self._begun:
+        values = read_action(action, (len(self.task.actions),)).tolist()
+        self.begin(values)
+        self.advance()
+        return self.finish()
+
+    def begin(self, values: list[float]) -> None:
+        """Starts a step, which `advance` and `finish` complete, with an action of finite numbers.
+
+        Raises:
+          InputError: no episode has begun.
+        """
+        if self._steps_left <= 0.0:
             raise InputError("the episode has not begun: call reset first")
-        step = self._environment.step(read_action(action, (len(self.task.actions),)))
-        # In dm_env a failure has discount 0, the end of the time discount 1.
-        terminated = bool(step.last() and step.discount == 0.0)
-        truncated = bool(step.last() and not terminated)
-        self._picture.show(self.physics.model.ptr, self.physics.data.ptr)
-        info = self.task.info(self.physics)
-        return self._scaled(step.observation), float(step.reward), terminated, truncated, info
+        self.task.act(values, self.physics)
+
+    def advance(self) -> None:
+        """Steps the physics by 0.1 s and reads the truck's state; safe in a thread."""
+        self.physics.step(self.steps_per_action)
+        self.physics.ego()
+
+    def finish(self) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Returns what `step` returns."""
+        task, physics = self.task, self.physics
+        task.after_step(physics)
+        terms = task.reward_terms(physics)
+        observation, info = self._seen(), task.info(physics, terms)
+        self._steps_left -= 1.0
+        # As in dm_control, an episode that fails in its last step is over by time.
+        truncated = self._steps_left <= 0.0
+        terminated = not truncated and task.get_termination(physics) is not None
+        if terminated:
+            self._steps_left = 0.0
+        if self.render_mode is not None:
+            self._picture.show(physics.model.ptr, physics.data.ptr)
+        return observation, math.prod(terms.values()), terminated, truncated, info
+
+    def _seen(self) -> Observation:
+        return self._scaled(self.task.values(self.physics))
 
     def render(self) -> Any:
         """Returns a picture (360, 640, 3) of bytes; None in a window or without a render mode.
@@ -122,5 +153,5 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
 
     def close(self) -> None:
         """Ends the episode, the renderer and the window."""
-        self._begun = False
+        self._steps_left = 0.0
         self._picture.close()

@@ -6,6 +6,7 @@ Names of bodies and sensors of the model occur only here.
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -16,7 +17,7 @@ from dm_control.mujoco import wrapper
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import EgoState, VehicleCommand
-from iits_mj.road import RoadPoint, Route
+from iits_mj.road import Route
 from iits_mj.simulation.gaps import truck_boxes
 from iits_mj.truck import Truck
 from iits_mj.truck.fleet import TruckFleet
@@ -128,8 +129,6 @@ class Physics(BasePhysics):
     engine_torque = _reading("engine_torque", "Engine torque [N m].")
 
     truck: Truck
-    # Replaces `step` of MuJoCo, see `iits_mj.envs.vector`.
-    stepper: Callable[[int], None] | None = None
 
     @classmethod
     def from_truck(cls, truck: Truck) -> Physics:
@@ -149,7 +148,7 @@ class Physics(BasePhysics):
     def _bind(self, truck: Truck) -> None:
         self.truck = truck
         self.truck.data = self.data.ptr
-        self._key: bytes = b""
+        self._key: tuple[float, bytes, bytes] | None = None
         parameters = truck.parameters
         group = np.mean([axle.position for axle in parameters.semitrailer.axles])
         self._behind = parameters.fifth_wheel.position + float(group)
@@ -175,13 +174,6 @@ class Physics(BasePhysics):
         twin._bind(truck)
         return twin
 
-    def step(self, nstep: int = 1) -> None:
-        """Advances by time steps, or calls the `stepper` to do so."""
-        if self.stepper is None:
-            super().step(nstep)
-        else:
-            self.stepper(nstep)
-
     @property
     def route(self) -> Route:
         """The road."""
@@ -190,15 +182,16 @@ class Physics(BasePhysics):
     def place(self, station: float, offset: float, speed: float, **attitude: float) -> None:
         """Puts the truck on its road, coasting; see `Truck.reset`."""
         self.truck.reset(station=station, offset=offset, speed=speed, **attitude)
-        self._key = b""
+        self._key = None
 
     def command(self, command: VehicleCommand) -> None:
         """Sets the truck's controls."""
         self.truck.command(command)
 
     def ego(self) -> EgoState:
-        """Returns the truck's state now."""
-        key = self.data.time.hex().encode() + self.data.qpos.tobytes() + self.data.qvel.tobytes()
+        """Returns the truck's state now; the same object until the state changes."""
+        data = self.truck.data
+        key = data.time, data.qpos.tobytes(), data.qvel.tobytes()
         if key != self._key:
             self._state = self.truck.observe()
             self._key = key
@@ -206,8 +199,9 @@ class Physics(BasePhysics):
 
     def trailer_station(self) -> float:
         """Returns the station of the middle of the trailer's axle group [m]."""
-        x, y, _ = self.data.site_xpos[self._trailer_axles].tolist()
-        return self.route.locate(x, y, self.station() - self._behind)[0]
+        station = self.station()
+        x, y, _ = self.truck.data.site_xpos[self._trailer_axles].tolist()
+        return self.route.locate(x, y, station - self._behind)[0]
 
     def trailer_rear(self) -> tuple[float, float, float]:
         """Returns x, y of the middle of the trailer's rear end [m], and its yaw [rad]."""
@@ -227,20 +221,20 @@ class Physics(BasePhysics):
     def heading_error(self) -> float:
         """Returns the tractor's heading minus the road's [rad]."""
         ego = self.ego()
-        heading = float(self.route.evaluate(ego.station, 0.0).heading)
-        return float(np.arctan2(np.sin(ego.yaw - heading), np.cos(ego.yaw - heading)))
+        error = ego.yaw - float(self.route.evaluate(ego.station, 0.0).heading)
+        return float(np.arctan2(math.sin(error), math.cos(error)))
 
-    def grade_ahead(self, distances: tuple[float, ...]) -> FloatArray:
-        """Returns the road's grade at distances ahead of the steer axle [m], shape (n,)."""
-        return np.asarray(self._road_ahead(distances).grade, dtype=float)
+    def grade_ahead(self, distances: tuple[float, ...]) -> list[float]:
+        """Returns the road's grade at distances ahead of the steer axle [m]."""
+        return list(map(self.route.grade, self._stations_ahead(distances)))
 
-    def curvature_ahead(self, distances: tuple[float, ...]) -> FloatArray:
-        """Returns the road's curvature at distances ahead [1/m], shape (n,), left positive."""
-        return np.asarray(self._road_ahead(distances).curvature, dtype=float)
+    def curvature_ahead(self, distances: tuple[float, ...]) -> list[float]:
+        """Returns the road's curvature at distances ahead [1/m], left positive."""
+        return list(map(self.route.curvature, self._stations_ahead(distances)))
 
-    def _road_ahead(self, distances: tuple[float, ...]) -> RoadPoint:
-        stations = np.minimum(self.station() + np.array(distances), self.route.length)
-        return self.route.evaluate(stations)
+    def _stations_ahead(self, distances: tuple[float, ...]) -> list[float]:
+        station, end = self.station(), self.route.length
+        return [min(station + distance, end) for distance in distances]
 
     def gear(self) -> int:
         """Returns the gear, 1 to 12; 0 in neutral, -1 in reverse."""
@@ -248,7 +242,9 @@ class Physics(BasePhysics):
 
     def brake_pressure(self) -> float:
         """Returns the mean brake pressure of the five circuits [Pa]."""
-        return float(np.mean(self.ego().brake_pressures))
+        # Not `sum`, which rounds differently from Python 3.12 on.
+        a, b, c, d, e = self.ego().brake_pressures
+        return (a + b + c + d + e) / 5
 
 
 def _around(corners: FloatArray, parts: int) -> FloatArray:
