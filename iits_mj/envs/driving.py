@@ -120,9 +120,9 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         self.task.act(values, self.physics)
 
     def advance(self) -> None:
-        """Steps the physics by 0.1 s and reads the truck's state; safe in a thread."""
+        """Steps the physics by 0.1 s and computes the sensors; safe in a thread."""
         self.physics.step(self.steps_per_action)
-        self.physics.ego()
+        self.physics.update_sensors()
 
     def finish(self) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Returns what `step` returns."""

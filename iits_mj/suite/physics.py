@@ -21,6 +21,7 @@ from iits_mj.road import Route
 from iits_mj.simulation.gaps import truck_boxes
 from iits_mj.truck import Truck
 from iits_mj.truck.fleet import TruckFleet
+from iits_mj.truck.truck import bring_up_to_date
 
 
 @dataclass(frozen=True)
@@ -148,7 +149,9 @@ class Physics(BasePhysics):
     def _bind(self, truck: Truck) -> None:
         self.truck = truck
         self.truck.data = self.data.ptr
+        # Moments of the state that `ego` returns, and of the sensors.
         self._key: tuple[float, bytes, bytes] | None = None
+        self._sensors_key: tuple[float, bytes, bytes] | None = None
         parameters = truck.parameters
         group = np.mean([axle.position for axle in parameters.semitrailer.axles])
         self._behind = parameters.fifth_wheel.position + float(group)
@@ -182,7 +185,7 @@ class Physics(BasePhysics):
     def place(self, station: float, offset: float, speed: float, **attitude: float) -> None:
         """Puts the truck on its road, coasting; see `Truck.reset`."""
         self.truck.reset(station=station, offset=offset, speed=speed, **attitude)
-        self._key = None
+        self._key = self._sensors_key = None
 
     def command(self, command: VehicleCommand) -> None:
         """Sets the truck's controls."""
@@ -190,12 +193,22 @@ class Physics(BasePhysics):
 
     def ego(self) -> EgoState:
         """Returns the truck's state now; the same object until the state changes."""
-        data = self.truck.data
-        key = data.time, data.qpos.tobytes(), data.qvel.tobytes()
+        key = self._moment()
         if key != self._key:
-            self._state = self.truck.observe()
+            if key != self._sensors_key:
+                self.update_sensors()
+            self._state = self.truck.state()
             self._key = key
         return self._state
+
+    def update_sensors(self) -> None:
+        """Computes the sensors now, as `ego` does unless they are; safe in a thread."""
+        bring_up_to_date(self.truck.model, self.truck.data)
+        self._sensors_key = self._moment()
+
+    def _moment(self) -> tuple[float, bytes, bytes]:
+        data = self.truck.data
+        return data.time, data.qpos.tobytes(), data.qvel.tobytes()
 
     def trailer_station(self) -> float:
         """Returns the station of the middle of the trailer's axle group [m]."""
