@@ -127,13 +127,15 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
     def finish(self) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Returns what `step` returns."""
         task, physics = self.task, self.physics
-        task.after_step(physics)
-        terms = task.reward_terms(physics)
-        observation, info = self._seen(), task.info(physics, terms)
+        with physics.held():
+            task.after_step(physics)
+            terms = task.reward_terms(physics)
+            observation, info = self._seen(), task.info(physics, terms)
+            failed = task.get_termination(physics) is not None
         self._steps_left -= 1.0
         # As in dm_control, an episode that fails in its last step is over by time.
         truncated = self._steps_left <= 0.0
-        terminated = not truncated and task.get_termination(physics) is not None
+        terminated = failed and not truncated
         if terminated:
             self._steps_left = 0.0
         if self.render_mode is not None:

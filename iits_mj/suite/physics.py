@@ -5,9 +5,10 @@ Names of bodies and sensors of the model occur only here.
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -152,10 +153,10 @@ class Physics(BasePhysics):
         # Moments of the state that `ego` returns, and of the sensors.
         self._key: tuple[float, bytes, bytes] | None = None
         self._sensors_key: tuple[float, bytes, bytes] | None = None
+        self._held = False
         parameters = truck.parameters
         group = np.mean([axle.position for axle in parameters.semitrailer.axles])
         self._behind = parameters.fifth_wheel.position + float(group)
-        self._trailer_axles = self.model.ptr.site(f"{truck.prefix}trailer_axle_center").id
 
     def __getstate__(self) -> tuple[wrapper.MjData, Truck]:
         return self.data, self.truck
@@ -193,6 +194,8 @@ class Physics(BasePhysics):
 
     def ego(self) -> EgoState:
         """Returns the truck's state now; the same object until the state changes."""
+        if self._held:
+            return self._state
         key = self._moment()
         if key != self._key:
             if key != self._sensors_key:
@@ -200,6 +203,16 @@ class Physics(BasePhysics):
             self._state = self.truck.state()
             self._key = key
         return self._state
+
+    @contextlib.contextmanager
+    def held(self) -> Iterator[None]:
+        """Within this context `ego` does not look whether the state has changed."""
+        self.ego()
+        self._held = True
+        try:
+            yield
+        finally:
+            self._held = False
 
     def update_sensors(self) -> None:
         """Computes the sensors now, as `ego` does unless they are; safe in a thread."""
@@ -212,9 +225,8 @@ class Physics(BasePhysics):
 
     def trailer_station(self) -> float:
         """Returns the station of the middle of the trailer's axle group [m]."""
-        station = self.station()
-        x, y, _ = self.truck.data.site_xpos[self._trailer_axles].tolist()
-        return self.route.locate(x, y, station - self._behind)[0]
+        self.ego()
+        return self.truck.trailer_station
 
     def trailer_rear(self) -> tuple[float, float, float]:
         """Returns x, y of the middle of the trailer's rear end [m], and its yaw [rad]."""

@@ -214,6 +214,12 @@ class Truck:
         """Simulation time [s]."""
         return float(self.data.time)
 
+    @property
+    def trailer_station(self) -> float:
+        """Station of the middle of the trailer's axle group at the last observation [m]."""
+        assert self._trailer_hint is not None
+        return self._trailer_hint
+
     def reset(
         self,
         *,
