@@ -161,16 +161,6 @@ class ReferenceLine:
         z, grade = _hermite(piece[2], t, self.spacing)
         return z + beyond * grade
 
-    def grade(self, station: float) -> float:
-        """Grade of the line at one station; the fast form of `evaluate(station).grade`."""
-        piece, t, _ = self._at(station)
-        return _hermite(piece[2], t, self.spacing)[1]
-
-    def curvature(self, station: float) -> float:
-        """Curvature at one station [1/m]; the fast form of `evaluate(station).curvature`."""
-        piece, t, beyond = self._at(station)
-        return piece[5] + t * piece[6] if beyond == 0.0 else 0.0
-
     def _pieces_at(self, station: FloatArray) -> tuple[IndexArray, FloatArray, FloatArray]:
         """Pieces at stations, the ways through them from 0 to 1, how far beyond an end [m]."""
         inside = np.minimum(np.maximum(station, 0.0), self.length)

@@ -180,14 +180,6 @@ class Route:
         """Headings of travel along the reference line [rad]; see `RoadPoint`."""
         return self.line.heading(station)
 
-    def grade(self, station: float) -> float:
-        """Grade at one station; see `RoadPoint`."""
-        return self.line.grade(station)
-
-    def curvature(self, station: float) -> float:
-        """Curvature at one station [1/m]; see `RoadPoint`."""
-        return self.line.curvature(station)
-
     def locate(self, x: float, y: float, near_station: float | None = None) -> tuple[float, float]:
         """(station, offset) of a point of the map; see `ReferenceLine.locate`."""
         return self.line.locate(float(x), float(y), near_station)

@@ -18,7 +18,7 @@ from dm_control.mujoco import wrapper
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import EgoState, VehicleCommand
-from iits_mj.road import Route
+from iits_mj.road import RoadPoint, Route
 from iits_mj.simulation.gaps import truck_boxes
 from iits_mj.truck import Truck
 from iits_mj.truck.fleet import TruckFleet
@@ -251,15 +251,15 @@ class Physics(BasePhysics):
 
     def grade_ahead(self, distances: tuple[float, ...]) -> list[float]:
         """Returns the road's grade at distances ahead of the steer axle [m]."""
-        return list(map(self.route.grade, self._stations_ahead(distances)))
+        return [float(point.grade) for point in self._road_ahead(distances)]
 
     def curvature_ahead(self, distances: tuple[float, ...]) -> list[float]:
         """Returns the road's curvature at distances ahead [1/m], left positive."""
-        return list(map(self.route.curvature, self._stations_ahead(distances)))
+        return [float(point.curvature) for point in self._road_ahead(distances)]
 
-    def _stations_ahead(self, distances: tuple[float, ...]) -> list[float]:
-        station, end = self.station(), self.route.length
-        return [min(station + distance, end) for distance in distances]
+    def _road_ahead(self, distances: tuple[float, ...]) -> list[RoadPoint]:
+        route, station = self.route, self.station()
+        return [route.evaluate(min(station + distance, route.length)) for distance in distances]
 
     def gear(self) -> int:
         """Returns the gear, 1 to 12; 0 in neutral, -1 in reverse."""

@@ -256,12 +256,6 @@ def test_height_equals_the_height_of_the_point_bit_for_bit(places):
     assert all(line.height(s) == line.evaluate(s).z for s in places)
 
 
-def test_grade_and_curvature_equal_those_of_the_points_bit_for_bit(places):
-    points = HIGHWAY.evaluate(np.array(places))
-    assert [HIGHWAY.grade(s) for s in places] == points.grade.tolist()
-    assert [HIGHWAY.curvature(s) for s in places] == points.curvature.tolist()
-
-
 def test_cached_pieces_do_not_change_the_points(places):
     line = HIGHWAY.line
     first = [line.evaluate(s, 2.0) for s in places]
