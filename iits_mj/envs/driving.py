@@ -14,6 +14,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.envs.picture import RENDER_MODES, Action, Observation, Picture, ScaledObservations
 from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.suite.tasks import DrivingTask
+from iits_mj.truck.truck import without_sensors
 
 if TYPE_CHECKING:
     from dm_control.rl import control
@@ -106,11 +107,15 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         """
         values = read_action(action, (len(self.task.actions),)).tolist()
         self.begin(values)
-        self.advance()
+        with without_sensors(self.physics.truck.model):
+            self.advance()
+        self.physics.update_sensors()
         return self.finish()
 
     def begin(self, values: list[float]) -> None:
-        """Starts a step, which `advance` and `finish` complete, with an action of finite numbers.
+        """Starts a step with an action of finite numbers.
+
+        `advance`, `physics.update_sensors` and `finish` complete it.
 
         Raises:
           InputError: no episode has begun.
@@ -120,9 +125,8 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         self.task.act(values, self.physics)
 
     def advance(self) -> None:
-        """Steps the physics by 0.1 s and computes the sensors; safe in a thread."""
+        """Steps the physics by 0.1 s."""
         self.physics.step(self.steps_per_action)
-        self.physics.update_sensors()
 
     def finish(self) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Returns what `step` returns."""

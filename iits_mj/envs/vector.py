@@ -9,6 +9,7 @@ environment drives bit for bit as it does alone; all share the compiled model an
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, cast
 
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from iits_mj.core.checks import read_action
 from iits_mj.core.errors import InputError
 from iits_mj.envs.driving import Action, DrivingEnv, Observation
+from iits_mj.truck.truck import without_sensors
 
 
 class _Member(DrivingEnv):
@@ -60,7 +62,7 @@ class DrivingVectorEnv(SyncVectorEnv):
         make += [functools.partial(_Member, like=first, **settings)] * (num_envs - 1)
         super().__init__(make, autoreset_mode=autoreset_mode)
         self._members = tuple(cast(_Member, member) for member in self.envs)
-        self._threads = min(threads, num_envs)
+        self._threads = max(min(threads, num_envs), 1)
         self._pool = ThreadPoolExecutor(self._threads) if self._threads > 1 else None
 
     def step(
@@ -85,12 +87,23 @@ class DrivingVectorEnv(SyncVectorEnv):
             if not (resetting and over):
                 member.begin(action)
                 driven.append(member)
-        if self._pool is None:
-            _advance(driven)
-        else:
-            shares = [driven[number :: self._threads] for number in range(self._threads)]
-            list(self._pool.map(_advance, shares))
+        # The flag belongs to the model, which all share: no thread may compute sensors meanwhile.
+        with without_sensors(self._members[0].physics.truck.model):
+            self._each(_Member.advance, driven)
+        self._each(lambda member: member.physics.update_sensors(), driven)
         return super().step(actions)
+
+    def _each(self, call: Callable[[_Member], None], members: list[_Member]) -> None:
+        """Calls a function for each member on the threads."""
+
+        def share(number: int) -> None:
+            for member in members[number :: self._threads]:
+                call(member)
+
+        if self._pool is None:
+            share(0)
+        else:
+            list(self._pool.map(share, range(self._threads)))
 
     def close_extras(self, **kwargs: Any) -> None:
         """Ends the environments and the threads."""
@@ -112,8 +125,3 @@ class DrivingVectorEnv(SyncVectorEnv):
             vector_infos[key][env_num] = value
             vector_infos[f"_{key}"][env_num] = True
         return vector_infos
-
-
-def _advance(members: list[_Member]) -> None:
-    for member in members:
-        member.advance()
