@@ -131,6 +131,7 @@ class Physics(BasePhysics):
     engine_torque = _reading("engine_torque", "Engine torque [N m].")
 
     truck: Truck
+    _state: EgoState
 
     @classmethod
     def from_truck(cls, truck: Truck) -> Physics:
