@@ -36,7 +36,8 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
       time_limit: of an episode [s]; default: the task's.
       render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
       camera: of the pictures: "chase", "side" or "cab".
-      like: environment of the same task and settings; the two share the compiled model.
+      like: environment of the same task and settings; the two share the compiled model, and must
+        not step in several threads at the same time.
 
     Attributes:
       task: of the suite; physics: MuJoCo's model and data with named getters.
