@@ -46,6 +46,7 @@ drive: $(VENV)/installed
 
 # Exits with 1 when a check falls short; the page is written all the same.
 validation: $(VENV)/installed
+	$(PIP) -c constraints.txt 'iits-mj[maps,ipopt]'
 	@mkdir -p docs/validation
 	$(BIN)/iits-mj validate --report docs/validation
 

@@ -1,13 +1,15 @@
 """Solves speed tasks: one entry, `solve(task, guess, method)`, for every method.
 
 `interior_point` is our own and takes time linear in the number of intervals. `ipopt` solves the
-same program, written independently with CasADi, as reference and if the former does not converge.
+same program, written independently with CasADi (the extra `ipopt`), as reference and if the former
+does not converge.
 Other packages add methods to `METHODS`: importing `iits_mj.validation.planning.pcc_hermite` adds
 `finite_elements`, the paper's transcription.
 """
 
 from __future__ import annotations
 
+import importlib
 import math
 import time
 from collections.abc import Callable
@@ -66,6 +68,20 @@ def solve(
     return METHODS[method](task, guess, **settings)
 
 
+def casadi() -> Any:
+    """Returns the module `casadi`, which takes a second to load.
+
+    Raises:
+      PlanningError: it is not installed.
+    """
+    try:
+        return importlib.import_module("casadi")
+    except ImportError as error:
+        raise PlanningError(
+            f"IPOPT needs CasADi ({error}); install it with: pip install 'iits-mj[ipopt]'"
+        ) from error
+
+
 def _by_interior_point(
     task: SpeedTask, guess: FloatArray, *, time_limit: float = 20.0, tolerance: float = 1e-8
 ) -> Solution:
@@ -88,8 +104,12 @@ def _by_interior_point(
     else:
         optimum = minimize(problem, b, settings)
     if not optimum.converged and time_limit - (time.perf_counter() - began) > _PATIENCE:
-        optimum = _ipopt_optimum(task, guess, problem, units, time_limit)
-        return _solution(task, optimum, units, began, "ipopt")
+        try:
+            second = _ipopt_optimum(task, guess, problem, units, time_limit)
+        except PlanningError as missing:
+            optimum = replace(optimum, note=f"{optimum.note}; {missing}")
+        else:
+            return _solution(task, second, units, began, "ipopt")
     return _solution(task, optimum, units, began, "interior_point")
 
 
@@ -146,8 +166,7 @@ def _ipopt_optimum(
     The program is written independently from the equations, with the engine's force F (per
     kilogram) instead of the brake's, P = F (v0 + v1) / (2 eta), and the times t at the nodes.
     """
-    import casadi as ca
-
+    ca = casadi()
     vehicle, road, n, ds = task.vehicle, task.road, task.road.intervals, task.road.step
     mass, eta, fuel = vehicle.inertial_mass, vehicle.efficiency, vehicle.fuel
     b, force, t = ca.SX.sym("b", n + 1), ca.SX.sym("F", n), ca.SX.sym("t", n + 1)

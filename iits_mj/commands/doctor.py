@@ -32,7 +32,6 @@ context.make_current()
 model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
 mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
 """
-_NETCONVERT_REMEDY = "pip install eclipse-sumo==1.28.0"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,6 +166,7 @@ def display() -> Finding:
 
 def netconvert() -> Finding:
     """Checks SUMO's network converter, which only the eclipse-sumo wheel has."""
+    name, remedy = "netconvert", "pip install 'iits-mj[maps]'"
     try:
         home = importlib.import_module("sumo").SUMO_HOME
         program = Path(home) / "bin" / "netconvert"
@@ -174,9 +174,9 @@ def netconvert() -> Finding:
             [program, "--version"], capture_output=True, text=True, timeout=60, check=False
         )
     except (ImportError, OSError, subprocess.TimeoutExpired) as error:
-        return Finding("netconvert", False, str(error), _NETCONVERT_REMEDY)
+        return Finding(name, False, str(error), remedy, needed=False)
     first = (answer.stdout.strip().splitlines() or [f"exit code {answer.returncode}"])[0]
-    return Finding("netconvert", answer.returncode == 0, f"{first}, {program}", _NETCONVERT_REMEDY)
+    return Finding(name, answer.returncode == 0, f"{first}, {program}", remedy, needed=False)
 
 
 def module(module: str, name: str, remedy: str, *, needed: bool = True) -> Finding:
@@ -197,7 +197,9 @@ PROBES: tuple[Callable[[], Finding], ...] = (
     truck,
     functools.partial(module, "libsumo", "SUMO (libsumo)", "pip install libsumo==1.28.0"),
     netconvert,
-    functools.partial(module, "casadi", "CasADi", "pip install casadi"),
+    functools.partial(
+        module, "casadi", "CasADi (IPOPT)", "pip install 'iits-mj[ipopt]'", needed=False
+    ),
     functools.partial(
         module,
         "dm_control",

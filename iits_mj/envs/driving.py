@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
@@ -13,6 +14,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.envs.picture import RENDER_MODES, Action, Observation, Picture, ScaledObservations
 from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.suite.tasks import DrivingTask
+from iits_mj.truck.truck import without_sensors
 
 if TYPE_CHECKING:
     from dm_control.rl import control
@@ -34,7 +36,8 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
       time_limit: of an episode [s]; default: the task's.
       render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
       camera: of the pictures: "chase", "side" or "cab".
-      like: environment of the same task and settings; the two share the compiled model.
+      like: environment of the same task and settings; the two share the compiled model, and must
+        not step in several threads at the same time.
 
     Attributes:
       task: of the suite; physics: MuJoCo's model and data with named getters.
@@ -79,12 +82,13 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         self.steps_per_action = round(
             self._environment.control_timestep() / self.physics.timestep()
         )
-        first = self._environment.reset().observation
-        self._scaled = ScaledObservations(first, self.task.scales)
+        self._environment.reset()
+        self._scaled = ScaledObservations(self.task.observed)
         self.observation_names = self._scaled.names
         self.observation_space = self._scaled.space
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.task.actions),), np.float32)
-        self._begun = False
+        # Steps until the time limit, not always a whole number; 0 outside an episode.
+        self._steps_left = 0.0
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -92,9 +96,9 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         """Starts an episode; the same seed gives the same episode."""
         super().reset(seed=seed, options=options)
         self.task.random.seed(int(self.np_random.integers(2**31)))
-        step = self._environment.reset()
-        self._begun = True
-        return self._scaled(step.observation), self.task.info(self.physics)
+        self._environment.reset()
+        self._steps_left = self._environment._step_limit
+        return self._seen(), self.task.info(self.physics, self.task.reward_terms(self.physics))
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Holds the action for 0.1 s.
@@ -102,15 +106,49 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         Raises:
           InputError: not one finite number for each of the task's actions, or no episode has begun.
         """
-        if not self._begun:
+        values = read_action(action, (len(self.task.actions),)).tolist()
+        self.begin(values)
+        with without_sensors(self.physics.truck.model):
+            self.advance()
+        self.physics.update_sensors()
+        return self.finish()
+
+    def begin(self, values: list[float]) -> None:
+        """Starts a step with an action of finite numbers.
+
+        `advance`, `physics.update_sensors` and `finish` complete it.
+
+        Raises:
+          InputError: no episode has begun.
+        """
+        if self._steps_left <= 0.0:
             raise InputError("the episode has not begun: call reset first")
-        step = self._environment.step(read_action(action, (len(self.task.actions),)))
-        # In dm_env a failure has discount 0, the end of the time discount 1.
-        terminated = bool(step.last() and step.discount == 0.0)
-        truncated = bool(step.last() and not terminated)
-        self._picture.show(self.physics.model.ptr, self.physics.data.ptr)
-        info = self.task.info(self.physics)
-        return self._scaled(step.observation), float(step.reward), terminated, truncated, info
+        self.task.act(values, self.physics)
+
+    def advance(self) -> None:
+        """Steps the physics by 0.1 s."""
+        self.physics.step(self.steps_per_action)
+
+    def finish(self) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Returns what `step` returns."""
+        task, physics = self.task, self.physics
+        with physics.held():
+            task.after_step(physics)
+            terms = task.reward_terms(physics)
+            observation, info = self._seen(), task.info(physics, terms)
+            failed = task.get_termination(physics) is not None
+        self._steps_left -= 1.0
+        # As in dm_control, an episode that fails in its last step is over by time.
+        truncated = self._steps_left <= 0.0
+        terminated = failed and not truncated
+        if terminated:
+            self._steps_left = 0.0
+        if self.render_mode is not None:
+            self._picture.show(physics.model.ptr, physics.data.ptr)
+        return observation, math.prod(terms.values()), terminated, truncated, info
+
+    def _seen(self) -> Observation:
+        return self._scaled(self.task.values(self.physics))
 
     def render(self) -> Any:
         """Returns a picture (360, 640, 3) of bytes; None in a window or without a render mode.
@@ -122,5 +160,5 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
 
     def close(self) -> None:
         """Ends the episode, the renderer and the window."""
-        self._begun = False
+        self._steps_left = 0.0
         self._picture.close()

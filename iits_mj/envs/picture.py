@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from iits_mj.core.checks import one_of
 from iits_mj.core.context import Closing
 from iits_mj.render.offscreen import Offscreen, check_display, follow
-from iits_mj.suite.physics import CAMERAS
+from iits_mj.suite.physics import CAMERAS, Observed
 
 Observation = NDArray[np.float32]
 Action = NDArray[np.float32]
@@ -119,28 +119,27 @@ class ScaledObservations:
     """A task's observations as one vector, each divided by its scale and clipped to [-5, 5].
 
     Args:
-      first: observations by name, each of shape (n,); the vector has their order.
-      scales: usual size of each observation.
+      observed: the task's observations; the vector has their order.
 
     Attributes:
       names: of the vector's elements; space: of the vector.
     """
 
-    def __init__(
-        self, first: Mapping[str, NDArray[np.float64]], scales: Mapping[str, float]
-    ) -> None:
-        self._scales = {name: scales[name] for name in first}
+    def __init__(self, observed: Mapping[str, Observed]) -> None:
+        self._scales = np.concatenate([np.full(e.size, e.scale) for e in observed.values()])
         self.names = tuple(
-            name if len(values) == 1 else f"{name}[{i}]"
-            for name, values in first.items()
-            for i in range(len(values))
+            name if entry.size == 1 else f"{name}[{i}]"
+            for name, entry in observed.items()
+            for i in range(entry.size)
         )
         self.space = gymnasium.spaces.Box(
             -OBSERVATION_MAX, OBSERVATION_MAX, (len(self.names),), np.float32
         )
 
-    def __call__(self, values: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float32]:
-        """Returns the vector of these observations."""
-        parts = [values[name] / scale for name, scale in self._scales.items()]
-        vector = np.clip(np.concatenate(parts), -OBSERVATION_MAX, OBSERVATION_MAX)
+    def __call__(self, values: Sequence[float]) -> NDArray[np.float32]:
+        """Returns the vector of these numbers, see `DrivingTask.values`."""
+        vector = np.array(values)
+        vector /= self._scales
+        np.maximum(vector, -OBSERVATION_MAX, out=vector)
+        np.minimum(vector, OBSERVATION_MAX, out=vector)
         return vector.astype(np.float32)

@@ -104,7 +104,7 @@ class PlatoonEnv(Closing):
         self.tasks = tuple(Platoon(leader, time_gap, random=0) for leader in ahead)
         self.possible_agents = [f"truck{number}" for number in range(len(payloads))]
         self.agents: list[str] = []
-        self._scaled = ScaledObservations(self.seen("truck0"), self.tasks[0].scales)
+        self._scaled = ScaledObservations(Platoon.observed)
         self.observation_names = self._scaled.names
         self.observation_spaces = {
             name: gymnasium.spaces.Box(-5.0, 5.0, self._scaled.space.shape, np.float32)
@@ -244,11 +244,15 @@ class PlatoonEnv(Closing):
             self._until = self.fleet.time + float(self._random.uniform(*HOLDS))
 
     def _observations(self) -> dict[str, Observation]:
-        return {agent: self._scaled(self.seen(agent)) for agent in self.possible_agents}
+        members = zip(self.possible_agents, self.tasks, self._physics, strict=True)
+        return {agent: self._scaled(task.values(physics)) for agent, task, physics in members}
 
     def _infos(self) -> dict[str, dict[str, Any]]:
         members = zip(self.possible_agents, self.tasks, self._physics, strict=True)
         return {
-            agent: {**task.info(physics), "gap": task.gap(physics)}
+            agent: {
+                **task.info(physics, task.reward_terms(physics)),
+                "gap": task.gap(physics),
+            }
             for agent, task, physics in members
         }

@@ -5,8 +5,10 @@ Names of bodies and sensors of the model occur only here.
 
 from __future__ import annotations
 
+import contextlib
 import copy
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -20,6 +22,7 @@ from iits_mj.road import RoadPoint, Route
 from iits_mj.simulation.gaps import truck_boxes
 from iits_mj.truck import Truck
 from iits_mj.truck.fleet import TruckFleet
+from iits_mj.truck.truck import bring_up_to_date
 
 
 @dataclass(frozen=True)
@@ -128,8 +131,7 @@ class Physics(BasePhysics):
     engine_torque = _reading("engine_torque", "Engine torque [N m].")
 
     truck: Truck
-    # Replaces `step` of MuJoCo, see `iits_mj.envs.vector`.
-    stepper: Callable[[int], None] | None = None
+    _state: EgoState
 
     @classmethod
     def from_truck(cls, truck: Truck) -> Physics:
@@ -149,11 +151,13 @@ class Physics(BasePhysics):
     def _bind(self, truck: Truck) -> None:
         self.truck = truck
         self.truck.data = self.data.ptr
-        self._key: bytes = b""
+        # Moments of the state that `ego` returns, and of the sensors.
+        self._key: tuple[float, bytes, bytes] | None = None
+        self._sensors_key: tuple[float, bytes, bytes] | None = None
+        self._held = False
         parameters = truck.parameters
         group = np.mean([axle.position for axle in parameters.semitrailer.axles])
         self._behind = parameters.fifth_wheel.position + float(group)
-        self._trailer_axles = self.model.ptr.site(f"{truck.prefix}trailer_axle_center").id
 
     def __getstate__(self) -> tuple[wrapper.MjData, Truck]:
         return self.data, self.truck
@@ -175,13 +179,6 @@ class Physics(BasePhysics):
         twin._bind(truck)
         return twin
 
-    def step(self, nstep: int = 1) -> None:
-        """Advances by time steps, or calls the `stepper` to do so."""
-        if self.stepper is None:
-            super().step(nstep)
-        else:
-            self.stepper(nstep)
-
     @property
     def route(self) -> Route:
         """The road."""
@@ -190,24 +187,47 @@ class Physics(BasePhysics):
     def place(self, station: float, offset: float, speed: float, **attitude: float) -> None:
         """Puts the truck on its road, coasting; see `Truck.reset`."""
         self.truck.reset(station=station, offset=offset, speed=speed, **attitude)
-        self._key = b""
+        self._key = self._sensors_key = None
 
     def command(self, command: VehicleCommand) -> None:
         """Sets the truck's controls."""
         self.truck.command(command)
 
     def ego(self) -> EgoState:
-        """Returns the truck's state now."""
-        key = self.data.time.hex().encode() + self.data.qpos.tobytes() + self.data.qvel.tobytes()
+        """Returns the truck's state now; the same object until the state changes."""
+        if self._held:
+            return self._state
+        key = self._moment()
         if key != self._key:
-            self._state = self.truck.observe()
+            if key != self._sensors_key:
+                self.update_sensors()
+            self._state = self.truck.state()
             self._key = key
         return self._state
 
+    @contextlib.contextmanager
+    def held(self) -> Iterator[None]:
+        """Within this context `ego` does not look whether the state has changed."""
+        self.ego()
+        self._held = True
+        try:
+            yield
+        finally:
+            self._held = False
+
+    def update_sensors(self) -> None:
+        """Computes the sensors now, as `ego` does unless they are; safe in a thread."""
+        bring_up_to_date(self.truck.model, self.truck.data)
+        self._sensors_key = self._moment()
+
+    def _moment(self) -> tuple[float, bytes, bytes]:
+        data = self.truck.data
+        return data.time, data.qpos.tobytes(), data.qvel.tobytes()
+
     def trailer_station(self) -> float:
         """Returns the station of the middle of the trailer's axle group [m]."""
-        x, y, _ = self.data.site_xpos[self._trailer_axles].tolist()
-        return self.route.locate(x, y, self.station() - self._behind)[0]
+        self.ego()
+        return self.truck.trailer_station
 
     def trailer_rear(self) -> tuple[float, float, float]:
         """Returns x, y of the middle of the trailer's rear end [m], and its yaw [rad]."""
@@ -227,20 +247,20 @@ class Physics(BasePhysics):
     def heading_error(self) -> float:
         """Returns the tractor's heading minus the road's [rad]."""
         ego = self.ego()
-        heading = float(self.route.evaluate(ego.station, 0.0).heading)
-        return float(np.arctan2(np.sin(ego.yaw - heading), np.cos(ego.yaw - heading)))
+        error = ego.yaw - float(self.route.evaluate(ego.station, 0.0).heading)
+        return float(np.arctan2(math.sin(error), math.cos(error)))
 
-    def grade_ahead(self, distances: tuple[float, ...]) -> FloatArray:
-        """Returns the road's grade at distances ahead of the steer axle [m], shape (n,)."""
-        return np.asarray(self._road_ahead(distances).grade, dtype=float)
+    def grade_ahead(self, distances: tuple[float, ...]) -> list[float]:
+        """Returns the road's grade at distances ahead of the steer axle [m]."""
+        return [float(point.grade) for point in self._road_ahead(distances)]
 
-    def curvature_ahead(self, distances: tuple[float, ...]) -> FloatArray:
-        """Returns the road's curvature at distances ahead [1/m], shape (n,), left positive."""
-        return np.asarray(self._road_ahead(distances).curvature, dtype=float)
+    def curvature_ahead(self, distances: tuple[float, ...]) -> list[float]:
+        """Returns the road's curvature at distances ahead [1/m], left positive."""
+        return [float(point.curvature) for point in self._road_ahead(distances)]
 
-    def _road_ahead(self, distances: tuple[float, ...]) -> RoadPoint:
-        stations = np.minimum(self.station() + np.array(distances), self.route.length)
-        return self.route.evaluate(stations)
+    def _road_ahead(self, distances: tuple[float, ...]) -> list[RoadPoint]:
+        route, station = self.route, self.station()
+        return [route.evaluate(min(station + distance, route.length)) for distance in distances]
 
     def gear(self) -> int:
         """Returns the gear, 1 to 12; 0 in neutral, -1 in reverse."""
@@ -248,7 +268,9 @@ class Physics(BasePhysics):
 
     def brake_pressure(self) -> float:
         """Returns the mean brake pressure of the five circuits [Pa]."""
-        return float(np.mean(self.ego().brake_pressures))
+        # Not `sum`, which rounds differently from Python 3.12 on.
+        a, b, c, d, e = self.ego().brake_pressures
+        return (a + b + c + d + e) / 5
 
 
 def _around(corners: FloatArray, parts: int) -> FloatArray:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +95,22 @@ def compile_scene(
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise InputError(f"the truck's model does not compile: {reason}") from error
+
+
+@contextlib.contextmanager
+def without_sensors(model: mujoco.MjModel) -> Iterator[None]:
+    """Within this context, steps of the model do not compute sensors, an eighth of their time.
+
+    It changes nothing where something may read sensors between the steps: a callback of MuJoCo, or
+    a sensor or actuator with a history.
+    """
+    flags = model.opt.disableflags
+    if not model.nhistory and all(get() is None for get in _CALLBACKS):
+        model.opt.disableflags = flags | _NO_SENSORS
+    try:
+        yield
+    finally:
+        model.opt.disableflags = flags
 
 
 def bring_up_to_date(model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -220,6 +237,12 @@ class Truck:
     def time(self) -> float:
         """Simulation time [s]."""
         return float(self.data.time)
+
+    @property
+    def trailer_station(self) -> float:
+        """Station of the middle of the trailer's axle group at the last observation [m]."""
+        assert self._trailer_hint is not None
+        return self._trailer_hint
 
     def reset(
         self,

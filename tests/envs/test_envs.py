@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from iits_mj import suite
 from iits_mj.core.errors import InputError, RenderError
 from iits_mj.envs import ENVIRONMENTS, register
 from iits_mj.envs.driving import DrivingEnv
@@ -93,6 +94,32 @@ def test_reward_is_the_product_of_the_terms_in_info(name):
         if terminated or truncated:
             break
     environment.close()
+
+
+@pytest.mark.parametrize("name", LOW_LEVEL)
+def test_an_episode_is_that_of_dm_control_bit_for_bit(name):
+    task = ENVIRONMENTS[name]["kwargs"]["task"]
+    environment = DrivingEnv(task, time_limit=3.0)
+    theirs = suite.load("truck", task, {"time_limit": 3.0, "visuals": False})
+    environment.reset(seed=1)
+    environment.task.random.seed(4)
+    theirs.task.random.seed(4)
+    environment._environment.reset()
+    theirs.reset()
+    scales, random, over = theirs.task.scales, np.random.default_rng(2), False
+    while not over:
+        action = random.uniform(-1.2, 1.2, environment.action_space.shape)
+        seen, reward, terminated, truncated, _ = environment.step(action)
+        step = theirs.step(action)
+        parts = [values / scales[key] for key, values in step.observation.items()]
+        expected = np.clip(np.concatenate(parts), -5.0, 5.0).astype(np.float32)
+        np.testing.assert_array_equal(seen, expected)
+        assert reward == step.reward
+        over = terminated or truncated
+        assert over == step.last()
+        assert terminated == (over and step.discount == 0.0)
+    with pytest.raises(InputError, match="call reset"):
+        environment.step(action)
 
 
 def test_seeds_decide_the_episode():

@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
 from dm_control.rl import control
+from dm_control.utils import rewards
 
 from iits_mj import suite
 from iits_mj.core.errors import Error, InputError
 from iits_mj.suite.tasks import Dock, LaneKeep
-from iits_mj.suite.tasks.base import BRAKE_MAX
+from iits_mj.suite.tasks.base import BRAKE_MAX, LINEAR, tolerance
 
 TASKS = [task for _, task in suite.ALL_TASKS]
 
@@ -259,3 +260,26 @@ def test_colors_show_the_reward_on_request():
     environment.step(np.array([0.3]))
     assert not np.array_equal(colors["self"], colors["self_default"])
     environment.close()
+
+
+@pytest.mark.parametrize("form", [{}, LINEAR])
+def test_the_tolerance_is_that_of_dm_control_bit_for_bit(form):
+    random = np.random.default_rng(0)
+    for value, low, width, margin in random.uniform(-3.0, 3.0, (2_000, 4)).tolist():
+        bounds, margin = (low, low + abs(width)), abs(margin)
+        expected = rewards.tolerance(value, bounds, margin, **{"value_at_margin": 0.1, **form})
+        assert tolerance(value, *bounds, margin, **form) == expected
+
+
+def test_the_truck_is_read_again_when_its_state_changes_and_only_then(environments):
+    environment = environments["lane_keep"]
+    environment.reset()
+    physics = environment.physics
+    first = physics.ego()
+    assert physics.ego() is first
+    physics.data.qpos[1] += 0.5
+    moved = physics.ego()
+    assert moved.offset == pytest.approx(first.offset + 0.5, abs=0.05)
+    error = environment.task.lane_error(physics)
+    physics.data.qpos[1] -= 0.5
+    assert environment.task.lane_error(physics) == pytest.approx(error - 0.5, abs=0.05)

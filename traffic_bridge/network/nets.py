@@ -149,6 +149,8 @@ def _close_if_narrow(lane: re.Match[str]) -> str:
 def find_netconvert() -> Path:
     """Path of netconvert: in this Python environment, on PATH, or in the package eclipse-sumo.
 
+    The package is in the extra `maps`.
+
     Raises:
       TrafficError: netconvert is not installed.
     """
@@ -164,8 +166,8 @@ def find_netconvert() -> Path:
         if candidate.is_file():
             return candidate
     raise TrafficError(
-        "netconvert is missing: SUMO needs it to read a map; install it with: "
-        "pip install eclipse-sumo"
+        "netconvert is missing: SUMO needs it to read a map other than the built-in highway; "
+        "install it with: pip install 'iits-mj[maps]'"
     )
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import abc
 import collections
 import math
+import operator
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import mujoco
@@ -15,7 +17,7 @@ from dm_env import specs
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import read_action
-from iits_mj.core.messages import TransmissionMode, VehicleCommand, XbrMode
+from iits_mj.core.messages import EgoState, TransmissionMode, VehicleCommand, XbrMode
 from iits_mj.road import Route
 from iits_mj.suite.physics import Observed, Physics
 
@@ -23,6 +25,8 @@ Observations = collections.OrderedDict[str, FloatArray]
 
 # Deceleration that a full negative `drive` demands [m/s2].
 BRAKE_MAX = 4.0
+# Scale of the Gaussian that is 0.1 at a distance of 1.
+_GAUSS = float(np.sqrt(-2.0 * np.log(0.1)))
 # Settings of a tolerance that falls linearly to 0 at its margin.
 LINEAR = {"value_at_margin": 0.0, "sigmoid": "linear"}
 
@@ -56,6 +60,10 @@ class DrivingTask(base.Task, abc.ABC):
     observed: ClassVar[dict[str, Observed]]
     terms: ClassVar[dict[str, str]]
 
+    def __init__(self, random: Any = None) -> None:
+        super().__init__(random=random)
+        self._readers = [self._reader(name, entry) for name, entry in self.observed.items()]
+
     @staticmethod
     @abc.abstractmethod
     def road() -> Route:
@@ -83,27 +91,48 @@ class DrivingTask(base.Task, abc.ABC):
         Raises:
           InputError: not one finite number for each of `actions`.
         """
-        values = np.clip(read_action(action, (len(self.actions),)), -1.0, 1.0)
-        named = dict(zip(self.actions, values.tolist(), strict=True))
-        drive = named["drive"]
+        self.act(read_action(action, (len(self.actions),)).tolist(), physics)
+
+    def act(self, values: list[float], physics: Physics) -> None:
+        """Sends an action of finite numbers to the truck as a command; clips it to [-1, 1]."""
+        drive, *others = [min(max(value, -1.0), 1.0) for value in values]
+        steer = others[0] if others else 0.0
         physics.command(
             VehicleCommand(
                 accelerator_pedal=max(drive, 0.0),
                 xbr_demand=BRAKE_MAX * min(drive, 0.0),
                 xbr_mode=XbrMode.MAXIMUM if drive < 0.0 else XbrMode.OFF,
-                steering_wheel_angle=self.steer_max * named.get("steer", 0.0),
+                steering_wheel_angle=self.steer_max * steer,
                 transmission_mode=self.gear_mode,
             )
         )
 
     def get_observation(self, physics: Physics) -> Observations:
         """Returns the observations in SI units, each of shape (size,)."""
-        found = Observations()
-        for name in self.observed:
-            own = getattr(self, name, None)
-            value = getattr(physics, name)() if own is None else own(physics)
-            found[name] = np.atleast_1d(np.asarray(value, dtype=float))
+        values, found, start = np.array(self.values(physics), dtype=float), Observations(), 0
+        for name, entry in self.observed.items():
+            found[name] = values[start : start + entry.size]
+            start += entry.size
         return found
+
+    def values(self, physics: Physics) -> list[float]:
+        """Returns the numbers of all observations in SI units, in the order of `observed`."""
+        ego, found = physics.ego(), []
+        for several, of_ego, read in self._readers:
+            value = read(ego if of_ego else physics)
+            if several:
+                found += value
+            else:
+                found.append(value)
+        return found
+
+    def _reader(self, name: str, entry: Observed) -> tuple[bool, bool, Callable[[Any], Any]]:
+        """Returns how to read an observation: several numbers? from an `EgoState`? by what?"""
+        own = getattr(self, name, None)
+        of_ego = own is None and name in EgoState.__dataclass_fields__
+        if of_ego:
+            own = operator.attrgetter(name)
+        return entry.size > 1, of_ego, own or operator.methodcaller(name)
 
     def speed_error(self, physics: Physics) -> float:
         """Returns the speed minus the target [m/s]."""
@@ -115,15 +144,32 @@ class DrivingTask(base.Task, abc.ABC):
 
     def get_reward(self, physics: Physics) -> float:
         """Returns the product of the terms."""
-        return float(np.prod(list(self.reward_terms(physics).values())))
+        return math.prod(self.reward_terms(physics).values())
 
-    def info(self, physics: Physics) -> dict[str, Any]:
+    @staticmethod
+    def info(physics: Physics, terms: Mapping[str, float]) -> dict[str, float]:
         """Returns state and factors of the reward, `reward_<name>`, for Gymnasium's `info`."""
-        ego, terms = physics.ego(), self.reward_terms(physics)
-        state = {name: getattr(ego, name) for name in ("time", "speed", "station", "fuel_used")}
-        return state | {f"reward_{name}": value for name, value in terms.items()}
+        ego = physics.ego()
+        found = {
+            "time": ego.time,
+            "speed": ego.speed,
+            "station": ego.station,
+            "fuel_used": ego.fuel_used,
+        }
+        for name, value in terms.items():
+            found[f"reward_{name}"] = value
+        return found
 
 
 def tolerance(value: float, low: float, high: float, margin: float, **form: Any) -> float:
-    """Returns 1 from `low` to `high`, falling to 0.1 at a distance of `margin` outside."""
-    return float(rewards.tolerance(value, (low, high), margin, **form))
+    """Returns 1 from `low` to `high`, falling to 0.1 at a distance of `margin` outside.
+
+    It is dm_control's `rewards.tolerance`, without arrays for the default form.
+    """
+    if low <= value <= high:
+        return 1.0
+    if form:
+        return float(rewards.tolerance(value, (low, high), margin, **form))
+    distance = (low - value if value < low else value - high) / margin
+    # NumPy's `exp`, whose last bit differs from that of `math`.
+    return float(np.exp(-0.5 * (distance * _GAUSS) ** 2))

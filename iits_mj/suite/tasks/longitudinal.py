@@ -7,7 +7,6 @@ from typing import ClassVar
 
 import mujoco
 
-from iits_mj.core.arrays import FloatArray
 from iits_mj.suite import scene
 from iits_mj.suite.physics import INSTRUMENTS, WITHOUT_GEAR, Observed, Physics
 from iits_mj.suite.tasks.base import LINEAR, DrivingTask, tolerance
@@ -39,8 +38,8 @@ class Cruise(DrivingTask):
         physics.place(self.random.uniform(30.0, 5_000.0), 0.0, self.random.uniform(15.0, 22.0))
         super().initialize_episode(physics)
 
-    def grade_ahead(self, physics: Physics) -> FloatArray:
-        """Returns the grade here and 25 to 400 m ahead, shape (6,)."""
+    def grade_ahead(self, physics: Physics) -> list[float]:
+        """Returns the grade here and 25 to 400 m ahead, six numbers."""
         return physics.grade_ahead((0.0, *PREVIEW))
 
     def reward_terms(self, physics: Physics) -> dict[str, float]:
@@ -132,9 +131,9 @@ class HillStart(DrivingTask):
         """Returns the distance behind the farthest point reached [m]."""
         return self.farthest - physics.station()
 
-    def grade(self, physics: Physics) -> FloatArray:
-        """Returns the grade here, shape (1,)."""
-        return physics.grade_ahead((0.0,))
+    def grade(self, physics: Physics) -> float:
+        """Returns the grade here."""
+        return physics.grade_ahead((0.0,))[0]
 
     def reward_terms(self, physics: Physics) -> dict[str, float]:
         """Returns `speed`: 4 m/s or more; `hold`: rolled back by less than 5 cm."""

@@ -10,10 +10,10 @@ import mujoco
 import numpy as np
 
 from controllers.planning.trajectory import Quintic
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.messages import EgoState
 from iits_mj.suite import scene
 from iits_mj.suite.physics import BENDING, WITHOUT_GEAR, Observed, Physics
-from iits_mj.suite.tasks.base import DrivingTask, Observations, tolerance
+from iits_mj.suite.tasks.base import DrivingTask, tolerance
 
 PATH_PREVIEW = (10.0, 20.0, 35.0, 50.0, 75.0)
 # Stations where the track leaves the lane, reaches the other lane, leaves it, and returns [m].
@@ -55,19 +55,30 @@ class PathTask(DrivingTask):
         **BENDING,
     }
 
+    # The state for which `_offsets` were computed.
+    _ego: EgoState | None = None
+
     @abc.abstractmethod
     def wanted(self, physics: Physics, station: float) -> float:
         """Returns the offset of the path at a station [m], positive to the left."""
 
     def lane_error(self, physics: Physics) -> float:
         """Returns the offset of the steer axle from the path [m], left positive."""
-        ego = physics.ego()
-        return ego.offset - self.wanted(physics, ego.station)
+        return self._errors(physics)[0]
 
     def trailer_error(self, physics: Physics) -> float:
         """Returns the offset of the trailer's axle group from the path [m], left positive."""
+        return self._errors(physics)[1]
+
+    def _errors(self, physics: Physics) -> tuple[float, float]:
+        """Returns offsets of steer axle and trailer from the path, kept until the state changes."""
         ego = physics.ego()
-        return ego.trailer_offset - self.wanted(physics, physics.trailer_station())
+        if ego is not self._ego:
+            self._ego = ego
+            lane = ego.offset - self.wanted(physics, ego.station)
+            behind = self.wanted(physics, physics.trailer_station())
+            self._offsets = lane, ego.trailer_offset - behind
+        return self._offsets
 
     def heading_error(self, physics: Physics) -> float:
         """Returns the tractor's heading minus the path's [rad]."""
@@ -78,18 +89,19 @@ class PathTask(DrivingTask):
     def reward_terms(self, physics: Physics) -> dict[str, float]:
         """Returns `lane`, `trailer`: on the path; `speed`; and small lateral acceleration."""
         room, (name, most) = self.lane_room, self.sideways
+        ego, (lane, trailer) = physics.ego(), self._errors(physics)
         return {
-            "lane": tolerance(self.lane_error(physics), -room, room, 1.0),
-            "trailer": tolerance(self.trailer_error(physics), -0.4, 0.4, 1.5),
-            "speed": tolerance(physics.speed(), self.target - 1.0, self.target + 1.0, 8.0),
-            name: tolerance(abs(physics.lateral_acceleration()), 0.0, most, 2.0),
+            "lane": tolerance(lane, -room, room, 1.0),
+            "trailer": tolerance(trailer, -0.4, 0.4, 1.5),
+            "speed": tolerance(ego.speed, self.target - 1.0, self.target + 1.0, 8.0),
+            name: tolerance(abs(ego.lateral_acceleration), 0.0, most, 2.0),
         }
 
     def get_termination(self, physics: Physics) -> float | None:
         """Ends the episode, with discount 0, off the path or after a roll-over."""
-        left = abs(self.lane_error(physics)) > self.off_path
-        trailer_left = abs(self.trailer_error(physics)) > self.trailer_off_path
-        return 0.0 if left or trailer_left or abs(physics.roll()) > self.overturned else None
+        lane, trailer = self._errors(physics)
+        left = abs(lane) > self.off_path or abs(trailer) > self.trailer_off_path
+        return 0.0 if left or abs(physics.roll()) > self.overturned else None
 
 
 def _path_terms(
@@ -135,8 +147,8 @@ class LaneKeep(PathTask):
         physics.place(station, offset, self.random.uniform(17.0, 21.0))
         super().initialize_episode(physics)
 
-    def curvature_ahead(self, physics: Physics) -> FloatArray:
-        """Returns the road's curvature here and 25, 50, 100 m ahead [1/m], shape (4,)."""
+    def curvature_ahead(self, physics: Physics) -> list[float]:
+        """Returns the road's curvature here and 25, 50, 100 m ahead [1/m], four numbers."""
         return physics.curvature_ahead((0.0, 25.0, 50.0, 100.0))
 
 
@@ -190,11 +202,11 @@ class LaneChange(PathTask):
         physics.place(station, self.random.uniform(-0.2, 0.2), self.random.uniform(15.0, 16.7))
         super().initialize_episode(physics)
 
-    def path_ahead(self, physics: Physics) -> FloatArray:
-        """Returns the offset of the path 10 to 75 m ahead, relative to here [m], shape (5,)."""
+    def path_ahead(self, physics: Physics) -> list[float]:
+        """Returns the offset of the path 10 to 75 m ahead, relative to here [m], five numbers."""
         station = physics.station()
         here = self.wanted(physics, station)
-        return np.array([self.wanted(physics, station + d) - here for d in PATH_PREVIEW])
+        return [self.wanted(physics, station + d) - here for d in PATH_PREVIEW]
 
 
 class Platoon(LaneKeep):
@@ -259,11 +271,11 @@ class Platoon(LaneKeep):
         del physics
         return 0.0 if self._ahead is None else self._ahead.acceleration()
 
-    def get_observation(self, physics: Physics) -> Observations:
+    def values(self, physics: Physics) -> list[float]:
         """Returns the observations; the target becomes the speed of the truck ahead."""
         if self._ahead is not None:
             self.target = self._ahead.speed()
-        return super().get_observation(physics)
+        return super().values(physics)
 
     def reward_terms(self, physics: Physics) -> dict[str, float]:
         """Returns `lane`, `trailer`, `comfort` of `LaneKeep`; `spacing` replaces `speed`."""

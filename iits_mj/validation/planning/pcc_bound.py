@@ -42,6 +42,7 @@ import numpy as np
 from controllers.pcc.fuel import FuelMap, Willans
 from controllers.pcc.problem import with_room
 from controllers.pcc.profile import RoadProfile
+from controllers.pcc.solver import casadi
 from controllers.pcc.task import Solution, SpeedTask, require_feasible
 from controllers.pcc.vehicle import PointMass
 from iits_mj.core.arrays import FloatArray
@@ -187,8 +188,7 @@ class Relaxation:
         Columns of the multipliers: brakes low, brakes high, power, drag, time (1), chord; the price
         of the trip time is in the last row, first column: shape (n + 1, 6).
         """
-        import casadi as ca
-
+        ca = casadi()
         task, n, ds = self.task, self.task.road.intervals, self.step
         vehicle, fuel = task.vehicle, task.vehicle.fuel
         b, work, t = ca.SX.sym("b", n + 1), ca.SX.sym("E", n), ca.SX.sym("t", n)

@@ -33,7 +33,7 @@ from typing import Any
 
 import numpy as np
 
-from controllers.pcc.solver import METHODS
+from controllers.pcc.solver import METHODS, casadi
 from controllers.pcc.task import Solution, SpeedTask
 from controllers.pcc.vehicle import passing_times
 from iits_mj.core.arrays import FloatArray
@@ -105,8 +105,7 @@ def finite_elements(
         raise PlanningError("finite elements in time need a given trip time")
     if task.price_time != 0.0 or task.price_energy != 0.0:
         raise PlanningError("finite elements in time have no price of time or of end speed")
-    import casadi as ca
-
+    ca = casadi()
     began = time.perf_counter()
     program = ElementsProgram(task, element, points)
     options: dict[str, Any] = {
@@ -154,8 +153,7 @@ class ElementsProgram:
     """The nonlinear program: x = [s, v at the elements' ends, P at the Gauss points]."""
 
     def __init__(self, task: SpeedTask, element: float, points: int) -> None:
-        import casadi as ca
-
+        ca = casadi()
         self.task, vehicle = task, task.vehicle
         self.station = task.road.station - task.road.station[0]
         # A B-spline is zero outside its knots, so the road extends a little beyond both ends.
@@ -194,8 +192,7 @@ class ElementsProgram:
 
     def _at_points(self, table: FloatArray, s: Any, v: Any) -> Any:
         """Values at all Gauss points, element by element; `table` of shape (4, points)."""
-        import casadi as ca
-
+        ca = casadi()
         parts = (s[:-1], v[:-1] * self.duration, s[1:], v[1:] * self.duration)
         terms = (
             ca.mtimes(ca.DM(row[:, None]), part.T) for row, part in zip(table, parts, strict=True)
@@ -217,8 +214,7 @@ class ElementsProgram:
 
     def _bound(self, b: FloatArray) -> Any:
         """Bound of v^2 over station, linear between nodes, for all points and element ends."""
-        import casadi as ca
-
+        ca = casadi()
         value = ca.interpolant("bound", "linear", [self.padded], np.pad(b, 1, mode="edge"))
         return value.map(self.count + self.elements + 1)
 
@@ -274,8 +270,7 @@ def _curve(spline: Any) -> Any:
     Its degree must be 3 or more: CasADi 3.8 writes out of bounds when the second derivative, then a
     step function, is evaluated at a knot.
     """
-    import casadi as ca
-
+    ca = casadi()
     s = ca.MX.sym("s")
     used = spline.c[: spline.t.size - spline.k - 1]
     value = ca.bspline(s, ca.DM(used), [list(spline.t)], [spline.k], 1, {})

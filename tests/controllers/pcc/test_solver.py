@@ -1,6 +1,7 @@
 """`solve`: IPOPT as reference, prices, a vehicle ahead, reasons of infeasible tasks."""
 
 import math
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -191,6 +192,19 @@ def test_ipopt_takes_over_if_the_interior_point_method_does_not_converge(monkeyp
     assert answer.speed == pytest.approx(wanted.speed, abs=0.02)
     with pytest.raises(PlanningError, match="it did not"):
         solve(task, guess, time_limit=0.5)
+
+
+def test_without_casadi_ipopt_names_the_extra_that_has_it(monkeypatch):
+    task, guess = task_of(random_road(np.random.default_rng(8)))
+    monkeypatch.setitem(sys.modules, "casadi", None)
+    with pytest.raises(PlanningError, match=r"pip install 'iits-mj\[ipopt\]'"):
+        solve(task, guess, method="ipopt")
+    minimize = solver_module.minimize
+    monkeypatch.setattr(
+        solver_module, "minimize", lambda *args: replace(minimize(*args), note="it did not")
+    )
+    with pytest.raises(PlanningError, match=r"no result: it did not; .*iits-mj\[ipopt\]"):
+        solve(task, guess)
 
 
 def test_a_solve_beyond_its_time_limit_ends_with_the_reason():

@@ -173,6 +173,14 @@ def test_a_failed_netconvert_run_reports_the_reason(straight, tmp_path):
         run_netconvert(["--opendrive", str(bad), "-o", str(tmp_path / "x.net.xml")], str(bad))
 
 
+def test_without_netconvert_the_message_names_the_extra_that_has_it(monkeypatch):
+    monkeypatch.setattr(nets.shutil, "which", lambda name: None)
+    monkeypatch.setattr(nets.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(nets.sys, "prefix", "/nowhere")
+    with pytest.raises(TrafficError, match=r"pip install 'iits-mj\[maps\]'"):
+        nets.find_netconvert()
+
+
 def test_a_netconvert_that_does_not_end_or_fills_the_memory_is_stopped(
     straight, monkeypatch, tmp_path
 ):

@@ -1,0 +1,123 @@
+"""Measures the Gymnasium environments against the bare physics, and the time of `import iits_mj`.
+
+Things that are compared run in turns, so that other work on the machine affects all of them, and
+the best round counts. Times are processor times, except for threads and processes.
+"""
+
+from __future__ import annotations
+
+import math
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+
+import iits_mj  # noqa: F401 (registers the environments)
+from iits_mj.core.results import Findings
+from iits_mj.envs.driving import DrivingEnv
+
+ENVIRONMENT = "iits_mj/LaneKeep-v0"
+TOGETHER = 8  # environments of one process
+_STEPS = 10  # of the environments in a round
+_WARM_UP = 2
+
+
+def environments(rounds: int = 20) -> Findings:
+    """Returns the share of the physics in steps of one environment, and of eight in one process.
+
+    The physics is `mujoco.mj_step`, which computes the sensors in every time step.
+    """
+    alone = gymnasium.make(ENVIRONMENT)
+    together = gymnasium.make_vec(ENVIRONMENT, num_envs=TOGETHER)
+    driving = alone.unwrapped
+    assert isinstance(driving, DrivingEnv)
+    model = driving.physics.model.ptr
+    data = mujoco.MjData(model)
+    action = np.zeros(len(driving.task.actions), np.float32)
+    actions = np.tile(action, (TOGETHER, 1))
+    least = [math.inf] * 3
+    for seed in range(rounds):
+        alone.reset(seed=seed)
+        together.reset(seed=seed)
+        for _ in range(_WARM_UP):
+            alone.step(action)
+            together.step(actions)
+        mujoco.mj_copyData(data, model, driving.physics.data.ptr)
+        calls: tuple[Callable[[], object], ...] = (
+            lambda: mujoco.mj_step(model, data, driving.steps_per_action),
+            lambda: alone.step(action),
+            lambda: together.step(actions),
+        )
+        for place, call in enumerate(calls):
+            start = time.thread_time()
+            for _ in range(_STEPS):
+                call()
+            least[place] = min(least[place], (time.thread_time() - start) / _STEPS)
+    alone.close()
+    together.close()
+    bare, one, each = least[0], least[1], least[2] / TOGETHER
+    found = Findings()
+    found.check("step of LaneKeep, 0.1 s", one * 1e6, "us")
+    found.check("bare physics over a step of LaneKeep", bare / one, "1", 0.9, ">= 0.80")
+    name = f"bare physics over each step of {TOGETHER} LaneKeep on one thread"
+    found.check(name, bare / each, "1", 0.9, ">= 0.80")
+    found.check(f"{TOGETHER} LaneKeep on one thread, each over one alone", one / each, "1")
+    return found
+
+
+def import_time(rounds: int = 10) -> Findings:
+    """Returns the processor time of `import iits_mj` over that of `import mujoco`."""
+    codes = ("pass", "import mujoco", "import iits_mj")
+    least = dict.fromkeys(codes, math.inf)
+    for _ in range(rounds):
+        for code in codes:
+            before = _children()
+            subprocess.run([sys.executable, "-W", "ignore", "-c", code], check=True)
+            least[code] = min(least[code], _children() - before)
+    start, bare, ours = (least[code] for code in codes)
+    found = Findings()
+    name = "import iits_mj over import mujoco, without Python's start"
+    found.check(name, (ours - start) / (bare - start), "1", 1.2, "<= 1.5")
+    return found
+
+
+def scaling(
+    counts: tuple[int, ...] = (2, 8, 64), threads: tuple[int, ...] = (1, 2), steps: int = 20
+) -> Findings:
+    """Returns steps per second of many environments, by wall time; needs idle cores.
+
+    Args:
+      counts: numbers of environments, each on the threads of one process and in as many processes.
+      threads: of the one process.
+      steps: of each environment.
+    """
+    found = Findings()
+    for count in counts:
+        ways: dict[str, dict[str, Any]] = {
+            f"threads {number}": {"threads": number} for number in threads
+        }
+        ways[f"processes {count}"] = {"vectorization_mode": "async"}
+        for way, settings in ways.items():
+            many = gymnasium.make_vec(f"iits_mj:{ENVIRONMENT}", num_envs=count, **settings)
+            many.reset(seed=0)
+            actions = many.action_space.sample()
+            many.step(actions)
+            start = time.perf_counter()
+            for _ in range(steps):
+                many.step(actions)
+            rate = count * steps / (time.perf_counter() - start)
+            many.close()
+            found.check(f"steps of {count} LaneKeep, {way}", rate, "1/s")
+    return found
+
+
+def _children() -> float:
+    """Returns the processor time of the processes that have ended [s]."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
