@@ -6,12 +6,10 @@ of several rounds, because other work on the machine can only make a round slowe
 
 from __future__ import annotations
 
-import contextlib
-import gc
 import math
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import can
@@ -19,6 +17,7 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 
+from iits_mj.commands.bench_traffic import MICROSECONDS, MILLISECONDS, no_collection, traffic
 from iits_mj.commands.output import ResultOptions, finish
 from iits_mj.core import options as option_fields
 from iits_mj.core.messages import EgoState, TruckReport, VehicleCommand, XbrMode
@@ -39,13 +38,10 @@ from iits_mj.j1939.bus import to_can
 from iits_mj.model.builder import truck_spec
 from iits_mj.model.road_table import add_road_table
 from iits_mj.parameters import TruckParameters, payload_option
-from iits_mj.road import RoadMap, Route
+from iits_mj.road import RoadMap
 from iits_mj.simulation import DriveConfig, Simulation
 from iits_mj.simulation.server import TICK
 from iits_mj.truck import Truck
-from traffic_bridge import InterSim, Mirror, TrafficConfig
-
-MICROSECONDS, MILLISECONDS = 1e6, 1e3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +70,7 @@ def measure(options: Options) -> Results:
     results.add("", _physics(options, rounds))
     results.add("", _interface(5 * rounds))
     if options.traffic:
-        results.add("", _traffic(2 * rounds))
+        results.add("", traffic(2 * rounds))
         results.add("", _whole_drive(options, 10.0 if options.quick else 60.0))
     return results
 
@@ -92,18 +88,6 @@ def best(
             function()
             times.append(clock() - start)
     return min(times)
-
-
-@contextlib.contextmanager
-def no_collection() -> Iterator[None]:
-    """Switches Python's garbage collector off during a measurement, as `timeit` does."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
 
 
 def bare_model(parameters: TruckParameters, payload: float, timestep: float) -> mujoco.MjModel:
@@ -375,95 +359,3 @@ def _bus_alone(frames: list[Frame], rounds: int) -> float:
     finally:
         for end in ends:
             end.shutdown()
-
-
-VEHICLES = 60
-SPEED = 8.0  # [m/s] of traffic and truck; slow traffic is dense
-START = 3_300.0  # [m]
-STEPS = 10  # per second
-GOAL = 2.0  # [ms per simulated second] on the machine of `SHARE_BOUND`
-# The goal as a share of SUMO's own stepping, which applies to slower machines, too. SUMO took
-# 1.2 ms (45 us per step for 25 vehicles) on a machine where Python sums ten million integers in
-# 0.5 s.
-SHARE_BOUND = "<= 1.67"
-# This density puts enough vehicles on the road where the truck starts.
-CONFIG = TrafficConfig(
-    density=0.5, speed_limit=SPEED, view_range=400.0, fill_ahead=380.0, fill_behind=380.0
-)
-STEP = CONFIG.step_length
-
-
-@dataclass
-class _Clock:
-    """A function with a count of its processor time."""
-
-    function: Callable[[], None]
-    inside: float = 0.0
-
-    def __call__(self) -> None:
-        start = time.process_time()
-        self.function()
-        self.inside += time.process_time() - start
-
-
-def _traffic(rounds: int) -> Findings:
-    """Returns processor times of the best second of traffic with at least 60 vehicles in view.
-
-    The truck drives along the built-in highway. Every step is timed as a whole and inside SUMO;
-    bridge and mirror take the difference.
-    """
-    route = RoadMap.builtin().route()
-    mirror = Mirror()
-    truck = Truck.load(route=route, edit_spec=mirror.add_to)
-    mirror.bind(truck.model)
-    bridge, shown, own, counts = [], [], [], []
-    with InterSim(route, CONFIG, seed=1) as traffic, no_collection():
-        vehicles = traffic.reset(_ego(route, 0))
-        clock = _Clock(traffic.session.step)
-        traffic.session.step = clock  # type: ignore[method-assign]
-        step_number = 0
-        for _ in range(rounds):
-            clock.inside, in_bridge, in_mirror = 0.0, 0.0, 0.0
-            for _ in range(STEPS):
-                step_number += 1
-                ego = _ego(route, step_number)
-                start = time.process_time()
-                vehicles = traffic.step(ego)
-                middle = time.process_time()
-                mirror.update(truck.data, vehicles, (ego.x, ego.y))
-                end = time.process_time()
-                in_bridge += middle - start
-                in_mirror += end - middle
-            own.append(clock.inside)
-            bridge.append(in_bridge - clock.inside)
-            shown.append(in_mirror)
-            counts.append(len(vehicles))
-    enough = [k for k, count in enumerate(counts) if count >= VEHICLES] or [int(np.argmax(counts))]
-    second = min(enough, key=lambda k: bridge[k] + shown[k])
-    found, unit = Findings("traffic"), "ms per simulated second"
-    found.check("vehicles in view", counts[second], "1", must=f">= {VEHICLES}")
-    found.check("SUMO's own stepping", own[second] * MILLISECONDS, unit)
-    found.check("bridge over it, truck injected", bridge[second] * MILLISECONDS, unit)
-    found.check("mirror", shown[second] * MILLISECONDS, unit)
-    over = (bridge[second] + shown[second]) * MILLISECONDS
-    found.check("bridge and mirror over SUMO's own stepping", over, unit, GOAL)
-    share = over / (own[second] * MILLISECONDS)
-    found.check("the same, as a share of SUMO's own", share, "1", must=SHARE_BOUND)
-    return found
-
-
-def _ego(route: Route, step: int) -> EgoState:
-    station = START + SPEED * STEP * step
-    offset = float(route.lane_offset(0, station))
-    point = route.evaluate(station, offset)
-    return EgoState(
-        time=STEP * step,
-        x=float(point.x),
-        y=float(point.y),
-        z=float(point.z),
-        yaw=float(point.heading),
-        speed=SPEED,
-        station=station,
-        offset=offset,
-        trailer_offset=offset,
-    )

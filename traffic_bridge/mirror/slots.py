@@ -166,7 +166,9 @@ class Slots:
         place = np.arange(count) - np.searchsorted(ranked, ranked)
         limits = np.where(place < self._capacity[ranked], APART * ranked + self._limit, -1.0)
         # Weights, bases, limits, and the vehicles shown last; then work and result of `_choose`.
-        self._ranking = kernels.Table((np.ones(count), APART * self._types, limits, np.zeros(count)))
+        self._ranking = kernels.Table(
+            (np.ones(count), APART * self._types, limits, np.zeros(count))
+        )
         self._work = kernels.Table(np.empty((2, count)))
         self._chosen = kernels.Table(np.empty(count))
 

@@ -30,9 +30,7 @@ _extrapolate = kernels.function(
     None,
     *(kernels.Integer, *2 * [kernels.Address], *5 * [kernels.Real], kernels.Address),
 )
-_place = kernels.function(
-    "iits_mirror_place", None, *2 * [kernels.Integer], *3 * [kernels.Address]
-)
+_place = kernels.function("iits_mirror_place", None, *2 * [kernels.Integer], *3 * [kernels.Address])
 _near = kernels.function(
     "iits_mirror_near",
     kernels.Integer,

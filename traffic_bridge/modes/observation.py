@@ -153,7 +153,9 @@ class Observation:
     def _frame(self, ego: EgoState | None, route_lanes: IndexArray) -> VehicleFrame:
         """The vehicles in view, from their columns."""
         columns, near = self._columns, self._near
-        x, y, reach = (0.0, 0.0, math.inf) if ego is None else (ego.x, ego.y, self._range * self._range)
+        x, y, reach = (
+            (0.0, 0.0, math.inf) if ego is None else (ego.x, ego.y, self._range * self._range)
+        )
         count = _vehicles_in_view(len(self._ids), columns.address, x, y, reach, near.address)
         if count == len(self._ids):
             return VehicleFrame(self._ids, self._kinds, route_lanes, columns.numbers.copy())

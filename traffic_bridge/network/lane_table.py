@@ -205,7 +205,7 @@ class VehicleLanes(NamedTuple):
 
     numbers: IntArray
     route_lanes: IntArray
-    directions: IntArray
+    directions: FloatArray
     table: kernels.Table
 
 
@@ -238,8 +238,7 @@ class LanePoses:
     def lanes(self, numbers: IntArray) -> VehicleLanes:
         """The lanes of n vehicles for `evaluate`, by their numbers; shape (n,)."""
         rows = self._of_lane.take(numbers, axis=1)
-        route_lanes, directions = self._route_lanes.take(numbers), rows[2].astype(np.intp)
-        return VehicleLanes(numbers, route_lanes, directions, kernels.Table(rows))
+        return VehicleLanes(numbers, self._route_lanes.take(numbers), rows[2], kernels.Table(rows))
 
     def evaluate(
         self,
