@@ -105,7 +105,7 @@ class Slots:
         """
         if frame.ids != self._ids:
             self._read(frame)
-        places = frame.columns("x", "y")
+        places = np.ascontiguousarray(frame.values.T[:2])
         tables = self._ranking.address, self._work.address, self._chosen.address
         changes = _choose(len(frame), kernels.address(places), x, y, *tables)
         if not changes and not self._missing:
