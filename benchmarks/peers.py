@@ -23,7 +23,7 @@ import gymnasium
 import highway_env  # noqa: F401
 
 import iits_mj.envs  # noqa: F401
-from iits_mj.commands.bench_drive import drive_with
+from iits_mj.commands.bench.drive import drive_with
 
 SECONDS = 20.0  # of simulated time
 

@@ -137,6 +137,7 @@ class Session:
 
     Attributes:
       api: the libsumo module.
+      guards: number of the guards entered and not yet left.
 
     Raises:
       TrafficError: another simulation is loaded in this process, or SUMO refuses the input.
@@ -151,7 +152,7 @@ class Session:
         options: Sequence[str] = (),
     ) -> None:
         self.api = load_libsumo()
-        self._guards = 0
+        self.guards = 0
         self._finalizer: weakref.finalize[[Any, TemporaryFolder], Session] | None
         self._finalizer = None
         if self.api.isLoaded():
@@ -190,46 +191,22 @@ class Session:
             "settings before reset(), and reset the copy with the same seed"
         )
 
-    @contextlib.contextmanager
-    def guard(self, action: str, loading: bool = False) -> Iterator[None]:
-        """A `with` block for every use of `api`, in which every error ends the simulation.
+    def guard(self, action: str, loading: bool = False) -> Guard:
+        """A `with` block for every use of `api`; see `Guard`.
 
-        SUMO's errors become a `TrafficError` that names the action. The outermost block checks that
-        libsumo still holds this simulation, except while `loading` it.
-
-        Raises:
-          TrafficError: on entering, if this simulation has ended or libsumo holds another one,
-            which stays open.
+        Args:
+          action: for the messages of errors.
+          loading: libsumo does not hold this simulation yet.
         """
-        if not self.is_open:
-            raise TrafficError(
-                f"{action}: this belongs to a simulation that has ended; take "
-                "traffic.vehicles / traffic.signals of the running one, or call reset()"
-            )
-        if self._guards == 0 and not loading:
-            self.check_held()
-        self._guards += 1
-        try:
-            yield
-        except BaseException as error:
-            native = (
-                *(self.api.TraCIException, self.api.libsumo.FatalTraCIError),
-                *(OSError, RuntimeError),
-            )
-            text = self.explain(error) if isinstance(error, native) else None
-            self.close()
-            if text is None:
-                raise
-            raise TrafficError(f"SUMO failed while {action}: {text}") from error
-        finally:
-            self._guards -= 1
+        return Guard(self, action, loading)
 
-    def getter(self, domain: str, name: str) -> Callable[[str], Any]:
-        """A fast function of libsumo that reads a value by id.
+    def function(self, domain: str, name: str) -> Callable[..., Any]:
+        """A fast function of libsumo, for calls in every step.
 
-        `getter("vehicle", "getSpeed")` returns a function of a vehicle's name. The call from
+        `function("vehicle", "getSpeed")` returns a function of a vehicle's name. The call from
         libsumo's public function to the native one takes as long as the native function itself. So
-        the native function is returned if this version of libsumo has it.
+        the native function is returned if this version of libsumo has it. It takes all its
+        arguments, by position.
         """
         native = getattr(self.api.libsumo, "_libsumo", None)
         found = getattr(native, f"{domain}_{name}", None)
@@ -279,14 +256,55 @@ class Session:
         return "; ".join(lines)[:600] or "no explanation given"
 
 
+class Guard:
+    """A `with` block in which every error ends a simulation.
+
+    SUMO's errors become a `TrafficError` that names the action. The outermost block checks that
+    libsumo still holds this simulation, except while loading it.
+
+    Raises:
+      TrafficError: on entering, if the simulation has ended or libsumo holds another one, which
+        stays open.
+    """
+
+    __slots__ = ("_action", "_loading", "_session")
+
+    def __init__(self, session: Session, action: str, loading: bool) -> None:
+        self._session = session
+        self._action = action
+        self._loading = loading
+
+    def __enter__(self) -> None:
+        session = self._session
+        if not session.is_open:
+            raise TrafficError(
+                f"{self._action}: this belongs to a simulation that has ended; take "
+                "traffic.vehicles / traffic.signals of the running one, or call reset()"
+            )
+        if session.guards == 0 and not self._loading:
+            session.check_held()
+        session.guards += 1
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        session = self._session
+        session.guards -= 1
+        if error is None:
+            return
+        api = session.api
+        native = api.TraCIException, api.libsumo.FatalTraCIError, OSError, RuntimeError
+        text = session.explain(error) if isinstance(error, native) else None
+        session.close()
+        if text is not None:
+            raise TrafficError(f"SUMO failed while {self._action}: {text}") from error
+
+
 def _holds(api: Any, error_log: str) -> bool:
     """Whether libsumo holds the simulation with this error log, unique to each session."""
-    if not api.isLoaded():
-        return False
     try:
         return bool(api.simulation.getOption("error-log") == error_log)
     except (api.TraCIException, api.libsumo.FatalTraCIError, RuntimeError):
-        return True  # the options are missing: start() has failed half-way
+        # Without the options there is no simulation, or start() has failed half-way.
+        return bool(api.isLoaded())
 
 
 def _unload(api: Any, folder: TemporaryFolder) -> None:

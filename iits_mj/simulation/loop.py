@@ -140,6 +140,7 @@ class Simulation(LockStep):
             speed=min(config.start_speed, config.speed, limit, self._safe_speed),
         )
         self.mirror.bind(self.truck.model)
+        self._tractor = self.truck.model.body("tractor").id
         self.driver.reset()
         self.path.reset()
         self.vehicles = VehicleFrame.empty()
@@ -321,7 +322,7 @@ class Simulation(LockStep):
 
         They exert no force: between two steps of the traffic only pictures and contacts use them.
         """
-        ego_xy = self.truck.data.body("tractor").xpos[:2]
+        x, y, _ = self.truck.data.xpos[self._tractor].tolist()
         elapsed = self._steps % self._cycle_steps * self.timestep
         known = None
         if elapsed > 0.0 and self.traffic is not None:
@@ -329,7 +330,7 @@ class Simulation(LockStep):
         self.mirror.update(
             self.truck.data,
             self.vehicles if new else None,
-            (float(ego_xy[0]), float(ego_xy[1])),
+            (x, y),
             elapsed,
             known,
         )

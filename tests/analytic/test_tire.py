@@ -5,7 +5,7 @@ import pytest
 
 from iits_mj import Truck
 from iits_mj.analytic.tire import Tires
-from iits_mj.commands.bench_physics import tire_inputs, tire_states
+from iits_mj.commands.bench.physics import tire_inputs, tire_states
 
 RADIUS = 0.5
 

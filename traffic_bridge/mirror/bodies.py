@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from iits_mj import kernels
 from iits_mj.core.boxes import axis_gaps
 from iits_mj.model.visuals.shapes import VISUAL_GROUP, add_mesh
 from traffic_bridge.mirror.looks import Unit
@@ -123,6 +124,8 @@ class ContactFinder:
 
     Attributes:
       hull: geoms of the truck's hull.
+      radius: of a circle about each geom's center that holds it at any tilt, as in
+        `truck_outlines` [m].
 
     Args:
       model: compiled with the bodies of the pool.
@@ -139,6 +142,8 @@ class ContactFinder:
         meets = (model.geom_contype & CONTACT_AFFINITY) | (model.geom_conaffinity & CONTACT_TYPE)
         self._truck = (self._number < 0) & moving & (meets != 0)
         self.hull: list[int] = np.flatnonzero(self._truck).tolist()
+        length, width, height = model.geom_size[self.hull].T
+        self.radius = kernels.Table(np.hypot(length + height, width + height))
 
     def pairs(self, data: mujoco.MjData) -> list[tuple[int, str]]:
         """(number of the vehicle's body, name of the truck's body) of every contact, sorted."""

@@ -221,14 +221,14 @@ class Mirror:
           data: of the bound model, its positions and velocities computed (`mj_forward`).
           within: [s].
         """
-        if self._finder is None or not self._index.size or not self._finder.hull:
+        if self._finder is None or not self._index.size:
             return False
-        units, truck = self._units, self._finder.truck_outlines(data)
-        center = np.array([(part.x, part.y) for part in truck])
-        apart = np.linalg.norm(units.position[:, None, :2] - center, axis=-1)
-        reach = np.array([math.hypot(part.half_length, part.half_width) for part in truck])
-        reach += SPEED_MAX * within + NEARBY
-        near = np.flatnonzero((apart - reach).min(axis=1) < units.radius).tolist()
+        finder, units = self._finder, self._units
+        centers = data.geom_xpos.take(finder.hull, axis=0)
+        near = units.near(centers, finder.radius, SPEED_MAX * within + NEARBY)
+        if not near:
+            return False
+        truck = finder.truck_outlines(data)
         return any(
             may_touch(part, outline, within)
             for outline in map(units.outline, near)

@@ -7,12 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from iits_mj import kernels
 from iits_mj.core.vehicles import VehicleFrame
 from traffic_bridge.vehicles.types import VehicleType
 
 # The distance of a vehicle with a slot counts less, so that two at the edge do not alternate.
 LOYALTY = 0.85
 APART = 1e12  # [m2] between the types in a common ranking by squared distance
+
+_choose = kernels.function(
+    "iits_mirror_choose",
+    kernels.Integer,
+    *(kernels.Integer, kernels.Address, *2 * [kernels.Real], *3 * [kernels.Address]),
+)
 
 
 @dataclass
@@ -82,7 +89,6 @@ class Slots:
         self._ids: tuple[str, ...] = ()
         self._type_of: dict[str, int] = {}
         self._types = np.zeros(0, dtype=np.intp)
-        self._held = np.zeros(0, dtype=bool)
         self._missing = False
         self._rank()
 
@@ -99,19 +105,18 @@ class Slots:
         """
         if frame.ids != self._ids:
             self._read(frame)
-        dx, dy = frame.column("x") - x, frame.column("y") - y
-        # Sorted by type, then distance, then id.
-        key = (dx * dx + dy * dy) * self._weight + self._base
-        order = key.argsort(kind="stable")
-        chosen = np.empty(order.size, dtype=bool)
-        chosen[order] = key[order] <= self._limits
-        if not self._missing and (chosen == self._held).all():
+        places = np.ascontiguousarray(frame.values.T[:2])
+        tables = self._ranking.address, self._work.address, self._chosen.address
+        changes = _choose(len(frame), kernels.address(places), x, y, *tables)
+        if not changes and not self._missing:
             return []
+        chosen = self._chosen.numbers != 0.0
         gone = [slot for slot in self.taken if slot.row < 0 or not chosen[slot.row]]
         for slot in gone:
             slot.vehicle, slot.row = None, -1
         changed = {slot.place: slot for slot in gone}
-        for row in np.flatnonzero(chosen & ~self._held).tolist():
+        held = self._ranking.numbers[3] != 0.0
+        for row in np.flatnonzero(chosen & ~held).tolist():
             slot = self._free_slot(int(self._types[row]), frame.ids[row], changed)
             slot.vehicle, slot.row = frame.ids[row], row
             changed[slot.place] = slot
@@ -132,9 +137,10 @@ class Slots:
     def _take_rows(self) -> None:
         """Notes the rows of the shown vehicles in the frame, and that they count as nearer."""
         self.rows = np.array([slot.row for slot in self.taken], dtype=np.intp)
-        self._held = np.zeros(self._types.size, dtype=bool)
-        self._held[self.rows[self.rows >= 0]] = True
-        self._weight = np.where(self._held, LOYALTY**2, 1.0)
+        weights, _, _, held = self._ranking.numbers
+        held[:] = 0.0
+        held[self.rows[self.rows >= 0]] = 1.0
+        weights[:] = np.where(held, LOYALTY**2, 1.0)
 
     def _read(self, frame: VehicleFrame) -> None:
         """Takes a frame whose vehicles differ from the last one's."""
@@ -155,11 +161,16 @@ class Slots:
 
     def _rank(self) -> None:
         """Prepares the ranking: the keys up to which vehicles of each type get a slot."""
-        self._weight = np.ones(self._types.size)
-        self._base = APART * self._types
+        count = self._types.size
         ranked = np.sort(self._types)
-        place = np.arange(ranked.size) - np.searchsorted(ranked, ranked)
-        self._limits = np.where(place < self._capacity[ranked], APART * ranked + self._limit, -1.0)
+        place = np.arange(count) - np.searchsorted(ranked, ranked)
+        limits = np.where(place < self._capacity[ranked], APART * ranked + self._limit, -1.0)
+        # Weights, bases, limits, and the vehicles shown last; then work and result of `_choose`.
+        self._ranking = kernels.Table(
+            (np.ones(count), APART * self._types, limits, np.zeros(count))
+        )
+        self._work = kernels.Table(np.empty((2, count)))
+        self._chosen = kernels.Table(np.empty(count))
 
     def _type(self, frame: VehicleFrame, row: int) -> int:
         """Number of the type with the vehicle's look and the most similar size."""

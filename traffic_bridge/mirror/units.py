@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from iits_mj import kernels
 from iits_mj.core.arrays import FloatArray, IndexArray
 from iits_mj.core.vehicles import COLUMNS, VehicleFrame
 from traffic_bridge.mirror.articulation import Articulation, Pose, TrailerMemory, units
@@ -24,6 +25,19 @@ CRAWL = 0.1  # [m/s] below which speed, lateral speed and yaw rate do not define
 PACE_BAND = 0.1  # a pace farther from 1 than this is ignored
 NOWHERE = 1e12  # [m], x of a vehicle without a last state
 
+_extrapolate = kernels.function(
+    "iits_mirror_extrapolate",
+    None,
+    *(kernels.Integer, *2 * [kernels.Address], *5 * [kernels.Real], kernels.Address),
+)
+_place = kernels.function("iits_mirror_place", None, *2 * [kernels.Integer], *3 * [kernels.Address])
+_near = kernels.function(
+    "iits_mirror_near",
+    kernels.Integer,
+    *(kernels.Integer, *2 * [kernels.Address], kernels.Integer, *2 * [kernels.Address]),
+    *(kernels.Real, kernels.Address),
+)
+
 
 class VehicleUnits:
     """Poses of the units of the shown vehicles.
@@ -38,9 +52,6 @@ class VehicleUnits:
 
     Attributes:
       slots: slot of each unit's vehicle; units: number of each unit in its vehicle.
-      position: of the units as last computed, shape (n, 3) [m].
-      quaternion: of the units likewise, shape (n, 4), w first.
-      radius: of a circle about the unit's position that holds its hull, shape (n,) [m].
     """
 
     def __init__(
@@ -66,31 +77,46 @@ class VehicleUnits:
         """Forgets all vehicles."""
         self._memory.clear()
         self._names: list[str] = []
-        self._state = np.zeros((len(STATE), 0))
+        self._state = kernels.Table(np.zeros((len(STATE), 0)))
         self._trailer_yaw: list[float] = []
         self.set_slots([])
 
     def set_slots(self, taken: Sequence[Slot]) -> None:
         """Shows the vehicles of other slots; vehicles of two units must come last."""
-        known = dict(zip(self._names, self._state.T.tolist(), strict=True))
+        known = dict(zip(self._names, self._state.numbers.T.tolist(), strict=True))
         self._names = [slot.vehicle or "" for slot in taken]
         nowhere = [NOWHERE] + [0.0] * (len(STATE) - 1)
-        self._state = (
-            np.array([known.get(name, nowhere) for name in self._names]).reshape(-1, len(STATE)).T
-        )
+        state = np.array([known.get(name, nowhere) for name in self._names])
+        count = len(taken)
+        # The states in the newest frame and in the one before, and the poses last computed.
+        self._state = kernels.Table(state.reshape(count, len(STATE)).T)
+        self._before = kernels.Table(np.empty((len(STATE), count)))
+        self._now = kernels.Table(np.empty((6, count)))
         self._joint = [self._trucks[slot.type] for slot in taken if slot.type in self._trucks]
-        self._single, count = len(taken) - len(self._joint), len(taken)
+        self._single = count - len(self._joint)
         self.slots = [*taken, *taken[self._single :]]
         self.units = [0] * count + [1] * len(self._joint)
         self._of = [*range(count), *range(self._single, count)]
-        self.radius = np.array(
+        # Radius of a circle about the unit's position that holds its hull [m].
+        self._radius = kernels.Table(
             [
                 self._extents[slot.type][unit][3]
                 for slot, unit in zip(self.slots, self.units, strict=True)
             ]
         )
-        self.position = np.zeros((len(self.slots), 3))
-        self.quaternion = np.zeros((len(self.slots), 4))
+        self._position = kernels.Table(np.zeros((len(self.slots), 3)))
+        self._quaternion = kernels.Table(np.zeros((len(self.slots), 4)))
+        self._found = kernels.Table(np.empty(len(self.slots)))
+
+    @property
+    def position(self) -> FloatArray:
+        """Positions of the units as last computed, shape (n, 3) [m]."""
+        return self._position.numbers
+
+    @property
+    def quaternion(self) -> FloatArray:
+        """Quaternions of the units as last computed, w first, shape (n, 4)."""
+        return self._quaternion.numbers
 
     def take(self, frame: VehicleFrame, rows: IndexArray) -> None:
         """Reads the vehicles' states from a new frame.
@@ -99,12 +125,13 @@ class VehicleUnits:
           frame: of the traffic.
           rows: of the vehicles in it, in the order of the slots.
         """
-        self._before, self._state = self._state, np.asarray(frame.values.T[: len(STATE), rows])
-        self._trend: FloatArray | None = None
+        self._before, self._state = self._state, self._before
+        state = self._state.numbers
+        frame.values.T[: len(STATE)].take(rows, axis=1, out=state, mode="clip")
         if self._joint:
             places = [
                 (x, y, yaw, rate / speed if speed > CRAWL else 0.0)
-                for x, y, _, yaw, _, _, rate, speed, *_ in self._state[:, self._single :].T.tolist()
+                for x, y, _, yaw, _, _, rate, speed, *_ in state[:, self._single :].T.tolist()
             ]
             self._trailer_yaw = self._memory.follow(
                 self._names[self._single :], self._joint, places
@@ -117,44 +144,58 @@ class VehicleUnits:
           elapsed: that time [s].
           known: vehicles whose poses at that time are known; the others are extrapolated.
         """
-        now = self._state[:6]
-        if elapsed != 0.0:
-            if self._trend is None:
-                self._trend = trend(self._state, self._before, self._step_length)
-            now = moved(self._state, self._trend, elapsed, self._step_length)
+        now, k, count = self._state, self._single, len(self._names)
+        if elapsed != 0.0 or known is not None:
+            now = self._now
+            tables = self._state.address, self._before.address
+            limits = CRAWL, TIGHT_TURN, PACE_BAND
+            _extrapolate(count, *tables, elapsed, self._step_length, *limits, now.address)
         if known is not None:
-            now = self._corrected(now, known)
-        k, count = self._single, now.shape[1]
-        self.position[:k] = now[:3, :k].T
-        self.quaternion[:k] = quaternions(now[3:, :k]).T
+            self._correct(known)
+        _place(k, count, now.address, self._position.address, self._quaternion.address)
         if not self._joint:
             return
         places = [
             units(truck, self._trailer(number, elapsed, pose), pose)
             for number, (truck, pose) in enumerate(
-                zip(self._joint, now[:, k:].T.tolist(), strict=True)
+                zip(self._joint, now.numbers[:6, k:].T.tolist(), strict=True)
             )
         ]
-        self.position[k:count] = self.position[count:] = [kingpin for kingpin, _, _ in places]
-        self.quaternion[k:count] = [tractor for _, tractor, _ in places]
-        self.quaternion[count:] = [trailer for _, _, trailer in places]
+        position, quaternion = self.position, self.quaternion
+        position[k:count] = position[count:] = [kingpin for kingpin, _, _ in places]
+        quaternion[k:count] = [tractor for _, tractor, _ in places]
+        quaternion[count:] = [trailer for _, _, trailer in places]
 
-    def _corrected(self, now: FloatArray, known: VehicleFrame) -> FloatArray:
-        """Poses, shape (6, n), in which those of the vehicles of a frame are replaced."""
+    def _correct(self, known: VehicleFrame) -> None:
+        """Replaces the computed poses of the vehicles of a frame by theirs."""
         places = {name: place for place, name in enumerate(known.ids)}
         rows = np.array([places.get(name, -1) for name in self._names], dtype=np.intp)
-        now, there = now.copy(), rows >= 0
+        now, there = self._now.numbers, rows >= 0
         now[:, there] = known.values.T[: len(now), rows[there]]
-        return now
 
     def _trailer(self, number: int, elapsed: float, pose: Pose) -> float:
         """Yaw of a semitrailer whose vehicle has moved since the frame [rad]."""
         trailer = self._trailer_yaw[number]
         if elapsed == 0.0:
             return trailer
-        x0, y0, _, yaw0 = self._state[:4, self._single + number].tolist()
+        x0, y0, _, yaw0 = self._state.numbers[:4, self._single + number].tolist()
         way = math.copysign(math.hypot(pose[0] - x0, pose[1] - y0), elapsed)
         return self._joint[number].pulled(trailer, 0.5 * (yaw0 + pose[3]), way)
+
+    def near(self, centers: FloatArray, radius: kernels.Table, distance: float) -> list[int]:
+        """Numbers of the units whose hull may be near one of several circles.
+
+        Args:
+          centers: of m circles [m], contiguous, shape (m, 3); their heights do not count.
+          radius: of each [m], shape (m,).
+          distance: up to which a hull is near [m].
+        """
+        count = _near(
+            *(len(self.slots), self._position.address, self._radius.address),
+            *(len(centers), kernels.address(centers), radius.address, distance),
+            self._found.address,
+        )
+        return [int(unit) for unit in self._found.numbers[:count].tolist()]
 
     def outline(self, unit: int) -> Outline:
         """A unit's rectangle from above and its motion, at the pose last computed."""
@@ -164,7 +205,7 @@ class VehicleUnits:
         w, i, j, k = self.quaternion[unit].tolist()
         yaw = math.atan2(2.0 * (i * j + w * k), 1.0 - 2.0 * (j * j + k * k))
         ahead_x, ahead_y, middle = math.cos(yaw), math.sin(yaw), 0.5 * (front + rear)
-        way, yaw_rate, speed = self._state[[3, 6, 7], row].tolist()
+        way, yaw_rate, speed = self._state.numbers[[3, 6, 7], row].tolist()
         spin = abs(yaw_rate)
         if row >= self._single:
             # A unit also turns about the box's center as the semitrailer is pulled straight.
@@ -191,92 +232,3 @@ def _extent(unit: Unit, kind: VehicleType) -> tuple[float, float, float, float]:
     width = max(size[1] for _, size in unit.hull)
     # Even at an angle of 90 degrees, the tractor's farthest corner is within the whole length.
     return front, rear, width, kind.length if unit.name else math.hypot(front, 0.5 * width)
-
-
-def trend(state: FloatArray, last: FloatArray, step_length: float) -> FloatArray:
-    """Properties of the vehicles' motion in the last step that their present state lacks.
-
-    The pace is the distance that they covered as a fraction of speed times time. Neighboring lanes
-    in a bend share SUMO's positions but differ in length, by some per mille; a recording with
-    instantaneous speeds, unlike SUMO's, differs by a dt/2. Beside the road's reference line a
-    path climbs more than the road where the cross slope changes.
-
-    Args:
-      state: of n vehicles, see `STATE`, shape (10, n).
-      last: the same one step before, shape (10, n); x is `NOWHERE` for a new vehicle.
-      step_length: of the traffic [s].
-
-    Returns:
-      Pace, pitch rate and roll rate [rad/s], and by how much the path was steeper than the pitch,
-      shape (4, n); 1, 0, 0, 0 if the pace is far from 1: the vehicle is new or was moved.
-    """
-    due = step_length * np.maximum(np.hypot(state[7], state[9]), CRAWL)
-    change = state - last
-    way = np.hypot(change[0], change[1])
-    found = np.empty((4, due.size))
-    found[0] = way / due
-    strange = np.abs(found[0] - 1.0) > PACE_BAND
-    way[strange] = 1.0
-    found[1:3] = change[4:6] / step_length
-    found[3] = change[2] / way + np.tan(state[4] - 0.5 * change[4])
-    if strange.any():
-        found[:, strange] = ((1.0,), (0.0,), (0.0,), (0.0,))
-    return found
-
-
-def moved(state: FloatArray, trend: FloatArray, elapsed: float, step_length: float) -> FloatArray:
-    """Poses of vehicles some time after (or before) a frame.
-
-    Acceleration and rates stay constant. SUMO's default scheme, semi-implicit Euler, moves a
-    vehicle by v(k+1) dt in step k+1, so v(k) is the mean speed of the step that ended, and the
-    speed at its end is half a step's gain higher: v(k) + a dt/2. With a constant acceleration the
-    result meets SUMO's next position, v dt + a dt^2 on, and its last one, v dt back.
-
-    Args:
-      state: of n vehicles, see `STATE`, shape (10, n).
-      trend: see `trend`, shape (4, n).
-      elapsed: time since the frame [s], negative for before.
-      step_length: of the traffic [s].
-
-    Returns:
-      x, y, z [m], yaw, pitch, roll [rad], shape (6, n).
-    """
-    yaw, pitch, yaw_rate, speed, acceleration, lateral = state[[3, 4, 6, 7, 8, 9]]
-    way = elapsed * trend[0] * (speed + 0.5 * acceleration * (step_length + elapsed))
-    if elapsed > 0.0:
-        # Braking ends at standstill: a vehicle does not roll backwards.
-        way = np.maximum(way, 0.0)
-    turn = elapsed * yaw_rate
-    # The arc is taken as its chord: shorter by less than 1e-3 at 1.5 rad/s.
-    chord = yaw + 0.5 * turn
-    if lateral.any():
-        # Speed is along the lane, and a slow vehicle's box turns less than its path.
-        slide = np.arctan2(lateral, np.maximum(speed, CRAWL))
-        chord = chord + slide - np.arctan2(lateral, np.maximum(speed, TIGHT_TURN))
-        way = np.where(speed > CRAWL, way / np.cos(slide), way)
-    found = state[:6].copy()
-    found[0] += way * np.cos(chord)
-    found[1] += way * np.sin(chord)
-    tilt = elapsed * trend[1:3]
-    # Pitch is positive nose down (ISO 8855); roads are measured in the plane.
-    found[2] += way * (trend[3] - np.tan(pitch + 0.5 * tilt[0]))
-    found[3] += turn
-    found[4:] += tilt
-    return found
-
-
-def quaternions(angles: FloatArray) -> FloatArray:
-    """Quaternions (4, n), w first, of intrinsic rotations by yaw, pitch, roll (3, n) [rad]."""
-    half = 0.5 * angles
-    trig = np.empty((2, *half.shape))
-    np.cos(half, out=trig[0])
-    np.sin(half, out=trig[1])
-    # cos and sin of pitch times those of roll: cc, cs, sc, ss.
-    products = (trig[:, None, 1] * trig[None, :, 2]).reshape(4, -1)
-    c, s = products * trig[0, 0], products * trig[1, 0]
-    found = np.empty((4, half.shape[1]))
-    np.add(c[0], s[3], out=found[0])
-    np.subtract(c[1], s[2], out=found[1])
-    np.add(c[2], s[1], out=found[2])
-    np.subtract(s[0], c[3], out=found[3])
-    return found

@@ -147,8 +147,9 @@ class EgoInTraffic:
             truck.cut(length, hidden)
             self._overlap.put(truck, lane, station, offset, (x, y), ego.yaw, ego.speed)
             edges = self._overlap.edges(self._footprint.width, (ego.offset, ego.trailer_offset))
-            self._place_shadow(ego, station, self._overlap.second(lane, station, edges), hidden)
-            against = self._overlap.opposite(station, edges)
+            under = self._overlap.under(station, edges)
+            self._place_shadow(ego, station, self._overlap.second(lane, station, under), hidden)
+            against = self._overlap.opposite(station, edges, under)
             self._place_against(against, station - length + hidden, edges)
 
     def _place_shadow(self, ego: EgoState, station: float, second: int, hidden: float) -> None:
@@ -173,7 +174,8 @@ class EgoInTraffic:
         if not self._has_way_against:
             self._api.route.add(AGAINST, list(self._lanes.oncoming_edges))
             self._has_way_against = True
-        table = self._overlap.opposite(rear, edges) or table
+        under = self._overlap.under(rear, edges)
+        table = self._overlap.opposite(rear, edges, under) or table
         position = min(table.position_of(rear), table.length - END)
         self._known(AGAINST).put(table, max(position, 0.0), 0.0, 0.0)
 

@@ -6,18 +6,23 @@ import math
 from collections.abc import KeysView, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from iits_mj.core.arrays import FloatArray
+from iits_mj import kernels
+from iits_mj.core.arrays import FloatArray, IndexArray
 from iits_mj.core.messages import EgoState
 from iits_mj.core.vehicles import COLUMNS, VehicleFrame
 from traffic_bridge.config import TrafficConfig
-from traffic_bridge.modes.smoothing import Box, LateralSmoother, Shift, nearest_turn
+from traffic_bridge.modes.smoothing import Box, LateralSmoother, Shift
+from traffic_bridge.network.lane_table import VehicleLanes
 from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles.registry import Vehicles
 
-IntArray = NDArray[np.intp]
+_vehicles_in_view = kernels.function(
+    "iits_vehicles_in_view",
+    kernels.Integer,
+    *(kernels.Integer, kernels.Address, *3 * [kernels.Real], kernels.Address),
+)
 
 VIEW_MARGIN = 30.0  # [m]: lanes are selected by their bounding boxes, vehicles by their centers
 VIEW_KEPT = 50.0  # [m] of the ego's motion before the lanes in view are selected again
@@ -41,11 +46,11 @@ class Observation:
         self, session: Session, lanes: RouteLanes, vehicles: Vehicles, config: TrafficConfig
     ) -> None:
         self._api = session.api
-        self._get_speed = session.getter("vehicle", "getSpeed")
-        self._get_acceleration = session.getter("vehicle", "getAcceleration")
-        self._get_position = session.getter("vehicle", "getLanePosition")
-        self._get_lane = session.getter("vehicle", "getLaneID")
-        self._get_ids = session.getter("lane", "getLastStepVehicleIDs")
+        self._get_speed = session.function("vehicle", "getSpeed")
+        self._get_acceleration = session.function("vehicle", "getAcceleration")
+        self._get_position = session.function("vehicle", "getLanePosition")
+        self._get_lane = session.function("vehicle", "getLaneID")
+        self._get_ids = session.function("lane", "getLastStepVehicleIDs")
         self._lanes = lanes
         self._vehicles = vehicles
         self._range = config.view_range
@@ -58,18 +63,33 @@ class Observation:
         # The lanes in view at the last reading, and the vehicles on each.
         self._lists: list[tuple[str, ...]] = []
         self._listed: list[str] = []
-        # Vehicles of the last reading; the next one usually has the same vehicles.
+        # Kind, length, width and height of the vehicles.
+        self._facts: dict[str, tuple[str, float, float, float]] = {}
+        # Vehicles of the last reading; the next one usually has the same vehicles and lanes.
         self._names: list[str] = []
         self._on: list[str] = []
-        self._kinds: list[str] = []
-        self._size: FloatArray = np.zeros((3, 0))
-        self._lane: IntArray = np.zeros(0, dtype=np.intp)
-        self._speed: FloatArray = np.zeros(0)
+        self._ids: tuple[str, ...] = ()
+        self._kinds: tuple[str, ...] = ()
+        self._of_lanes: VehicleLanes = lanes.poses.lanes(np.zeros(0, dtype=np.intp))
+        self._make_tables(0)
+
+    def _make_tables(self, count: int) -> None:
+        """Makes the arrays of the compiled functions for a number of vehicles."""
+        self._given = kernels.Table(np.zeros((2, count)))  # speeds and positions
+        self._centers = kernels.Table(np.zeros(count))
+        self._columns = kernels.Table(np.zeros((len(COLUMNS), count)))
+        self._near = kernels.Table(np.zeros(count))
+        # The vehicles near the ego at the last reading: as bytes, as numbers, ids and kinds.
+        self._chosen = b""
+        self._where: IndexArray = np.zeros(0, dtype=np.intp)
+        self._ids_near: tuple[str, ...] = ()
+        self._kinds_near: tuple[str, ...] = ()
 
     def forget(self, name: str) -> None:
         """Drops a vehicle that has left the traffic."""
         self._last_lane.pop(name, None)
         self._history.pop(name, None)
+        self._facts.pop(name, None)
 
     def names(self) -> KeysView[str]:
         """Names of the vehicles with stored data, as a set view."""
@@ -88,52 +108,72 @@ class Observation:
           obstacles: further boxes that the vehicles avoid, see `LateralSmoother`.
         """
         same = self._find_vehicles(ego)
-        names, on = self._names, self._on
+        names = self._names
         if not names:
             self._smoother.clear()
             return VehicleFrame.empty()
-        columns = np.empty((len(COLUMNS), len(names)))
-        columns[_SIZE] = self._size
-        speed, acceleration = columns[_SPEED], columns[_ACCELERATION]
-        speed[:] = list(map(self._get_speed, names))
-        if same:
-            # SUMO's definition; reading the value would take as long as reading the speed.
-            np.divide(speed - self._speed, self._step, out=acceleration)
-        else:
-            acceleration[:] = list(map(self._get_acceleration, names))
-        self._speed = speed
-        middle = np.array(list(map(self._get_position, names)))
-        middle -= 0.5 * self._size[0]
-        lane = self._lane
-        if middle.min() < 0.0:
-            lane = lane.copy()
-            for k in np.flatnonzero(middle < 0.0).tolist():
-                lane[k], middle[k] = self._behind(names[k], on[k], float(middle[k]))
-        pose, (route_lane, direction) = self._lanes.poses.evaluate(lane, middle)
-        x, y, z, station, offset, heading, pitch, roll, curvature = pose
-        columns[0], columns[1], columns[2], columns[3] = x, y, z, heading
-        columns[4], columns[5] = pitch, roll
-        np.multiply(curvature, speed, out=columns[6])
-        columns[_LATERAL] = 0.0
-        columns[_STATION], columns[_OFFSET] = station, offset
+        given, columns = self._given, self._columns.numbers
+        given.numbers[0] = list(map(self._get_speed, names))
+        given.numbers[1] = list(map(self._get_position, names))
+        if not same:
+            # Else it is the change of speed, SUMO's definition, which takes less time.
+            columns[_ACCELERATION] = list(map(self._get_acceleration, names))
+        lanes = self._follow_lanes(self._step if same else 0.0)
+        x, y, _, heading = columns[:4].copy()
         shifts = self._smoother.update(
             names,
-            lane,
+            lanes.numbers,
             (x, y, heading),
-            speed,
-            self._size,
-            (station, offset, direction),
+            given.numbers[0],
+            columns[_SIZE],
+            (columns[_STATION], columns[_OFFSET], lanes.directions),
             self._step,
             obstacles,
         )
-        for shift in shifts:
-            self._shift(columns, shift, route_lane, int(direction[shift.number]))
-        columns[3] = nearest_turn(columns[3])
-        frame = VehicleFrame(names, self._kinds, route_lane, columns)
-        return frame if ego is None else frame.near(ego.x, ego.y, self._range)
+        route_lanes = lanes.route_lanes
+        if shifts:
+            route_lanes = route_lanes.copy()
+            for shift in shifts:
+                self._shift(columns, shift, route_lanes, int(lanes.directions[shift.number]))
+        return self._frame(ego, route_lanes)
+
+    def _follow_lanes(self, elapsed: float) -> VehicleLanes:
+        """Computes the columns on the lanes' centers; returns the lanes under the centers."""
+        lanes, poses = self._of_lanes, self._lanes.poses
+        tables = self._given, self._centers, self._columns
+        if poses.evaluate(lanes, *tables, elapsed=elapsed):
+            numbers, centers = lanes.numbers.copy(), self._centers.numbers
+            for k in np.flatnonzero(centers < 0.0).tolist():
+                lane, centers[k] = self._behind(self._names[k], self._on[k], float(centers[k]))
+                (numbers[k],) = poses.numbers([lane])
+            lanes = poses.lanes(numbers)
+            poses.evaluate(lanes, *tables, placed=True, elapsed=elapsed)
+        return lanes
+
+    def _frame(self, ego: EgoState | None, route_lanes: IndexArray) -> VehicleFrame:
+        """The vehicles in view, from their columns."""
+        columns, near = self._columns, self._near
+        x, y, reach = (
+            (0.0, 0.0, math.inf) if ego is None else (ego.x, ego.y, self._range * self._range)
+        )
+        count = _vehicles_in_view(len(self._ids), columns.address, x, y, reach, near.address)
+        if count == len(self._ids):
+            return VehicleFrame(self._ids, self._kinds, route_lanes, columns.numbers.copy())
+        chosen = near.numbers.tobytes()
+        if chosen != self._chosen:
+            self._chosen, self._where = chosen, np.flatnonzero(near.numbers)
+            where = self._where.tolist()
+            self._ids_near = tuple(self._ids[k] for k in where)
+            self._kinds_near = tuple(self._kinds[k] for k in where)
+        return VehicleFrame(
+            self._ids_near,
+            self._kinds_near,
+            route_lanes.take(self._where),
+            columns.numbers.take(self._where, axis=1),
+        )
 
     def _shift(
-        self, columns: FloatArray, shift: Shift, route_lane: IntArray, direction: int
+        self, columns: FloatArray, shift: Shift, route_lane: IndexArray, direction: int
     ) -> None:
         """Moves a vehicle off its lane's center, its box pointing in the direction of motion."""
         k = shift.number
@@ -152,9 +192,8 @@ class Observation:
 
     def _find_vehicles(self, ego: EgoState | None) -> bool:
         """Finds the vehicles and their lanes; returns whether the vehicles are unchanged."""
-        count = self._api.vehicle.getIDCount()
         view = [] if ego is None else self._lanes_in_view(ego.x, ego.y)
-        if view and LANE_COST * len(view) <= count:
+        if view and LANE_COST * len(view) <= len(self._vehicles.names()):
             lists = list(map(self._get_ids, view))
             if view is self._listed and lists == self._lists:
                 return True
@@ -195,9 +234,16 @@ class Observation:
         if names == self._names and on == self._on:
             return
         if names != self._names:
-            types = [self._vehicles.type_of(name) for name in names]
-            self._kinds = [each.kind for each in types]
-            self._size = np.array([(each.length, each.width, each.height) for each in types]).T
+            for name in names:
+                if name not in self._facts:
+                    kind = self._vehicles.type_of(name)
+                    self._facts[name] = kind.kind, kind.length, kind.width, kind.height
+            self._ids, self._kinds = tuple(names), ()
+            self._make_tables(len(names))
+            if names:
+                facts = map(self._facts.__getitem__, names)
+                self._kinds, *size = zip(*facts, strict=True)
+                self._columns.numbers[_SIZE] = size
         before = self._last_lane
         for name, lane in zip(names, on, strict=True):
             last = before.get(name)
@@ -206,12 +252,12 @@ class Observation:
                 if last is not None:
                     history = self._history.get(name, ())
                     self._history[name] = (last, *history)[:HISTORY]
-        number = self._lanes.poses.number
-        self._lane = np.array([number(lane) for lane in on], dtype=np.intp)
+        poses = self._lanes.poses
+        self._of_lanes = poses.lanes(poses.numbers(on))
         self._names, self._on = names, on
 
-    def _behind(self, name: str, lane: str, position: float) -> tuple[int, float]:
-        """Number of the lane, and position, of a place before the beginning of a vehicle's lane."""
+    def _behind(self, name: str, lane: str, position: float) -> tuple[str, float]:
+        """The lane, and the position, of a place before the beginning of a vehicle's lane."""
         came_from = self._history.get(name, ())
         while position < 0.0:
             before = self._lanes.before(lane)
@@ -219,4 +265,4 @@ class Observation:
                 break
             lane = next((known for known in came_from if known in before), before[0])
             position += self._lanes.table(lane).length
-        return self._lanes.poses.number(lane), position
+        return lane, position

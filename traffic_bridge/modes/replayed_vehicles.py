@@ -116,4 +116,5 @@ class ReplayedVehicles:
             if abs(place.offset - center) < CENTERED:
                 return -1
         edges = self._overlap.edges(place.width, (place.offset,))
-        return self._overlap.second(place.lane, place.front, edges)
+        under = self._overlap.under(place.front, edges)
+        return self._overlap.second(place.lane, place.front, under)

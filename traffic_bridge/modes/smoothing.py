@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj import kernels
 from iits_mj.core.arrays import FloatArray
 
 Rows = Sequence[FloatArray]
@@ -38,6 +39,12 @@ CREEP = 0.3  # [m/s], the lowest limit, so that no vehicle waits for ever
 # Vehicles matter to a change within these distances between centers, along and across [m].
 REACH, SIDEWAYS = 100.0, 3.2
 CLEARED_BY = 0.62  # fraction of the change after which the old lane is free (quintic: 3/4 done)
+
+_vehicles_beside = kernels.function(
+    "iits_vehicles_beside",
+    kernels.Integer,
+    *(kernels.Integer, kernels.Address, kernels.Integer, *4 * [kernels.Real], kernels.Address),
+)
 
 
 def nearest_turn(angles: FloatArray) -> FloatArray:
@@ -201,7 +208,7 @@ class LateralSmoother:
         for i, jump in self._jumps(names, lane, pose):
             self._begin(names[i], jump)
         self._last, self._lane = pose, lane
-        if self._names != names:
+        if self._names is not names:
             self._names, self._place = names, {name: i for i, name in enumerate(names)}
         self.held.clear()
         if not self._changes:
@@ -261,11 +268,7 @@ class LateralSmoother:
           Whether that gap is nearly closed.
         """
         own, aim = boxes.box(shift.number), boxes.aim(shift.number)
-        conflicts = []
-        for other in boxes.near(shift.number):
-            side = 0.5 * (other.width + own.width) + SIDE_MARGIN
-            if abs(other.offset - own.offset) < side <= abs(other.offset - aim):
-                conflicts.append(other)
+        conflicts = boxes.beside(own, aim)
         if not conflicts:
             return False
         change = self._changes[name]
@@ -318,11 +321,14 @@ class _Boxes:
         shifts: list[Shift],
         obstacles: Sequence[Box],
     ) -> None:
-        self._station, self._aim, self._direction = road
-        self._shown = self._aim.copy()
+        station, self._aim, direction = road
+        self._speed = speed
+        # The rows of `Box`, with the direction instead of the speed.
+        self._table = kernels.Table((station, self._aim, direction, size[0], size[1]))
+        self._found = kernels.Table(np.empty(len(speed)))
+        rows = self._table.numbers
         for shift in shifts:
-            self._shown[shift.number] += self._direction[shift.number] * shift.offset
-        self._columns = (self._station, self._shown, self._direction * speed, size[0], size[1])
+            rows[1, shift.number] += rows[2, shift.number] * shift.offset
         self._obstacles = obstacles
 
     def aim(self, number: int) -> float:
@@ -331,18 +337,21 @@ class _Boxes:
 
     def box(self, number: int) -> Box:
         """The shown box of a vehicle."""
-        station, offset, speed, length, width = (float(c[number]) for c in self._columns)
-        return Box(station, offset, speed, length, width, number)
+        station, offset, direction, length, width = self._table.numbers[:, number].tolist()
+        return Box(station, offset, direction * float(self._speed[number]), length, width, number)
 
-    def near(self, number: int) -> list[Box]:
-        """The boxes on the route near a vehicle, without its own."""
-        within = np.abs(self._shown - self._shown[number]) < SIDEWAYS
-        within &= np.abs(self._station - self._station[number]) < REACH
-        within &= self._direction != 0
-        within[number] = False
-        index = np.flatnonzero(within)
-        columns = (column.take(index).tolist() for column in self._columns)
-        return [*map(Box, *columns, index.tolist()), *self._obstacles]
+    def beside(self, own: Box, aim: float) -> list[Box]:
+        """The boxes that a vehicle's side overlaps now, but not at the offset `aim` [m]."""
+        sides = REACH, SIDEWAYS, SIDE_MARGIN
+        count = _vehicles_beside(
+            len(self._speed), self._table.address, own.number, aim, *sides, self._found.address
+        )
+        found = [self.box(int(number)) for number in self._found.numbers[:count].tolist()]
+        for other in self._obstacles:
+            side = 0.5 * (other.width + own.width) + SIDE_MARGIN
+            if abs(other.offset - own.offset) < side <= abs(other.offset - aim):
+                found.append(other)
+        return found
 
 
 def _gap(own: Box, other: Box) -> tuple[float, float]:

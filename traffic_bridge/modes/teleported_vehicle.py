@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from traffic_bridge.network.route_lanes import LaneTable, RouteLanes
 from traffic_bridge.session import Session
@@ -41,16 +41,20 @@ class LaneOverlap:
         known = tuple(offsets)
         return max(known) + half, min(known) - half
 
-    def second(self, lane: int, station: float, edges: Iterable[float]) -> int:
+    def under(self, station: float, edges: Iterable[float]) -> list[int]:
+        """Lanes of the route under the sides of a vehicle, -1 off its lanes; see `edges`."""
+        lane_at = self._lanes.route.lane_at
+        return [lane_at(station, edge) for edge in edges]
+
+    def second(self, lane: int, station: float, under: Iterable[int]) -> int:
         """The other lane of the route that a vehicle reaches into, -1 for none.
 
         Args:
           lane: its own lane.
           station: of its front bumper [m].
-          edges: see `edges`.
+          under: lanes under its sides.
         """
-        for edge in edges:
-            other = int(self._lanes.route.lane_at(station, edge))
+        for other in under:
             if other not in (-1, lane) and self.table(other, station) is not None:
                 return other
         return -1
@@ -59,11 +63,13 @@ class LaneOverlap:
         """SUMO's lane of a lane of the route at a station, or None."""
         return self._lanes.covering(lane, station) or self._lanes.find(lane, station)
 
-    def opposite(self, station: float, edges: Iterable[float]) -> LaneTable | None:
+    def opposite(
+        self, station: float, edges: Sequence[float], under: Sequence[int]
+    ) -> LaneTable | None:
         """The oncoming lane that a vehicle reaches into, or None; see `second`."""
-        for edge in edges if self._opposite else ():
+        for edge, lane in zip(edges, under, strict=True) if self._opposite else ():
             # Usually the side is in a lane of the route.
-            if self._lanes.route.lane_at(station, edge) < 0 and (found := self._at(station, edge)):
+            if lane < 0 and (found := self._at(station, edge)):
                 return found
         return None
 
@@ -134,8 +140,10 @@ class TeleportedVehicle:
         self._api = session.api
         self._lanes = lanes
         self._step = step
-        self._get_lane = session.getter("vehicle", "getLaneID")
-        self._get_position = session.getter("vehicle", "getLanePosition")
+        self._get_lane = session.function("vehicle", "getLaneID")
+        self._get_position = session.function("vehicle", "getLanePosition")
+        self._set_speed = session.function("vehicle", "setSpeed")
+        self._set_side = session.function("vehicle", "setLateralLanePosition")
         vehicle = self._api.vehicle
         vehicle.add(name, way, typeID=EGO_TYPE, departSpeed="0")
         vehicle.setSpeedMode(name, 0)
@@ -168,7 +176,6 @@ class TeleportedVehicle:
           side: distance from the lane's center, positive to the left [m].
           speed: of the vehicle [m/s].
         """
-        vehicle = self._api.vehicle
         here = self._get_lane(self.name)
         way = None
         # A shortened vehicle does not advance in SUMO, but shows its speed to its followers.
@@ -176,9 +183,9 @@ class TeleportedVehicle:
             way = self._lanes.distance(here, self._get_position(self.name), table, position)
         if way is None or not -ROLLBACK <= way <= JUMP_SPEED * self._step:
             way = min(speed * self._step, position)
-            vehicle.moveTo(self.name, table.id, position - way)
-        vehicle.setSpeed(self.name, max(way, 0.0) / self._step)
-        vehicle.setLateralLanePosition(self.name, side)
+            self._api.vehicle.moveTo(self.name, table.id, position - way)
+        self._set_speed(self.name, max(way, 0.0) / self._step)
+        self._set_side(self.name, side)
 
     def move(self, x: float, y: float, yaw: float, speed: float) -> None:
         """Moves it to a point off the lanes, in SUMO's coordinates, at the end of the next step."""

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj import kernels
 from iits_mj.core.arrays import FloatArray
 from iits_mj.road import Route
 from traffic_bridge.network.lane_surface import LaneSurface
@@ -30,6 +32,12 @@ _LINEAR = 6
 _WIDTH = 4 * _CUBIC + 2 * _LINEAR
 
 IntArray = NDArray[np.intp]
+
+_vehicles_on_lanes = kernels.function(
+    "iits_vehicles_on_lanes",
+    kernels.Integer,
+    *(kernels.Integer, *4 * [kernels.Address], kernels.Integer, kernels.Real, kernels.Address),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,6 +193,22 @@ def per_sample(values: FloatArray) -> FloatArray:
     return np.gradient(values, edge_order=2) if len(values) > 2 else np.gradient(values)
 
 
+class VehicleLanes(NamedTuple):
+    """The lanes on which n vehicles are.
+
+    Attributes:
+      numbers: of the lanes in `LanePoses`, shape (n,).
+      route_lanes: their indices on the route, -1 off it, shape (n,).
+      directions: on the route, see `LaneTable`, shape (n,).
+      table: for the compiled function.
+    """
+
+    numbers: IntArray
+    route_lanes: IntArray
+    directions: FloatArray
+    table: kernels.Table
+
+
 class LanePoses:
     """Poses of many vehicles at once, from the stacked tables of their lanes.
 
@@ -199,67 +223,69 @@ class LanePoses:
         self._make = make
         self.tables: list[LaneTable] = []
         self._numbers: dict[str, int] = {}
-        self._stacked = 0
-        self._pieces: FloatArray = np.zeros((0, _WIDTH))
-        # Of each lane: first piece, last piece, number on the route, direction on it.
-        self._of_lane: IntArray = np.zeros((4, 0), dtype=np.intp)
-        self._scale: FloatArray = np.zeros(0)
-        # Of the lanes of the last call; the next call usually has the same lanes.
-        self._asked: IntArray | None = None
-        self._answer = self._of_lane, self._scale
+        self._pieces = kernels.Table(np.zeros((0, _WIDTH)))
+        # Of each lane: first piece, last piece, direction on the route, pieces per meter.
+        self._of_lane: FloatArray = np.zeros((4, 0))
+        self._route_lanes: IntArray = np.zeros(0, dtype=np.intp)
 
-    def number(self, lane: str) -> int:
-        """Number of a lane; makes its table if the lane is new."""
-        found = self._numbers.get(lane)
-        if found is None:
-            found = self._numbers[lane] = len(self.tables)
-            self.tables.append(self._make(lane))
-        return found
+    def numbers(self, lanes: Sequence[str]) -> IntArray:
+        """Numbers of n lanes, shape (n,); makes the tables of new lanes."""
+        known = self._numbers
+        if new := sorted(set(lanes) - known.keys()):
+            self._add([self._make(lane) for lane in new])
+        return np.array([known[lane] for lane in lanes], dtype=np.intp)
 
-    def evaluate(self, lane: IntArray, position: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Poses of the lanes' centers at positions along them, extrapolated beyond their ends.
+    def lanes(self, numbers: IntArray) -> VehicleLanes:
+        """The lanes of n vehicles for `evaluate`, by their numbers; shape (n,)."""
+        rows = self._of_lane.take(numbers, axis=1)
+        return VehicleLanes(numbers, self._route_lanes.take(numbers), rows[2], kernels.Table(rows))
+
+    def evaluate(
+        self,
+        lanes: VehicleLanes,
+        given: kernels.Table,
+        centers: kernels.Table,
+        columns: kernels.Table,
+        *,
+        placed: bool = False,
+        elapsed: float = 0.0,
+    ) -> int:
+        """Computes the columns of vehicles on their lanes' centers, extrapolated beyond the ends.
 
         Args:
-          lane: numbers, shape (n,); the caller must not change the array afterwards.
-          position: in SUMO's measure [m], shape (n,).
+          lanes: of the n vehicles.
+          given: speed [m/s] and position of the front bumper in SUMO's measure [m], shape (2, n).
+          centers: positions of the vehicles' centers in the same measure [m], shape (n,); written
+            unless `placed`.
+          columns: of a `VehicleFrame`, shape (len(COLUMNS), n); the sizes are given.
+          placed: the centers are given.
+          elapsed: time since the speeds in the columns, which gives the acceleration [s]; 0: the
+            accelerations are given.
 
         Returns:
-          x, y, z, station, offset, heading, pitch, roll and curvature, shape (9, n); index on the
-          route (-1 off it) and direction (see `LaneTable`) of the lanes, shape (2, n).
+          The number of vehicles whose center lies before the beginning of their lane. If it is not
+          zero, nothing but the centers is computed.
         """
-        if lane is not self._asked:
-            if self._stacked != len(self.tables):
-                self._stack()
-            self._asked = lane
-            self._answer = self._of_lane.take(lane, axis=1), self._scale.take(lane)
-        of_lane, scale = self._answer
-        place = position * scale
-        piece = np.minimum(np.maximum(place, 0.0).astype(np.intp), of_lane[1])
-        inside = place - piece
-        t = np.minimum(np.maximum(inside, 0.0), 1.0)
-        c = self._pieces.take(of_lane[0] + piece, axis=0).T
-        result = np.empty((9, len(lane)))
-        result[:3] = c[:3] + t * (c[3:6] + t * (c[6:9] + t * c[9:12]))
-        result[3:] = c[12:18] + t * c[18:24]
-        beyond = inside - t
-        if beyond.any():
-            slope = c[3:6] + t * (2.0 * c[6:9] + 3.0 * t * c[9:12])
-            result[:3] += beyond * slope
-            result[3] += of_lane[3] * beyond / scale
-        return result, of_lane[2:].copy()
-
-    def _stack(self) -> None:
-        new = self.tables[self._stacked :]
-        pieces = [_pieces(table) for table in new]
-        counts = np.array([len(rows) for rows in pieces], dtype=np.intp)
-        first = len(self._pieces) + np.cumsum(counts) - counts
-        of_lane = np.array(
-            [first, counts - 1, [t.lane for t in new], [t.direction for t in new]], dtype=np.intp
+        return int(
+            _vehicles_on_lanes(
+                len(lanes.numbers),
+                *(lanes.table.address, self._pieces.address, given.address, centers.address),
+                *(placed, elapsed, columns.address),
+            )
         )
-        self._pieces = np.concatenate((self._pieces, *pieces))
-        self._of_lane = np.concatenate((self._of_lane, of_lane), axis=1)
-        self._scale = np.concatenate((self._scale, [1.0 / table.spacing for table in new]))
-        self._stacked = len(self.tables)
+
+    def _add(self, tables: list[LaneTable]) -> None:
+        pieces = [_pieces(table) for table in tables]
+        counts = np.array([len(rows) for rows in pieces])
+        first = len(self._pieces.numbers) + np.cumsum(counts) - counts
+        directions, spacings = zip(*((t.direction, t.spacing) for t in tables), strict=True)
+        rows = np.array([first, counts - 1, directions, 1.0 / np.array(spacings)])
+        self._pieces = kernels.Table(np.concatenate((self._pieces.numbers, *pieces)))
+        self._of_lane = np.concatenate((self._of_lane, rows), axis=1)
+        new = np.array([table.lane for table in tables], dtype=np.intp)
+        self._route_lanes = np.concatenate((self._route_lanes, new))
+        self._numbers.update((table.id, len(self.tables) + k) for k, table in enumerate(tables))
+        self.tables += tables
 
 
 def _pieces(table: LaneTable) -> FloatArray:

@@ -154,6 +154,8 @@ class EventRunner:
 
     def step(self, time: float, ego_station: float | None) -> None:
         """Ends the events that are over and begins those that are due; see the controller."""
+        if not (self._active or self._waiting or self._pending):
+            return
         over = [undo for until, undo in self._active if until <= time + ROUNDING]
         self._active = [entry for entry in self._active if entry[0] > time + ROUNDING]
         for undo in over:

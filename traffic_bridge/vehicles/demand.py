@@ -110,6 +110,7 @@ class Demand:
         self._vehicles = vehicles
         self._config = config
         self._rng = rng
+        self._probability = config.probability * config.step_length
         self._count = 0
         kinds, weights = zip(*config.mix, strict=True)
         self._kinds = list(kinds)
@@ -174,7 +175,7 @@ class Demand:
 
     def spawn(self, ego_station: float | None) -> None:
         """Inserts the vehicles that arrive in one step, except near the ego."""
-        probability = self._config.probability * self._config.step_length
+        probability = self._probability
         if probability <= 0.0:
             return
         if self._map is not None:
@@ -182,12 +183,12 @@ class Demand:
         for way, entrance in enumerate(self._entrances):
             if not entrance:
                 continue
-            arrivals = self._rng.random(len(entrance)) < probability
-            if not arrivals.any():
+            draws = self._rng.random(len(entrance)).tolist()
+            if min(draws) >= probability:
                 continue
             near = self._is_near(ego_station, float(entrance[0].station[0]))
-            for table, arrives in zip(entrance, arrivals, strict=True):
-                if arrives:
+            for table, draw in zip(entrance, draws, strict=True):
+                if draw < probability:
                     kind, desired = self._draw(table.lane, self._rng)
                     if not near:
                         route = "along.0" if way == 0 else "against.0"

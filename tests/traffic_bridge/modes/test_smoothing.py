@@ -1,6 +1,16 @@
 import numpy as np
+import pytest
 
-from traffic_bridge.modes.smoothing import LateralSmoother, quintic
+from traffic_bridge.modes.smoothing import (
+    REACH,
+    SIDE_MARGIN,
+    SIDEWAYS,
+    Box,
+    LateralSmoother,
+    Shift,
+    _Boxes,
+    quintic,
+)
 
 SIZE = np.array([[4.7, 1.85]])
 
@@ -135,3 +145,32 @@ def test_lateral_speed_of_a_slow_vehicle_is_continuous_and_limited_by_its_speed(
         sideways.append(now)
         last = now
     assert max(sideways) > 0.3
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_vehicles_beside_are_those_that_the_conditions_name_one_by_one(seed):
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(1, 40))
+    station, offset = rng.uniform(0.0, 250.0, count), rng.choice([0.0, 2.0, 3.75, 7.5], count)
+    direction, speed = rng.integers(-1, 2, count), rng.uniform(0.0, 30.0, count)
+    size = np.array([rng.uniform(4.0, 16.0, count), rng.uniform(1.7, 2.6, count)])
+    own = int(rng.integers(count))
+    obstacle = Box(station[own], offset[own] + 0.5, 3.0, 16.0, 2.5)
+    shift = Shift(own, 0.7, 0.0, 0.0)
+    boxes = _Boxes((station, offset, direction), speed, size, [shift], [obstacle])
+    box, aim = boxes.box(own), boxes.aim(own)
+    assert box.offset == offset[own] + direction[own] * 0.7
+    others = [boxes.box(k) for k in range(count) if k != own and direction[k] != 0]
+    near = [
+        other
+        for other in others
+        if abs(other.offset - box.offset) < SIDEWAYS and abs(other.station - box.station) < REACH
+    ]
+    expected = [
+        other
+        for other in [*near, obstacle]
+        if abs(other.offset - box.offset)
+        < 0.5 * (other.width + box.width) + SIDE_MARGIN
+        <= abs(other.offset - aim)
+    ]
+    assert boxes.beside(box, aim) == expected

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from iits_mj.commands.bench_environments import environments, import_time, scaling
+from iits_mj.commands.bench.environments import environments, import_time, scaling
 
 
 @pytest.mark.parametrize(

@@ -12,11 +12,9 @@ import contextlib
 import copy
 import dataclasses
 import functools
-import gc
-import math
 import multiprocessing
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -25,6 +23,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from iits_mj.analytic.tire import Motion, Surface, Tires
+from iits_mj.commands.bench.clocks import MICROSECONDS, Play, best, in_turns
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings
 from iits_mj.core.timing import CONTROL_PERIOD
@@ -37,46 +36,10 @@ from iits_mj.truck.fleet import TruckFleet
 from iits_mj.truck.placement import TruckPlacement
 from traffic_bridge import Mirror
 
-MICROSECONDS = 1e6
 STATION, SPEED, PEDAL = 100.0, 15.0, 0.4  # of the truck on the highway [m], [m/s], 1
 # Numbers of a wheel in the state of the tire plugin, and the place of the lost share of pressure.
 _WHEEL_STATE, _PUNCTURE = 17, 16
 _FLAT_FRICTION = 0.8
-
-Play = Callable[[], object]
-
-
-def best(function: Play, rounds: int, clock: Callable[[], float] = time.perf_counter) -> float:
-    """Returns the least time of a call [s], by default wall time."""
-    return in_turns({"": function}, rounds, clock)[""]
-
-
-def in_turns(
-    functions: Mapping[str, Play],
-    rounds: int,
-    clock: Callable[[], float] = time.thread_time,
-) -> dict[str, float]:
-    """Returns the least time of a call of each function [s], by default processor time."""
-    least = dict.fromkeys(functions, math.inf)
-    with no_collection():
-        for _ in range(rounds):
-            for name, function in functions.items():
-                start = clock()
-                function()
-                least[name] = min(least[name], clock() - start)
-    return least
-
-
-@contextlib.contextmanager
-def no_collection() -> Iterator[None]:
-    """Switches Python's garbage collector off during a measurement, as `timeit` does."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
 
 
 def physics(payload: float = MAX_PAYLOAD, threads: int = 2, rounds: int = 10) -> Findings:

@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from iits_mj.commands import bench_physics
+from iits_mj.commands.bench import clocks
+from iits_mj.commands.bench import physics as bench_physics
 from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
 
@@ -43,7 +44,7 @@ def test_a_semitrailer_with_other_axles_stands_still(count):
 
 def test_the_smallest_time_of_functions_in_turns_counts():
     ticks = iter([0.0, 3.0, 10.0, 11.0, 20.0, 21.5, 30.0, 34.0])
-    least = bench_physics.in_turns({"a": int, "b": int}, 2, lambda: next(ticks))
+    least = clocks.in_turns({"a": int, "b": int}, 2, lambda: next(ticks))
     assert least == {"a": 1.5, "b": 1.0}
 
 

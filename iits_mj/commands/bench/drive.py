@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from controllers import decision
-from iits_mj.commands.clocks import no_collection
+from iits_mj.commands.bench.clocks import no_collection
 from iits_mj.core.messages import EgoFootprint
 from iits_mj.core.results import Findings
 from iits_mj.core.timing import TIMESTEP

@@ -1,0 +1,53 @@
+"""Measure computing times: physics, threads, J1939 frames, traffic, whole drives, environments.
+
+Times depend on the machine; most bounds apply to ratios, which hardly do. Each figure is the best
+of several rounds, because other work on the machine can only make a round slower.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from iits_mj.commands.bench.drive import drives
+from iits_mj.commands.bench.environments import environments, import_time
+from iits_mj.commands.bench.interface import interface
+from iits_mj.commands.bench.physics import physics
+from iits_mj.commands.bench.traffic import traffic
+from iits_mj.commands.output import ResultOptions, finish
+from iits_mj.core import options as option_fields
+from iits_mj.core.options import option
+from iits_mj.core.results import Results
+from iits_mj.parameters import payload_option
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(ResultOptions):
+    """Flags of `iits-mj bench`."""
+
+    payload: float = payload_option()
+    threads: int = option(2, help="number of threads of the rollout", low=1, high=256)
+    traffic: bool = option(True, help="measure SUMO traffic and a whole drive, too")
+    seed: int = option(0, help="seed of the traffic", low=0, high=2**31 - 1)
+    quick: bool = option(False, help="fewer rounds, within a minute")
+
+    def __post_init__(self) -> None:
+        option_fields.check(self)
+
+
+def run(options: Options) -> int:
+    """Measures and prints; returns the exit code."""
+    return finish(options, lambda: measure(options))
+
+
+def measure(options: Options) -> Results:
+    """Returns all figures."""
+    results = Results("bench", options.seed)
+    rounds = 3 if options.quick else 10
+    results.add("", physics(options.payload, options.threads, rounds))
+    results.add("", interface(2 * rounds))
+    if options.traffic:
+        results.add("", traffic(2 * rounds))
+        results.add("", drives(options.quick))
+    results.add("", environments(2 * rounds))
+    results.add("", import_time(rounds))
+    return results
