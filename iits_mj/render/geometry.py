@@ -242,9 +242,7 @@ def _turned(profile: list[tuple[float, float, float, float]]) -> tuple[Floats, I
 
 def _arc(radius: float, center: float, start: float, end: float) -> list[tuple[float, ...]]:
     angles = np.linspace(start, end, _STACKS + 1)
-    return [
-        (radius * np.cos(a), center + radius * np.sin(a), np.cos(a), np.sin(a)) for a in angles
-    ]
+    return [(radius * np.cos(a), center + radius * np.sin(a), np.cos(a), np.sin(a)) for a in angles]
 
 
 def _cylinder(model: mujoco.MjModel, geom: int) -> tuple[Floats, Indices]:
@@ -285,7 +283,16 @@ def _plane(model: mujoco.MjModel, geom: int) -> tuple[Floats, Indices]:
     x, y = (grid.ravel() for grid in np.meshgrid(half[0] * line, half[1] * line))
     repeat = plane_repeat(model, geom)
     points = np.stack(
-        [x, y, 0 * x, 0 * x, 0 * x, 0 * x + 1, 0.5 * repeat[0] * x - 0.5, -0.5 * repeat[1] * y - 0.5],
+        [
+            x,
+            y,
+            0 * x,
+            0 * x,
+            0 * x,
+            0 * x + 1,
+            0.5 * repeat[0] * x - 0.5,
+            -0.5 * repeat[1] * y - 0.5,
+        ],
         axis=1,
     )
     a = (np.arange(_PLANE_CELLS)[:, None] * (_PLANE_CELLS + 1) + np.arange(_PLANE_CELLS)).ravel()

@@ -39,6 +39,10 @@ def follow(window: Any, model: mujoco.MjModel, prefix: str = "") -> None:
     window.cam.azimuth = 180.0
 
 
+Boxes = tuple[NDArray[np.float64], NDArray[np.float32]]
+"""Half-sizes times axes as columns, and center, (n, 3, 4); color with alpha, emission, specular and
+shininess from 0 to 128, (n, 7)."""
+VERSION = (4, 3)  # of OpenGL
 PACKAGES = "libegl1 libgl1-mesa-dri libopengl0"
 SIZE_MIN, SIZE_MAX = 64, 4096
 # Static geoms beyond these distances [m] are not drawn.
@@ -73,7 +77,7 @@ def make_context(width: int, height: int) -> Any:
     """Returns a new OpenGL context, by EGL unless the variable MUJOCO_GL names another backend.
 
     Raises:
-      RenderError: OpenGL is missing; the message has the Debian packages that contain it.
+      RenderError: OpenGL is too old, or missing; the message has the Debian packages with it.
     """
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
     if wanted in ("disable", "disabled", "off", "false", "0"):
@@ -85,6 +89,12 @@ def make_context(width: int, height: int) -> Any:
             from mujoco.egl import GLContext
         context = GLContext(width, height)
         context.make_current()
+        # PyOpenGL must not be loaded before the context has chosen its platform.
+        from OpenGL import GL
+
+        version = tuple(
+            int(GL.glGetIntegerv(n)) for n in (GL.GL_MAJOR_VERSION, GL.GL_MINOR_VERSION)
+        )
     # PyOpenGL raises errors of many types: AttributeError on None, ImportError, GLError.
     except Exception as error:
         remedy = f"on Debian or Ubuntu: apt-get install {PACKAGES}"
@@ -96,6 +106,9 @@ def make_context(width: int, height: int) -> Any:
         raise RenderError(
             f"no offscreen OpenGL ({type(error).__name__}: {error}); {remedy}"
         ) from error
+    if version < VERSION:
+        context.free()
+        raise RenderError(f"OpenGL {version[0]}.{version[1]} is too old: 4.3 is needed")
     return context
 
 
@@ -126,7 +139,6 @@ class Offscreen(Closing):
         self._model = model
         self._gl: Any = make_context(self.width, self.height)
         try:
-            # PyOpenGL must not be loaded before the context has chosen its platform.
             from iits_mj.render.painter import Painter
 
             self._geometry = Geometry.of(model)
@@ -147,9 +159,11 @@ class Offscreen(Closing):
         part = geometry.geom[:-1]
         self._box = len(part)
         material = model.geom_matid[part]
-        texture = model.mat_texid[material, int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] if (
-            model.nmat
-        ) else np.full(len(part), -1)
+        texture = (
+            model.mat_texid[material, int(mujoco.mjtTextureRole.mjTEXROLE_RGB)]
+            if (model.nmat)
+            else np.full(len(part), -1)
+        )
         flat = texture >= 0
         flat[flat] = model.tex_type[texture[flat]] == mujoco.mjtTexture.mjTEXTURE_2D
         mesh = model.geom_dataid[part]
@@ -197,18 +211,11 @@ class Offscreen(Closing):
         if self._sun is not None:
             self._to_sun = -data.light_xdir[self._sun]
             self._light = self._sun_view(data.light_xpos[self._sun] - eye)
-        self._boxes: tuple[NDArray[np.float64], NDArray[np.float32]] = (
-            np.empty((0, 3, 4)),
-            np.empty((0, 7), np.float32),
-        )
+        self._boxes: Boxes = (np.empty((0, 3, 4)), np.empty((0, 7), np.float32))
 
-    def add_boxes(self, places: NDArray[np.float64], looks: NDArray[np.float32]) -> None:
-        """Adds boxes without shadows to the next picture.
-
-        Args:
-          places: half-sizes times axes as columns, and center, (n, 3, 4).
-          looks: color with alpha, emission, specular, shininess, (n, 7).
-        """
+    def add_boxes(self, boxes: Boxes) -> None:
+        """Adds boxes without shadows to the next picture."""
+        places, looks = boxes
         relative = places.copy()
         relative[:, :, 3] -= self._eye
         self._boxes = (relative, looks)
@@ -228,7 +235,11 @@ class Offscreen(Closing):
         beyond = np.abs(seen[:, :2]) - seen[:, 2:] * half
         visible = (beyond <= radius[:, None] * np.sqrt(1.0 + half**2)).all(axis=1)
         away = np.linalg.norm(self._places[:, :, 3], axis=1)
-        visible &= (seen[:, 2] > near - radius) & (seen[:, 2] < far + radius) & (away <= self._reach)[self._part]
+        visible &= (
+            (seen[:, 2] > near - radius)
+            & (seen[:, 2] < far + radius)
+            & (away <= self._reach)[self._part]
+        )
         pixel = 2.0 * slope / self.height * np.maximum(distance - radius, near)
         coarse = pixel > CELL
         shown = np.flatnonzero(visible & self._opaque)

@@ -18,8 +18,6 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import RenderError
 from iits_mj.render.geometry import Floats, Geometry
 
-VERSION = (4, 3)
-
 # The light of each vertex, as OpenGL's fixed functions compute it: the camera's lamp and what a
 # material emits in `base`, the sun in `sunlit`, which shadows remove.
 _VERTEX = """#version 430
@@ -190,7 +188,7 @@ class Painter:
       size: of the pictures; lighting: of the scene.
 
     Raises:
-      RenderError: OpenGL is too old, or refuses the size.
+      RenderError: OpenGL refuses the size.
     """
 
     def __init__(
@@ -200,10 +198,6 @@ class Painter:
         size: tuple[int, int],
         lighting: Lighting,
     ) -> None:
-        version = (GL.glGetIntegerv(GL.GL_MAJOR_VERSION), GL.glGetIntegerv(GL.GL_MINOR_VERSION))
-        if version < VERSION:
-            found = ".".join(str(int(number)) for number in version)
-            raise RenderError(f"OpenGL {found} is too old: 4.3 is needed")
         self._size = size
         self._lighting = lighting
         # As in the indirect commands of OpenGL: count, instances, first index, vertex, instance.
@@ -273,9 +267,7 @@ class Painter:
         if count := len(shot.transparent):
             commands[-count:, 4] = shot.instances
         GL.glBindBuffer(GL.GL_DRAW_INDIRECT_BUFFER, self._indirect)
-        GL.glBufferData(
-            GL.GL_DRAW_INDIRECT_BUFFER, commands.nbytes, commands, GL.GL_STREAM_DRAW
-        )
+        GL.glBufferData(GL.GL_DRAW_INDIRECT_BUFFER, commands.nbytes, commands, GL.GL_STREAM_DRAW)
         groups, start = {}, 0
         for name, parts in chosen.items():
             groups[name] = (start, len(parts))
@@ -375,9 +367,7 @@ class Painter:
         ):
             GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, name)
             GL.glRenderbufferStorage(GL.GL_RENDERBUFFER, kind, *size)
-            GL.glFramebufferRenderbuffer(
-                GL.GL_FRAMEBUFFER, attachment, GL.GL_RENDERBUFFER, name
-            )
+            GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, attachment, GL.GL_RENDERBUFFER, name)
         if GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER) != GL.GL_FRAMEBUFFER_COMPLETE:
             raise RenderError(f"OpenGL refuses a {size[0]}x{size[1]} picture")
         GL.glActiveTexture(GL.GL_TEXTURE1)
