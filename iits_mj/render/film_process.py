@@ -101,6 +101,11 @@ class FilmProcess(Finishing, Observer):
             thread.start()
         self._messages.put(pickle.dumps(settings))
 
+    @property
+    def pid(self) -> int:
+        """Number of the other process."""
+        return self._process.pid
+
     def check(self) -> None:
         """Waits until the process is ready to draw.
 

@@ -128,8 +128,8 @@ def _merged(points: Floats) -> tuple[Floats, IntArray, IntArray]:
       normals apart; the merged vertex of each vertex; its cube.
     """
     _, cube = np.unique(_numbers(np.floor(points[:, :3] / CELL)), return_inverse=True)
-    places = np.stack([np.bincount(cube, points[:, i]) for i in range(3)], 1)
-    places /= np.bincount(cube)[:, None]
+    sums = [np.bincount(cube, points[:, i]) for i in range(3)]
+    places = np.stack(sums, axis=1) / np.bincount(cube)[:, None]
     side = _numbers(np.round(1.5 * points[:, 3:6]))
     key = cube.astype(np.int64) * (side.max() + 1) + side
     _, chosen, vertex = np.unique(key, return_index=True, return_inverse=True)
@@ -175,12 +175,9 @@ def _split(points: Floats, corners: Indices) -> list[Indices]:
 
 
 def _mesh(model: mujoco.MjModel, mesh: int) -> tuple[Floats, Indices]:
-    def rows(values: NDArray[np.generic], first: int, count: int) -> NDArray[np.generic]:
-        return values[first : first + count]
-
     first, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-    corner = rows(model.mesh_face, first, count)
-    normal_of = rows(model.mesh_facenormal, first, count)
+    faces = slice(first, first + count)
+    corner, normal_of = model.mesh_face[faces], model.mesh_facenormal[faces]
     points = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
     normals = model.mesh_normal[model.mesh_normaladr[mesh] :][: model.mesh_normalnum[mesh]]
     coordinates = np.zeros((1, 2), np.float32)
@@ -188,8 +185,8 @@ def _mesh(model: mujoco.MjModel, mesh: int) -> tuple[Floats, Indices]:
     textured = model.mesh_texcoordadr[mesh] >= 0
     if textured:
         start = model.mesh_texcoordadr[mesh]
-        coordinates = rows(model.mesh_texcoord, start, model.mesh_texcoordnum[mesh])
-        coordinate_of = rows(model.mesh_facetexcoord, first, count)
+        coordinates = model.mesh_texcoord[start:][: model.mesh_texcoordnum[mesh]]
+        coordinate_of = model.mesh_facetexcoord[faces]
     else:
         a, b, c = (points[corner[:, i]] for i in range(3))
         flat = np.cross(b - a, c - a)
@@ -208,7 +205,8 @@ def _mesh(model: mujoco.MjModel, mesh: int) -> tuple[Floats, Indices]:
 
 
 def _box(size: FloatArray) -> tuple[Floats, Indices]:
-    vertices, corners = [], []
+    vertices: list[list[float]] = []
+    corners: list[list[int]] = []
     for axis in range(3):
         for sign in (-1.0, 1.0):
             normal = sign * np.eye(3)[axis]
@@ -220,7 +218,7 @@ def _box(size: FloatArray) -> tuple[Floats, Indices]:
     return np.array(vertices, np.float32), np.array(corners, np.uint32)
 
 
-def _turned(profile: list[tuple[float, float, float, float]]) -> tuple[Floats, Indices]:
+def _turned(profile: list[tuple[float, ...]]) -> tuple[Floats, Indices]:
     """Returns the surface of a profile (radius, z, normal radius, normal z) turned around z.
 
     The profile runs upwards on the outer side.

@@ -47,6 +47,7 @@ PACKAGES = "libegl1 libgl1-mesa-dri libopengl0"
 SIZE_MIN, SIZE_MAX = 64, 4096
 # Static geoms beyond these distances [m] are not drawn.
 DRAW_DISTANCE = {"fine": 900.0, "coarse": 4000.0}
+_DEFAULT_COLOR = (0.5, 0.5, 0.5, 1.0)
 _FINE = ("steel", "post", "reflector", "trunk", "conifer", "leaves", "gravel", "marking")
 # The sky is this share of the largest distance away, as in MuJoCo, and hides what is beyond.
 SKY = 0.7
@@ -158,19 +159,7 @@ class Offscreen(Closing):
         self._looks = _looks(model)
         part = geometry.geom[:-1]
         self._box = len(part)
-        material = model.geom_matid[part]
-        texture = (
-            model.mat_texid[material, int(mujoco.mjtTextureRole.mjTEXROLE_RGB)]
-            if (model.nmat)
-            else np.full(len(part), -1)
-        )
-        flat = texture >= 0
-        flat[flat] = model.tex_type[texture[flat]] == mujoco.mjtTexture.mjTEXTURE_2D
-        mesh = model.geom_dataid[part]
-        is_mesh = model.geom_type[part] == mujoco.mjtGeom.mjGEOM_MESH
-        mapped = model.geom_type[part] == mujoco.mjtGeom.mjGEOM_PLANE
-        mapped[is_mesh] = model.mesh_texcoordadr[mesh[is_mesh]] >= 0
-        self._texture = np.where((material >= 0) & flat & mapped, texture, -1)
+        self._texture = _textures(model)[part]
         self._part = part
         alpha = self._looks[part, 3]
         drawn = (model.geom_group[part] <= _LAST_GROUP) & (alpha > 0.0)
@@ -256,7 +245,8 @@ class Offscreen(Closing):
         view[0, :3] = self._axes[0] / half[0]
         # Upside down: the first row of the picture is its top.
         view[1, :3] = -self._axes[1] / half[1]
-        view[2] = [*(-near / (far - near) * self._axes[2]), near * far / (far - near)]
+        view[2, :3] = -near / (far - near) * self._axes[2]
+        view[2, 3] = near * far / (far - near)
         view[3, :3] = self._axes[2]
         axes = self._axes.T * [half[0], -half[1], 1.0]
         shot = Shot(
@@ -317,10 +307,26 @@ def _looks(model: mujoco.MjModel) -> NDArray[np.float32]:
     looks[made, 5] = model.mat_specular[which]
     looks[made, 6] = model.mat_shininess[which]
     # A geom's own color counts where it is not MuJoCo's default.
-    plain = made & (model.geom_rgba == np.float32([0.5, 0.5, 0.5, 1.0])).all(axis=1)
+    plain = made & (model.geom_rgba == _DEFAULT_COLOR).all(axis=1)
     looks[plain, :4] = model.mat_rgba[material[plain]]
     looks[:, 6] *= 128.0
     return looks
+
+
+def _textures(model: mujoco.MjModel) -> NDArray[np.int64]:
+    """Returns the number of the 2D texture on each geom, -1 without one."""
+    found = np.full(model.ngeom, -1)
+    made = np.flatnonzero(model.geom_matid >= 0)
+    role = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
+    found[made] = model.mat_texid[model.geom_matid[made], role]
+    for geom in np.flatnonzero(found >= 0):
+        mesh, kind = model.geom_dataid[geom], model.geom_type[geom]
+        mapped = kind == mujoco.mjtGeom.mjGEOM_PLANE
+        if kind == mujoco.mjtGeom.mjGEOM_MESH:
+            mapped = model.mesh_texcoordadr[mesh] >= 0
+        if not mapped or model.tex_type[found[geom]] != mujoco.mjtTexture.mjTEXTURE_2D:
+            found[geom] = -1
+    return found
 
 
 def _lighting(model: mujoco.MjModel, sun: int | None) -> Any:

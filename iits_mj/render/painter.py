@@ -7,14 +7,13 @@ a graphics card that takes about three times as long as the one pass here.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
 
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import BoolArray, FloatArray, IndexArray
 from iits_mj.core.errors import RenderError
 from iits_mj.render.geometry import Floats, Geometry
 
@@ -55,7 +54,8 @@ void main() {
   vec3 to_eye = -normalize(world.xyz);
   gl_Position = view * world;
   place = (light * world).xyz * vec3(0.5, 0.5, 1.0) + vec3(0.5, 0.5, 0.0);
-  vec3 own = (surface.x + ambient) * rgba.rgb + lit(n, -forward, to_eye, head_diffuse, head_specular);
+  vec3 own = (surface.x + ambient) * rgba.rgb;
+  own += lit(n, -forward, to_eye, head_diffuse, head_specular);
   base = vec4(min(own, 1.0), rgba.a);
   sunlit = min(lit(n, to_sun, to_eye, sun_diffuse, sun_specular), 1.0);
 #ifdef TEXTURED
@@ -163,16 +163,17 @@ class Shot:
       instances: of the transparent parts; coarse: whether to draw each part
         in its coarse form, as shadows are.
       view, light: from places to the picture and to the shadow map, (4, 4).
-      forward, to_sun: directions of view and to the sun; axes: from (right, up, 1) on the picture to the sky's directions.
+      forward, to_sun: directions of view and to the sun.
+      axes: from (right, down, 1) on the picture to the sky's directions, (3, 3).
     """
 
     places: Floats
     looks: Floats
-    opaque: dict[int, NDArray[np.int64]]
-    casters: NDArray[np.int64]
-    transparent: NDArray[np.int64]
-    instances: NDArray[np.int64]
-    coarse: NDArray[np.bool_]
+    opaque: dict[int, IndexArray]
+    casters: IndexArray
+    transparent: IndexArray
+    instances: IndexArray
+    coarse: BoolArray
     view: FloatArray
     light: FloatArray
     forward: FloatArray
@@ -258,11 +259,14 @@ class Painter:
 
     def _upload(self, shot: Shot) -> dict[object, tuple[int, int]]:
         """Sends the drawing commands; returns the place and number of each group's."""
-        chosen = {**shot.opaque, "casters": shot.casters, "transparent": shot.transparent}
+        chosen: dict[object, IndexArray] = {
+            **shot.opaque,
+            "casters": shot.casters,
+            "transparent": shot.transparent,
+        }
         part = np.concatenate(list(chosen.values()))
         coarse = shot.coarse[part]
-        start = sum(map(len, shot.opaque.values()))
-        coarse[start : start + len(shot.casters)] = True
+        coarse[: len(shot.casters)] = True
         commands = self._commands[coarse.astype(int), part]
         if count := len(shot.transparent):
             commands[-count:, 4] = shot.instances
