@@ -82,7 +82,7 @@ class FilmProcess(Finishing, Observer):
         settings = dataclasses.replace(settings, size=check_size(settings.size))
         one_of("camera", settings.camera, CAMERAS)
         self._messages: queue.Queue[bytes] = queue.Queue(BEHIND)
-        self._ready = threading.Event()
+        self._ready, self._loaded = threading.Event(), threading.Event()
         self._failure: Error | None = None
         self._ended = False
         with single_threaded_workers():
@@ -113,6 +113,11 @@ class FilmProcess(Finishing, Observer):
           InputError: the path is not allowed. RenderError: OpenGL or ffmpeg is missing.
         """
         self._ready.wait()
+        self._raise_failure()
+
+    def wait_until_loaded(self) -> None:
+        """Waits until the process has made its model; errors as of `check`."""
+        self._loaded.wait()
         self._raise_failure()
 
     def observe(self, simulation: LockStep | None, frame: DriveFrame) -> None:
@@ -192,12 +197,15 @@ class FilmProcess(Finishing, Observer):
                 if isinstance(answer, Error):
                     self._failure = answer
                 self._ready.set()
+                if answer == "loaded":
+                    self._loaded.set()
         if answer != "done" and self._failure is None:
             code = self._process.wait()
             self._failure = RenderError(
                 f"the process that draws {str(self.path)!r} ended with exit code {code}"
             )
         self._ready.set()
+        self._loaded.set()
 
 
 def main() -> None:
@@ -230,6 +238,7 @@ def _draw(messages: BinaryIO, answer: Any) -> None:
         model = load_truck(settings.config, route, Mirror()).model
         data = mujoco.MjData(model)
         with Film(Offscreen(model, settings.size), encoder, route, settings.camera) as film:
+            answer("loaded")
             while (message := pickle.load(messages)) is not None:
                 state, frame = message
                 mujoco.mj_setState(model, data, state, _STATE)

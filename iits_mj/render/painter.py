@@ -259,11 +259,10 @@ class Painter:
 
     def _upload(self, shot: Shot) -> dict[object, tuple[int, int]]:
         """Sends the drawing commands; returns the place and number of each group's."""
-        chosen: dict[object, IndexArray] = {
-            **shot.opaque,
-            "casters": shot.casters,
-            "transparent": shot.transparent,
-        }
+        chosen: dict[object, IndexArray] = {"casters": shot.casters}
+        for texture, parts in shot.opaque.items():
+            chosen[texture] = parts
+        chosen["transparent"] = shot.transparent
         part = np.concatenate(list(chosen.values()))
         coarse = shot.coarse[part]
         coarse[: len(shot.casters)] = True
