@@ -26,8 +26,8 @@ from iits_mj.j1939 import CommandReceiver
 from iits_mj.j1939.log_files import WRITTEN
 from iits_mj.render import plots
 from iits_mj.render.cameras import CAMERAS
+from iits_mj.render.film_process import FilmProcess, FilmSettings
 from iits_mj.render.pages import Page, Section, picture_section
-from iits_mj.render.video import VideoObserver
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveSummary, Observer, Simulation, Telemetry
 from iits_mj.simulation.drive_log import BusLog, check_given
@@ -162,9 +162,10 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
     """Runs the simulation; returns its outcome and whether it was interrupted."""
     interrupted, kept = False, job.kept
     with ExitStack() as stack:
-        simulation = stack.enter_context(
-            Simulation(job.config, driver=job.driver, visuals=kept.video)
-        )
+        # The process of the film loads while the simulation does. The film has the model with road
+        # and landscape; the drive is the same without.
+        film = stack.enter_context(_film(kept, job.config)) if kept.video else None
+        simulation = stack.enter_context(Simulation(job.config, driver=job.driver, visuals=False))
         telemetry = stack.enter_context(Telemetry(kept.out / "telemetry.csv"))
         observers: list[Observer] = [telemetry]
         log = None
@@ -176,10 +177,11 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
             from iits_mj.bag.mcap_file import BagWriter
 
             observers.append(stack.enter_context(BagWriter(kept.bag, simulation)))
-        # Opened last: an encoder that is abandoned writes to stderr.
-        film, notes = _open_film(kept, simulation)
+        notes: tuple[str, ...] = ()
         if film is not None:
-            observers.append(stack.enter_context(film))
+            film, notes = _checked(film)
+        if film is not None:
+            observers.append(film)
         if isinstance(simulation.driver, LogDriver):
             observers.append(simulation.driver)
         try:
@@ -213,15 +215,17 @@ def _receiver(simulation: Simulation) -> CommandReceiver | None:
     return simulation.path.receiver if simulation.path.over_bytes else None
 
 
-def _open_film(kept: Kept, simulation: Simulation) -> tuple[VideoObserver | None, tuple[str, ...]]:
+def _film(kept: Kept, config: DriveConfig) -> FilmProcess:
+    video = kept.out / "drive.mp4"
+    return FilmProcess(FilmSettings(video, config, kept.size, kept.camera, kept.fps))
+
+
+def _checked(film: FilmProcess) -> tuple[FilmProcess | None, tuple[str, ...]]:
     """Returns the writer of the video; None with a note for the report without OpenGL."""
-    if not kept.video:
-        return None, ()
     try:
-        film = VideoObserver(
-            kept.out / "drive.mp4", simulation.truck, kept.size, kept.camera, kept.fps
-        )
+        film.check()
     except RenderError as error:
+        film.abandon()
         print(f"iits-mj: driving without a video: {error}", file=sys.stderr)
         return None, (f"There is no video: {error}",)
     return film, ()

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from iits_mj.core.messages import PlanMode, Trajectory
+from iits_mj.render.offscreen import Boxes
 from iits_mj.road import Route
 
 if TYPE_CHECKING:
@@ -22,7 +23,8 @@ MODE_COLORS: dict[PlanMode, tuple[float, float, float]] = {
     PlanMode.ABORT: (1.00, 0.40, 0.10),
     PlanMode.EMERGENCY: (0.95, 0.10, 0.12),
 }
-HALF_WIDTH = 0.22  # [m]
+HALF_WIDTH, HALF_HEIGHT = 0.22, 0.012  # [m]
+SHINE = (0.25, 0.5, 64.0)  # emission, specular, shininess
 LIFT = 0.07
 PIECES_MAX = 60
 PIECE_LENGTH = 2.0
@@ -35,41 +37,27 @@ def mode_color(mode: PlanMode) -> tuple[int, int, int]:
     return round(255 * red), round(255 * green), round(255 * blue)
 
 
-def add_trajectory(scene: mujoco.MjvScene, trajectory: Trajectory, time: float) -> int:
-    """Adds a trajectory from `time` [s] on to a scene as a ribbon; returns the number of geoms.
-
-    `mjv_updateScene` must have filled the scene, whose size limits the number.
-    """
+def trajectory_boxes(trajectory: Trajectory, time: float) -> Boxes:
+    """Returns a ribbon along a trajectory from `time` [s] on, as `Offscreen.add_boxes` takes it."""
     points = _ribbon_points(trajectory, time)
-    color = MODE_COLORS[trajectory.mode]
-    added = 0
-    count = max(len(points) - 1, 1)
-    for index in range(len(points) - 1):
-        if scene.ngeom >= scene.maxgeom:
-            break
-        start, end = points[index], points[index + 1]
-        step = end - start
-        length = float(np.linalg.norm(step))
-        if length < 1e-6:
-            continue
-        x = step / length
-        y = np.array([-x[1], x[0], 0.0]) / max(np.hypot(x[0], x[1]), 1e-9)
-        matrix = np.column_stack([x, y, np.cross(x, y)])
-        fade = 0.85 - 0.6 * index / count
-        geom = scene.geoms[scene.ngeom]
-        mujoco.mjv_initGeom(
-            geom,
-            mujoco.mjtGeom.mjGEOM_BOX,
-            np.array([0.5 * length + 0.01, HALF_WIDTH, 0.012]),
-            0.5 * (start + end),
-            matrix.ravel(),
-            np.array([*(0.85 * value for value in color), fade], dtype=np.float32),
-        )
-        geom.emission = 0.25
-        geom.category = mujoco.mjtCatBit.mjCAT_DECOR
-        scene.ngeom += 1
-        added += 1
-    return added
+    steps = np.diff(points, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    count = max(len(steps), 1)
+    fade = 0.85 - 0.6 * np.arange(len(steps)) / count
+    kept = lengths >= 1e-6
+    steps, lengths = steps[kept], lengths[kept, None]
+    x = steps / lengths
+    y = np.stack([-x[:, 1], x[:, 0], 0.0 * x[:, 0]], axis=1)
+    y /= np.maximum(np.hypot(x[:, :1], x[:, 1:2]), 1e-9)
+    middle = 0.5 * (points[:-1] + points[1:])[kept]
+    places = np.stack(
+        [(0.5 * lengths + 0.01) * x, HALF_WIDTH * y, HALF_HEIGHT * np.cross(x, y), middle], axis=2
+    )
+    looks = np.empty((len(places), 7), np.float32)
+    looks[:, :3] = 0.85 * np.array(MODE_COLORS[trajectory.mode])
+    looks[:, 3] = fade[kept]
+    looks[:, 4:] = SHINE
+    return places, looks
 
 
 def _ribbon_points(trajectory: Trajectory, time: float) -> NDArray[np.float64]:
@@ -87,6 +75,18 @@ def _ribbon_points(trajectory: Trajectory, time: float) -> NDArray[np.float64]:
     points = np.stack([np.interp(wanted, way, path[:, i]) for i in range(3)], axis=-1)
     points[:, 2] += LIFT
     return points
+
+
+@contextlib.contextmanager
+def region(picture: NDArray[np.uint8], box: tuple[int, int, int, int]) -> Iterator[Image.Image]:
+    """Yields a part (left, top, width, height) of a picture to draw in; then writes it back."""
+    left, top, width, height = box
+    # The layout of small pictures may reach beyond their edge.
+    left, top = max(left, 0), max(top, 0)
+    part = picture[top : top + height, left : left + width]
+    image = Image.fromarray(part)
+    yield image
+    part[:] = np.asarray(image)
 
 
 Project = Callable[[float, float], tuple[float, float]]
@@ -107,16 +107,21 @@ VEHICLE_COLORS = {
 
 
 class LaneSketch:
-    """Draws lanes and vehicles, seen from above, into the lower right corner of pictures."""
+    """Draws lanes and vehicles, seen from above, for the lower right corner of pictures.
+
+    Args:
+      size: width and height of the pictures; scale: 1 for 960x540; route: with the lanes.
+
+    Attributes:
+      box: left, top, width and height of the sketch in the pictures.
+    """
 
     def __init__(self, size: tuple[int, int], scale: float, route: Route) -> None:
         self.route = route
         self._scale = scale
         width, height = round(WIDTH * scale), round(HEIGHT * scale)
-        self._corner = (
-            size[0] - width - round(MARGIN * scale),
-            size[1] - height - round(MARGIN * scale),
-        )
+        corner = (size[0] - width - round(MARGIN * scale), size[1] - height - round(MARGIN * scale))
+        self.box = (*corner, width, height)
         large = (4 * width, 4 * height)
         background = Image.new("RGBA", large, (0, 0, 0, 0))
         ImageDraw.Draw(background).rounded_rectangle(
@@ -127,8 +132,8 @@ class LaneSketch:
         self._pad = 6.0 * scale
 
     def draw(self, image: Image.Image, frame: DriveFrame) -> None:
-        """Draws the surroundings of the truck in this frame."""
-        image.paste(self._background, self._corner, self._background)
+        """Draws the surroundings of the truck in this frame into an image of the box's size."""
+        image.paste(self._background, (0, 0), self._background)
         pen = ImageDraw.Draw(image, "RGB")
         ego, route = frame.ego, self.route
         edges = route.lane_boundaries_at(ego.station)
@@ -146,7 +151,7 @@ class LaneSketch:
             share = (station - ego.station + BEHIND) / (AHEAD + BEHIND)
             y = self._height - self._pad - share * (self._height - 2 * self._pad)
             limit = (self._pad, self._height - self._pad)
-            return self._corner[0] + x, self._corner[1] + min(max(y, limit[0]), limit[1])
+            return x, min(max(y, limit[0]), limit[1])
 
         def path(offsets: np.ndarray) -> list[tuple[float, float]]:
             return [point(float(s), float(o)) for s, o in zip(stations, offsets, strict=True)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 import os
 import platform
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError, RenderError
+from iits_mj.render.geometry import CELL, Geometry, plane_repeat
 
 
 def check_display() -> None:
@@ -39,13 +39,21 @@ def follow(window: Any, model: mujoco.MjModel, prefix: str = "") -> None:
     window.cam.azimuth = 180.0
 
 
+Boxes = tuple[NDArray[np.float64], NDArray[np.float32]]
+"""Half-sizes times axes as columns, and center, (n, 3, 4); color with alpha, emission, specular and
+shininess from 0 to 128, (n, 7)."""
+VERSION = (4, 3)  # of OpenGL
 PACKAGES = "libegl1 libgl1-mesa-dri libopengl0"
 SIZE_MIN, SIZE_MAX = 64, 4096
-MAX_GEOMS = 6000
-# Static geoms beyond these distances [m] or behind the camera are not drawn.
+# Static geoms beyond these distances [m] are not drawn.
 DRAW_DISTANCE = {"fine": 900.0, "coarse": 4000.0}
+_DEFAULT_COLOR = (0.5, 0.5, 0.5, 1.0)
 _FINE = ("steel", "post", "reflector", "trunk", "conifer", "leaves", "gravel", "marking")
-_HIDDEN_GROUP = 5
+# The sky is this share of the largest distance away, as in MuJoCo, and hides what is beyond.
+SKY = 0.7
+_LAST_GROUP = 2
+# Geoms with a smaller alpha are blended.
+_OPAQUE = 0.995
 
 
 def check_size(size: tuple[int, int]) -> tuple[int, int]:
@@ -70,7 +78,7 @@ def make_context(width: int, height: int) -> Any:
     """Returns a new OpenGL context, by EGL unless the variable MUJOCO_GL names another backend.
 
     Raises:
-      RenderError: OpenGL is missing; the message has the Debian packages that contain it.
+      RenderError: OpenGL is too old, or missing; the message has the Debian packages with it.
     """
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
     if wanted in ("disable", "disabled", "off", "false", "0"):
@@ -82,6 +90,12 @@ def make_context(width: int, height: int) -> Any:
             from mujoco.egl import GLContext
         context = GLContext(width, height)
         context.make_current()
+        # PyOpenGL must not be loaded before the context has chosen its platform.
+        from OpenGL import GL
+
+        version = tuple(
+            int(GL.glGetIntegerv(n)) for n in (GL.GL_MAJOR_VERSION, GL.GL_MINOR_VERSION)
+        )
     # PyOpenGL raises errors of many types: AttributeError on None, ImportError, GLError.
     except Exception as error:
         remedy = f"on Debian or Ubuntu: apt-get install {PACKAGES}"
@@ -93,6 +107,9 @@ def make_context(width: int, height: int) -> Any:
         raise RenderError(
             f"no offscreen OpenGL ({type(error).__name__}: {error}); {remedy}"
         ) from error
+    if version < VERSION:
+        context.free()
+        raise RenderError(f"OpenGL {version[0]}.{version[1]} is too old: 4.3 is needed")
     return context
 
 
@@ -106,14 +123,13 @@ def _for_a_display() -> bool:
 class Offscreen(Closing):
     """Draws a model's data into arrays of pixels.
 
-    It hides distant geoms in a copy of the model; the model itself does not change.
+    It looks as MuJoCo's renderer with the shadows of one directional light, fog and a sky, without
+    reflections and antialiasing. Geoms of the groups 0 to 2 are drawn; height fields, flexes, skins
+    and sites are not.
 
     Args:
       model: to draw.
       size: width and height in pixels, rounded down to even numbers.
-
-    Attributes:
-      scene: MuJoCo's scene; `update` fills it, then the caller may add geoms.
 
     Raises:
       InputError: the size is out of range. RenderError: OpenGL is missing.
@@ -121,89 +137,215 @@ class Offscreen(Closing):
 
     def __init__(self, model: mujoco.MjModel, size: tuple[int, int]) -> None:
         self.width, self.height = check_size(size)
-        self._gl: Any = None
-        self._mjr: Any = None
-        self._gl = make_context(self.width, self.height)
-        self._model = copy.copy(model)
-        visual = self._model.vis.global_
-        visual.offwidth, visual.offheight = self.width, self.height
-        # Antialiasing takes twice as long without a GPU.
-        self._model.vis.quality.offsamples = 0
+        self._model = model
+        self._gl: Any = make_context(self.width, self.height)
         try:
-            self._mjr = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
-        except mujoco.FatalError as error:
-            self.close()
-            raise RenderError(
-                f"OpenGL refuses a {self.width}x{self.height} picture: {error}"
-            ) from error
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._mjr)
-        self.scene = mujoco.MjvScene(self._model, maxgeom=MAX_GEOMS)
-        flags = self.scene.flags
-        flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
-        flags[mujoco.mjtRndFlag.mjRND_FOG] = 1
-        flags[mujoco.mjtRndFlag.mjRND_HAZE] = 0
-        self._option = mujoco.MjvOption()
-        self._option.geomgroup[:] = [1, 1, 1, 0, 0, 0]
-        self._perturb = mujoco.MjvPerturb()
-        self._rect = mujoco.MjrRect(0, 0, self.width, self.height)
-        self._pixels = np.empty((self.height, self.width, 3), dtype=np.uint8)
-        self._prepare_culling()
+            from iits_mj.render.painter import Painter
 
-    def _prepare_culling(self) -> None:
-        model = self._model
-        planes = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
-        self._static = np.flatnonzero((model.geom_bodyid == 0) & ~planes)
-        names = [model.geom(int(i)).name for i in self._static]
-        fine = [any(word in name for word in _FINE) for name in names]
+            self._geometry = Geometry.of(model)
+            self._prepare()
+            self._painter = Painter(
+                model, self._geometry, (self.width, self.height), _lighting(model, self._sun)
+            )
+        except BaseException:
+            self.close()
+            raise
+
+    def _prepare(self) -> None:
+        model, geometry = self._model, self._geometry
+        suns = model.light_active & model.light_castshadow
+        suns &= model.light_type == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+        self._sun = int(np.flatnonzero(suns)[0]) if suns.any() else None
+        self._looks = _looks(model)
+        part = geometry.geom[:-1]
+        self._box = len(part)
+        self._texture = _textures(model)[part]
+        self._part = part
+        alpha = self._looks[part, 3]
+        drawn = (model.geom_group[part] <= _LAST_GROUP) & (alpha > 0.0)
+        self._opaque = drawn & (alpha >= _OPAQUE)
+        self._transparent = drawn & ~self._opaque
+        # What has a texture is ground.
+        self._casting = drawn & (self._texture < 0)
+        names = [model.geom(i).name for i in range(model.ngeom)]
+        static = model.geom_bodyid == 0
+        fine = np.array([any(word in name for word in _FINE) for name in names], bool)
         reach = np.where(fine, DRAW_DISTANCE["fine"], DRAW_DISTANCE["coarse"])
-        self._radius = model.geom_rbound[self._static]
-        self._reach = reach + self._radius
-        self._group = model.geom_group[self._static].copy()
+        self._reach = np.where(static, reach + model.geom_rbound, np.inf)
+        # An infinite plane moves with the camera by whole tiles of its texture.
+        self._planes = [
+            (int(i), 2.0 / plane_repeat(model, int(i)))
+            for i in np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
+            if (model.geom_size[i, :2] <= 0.0).all()
+        ]
 
     def update(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> None:
-        """Fills the scene with the state of `data`, seen by `camera`."""
-        self._cull(data, camera)
-        mujoco.mjv_updateScene(
-            self._model,
-            data,
-            self._option,
-            self._perturb,
-            camera,
-            mujoco.mjtCatBit.mjCAT_ALL.value,
-            self.scene,
+        """Takes the state of `data`, seen by the free camera `camera`; removes added boxes."""
+        model, geometry = self._model, self._geometry
+        eye, forward = camera_pose(camera)
+        azimuth = math.radians(camera.azimuth)
+        right = np.array([math.sin(azimuth), -math.cos(azimuth), 0.0])
+        self._eye, self._axes = eye, np.stack([right, np.cross(right, forward), forward])
+        places = self._places = np.empty((model.ngeom, 3, 4))
+        places[:, :, :3] = data.geom_xmat.reshape(-1, 3, 3)
+        places[:, :, 3] = data.geom_xpos - eye
+        for geom, tile in self._planes:
+            across = -places[geom, :, 3] @ places[geom, :, :2]
+            places[geom, :, 3] += places[geom, :, :2] @ (np.round(across / tile) * tile)
+        part = self._part
+        self._center = places[part, :, 3] + np.einsum(
+            "ijk,ik->ij", places[part, :, :3], geometry.center[:-1]
         )
+        self._light, self._to_sun = np.eye(4), np.zeros(3)
+        if self._sun is not None:
+            self._to_sun = -data.light_xdir[self._sun]
+            self._light = self._sun_view(data.light_xpos[self._sun] - eye)
+        self._boxes: Boxes = (np.empty((0, 3, 4)), np.empty((0, 7), np.float32))
+
+    def add_boxes(self, boxes: Boxes) -> None:
+        """Adds boxes without shadows to the next picture."""
+        places, looks = boxes
+        relative = places.copy()
+        relative[:, :, 3] -= self._eye
+        self._boxes = (relative, looks)
 
     def draw(self) -> NDArray[np.uint8]:
-        """Returns the scene as a new array of pixels (height, width, 3), top row first."""
+        """Returns a new array of pixels (height, width, 3), top row first."""
+        from iits_mj.render.painter import Shot
+
         self._gl.make_current()
-        mujoco.mjr_render(self._rect, self.scene, self._mjr)
-        mujoco.mjr_readPixels(self._pixels, None, self._rect, self._mjr)
-        return np.ascontiguousarray(self._pixels[::-1])
+        model, radius = self._model, self._geometry.radius[:-1]
+        distance = np.sqrt(np.einsum("ij,ij->i", self._center, self._center))
+        near, far = self._range()
+        slope = math.tan(math.radians(0.5 * model.vis.global_.fovy))
+        half = np.array([slope * self.width / self.height, slope])
+        seen = self._center @ self._axes.T
+        # A part is outside when its sphere is beyond one of the five nearest sides of the view.
+        beyond = np.abs(seen[:, :2]) - seen[:, 2:] * half
+        visible = (beyond <= radius[:, None] * np.sqrt(1.0 + half**2)).all(axis=1)
+        away = np.linalg.norm(self._places[:, :, 3], axis=1)
+        visible &= (
+            (seen[:, 2] > near - radius)
+            & (seen[:, 2] < far + radius)
+            & (away <= self._reach)[self._part]
+        )
+        pixel = 2.0 * slope / self.height * np.maximum(distance - radius, near)
+        coarse = pixel > CELL
+        shown = np.flatnonzero(visible & self._opaque)
+        texture = self._texture[shown]
+        behind = np.flatnonzero(visible & self._transparent)
+        behind = behind[np.argsort((distance - radius)[behind])]
+        count = len(self._boxes[0])
+        front = np.concatenate([self._part[behind], model.ngeom + np.arange(count)])
+        parts = np.concatenate([behind, np.full(count, self._box)])
+        in_light = self._center @ self._light[:3, :3].T + self._light[:3, 3]
+        wide = radius[:, None] * np.linalg.norm(self._light[:2, :3], axis=1)
+        casting = self._casting & (np.abs(in_light[:, :2]) < 1.0 + wide).all(1)
+        view = np.zeros((4, 4))
+        view[0, :3] = self._axes[0] / half[0]
+        # Upside down: the first row of the picture is its top.
+        view[1, :3] = -self._axes[1] / half[1]
+        view[2, :3] = -near / (far - near) * self._axes[2]
+        view[2, 3] = near * far / (far - near)
+        view[3, :3] = self._axes[2]
+        axes = self._axes.T * [half[0], -half[1], 1.0]
+        shot = Shot(
+            places=np.concatenate([self._places, self._boxes[0]]).astype(np.float32),
+            looks=np.concatenate([self._looks, self._boxes[1]]),
+            opaque={int(t): shown[texture == t] for t in np.unique(texture)},
+            casters=np.flatnonzero(casting),
+            # As MuJoCo draws them: from front to back, and from back to front.
+            transparent=np.concatenate([parts, parts[::-1]]),
+            instances=np.concatenate([front, front[::-1]]),
+            coarse=np.append(coarse, False),
+            view=view,
+            light=self._light,
+            forward=self._axes[2],
+            to_sun=self._to_sun,
+            axes=axes[[0, 2, 1]] * np.array([1.0, 1.0, -1.0])[:, None],
+        )
+        return self._painter.paint(shot)
 
     def close(self) -> None:
         """Frees the context; may be called again."""
-        if self._mjr is not None:
-            self._gl.make_current()
-            self._mjr.free()
-            self._mjr = None
         if self._gl is not None:
             self._gl.free()
             self._gl = None
 
-    def _cull(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> None:
-        """Hides static geoms that are far away or outside the view cone."""
-        eye, forward = camera_pose(camera)
-        relative = data.geom_xpos[self._static] - eye
-        along = relative @ forward
-        distance = np.sqrt(np.einsum("ij,ij->i", relative, relative))
-        beside = np.sqrt(np.maximum(distance**2 - along**2, 0.0))
-        half = math.radians(0.5 * self._model.vis.global_.fovy)
-        aspect = self.width / self.height
-        cone = math.atan(math.tan(half) * math.hypot(1.0, aspect)) + 0.05
-        # Hidden if the bounding sphere is outside the cone, with a margin of 40 m for shadows.
-        gap = beside * math.cos(cone) - along * math.sin(cone)
-        hidden = (distance > self._reach) | (gap > self._radius + 40.0)
-        self._model.geom_group[self._static] = np.where(hidden, _HIDDEN_GROUP, self._group)
+    def _range(self) -> tuple[float, float]:
+        """Returns the nearest and the largest distance that is drawn [m]."""
+        model = self._model
+        extent = model.stat.extent
+        return model.vis.map.znear * extent, SKY * model.vis.map.zfar * extent
+
+    def _sun_view(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns the matrix from places relative to the eye to the shadow map, (4, 4)."""
+        near, far = self._range()
+        clip = self._model.stat.extent * self._model.vis.map.shadowclip
+        forward = -self._to_sun
+        axis = np.array([0.0, 1.0, 0.0]) if abs(forward[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
+        up = np.cross(forward, axis)
+        up /= np.linalg.norm(up)
+        right = np.cross(forward, up)
+        found = np.eye(4)
+        found[0, :3], found[1, :3] = right / clip, up / clip
+        found[2, :3] = -forward / (far - near)
+        found[:3, 3] = -found[:3, :3] @ position
+        found[2, 3] += far / (far - near)
+        return found
+
+
+def _looks(model: mujoco.MjModel) -> NDArray[np.float32]:
+    """Returns color with alpha, emission, specular and shininess of each geom, (n, 7)."""
+    looks = np.zeros((model.ngeom, 7), np.float32)
+    looks[:, :4] = model.geom_rgba
+    looks[:, 5:] = 0.5
+    material = model.geom_matid
+    made = material >= 0
+    which = material[made]
+    looks[made, 4] = model.mat_emission[which]
+    looks[made, 5] = model.mat_specular[which]
+    looks[made, 6] = model.mat_shininess[which]
+    # A geom's own color counts where it is not MuJoCo's default.
+    plain = made & (model.geom_rgba == _DEFAULT_COLOR).all(axis=1)
+    looks[plain, :4] = model.mat_rgba[material[plain]]
+    looks[:, 6] *= 128.0
+    return looks
+
+
+def _textures(model: mujoco.MjModel) -> NDArray[np.int64]:
+    """Returns the number of the 2D texture on each geom, -1 without one."""
+    found = np.full(model.ngeom, -1)
+    made = np.flatnonzero(model.geom_matid >= 0)
+    role = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
+    found[made] = model.mat_texid[model.geom_matid[made], role]
+    for geom in np.flatnonzero(found >= 0):
+        mesh, kind = model.geom_dataid[geom], model.geom_type[geom]
+        mapped = kind == mujoco.mjtGeom.mjGEOM_PLANE
+        if kind == mujoco.mjtGeom.mjGEOM_MESH:
+            mapped = model.mesh_texcoordadr[mesh] >= 0
+        if not mapped or model.tex_type[found[geom]] != mujoco.mjtTexture.mjTEXTURE_2D:
+            found[geom] = -1
+    return found
+
+
+def _lighting(model: mujoco.MjModel, sun: int | None) -> Any:
+    from iits_mj.render.painter import Lighting
+
+    black = np.zeros(3, np.float32)
+    head = model.vis.headlight
+    extent = model.stat.extent
+    return Lighting(
+        ambient=head.ambient + (black if sun is None else model.light_ambient[sun]),
+        head_diffuse=head.diffuse,
+        head_specular=head.specular,
+        sun_diffuse=black if sun is None else model.light_diffuse[sun],
+        sun_specular=black if sun is None else model.light_specular[sun],
+        shadow_size=0 if sun is None else model.vis.quality.shadowsize,
+        fog=model.vis.rgba.fog[:3],
+        fog_range=(extent * model.vis.map.fogstart, extent * model.vis.map.fogend),
+        sky_radius=SKY * extent * model.vis.map.zfar,
+    )
 
 
 def camera_pose(camera: mujoco.MjvCamera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

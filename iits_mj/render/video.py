@@ -11,20 +11,23 @@ from collections.abc import Generator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.checks import one_of
 from iits_mj.core.context import Finishing
 from iits_mj.core.errors import InputError, RenderError
 from iits_mj.core.output_files import OutputFile
 from iits_mj.core.timing import TIMESTEP
-from iits_mj.render.cameras import FollowCamera
-from iits_mj.render.lane_sketch import add_trajectory
+from iits_mj.render.cameras import CAMERAS, FollowCamera
+from iits_mj.render.lane_sketch import trajectory_boxes
 from iits_mj.render.offscreen import Offscreen, check_size
 from iits_mj.render.overlay import Overlay
 from iits_mj.simulation.lock_step import LockStep, Observer
 
 if TYPE_CHECKING:
+    from iits_mj.road import Route
     from iits_mj.simulation import DriveFrame
     from iits_mj.truck import Truck
 
@@ -133,6 +136,66 @@ def _pipe(path: Path, size: tuple[int, int], fps: float) -> Generator[None, Any,
     return pipe
 
 
+def frame_period(fps: float) -> float:
+    """Returns the time between pictures [s], rounded to 2 ms.
+
+    Raises:
+      InputError: `fps` is not 1 to 50.
+    """
+    if not 1.0 <= fps <= 50.0:
+        raise InputError(f"fps {fps!r} is not allowed: use 1 to 50")
+    return round(1.0 / fps / TIMESTEP) * TIMESTEP
+
+
+class Film(Finishing):
+    """Draws a drive's pictures and encodes them.
+
+    Args:
+      offscreen, encoder: for pictures of the same size; closed with the film.
+      route: of the truck; camera: one of `iits_mj.render.cameras.CAMERAS`.
+      overlay: whether to draw the instruments.
+
+    Raises:
+      InputError: unknown camera.
+    """
+
+    def __init__(
+        self,
+        offscreen: Offscreen,
+        encoder: Mp4Encoder,
+        route: Route,
+        camera: str,
+        *,
+        overlay: bool = True,
+    ) -> None:
+        self.offscreen, self.encoder = offscreen, encoder
+        self._camera = FollowCamera(camera, route.tunnels)
+        self._overlay = Overlay(encoder.size, route) if overlay else None
+
+    def add(self, data: mujoco.MjData, frame: DriveFrame) -> None:
+        """Adds a picture of the state of `data`.
+
+        Raises:
+          RenderError: ffmpeg failed.
+        """
+        self.offscreen.update(data, self._camera.follow(data, frame.ego.station))
+        self.offscreen.add_boxes(trajectory_boxes(frame.trajectory, float(data.time)))
+        picture = self.offscreen.draw()
+        if self._overlay is not None:
+            picture = self._overlay.draw(picture, frame)
+        self.encoder.add(picture)
+
+    def close(self) -> None:
+        """Completes the video and frees OpenGL."""
+        self.offscreen.close()
+        self.encoder.close()
+
+    def abandon(self) -> None:
+        """Frees OpenGL and leaves no video."""
+        self.offscreen.close()
+        self.encoder.abandon()
+
+
 class VideoObserver(Finishing, Observer):
     """Observer that writes a video of a drive, with the instrument panel.
 
@@ -162,44 +225,34 @@ class VideoObserver(Finishing, Observer):
         *,
         overlay: bool = True,
     ) -> None:
-        if not 1.0 <= fps <= 50.0:
-            raise InputError(f"fps {fps!r} is not allowed: use 1 to 50")
-        self.period = round(1.0 / fps / TIMESTEP) * TIMESTEP
+        self.period = frame_period(fps)
         self._truck = truck
         size = check_size(size)
-        self._camera = FollowCamera(camera, truck.route.tunnels)
-        self._overlay = Overlay(size, truck.route) if overlay else None
+        one_of("camera", camera, CAMERAS)
         # OpenGL fails most often; an unused encoder would write to stderr when it is abandoned.
-        self._offscreen = Offscreen(truck.model, size)
+        offscreen = Offscreen(truck.model, size)
         try:
-            self._encoder = Mp4Encoder(path, size, 1.0 / self.period)
-            self.path = self._encoder.path
+            encoder = Mp4Encoder(path, size, 1.0 / self.period)
         except BaseException:
-            self._offscreen.close()
+            offscreen.close()
             raise
+        self.path = encoder.path
+        self._film = Film(offscreen, encoder, truck.route, camera, overlay=overlay)
 
     @property
     def frames(self) -> int:
         """Number of pictures so far."""
-        return self._encoder.frames
+        return self._film.encoder.frames
 
     def observe(self, simulation: LockStep | None, frame: DriveFrame) -> None:
         """Adds a picture of this instant; `simulation` is not used."""
         del simulation
-        data = self._truck.data
-        self._offscreen.update(data, self._camera.follow(data, frame.ego.station))
-        add_trajectory(self._offscreen.scene, frame.trajectory, float(data.time))
-        picture = self._offscreen.draw()
-        if self._overlay is not None:
-            picture = self._overlay.draw(picture, frame)
-        self._encoder.add(picture)
+        self._film.add(self._truck.data, frame)
 
     def close(self) -> None:
         """Completes the video and frees OpenGL."""
-        self._offscreen.close()
-        self._encoder.close()
+        self._film.close()
 
     def abandon(self) -> None:
         """Frees OpenGL and leaves no video."""
-        self._offscreen.close()
-        self._encoder.abandon()
+        self._film.abandon()

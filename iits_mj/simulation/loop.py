@@ -33,6 +33,7 @@ from iits_mj.simulation.lock_step import CommandPath, Driver, LockStep, Observer
 from iits_mj.simulation.parts import (
     check_start,
     load_map,
+    load_truck,
     make_recorder,
     make_stack,
     make_traffic,
@@ -85,19 +86,13 @@ class Simulation(LockStep):
         self.config = config
         self.route: Route = load_map(config.map).route()
         self.mirror = Mirror(visuals=visuals)
-
-        def edit(spec: mujoco.MjSpec) -> None:
-            self.mirror.add_to(spec)
-            if edit_spec is not None:
-                edit_spec(spec)
-
-        truck = Truck.load(
-            config.payload,
-            payload_height=config.payload_height,
-            route=self.route,
+        truck = load_truck(
+            config,
+            self.route,
+            self.mirror,
             timestep=timestep,
             visuals=visuals,
-            edit_spec=edit,
+            edit_spec=edit_spec,
         )
         check_start(config, self.route, truck.footprint)
         made: Driver

@@ -5,9 +5,12 @@ from __future__ import annotations
 import dataclasses
 import math
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import mujoco
 
 from controllers import decision
 from controllers.planning.planner import PlannerConfig
@@ -21,13 +24,16 @@ from controllers.planning.speed_reference import (
 from controllers.stack import Stack
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.xml_input import SIZE_LIMIT
 from iits_mj.simulation.config import DriveConfig, TruckStart
 from iits_mj.simulation.frame import END_MARGIN
+from iits_mj.truck import Truck
 from traffic_bridge import (
     InterSim,
+    Mirror,
     MixedSim,
     PureSim,
     Recorder,
@@ -79,6 +85,35 @@ def load_map(path: Path | None) -> RoadMap:
         if _LARGE_MAP < (size := path.stat().st_size) <= SIZE_LIMIT:
             print(f"iits-mj: reading {path} ({size / 2**20:.0f} MB)", file=sys.stderr, flush=True)
     return RoadMap.from_opendrive(path)
+
+
+def load_truck(
+    config: DriveConfig,
+    route: Route,
+    mirror: Mirror,
+    *,
+    timestep: float = TIMESTEP,
+    visuals: bool = True,
+    edit_spec: Callable[[mujoco.MjSpec], None] | None = None,
+) -> Truck:
+    """Returns the configured truck on the route, in a model with the traffic's bodies.
+
+    Bodies and joints do not depend on `visuals`.
+    """
+
+    def edit(spec: mujoco.MjSpec) -> None:
+        mirror.add_to(spec)
+        if edit_spec is not None:
+            edit_spec(spec)
+
+    return Truck.load(
+        config.payload,
+        payload_height=config.payload_height,
+        route=route,
+        timestep=timestep,
+        visuals=visuals,
+        edit_spec=edit,
+    )
 
 
 def make_recorder(config: DriveConfig, route: Route, footprint: EgoFootprint) -> Recorder:
