@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from iits_mj.commands.bench.drive import drives
 from iits_mj.commands.bench.environments import environments, import_time
+from iits_mj.commands.bench.film import film
 from iits_mj.commands.bench.interface import interface
 from iits_mj.commands.bench.physics import physics
 from iits_mj.commands.bench.traffic import traffic
@@ -26,7 +27,8 @@ class Options(ResultOptions):
 
     payload: float = payload_option()
     threads: int = option(2, help="number of threads of the rollout", low=1, high=256)
-    traffic: bool = option(True, help="measure SUMO traffic and a whole drive, too")
+    traffic: bool = option(True, help="measure SUMO traffic and whole drives, too")
+    film: bool = option(True, help="measure the film of a drive, too; needs OpenGL")
     seed: int = option(0, help="seed of the traffic", low=0, high=2**31 - 1)
     quick: bool = option(False, help="fewer rounds, within a minute")
 
@@ -48,6 +50,8 @@ def measure(options: Options) -> Results:
     if options.traffic:
         results.add("", traffic(2 * rounds))
         results.add("", drives(options.quick))
+    if options.film:
+        results.add("", film(rounds))
     results.add("", environments(2 * rounds))
     results.add("", import_time(rounds))
     return results

@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.commands.bench.clocks import MILLISECONDS
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import RenderError
 from iits_mj.core.results import Findings
@@ -24,7 +25,6 @@ from iits_mj.render.video import VideoObserver
 from iits_mj.simulation import DriveConfig, Simulation
 
 SIZE, DEFAULT_SIZE = (1280, 720), (960, 540)
-MILLISECONDS = 1e3
 PICTURES = 6
 FPS = 20.0
 
