@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import enum
 import functools
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields, make_dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -18,6 +19,25 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import in_range
 from iits_mj.core.neighbors import Neighbors
 from iits_mj.core.vehicles import TrackedVehicle as TrackedVehicle
+
+M = TypeVar("M")
+
+
+def positional(message: type[M]) -> Callable[..., M]:
+    """Returns a constructor of a frozen message that takes all fields in their order.
+
+    It takes a quarter of the time: the constructor of a frozen dataclass sets each field through
+    `object.__setattr__`, this one fills an open class of the same slots and then freezes it.
+    """
+    slots = [(each.name, each.type) for each in fields(message)]  # type: ignore[arg-type]
+    open_class = make_dataclass(message.__name__, slots, slots=True)
+
+    def make(*values: Any) -> M:
+        made: Any = open_class(*values)
+        made.__class__ = message
+        return made
+
+    return make
 
 
 class Decision(enum.IntEnum):

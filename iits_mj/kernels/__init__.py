@@ -16,7 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import PluginError
 from iits_mj.core.libraries import library_path
 
@@ -76,3 +78,18 @@ def address(array: np.ndarray[Any, Any]) -> int:
     if not array.flags.c_contiguous:
         raise ValueError("a kernel needs a contiguous array")
     return int(array.__array_interface__["data"][0])
+
+
+class Table:
+    """Constant numbers for kernels, with their address; a copy or pickle has its own address.
+
+    Args:
+      numbers: an array of any shape, stored as contiguous float64.
+    """
+
+    def __init__(self, numbers: ArrayLike) -> None:
+        self.numbers = np.ascontiguousarray(numbers, dtype=float)
+        self.address = address(self.numbers)
+
+    def __reduce__(self) -> tuple[type[Table], tuple[FloatArray]]:
+        return Table, (self.numbers,)

@@ -14,8 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from iits_mj import kernels
 from iits_mj.core.arrays import FloatArray, IndexArray
 from iits_mj.core.errors import InputError
+from iits_mj.kernels import Address, Integer, Real
 from iits_mj.road.seams import ContinuousChain, X, Y
 
 KNOT_SPACING = 0.5
@@ -29,13 +31,14 @@ _CURVATURE, _HEADING, _P = 8, 9, 10
 _ROWS = 11
 # Numbers of leading rows: those of the plane, and all polynomials.
 _PLANE, _ALL = 2, 4
-# Number of pieces that are cached as polynomials, far more than a truck covers.
-_PIECES_KEPT = 4096
 
-# Coefficients of powers 0 to 3 of the way through a piece, from 0 to 1.
-Coefficients = tuple[float, float, float, float]
-# Of x, y, z and superelevation; heading and curvature at the piece's start, the curvature's change.
-KnotPiece = tuple[Coefficients, Coefficients, Coefficients, Coefficients, float, float, float]
+# Look-ups at single places: table, then station and offset, or x, y and a station nearby.
+_evaluate = kernels.function("iits_line_evaluate", None, Address, Real, Real, Address)
+_height = kernels.function("iits_line_height", Real, Address, Real)
+_mean_grade = kernels.function("iits_line_mean_grade", Real, Address, Real, Real)
+_locate = kernels.function("iits_line_locate", Integer, Address, Real, Real, Real, Address)
+_Point = Real * 7
+_Place = Real * 2
 
 
 class RoadPoint(NamedTuple):
@@ -92,7 +95,10 @@ class ReferenceLine:
         knots[_P] = p
         self._knots = knots
         self._last = p.size - 2
-        self._pieces: dict[int, KnotPiece] = {}
+        table = np.zeros((p.size + 1, _ROWS))
+        table[0, :3] = self.length, self.spacing, self._last
+        table[1:] = knots.T
+        self.table = kernels.Table(table)
         stride = max(int(_COARSE_SPACING / self.spacing), 1)
         self._coarse_index = np.unique(np.append(np.arange(0, p.size, stride), p.size - 1))
         self._coarse = np.ascontiguousarray(knots[:2, self._coarse_index])
@@ -127,7 +133,9 @@ class ReferenceLine:
     def evaluate(self, station: ArrayLike, offset: ArrayLike = 0.0) -> RoadPoint:
         """Road points; shapes of station and offset are broadcast. Ends extend along tangents."""
         if isinstance(station, (float, int)) and isinstance(offset, (float, int)):
-            return RoadPoint._make(self._evaluate_scalar(float(station), float(offset)))
+            point = _Point()
+            _evaluate(self.table.address, station, offset, point)
+            return RoadPoint._make(point[:])
         station, offset = np.asarray(station, dtype=float), np.asarray(offset, dtype=float)
         if station.shape != offset.shape:
             station, offset = np.broadcast_arrays(station, offset)
@@ -157,9 +165,11 @@ class ReferenceLine:
 
     def height(self, station: float) -> float:
         """Height of the line at one station [m]; the fast form of `evaluate(station).z`."""
-        piece, t, beyond = self._at(station)
-        z, grade = _hermite(piece[2], t, self.spacing)
-        return z + beyond * grade
+        return float(_height(self.table.address, station))
+
+    def mean_grade(self, station: float, window: float) -> float:
+        """Mean grade over a window [m] about one station."""
+        return float(_mean_grade(self.table.address, station, window))
 
     def _pieces_at(self, station: FloatArray) -> tuple[IndexArray, FloatArray, FloatArray]:
         """Pieces at stations, the ways through them from 0 to 1, how far beyond an end [m]."""
@@ -186,56 +196,6 @@ class ReferenceLine:
         turns = np.round((angle - knot[_HEADING]) / _TURN)
         return np.asarray(angle - _TURN * turns)
 
-    def _at(self, station: float) -> tuple[KnotPiece, float, float]:
-        """The piece at a station, the way through it from 0 to 1, and how far beyond an end [m]."""
-        inside = station
-        if not 0.0 <= station <= self.length:
-            inside = min(max(station, 0.0), self.length)
-        position = inside / self.spacing
-        i = min(int(position), self._last)
-        piece = self._pieces.get(i)
-        if piece is None:
-            piece = self._piece(i)
-        return piece, position - i, station - inside
-
-    def _piece(self, i: int) -> KnotPiece:
-        """Returns the polynomials between knot i and the next one, and caches them."""
-        if len(self._pieces) >= _PIECES_KEPT:
-            self._pieces.clear()
-        h, pairs = self.spacing, self._knots[:, i : i + 2].tolist()
-        x, y, z, roll = map(_cubic, pairs[_VALUES], pairs[_SLOPES], (h, h, h, h))
-        curvature, following = pairs[_CURVATURE]
-        piece = x, y, z, roll, pairs[_HEADING][0], curvature, following - curvature
-        self._pieces[i] = piece
-        return piece
-
-    def _place(
-        self, piece: KnotPiece, t: float, beyond: float, offset: float
-    ) -> tuple[float, float, float, float, float, float]:
-        """x, y [m], heading [rad], its sine and cosine, and curvature [1/m]."""
-        h = self.spacing
-        x, dx = _hermite(piece[0], t, h)
-        y, dy = _hermite(piece[1], t, h)
-        heading = math.atan2(dy, dx)
-        heading -= _TURN * round((heading - piece[4]) / _TURN)
-        sine, cosine = math.sin(heading), math.cos(heading)
-        return (
-            x + beyond * cosine - offset * sine,
-            y + beyond * sine + offset * cosine,
-            heading,
-            sine,
-            cosine,
-            piece[5] + t * piece[6] if beyond == 0.0 else 0.0,
-        )
-
-    def _evaluate_scalar(self, station: float, offset: float) -> tuple[float, ...]:
-        piece, t, beyond = self._at(station)
-        x, y, heading, _, _, curvature = self._place(piece, t, beyond, offset)
-        z, grade = _hermite(piece[2], t, self.spacing)
-        roll, _ = _hermite(piece[3], t, self.spacing)
-        z = z + beyond * grade + offset * math.tan(roll)
-        return x, y, z, heading, curvature, grade, roll
-
     def locate(self, x: float, y: float, near_station: float | None = None) -> tuple[float, float]:
         """Station and offset of a point of the map; the inverse of `evaluate` in the plane.
 
@@ -258,16 +218,9 @@ class ReferenceLine:
 
     def _newton(self, x: float, y: float, station: float) -> tuple[float, float] | None:
         """Foot of the perpendicular by Newton's method; None when it does not settle."""
-        for _ in range(12):
-            foot_x, foot_y, _, sine, cosine, curvature = self._place(*self._at(station), 0.0)
-            dx, dy = x - foot_x, y - foot_y
-            along = dx * cosine + dy * sine
-            offset = dy * cosine - dx * sine
-            # d(along)/d(station) = -(1 - curvature * offset)
-            step = along / max(1.0 - curvature * offset, 0.2)
-            station += min(max(step, -_LOST), _LOST)
-            if abs(step) < 1e-7:
-                return float(station), float(offset)
+        place = _Place()
+        if _locate(self.table.address, x, y, station, place):
+            return place[0], place[1]
         return None
 
     def _scan(self, x: float, y: float, station: float) -> tuple[float, float]:
@@ -279,16 +232,3 @@ class ReferenceLine:
         dx, dy = x - point.x[best], y - point.y[best]
         offset = dy * math.cos(heading) - dx * math.sin(heading)
         return float(grid[best]), float(offset)
-
-
-def _cubic(values: tuple[float, float], slopes: tuple[float, float], h: float) -> Coefficients:
-    """Hermite polynomial between two knots `h` meters apart."""
-    a, rise = values[0], values[1] - values[0]
-    u, v = h * slopes[0], h * slopes[1]
-    return a, u, 3.0 * rise - 2.0 * u - v, u + v - 2.0 * rise
-
-
-def _hermite(cubic: Coefficients, t: float, h: float) -> tuple[float, float]:
-    """Value and slope over station at the way t through a piece of `h` meters."""
-    a, u, c, d = cubic
-    return a + t * (u + t * (c + t * d)), (u + t * (2.0 * c + 3.0 * t * d)) / h

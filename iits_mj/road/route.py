@@ -186,10 +186,9 @@ class Route:
 
     def smoothed_grade(self, station: Stations) -> Stations:
         """Mean grade over 40 m about a station, for planning."""
-        half = 0.5 * GRADE_WINDOW
         if isinstance(station, float):
-            rise = self.line.height(station + half) - self.line.height(station - half)
-            return rise / GRADE_WINDOW
+            return self.line.mean_grade(station, GRADE_WINDOW)
+        half = 0.5 * GRADE_WINDOW
         ahead = self.line.evaluate(station + half).z
         return (ahead - self.line.evaluate(station - half).z) / GRADE_WINDOW
 

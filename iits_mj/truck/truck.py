@@ -35,16 +35,13 @@ from iits_mj.road import Route
 from iits_mj.truck.faults import Faults
 from iits_mj.truck.placement import Poser, TruckPlacement
 from iits_mj.truck.report import Reporter, sensor_addresses
+from iits_mj.truck.state import StateReader
 
 COMMAND_FIELDS = tuple(field.name for field in dataclasses.fields(VehicleCommand))
 _COMMAND_INDEX = {name: index for index, name in enumerate(COMMAND_FIELDS)}
 _MODES = ("xbr_mode", "transmission_mode", "xbr_ebi_mode")
 _MODE_INDEX = tuple(_COMMAND_INDEX[name] for name in _MODES)
 _command_values = operator.attrgetter(*COMMAND_FIELDS)
-BRAKE_PRESSURES = tuple(
-    f"brake_pressure_{place}"
-    for place in ("front_left", "front_right", "rear_left", "rear_right", "trailer")
-)
 # Warnings after which MuJoCo resets the state.
 _FATAL_WARNINGS = (
     mujoco.mjtWarning.mjWARN_BADQPOS,
@@ -179,15 +176,14 @@ class Truck:
         first = model.actuator(prefix + COMMAND_FIELDS[0]).id
         self.control_start = int(model.actuator_ctrladr[first])
         self._controls = slice(self.control_start, self.control_start + len(COMMAND_FIELDS))
-        self._tractor = model.body(f"{prefix}tractor").id
-        self._rear_site = model.site(f"{prefix}trailer_axle_center").id
         self._address = sensor_addresses(model, prefix)
         self._ranges = model.actuator_ctrlrange[first : first + len(COMMAND_FIELDS)].tolist()
         self.faults = Faults(self)
         self._reporter = Reporter(model, parameters, payload, prefix)
         self._poser = Poser(model, parameters, route, prefix)
-        self._station_hint: float | None = None
-        self._trailer_hint: float | None = None
+        self._reader = StateReader(model, parameters, payload, route, prefix)
+        # Stations of the steer axle and of the trailer's axle group when last observed.
+        self._station_hint = self._trailer_hint = math.nan
         if data is None:
             self.reset()
 
@@ -319,7 +315,7 @@ class Truck:
             raise InputError(f"step: n = {shown(n)}: a whole number of zero or more is needed")
         end = self.data.time + n * self.model.opt.timestep
         mujoco.mj_step(self.model, self.data, n)
-        if not self.data.warning.number.any():
+        if not any(self.data.warning.number.tolist()):
             return
         for warning in _FATAL_WARNINGS:
             if self.data.warning[warning].number:
@@ -345,49 +341,11 @@ class Truck:
 
     def state(self) -> EgoState:
         """Returns the truck's state from sensors that are up to date (`bring_up_to_date`)."""
-        model, data = self.model, self.data
-        sensors, at = data.sensordata.tolist(), self._address
-        x, y, z = data.xpos[self._tractor].tolist()
-        rotation = data.xmat[self._tractor].reshape(3, 3)
-        gravity = (rotation.T @ model.opt.gravity).tolist()
-        (forward_x, _, _), (forward_y, _, _), (forward_z, left_z, up_z) = rotation.tolist()
-        felt, velocity = at["tractor_acceleration"], at["tractor_velocity"]
-        station, offset = self.route.locate(x, y, self._station_hint)
-        rear_x, rear_y, _ = data.site_xpos[self._rear_site].tolist()
-        rear_station, rear_offset = self.route.locate(rear_x, rear_y, self._trailer_hint)
-        self._station_hint, self._trailer_hint = station, rear_station
-        air = [sensors[at[name]] for name in BRAKE_PRESSURES]
-        return EgoState(
-            time=float(data.time),
-            x=x,
-            y=y,
-            z=z,
-            yaw=math.atan2(forward_y, forward_x),
-            pitch=-math.asin(max(-1.0, min(1.0, forward_z))),
-            roll=math.atan2(left_z, up_z),
-            speed=sensors[velocity],
-            lateral_speed=sensors[velocity + 1],
-            acceleration=sensors[felt] + gravity[0],
-            lateral_acceleration=sensors[felt + 1] + gravity[1],
-            yaw_rate=sensors[at["tractor_gyro"] + 2],
-            trailer_yaw_rate=sensors[at["trailer_gyro"] + 2],
-            articulation=-sensors[at["articulation_yaw"]],
-            articulation_rate=-sensors[at["articulation_rate"]],
-            steering_wheel_angle=sensors[at["steering_wheel_position"]],
-            road_wheel_angle=0.5
-            * (sensors[at["steer_angle_left"]] + sensors[at["steer_angle_right"]]),
-            mass=self.parameters.gross_mass(self.payload),
-            station=station,
-            offset=offset,
-            trailer_offset=rear_offset,
-            gear=round(sensors[at["gear"]]),
-            shift_in_process=sensors[at["shift_in_process"]] > 0.5,
-            engine_speed=sensors[at["engine_speed"]],
-            engine_torque=sensors[at["engine_torque"]],
-            fuel_rate=sensors[at["fuel_rate"]],
-            fuel_used=sensors[at["fuel_used"]],
-            brake_pressures=(air[0], air[1], air[2], air[3], air[4]),
+        state, self._trailer_hint = self._reader.read(
+            self.model, self.data, self._station_hint, self._trailer_hint
         )
+        self._station_hint = state.station
+        return state
 
     def last_command(self) -> VehicleCommand:
         """Returns the current controls."""
