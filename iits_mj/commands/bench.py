@@ -6,19 +6,16 @@ of several rounds, because other work on the machine can only make a round slowe
 
 from __future__ import annotations
 
-import contextlib
-import gc
 import math
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import can
-import mujoco
-import mujoco.rollout
 import numpy as np
 
+from iits_mj.commands.bench_physics import MICROSECONDS, best, no_collection, physics
 from iits_mj.commands.output import ResultOptions, finish
 from iits_mj.core import options as option_fields
 from iits_mj.core.messages import EgoState, TruckReport, VehicleCommand, XbrMode
@@ -36,16 +33,14 @@ from iits_mj.j1939 import (
     encode,
 )
 from iits_mj.j1939.bus import to_can
-from iits_mj.model.builder import truck_spec
-from iits_mj.model.road_table import add_road_table
-from iits_mj.parameters import TruckParameters, payload_option
+from iits_mj.parameters import payload_option
 from iits_mj.road import RoadMap, Route
 from iits_mj.simulation import DriveConfig, Simulation
 from iits_mj.simulation.server import TICK
 from iits_mj.truck import Truck
 from traffic_bridge import InterSim, Mirror, TrafficConfig
 
-MICROSECONDS, MILLISECONDS = 1e6, 1e3
+MILLISECONDS = 1e3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,167 +66,12 @@ def measure(options: Options) -> Results:
     """Returns all figures."""
     results = Results("bench", options.seed)
     rounds = 3 if options.quick else 10
-    results.add("", _physics(options, rounds))
+    results.add("", physics(options.payload, options.threads, rounds))
     results.add("", _interface(5 * rounds))
     if options.traffic:
         results.add("", _traffic(2 * rounds))
         results.add("", _whole_drive(options, 10.0 if options.quick else 60.0))
     return results
-
-
-def best(
-    function: Callable[[], object],
-    rounds: int,
-    clock: Callable[[], float] = time.perf_counter,
-) -> float:
-    """Returns the least time of a call [s], by default wall time."""
-    times = []
-    with no_collection():
-        for _ in range(rounds):
-            start = clock()
-            function()
-            times.append(clock() - start)
-    return min(times)
-
-
-@contextlib.contextmanager
-def no_collection() -> Iterator[None]:
-    """Switches Python's garbage collector off during a measurement, as `timeit` does."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
-
-
-def bare_model(parameters: TruckParameters, payload: float, timestep: float) -> mujoco.MjModel:
-    """Returns the truck's model without plugins: same bodies, but no tire, engine or brake."""
-    spec = truck_spec(parameters, payload)
-    spec.option.timestep = timestep
-    remove_plugins(spec, {plugin.plugin_name for plugin in spec.plugins})
-    return spec.compile()
-
-
-def remove_plugins(spec: mujoco.MjSpec, kinds: set[str]) -> None:
-    """Removes all instances of these plugins and their sensors and actuators."""
-    names = {plugin.name for plugin in spec.plugins if plugin.plugin_name in kinds}
-    for sensor in list(spec.sensors):
-        if sensor.type == mujoco.mjtSensor.mjSENS_PLUGIN and sensor.plugin.name in names:
-            spec.delete(sensor)
-    for actuator in list(spec.actuators):
-        if actuator.plugin.active and actuator.plugin.name in names:
-            spec.delete(actuator)
-    for body in spec.bodies:
-        if body.plugin.active and body.plugin.name in names:
-            body.plugin.active = False
-    for plugin in list(spec.plugins):
-        if plugin.name in names:
-            spec.delete(plugin)
-
-
-def _physics(options: Options, rounds: int) -> Findings:
-    found, steps = Findings(), 1000
-    route = RoadMap.builtin().route()
-    truck = Truck.load(options.payload, route=route, visuals=False)
-    truck.reset(station=100.0, speed=15.0)
-    truck.command(accelerator_pedal=0.4)
-    timestep = float(truck.model.opt.timestep)
-    start = mujoco.MjData(truck.model)
-    mujoco.mj_copyData(start, truck.model, truck.data)
-
-    bare = bare_model(truck.parameters, options.payload, timestep)
-
-    def player(model: mujoco.MjModel, source: mujoco.MjData) -> Callable[[], None]:
-        data = mujoco.MjData(model)
-
-        def play() -> None:
-            mujoco.mj_copyData(data, model, source)
-            mujoco.mj_step(model, data, steps)
-
-        return play
-
-    # In turns, so that other work on the machine affects both; processor time does not count the
-    # time spent waiting for a core.
-    play_full, play_tree = player(truck.model, start), player(bare, mujoco.MjData(bare))
-    turns = [
-        (best(play_full, 1, time.thread_time), best(play_tree, 1, time.thread_time))
-        for _ in range(rounds)
-    ]
-    full, tree = (min(column) / steps for column in zip(*turns, strict=True))
-    single = best(play_full, rounds) / steps
-    aggregate = _rollout(truck.model, start, options.threads, steps, rounds)
-    found.check("step of the truck on the highway", full * MICROSECONDS, "us")
-    found.check("step of the same tree without plugins", tree * MICROSECONDS, "us")
-    found.check("plugins' share, truck over tree", full / tree, "1", 1.3, "<= 1.35")
-    costs, longitudinal = _per_plugin(truck, start, rounds)
-    for kind, cost in costs.items():
-        found.check(f"plugin {kind}, of the step", cost * MICROSECONDS, "us")
-    name = "powertrain and brakes, step with them over without"
-    found.check(name, longitudinal, "1", 1.1, "<= 1.10")
-    found.check("real-time factor of the physics", timestep / full, "1", must=">= 1")
-    name = f"rollout, {options.threads} threads, per step in all"
-    found.check(name, aggregate * MICROSECONDS, "us")
-    found.check("rollout's gain over one thread", single / aggregate, "1")
-    return found
-
-
-def _per_plugin(truck: Truck, start: mujoco.MjData, rounds: int) -> tuple[dict[str, float], float]:
-    """Returns the time of each plugin in a step [s], and a ratio.
-
-    The time is the difference to a model without the plugin. The ratio is the time of a step over
-    the time without powertrain and brakes. The runs are short and begin with the same motion,
-    because the truck falls without its tires.
-    """
-    steps = 200
-
-    def player(removed: set[str]) -> Callable[[], None]:
-        spec = truck_spec(truck.parameters, truck.payload)
-        spec.option.timestep = truck.model.opt.timestep
-        add_road_table(spec, truck.route)
-        remove_plugins(spec, removed)
-        model = spec.compile()
-        data = mujoco.MjData(model)
-        names = [model.actuator(i).name for i in range(model.nactuator)]
-
-        def play() -> None:
-            mujoco.mj_resetData(model, data)
-            data.qpos[:], data.qvel[:] = start.qpos, start.qvel
-            for i, name in enumerate(names):
-                data.ctrl[i] = start.actuator(name).ctrl[0]
-            mujoco.mj_step(model, data, steps)
-
-        return play
-
-    kinds = sorted({plugin.plugin_name for plugin in truck_spec(truck.parameters, 0.0).plugins})
-    both = "powertrain and brakes"
-    players = {"": player(set()), both: player({"iits.powertrain", "iits.air_brake"})}
-    players |= {kind: player({kind}) for kind in kinds}
-    least = dict.fromkeys(players, math.inf)
-    for _ in range(10 * rounds):
-        for kind, play in players.items():
-            least[kind] = min(least[kind], best(play, 1, time.thread_time) / steps)
-    return {kind: least[""] - least[kind] for kind in kinds}, least[""] / least[both]
-
-
-def _rollout(
-    model: mujoco.MjModel, start: mujoco.MjData, threads: int, steps: int, rounds: int
-) -> float:
-    """Returns the wall time per step of `mujoco.rollout` with all threads [s]."""
-    runs = 2 * threads
-    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
-    state = np.zeros(mujoco.mj_stateSize(model, kind))
-    mujoco.mj_getState(model, start, state, kind)
-    states = np.tile(state, (runs, 1))
-    controls = np.tile(start.ctrl, (runs, steps, 1))
-    datas = [mujoco.MjData(model) for _ in range(threads)]
-    with mujoco.rollout.Rollout(nthread=threads) as pool:
-
-        def play() -> None:
-            pool.rollout(model, datas, states, controls)
-
-        return best(play, rounds) / (runs * steps)
 
 
 def _whole_drive(options: Options, duration: float) -> Findings:

@@ -146,6 +146,11 @@ def _add_visuals(root: ET.Element, parameters: TruckParameters, payload: float) 
         root.append(assets)
     bodies = {body.get("name"): body for body in root.iter("body")}
     for body in seen.iter("body"):
+        for child in body.findall("body"):
+            # A body that only shows something.
+            if child.get("name") not in bodies:
+                at = ET.SubElement(bodies[body.get("name")], "body", name=child.get("name", ""))
+                bodies[child.get("name")] = at
         for geom in body.findall("geom"):
             if geom.get("name") not in known:
                 geom.attrib.pop("class", None)

@@ -71,7 +71,7 @@ class TruckFleet:
         loads = [parameters.check_payload(payload) for payload in payloads]
         spec = mujoco.MjSpec()
         for number, payload in enumerate(loads):
-            truck = truck_spec(parameters, payload)
+            truck = truck_spec(parameters, payload, visuals=visuals)
             _set_contacts(truck, number, len(loads))
             if number == 0:
                 spec.option = truck.option

@@ -13,6 +13,7 @@ The physics is `mujoco.batch`; every drive equals the one of `Truck.step` bit fo
 
 from __future__ import annotations
 
+import copy
 import json
 import os
 from collections.abc import Mapping, Sequence
@@ -179,22 +180,29 @@ def _drive(
 ) -> tuple[dict[str, FloatArray], NDArray[np.bool_]]:
     """Sensors of one group's drives, (drives, instants, numbers), and which did not diverge."""
     model, data = group.truck.model, group.truck.data
-    batch = Batch(model, nsim=len(places), nthread=threads)
-    rows = {name: batch.bind(name) for name in _STATE}
-    sensors, ctrl = batch.bind("sensordata"), batch.bind("ctrl")
+    # Sensors are needed at the instants only: one batch drives without them, one reads them.
+    blind = copy.copy(model)
+    blind.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
+    batch, reader = (Batch(m, nsim=len(places), nthread=threads) for m in (blind, model))
+    rows, shown = ({name: b.bind(name) for name in (*_STATE, "ctrl")} for b in (batch, reader))
+    sensors = reader.bind("sensordata")
     for number, place in enumerate(places):
         mujoco.mj_resetData(model, data)
         group.truck.place(place)
         mujoco.mj_forward(model, data)
-        for name, row in rows.items():
+        for name in _STATE:
+            row = rows[name]
             row[number] = np.reshape(getattr(data, name), row[number].shape)
     count, instants = commands.shape[:2]
     found = {n: np.zeros((count, instants, stop - start)) for n, (start, stop) in columns.items()}
     alive = np.ones(count, dtype=bool)
     for instant in range(instants):
-        ctrl[:] = commands[:, instant]
+        rows["ctrl"][:] = commands[:, instant]
         if alive.any():
-            batch.step(ids=np.flatnonzero(alive), nstep=steps, stage=mujoco.mjtStage.mjSTAGE_ACC)
+            batch.step(ids=np.flatnonzero(alive), nstep=steps)
+            for name, row in rows.items():
+                shown[name][alive] = row[alive]
+            reader.forward(ids=np.flatnonzero(alive))
         time = (instant + 1) * steps * model.opt.timestep
         alive &= np.isfinite(rows["qpos"]).all(axis=1) & np.isfinite(sensors).all(axis=1)
         # MuJoCo resets a simulation that diverged.

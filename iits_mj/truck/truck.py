@@ -208,7 +208,8 @@ class Truck:
           parameters: of the truck, or an overlay (TOML file or mapping) over the shipped figures.
           route: the road; default: a flat plane, driven along x.
           timestep: of the physics [s], 0.0005 to 0.005.
-          visuals: adds road and landscape for pictures; the physics is the same without.
+          visuals: adds what pictures show of truck, road and landscape; the physics is the same
+            without, a step takes less time.
           edit_spec: called with the specification before it is compiled, to add cameras, traffic.
 
         Raises:
@@ -223,7 +224,7 @@ class Truck:
         payload = parameters.check_payload(payload)
         shown = route if route is not None else Route.straight()
         model = compile_scene(
-            truck_spec(parameters, payload),
+            truck_spec(parameters, payload, visuals=visuals),
             shown,
             timestep,
             visuals=visuals,
@@ -307,13 +308,26 @@ class Truck:
     def step(self, n: int = 1) -> None:
         """Advances the physics by `n` time steps.
 
+        Only the last step computes the sensors, unless something may read them between the steps: a
+        callback of MuJoCo, or a sensor or actuator with a history. Meanwhile `model` has its
+        sensors disabled: trucks that share a model must not step in several threads.
+
         Raises:
           InputError: `n` is not a whole number of zero or more.
           Error: the simulation diverged (MuJoCo reports a state that is not finite).
         """
         if not is_whole(n) or n < 0:
             raise InputError(f"step: n = {shown(n)}: a whole number of zero or more is needed")
-        end = self.data.time + n * self.model.opt.timestep
+        options = self.model.opt
+        end = self.data.time + n * options.timestep
+        if n > 1 and not self.model.nhistory and all(get() is None for get in _CALLBACKS):
+            flags = options.disableflags
+            options.disableflags = flags | _NO_SENSORS
+            try:
+                mujoco.mj_step(self.model, self.data, n - 1)
+            finally:
+                options.disableflags = flags
+            n = 1
         mujoco.mj_step(self.model, self.data, n)
         if not any(self.data.warning.number.tolist()):
             return

@@ -10,6 +10,7 @@ from iits_mj.model.builder import truck_spec, truck_xml
 from iits_mj.model.visuals import decorate
 from iits_mj.model.visuals.shapes import VISUAL_GROUP, boxes, lathe, merge, prism, surface
 from iits_mj.parameters import TruckParameters
+from iits_mj.road import RoadMap
 
 PARAMETERS = TruckParameters.load()
 
@@ -37,7 +38,8 @@ def extent(model, body):
     frame = data.body(body)
     corners = []
     for geom in visual(model):
-        if model.geom_bodyid[geom] != model.body(body).id:
+        shown = model.body(model.geom_bodyid[geom]).name
+        if shown not in (body, f"{body}_visuals"):
             continue
         if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
             mesh = model.geom_dataid[geom]
@@ -65,9 +67,33 @@ def test_visual_geoms_touch_nothing_and_are_named(model):
 
 
 def test_visuals_change_no_mass_and_no_inertia(model, bare):
-    np.testing.assert_array_equal(model.body_mass, bare.body_mass)
-    np.testing.assert_array_equal(model.body_inertia, bare.body_inertia)
-    np.testing.assert_array_equal(model.body_ipos, bare.body_ipos)
+    for quantity in ("body_mass", "body_subtreemass", "body_inertia", "body_ipos"):
+        dressed, plain = getattr(model, quantity), getattr(bare, quantity)
+        np.testing.assert_array_equal(dressed[: bare.nbody], plain)
+    assert model.body_mass.sum() == bare.body_mass.sum()
+
+
+def test_the_truck_drives_the_same_with_and_without_visuals_bit_for_bit():
+    road = RoadMap.builtin().route()
+    states = []
+    for seen in (False, True):
+        truck = iits_mj.Truck.load(route=road, visuals=seen)
+        truck.reset(station=100.0, speed=15.0)
+        truck.command(accelerator_pedal=0.6, steering_wheel_angle=0.3)
+        truck.step(400)
+        truck.command(accelerator_pedal=0.0, xbr_demand=-3.0, xbr_mode=2.0)
+        truck.step(400)
+        states.append((truck.observe(), truck.data.qpos.copy(), truck.data.sensordata.copy()))
+    (bare_ego, *bare), (seen_ego, *seen) = states
+    assert bare_ego == seen_ego
+    for one, other in zip(bare, seen, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_bodies_with_a_hull_have_no_other_geom(model):
+    hulls = np.flatnonzero(model.geom_contype)
+    for body in set(model.geom_bodyid[hulls]):
+        assert model.body_geomnum[body] == np.sum(model.geom_bodyid[hulls] == body)
 
 
 def test_cab_is_as_long_wide_and_high_as_the_parameters_say(model):

@@ -1,4 +1,8 @@
-"""Visual geoms of the truck, without mass or contact, all in geom group 1."""
+"""Visual geoms of the truck, without mass or contact, all in geom group 1.
+
+Those of tractor and semitrailer belong to bodies of their own, welded to them: MuJoCo's search for
+contacts computes the box around all geoms of a body that has a hull, in every step.
+"""
 
 from __future__ import annotations
 

@@ -111,8 +111,9 @@ def _cap(points: FloatArray) -> Shape:
 
 
 def draw_tractor(spec: mujoco.MjSpec, parameters: TruckParameters) -> None:
-    """Adds cab, chassis and fittings to the body `tractor`."""
-    painter = Painter(spec, spec.body("tractor"), "tractor")
+    """Adds cab, chassis and fittings in a body welded to `tractor`."""
+    body = spec.body("tractor").add_body(name="tractor_visuals")
+    painter = Painter(spec, body, "tractor")
     cab, bumper = _Cab(parameters, _CAB_REAR), _Cab(parameters, _BUMPER_REAR)
     _cab_shell(painter, cab, bumper)
     _front(painter, cab, bumper)

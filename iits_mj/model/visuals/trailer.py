@@ -29,10 +29,11 @@ _LETTERS: dict[str, list[list[tuple[float, float]]]] = {
 
 
 def draw_trailer(spec: mujoco.MjSpec, parameters: TruckParameters, *, laden: bool) -> None:
-    """Adds the semitrailer's visual geoms to the body `trailer`, whose origin is the kingpin."""
+    """Adds the semitrailer's visual geoms in a body welded to `trailer`: origin at the kingpin."""
     height = parameters.fifth_wheel.height
     # Heights below are above the ground.
-    painter = Painter(spec, spec.body("trailer"), "trailer", (0.0, 0.0, -height))
+    body = spec.body("trailer").add_body(name="trailer_visuals")
+    painter = Painter(spec, body, "trailer", (0.0, 0.0, -height))
     _body(painter, parameters, laden=laden)
     _livery(painter, parameters)
     _underbody(painter, parameters)
