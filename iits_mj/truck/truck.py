@@ -318,15 +318,10 @@ class Truck:
         """
         if not is_whole(n) or n < 0:
             raise InputError(f"step: n = {shown(n)}: a whole number of zero or more is needed")
-        options = self.model.opt
-        end = self.data.time + n * options.timestep
-        if n > 1 and not self.model.nhistory and all(get() is None for get in _CALLBACKS):
-            flags = options.disableflags
-            options.disableflags = flags | _NO_SENSORS
-            try:
+        end = self.data.time + n * self.model.opt.timestep
+        if n > 1:
+            with without_sensors(self.model):
                 mujoco.mj_step(self.model, self.data, n - 1)
-            finally:
-                options.disableflags = flags
             n = 1
         mujoco.mj_step(self.model, self.data, n)
         if not any(self.data.warning.number.tolist()):

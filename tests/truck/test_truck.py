@@ -12,6 +12,7 @@ import iits_mj
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import XbrMode
 from iits_mj.road import Route
+from iits_mj.truck.truck import without_sensors
 
 FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
@@ -315,3 +316,27 @@ for number in (3.7e6, -3.7e6, np.nan):
 def test_no_truck_is_built_from_absurd_parameters(overlay, words):
     with pytest.raises(InputError, match=words):
         iits_mj.Truck.load(0.0, parameters=overlay, visuals=False)
+
+
+def test_steps_without_sensors_move_the_truck_alike_and_leave_the_readings():
+    trucks = [iits_mj.Truck.load(visuals=False) for _ in range(2)]
+    for truck in trucks:
+        truck.reset(speed=15.0)
+    plain, quiet = trucks
+    before = quiet.data.sensordata.copy()
+    with without_sensors(quiet.model):
+        mujoco.mj_step(quiet.model, quiet.data, 50)
+    np.testing.assert_array_equal(quiet.data.sensordata, before)
+    mujoco.mj_step(plain.model, plain.data, 50)
+    assert quiet.observe() == plain.observe()
+    np.testing.assert_array_equal(quiet.data.plugin_state, plain.data.plugin_state)
+
+
+def test_a_callback_gets_its_sensors_in_every_step():
+    truck = iits_mj.Truck.load(visuals=False)
+    mujoco.set_mjcb_control(lambda model, data: None)
+    try:
+        with without_sensors(truck.model):
+            assert truck.model.opt.disableflags == 0
+    finally:
+        mujoco.set_mjcb_control(None)
