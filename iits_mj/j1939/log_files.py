@@ -53,7 +53,6 @@ _BY_PATH = ("db", "mf4")
 # Formats that have a header even without a frame.
 _HEADED = (".bin", ".blf", ".db", ".mf4")
 _READERS: dict[str, Callable[..., Any]] = {
-    "blf": can.BLFReader,
     "csv": can.CSVReader,
     "db": can.SqliteReader,
     "log": can.CanutilsLogReader,
@@ -61,6 +60,7 @@ _READERS: dict[str, Callable[..., Any]] = {
     "trc": can.TRCReader,
 }
 _READABLE = "asc, blf, candump -l or console text, csv of python-can, db, logger blocks, mf4, trc"
+_BLF_OBJECT, _BLF_HEADER = b"LOBJ", 16
 _BLOCK = 512
 _RECORDS = 21
 _RECORD = struct.Struct("<IIII8s")
@@ -210,7 +210,7 @@ def _frames(path: Path) -> Iterator[Frame]:
         if kind == "logger":
             yield from _logger_frames(file)
         elif kind == "blf":
-            yield from _messages(can.BLFReader(file))
+            yield from _messages(_BlfReader(file))
         else:
             text = io.TextIOWrapper(file, encoding="utf-8", errors="replace")
             yield from _text_frames(kind, head, text)
@@ -225,6 +225,27 @@ def _text_frames(kind: str, head: bytes, text: TextIO) -> Iterator[Frame]:
         yield from _messages(can.ASCReader(text, relative_timestamp=not _has_date(head)))
     else:
         yield from _messages(_READERS[kind](text))
+
+
+class _BlfReader(can.BLFReader):
+    """Reads BLF logs; refuses the damaged ones that python-can would read without end."""
+
+    def _parse_data(self, data: bytes) -> Iterator[can.Message]:
+        _check_objects(data)
+        yield from super()._parse_data(data)
+
+
+def _check_objects(data: bytes) -> None:
+    """Raises BusError for an object of a BLF container that is smaller than its own header.
+
+    python-can would read it again and again.
+    """
+    place = data.find(_BLF_OBJECT, 0, 8)
+    while 0 <= place <= len(data) - _BLF_HEADER:
+        size = int.from_bytes(data[place + 8 : place + 12], "little")
+        if size < _BLF_HEADER:
+            raise BusError(f"an object of {size} bytes: at least {_BLF_HEADER} are needed")
+        place = data.find(_BLF_OBJECT, place + size, place + size + 8)
 
 
 def _messages(reader: can.io.generic.MessageReader) -> Iterator[Frame]:

@@ -2,6 +2,7 @@ import base64
 import gzip
 import math
 import struct
+import zlib
 
 import can
 import pytest
@@ -292,3 +293,15 @@ def test_any_file_gives_frames_or_a_bus_error(tmp_path, suffix, rest):
         said = str(error)
     assert str(path) in said
     assert all(math.isfinite(frame.time) for frame in frames)
+
+
+def test_a_blf_object_without_a_size_is_refused_and_not_read_without_end(tmp_path):
+    path = write(tmp_path / "log.blf", FRAMES[:1])
+    raw = path.read_bytes()
+    start = raw.index(b"LOBJ")
+    content = bytearray(zlib.decompress(raw[start + 32 :]))
+    content[8:12] = bytes(4)  # the object's size
+    container = struct.pack("<4sHHIIH6xI4x", b"LOBJ", 16, 1, 32 + len(content), 10, 0, len(content))
+    path.write_bytes(raw[:start] + container + content)
+    with pytest.raises(BusError, match="an object of 0 bytes"):
+        list(read_log(path))
