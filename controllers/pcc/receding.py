@@ -138,7 +138,7 @@ class RecedingPlanner:
           InputError: a number is not finite, the station is not on the road, the speed is above
             60 m/s, or the leader is behind the truck.
         """
-        first, last = self.trip.road.station[[0, -1]]
+        first, last = (float(self.trip.road.station[end]) for end in (0, -1))
         in_range("speed planner: station [m]", station, first - _OFF_ROAD, last + _OFF_ROAD)
         in_range("speed planner: speed [m/s]", speed, -_FASTEST, _FASTEST)
         if not math.isfinite(time):
@@ -205,7 +205,7 @@ class RecedingPlanner:
         if self.last is None or not self.last.station[0] <= station <= self.last.station[-1]:
             return speed
         reach = self.receding.resync
-        return float(np.clip(self.last.at(station), max(speed - reach, LEAST_SPEED), speed + reach))
+        return min(max(self.last.at(station), speed - reach, LEAST_SPEED), speed + reach)
 
     def _optimize(
         self, road: RoadProfile, speed: float, price: float, leader: Leader | None

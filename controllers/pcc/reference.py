@@ -36,7 +36,8 @@ if TYPE_CHECKING:
 
 _FREE = 1e3  # [m/s] in place of no reference speed
 _MASS_CHANGE = 0.02  # relative change of mass that makes a new planner
-_GAIN_AHEAD = 500.0  # [m] within which a lane change must pay
+# Within this distance ahead [m] a lane change must pay.
+_GAIN_AHEAD = np.linspace(0.0, 500.0, 11)
 
 
 class RoadLimits:
@@ -238,8 +239,7 @@ class PccReference:
         schedule = None if self.planner is None else self.planner.schedule
         if schedule is None or not schedule.covers(station):
             return self.config.v_ref
-        ahead = station + np.linspace(0.0, _GAIN_AHEAD, 11)
-        fastest = float(schedule.speed_at(ahead).max())
+        fastest = schedule.fastest(station + _GAIN_AHEAD)
         return fastest if math.isinf(self._top) else max(fastest, self.config.v_ref)
 
     def report(self) -> PccReport:

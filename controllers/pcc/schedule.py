@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -53,25 +54,39 @@ class Schedule:
     late: float = 0.0
     top: float = math.inf
 
-    @property
+    @cached_property
     def end(self) -> float:
         """Last station [m]."""
         return float(self.station[-1])
 
+    @cached_property
+    def _begin(self) -> float:
+        """Station a step before the first [m]."""
+        first, second = self.station[:2].tolist()
+        return float(first - (second - first))
+
+    @cached_property
+    def _square(self) -> FloatArray:
+        """Square of the speed at the nodes [m2/s2]."""
+        return self.speed**2
+
     def covers(self, station: float) -> bool:
         """Returns whether a station [m] is on the schedule or within a step before its start."""
-        step = float(self.station[1] - self.station[0])
-        return bool(self.station[0] - step <= station <= self.station[-1])
+        return self._begin <= station <= self.end
 
     def due(self, station: float) -> float:
         """Returns the planned time of passing a station [s]; v^2 is linear between nodes."""
-        k = int(np.clip(np.searchsorted(self.station, station) - 1, 0, self.station.size - 2))
+        k = min(max(int(self.station.searchsorted(station)) - 1, 0), self.station.size - 2)
         way, sums = station - self.station[k], self.speed[k] + self.speed_at(station)
         return float(self.clock[k] + 2.0 * way / sums)
 
     def speed_at(self, station: float | FloatArray) -> FloatArray:
         """Returns the planned speed [m/s]."""
-        return np.asarray(np.sqrt(np.interp(station, self.station, self.speed**2)))
+        return np.asarray(np.sqrt(np.interp(station, self.station, self._square)))
+
+    def fastest(self, stations: FloatArray) -> float:
+        """Returns the greatest planned speed at some stations [m/s]."""
+        return math.sqrt(np.interp(stations, self.station, self._square).max())
 
     def worth_at(self, station: float) -> float:
         """Returns the worth of v^2 [kg/(m2/s2)]."""
@@ -90,7 +105,8 @@ class Schedule:
         planned = max(float(self.clock[-1]) - self.due(station), 1e-3)
         left = max(float(self.clock[-1]) - self.late - time, 1e-3)
         mean = (self.end - station) / planned
-        faster = mean * float(np.clip(planned / left, *_FASTER))
+        slowest, fastest = _FASTER
+        faster = mean * min(max(planned / left, slowest), fastest)
         change = level_price(vehicle, faster) - level_price(vehicle, mean)
         return max(self.price + change, least_price(vehicle))
 
@@ -109,7 +125,7 @@ def level_price(vehicle: PointMass, speed: float) -> float:
     derivative by v is zero at the best speed.
     """
     fuel, eta, k = vehicle.fuel, vehicle.efficiency, vehicle.drag
-    resistance = float(vehicle.slope_force(np.zeros(1))[0]) + k * speed**2
+    resistance = vehicle.level_force + k * speed**2
     slope = fuel.f1 * 2.0 * k * speed / eta
     slope += fuel.f2 * (resistance**2 + 4.0 * k * speed**2 * resistance) / eta**2
     return slope * speed**2 - fuel.f0
@@ -120,7 +136,7 @@ def level_worth(vehicle: PointMass, speed: float) -> float:
 
     From the optimality condition on the engine's force: `f1/eta + 2 f2 R v/eta^2` per joule.
     """
-    resistance = float(vehicle.slope_force(np.zeros(1))[0]) + vehicle.drag * speed**2
+    resistance = vehicle.level_force + vehicle.drag * speed**2
     joule = vehicle.fuel.f1 / vehicle.efficiency
     joule += 2.0 * vehicle.fuel.f2 * resistance * speed / vehicle.efficiency**2
     return 0.5 * vehicle.inertial_mass * joule
@@ -187,8 +203,7 @@ def make_schedule(
     def planned(price: float | None, top: float) -> tuple[Solution, float]:
         """Returns plan and time for a price of time (None: wanted time) and a top speed."""
         nonlocal late
-        lower = replace(road, v_limit=np.minimum(road.v_limit, top))
-        bounds = bounds_of(vehicle, lower, speed, slowest, config)
+        bounds = bounds_of(vehicle, road.below(top), speed, slowest, config)
         b_low, b_high = bounds.low, bounds.high
         if end_speed is not None:
             b_low[-1] = b_high[-1] = min(end_speed**2, float(bounds.fastest[-1]) ** 2)

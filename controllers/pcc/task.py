@@ -62,7 +62,7 @@ class SpeedTask:
     def check_nodes(self, name: str, array: FloatArray) -> None:
         """Raises PlanningError unless an array has a number for each node."""
         nodes = self.road.station.size
-        if np.shape(array) != (nodes,) or np.isnan(array).any():
+        if np.shape(array) != (nodes,) or math.isnan(array.min()):
             raise PlanningError(
                 f"speed task: {name} must hold {nodes} numbers, not {np.shape(array)} or NaN"
             )
@@ -89,7 +89,6 @@ class Solution:
     Attributes:
       speed: at the nodes, shape (n + 1,) [m/s]; the last may miss its bound by 0.02 m/s after a
         long climb at full power.
-      cost: of the task [kg]; fuel: the share of fuel in it [kg].
       method: that found it.
       iterations: of the method; solve_time: wall time with set-up [s].
       time_price: multiplier of the trip time [kg/s]; this and the arrays below are NaN if the
@@ -101,8 +100,6 @@ class Solution:
     """
 
     speed: FloatArray
-    cost: float
-    fuel: float
     method: str
     iterations: int
     solve_time: float
