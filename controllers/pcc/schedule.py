@@ -20,6 +20,7 @@ from controllers.pcc.profile import RoadProfile
 from controllers.pcc.solver import solve
 from controllers.pcc.task import Solution, SpeedTask
 from controllers.pcc.vehicle import PointMass, cruise, durations, full_power_speed, passing_times
+from iits_mj import kernels
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import PlanningError
 
@@ -32,6 +33,11 @@ _LEAST_PRICE = -0.9
 _HALVINGS = 12
 # Least and greatest mean speed after a lag, over that of the schedule [1].
 _FASTER = (0.75, 1.35)
+_GREATEST = kernels.function(
+    "iits_greatest",
+    kernels.Real,
+    *(kernels.Integer, kernels.Address, kernels.Real, kernels.Real, kernels.Integer),
+)
 
 
 @dataclass(frozen=True)
@@ -62,13 +68,12 @@ class Schedule:
     @cached_property
     def _begin(self) -> float:
         """Station a step before the first [m]."""
-        first, second = self.station[:2].tolist()
-        return float(first - (second - first))
+        return float(self.station[0] - (self.station[1] - self.station[0]))
 
     @cached_property
-    def _square(self) -> FloatArray:
-        """Square of the speed at the nodes [m2/s2]."""
-        return self.speed**2
+    def _table(self) -> FloatArray:
+        """Stations [m] and v^2 [m2/s2] of the nodes, shape (2, n + 1)."""
+        return np.array([self.station, self.speed**2])
 
     def covers(self, station: float) -> bool:
         """Returns whether a station [m] is on the schedule or within a step before its start."""
@@ -77,16 +82,17 @@ class Schedule:
     def due(self, station: float) -> float:
         """Returns the planned time of passing a station [s]; v^2 is linear between nodes."""
         k = min(max(int(self.station.searchsorted(station)) - 1, 0), self.station.size - 2)
-        way, sums = station - self.station[k], self.speed[k] + self.speed_at(station)
-        return float(self.clock[k] + 2.0 * way / sums)
+        sums = float(self.speed[k]) + self.fastest(station)
+        return float(self.clock[k]) + 2.0 * (station - float(self.station[k])) / sums
 
     def speed_at(self, station: float | FloatArray) -> FloatArray:
         """Returns the planned speed [m/s]."""
-        return np.asarray(np.sqrt(np.interp(station, self.station, self._square)))
+        return np.asarray(np.sqrt(np.interp(station, self.station, self.speed**2)))
 
-    def fastest(self, stations: FloatArray) -> float:
-        """Returns the greatest planned speed at some stations [m/s]."""
-        return math.sqrt(np.interp(stations, self.station, self._square).max())
+    def fastest(self, station: float, spacing: float = 0.0, count: int = 1) -> float:
+        """Returns the greatest planned speed at stations with a spacing [m/s]."""
+        table = kernels.address(self._table)
+        return math.sqrt(_GREATEST(self.station.size, table, station, spacing, count))
 
     def worth_at(self, station: float) -> float:
         """Returns the worth of v^2 [kg/(m2/s2)]."""

@@ -1,5 +1,5 @@
-// Passes over the nodes of a speed plan: the speeds that brakes and full power allow. The meaning
-// of the arguments is that of `controllers/pcc/vehicle.py`.
+// Passes over the nodes of a speed plan: the speeds that brakes and full power allow
+// (`controllers/pcc/vehicle.py`), and those of a schedule (`controllers/pcc/schedule.py`).
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -62,4 +62,25 @@ IITS_KERNEL void iits_fastest(std::ptrdiff_t n, double inertia, double step, dou
       return;
     }
   }
+}
+
+// Greatest value of a table at `count` places from `place` on, linear between its nodes.
+//
+// `table` holds the n places of the nodes, rising, then their values; beyond the ends the values of
+// the ends apply.
+IITS_KERNEL double iits_greatest(std::ptrdiff_t n, const double* table, double place,
+                                 double spacing, std::ptrdiff_t count) {
+  const double* values = table + n;
+  double greatest = -HUGE_VAL;
+  for (std::ptrdiff_t i = 0; i < count; ++i) {
+    const double x = place + static_cast<double>(i) * spacing;
+    const std::ptrdiff_t k = std::upper_bound(table, table + n, x) - table;
+    double value = values[k == 0 ? 0 : n - 1];
+    if (k > 0 && k < n) {
+      const double slope = (values[k] - values[k - 1]) / (table[k] - table[k - 1]);
+      value = slope * (x - table[k - 1]) + values[k - 1];
+    }
+    greatest = std::max(greatest, value);
+  }
+  return greatest;
 }
