@@ -212,8 +212,7 @@ class RecedingPlanner:
     ) -> tuple[FloatArray, float]:
         """Returns node speeds and the solver's time [s]; PlanningError if there is no optimum."""
         settings = self.receding.leader
-        slowest = braking_speeds(self.vehicle, road, speed)
-        bounds = bounds_of(self.vehicle, road, speed, slowest, self.config)
+        bounds = bounds_of(self.vehicle, road, speed, self.config)
         if leader is not None and leader.pace < settings.jam:
             raise PlanningError(f"the vehicle ahead drives {leader.pace:.1f} m/s: a jam")
         low, high = bounds.low.copy(), bounds.high.copy()

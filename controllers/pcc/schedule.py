@@ -158,14 +158,16 @@ class Bounds:
 
 
 def bounds_of(
-    vehicle: PointMass, road: RoadProfile, speed: float, slowest: FloatArray, config: PccConfig
+    vehicle: PointMass, road: RoadProfile, speed: float, config: PccConfig
 ) -> Bounds:
     """Returns the bounds of a plan from a speed [m/s]; above the limits the truck brakes.
 
     Raises:
       PlanningError: full power is not enough for a climb.
     """
-    cap = np.maximum(np.minimum(road.v_limit, config.v_max), slowest)
+    cap = np.minimum(road.v_limit, config.v_max)
+    if speed > cap.min():
+        cap = np.maximum(cap, braking_speeds(vehicle, road, speed))
     fastest = full_power_speed(vehicle, road, speed, cap)
     low = np.minimum(lower_speeds(fastest, config.v_min), cap)
     b_low, b_high = low**2, cap**2
@@ -209,7 +211,7 @@ def make_schedule(
     def planned(price: float | None, top: float) -> tuple[Solution, float]:
         """Returns plan and time for a price of time (None: wanted time) and a top speed."""
         nonlocal late
-        bounds = bounds_of(vehicle, road.below(top), speed, slowest, config)
+        bounds = bounds_of(vehicle, road.below(top), speed, config)
         b_low, b_high = bounds.low, bounds.high
         if end_speed is not None:
             b_low[-1] = b_high[-1] = min(end_speed**2, float(bounds.fastest[-1]) ** 2)

@@ -77,12 +77,12 @@ void Add(const Vector& a, double share, const Vector& step, Vector* sum) {
   for (std::size_t i = 0; i < a.size(); ++i) (*sum)[i] = a[i] + share * step[i];
 }
 
-// Greatest share of a step, at most 1, that leaves 1 - `keep` of every value.
-double ToBoundary(const Vector& value, const Vector& step, double keep) {
+// Greatest share of a step, at most 1, that leaves 1 - `keep` of every value, given 1 / value.
+double ToBoundary(const Vector& inverse, const Vector& step, double keep) {
   double falls[4] = {};
-  InLanes(value.size(), [&](std::size_t lane, std::size_t i) {
-    // If an inequality does not apply, both are 0 and the quotient is NaN, which is not less.
-    const double quotient = step[i] / value[i];
+  InLanes(step.size(), [&](std::size_t lane, std::size_t i) {
+    // If an inequality does not apply, the quotient is 0 or NaN, which is not less.
+    const double quotient = step[i] * inverse[i];
     falls[lane] = quotient < falls[lane] ? quotient : falls[lane];
   });
   const double fall = *std::min_element(falls, falls + 4);
@@ -269,7 +269,7 @@ class Run {
   Run(const Problem& problem, const Settings& settings, const double* guess)
       : p_(problem), settings_(settings), n_(p_.n), behind_(AnyEarliest(problem)),
         m_(6 * n_ + 3 + (behind_ ? n_ : 0)), at_(n_), trial_(n_), s_(m_), z_(m_), present_(m_, 1.0),
-        residual_(m_), goal_(m_), aim_(m_), values_(m_), inside_(m_), ratio_(m_), by_force_(n_), by_duration_(n_),
+        residual_(m_), goal_(m_), aim_(m_), values_(m_), inverse_s_(m_), inverse_z_(m_), ratio_(m_), by_force_(n_), by_duration_(n_),
         by_change_(n_), price_(n_), slope_b_(n_ + 1), slope_y_(n_), inverse_(n_), u0_(n_), u1_(n_),
         pinned_(n_ + 1), step_(m_, n_), other_(m_, n_), system_(n_, behind_) {
     MarkPresent();
@@ -490,8 +490,9 @@ class Run {
   // Factors Newton's system at the iterate, after `Gradient(z_)`: exact if it is positive definite, else its convex part.
   bool Factor() {
     for (std::size_t i = 0; i < m_; ++i) {
-      inside_[i] = present_[i] / s_[i];
-      ratio_[i] = z_[i] * inside_[i];
+      inverse_s_[i] = present_[i] / s_[i];
+      inverse_z_[i] = 1.0 / z_[i];
+      ratio_[i] = z_[i] * inverse_s_[i];
     }
     for (std::size_t k = 0; k < n_; ++k) {
       system_.d0[k] = pinned_[k] ? 0.0 : at_.d0[k];
@@ -509,7 +510,7 @@ class Run {
   // The step to s z = `goal_`, g = s and a stationary Lagrangian.
   void Direction(Step* step) {
     for (std::size_t i = 0; i < m_; ++i) {
-      aim_[i] = (goal_[i] - z_[i] * residual_[i]) * inside_[i];
+      aim_[i] = (goal_[i] - z_[i] * residual_[i]) * inverse_s_[i];
     }
     Gradient(aim_);
     Vector &db = step->b, &dy = step->y;
@@ -528,7 +529,7 @@ class Run {
     Change(db, dy, &step->s);
     for (std::size_t i = 0; i < m_; ++i) {
       const double ds = step->s[i] = (step->s[i] + residual_[i]) * present_[i];
-      step->z[i] = (goal_[i] - z_[i] * ds) * inside_[i] - z_[i];
+      step->z[i] = (goal_[i] - z_[i] * ds) * inverse_s_[i] - z_[i];
     }
   }
 
@@ -557,7 +558,8 @@ class Run {
     if (!Factor()) return false;
     std::fill(goal_.begin(), goal_.end(), 0.0);
     Direction(&other_);
-    const double share_s = ToBoundary(s_, other_.s, 1.0), share_z = ToBoundary(z_, other_.z, 1.0);
+    const double share_s = ToBoundary(inverse_s_, other_.s, 1.0);
+    const double share_z = ToBoundary(inverse_z_, other_.z, 1.0);
     double sum[4] = {};
     InLanes(m_, [&](std::size_t lane, std::size_t i) {
       sum[lane] += (s_[i] + share_s * other_.s[i]) * (z_[i] + share_z * other_.z[i]);
@@ -569,7 +571,7 @@ class Run {
     }
     Direction(&step_);
     const double keep = std::max(0.99, 1.0 - mu);
-    Move(ToBoundary(s_, step_.s, keep), ToBoundary(z_, step_.z, keep));
+    Move(ToBoundary(inverse_s_, step_.s, keep), ToBoundary(inverse_z_, step_.z, keep));
     return true;
   }
 
@@ -599,13 +601,13 @@ class Run {
     Gradient(aim_);
     double drop = Dot(slope_b_, step_.b) + Dot(slope_y_, step_.y), missing = 0.0;
     for (std::size_t i = 0; i < m_; ++i) {
-      drop -= mu * (inside_[i] * step_.s[i]);
+      drop -= mu * (inverse_s_[i] * step_.s[i]);
       missing += std::fabs(residual_[i]);
     }
     if (missing > 0.0) *penalty = std::max(*penalty, 2.0 * drop / missing);
     drop = std::min(drop - *penalty * missing, 0.0);
     const double start = Merit(at_, s_, mu, *penalty);
-    double share = ToBoundary(s_, step_.s, 0.995);
+    double share = ToBoundary(inverse_s_, step_.s, 0.995);
     for (int i = 0; i < 25; ++i) {
       Add(at_.b, share, step_.b, &trial_.b);
       Add(at_.y, share, step_.y, &trial_.y);
@@ -615,7 +617,7 @@ class Run {
       if (merit <= start + 1e-4 * share * drop + 1e-12 * std::fabs(start)) break;
       share *= 0.5;
     }
-    Move(share, ToBoundary(z_, step_.z, 0.995));
+    Move(share, ToBoundary(inverse_z_, step_.z, 0.995));
     // Multipliers stay near mu / s for any step of the slacks.
     for (std::size_t i = 0; i < m_; ++i) {
       const double center = mu / s_[i];
@@ -649,7 +651,7 @@ class Run {
   std::size_t m_;
   Point at_, trial_;
   Vector s_, z_, present_, residual_, goal_, aim_, values_;
-  Vector inside_, ratio_;  // 1 / s and z / s of inequalities that apply, else 0
+  Vector inverse_s_, inverse_z_, ratio_;  // 1 / s (0 if the inequality does not apply), 1 / z, z / s
   Vector by_force_, by_duration_, by_change_, price_, slope_b_, slope_y_;
   Vector inverse_, u0_, u1_;  // of the intervals' squares: 1 over their sum, mean u
   std::vector<char> pinned_;  // nodes whose b is fixed
