@@ -157,9 +157,7 @@ class Bounds:
     fastest: FloatArray
 
 
-def bounds_of(
-    vehicle: PointMass, road: RoadProfile, speed: float, config: PccConfig
-) -> Bounds:
+def bounds_of(vehicle: PointMass, road: RoadProfile, speed: float, config: PccConfig) -> Bounds:
     """Returns the bounds of a plan from a speed [m/s]; above the limits the truck brakes.
 
     Raises:

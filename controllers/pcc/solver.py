@@ -198,8 +198,8 @@ def _ipopt_optimum(
     # The costate, from the multipliers of the brake rows and the prices of durations. The rest of
     # the stationary Lagrangian along F belongs to overrun (below) or full power (above).
     by_force = -rows[:n] * units.force
-    v, change = np.sqrt(found), np.diff(found)
-    duration = 2.0 / (v[:-1] + v[1:])
+    speed, change = np.sqrt(found), np.diff(found)
+    duration = 2.0 / (speed[:-1] + speed[1:])
     pull = driving / duration
     c0, c1, c2 = problem.fuel
     rest = c1 + 2.0 * c2 * pull - by_force
@@ -208,8 +208,8 @@ def _ipopt_optimum(
     by_duration *= -0.25 * duration**2
     by_change = 2.0 * problem.calm * change * duration
     first, last = problem.slope
-    start = first * by_force + by_duration / v[:-1] - by_change
-    end = last * by_force + by_duration / v[1:] + by_change
+    start = first * by_force + by_duration / speed[:-1] - by_change
+    end = last * by_force + by_duration / speed[1:] + by_change
     return Optimum(
         b=found,
         y=driving - problem.net(found),

@@ -220,13 +220,13 @@ class PccTrip:
         intervals, step = max(intervals, LEAST_INTERVALS), self.receding.step
         if self._whole is None:
             before = math.ceil((self.end - self.road.station[0]) / step) + _BEFORE
-            self._whole = self._sampled(self.end - step * np.arange(before, -_AFTER - 1, -1))
+            self._whole = self._sampled(self.end - step * np.arange(before, -_AFTER - 1, -1.0))
         whole = self._whole
         first = round((station - float(whole.station[0])) / step)
         on_grid = 0 <= first <= whole.intervals - intervals and station == whole.station[first]
         if on_grid:
             return whole.part(first, intervals)
-        return self._sampled(station + step * np.arange(intervals + 1))
+        return self._sampled(station + step * np.arange(intervals + 1.0))
 
     def _sampled(self, grid: FloatArray) -> RoadProfile:
         """Returns the road at the stations of a grid, shape (n + 1,) [m]."""

@@ -1,7 +1,7 @@
 // Interior-point method of the speed planner. `controllers/pcc/problem.py` states the program, with
 // its units and symbols; `controllers/pcc/interior_point.py` the method and its sources.
 //
-// Every sum runs over the nodes in one order, so that the bits of a result do not depend on the
+// The order of every sum is fixed here, so that the bits of a result do not depend on the
 // processor. Vectors of inequalities hold, in this order: n brake forces, n rooms of the brake, n
 // overruns, n full powers, n + 1 low bounds, n + 1 high bounds, n earliest times (if any applies),
 // the trip time.
@@ -12,10 +12,11 @@
 #include <vector>
 
 #include "kernels/kernels.h"
+#include "kernels/node_system.h"
+#include "kernels/vectors.h"
 
+namespace iits {
 namespace {
-
-using Vector = std::vector<double>;
 
 constexpr double kInside = 0.05;     // least first slack
 constexpr double kMu = 0.1;          // first s z
@@ -44,59 +45,17 @@ struct Settings {
   double tolerance, iterations, time_limit;
 };
 
-// Calls `update` with the lane and index of each element. Results in four lanes do not wait for one
-// another, and their order is the same on every processor.
-template <typename Update>
-void InLanes(std::size_t size, const Update& update) {
-  std::size_t i = 0;
-  for (; i + 4 <= size; i += 4) {
-    for (std::size_t lane = 0; lane < 4; ++lane) update(lane, i + lane);
-  }
-  for (; i < size; ++i) update(i % 4, i);
-}
-
-// Greatest absolute value, NaN if any element is not finite.
-double Greatest(const Vector& a) {
-  double greatest[4] = {}, rest[4] = {};
-  InLanes(a.size(), [&](std::size_t lane, std::size_t i) {
-    const double value = std::fabs(a[i]);
-    greatest[lane] = value > greatest[lane] ? value : greatest[lane];
-    rest[lane] += value - value;
-  });
-  return std::max(std::max(greatest[0], greatest[1]), std::max(greatest[2], greatest[3])) +
-         ((rest[0] + rest[1]) + (rest[2] + rest[3]));
-}
-
-double Dot(const Vector& a, const Vector& b) {
-  double sum[4] = {};
-  InLanes(a.size(), [&](std::size_t lane, std::size_t i) { sum[lane] += a[i] * b[i]; });
-  return (sum[0] + sum[1]) + (sum[2] + sum[3]);
-}
-
-void Add(const Vector& a, double share, const Vector& step, Vector* sum) {
-  for (std::size_t i = 0; i < a.size(); ++i) (*sum)[i] = a[i] + share * step[i];
-}
-
-// Greatest share of a step, at most 1, that leaves 1 - `keep` of every value, given 1 / value.
-double ToBoundary(const Vector& inverse, const Vector& step, double keep) {
-  double falls[4] = {};
-  InLanes(step.size(), [&](std::size_t lane, std::size_t i) {
-    // If an inequality does not apply, the quotient is 0 or NaN, which is not less.
-    const double quotient = step[i] * inverse[i];
-    falls[lane] = quotient < falls[lane] ? quotient : falls[lane];
-  });
-  const double fall = *std::min_element(falls, falls + 4);
-  return fall < 0.0 ? std::min(1.0, -keep / fall) : 1.0;
-}
-
 // Drive at b and y: pace 1 / v, durations d with derivatives by b at both ends, mean speed 1 / d,
 // force, pull (power over full power), times at nodes 1..n, changes of b.
 struct Point {
   Vector b, y, v, pace, d, mean, d0, d1, force, pull, time, change;
 
-  explicit Point(std::size_t n)
-      : b(n + 1), y(n), v(n + 1), pace(n + 1), d(n), mean(n), d0(n), d1(n), force(n), pull(n),
-        time(n), change(n) {}
+  explicit Point(std::size_t n) {
+    for (Vector* of_node : {&b, &v, &pace}) of_node->resize(n + 1);
+    for (Vector* vector : {&y, &d, &mean, &d0, &d1, &force, &pull, &time, &change}) {
+      vector->resize(n);
+    }
+  }
 
   void Evaluate(const Problem& p) {
     for (std::size_t k = 0; k <= p.n; ++k) v[k] = std::sqrt(b[k]);
@@ -126,138 +85,6 @@ struct Point {
   }
 };
 
-// (H + G' C' W C G) x = r with H tridiagonal, G the durations' gradients, C their running sum and W
-// the weights of the times at nodes 1..n. If only the last time has a weight, the system is H with
-// a border. Else (`inner`) the times and the prices of the intervals are further unknowns: b[k],
-// t[k], price[k] at 3 k, 3 k + 1, 3 k + 2, in three bands on either side.
-class NodeSystem {
- public:
-  NodeSystem(std::size_t n, bool inner)
-      : diagonal(n + 1), beside(n), d0(n), d1(n), weights(n), n_(n), inner_(inner),
-        factor_(n + 1), below_(n), border_(n + 1), answer_(n + 1) {
-    if (inner) {
-      rows_.resize(kWide * Size());
-      order_.resize(Size());
-      full_.resize(Size());
-    }
-  }
-
-  // Of H: diagonal (n + 1) and beside it (n); derivatives of the durations; weights.
-  Vector diagonal, beside, d0, d1, weights;
-
-  // Returns whether H is positive definite and every pivot differs from 0.
-  bool Factor() {
-    factor_ = diagonal;
-    for (std::size_t k = 0; k < n_; ++k) {
-      if (factor_[k] <= 0.0) return false;
-      below_[k] = beside[k] / factor_[k];
-      factor_[k + 1] -= below_[k] * beside[k];
-    }
-    if (factor_[n_] <= 0.0) return false;
-    if (inner_) return FactorBands();
-    if (weights[n_ - 1] > 0.0) {
-      std::fill(border_.begin(), border_.end(), 0.0);
-      for (std::size_t k = 0; k < n_; ++k) {
-        border_[k] += d0[k];
-        border_[k + 1] += d1[k];
-      }
-      answer_ = border_;
-      SolveTridiagonal(&answer_);
-      pivot_ = 1.0 / weights[n_ - 1] + Dot(border_, answer_);
-    }
-    return true;
-  }
-
-  // Replaces a right side (n + 1) by the solution.
-  void Solve(Vector* x) {
-    if (inner_) {
-      SolveBands(x);
-      return;
-    }
-    SolveTridiagonal(x);
-    if (weights[n_ - 1] > 0.0) Add(*x, -Dot(border_, *x) / pivot_, answer_, x);
-  }
-
- private:
-  static constexpr std::size_t kBands = 3, kWide = 10;  // with the rows exchanged for pivots
-
-  std::size_t Size() const { return 3 * n_ + 2; }  // the last price does not exist
-  double& At(std::size_t row, std::size_t column) {
-    return rows_[kWide * row + column + kBands - row];
-  }
-
-  void SolveTridiagonal(Vector* right) const {
-    Vector& x = *right;
-    for (std::size_t k = 0; k < n_; ++k) x[k + 1] -= below_[k] * x[k];
-    x[n_] /= factor_[n_];
-    for (std::size_t k = n_; k-- > 0;) x[k] = x[k] / factor_[k] - below_[k] * x[k + 1];
-  }
-
-  void FillBands() {
-    std::fill(rows_.begin(), rows_.end(), 0.0);
-    At(1, 1) = 1.0;  // a unit weight keeps t[0] at 0
-    for (std::size_t k = 0; k <= n_; ++k) At(3 * k, 3 * k) = diagonal[k];
-    for (std::size_t k = 0; k < n_; ++k) {
-      const std::size_t b = 3 * k, t = b + 1, price = b + 2, next_b = b + 3, next_t = b + 4;
-      At(b, next_b) = At(next_b, b) = beside[k];
-      At(b, price) = At(price, b) = d0[k];
-      At(next_b, price) = At(price, next_b) = d1[k];
-      // W t[k+1] + price[k+1] - price[k] = 0, and grad d . b + t[k] - t[k+1] = 0 without t[0].
-      At(next_t, next_t) = weights[k];
-      At(next_t, price) = At(price, next_t) = -1.0;
-      if (k > 0) At(t, price) = At(price, t) = 1.0;
-    }
-  }
-
-  // Elimination with exchange of rows; keeps the factors in the place of the zeros.
-  bool FactorBands() {
-    FillBands();
-    for (std::size_t j = 0; j < Size(); ++j) {
-      const std::size_t bottom = std::min(j + kBands, Size() - 1);
-      const std::size_t right = std::min(j + 2 * kBands, Size() - 1);
-      std::size_t best = j;
-      for (std::size_t i = j + 1; i <= bottom; ++i) {
-        if (std::fabs(At(i, j)) > std::fabs(At(best, j))) best = i;
-      }
-      order_[j] = best;
-      if (At(best, j) == 0.0) return false;
-      if (best != j) {
-        for (std::size_t c = j; c <= right; ++c) std::swap(At(j, c), At(best, c));
-      }
-      for (std::size_t i = j + 1; i <= bottom; ++i) {
-        const double factor = At(i, j) /= At(j, j);
-        if (factor == 0.0) continue;
-        for (std::size_t c = j + 1; c <= right; ++c) At(i, c) -= factor * At(j, c);
-      }
-    }
-    return true;
-  }
-
-  void SolveBands(Vector* right_side) {
-    Vector& x = full_;
-    std::fill(x.begin(), x.end(), 0.0);
-    for (std::size_t k = 0; k <= n_; ++k) x[3 * k] = (*right_side)[k];
-    for (std::size_t j = 0; j < Size(); ++j) {
-      std::swap(x[j], x[order_[j]]);
-      const std::size_t bottom = std::min(j + kBands, Size() - 1);
-      for (std::size_t i = j + 1; i <= bottom; ++i) x[i] -= At(i, j) * x[j];
-    }
-    for (std::size_t j = Size(); j-- > 0;) {
-      const std::size_t right = std::min(j + 2 * kBands, Size() - 1);
-      for (std::size_t c = j + 1; c <= right; ++c) x[j] -= At(j, c) * x[c];
-      x[j] /= At(j, j);
-    }
-    for (std::size_t k = 0; k <= n_; ++k) (*right_side)[k] = x[3 * k];
-  }
-
-  std::size_t n_;
-  bool inner_;
-  Vector factor_, below_, border_, answer_;
-  double pivot_ = 0.0;
-  Vector rows_, full_;
-  std::vector<std::size_t> order_;
-};
-
 struct Step {
   Vector s, z, b, y;
   Step(std::size_t m, std::size_t n) : s(m), z(m), b(n + 1), y(n) {}
@@ -267,11 +94,27 @@ struct Step {
 class Run {
  public:
   Run(const Problem& problem, const Settings& settings, const double* guess)
-      : p_(problem), settings_(settings), n_(p_.n), behind_(AnyEarliest(problem)),
-        m_(6 * n_ + 3 + (behind_ ? n_ : 0)), at_(n_), trial_(n_), s_(m_), z_(m_), present_(m_, 1.0),
-        residual_(m_), goal_(m_), aim_(m_), values_(m_), inverse_s_(m_), inverse_z_(m_), ratio_(m_), by_force_(n_), by_duration_(n_),
-        by_change_(n_), price_(n_), slope_b_(n_ + 1), slope_y_(n_), inverse_(n_), u0_(n_), u1_(n_),
-        pinned_(n_ + 1), step_(m_, n_), other_(m_, n_), system_(n_, behind_) {
+      : p_(problem),
+        settings_(settings),
+        n_(p_.n),
+        behind_(std::any_of(p_.earliest, p_.earliest + n_, [](double t) { return t > 0.0; })),
+        m_(6 * n_ + 3 + (behind_ ? n_ : 0)),
+        at_(n_),
+        trial_(n_),
+        present_(m_, 1.0),
+        slope_b_(n_ + 1),
+        pinned_(n_ + 1),
+        step_(m_, n_),
+        other_(m_, n_),
+        system_(n_, behind_) {
+    for (Vector* of_limit :
+         {&s_, &z_, &residual_, &goal_, &aim_, &values_, &inverse_s_, &inverse_z_, &ratio_}) {
+      of_limit->resize(m_);
+    }
+    for (Vector* of_interval :
+         {&by_force_, &by_duration_, &by_change_, &price_, &slope_y_, &inverse_, &u0_, &u1_}) {
+      of_interval->resize(n_);
+    }
     MarkPresent();
     for (std::size_t k = 0; k <= n_; ++k) {
       const double edge = std::min(kInside, 0.1 * (p_.high[k] - p_.low[k]));
@@ -329,8 +172,8 @@ class Run {
       errors.push_back(std::max(primal, gap));
       ++iterations;
     }
-    const bool accepted = std::max(primal, gap) < kAccepted * tolerance &&
-                          dual < kAccepted * dual_tolerance;
+    const bool accepted =
+        std::max(primal, gap) < kAccepted * tolerance && dual < kAccepted * dual_tolerance;
     return accepted ? kConverged : kNoConvergence;
   }
 
@@ -347,10 +190,6 @@ class Run {
   }
 
  private:
-  static bool AnyEarliest(const Problem& p) {
-    return std::any_of(p.earliest, p.earliest + p.n, [](double t) { return t > 0.0; });
-  }
-
   static bool Falls(const Vector& errors) {
     const auto recent = errors.end() - kWindow;
     const double least = *std::min_element(recent, errors.end());
@@ -367,7 +206,6 @@ class Run {
       present_[6 * n_ + 2 + k] = p_.earliest[k] > 0.0 ? 1.0 : 0.0;
     }
     present_.back() = std::isfinite(p_.time_max) ? 1.0 : 0.0;
-    count_ = 0.0;
     for (double there : present_) count_ += there;
   }
 
@@ -457,11 +295,11 @@ class Run {
       const double along = brake * mass, cross = brake * mean;
       const double wide = p_.overrun + p_.full, to_overrun = p_.overrun + pull;
       const double to_full = p_.full - pull;
-      const double across =
-          brake * (share0 * (p_.overrun * p_.overrun) + share1 * (p_.full * p_.full) +
-                   share2 * (pull * pull)) +
-          overrun * share1 * (wide * wide) + overrun * share2 * (to_overrun * to_overrun) +
-          full * share2 * (to_full * to_full);
+      const double across = brake * (share0 * (p_.overrun * p_.overrun) +
+                                     share1 * (p_.full * p_.full) + share2 * (pull * pull)) +
+                            overrun * share1 * (wide * wide) +
+                            overrun * share2 * (to_overrun * to_overrun) +
+                            full * share2 * (to_full * to_full);
       double h00 = along * first * first + 2.0 * cross * first * d0 + across * d0 * d0;
       double h01 = along * first * last + cross * (first * d1 + last * d0) + across * d0 * d1;
       double h11 = along * last * last + 2.0 * cross * last * d1 + across * d1 * d1;
@@ -487,7 +325,8 @@ class Run {
     for (std::size_t k = 0; k <= n_; ++k) diagonal[k] = pinned_[k] ? 1.0 : diagonal[k] * (1 + more);
   }
 
-  // Factors Newton's system at the iterate, after `Gradient(z_)`: exact if it is positive definite, else its convex part.
+  // Factors Newton's system at the iterate, after `Gradient(z_)`: exact if it is positive definite,
+  // else its convex part.
   bool Factor() {
     for (std::size_t i = 0; i < m_; ++i) {
       inverse_s_[i] = present_[i] / s_[i];
@@ -647,20 +486,22 @@ class Run {
   const Problem& p_;
   const Settings& settings_;
   std::size_t n_;
-  bool behind_;  // whether any earliest time applies
-  std::size_t m_;
+  bool behind_;    // whether any earliest time applies
+  std::size_t m_;  // number of inequalities
   Point at_, trial_;
-  Vector s_, z_, present_, residual_, goal_, aim_, values_;
-  Vector inverse_s_, inverse_z_, ratio_;  // 1 / s (0 if the inequality does not apply), 1 / z, z / s
+  Vector present_;    // 1 where an inequality applies, else 0
+  double count_ = 0;  // of the inequalities that apply
+  Vector s_, z_, residual_, goal_, aim_, values_;
+  Vector inverse_s_, inverse_z_, ratio_;  // present / s, 1 / z, z / s
   Vector by_force_, by_duration_, by_change_, price_, slope_b_, slope_y_;
   Vector inverse_, u0_, u1_;  // of the intervals' squares: 1 over their sum, mean u
   std::vector<char> pinned_;  // nodes whose b is fixed
   Step step_, other_;
   NodeSystem system_;
-  double count_ = 0.0;  // of the inequalities that apply
 };
 
 }  // namespace
+}  // namespace iits
 
 // Minimizes a program of n intervals; returns the number of the reason why it ended.
 //
@@ -669,6 +510,7 @@ class Run {
 // (n + 1); resistance and earliest times, each (n). `result`: see `Run::Write`.
 IITS_KERNEL std::ptrdiff_t iits_interior_point(std::ptrdiff_t n, const double* input,
                                                double* result) {
+  using namespace iits;
   const auto began = std::chrono::steady_clock::now();
   const double* nodes = input + 16;
   const Problem problem{static_cast<std::size_t>(n),

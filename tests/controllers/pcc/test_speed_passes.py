@@ -1,5 +1,7 @@
 """The compiled passes over the nodes against their Python form, bit for bit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -19,7 +21,7 @@ def vehicle():
 
 
 def random_road(rng):
-    grade = np.clip(np.cumsum(rng.normal(0.0, 0.03, 80)), -0.2, 0.2)
+    grade = np.clip(np.cumsum(rng.normal(0.0, 0.02, 80)), -0.2, 0.2)
     station = rng.uniform(20.0, 60.0) * np.arange(81)
     height = np.append(0.0, np.cumsum(grade * station[1]))
     return RoadProfile(station, height, np.full(81, np.inf))
@@ -75,14 +77,16 @@ def at_full_power(v, a, c, work):
 def test_passes_over_random_roads_equal_their_python_form(vehicle):
     rng = np.random.default_rng(1)
     stalls = 0
-    for _ in range(300):
+    for number in range(300):
+        # A twentieth of the power stalls on some roads.
+        truck = replace(vehicle, power_max=vehicle.power_max * (1.0, 0.05)[number % 2])
         road = random_road(rng)
         cap = rng.choice([4.0, 100.0, 400.0, 600.0], 81) * rng.uniform(0.9, 1.0, 81)
         force = rng.uniform(0.0, 3e5)
-        b = brakeable(vehicle, road, cap, force)
-        assert np.array_equal(b, braked(vehicle, road, cap, force))
-        speed = fastest_below(vehicle, road, b)
-        assert np.array_equal(speed, driven(vehicle, road, b))
+        b = brakeable(truck, road, cap, force)
+        assert np.array_equal(b, braked(truck, road, cap, force))
+        speed = fastest_below(truck, road, b)
+        assert np.array_equal(speed, driven(truck, road, b))
         stalls += speed[-1] == 0.0
     assert 0 < stalls < 300
 
