@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -71,9 +72,14 @@ class Schedule:
         return float(self.station[0] - (self.station[1] - self.station[0]))
 
     @cached_property
-    def _table(self) -> FloatArray:
-        """Stations [m] and v^2 [m2/s2] of the nodes, shape (2, n + 1)."""
-        return np.array([self.station, self.speed**2])
+    def _table(self) -> tuple[FloatArray, int]:
+        """Stations [m] and v^2 [m2/s2] of the nodes, shape (2, n + 1), and their address."""
+        table = np.array([self.station, self.speed**2])
+        return table, kernels.address(table)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Returns the attributes only: the table of a copy has another address."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def covers(self, station: float) -> bool:
         """Returns whether a station [m] is on the schedule or within a step before its start."""
@@ -91,8 +97,8 @@ class Schedule:
 
     def fastest(self, station: float, spacing: float = 0.0, count: int = 1) -> float:
         """Returns the greatest planned speed at stations with a spacing [m/s]."""
-        table = kernels.address(self._table)
-        return math.sqrt(_GREATEST(self.station.size, table, station, spacing, count))
+        greatest = _GREATEST(self.station.size, self._table[1], station, spacing, count)
+        return math.sqrt(greatest)
 
     def worth_at(self, station: float) -> float:
         """Returns the worth of v^2 [kg/(m2/s2)]."""

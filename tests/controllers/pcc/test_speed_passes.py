@@ -1,5 +1,6 @@
 """The compiled passes over the nodes against their Python form, bit for bit."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -100,3 +101,6 @@ def test_greatest_speed_of_a_schedule_is_that_of_interpolated_nodes():
         ahead = place + np.linspace(0.0, 500.0, 11)
         assert schedule.fastest(place, 50.0, 11) == schedule.speed_at(ahead).max()
         assert schedule.fastest(place) == schedule.speed_at(place)
+    copied = copy.deepcopy(schedule)
+    assert copied._table[1] != schedule._table[1]
+    assert copied.fastest(900.0) == schedule.fastest(900.0)
