@@ -1,4 +1,4 @@
-"""The speed task as a scaled nonlinear program: values, gradients, curvature, inequalities.
+"""The speed task as a scaled nonlinear program.
 
 Nodes k = 0..n, intervals of length ds between them. Variables: b = v^2 at the nodes and y, the
 brake force, in the intervals. With the net force N of the motion, linear in b, the engine's force
