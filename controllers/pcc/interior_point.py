@@ -89,6 +89,8 @@ def minimize(problem: Problem, b: FloatArray, settings: Settings | None = None) 
         *(settings.guarded, settings.fallback),
     )
     given = np.concatenate([numbers, p.low, p.high, b, p.resistance, p.earliest])
+    if given.size != len(numbers) + 3 * (n + 1) + 2 * n:
+        raise ValueError(f"the guess and bounds of {n} intervals must have {n + 1} nodes")
     found = np.empty(4 * n + 4)
     reason = _RUN(n, kernels.address(given), kernels.address(found))
     rest = found[2 * n + 1 :]

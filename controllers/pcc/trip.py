@@ -219,7 +219,8 @@ class PccTrip:
         """Returns the road from a station [m] in the steps of plans, level beyond its end."""
         intervals, step = max(intervals, LEAST_INTERVALS), self.receding.step
         if self._whole is None:
-            before = math.ceil((self.end - self.road.station[0]) / step) + _BEFORE
+            length = max(self.end - float(self.road.station[0]), 0.0)
+            before = math.ceil(length / step) + _BEFORE
             self._whole = self._sampled(self.end - step * np.arange(before, -_AFTER - 1, -1.0))
         whole = self._whole
         first = round((station - float(whole.station[0])) / step)

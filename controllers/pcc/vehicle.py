@@ -124,7 +124,8 @@ def brakeable(vehicle: PointMass, road: RoadProfile, cap: FloatArray, force: flo
     twice = 2.0 * road.step / vehicle.inertial_mass
     half = 0.5 * vehicle.drag * twice
     fall = twice * (force + vehicle.slope_force(road.grade))
-    b = np.array(cap, dtype=float)
+    b = np.empty(road.station.size)
+    b[:] = cap
     _BRAKEABLE(road.intervals, half, kernels.address(fall), kernels.address(b))
     return b
 
@@ -135,7 +136,8 @@ def fastest_below(vehicle: PointMass, road: RoadProfile, cap: FloatArray) -> Flo
     The drive begins with the cap's first speed; after a stall the speed is 0. The brakes must be
     able to meet the cap.
     """
-    speed, slope = np.sqrt(np.maximum(cap, 0.0)), vehicle.slope_force(road.grade)
+    speed = np.sqrt(np.maximum(cap, 0.0), out=np.empty(road.station.size))
+    slope = vehicle.slope_force(road.grade)
     _FASTEST(
         road.intervals,
         vehicle.inertial_mass,
