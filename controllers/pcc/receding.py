@@ -240,11 +240,11 @@ class RecedingPlanner:
 
     def _solve(self, task: SpeedTask, bounds: Bounds) -> Solution:
         """Returns the optimum of a task; PlanningError if its speeds are not finite."""
-        low, high = np.sqrt(task.b_low), np.sqrt(task.b_high)
-        guess = np.minimum(bounds.fastest, self.config.v_ref)
-        if self.last is not None:
+        if self.last is None:
+            guess = np.minimum(bounds.fastest, self.config.v_ref)
+        else:
             guess = np.interp(task.road.station, self.last.station, self.last.speed)
-        found = solve(task, np.clip(guess, low, high), time_limit=self.receding.time_limit)
+        found = solve(task, guess, time_limit=self.receding.time_limit)
         if not np.isfinite(found.speed).all():
             raise PlanningError("the speed optimization gave speeds that are not finite")
         return found

@@ -109,13 +109,14 @@ def full_power_speed(
     b_cap[0] = v_start**2
     speed = fastest_below(vehicle, road, b_cap)
     # Crawling below a limit is not a lack of power.
-    slow = speed[1:] < np.minimum(_CRAWL, 0.99 * np.sqrt(b_cap[1:]))
-    if slow.any():
-        k = int(slow.argmax())
-        raise PlanningError(
-            f"full power ({vehicle.power_max / 1e3:.0f} kW) does not carry {vehicle.mass:.0f} "
-            f"kg over the {100 * road.grade[k]:.1f} % at station {road.station[k]:.0f} m"
-        )
+    if speed.min() < _CRAWL:
+        slow = speed[1:] < np.minimum(_CRAWL, 0.99 * np.sqrt(b_cap[1:]))
+        if slow.any():
+            k = int(slow.argmax())
+            raise PlanningError(
+                f"full power ({vehicle.power_max / 1e3:.0f} kW) does not carry {vehicle.mass:.0f} "
+                f"kg over the {100 * road.grade[k]:.1f} % at station {road.station[k]:.0f} m"
+            )
     return speed
 
 
