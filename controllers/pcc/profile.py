@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from iits_mj.road import Route
 
 _GRADE_MAX = 0.25
+_UNEVEN = 1e-6  # relative difference of steps
 _HEIGHT_COLUMNS = (("s_m", "s", "station_m", "station"), ("z_m", "z", "height_m", "height"))
 
 
@@ -43,7 +45,7 @@ class RoadProfile:
         if not (np.isfinite(self.station).all() and np.isfinite(self.height).all()):
             raise InputError(f"road profile {self.name!r} holds numbers that are not finite")
         steps = np.diff(self.station)
-        if steps.min() <= 0.0 or not np.allclose(steps, steps[0], rtol=1e-6):
+        if not (steps[0] > 0.0 and np.abs(steps - steps[0]).max() <= _UNEVEN * steps[0]):
             raise InputError(f"road profile {self.name!r}: stations must rise evenly")
         steep = np.abs(self.grade)
         if steep.max() > _GRADE_MAX:
@@ -52,10 +54,10 @@ class RoadProfile:
                 f"road profile {self.name!r}: grade {100 * steep.max():.1f} % at {where:.0f} m; "
                 f"at most {100 * _GRADE_MAX:g} % is allowed"
             )
-        if np.isnan(self.v_limit).any() or self.v_limit.min() <= 0.0:
+        if not self.v_limit.min() > 0.0:
             raise InputError(f"road profile {self.name!r}: speed limits must be above 0")
 
-    @property
+    @cached_property
     def step(self) -> float:
         """Length of an interval [m]."""
         return float(self.station[1] - self.station[0])
@@ -70,10 +72,30 @@ class RoadProfile:
         """Number of intervals."""
         return self.station.size - 1
 
-    @property
+    @cached_property
     def grade(self) -> FloatArray:
         """Mean grade dz/ds of the intervals, shape (n,)."""
         return np.diff(self.height) / np.diff(self.station)
+
+    def part(self, first: int, intervals: int) -> RoadProfile:
+        """Returns the road of some intervals from a node on."""
+        nodes = slice(first, first + intervals + 1)
+        return self._with(
+            station=self.station[nodes],
+            height=self.height[nodes],
+            v_limit=self.v_limit[nodes],
+            grade=self.grade[first : first + intervals],
+        )
+
+    def below(self, top: float | FloatArray) -> RoadProfile:
+        """Returns the road with the lower of its limits and others above 0 [m/s]."""
+        return self._with(v_limit=np.minimum(self.v_limit, top))
+
+    def _with(self, **attributes: FloatArray) -> RoadProfile:
+        """Returns a copy with other attributes, which are known to be valid."""
+        road = object.__new__(RoadProfile)
+        road.__dict__.update(self.__dict__, **attributes)
+        return road
 
     @classmethod
     def from_heights(

@@ -138,7 +138,7 @@ class RecedingPlanner:
           InputError: a number is not finite, the station is not on the road, the speed is above
             60 m/s, or the leader is behind the truck.
         """
-        first, last = self.trip.road.station[[0, -1]]
+        first, last = (float(self.trip.road.station[end]) for end in (0, -1))
         in_range("speed planner: station [m]", station, first - _OFF_ROAD, last + _OFF_ROAD)
         in_range("speed planner: speed [m/s]", speed, -_FASTEST, _FASTEST)
         if not math.isfinite(time):
@@ -205,15 +205,14 @@ class RecedingPlanner:
         if self.last is None or not self.last.station[0] <= station <= self.last.station[-1]:
             return speed
         reach = self.receding.resync
-        return float(np.clip(self.last.at(station), max(speed - reach, LEAST_SPEED), speed + reach))
+        return min(max(self.last.at(station), speed - reach, LEAST_SPEED), speed + reach)
 
     def _optimize(
         self, road: RoadProfile, speed: float, price: float, leader: Leader | None
     ) -> tuple[FloatArray, float]:
         """Returns node speeds and the solver's time [s]; PlanningError if there is no optimum."""
         settings = self.receding.leader
-        slowest = braking_speeds(self.vehicle, road, speed)
-        bounds = bounds_of(self.vehicle, road, speed, slowest, self.config)
+        bounds = bounds_of(self.vehicle, road, speed, self.config)
         if leader is not None and leader.pace < settings.jam:
             raise PlanningError(f"the vehicle ahead drives {leader.pace:.1f} m/s: a jam")
         low, high = bounds.low.copy(), bounds.high.copy()
@@ -241,11 +240,11 @@ class RecedingPlanner:
 
     def _solve(self, task: SpeedTask, bounds: Bounds) -> Solution:
         """Returns the optimum of a task; PlanningError if its speeds are not finite."""
-        low, high = np.sqrt(task.b_low), np.sqrt(task.b_high)
-        guess = np.minimum(bounds.fastest, self.config.v_ref)
-        if self.last is not None:
+        if self.last is None:
+            guess = np.minimum(bounds.fastest, self.config.v_ref)
+        else:
             guess = np.interp(task.road.station, self.last.station, self.last.speed)
-        found = solve(task, np.clip(guess, low, high), time_limit=self.receding.time_limit)
+        found = solve(task, guess, time_limit=self.receding.time_limit)
         if not np.isfinite(found.speed).all():
             raise PlanningError("the speed optimization gave speeds that are not finite")
         return found

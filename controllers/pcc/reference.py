@@ -29,6 +29,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Scene, SpeedProfile, TrackedVehicle
 from iits_mj.core.neighbors import Neighbor
 from iits_mj.core.timing import CYCLE_PERIOD
+from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.parameters import TruckParameters
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 
 _FREE = 1e3  # [m/s] in place of no reference speed
 _MASS_CHANGE = 0.02  # relative change of mass that makes a new planner
-_GAIN_AHEAD = 500.0  # [m] within which a lane change must pay
+_GAIN_AHEAD = (50.0, 11)  # spacing [m] and number of the places where a lane change must pay
 
 
 class RoadLimits:
@@ -127,10 +128,12 @@ class Flow:
         `time` [s] and `station` [m] are the truck's, `vehicles` those in sight.
         """
         config = self.config
+        frame = VehicleFrame.of(vehicles)
+        columns = (frame.lanes.tolist(), *frame.columns("station", "speed").tolist())
         ahead = [
-            v.speed
-            for v in vehicles
-            if v.lane >= 0 and 0.0 < v.station - station < config.sight and math.isfinite(v.speed)
+            speed
+            for lane, place, speed in zip(*columns, strict=True)
+            if lane >= 0 and 0.0 < place - station < config.sight and math.isfinite(speed)
         ]
         # The first update counts in full.
         weight = 1.0 - math.exp(-max(time - self._time, 0.0) / config.memory)
@@ -238,8 +241,7 @@ class PccReference:
         schedule = None if self.planner is None else self.planner.schedule
         if schedule is None or not schedule.covers(station):
             return self.config.v_ref
-        ahead = station + np.linspace(0.0, _GAIN_AHEAD, 11)
-        fastest = float(schedule.speed_at(ahead).max())
+        fastest = schedule.fastest(station, *_GAIN_AHEAD)
         return fastest if math.isinf(self._top) else max(fastest, self.config.v_ref)
 
     def report(self) -> PccReport:

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +21,7 @@ from controllers.pcc.profile import RoadProfile
 from controllers.pcc.solver import solve
 from controllers.pcc.task import Solution, SpeedTask
 from controllers.pcc.vehicle import PointMass, cruise, durations, full_power_speed, passing_times
+from iits_mj import kernels
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import PlanningError
 
@@ -31,6 +34,11 @@ _LEAST_PRICE = -0.9
 _HALVINGS = 12
 # Least and greatest mean speed after a lag, over that of the schedule [1].
 _FASTER = (0.75, 1.35)
+_GREATEST = kernels.function(
+    "iits_greatest",
+    kernels.Real,
+    *(kernels.Integer, kernels.Address, kernels.Real, kernels.Real, kernels.Integer),
+)
 
 
 @dataclass(frozen=True)
@@ -53,25 +61,44 @@ class Schedule:
     late: float = 0.0
     top: float = math.inf
 
-    @property
+    @cached_property
     def end(self) -> float:
         """Last station [m]."""
         return float(self.station[-1])
 
+    @cached_property
+    def _begin(self) -> float:
+        """Station a step before the first [m]."""
+        return float(self.station[0] - (self.station[1] - self.station[0]))
+
+    @cached_property
+    def _table(self) -> tuple[FloatArray, int]:
+        """Stations [m] and v^2 [m2/s2] of the nodes, shape (2, n + 1), and their address."""
+        table = np.array([self.station, self.speed**2])
+        return table, kernels.address(table)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Returns the attributes only: the table of a copy has another address."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
     def covers(self, station: float) -> bool:
         """Returns whether a station [m] is on the schedule or within a step before its start."""
-        step = float(self.station[1] - self.station[0])
-        return bool(self.station[0] - step <= station <= self.station[-1])
+        return self._begin <= station <= self.end
 
     def due(self, station: float) -> float:
         """Returns the planned time of passing a station [s]; v^2 is linear between nodes."""
-        k = int(np.clip(np.searchsorted(self.station, station) - 1, 0, self.station.size - 2))
-        way, sums = station - self.station[k], self.speed[k] + self.speed_at(station)
-        return float(self.clock[k] + 2.0 * way / sums)
+        k = min(max(int(self.station.searchsorted(station)) - 1, 0), self.station.size - 2)
+        sums = float(self.speed[k]) + self.fastest(station)
+        return float(self.clock[k]) + 2.0 * (station - float(self.station[k])) / sums
 
     def speed_at(self, station: float | FloatArray) -> FloatArray:
         """Returns the planned speed [m/s]."""
         return np.asarray(np.sqrt(np.interp(station, self.station, self.speed**2)))
+
+    def fastest(self, station: float, spacing: float = 0.0, count: int = 1) -> float:
+        """Returns the greatest planned speed at stations with a spacing [m/s]."""
+        greatest = _GREATEST(self.station.size, self._table[1], station, spacing, count)
+        return math.sqrt(greatest)
 
     def worth_at(self, station: float) -> float:
         """Returns the worth of v^2 [kg/(m2/s2)]."""
@@ -90,7 +117,8 @@ class Schedule:
         planned = max(float(self.clock[-1]) - self.due(station), 1e-3)
         left = max(float(self.clock[-1]) - self.late - time, 1e-3)
         mean = (self.end - station) / planned
-        faster = mean * float(np.clip(planned / left, *_FASTER))
+        slowest, fastest = _FASTER
+        faster = mean * min(max(planned / left, slowest), fastest)
         change = level_price(vehicle, faster) - level_price(vehicle, mean)
         return max(self.price + change, least_price(vehicle))
 
@@ -109,7 +137,7 @@ def level_price(vehicle: PointMass, speed: float) -> float:
     derivative by v is zero at the best speed.
     """
     fuel, eta, k = vehicle.fuel, vehicle.efficiency, vehicle.drag
-    resistance = float(vehicle.slope_force(np.zeros(1))[0]) + k * speed**2
+    resistance = vehicle.level_force + k * speed**2
     slope = fuel.f1 * 2.0 * k * speed / eta
     slope += fuel.f2 * (resistance**2 + 4.0 * k * speed**2 * resistance) / eta**2
     return slope * speed**2 - fuel.f0
@@ -120,7 +148,7 @@ def level_worth(vehicle: PointMass, speed: float) -> float:
 
     From the optimality condition on the engine's force: `f1/eta + 2 f2 R v/eta^2` per joule.
     """
-    resistance = float(vehicle.slope_force(np.zeros(1))[0]) + vehicle.drag * speed**2
+    resistance = vehicle.level_force + vehicle.drag * speed**2
     joule = vehicle.fuel.f1 / vehicle.efficiency
     joule += 2.0 * vehicle.fuel.f2 * resistance * speed / vehicle.efficiency**2
     return 0.5 * vehicle.inertial_mass * joule
@@ -135,15 +163,15 @@ class Bounds:
     fastest: FloatArray
 
 
-def bounds_of(
-    vehicle: PointMass, road: RoadProfile, speed: float, slowest: FloatArray, config: PccConfig
-) -> Bounds:
+def bounds_of(vehicle: PointMass, road: RoadProfile, speed: float, config: PccConfig) -> Bounds:
     """Returns the bounds of a plan from a speed [m/s]; above the limits the truck brakes.
 
     Raises:
       PlanningError: full power is not enough for a climb.
     """
-    cap = np.maximum(np.minimum(road.v_limit, config.v_max), slowest)
+    cap = np.minimum(road.v_limit, config.v_max)
+    if speed > cap.min():
+        cap = np.maximum(cap, braking_speeds(vehicle, road, speed))
     fastest = full_power_speed(vehicle, road, speed, cap)
     low = np.minimum(lower_speeds(fastest, config.v_min), cap)
     b_low, b_high = low**2, cap**2
@@ -187,8 +215,7 @@ def make_schedule(
     def planned(price: float | None, top: float) -> tuple[Solution, float]:
         """Returns plan and time for a price of time (None: wanted time) and a top speed."""
         nonlocal late
-        lower = replace(road, v_limit=np.minimum(road.v_limit, top))
-        bounds = bounds_of(vehicle, lower, speed, slowest, config)
+        bounds = bounds_of(vehicle, road.below(top), speed, config)
         b_low, b_high = bounds.low, bounds.high
         if end_speed is not None:
             b_low[-1] = b_high[-1] = min(end_speed**2, float(bounds.fastest[-1]) ** 2)

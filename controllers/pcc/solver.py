@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from controllers.pcc.interior_point import Optimum, Settings, minimize
-from controllers.pcc.problem import Point, Problem, Units, scaled
+from controllers.pcc.problem import Problem, Units, scaled
 from controllers.pcc.task import Solution, SpeedTask, require_feasible
 from controllers.pcc.vehicle import passing_times
 from iits_mj.core.arrays import FloatArray
@@ -143,8 +143,6 @@ def _solution(
     speed = np.sqrt(b)
     return Solution(
         speed=speed,
-        cost=task.cost(speed),
-        fuel=float(task.vehicle.fuel_of(speed, task.road).sum()),
         method=method,
         iterations=optimum.iterations,
         solve_time=time.perf_counter() - began,
@@ -213,20 +211,27 @@ def _ipopt_optimum(
     statistics = nlp.stats()
     x = np.asarray(result["x"]).ravel()
     found = np.clip(x[: n + 1] * _B / units.b, problem.low, problem.high)
-    point = Point(problem, found, x[n + 1 : 2 * n + 1] / units.force - problem.net(found))
+    driving = x[n + 1 : 2 * n + 1] / units.force
     rows = np.asarray(result["lam_g"]).ravel() * _COST * _FUEL / units.fuel
     price = -rows[2 * n :] * units.time / _T
     # The costate, from the multipliers of the brake rows and the prices of durations. The rest of
     # the stationary Lagrangian along F belongs to overrun (below) or full power (above).
     by_force = -rows[:n] * units.force
-    own, by_duration, by_change = point.cost_slope
-    rest = own - by_force
-    by_duration = by_duration + price - problem.overrun * np.maximum(rest, 0.0)
-    by_duration += np.minimum(rest, 0.0)
-    start, end = point.to_nodes(by_force, by_duration, by_change)
+    speed, change = np.sqrt(found), np.diff(found)
+    duration = 2.0 / (speed[:-1] + speed[1:])
+    pull = driving / duration
+    c0, c1, c2 = problem.fuel
+    rest = c1 + 2.0 * c2 * pull - by_force
+    by_duration = c0 - c2 * pull**2 + problem.calm * change**2 + price + np.minimum(rest, 0.0)
+    by_duration -= problem.overrun * np.maximum(rest, 0.0)
+    by_duration *= -0.25 * duration**2
+    by_change = 2.0 * problem.calm * change * duration
+    first, last = problem.slope
+    start = first * by_force + by_duration / speed[:-1] - by_change
+    end = last * by_force + by_duration / speed[1:] + by_change
     return Optimum(
         b=found,
-        y=point.y,
+        y=driving - problem.net(found),
         time_price=float(price[-1]),
         prices=price,
         costate=np.append(-start, end[-1]),

@@ -62,7 +62,7 @@ class SpeedTask:
     def check_nodes(self, name: str, array: FloatArray) -> None:
         """Raises PlanningError unless an array has a number for each node."""
         nodes = self.road.station.size
-        if np.shape(array) != (nodes,) or np.isnan(array).any():
+        if np.shape(array) != (nodes,) or math.isnan(array.min()):
             raise PlanningError(
                 f"speed task: {name} must hold {nodes} numbers, not {np.shape(array)} or NaN"
             )
@@ -89,7 +89,6 @@ class Solution:
     Attributes:
       speed: at the nodes, shape (n + 1,) [m/s]; the last may miss its bound by 0.02 m/s after a
         long climb at full power.
-      cost: of the task [kg]; fuel: the share of fuel in it [kg].
       method: that found it.
       iterations: of the method; solve_time: wall time with set-up [s].
       time_price: multiplier of the trip time [kg/s]; this and the arrays below are NaN if the
@@ -101,8 +100,6 @@ class Solution:
     """
 
     speed: FloatArray
-    cost: float
-    fuel: float
     method: str
     iterations: int
     solve_time: float
@@ -121,9 +118,9 @@ def require_feasible(task: SpeedTask) -> FloatArray:
     """
     vehicle, road, low = task.vehicle, task.road, task.b_low
     high = np.minimum(task.b_high, 1e4)
-    empty = np.flatnonzero(low > high + 1e-9)
-    if empty.size:
-        k = int(empty[0])
+    empty = low > high + 1e-9
+    if empty.any():
+        k = int(empty.argmax())
         raise PlanningError(
             f"at station {road.station[k]:.0f} m the least speed {math.sqrt(low[k]):.2f} m/s is "
             f"above the greatest {math.sqrt(max(high[k], 0.0)):.2f} m/s"
@@ -131,9 +128,9 @@ def require_feasible(task: SpeedTask) -> FloatArray:
     # The engine's drag helps the brakes.
     drag = vehicle.power_drag * vehicle.efficiency / math.sqrt(float(low.min()))
     cap = brakeable(vehicle, road, high, vehicle.brake_max + drag)
-    steep = np.flatnonzero(low > cap + _SLACK)
-    if steep.size:
-        k = int(steep[-1])
+    steep = low > cap + _SLACK
+    if steep.any():
+        k = int(np.flatnonzero(steep)[-1])
         ahead = k + int(np.flatnonzero(high[k:] - cap[k:] <= _SLACK)[0])
         raise PlanningError(
             f"the brakes ({vehicle.brake_max / 1e3:.0f} kN) cannot take the least speed "
@@ -141,9 +138,9 @@ def require_feasible(task: SpeedTask) -> FloatArray:
             f"{math.sqrt(high[ahead]):.2f} m/s allowed at station {road.station[ahead]:.0f} m"
         )
     fastest = fastest_below(vehicle, road, cap)
-    slow = np.flatnonzero(fastest**2 < low * (1.0 - _SLACK) - _SLACK)
-    if slow.size:
-        k = int(slow[0])
+    slow = fastest**2 < low * (1.0 - _SLACK) - _SLACK
+    if slow.any():
+        k = int(slow.argmax())
         where = "the end speed" if k == road.intervals else "the least speed"
         raise PlanningError(
             f"{where} {math.sqrt(low[k]):.2f} m/s at station {road.station[k]:.0f} m is out of "

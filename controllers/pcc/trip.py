@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.core.messages import SpeedProfile
 
 LEAST_INTERVALS = 4
+_BEFORE, _AFTER = 4, LEAST_INTERVALS  # intervals of the grid before the road and beyond its end
 _EASE = 0.3  # [m/s2] deceleration to the traffic's speed
 LEAST_SPEED = 1.0  # [m/s] at which the plans of a stopped truck begin
 
@@ -127,6 +128,7 @@ class PccTrip:
         self.vehicle, self.road, self.config = vehicle, road, config
         self.receding, self.appointment = receding, appointment
         self.limits: Callable[[FloatArray], FloatArray] | None = None
+        self._whole: RoadProfile | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -138,7 +140,7 @@ class PccTrip:
 
     def limit_by(self, limits: Callable[[FloatArray], FloatArray]) -> None:
         """Sets other speed limits; the next plan makes a new schedule."""
-        self.limits = limits
+        self.limits, self._whole = limits, None
         self._outdated, self._scheduled_at = True, -math.inf
 
     @property
@@ -214,9 +216,22 @@ class PccTrip:
         return price, schedule.lag(start.station, start.time)
 
     def grid(self, station: float, intervals: int) -> RoadProfile:
-        """Returns the road from a station [m] on the grid of plans, level beyond its end."""
-        road, step = self.road, self.receding.step
-        grid = station + step * np.arange(max(intervals, LEAST_INTERVALS) + 1, dtype=float)
+        """Returns the road from a station [m] in the steps of plans, level beyond its end."""
+        intervals, step = max(intervals, LEAST_INTERVALS), self.receding.step
+        if self._whole is None:
+            length = max(self.end - float(self.road.station[0]), 0.0)
+            before = math.ceil(length / step) + _BEFORE
+            self._whole = self._sampled(self.end - step * np.arange(before, -_AFTER - 1, -1.0))
+        whole = self._whole
+        first = round((station - float(whole.station[0])) / step)
+        on_grid = 0 <= first <= whole.intervals - intervals and station == whole.station[first]
+        if on_grid:
+            return whole.part(first, intervals)
+        return self._sampled(station + step * np.arange(intervals + 1.0))
+
+    def _sampled(self, grid: FloatArray) -> RoadProfile:
+        """Returns the road at the stations of a grid, shape (n + 1,) [m]."""
+        road = self.road
         height = np.interp(grid, road.station, road.height)
         if self.limits is not None:
             return RoadProfile(grid, height, self.limits(grid), road.name)
@@ -232,7 +247,7 @@ class PccTrip:
         if math.isinf(top):
             return road
         cap = easing_speeds(road, speed, max(top, LEAST_SPEED), _EASE)
-        return replace(road, v_limit=np.minimum(road.v_limit, cap))
+        return road.below(cap)
 
     def horizon(self, start: PlanStart, sight: float, *, free: bool) -> RoadProfile:
         """Returns the road of a plan of length `sight` [m], at most to the end of the trip.

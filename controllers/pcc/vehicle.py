@@ -9,11 +9,18 @@ import numpy as np
 
 from controllers.pcc.fuel import Willans
 from controllers.pcc.profile import RoadProfile
+from iits_mj import kernels
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import PlanningError
 from iits_mj.core.units import GRAVITY
 
 _CRAWL = 2.0  # [m/s]
+_BRAKEABLE = kernels.function(
+    "iits_brakeable", None, kernels.Integer, kernels.Real, kernels.Address, kernels.Address
+)
+_FASTEST = kernels.function(
+    "iits_fastest", None, kernels.Integer, *4 * [kernels.Real], *2 * [kernels.Address]
+)
 
 
 @dataclass(frozen=True)
@@ -47,6 +54,11 @@ class PointMass:
         air drag gives an error of 0.1 % on a grade of 5 %.
         """
         return np.asarray(self.mass * GRAVITY * (grade + self.rolling))
+
+    @property
+    def level_force(self) -> float:
+        """Resistance of the tires on the level [N]."""
+        return self.mass * GRAVITY * self.rolling
 
     def net_force(self, speed: FloatArray, road: RoadProfile) -> FloatArray:
         """Returns drive minus brake force [N] of the intervals, (n,), for node speeds (n + 1,)."""
@@ -97,13 +109,14 @@ def full_power_speed(
     b_cap[0] = v_start**2
     speed = fastest_below(vehicle, road, b_cap)
     # Crawling below a limit is not a lack of power.
-    slow = np.flatnonzero(speed[1:] < np.minimum(_CRAWL, 0.99 * np.sqrt(b_cap[1:])))
-    if slow.size:
-        k = int(slow[0])
-        raise PlanningError(
-            f"full power ({vehicle.power_max / 1e3:.0f} kW) does not carry {vehicle.mass:.0f} "
-            f"kg over the {100 * road.grade[k]:.1f} % at station {road.station[k]:.0f} m"
-        )
+    if speed.min() < _CRAWL:
+        slow = speed[1:] < np.minimum(_CRAWL, 0.99 * np.sqrt(b_cap[1:]))
+        if slow.any():
+            k = int(slow.argmax())
+            raise PlanningError(
+                f"full power ({vehicle.power_max / 1e3:.0f} kW) does not carry {vehicle.mass:.0f} "
+                f"kg over the {100 * road.grade[k]:.1f} % at station {road.station[k]:.0f} m"
+            )
     return speed
 
 
@@ -112,14 +125,9 @@ def brakeable(vehicle: PointMass, road: RoadProfile, cap: FloatArray, force: flo
     twice = 2.0 * road.step / vehicle.inertial_mass
     half = 0.5 * vehicle.drag * twice
     fall = twice * (force + vehicle.slope_force(road.grade))
-    b = np.array(cap, dtype=float)
-    # Only caps that cannot be met from the previous node affect earlier nodes.
-    for last in np.flatnonzero(b[:-1] * (1.0 - half) > b[1:] * (1.0 + half) + fall)[::-1]:
-        for k in range(int(last), -1, -1):
-            met = (b[k + 1] * (1.0 + half) + fall[k]) / (1.0 - half)
-            if met >= b[k]:
-                break
-            b[k] = max(met, 0.0)
+    b = np.empty(road.station.size)
+    b[:] = cap
+    _BRAKEABLE(road.intervals, half, kernels.address(fall), kernels.address(b))
     return b
 
 
@@ -129,52 +137,18 @@ def fastest_below(vehicle: PointMass, road: RoadProfile, cap: FloatArray) -> Flo
     The drive begins with the cap's first speed; after a stall the speed is 0. The brakes must be
     able to meet the cap.
     """
-    wanted = np.sqrt(np.maximum(cap, 0.0))
-    short = np.flatnonzero(
-        vehicle.net_force(wanted, road) * 0.5 * (wanted[1:] + wanted[:-1])
-        > vehicle.efficiency * vehicle.power_max
+    speed = np.sqrt(np.maximum(cap, 0.0), out=np.empty(road.station.size))
+    slope = vehicle.slope_force(road.grade)
+    _FASTEST(
+        road.intervals,
+        vehicle.inertial_mass,
+        road.step,
+        0.5 * vehicle.drag,
+        vehicle.efficiency * vehicle.power_max,
+        kernels.address(slope),
+        kernels.address(speed),
     )
-    speed, caps, slope = wanted.copy(), wanted.tolist(), vehicle.slope_force(road.grade).tolist()
-    half = 0.5 * vehicle.drag
-    push = vehicle.inertial_mass / (2.0 * road.step)
-    work = 2.0 * vehicle.efficiency * vehicle.power_max
-    done = 0
-    for first in short.tolist():
-        if first < done:
-            continue
-        k, v = first, float(speed[first])
-        while k < road.intervals:
-            v = _end_speed(v, push + half, (half - push) * v * v + slope[k], work)
-            k += 1
-            if v >= caps[k]:
-                break
-            speed[k] = v
-            if v <= 0.0:
-                speed[k:] = 0.0
-                return speed
-        done = k
     return speed
-
-
-def _end_speed(v: float, a: float, c: float, work: float) -> float:
-    """Returns the speed w at the end of an interval at full power from speed v, 0 for a stall.
-
-    The power limit holds at the mean of both speeds: `a w^2 + c = work / (v + w)`, with a from
-    inertia and half the drag, c from v and the slope. The left side minus the right one increases
-    with w, so that Newton's method converges.
-    """
-    if c * (v + 1e-3) >= work:
-        return 0.0
-    w = v
-    for _ in range(30):
-        total = v + w
-        share = work / total
-        step = (a * w * w + c - share) / (2.0 * a * w + share / total)
-        # Far from the solution a step may lead below zero speed.
-        w = w - step if step < 0.9 * w else 0.1 * w
-        if -1e-9 < step < 1e-9:
-            break
-    return w
 
 
 def cruise(

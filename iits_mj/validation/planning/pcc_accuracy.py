@@ -7,16 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-import iits_mj.validation.planning.pcc_hermite  # noqa: F401  registers "finite_elements"
-from controllers.pcc import PccConfig, RoadProfile, Solution
+from controllers.pcc import PccConfig, RoadProfile
 from controllers.pcc import solve as solve_task
 from controllers.pcc.planner import evaluate
 from controllers.pcc.vehicle import durations
 from iits_mj.core.errors import PlanningError
 from iits_mj.core.results import Check, Findings, Line, Panel
 from iits_mj.core.units import KMH
+from iits_mj.validation.planning import pcc_hermite
 from iits_mj.validation.planning.pcc_bound import below_fit, certificate
 from iits_mj.validation.planning.pcc_case import SolvedPlan, balance, bound, solve
+from iits_mj.validation.planning.pcc_hermite import ElementsSolution
 from iits_mj.validation.planning.pcc_roads import on_finer_road
 
 PAPER_SECONDS = 60.0
@@ -33,7 +34,7 @@ EQUAL_TIME = 1e-4  # relative difference of trip times
 class Elements:
     """Finite elements in time of a case, or the reason why there is no solution."""
 
-    answer: Solution | None
+    answer: ElementsSolution | None
     reason: str = ""
 
 
@@ -47,9 +48,7 @@ def finite_elements(case: SolvedPlan, length_max: float = ELEMENTS_MAX) -> Eleme
         )
     speed = case.solution.baseline.speed
     try:
-        return Elements(
-            solve_task(case.task, speed, "finite_elements", time_limit=_ELEMENTS_SECONDS)
-        )
+        return Elements(pcc_hermite.finite_elements(case.task, speed, time_limit=_ELEMENTS_SECONDS))
     except PlanningError as error:
         return Elements(None, f"no finite elements in time: {error}")
 

@@ -47,13 +47,15 @@ _SAMPLES = 40
 
 @dataclass(frozen=True, kw_only=True)
 class ElementsSolution(Solution):
-    """The optimum, with fuel and cost by the elements' own quadrature.
+    """The optimum in time.
 
     Attributes:
+      fuel: by the elements' own quadrature [kg].
       clock, node_station, node_speed: X of the finite elements with their times, shape
         (elements + 1,).
     """
 
+    fuel: float
     clock: FloatArray
     node_station: FloatArray
     node_speed: FloatArray
@@ -132,14 +134,13 @@ def finite_elements(
     intervals = task.road.intervals
     return ElementsSolution(
         speed=_speed_over(station, speed, program.duration, program.station),
-        cost=float(result["f"]) * _COST,
-        fuel=float(program.fuel(x)),
         method="finite_elements",
         iterations=int(statistics["iter_count"]),
         solve_time=time.perf_counter() - began,
         time_price=np.nan,
         costate=np.full(intervals + 1, np.nan),
         interval_price=np.full(intervals, np.nan),
+        fuel=float(program.fuel(x)),
         clock=np.asarray(program.duration * np.arange(n + 1), dtype=float),
         node_station=station + task.road.station[0],
         node_speed=speed,

@@ -501,10 +501,10 @@ def test_settings_out_of_bounds_are_refused_by_name(kind, change):
 
 def test_flow_is_the_mean_of_the_vehicles_in_sight_and_fades():
     def ahead(station, speed, lane=0):
-        return TrackedVehicle("v", station=station, speed=speed, lane=lane)
+        return TrackedVehicle(f"at {station}", station=station, speed=speed, lane=lane)
 
     flow, margin = Flow(), FlowConfig().margin
-    others = [ahead(900.0, 2.0), ahead(1100.0, 14.0, -1), ahead(2000.0, 25.0)]
+    others = [ahead(900.0, 2.0), ahead(1150.0, 14.0, -1), ahead(2000.0, 25.0)]
     assert flow.update(0.0, 1000.0, others) == np.inf
     flow.reset()
     assert flow.update(0.0, 1000.0, [*others, ahead(1100.0, 14.0), ahead(1200.0, 16.0)]) == (
