@@ -280,8 +280,8 @@ class Offscreen(Closing):
 
     def _sun_view(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns the matrix from places relative to the eye to the shadow map, (4, 4)."""
-        near, far = self._range()
         clip = self._model.stat.extent * self._model.vis.map.shadowclip
+        near, far = -2.0 * clip, 3.0 * clip
         forward = -self._to_sun
         axis = np.array([0.0, 1.0, 0.0]) if abs(forward[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
         up = np.cross(forward, axis)

@@ -298,7 +298,9 @@ class Painter:
         GL.glViewport(1, 1, side - 2, side - 2)
         GL.glDisable(GL.GL_CULL_FACE)
         GL.glEnable(GL.GL_POLYGON_OFFSET_FILL)
+        GL.glEnable(GL.GL_DEPTH_CLAMP)
         self._draw(groups["casters"])
+        GL.glDisable(GL.GL_DEPTH_CLAMP)
         GL.glDisable(GL.GL_POLYGON_OFFSET_FILL)
 
     def _use(self, program: _Program, shot: Shot) -> None:
@@ -377,7 +379,8 @@ class Painter:
         shadow = GL.glGenTextures(1)
         GL.glBindTexture(GL.GL_TEXTURE_2D, shadow)
         side = max(self._lighting.shadow_size, 1)
-        GL.glTexStorage2D(GL.GL_TEXTURE_2D, 1, GL.GL_DEPTH24_STENCIL8, side, side)
+        # 16 bits over the short range of depths cost half the memory traffic of 32.
+        GL.glTexStorage2D(GL.GL_TEXTURE_2D, 1, GL.GL_DEPTH_COMPONENT16, side, side)
         for parameter, value in (
             (GL.GL_TEXTURE_MIN_FILTER, GL.GL_NEAREST),
             (GL.GL_TEXTURE_MAG_FILTER, GL.GL_NEAREST),

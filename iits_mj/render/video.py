@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 # Constant rate factor of x264: a smaller value gives better and larger videos.
-_RATE_FACTOR = "25"
+_RATE_FACTOR = "26"
 
 
 class Mp4Encoder(Finishing):
@@ -128,7 +128,7 @@ def _pipe(path: Path, size: tuple[int, int], fps: float) -> Generator[None, Any,
             quality=None,
             macro_block_size=2,
             ffmpeg_log_level="error",
-            output_params=["-crf", _RATE_FACTOR, "-preset", "veryfast", "-movflags", "+faststart"],
+            output_params=["-crf", _RATE_FACTOR, "-preset", "superfast", "-movflags", "+faststart"],
         )
         pipe.send(None)
     except (ImportError, OSError, RuntimeError) as error:

@@ -7,11 +7,14 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from iits_mj import cli
 from iits_mj.core.errors import InputError, RenderError
 from iits_mj.render import offscreen
 from iits_mj.render.film_process import FilmProcess, FilmSettings
@@ -94,26 +97,56 @@ def test_death_of_the_process_is_reported(tmp_path: Path) -> None:
     assert not (tmp_path / "film.mp4").exists()
 
 
-DRIVER = """
-import sys, time
-from pathlib import Path
-from iits_mj.render.film_process import FilmProcess, FilmSettings
-from iits_mj.simulation import DriveConfig
-film = FilmProcess(FilmSettings(Path(sys.argv[1]), DriveConfig(), (160, 120), "chase", 20))
-film.check()
-print(film.pid, flush=True)
-time.sleep(60)
-"""
-
-
-def test_killed_drive_leaves_no_process_and_no_file(tmp_path: Path) -> None:
-    line = [sys.executable, "-c", DRIVER, str(tmp_path / "film.mp4")]
-    with subprocess.Popen(line, stdout=subprocess.PIPE, text=True) as drive:
-        assert drive.stdout is not None
-        pid = int(drive.stdout.readline())
-        drive.kill()
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -9)]
+)
+def test_ended_drive_leaves_a_whole_film_or_none(
+    tmp_path: Path, number: signal.Signals, code: int
+) -> None:
+    words = "drive --traffic-mode none --duration 4000 --size 160x120 --out ."
+    line = [sys.executable, "-m", "iits_mj.cli", *words.split()]
+    drive = subprocess.Popen(line, cwd=tmp_path, stderr=subprocess.PIPE)
     deadline = time.monotonic() + LONGEST
-    while not gone(pid):
-        assert time.monotonic() < deadline, "the film's process goes on"
+    # The telemetry begins when the drive does.
+    while not list(tmp_path.glob(".telemetry*")) or not list(tmp_path.glob(".drive*")):
+        assert time.monotonic() < deadline, "the drive did not begin"
+        time.sleep(0.1)
+    time.sleep(5.0)
+    film = children(drive.pid)
+    drive.send_signal(number)
+    _, error = drive.communicate(timeout=LONGEST)
+    assert drive.returncode == code
+    assert b"Traceback" not in error
+    assert film
+    while not all(gone(pid) for pid in film):
+        assert time.monotonic() < deadline + LONGEST, "the film's process goes on"
         time.sleep(0.05)
-    assert list(tmp_path.iterdir()) == []
+    assert not list(tmp_path.glob(".drive*"))
+    if number == signal.SIGKILL:
+        assert not (tmp_path / "drive.mp4").exists()
+    else:
+        assert len(pictures(tmp_path / "drive.mp4")) > 5
+
+
+def children(pid: int) -> list[int]:
+    """Numbers of a process's children and of theirs."""
+    found = []
+    for tasks in Path(f"/proc/{pid}/task").glob("*/children"):
+        for child in map(int, tasks.read_text().split()):
+            found += [child, *children(child)]
+    return found
+
+
+def test_full_disk_ends_the_drive_and_keeps_the_old_film(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    full_disk: Callable[[int], AbstractContextManager[None]],
+) -> None:
+    (tmp_path / "drive.mp4").write_bytes(b"old")
+    words = ["drive", "--traffic-mode", "none", "--duration", "60", "--out", str(tmp_path)]
+    with full_disk(50_000):
+        assert cli.main(words) == 2
+    error = capsys.readouterr().err
+    assert "drive.mp4" in error
+    assert (tmp_path / "drive.mp4").read_bytes() == b"old"
+    assert not list(tmp_path.glob(".drive*"))
