@@ -5,13 +5,9 @@
 #include <algorithm>
 #include <cmath>
 
-namespace iits {
+#include "kernels/rounding.h"
 
-// Python's `x ** 2` is the C library's `pow`, for which the compiler would put x * x.
-inline double Square(double x) {
-  volatile double two = 2.0;
-  return std::pow(x, two);
-}
+namespace iits {
 
 // The fields of `FollowingConfig`, in its order.
 struct Following {

@@ -8,12 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from iits_mj.commands.bench.drive import drives
-from iits_mj.commands.bench.environments import environments, import_time
-from iits_mj.commands.bench.film import film
-from iits_mj.commands.bench.interface import interface
-from iits_mj.commands.bench.physics import physics
-from iits_mj.commands.bench.traffic import traffic
+from iits_mj.commands.bench import drive, environments, film, interface, physics, traffic
 from iits_mj.commands.output import ResultOptions, finish
 from iits_mj.core import options as option_fields
 from iits_mj.core.options import option
@@ -45,13 +40,13 @@ def measure(options: Options) -> Results:
     """Returns all figures."""
     results = Results("bench", options.seed)
     rounds = 3 if options.quick else 10
-    results.add("", physics(options.payload, options.threads, rounds))
-    results.add("", interface(2 * rounds))
+    results.add("", physics.physics(options.payload, options.threads, rounds))
+    results.add("", interface.interface(2 * rounds))
     if options.traffic:
-        results.add("", traffic(2 * rounds))
-        results.add("", drives(options.quick))
+        results.add("", traffic.traffic(2 * rounds))
+        results.add("", drive.drives(options.quick))
     if options.film:
-        results.add("", film(rounds))
-    results.add("", environments(2 * rounds))
-    results.add("", import_time(rounds))
+        results.add("", film.film(rounds))
+    results.add("", environments.environments(2 * rounds))
+    results.add("", environments.import_time(rounds))
     return results
