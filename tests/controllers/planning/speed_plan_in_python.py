@@ -33,15 +33,7 @@ def lead_at(lead: Lead, time: float) -> tuple[float, float]:
 def idm_acceleration(
     speed: float, desired: float, gap: float, lead_speed: float, config: FollowingConfig
 ) -> float:
-    """Acceleration of the improved IDM [m/s2]: its free term falls to -b above the desired speed.
-
-    Args:
-      speed: own [m/s].
-      desired: speed on the free road [m/s], positive.
-      gap: [m]; infinite on the free road.
-      lead_speed: [m/s].
-      config: parameters.
-    """
+    """Acceleration of the improved IDM [m/s2]: its free term is -b above the desired speed."""
     a, b = config.acceleration_max, config.deceleration
     desired = max(desired, 0.1)
     if speed <= desired:
@@ -152,22 +144,7 @@ def roll_out(
     emergency: float = 0.0,
     hold: bool = False,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Station, speed and acceleration at steps + 1 instants, the first being now.
-
-    Args:
-      start: initial state.
-      path: gives the stations of cap.
-      cap: from `speed_cap`.
-      leads: vehicles to follow.
-      mass: of the combination [kg].
-      preview: of the road, for the grade.
-      steps: number of steps.
-      step: [s].
-      config: limits.
-      stop: station at which to stop at the latest [m].
-      emergency: deceleration of emergency braking, positive [m/s2]; 0: no emergency.
-      hold: the truck comes to rest at once and stays.
-    """
+    """Station, speed and acceleration at steps + 1 instants, the first being now."""
     following = config.following
     rows: list[tuple[float, float, float]] = []
     s, v, a = start.station, max(start.speed, 0.0), start.acceleration
