@@ -12,7 +12,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from typing import Any
 
 import gymnasium
 import mujoco
@@ -84,36 +83,6 @@ def import_time(rounds: int = 10) -> Findings:
     found = Findings()
     name = "import iits_mj over import mujoco, without Python's start"
     found.check(name, (ours - start) / (bare - start), "1", 1.2, "<= 1.5")
-    return found
-
-
-def scaling(
-    counts: tuple[int, ...] = (2, 8, 64), threads: tuple[int, ...] = (1, 2), steps: int = 20
-) -> Findings:
-    """Returns steps per second of many environments, by wall time; needs idle cores.
-
-    Args:
-      counts: numbers of environments, each on the threads of one process and in as many processes.
-      threads: of the one process.
-      steps: of each environment.
-    """
-    found = Findings()
-    for count in counts:
-        ways: dict[str, dict[str, Any]] = {
-            f"threads {number}": {"threads": number} for number in threads
-        }
-        ways[f"processes {count}"] = {"vectorization_mode": "async"}
-        for way, settings in ways.items():
-            many = gymnasium.make_vec(f"iits_mj:{ENVIRONMENT}", num_envs=count, **settings)
-            many.reset(seed=0)
-            actions = many.action_space.sample()
-            many.step(actions)
-            start = time.perf_counter()
-            for _ in range(steps):
-                many.step(actions)
-            rate = count * steps / (time.perf_counter() - start)
-            many.close()
-            found.check(f"steps of {count} LaneKeep, {way}", rate, "1/s")
     return found
 
 

@@ -9,18 +9,14 @@ wall time, and idle cores.
 from __future__ import annotations
 
 import contextlib
-import copy
-import dataclasses
 import functools
-import multiprocessing
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection
 from typing import Any
 
 import mujoco
 import mujoco.rollout
 import numpy as np
-from mujoco.batch import Batch
 
 from iits_mj.analytic.tire import Motion, Surface, Tires
 from iits_mj.commands.bench.clocks import MICROSECONDS, Play, best, in_turns
@@ -32,9 +28,6 @@ from iits_mj.model.road_table import add_road_table
 from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
 from iits_mj.road import RoadMap
 from iits_mj.truck import Truck
-from iits_mj.truck.fleet import TruckFleet
-from iits_mj.truck.placement import TruckPlacement
-from traffic_bridge import Mirror
 
 STATION, SPEED, PEDAL = 100.0, 15.0, 0.4  # of the truck on the highway [m], [m/s], 1
 # Numbers of a wheel in the state of the tire plugin, and the place of the lost share of pressure.
@@ -314,120 +307,3 @@ def rollout_gain(truck: Truck, threads: int, rounds: int = 30) -> Findings:
     # With two threads on idle cores, this bound means a gain of 1.93.
     found.check(name, processor[many] / processor[one], "1", 1.0, "<= 1.036")
     return found
-
-
-def batch_speed(
-    environments: Sequence[int] = (2, 8, 64),
-    threads: Sequence[int] = (1, 2),
-    seconds: float = 1.0,
-) -> dict[tuple[int, int], float]:
-    """Returns the steps per second of `mujoco.batch` by (environments, threads), by wall time."""
-    truck, found = highway_truck(), {}
-    for count in environments:
-        for workers in threads:
-            batch = Batch(truck.model, nsim=count, nthread=workers)
-            for name in ("qpos", "qvel", "ctrl", "plugin_state"):
-                rows = batch.bind(name)
-                rows[:] = np.reshape(getattr(truck.data, name), rows[0].shape)
-            batch.step(nstep=_STEPS // 10)
-            calls, begin = 0, time.perf_counter()
-            while time.perf_counter() - begin < seconds:
-                batch.step(nstep=_STEPS // 10)
-                calls += 1
-            elapsed = time.perf_counter() - begin
-            found[count, workers] = calls * count * (_STEPS // 10) / elapsed
-    return found
-
-
-def process_speed(
-    environments: Sequence[int] = (2, 8, 64), processes: int = 2, seconds: float = 1.0
-) -> dict[int, float]:
-    """Returns the steps per second of all processes together, by number of environments.
-
-    Each process steps its share of the environments one after the other.
-    """
-    context, found = multiprocessing.get_context("spawn"), {}
-    for count in environments:
-        shares = [len(range(k, count, processes)) for k in range(processes)]
-        with context.Pool(processes, _begin, (context.Barrier(processes),)) as pool:
-            speeds = pool.starmap(_process, [(share, seconds) for share in shares], chunksize=1)
-        found[count] = sum(speeds)
-    return found
-
-
-def _begin(barrier: Any) -> None:
-    """Prepares a process of `process_speed`."""
-    _process.barrier, _process.truck = barrier, highway_truck()  # type: ignore[attr-defined]
-
-
-def _process(environments: int, seconds: float) -> float:
-    """Steps per second of one process, which begins together with the others."""
-    truck: Truck = _process.truck  # type: ignore[attr-defined]
-    datas = [copy.copy(truck.data) for _ in range(environments)]
-    _process.barrier.wait()  # type: ignore[attr-defined]
-    steps, begin = 0, time.perf_counter()
-    while time.perf_counter() - begin < seconds:
-        for data in datas:
-            mujoco.mj_step(truck.model, data, _STEPS // 10)
-            steps += _STEPS // 10
-    return steps / (time.perf_counter() - begin)
-
-
-def growth_by_axles(counts: Sequence[int] = (1, 2, 3, 4, 5), rounds: int = 30) -> dict[int, float]:
-    """Returns the processor time of a step [s] by number of axles of the semitrailer."""
-    trucks = {}
-    for count in counts:
-        parameters = with_trailer_axles(TruckParameters.load(), count)
-        trucks[str(count)] = Truck.load(parameters=parameters, visuals=False)
-    return _growth(trucks, rounds)
-
-
-def with_trailer_axles(parameters: TruckParameters, count: int) -> TruckParameters:
-    """Returns a truck whose semitrailer has so many axles, each like the last one it has now."""
-    trailer, brake = parameters.semitrailer, parameters.air_brake
-    spacing = trailer.axles[-1].position - trailer.axles[-2].position
-    axles = []
-    for k in range(count):
-        like = trailer.axles[min(k, len(trailer.axles) - 1)]
-        position = trailer.axles[0].position + k * spacing
-        axles.append(dataclasses.replace(like, name=f"trailer_axle{k + 1}", position=position))
-    before, now = len(parameters.axles), len(parameters.tractor.axles) + count
-    per_axle: dict[str, Any] = {
-        field.name: (*value, *(now - before) * value[-1:])[:now]
-        for field in dataclasses.fields(brake)
-        if isinstance(value := getattr(brake, field.name), tuple) and len(value) == before
-    }
-    return dataclasses.replace(
-        parameters,
-        semitrailer=dataclasses.replace(trailer, axles=tuple(axles)),
-        air_brake=dataclasses.replace(brake, **per_axle),
-    )
-
-
-def growth_by_trucks(counts: Sequence[int] = (1, 2, 4, 8), rounds: int = 30) -> dict[int, float]:
-    """Returns the processor time of a step [s] by number of trucks in the model."""
-    route, trucks = RoadMap.builtin().route(), {}
-    for count in counts:
-        fleet = TruckFleet.load([MAX_PAYLOAD] * count, route=route, visuals=False)
-        fleet.reset([TruckPlacement(station=400.0 - 40.0 * k, speed=SPEED) for k in range(count)])
-        trucks[str(count)] = fleet.trucks[0]
-    return _growth(trucks, rounds)
-
-
-def growth_by_vehicles(
-    counts: Sequence[int] = (0, 20, 50, 100, 200, 500), rounds: int = 30
-) -> dict[int, float]:
-    """Returns the processor time of a step [s] by number of mirrored cars in the model."""
-    route, trucks = RoadMap.builtin().route(), {}
-    for count in counts:
-        mirror = Mirror({"car": count}, visuals=False)
-        truck = Truck.load(route=route, visuals=False, edit_spec=mirror.add_to)
-        truck.reset(station=STATION, speed=SPEED)
-        trucks[str(count)] = truck
-    return _growth(trucks, rounds)
-
-
-def _growth(trucks: Mapping[str, Truck], rounds: int) -> dict[int, float]:
-    steps = _STEPS // 5
-    plays = {name: player(truck.model, truck.data, steps) for name, truck in trucks.items()}
-    return {int(name): value / steps for name, value in in_turns(plays, rounds).items()}

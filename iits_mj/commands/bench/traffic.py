@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-
-from iits_mj.commands.bench.clocks import MICROSECONDS, MILLISECONDS, no_collection
+from iits_mj.commands.bench.clocks import MILLISECONDS, no_collection
 from iits_mj.core.messages import EgoState
 from iits_mj.core.results import Findings
 from iits_mj.road import RoadMap, Route
@@ -32,7 +29,6 @@ CONFIG = TrafficConfig(
     density=0.5, speed_limit=SPEED, view_range=400.0, fill_ahead=380.0, fill_behind=380.0
 )
 STEP = CONFIG.step_length
-GROWTH_STEPS = 100
 
 
 class TrafficStep(NamedTuple):
@@ -50,7 +46,7 @@ def traffic(rounds: int) -> Findings:
     The truck drives along the built-in highway. Every step is timed as a whole and inside SUMO;
     bridge and mirror take the difference.
     """
-    steps = _measure(CONFIG, rounds * STEPS)
+    steps = timed_steps(CONFIG, rounds * STEPS)
     seconds = [
         TrafficStep(
             part[-1].vehicles, *(sum(column) for column in list(zip(*part, strict=True))[1:])
@@ -71,28 +67,6 @@ def traffic(rounds: int) -> Findings:
     return found
 
 
-def traffic_growth(counts: Sequence[int]) -> list[TrafficStep]:
-    """Returns the cost of a step of 0.1 s for about so many vehicles in view.
-
-    The traffic is that of `traffic`, with a longer view. The mirror shows the nearest ones, as many
-    as its default pool holds.
-
-    Args:
-      counts: about how many vehicles are in view.
-
-    Returns:
-      Medians of the steps, times in microseconds, for each count.
-    """
-    found = []
-    for count in counts:
-        view = CONFIG.view_range * count / VEHICLES
-        fill = max(view - EDGE, EDGE)
-        config = dataclasses.replace(CONFIG, view_range=view, fill_ahead=fill, fill_behind=fill)
-        vehicles, *times = np.median(_measure(config, GROWTH_STEPS), axis=0).tolist()
-        found.append(TrafficStep(vehicles, *(MICROSECONDS * duration for duration in times)))
-    return found
-
-
 @dataclass
 class _Clock:
     """A function with a count of its processor time."""
@@ -106,7 +80,7 @@ class _Clock:
         self.inside += time.process_time() - start
 
 
-def _measure(config: TrafficConfig, count: int) -> list[TrafficStep]:
+def timed_steps(config: TrafficConfig, count: int) -> list[TrafficStep]:
     """Times a number of steps of the traffic around a truck on the built-in highway."""
     route = RoadMap.builtin().route()
     mirror = Mirror(view_range=config.view_range)

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from iits_mj.commands.bench.environments import environments, import_time, scaling
+from iits_mj.commands.bench.environments import environments, import_time
 
 
 @pytest.mark.parametrize(
@@ -10,7 +10,6 @@ from iits_mj.commands.bench.environments import environments, import_time, scali
     [
         (lambda: environments(rounds=1), 4),
         (lambda: import_time(rounds=1), 1),
-        (lambda: scaling(counts=(2,), threads=(1, 2), steps=1), 3),
     ],
 )
 def test_every_figure_is_a_positive_number(measure, count):

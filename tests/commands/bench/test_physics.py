@@ -7,7 +7,6 @@ import pytest
 from iits_mj.commands.bench import clocks
 from iits_mj.commands.bench import physics as bench_physics
 from iits_mj.parameters import TruckParameters
-from iits_mj.truck import Truck
 
 PARAMETERS = TruckParameters.load()
 
@@ -31,15 +30,6 @@ def test_one_kind_of_plugin_is_removed_with_its_sensors(truck):
     assert without.nplugin == truck.model.nplugin - 3
     assert without.nsensor == truck.model.nsensor - 24
     assert without.nactuator == truck.model.nactuator
-
-
-@pytest.mark.parametrize("count", [1, 2, 4, 5])
-def test_a_semitrailer_with_other_axles_stands_still(count):
-    parameters = bench_physics.with_trailer_axles(PARAMETERS, count)
-    truck = Truck.load(10_000.0, parameters=parameters, visuals=False)
-    truck.step(200)
-    assert len(parameters.axles) == 3 + count
-    assert np.abs(truck.data.qvel).max() < 1e-6
 
 
 def test_the_smallest_time_of_functions_in_turns_counts():

@@ -1,0 +1,325 @@
+"""How computing times grow with vehicles, road, axles, trucks, environments and threads.
+
+    python benchmarks/growth.py --csv docs/performance/growth.csv
+    python benchmarks/growth.py --csv docs/performance/growth.csv \
+        --picture docs/performance/growth.png
+
+The first form measures (about four minutes) and writes a table; `--only` measures some figures and
+keeps the others of the table. The second form draws the table. Processor times are of one core;
+speeds of several threads and processes are by wall time and need idle cores.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import csv
+import dataclasses
+import functools
+import multiprocessing
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from iits_mj.commands.bench import drive, traffic
+from iits_mj.commands.bench.clocks import MICROSECONDS, MILLISECONDS, in_turns
+from iits_mj.commands.bench.environments import ENVIRONMENT
+from iits_mj.commands.bench.physics import SPEED, STATION, highway_truck, player
+from iits_mj.core.results import Line, Panel
+from iits_mj.core.timing import TIMESTEP
+from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
+from iits_mj.render.plots import save
+from iits_mj.road import RoadMap
+from iits_mj.road.design import Design, build
+from iits_mj.road.writer import write
+from iits_mj.simulation import DriveConfig, Simulation
+from iits_mj.truck import Truck
+from iits_mj.truck.fleet import TruckFleet
+from iits_mj.truck.placement import TruckPlacement
+from traffic_bridge import Mirror
+
+DESIGN = Path(__file__).resolve().parents[1] / "tools" / "highway.toml"
+STEPS = 100  # of a round
+THREADS = (1, 2)
+PROCESSES = 2
+ENVIRONMENTS = (2, 8, 64)
+EDGE = 20.0  # [m] of the view's end that is empty at the beginning
+_JOINT = 60.0  # [m] of the vertical curve between two repetitions of the highway
+Points = Iterator[tuple[str, float, float]]
+"""Name of a line, x, y."""
+
+
+def step_by_axles(counts: Sequence[int] = (1, 2, 3, 4, 5)) -> Points:
+    trucks = {}
+    for count in counts:
+        parameters = with_trailer_axles(TruckParameters.load(), count)
+        trucks[2 * len(parameters.axles)] = Truck.load(parameters=parameters, visuals=False)
+    yield from _steps("truck on a plane", trucks)
+
+
+def step_by_trucks(counts: Sequence[int] = (1, 2, 4, 8)) -> Points:
+    route, trucks = RoadMap.builtin().route(), {}
+    for count in counts:
+        fleet = TruckFleet.load([MAX_PAYLOAD] * count, route=route, visuals=False)
+        fleet.reset([TruckPlacement(station=400.0 - 40.0 * k, speed=SPEED) for k in range(count)])
+        trucks[count] = fleet.trucks[0]
+    yield from _steps("trucks in one model", trucks)
+
+
+def step_by_vehicles(counts: Sequence[int] = (0, 20, 50, 100, 200, 500)) -> Points:
+    route, trucks = RoadMap.builtin().route(), {}
+    for count in counts:
+        mirror = Mirror({"car": count}, visuals=False)
+        truck = Truck.load(route=route, visuals=False, edit_spec=mirror.add_to)
+        truck.reset(station=STATION, speed=SPEED)
+        trucks[count] = truck
+    yield from _steps("mirror with so many cars", trucks)
+
+
+def _steps(name: str, trucks: Mapping[int, Truck], rounds: int = 30) -> Points:
+    plays = {str(x): player(truck.model, truck.data, STEPS) for x, truck in trucks.items()}
+    for x, value in in_turns(plays, rounds).items():
+        yield name, float(x), value / STEPS * MICROSECONDS
+
+
+def with_trailer_axles(parameters: TruckParameters, count: int) -> TruckParameters:
+    """A truck whose semitrailer has so many axles, each like the last one it has now."""
+    trailer, brake = parameters.semitrailer, parameters.air_brake
+    spacing = trailer.axles[-1].position - trailer.axles[-2].position
+    axles = []
+    for k in range(count):
+        like = trailer.axles[min(k, len(trailer.axles) - 1)]
+        position = trailer.axles[0].position + k * spacing
+        axles.append(dataclasses.replace(like, name=f"trailer_axle{k + 1}", position=position))
+    before, now = len(parameters.axles), len(parameters.tractor.axles) + count
+    per_axle: dict[str, Any] = {
+        field.name: (*value, *(now - before) * value[-1:])[:now]
+        for field in dataclasses.fields(brake)
+        if isinstance(value := getattr(brake, field.name), tuple) and len(value) == before
+    }
+    return dataclasses.replace(
+        parameters,
+        semitrailer=dataclasses.replace(trailer, axles=tuple(axles)),
+        air_brake=dataclasses.replace(brake, **per_axle),
+    )
+
+
+def traffic_by_vehicles(counts: Sequence[int] = (20, 60, 120, 250, 500)) -> Points:
+    """The traffic of `iits-mj bench` with a longer view; the mirror holds the nearest vehicles."""
+    for count in counts:
+        view = traffic.CONFIG.view_range * count / traffic.VEHICLES
+        fill = max(view - EDGE, EDGE)
+        config = dataclasses.replace(
+            traffic.CONFIG, view_range=view, fill_ahead=fill, fill_behind=fill
+        )
+        vehicles, *times = np.median(traffic.timed_steps(config, STEPS), axis=0).tolist()
+        for name, seconds in zip(("SUMO", "bridge", "mirror"), times, strict=True):
+            yield name, vehicles, seconds * MICROSECONDS
+
+
+def drive_by_vehicles(counts: Sequence[int] = (0, 20, 60, 120, 250, 500)) -> Points:
+    for count in counts:
+        with drive.drive_with(TIMESTEP, crowd=count) as simulation:
+            cost = drive.cost_of(simulation, cycles=50, rounds=3)
+        yield "whole drive", cost.vehicles, cost.whole * MILLISECONDS
+        yield "MuJoCo and SUMO calls in it", cost.vehicles, cost.base * MILLISECONDS
+
+
+def long_highway(repeats: int, path: Path) -> Path:
+    """Writes a map with the built-in highway's alignment so many times in a row."""
+    design = Design.load(DESIGN)
+    once = design.length
+    starts = [once * k for k in range(repeats)]
+
+    def shifted(rows: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:
+        """Rows that begin with a station, for each repetition."""
+        return tuple((s + row[0], *row[1:]) for s in starts for row in rows)
+
+    grades = [(0.0, design.initial_grade, _JOINT), *design.grades]
+    long = dataclasses.replace(
+        design,
+        alignment=design.alignment * repeats,
+        grades=shifted(grades)[1:],
+        road_ends=tuple(s + e for s in starts for e in (0.0, *design.road_ends))[1:],
+        extra_lanes=tuple(
+            dataclasses.replace(lane, start=s + lane.start, end=s + lane.end)
+            for s in starts
+            for lane in design.extra_lanes
+        ),
+        limits=tuple((s + a, s + b, v) for s in starts for a, b, v in design.limits),
+        structures=tuple((k, n, s + a, s + b) for s in starts for k, n, a, b in design.structures),
+    )
+    return write(build(long), path)
+
+
+def drive_by_road(repeats: Sequence[int] = (1, 2, 4, 8, 16)) -> Points:
+    """Each in a process of its own, so that its memory is its own."""
+    context = multiprocessing.get_context("spawn")
+    for count in repeats:
+        with context.Pool(1) as pool:
+            length, loading, again, cycle, memory = pool.apply(_long_drive, (count,))
+        yield "loading, new map [s]", length, loading
+        yield "loading, known map [s]", length, again
+        yield "drive [ms per simulated second]", length, cycle
+        yield "memory [10 MB]", length, memory
+
+
+def _long_drive(repeats: int) -> tuple[float, float, float, float, float]:
+    with tempfile.TemporaryDirectory() as folder:
+        path = long_highway(repeats, Path(folder, "long.xodr"))
+        config = DriveConfig(map=path, density="dense", seed=2, duration=600.0)
+        begin = time.perf_counter()
+        with Simulation(config, visuals=False):
+            middle = time.perf_counter()
+        with Simulation(config, visuals=False) as simulation:
+            loading = middle - begin, time.perf_counter() - middle
+            cost = drive.cost_of(simulation, cycles=50, rounds=3)
+            length = simulation.route.length / 1e3
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return length, *loading, cost.whole * MILLISECONDS, memory / 10
+
+
+def batch_by_environments(seconds: float = 1.0) -> Points:
+    """Steps of whole trucks by `mujoco.batch` on threads, and by as many processes."""
+    truck = highway_truck()
+    for count in ENVIRONMENTS:
+        for workers in THREADS:
+            batch = Batch(truck.model, nsim=count, nthread=workers)
+            for name in ("qpos", "qvel", "ctrl", "plugin_state"):
+                rows = batch.bind(name)
+                rows[:] = np.reshape(getattr(truck.data, name), rows[0].shape)
+            step = functools.partial(batch.step, nstep=STEPS)
+            yield f"threads: {workers}", count, 1e-3 * count * STEPS * _rate(step, seconds)
+    context = multiprocessing.get_context("spawn")
+    for count in ENVIRONMENTS:
+        shares = [(len(range(k, count, PROCESSES)), seconds) for k in range(PROCESSES)]
+        with context.Pool(PROCESSES, _begin, (context.Barrier(PROCESSES),)) as pool:
+            yield f"processes: {PROCESSES}", count, 1e-3 * sum(pool.starmap(_process, shares, 1))
+
+
+def _begin(barrier: Any) -> None:
+    _process.barrier, _process.truck = barrier, highway_truck()  # type: ignore[attr-defined]
+
+
+def _process(environments: int, seconds: float) -> float:
+    """Steps per second of one process, which begins together with the others."""
+    truck: Truck = _process.truck  # type: ignore[attr-defined]
+    datas = [copy.copy(truck.data) for _ in range(environments)]
+    _process.barrier.wait()  # type: ignore[attr-defined]
+
+    def step() -> None:
+        for data in datas:
+            mujoco.mj_step(truck.model, data, STEPS)
+
+    return environments * STEPS * _rate(step, seconds)
+
+
+def tasks_by_environments(seconds: float = 2.0) -> Points:
+    """Steps of `LaneKeep-v0`, 0.1 s each, on threads of one process and in as many processes."""
+    ways: dict[str, dict[str, Any]] = {f"threads: {n}": {"threads": n} for n in THREADS}
+    ways["a process for each"] = {"vectorization_mode": "async"}
+    for count in ENVIRONMENTS:
+        for way, settings in ways.items():
+            many = gymnasium.make_vec(f"iits_mj:{ENVIRONMENT}", num_envs=count, **settings)
+            many.reset(seed=0)
+            step = functools.partial(many.step, many.action_space.sample())
+            yield way, count, count * _rate(step, seconds)
+            many.close()
+
+
+def _rate(call: Any, seconds: float) -> float:
+    """Calls per second, by wall time, after a first call."""
+    call()
+    calls, begin = 0, time.perf_counter()
+    while time.perf_counter() - begin < seconds:
+        call()
+        calls += 1
+    return calls / (time.perf_counter() - begin)
+
+
+# By name: function, title, labels of x and y.
+FIGURES: dict[str, tuple[Any, str, str, str]] = {
+    "drive_by_vehicles": (
+        drive_by_vehicles,
+        "Whole drive, 2 ms",
+        "vehicles in view",
+        "processor time\n[ms per simulated second]",
+    ),
+    "traffic_by_vehicles": (
+        traffic_by_vehicles,
+        "Traffic, a step of 0.1 s",
+        "vehicles in view",
+        "processor time [us]",
+    ),
+    "drive_by_road": (drive_by_road, "Length of the road", "road [km]", "see the legend"),
+    "step_by_axles": (step_by_axles, "mj_step", "wheels of the truck", "processor time [us]"),
+    "step_by_trucks": (step_by_trucks, "mj_step", "trucks", "processor time [us]"),
+    "step_by_vehicles": (
+        step_by_vehicles,
+        "mj_step of a truck with mirrored cars",
+        "cars in the model",
+        "processor time [us]",
+    ),
+    "batch_by_environments": (
+        batch_by_environments,
+        "mujoco.batch of whole trucks",
+        "trucks",
+        "1000 steps per second",
+    ),
+    "tasks_by_environments": (
+        tasks_by_environments,
+        "LaneKeep-v0",
+        "environments",
+        "steps of 0.1 s per second",
+    ),
+}
+
+
+def panels(rows: Sequence[Mapping[str, str]]) -> list[Panel]:
+    """The axes of the picture."""
+    found = []
+    for figure, (_, title, x_label, y_label) in FIGURES.items():
+        mine = [row for row in rows if row["figure"] == figure]
+        lines = []
+        for name in dict.fromkeys(row["line"] for row in mine):
+            points = [(float(r["x"]), float(r["y"])) for r in mine if r["line"] == name]
+            x, y = np.array(points).T
+            lines.append(Line(name, x, y))
+        if lines:
+            found.append(Panel(title, x_label, y_label, tuple(lines)))
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--csv", type=Path, required=True)
+    parser.add_argument("--only", nargs="+", choices=list(FIGURES), default=list(FIGURES))
+    parser.add_argument("--picture", type=Path)
+    arguments = parser.parse_args()
+    path: Path = arguments.csv
+    rows = list(csv.DictReader(path.open())) if path.exists() else []
+    if arguments.picture:
+        save(panels(rows), arguments.picture)
+        return
+    for figure in arguments.only:
+        print(figure, file=sys.stderr)
+        rows = [row for row in rows if row["figure"] != figure]
+        for line, x, y in FIGURES[figure][0]():
+            rows.append({"figure": figure, "line": line, "x": f"{x:g}", "y": f"{y:.4g}"})
+        with path.open("w", newline="") as file:
+            writer = csv.DictWriter(file, ["figure", "line", "x", "y"], lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,45 @@
+"""What the growth figures compare; the times themselves are not tested."""
+
+import numpy as np
+import pytest
+
+from benchmarks import growth
+from iits_mj.parameters import TruckParameters
+from iits_mj.road import RoadMap
+from iits_mj.truck import Truck
+
+PARAMETERS = TruckParameters.load()
+
+
+@pytest.mark.parametrize("count", [1, 2, 4, 5])
+def test_a_semitrailer_with_other_axles_stands_still(count):
+    parameters = growth.with_trailer_axles(PARAMETERS, count)
+    truck = Truck.load(10_000.0, parameters=parameters, visuals=False)
+    truck.step(200)
+    assert len(parameters.axles) == 3 + count
+    assert np.abs(truck.data.qvel).max() < 1e-6
+
+
+def test_a_long_highway_repeats_the_bends_and_grades_of_the_built_in_one(tmp_path):
+    once = RoadMap.builtin().route()
+    long = RoadMap.from_opendrive(growth.long_highway(2, tmp_path / "long.xodr")).route()
+    assert long.length == pytest.approx(2 * once.length)
+    stations = np.arange(100.0, once.length - 100.0, 50.0)
+    for start in (0.0, once.length):
+        np.testing.assert_allclose(
+            long.evaluate(start + stations, 0.0).grade,
+            once.evaluate(stations, 0.0).grade,
+            atol=1e-9,
+        )
+
+
+def test_a_table_is_drawn_with_a_panel_for_each_figure():
+    rows = [
+        {"figure": name, "line": line, "x": str(x), "y": "1"}
+        for name in growth.FIGURES
+        for line in "ab"
+        for x in (1, 2)
+    ]
+    panels = growth.panels(rows)
+    assert [panel.title for panel in panels] == [figure[1] for figure in growth.FIGURES.values()]
+    assert all(len(panel.lines) == 2 for panel in panels)
