@@ -8,6 +8,11 @@ The limit is roll-over if no wheel on the inner side of the drive and trailer ax
 roll instability as defined by the Australian PBS, as on the tilt table, whose threshold is the
 reference. The limit is grip if the tires of an axle give 95 % of their greatest side force.
 
+Slip control of the driven wheels is off, as by the driver's switch: the threshold is one of the
+vehicle without active control (ISO 22135). Near roll-over the inner driven wheels carry little and
+spin, because the differentials are open. Traction control then cuts the engine, the truck loses
+speed, and the turn ends before the empty truck rolls over. One turn on the dry road shows this.
+
 The tilt table neglects the pull of the drive wheels, the drag of the steer axle, the hitch angle,
 and the duration of a fall, during which the steering continues. Gears are held longer than by the
 automatic gearbox, which would change back and forth. The rate is a choice of this project:
@@ -29,6 +34,7 @@ from iits_mj.core.units import GRAVITY, KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.truck import Truck
+from iits_mj.validation.handling import drive_slip
 from iits_mj.validation.handling.circle import gears_held
 from iits_mj.validation.handling.steady_turn import effort, grip_limit
 from iits_mj.validation.harness.maneuver import steady_truck
@@ -111,9 +117,9 @@ class Turn:
         return float(self.slip[0, self.end()] / self.slip[0, late])
 
 
-def tighten(payload: float, surface: float, timestep: float) -> Turn:
-    """Drives the turn with a payload [kg] on a friction [1]."""
-    parameters = gears_held(TruckParameters.load())
+def tighten(payload: float, surface: float, timestep: float, *, control: bool = False) -> Turn:
+    """Drives the turn with a payload [kg] on a friction [1], with or without slip control."""
+    parameters = gears_held(TruckParameters.load(overlay={} if control else drive_slip.OFF))
     route = Route.straight(4000.0, friction=surface)
     truck, hold = steady_truck(
         payload, SPEED, timestep, station=500.0, parameters=parameters, route=route
@@ -170,36 +176,48 @@ def _slips(record: SteeringRecord, parameters: TruckParameters) -> FloatArray:
 
 
 def compare(payload: float, threshold: float, timestep: float) -> Findings:
-    """Both surfaces, with a note on the limit reached first; threshold: of the tilt table [g]."""
+    """Both surfaces, and the first one also with slip control.
+
+    Args:
+      payload: [kg].
+      threshold: of the tilt table [g].
+      timestep: of the physics [s].
+    """
     parameters, found = TruckParameters.load(), Findings()
-    turns = [tighten(payload, surface, timestep) for surface in SURFACES]
-    for turn in turns:
+    turns = {f"friction {mu:g}": tighten(payload, mu, timestep) for mu in SURFACES}
+    for turn in turns.values():
         grip = grip_limit(parameters, payload, turn.friction)
         found.extend(_judge(turn, payload, threshold, grip))
+    controlled = tighten(payload, SURFACES[0], timestep, control=True)
+    with_control = Findings(f"{_label(controlled, payload)}, with slip control")
+    with_control.check("greatest lateral acceleration", controlled.greatest(), "g")
+    with_control.notes.append(_limit(with_control.label, controlled))
+    found.extend(with_control)
+    turns[f"friction {controlled.friction:g}, with slip control"] = controlled
     found.label = f"ISO 14792 tightening turn, {payload / 1e3:g} t"
-    wheel = [np.rad2deg(turn.recording.steering_wheel[: turn.end() + 1]) for turn in turns]
-    across = np.array([0.0, max(float(angle[-1]) for angle in wheel)])
+    lateral, rolls, greatest = [], [], 0.0
+    for name, turn in turns.items():
+        until = slice(turn.end() + 1)
+        wheel = np.rad2deg(turn.recording.steering_wheel[until])
+        greatest = max(greatest, float(wheel[-1]))
+        lateral.append(Line(name, wheel, turn.lateral[until] / GRAVITY))
+        roll = np.rad2deg(np.abs(turn.recording.trailer_roll))
+        rolls.append(Line(name, turn.lateral / GRAVITY, roll))
+    across = np.array([0.0, greatest])
     found.panel(
         "until the end",
         "steering-wheel angle [deg]",
         "lateral acceleration [g]",
         Line("tilt table", across, np.full(2, threshold), "reference"),
-        *(
-            Line(f"friction {turn.friction:g}", angle, turn.lateral[: len(angle)] / GRAVITY)
-            for turn, angle in zip(turns, wheel, strict=True)
-        ),
+        *lateral,
     )
-    rolls = []
-    for turn in turns:
-        roll = np.rad2deg(np.abs(turn.recording.trailer_roll))
-        rolls.append(Line(f"friction {turn.friction:g}", turn.lateral / GRAVITY, roll))
     found.panel("trailer", "lateral acceleration [g]", "roll [deg]", *rolls)
     return found
 
 
 def _judge(turn: Turn, payload: float, threshold: float, grip: float) -> Findings:
     """Checks against the lower of the roll-over threshold and the grip limit [g], and a note."""
-    found = Findings(f"ISO 14792 tightening turn on {turn.friction:g}, {payload / 1e3:g} t")
+    found = Findings(_label(turn, payload))
     tips, end = threshold < grip, turn.end()
     first, (low, high) = (threshold, ROLL_OVER) if tips else (grip, GRIP)
     must = f"{low * first:.4g} .. {high * first:.4g}"
@@ -213,8 +231,17 @@ def _judge(turn: Turn, payload: float, threshold: float, grip: float) -> Finding
         name = "slip of the steer axle, end over 0.9 of the greatest acceleration"
         found.check(name, turn.growth(), "1", must=f">= {_GROWTH:g}")
     found.check("speed at the end", turn.recording.speed[end] / KMH, "km/h", SPEED / KMH)
+    found.notes.append(_limit(found.label, turn))
+    return found
+
+
+def _label(turn: Turn, payload: float) -> str:
+    return f"ISO 14792 tightening turn on {turn.friction:g}, {payload / 1e3:g} t"
+
+
+def _limit(label: str, turn: Turn) -> str:
+    """The limit that the truck reached first, as a sentence."""
     after = ""
     if turn.rolled_over() and not turn.fell():
         after = " Then speed was lost, and the inner wheels came down again."
-    found.notes.append(f"{found.label}: {turn.ending()} first, at {turn.greatest():.3f} g.{after}")
-    return found
+    return f"{label}: {turn.ending()} first, at {turn.greatest():.3f} g.{after}"

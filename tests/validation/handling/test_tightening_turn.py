@@ -14,7 +14,7 @@ LADEN = 36_000.0
 
 @pytest.fixture(scope="module")
 def turns():
-    cases = ((LADEN, 0.8), (LADEN, 0.3), (0.0, 0.3))
+    cases = ((LADEN, 0.8), (LADEN, 0.3), (0.0, 0.8), (0.0, 0.3))
     return {case: tightening_turn.tighten(*case, STEP) for case in cases}
 
 
@@ -26,6 +26,23 @@ def test_laden_truck_on_a_dry_road_rolls_over_near_its_static_threshold(turns):
     assert turn.greatest() == pytest.approx(statics, rel=0.1)
     assert abs(turn.recording.trailer_roll[-1]) > np.deg2rad(10.0)
     assert np.max(turn.effort[:, turn.end()]) < tightening_turn.SLIDING
+
+
+def test_empty_truck_on_a_dry_road_rolls_over_near_its_static_threshold(turns):
+    turn = turns[0.0, 0.8]
+    statics = RollPlane.from_parameters(TruckParameters.load(), 0.0).threshold()
+    assert turn.ending() == "roll-over"
+    assert turn.greatest() == pytest.approx(statics, rel=0.1)
+    assert np.max(turn.effort[:, turn.end()]) < tightening_turn.SLIDING
+
+
+def test_traction_control_slows_the_empty_truck_before_it_rolls_over(turns):
+    free, controlled = turns[0.0, 0.8], tightening_turn.tighten(0.0, 0.8, STEP, control=True)
+    assert not controlled.rolled_over()
+    assert controlled.greatest() < free.greatest()
+    same = slice(0, 3000)  # until the inner driven wheels spin
+    assert np.array_equal(controlled.recording.speed[same], free.recording.speed[same])
+    assert controlled.recording.speed[free.end()] < free.recording.speed[free.end()]
 
 
 @pytest.mark.parametrize("payload", [LADEN, 0.0])
