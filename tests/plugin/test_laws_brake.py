@@ -58,9 +58,15 @@ def test_springs_apply_by_the_better_circuit_of_the_tractor_and_by_the_trailers(
 @pytest.mark.parametrize("h", [0.001, 0.004])
 def test_line_delivers_a_ramp_after_its_dead_time(circuit, h):
     for time, delay in ((1.0, 0.2), (0.5, 0.35), (3.0, 0.01)):
-        late = law("line_after_ramp", circuit, 1e5, time, delay, h)
-        assert late == pytest.approx(1e5 * (time - delay), rel=1e-9)
-    assert law("line_after_ramp", circuit, 1e5, 0.1, 0.2, h) == 0
+        for longest in (delay, delay + 1):  # a line may be short beside a long one
+            late = law("line_after_ramp", circuit, 1e5, time, delay, longest, h)
+            assert late == pytest.approx(1e5 * (time - delay), rel=1e-9)
+    assert law("line_after_ramp", circuit, 1e5, 0.1, 0.2, 0.2, h) == 0
+
+
+def test_line_without_dead_time_delivers_the_present_pressure():
+    for time in (0.002, 0.1, 1.0):
+        assert law("line_after_ramp", 0, 1e5, time, 0.0, 0.2, 0.002) == pytest.approx(1e5 * time)
 
 
 def test_line_knows_when_it_last_had_pressure():
