@@ -195,6 +195,21 @@ def test_floored_pedal_that_loses_speed_calls_for_a_lower_gear():
     assert not calls_for_lower(4, **{**losing, "shaft": shaft(3, 215)})
 
 
+def test_gear_that_holds_its_load_at_a_lower_speed_is_kept():
+    """Gear 3 loses speed fast. Its torque rises by 1.5 % down to its lowest speed, 110 rad/s."""
+    available = law("engine_pedal_torque", 128.0, 1.0) * 3.2 * 0.931
+    losing = {
+        "pedal": 1,
+        "shaft": shaft(3, 128),
+        "torque": available,
+        "engine": 128,
+        "acceleration": -7,
+        "filtered_pedal": 1,
+    }
+    for share, calls in ((0.98, False), (1.01, False), (1.02, True)):
+        assert calls_for_lower(3, load=share * available, **losing) == calls
+
+
 def test_adaptive_strategy_cruises_in_the_gear_with_the_least_fuel():
     # It decides every 0.1 s.
     light = {"adaptive": 1, "pedal": 0.3, "load": 300, "gear_time": 10.0005}
@@ -212,6 +227,13 @@ def test_adaptive_strategy_climbs_in_the_strongest_gear():
     torque = 2400 * 1.8 * 0.931
     assert choose(4, shaft=shaft(4, 100), load=6e3, torque=torque, **climb) == 3
     assert choose(4, shaft=shaft(4, 100), load=1e3, torque=torque, **climb) == 4
+
+
+def test_gear_after_an_engine_at_its_governor_need_not_give_all_the_demanded_power():
+    """It must have 1.1 times the power of the load after the change, as gear 4 has up to 3.74 kN m."""
+    governed = {"adaptive": 1, "pedal": 1, "gear_time": 10.0005, "mass": 40e3, "filtered_pedal": 1}
+    for load, gear in ((3730, 4), (3760, 3)):
+        assert choose(3, shaft=shaft(3, 222), load=load, torque=250, **governed) == gear
 
 
 EFFICIENCY, CHANGE = 0.98 * 0.95, 0.7
