@@ -1,6 +1,7 @@
 // The plugin's laws as C functions of numbers, so that a test can call each with its own arguments.
 // laws_direct.py compiles and loads it. Structs of the laws are arrays of their numbers, in order.
 #include <algorithm>
+#include <array>
 #include <cstring>
 
 #include "laws_truck.h"
@@ -45,10 +46,15 @@ const Tire<double>& TireOf(const double* attributes) {
   return tire;
 }
 
-const Powertrain<double>& Truck(int adaptive) {
-  static const Powertrain<double> kTrucks[2] = {MakePowertrain<double>(false),
-                                                MakePowertrain<double>(true)};
-  return kTrucks[adaptive];
+// By strategy: tables, adaptive, and tables whose speeds for downshifts are three times as high.
+const Powertrain<double>& Truck(int strategy) {
+  static const auto kTrucks = [] {
+    std::array<Powertrain<double>, 3> trucks = {
+        MakePowertrain<double>(false), MakePowertrain<double>(true), MakePowertrain<double>(false)};
+    for (double& speed : trucks[2].gearbox.strategy.downshift.values) speed *= 3;
+    return trucks;
+  }();
+  return kTrucks[strategy];
 }
 
 BrakeControl<double> Control(const double* attributes) {

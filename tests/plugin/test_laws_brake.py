@@ -187,6 +187,15 @@ def test_traction_control_of_a_start_is_a_pi_control_of_the_mean_slip():
     assert traction([-0.9] * 4, speed=2.0)[0] == 1
 
 
+def test_traction_control_of_a_start_does_not_wind_up():
+    state = np.zeros(6)
+    # Slip, steps, and the cut at their end: the integral stays between 0 and 1.
+    for spin, steps, cut in ((0.0, 1000, 0), (0.25, 1, 0.505), (0.9, 1000, 1), (0.07, 1, 0.899)):
+        for _ in range(steps):
+            last = law("traction_cut", SLIP_CONTROL, [-spin] * 4, 4, 2.0, 0.01, state)
+        assert last == pytest.approx(cut)
+
+
 def test_fastest_wheel_counts_above_the_speed_of_the_brakes():
     slips = [0.0, -0.08, 0.0, 0.0]
     mean = traction(slips, speed=10.0, steps=500)
@@ -464,6 +473,13 @@ def test_demand_on_the_shaft_fades_near_walking_speed_and_ends_under_abs():
     assert asked(ebi=1, speed=3.9) == pytest.approx(1)
     assert asked(ebi=0, speed=15) == 0
     assert asked(ebi=2, speed=15, abs=1) == 0
+
+
+@pytest.mark.parametrize("ebi", [0, 1, 2])
+def test_deceleration_that_rolling_resistance_gives_needs_no_brake(ebi):
+    less = {"xbr": 0.5 * 0.006 * 9.81, "ebi": ebi, "shaft_max": 1e5, "changes": {"trim_gain": 0}}
+    assert control(200, effort=True, **less) == pytest.approx([0, 1])
+    assert control(200, **less)["supply"] == pytest.approx(0 if ebi == 1 else PUSH_OUT)
 
 
 def test_demand_on_the_shaft_rises_no_faster_than_friction_can_fall():

@@ -144,6 +144,9 @@ def test_engine_brake_calls_for_gears_with_more_engine_speed():
     assert choose(5, **braking) == 3
     assert choose(5, **{**braking, "brake": 0.5, "driver_brake": 0.5}) == 4
     assert choose(5, **{**braking, "low_time": 0.4}) == 5
+    # More than the whole engine brake is as the whole.
+    slow = {**braking, "shaft": 42}
+    assert choose(5, driver_brake=1.6, **slow) == choose(5, **slow) == 3
     # The friction brakes already decelerate the truck.
     fast = {**braking, "shaft": 80}
     assert calls_for_lower(5, **fast)
@@ -170,6 +173,13 @@ def test_too_slow_an_engine_calls_for_a_lower_gear():
     assert choose(4, low_time=0.51, **{**slow, "pedal": 0.01, "shaft": shaft(4, 70)}) == 3
     # The gear for starting waits 1.5 s longer, below which only a floored pedal goes.
     assert choose(2, low_time=0.51, **{**slow, "shaft": shaft(2, slowest - 1)}) == -1
+
+
+def test_table_calls_for_a_lower_gear_at_its_speed_less_a_margin():
+    # For gear 4 and half a pedal, 5.75 m/s by the table, here times three.
+    limit = 3 * 5.75 - 0.55
+    for strategy, speed, calls in ((2, limit - 0.01, 1), (2, limit + 0.01, 0), (0, limit, 0)):
+        assert calls_for_lower(4, strategy, shaft=speed / RADIUS) == calls
 
 
 def test_floored_pedal_that_loses_speed_calls_for_a_lower_gear():

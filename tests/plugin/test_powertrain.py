@@ -67,6 +67,17 @@ def test_engine_idles_at_600_rpm_with_its_idle_fuel_rate(mode):
     assert sled["engine_torque"] == pytest.approx(0, abs=1)
 
 
+def test_weak_clutch_is_closed_at_most_and_slips_at_its_torque():
+    sled = Sled(60_000.0, changes={("powertrain", "clutch_torque_max"): "1200"})
+    names = ("clutch_engagement", "propeller_shaft_torque", "gear")
+    engagement, torque, gear = sled.record(3.6, *names, accelerator_pedal=1.0).T
+    assert set(gear) == {GEARBOX.start_gear}
+    assert engagement.max() == 1
+    efficiency = GEARBOX.efficiency * GEARBOX.driveline_efficiency
+    greatest = 1200 * GEARBOX.ratios[GEARBOX.start_gear - 1] * efficiency
+    assert torque.max() == pytest.approx(greatest, rel=1e-6)
+
+
 def test_engine_returns_to_idle_without_stalling_after_a_burst_in_neutral():
     sled = Sled().run(2.0, transmission_mode=NEUTRAL, accelerator_pedal=1.0)
     assert 0.95 * ENGINE.governed_speed < sled["engine_speed"] < 1.005 * ENGINE.governed_speed
