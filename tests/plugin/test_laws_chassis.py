@@ -125,6 +125,17 @@ def test_hub_moves_with_the_angular_velocity_at_its_arm():
     assert there["moment"] - here["moment"] == pytest.approx(np.cross(arm, here["force"]), abs=1e-6)
 
 
+@pytest.mark.parametrize("camber", [-0.5, 0.3])
+def test_cambered_wheel_rolls_freely_as_an_upright_one(camber):
+    axle = (0, math.cos(camber), math.sin(camber))
+    upright, leaning = (
+        settled(wheel(velocity=(15, 0.3, 0), spin=14.9 / ROLLING, axle=axis))
+        for axis in ((0, 1, 0), axle)
+    )
+    assert leaning["force"] == pytest.approx(upright["force"])
+    assert leaning["slip"] == pytest.approx(-0.1 / 15)
+
+
 def test_wheel_heads_along_its_axle():
     yaw = 0.1
     turned = settled(
