@@ -240,7 +240,7 @@ def test_adaptive_strategy_climbs_in_the_strongest_gear():
 
 
 def test_gear_after_an_engine_at_its_governor_need_not_give_all_the_demanded_power():
-    """It must have 1.1 times the power of the load after the change, as gear 4 has up to 3.74 kN m."""
+    """It must have 1.1 times the power of the load, as gear 4 has up to 3.74 kN m."""
     governed = {"adaptive": 1, "pedal": 1, "gear_time": 10.0005, "mass": 40e3, "filtered_pedal": 1}
     for load, gear in ((3730, 4), (3760, 3)):
         assert choose(3, shaft=shaft(3, 222), load=load, torque=250, **governed) == gear
