@@ -1,6 +1,7 @@
 // The plugin's laws as C functions of numbers, so that a test can call each with its own arguments.
 // laws_direct.py compiles and loads it. Structs of the laws are arrays of their numbers, in order.
 #include <algorithm>
+#include <array>
 #include <cstring>
 
 #include "laws_truck.h"
@@ -45,10 +46,15 @@ const Tire<double>& TireOf(const double* attributes) {
   return tire;
 }
 
-const Powertrain<double>& Truck(int adaptive) {
-  static const Powertrain<double> kTrucks[2] = {MakePowertrain<double>(false),
-                                                MakePowertrain<double>(true)};
-  return kTrucks[adaptive];
+// By strategy: tables, adaptive, and tables whose speeds for downshifts are three times as high.
+const Powertrain<double>& Truck(int strategy) {
+  static const auto kTrucks = [] {
+    std::array<Powertrain<double>, 3> trucks = {
+        MakePowertrain<double>(false), MakePowertrain<double>(true), MakePowertrain<double>(false)};
+    for (double& speed : trucks[2].gearbox.strategy.downshift.values) speed *= 3;
+    return trucks;
+  }();
+  return kTrucks[strategy];
 }
 
 BrakeControl<double> Control(const double* attributes) {
@@ -72,19 +78,42 @@ WheelBrake<double> Wheel(int circuit) {
   return w;
 }
 
+// `input` is a GearboxInput from the pedal on, without clutch_open, which comes last.
+GearboxInput<double> InputOf(const double* input) {
+  return {GearboxInput<double>::kDrive,
+          input[0],
+          input[1],
+          input[2],
+          input[3],
+          input[4],
+          input[8] != 0,
+          input[5],
+          input[6],
+          input[7]};
+}
+
+// Calls `f` with the situation in `gear`; `state` is a GearboxState.
+template <class Function>
+auto Situated(int adaptive, int gear, const double* input, const double* state, const Function& f) {
+  const Powertrain<double>& p = Truck(adaptive);
+  const GearboxInput<double> in = InputOf(input);
+  const GearboxState<double> s = Read<GearboxState<double>>(state);
+  return f(ShiftSituation<double>{p.gearbox.strategy, p.gearbox.gears, p.engine, in, s, gear});
+}
+
 }  // namespace
 
 extern "C" {
 
-// Tire: `attributes` of the struct, `wheel` a WheelMotion, `road` a RoadPoint, `bristles` those
-// before and after all steps, `out` the TireForces of the last one.
-void tire_steps(const double* attributes, const double* wheel, const double* road, int steps,
-                double h, double* bristles, double* out) {
+// Tire: `attributes` of the struct, `wheel` a WheelMotion, `road` a RoadPoint, `lost` the share of
+// the pressure, `bristles` those before and after all steps, `out` the TireForces of the last one.
+void tire_steps(const double* attributes, const double* wheel, const double* road, double lost,
+                int steps, double h, double* bristles, double* out) {
   const Tire<double>& tire = TireOf(attributes);
   for (int i = 0; i < steps; ++i) {
     const TireForces<double> forces =
         tire.Step(Read<WheelMotion<double>>(wheel), Read<RoadPoint<double>>(road),
-                  Read<TireBristles<double>>(bristles), h);
+                  Read<TireBristles<double>>(bristles), h, lost);
     Write(forces.next, bristles);
     Write(forces, out);
   }
@@ -162,14 +191,16 @@ double reservoir_springs(const double* attributes, int circuit, const double* st
   return Read<Reservoirs<double>>(attributes).Springs(circuit, Read<ReservoirState<double>>(state));
 }
 
-// Brake lines: a ramp of `slope` per second in one circuit, looked at after `time`.
-double line_after_ramp(int circuit, double slope, double time, double delay, double h) {
+// Brake lines: a ramp of `slope` per second in one circuit, looked at after `time`; `longest` is
+// the greatest delay that the ring holds.
+double line_after_ramp(int circuit, double slope, double time, double delay, double longest,
+                       double h) {
   DeadTimeLine<double> line = {};
   double supply[kCircuits] = {};
   const int steps = static_cast<int>(time / h + 0.5);
   for (int i = 1; i < steps; ++i) {
     supply[circuit] = slope * i * h;
-    line.Push(supply, h, delay / (DeadTimeLine<double>::kSlots - 2));
+    line.Push(supply, h, longest / (DeadTimeLine<double>::kSlots - 2));
   }
   return line.Look(circuit, delay, h, slope * steps * h);
 }
@@ -446,34 +477,25 @@ double stop(const double* demand, double parking, double friction_left, double f
   return speed;
 }
 
-// `input` is a GearboxInput from the pedal on, without clutch_open, which comes last.
-GearboxInput<double> InputOf(const double* input) {
-  return {GearboxInput<double>::kDrive,
-          input[0],
-          input[1],
-          input[2],
-          input[3],
-          input[4],
-          input[8] != 0,
-          input[5],
-          input[6],
-          input[7]};
-}
-// Gear to engage, and whether the present one failed; `state` is a GearboxState.
+// Choice of a gear. Gear to engage, and whether the present one failed.
 int shift_choice(int adaptive, int gear, const double* input, const double* state, double h,
                  double* failed) {
-  const Powertrain<double>& p = Truck(adaptive);
-  const GearboxState<double> s = Read<GearboxState<double>>(state);
-  const auto choice = ShiftStrategy<double>::Choose(
-      {p.gearbox.strategy, p.gearbox.gears, p.engine, InputOf(input), s, gear}, h);
-  *failed = choice.failed;
-  return choice.gear;
+  return Situated(adaptive, gear, input, state, [&](const auto& now) {
+    const auto choice = ShiftStrategy<double>::Choose(now, h);
+    *failed = choice.failed;
+    return choice.gear;
+  });
 }
 double shift_low_time(int adaptive, int gear, const double* input, const double* state, double h) {
-  const Powertrain<double>& p = Truck(adaptive);
-  const GearboxState<double> s = Read<GearboxState<double>>(state);
-  return ShiftStrategy<double>::LowTime(
-      {p.gearbox.strategy, p.gearbox.gears, p.engine, InputOf(input), s, gear}, h);
+  return Situated(adaptive, gear, input, state,
+                  [h](const auto& now) { return ShiftStrategy<double>::LowTime(now, h); });
+}
+double work_ahead(int gear, const double* input, const double* state, int next) {
+  return Situated(1, gear, input, state, [next](const auto& now) { return WorkAhead(now, next); });
+}
+double held_speed(int gear, const double* input, const double* state, int next) {
+  return Situated(1, gear, input, state,
+                  [&](const auto& now) { return now.HeldSpeed(next, now.in.shaft_speed); });
 }
 
 int drive_columns() {

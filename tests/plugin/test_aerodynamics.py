@@ -93,3 +93,16 @@ def test_moving_turned_and_spinning_body_has_the_force_of_mujocos_own_velocity(s
     expected = np.zeros(model.nv)
     mujoco.mj_applyFT(model, data, force, np.zeros(3), data.xpos[body], body, expected)
     assert data.qfrc_passive == pytest.approx(expected, rel=1e-9, abs=1e-6)
+
+
+def test_wind_on_a_body_that_is_fixed_to_the_world_moves_nothing():
+    model = mujoco.MjModel.from_xml_string(
+        ARTICULATED.replace("<freejoint/>", "")
+        .replace('<joint name="yaw" axis="0 0 1"/><joint name="roll" axis="1 0 0"/>', "")
+        .replace("</worldbody>", '<body><freejoint/><geom size="1"/></body></worldbody>')
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 100)
+    assert model.nv == 6
+    assert not data.qfrc_passive.any()
+    assert not data.qvel.any()

@@ -47,6 +47,16 @@ def test_build_up_has_its_dead_time_then_its_time_constant():
     np.testing.assert_allclose(to_63_percent, dead_time + build_up, atol=0.07)
 
 
+def test_lines_without_dead_time_fill_the_chambers_from_the_first_step_on():
+    none = {("air_brake", "dead_time"): "0 0 0 0 0 0", ("air_brake", "trailer_line_delay"): "0"}
+    sled = Sled(50_000.0, speed=60 * KMH, changes=none).run(0.5)
+    sled.run(0.002, brake_pedal=1.0)
+    mujoco.mj_forward(sled.model, sled.data)
+    first = sled.wheels("brake_pressures")
+    filled = -np.expm1(-0.002 / np.repeat(BRAKE.build_up_time_constant, 2))
+    assert first == pytest.approx(filled * BRAKE.supply_rise_rate * 0.002, rel=1e-3)
+
+
 @pytest.mark.parametrize("demand", [-1.5, -10.0])
 def test_every_axle_reaches_75_percent_of_its_pressure_within_0_6_s(demand):
     """UN R13 annex 6: the limit holds at the least favourable brake chamber."""

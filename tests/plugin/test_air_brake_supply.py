@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from iits_mj.truck.faults import CIRCUITS, WHEELS_MAX
 from tests.plugin.vehicle_sled import KMH, PARAMETERS, Sled
 
 BRAKE = PARAMETERS.air_brake
@@ -117,6 +118,18 @@ def test_spring_brakes_apply_without_air():
     assert np.all(sled.wheels("brake_torques")[:2] == 0)  # no springs on the steer axle
     for _ in range(3):  # the engine cannot move the truck
         assert sled.run(1.0, accelerator_pedal=0.5)["speed"] < 0.01
+
+
+@pytest.mark.parametrize("circuit", [0, 1, 2])
+def test_leak_empties_its_own_circuit_by_its_rate(circuit):
+    sled = Sled(30_000.0, changes=DRY).run(0.01)
+    brake = sled.model.actuator_plugin[sled.model.actuator("xbr_demand").id]
+    end = sled.model.plugin_stateadr[brake] + sled.model.plugin_statenum[brake]
+    sled.data.plugin_state[end - len(CIRCUITS) - 3 * WHEELS_MAX + circuit] = 0.2
+    sled.run(2.0)
+    expected = np.full(3, BRAKE.governor_cut_out)
+    expected[circuit] *= np.exp(-0.2 * 2.0)
+    assert [sled[name] for name in RESERVOIRS] == pytest.approx(expected, rel=2e-3)
 
 
 def test_full_reservoirs_release_the_spring_brakes():

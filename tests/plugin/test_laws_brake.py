@@ -58,9 +58,15 @@ def test_springs_apply_by_the_better_circuit_of_the_tractor_and_by_the_trailers(
 @pytest.mark.parametrize("h", [0.001, 0.004])
 def test_line_delivers_a_ramp_after_its_dead_time(circuit, h):
     for time, delay in ((1.0, 0.2), (0.5, 0.35), (3.0, 0.01)):
-        late = law("line_after_ramp", circuit, 1e5, time, delay, h)
-        assert late == pytest.approx(1e5 * (time - delay), rel=1e-9)
-    assert law("line_after_ramp", circuit, 1e5, 0.1, 0.2, h) == 0
+        for longest in (delay, delay + 1):  # a line may be short beside a long one
+            late = law("line_after_ramp", circuit, 1e5, time, delay, longest, h)
+            assert late == pytest.approx(1e5 * (time - delay), rel=1e-9)
+    assert law("line_after_ramp", circuit, 1e5, 0.1, 0.2, 0.2, h) == 0
+
+
+def test_line_without_dead_time_delivers_the_present_pressure():
+    for time in (0.002, 0.1, 1.0):
+        assert law("line_after_ramp", 0, 1e5, time, 0.0, 0.2, 0.002) == pytest.approx(1e5 * time)
 
 
 def test_line_knows_when_it_last_had_pressure():
@@ -179,6 +185,15 @@ def test_traction_control_of_a_start_is_a_pi_control_of_the_mean_slip():
     assert cut[100] == pytest.approx(min(1, 2.01 * error))
     assert traction([-0.1] * 4, speed=2.0, steps=3)[-1] == 0
     assert traction([-0.9] * 4, speed=2.0)[0] == 1
+
+
+def test_traction_control_of_a_start_does_not_wind_up():
+    state = np.zeros(6)
+    # Slip, steps, and the cut at their end: the integral stays between 0 and 1.
+    for spin, steps, cut in ((0.0, 1000, 0), (0.25, 1, 0.505), (0.9, 1000, 1), (0.07, 1, 0.899)):
+        for _ in range(steps):
+            last = law("traction_cut", SLIP_CONTROL, [-spin] * 4, 4, 2.0, 0.01, state)
+        assert last == pytest.approx(cut)
 
 
 def test_fastest_wheel_counts_above_the_speed_of_the_brakes():
@@ -458,6 +473,13 @@ def test_demand_on_the_shaft_fades_near_walking_speed_and_ends_under_abs():
     assert asked(ebi=1, speed=3.9) == pytest.approx(1)
     assert asked(ebi=0, speed=15) == 0
     assert asked(ebi=2, speed=15, abs=1) == 0
+
+
+@pytest.mark.parametrize("ebi", [0, 1, 2])
+def test_deceleration_that_rolling_resistance_gives_needs_no_brake(ebi):
+    less = {"xbr": 0.5 * 0.006 * 9.81, "ebi": ebi, "shaft_max": 1e5, "changes": {"trim_gain": 0}}
+    assert control(200, effort=True, **less) == pytest.approx([0, 1])
+    assert control(200, **less)["supply"] == pytest.approx(0 if ebi == 1 else PUSH_OUT)
 
 
 def test_demand_on_the_shaft_rises_no_faster_than_friction_can_fall():

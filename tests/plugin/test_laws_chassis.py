@@ -41,10 +41,11 @@ def wheel(*, velocity=(0, 0, 0), angular=(0, 0, 0), spin=0.0, deflection=DEFLECT
     return np.array([height, *arm, *axle, *velocity, *angular, spin, more.get("carry", 1e9)], float)
 
 
-def settled(motion, steps=400, *, road=PLANE, bristles=(0, 0, 0), h=0.002, **changes):
-    """Names the parts of TireForces after some steps."""
+def settled(motion, steps=400, *, road=PLANE, lost=0.0, bristles=(0, 0, 0), h=0.002, **changes):
+    """Names the parts of TireForces after some steps; `lost` is the share of a tire's pressure."""
     out, bristles = np.zeros(17), np.array(bristles, float)
-    law("tire_steps", list({**TIRE, **changes}.values()), motion, road, steps, h, bristles, out)
+    attributes = list({**TIRE, **changes}.values())
+    law("tire_steps", attributes, motion, road, lost, steps, h, bristles, out)
     names = ("fx", "fy", "fz", "mz", "slip", "angle", "deflection", "friction")
     return {
         "force": out[:3],
@@ -122,6 +123,17 @@ def test_hub_moves_with_the_angular_velocity_at_its_arm():
     arm = np.array([0.3, 0.5, 0.2])
     there, here = step(wheel(arm=tuple(arm))), step(wheel())
     assert there["moment"] - here["moment"] == pytest.approx(np.cross(arm, here["force"]), abs=1e-6)
+
+
+@pytest.mark.parametrize("camber", [-0.5, 0.3])
+def test_cambered_wheel_rolls_freely_as_an_upright_one(camber):
+    axle = (0, math.cos(camber), math.sin(camber))
+    upright, leaning = (
+        settled(wheel(velocity=(15, 0.3, 0), spin=14.9 / ROLLING, axle=axis))
+        for axis in ((0, 1, 0), axle)
+    )
+    assert leaning["force"] == pytest.approx(upright["force"])
+    assert leaning["slip"] == pytest.approx(-0.1 / 15)
 
 
 def test_wheel_heads_along_its_axle():
@@ -303,6 +315,32 @@ def test_slip_signals_stay_finite_at_rest():
     out = step(wheel(velocity=(0, 0.1, 0), spin=0.2))
     assert out["angle"] == pytest.approx(-math.atan(0.1 / 0.5))
     assert out["slip"] == pytest.approx(ROLLING * 0.2 / 0.5)
+
+
+@pytest.mark.parametrize("lost", [1.0, 7.0])
+def test_twin_with_a_flat_tire_is_the_other_tire_alone(lost):
+    motion = wheel(velocity=(15, 0.6, -0.05), spin=14 / ROLLING)
+    flat, single = settled(motion, lost=lost), settled(motion, count=1)
+    assert flat["fz"] == pytest.approx(LOAD / 2 + 4000 * 0.05)
+    for name in ("force", "moment", "next"):
+        assert flat[name] == pytest.approx(single[name])
+    # A sound twin takes no harm from a negative loss, and one at half pressure is in between.
+    assert (settled(motion, lost=-1.0)["force"] == settled(motion)["force"]).all()
+    assert settled(wheel(), lost=0.5)["fz"] == pytest.approx(0.75 * LOAD)
+
+
+def test_single_flat_tire_runs_on_its_rim():
+    """Flat, it is 0.1 m smaller, has 0.3 of the cornering stiffness and 10 times the resistance."""
+    v, slip = 15.0, 1e-3
+    motion = wheel(velocity=(v, v * slip, 0), spin=v / ROLLING)
+    low = wheel(velocity=(v, v * slip, 0), spin=v / (ROLLING - 0.1), deflection=DEFLECTION + 0.1)
+    sound, flat = settled(motion, count=1), settled(low, count=1, lost=1.0)
+    assert flat["fz"] == pytest.approx(sound["fz"])
+    assert step(motion, count=1, lost=1.0)["fz"] == 0
+    assert flat["fx"] == pytest.approx(0, abs=1)
+    assert flat["fy"] == pytest.approx(0.3 * sound["fy"], rel=1e-3)
+    dragged = 10 * 0.006 * sound["fz"] * (ROLLING - 0.1)
+    assert flat["moment"][1] == pytest.approx(-dragged, rel=1e-3)
 
 
 # --- road -----------------------------------------------------------------------------------
@@ -523,7 +561,8 @@ def test_sampled_functions_pass_through_their_samples_and_between_them():
         assert law("uniform_curve_of_squares", 2.0, 6.0, 8, at) == pytest.approx(value)
     assert law("uniform_curve_of_squares", 2.0, 6.0, 8, 1.0) == 4
     assert law("uniform_curve_of_squares", 2.0, 6.0, 8, 7.0) == 36
-    for at in (-1.0, -0.3, 0.0, 0.77, 1.9):
+    # The last number below the end of the grid is rounded up to it.
+    for at in (-1.0, -0.3, 0.0, 0.77, 1.9, math.nextafter(2.0, 0.0)):
         # h^4 / 384 of the fourth derivative.
         assert law("sampled_sine", -1.0, 2.0, 30, at) == pytest.approx(math.sin(at), abs=4e-7)
     assert law("sampled_sine", -1.0, 2.0, 30, 2.0) == 10

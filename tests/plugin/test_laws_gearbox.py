@@ -144,6 +144,9 @@ def test_engine_brake_calls_for_gears_with_more_engine_speed():
     assert choose(5, **braking) == 3
     assert choose(5, **{**braking, "brake": 0.5, "driver_brake": 0.5}) == 4
     assert choose(5, **{**braking, "low_time": 0.4}) == 5
+    # More than the whole engine brake is as the whole.
+    slow = {**braking, "shaft": 42}
+    assert choose(5, driver_brake=1.6, **slow) == choose(5, **slow) == 3
     # The friction brakes already decelerate the truck.
     fast = {**braking, "shaft": 80}
     assert calls_for_lower(5, **fast)
@@ -172,6 +175,13 @@ def test_too_slow_an_engine_calls_for_a_lower_gear():
     assert choose(2, low_time=0.51, **{**slow, "shaft": shaft(2, slowest - 1)}) == -1
 
 
+def test_table_calls_for_a_lower_gear_at_its_speed_less_a_margin():
+    # For gear 4 and half a pedal, 5.75 m/s by the table, here times three.
+    limit = 3 * 5.75 - 0.55
+    for strategy, speed, calls in ((2, limit - 0.01, 1), (2, limit + 0.01, 0), (0, limit, 0)):
+        assert calls_for_lower(4, strategy, shaft=speed / RADIUS) == calls
+
+
 def test_floored_pedal_that_loses_speed_calls_for_a_lower_gear():
     # Gear 4 at full torque, 2565 N m at 112 rad/s; the load is a tenth greater.
     engine_speed = 112.0
@@ -195,6 +205,21 @@ def test_floored_pedal_that_loses_speed_calls_for_a_lower_gear():
     assert not calls_for_lower(4, **{**losing, "shaft": shaft(3, 215)})
 
 
+def test_gear_that_holds_its_load_at_a_lower_speed_is_kept():
+    """Gear 3 loses speed fast. Its torque rises by 1.5 % down to its lowest speed, 110 rad/s."""
+    available = law("engine_pedal_torque", 128.0, 1.0) * 3.2 * 0.931
+    losing = {
+        "pedal": 1,
+        "shaft": shaft(3, 128),
+        "torque": available,
+        "engine": 128,
+        "acceleration": -7,
+        "filtered_pedal": 1,
+    }
+    for share, calls in ((0.98, False), (1.01, False), (1.02, True)):
+        assert calls_for_lower(3, load=share * available, **losing) == calls
+
+
 def test_adaptive_strategy_cruises_in_the_gear_with_the_least_fuel():
     # It decides every 0.1 s.
     light = {"adaptive": 1, "pedal": 0.3, "load": 300, "gear_time": 10.0005}
@@ -212,3 +237,77 @@ def test_adaptive_strategy_climbs_in_the_strongest_gear():
     torque = 2400 * 1.8 * 0.931
     assert choose(4, shaft=shaft(4, 100), load=6e3, torque=torque, **climb) == 3
     assert choose(4, shaft=shaft(4, 100), load=1e3, torque=torque, **climb) == 4
+
+
+def test_gear_after_an_engine_at_its_governor_need_not_give_all_the_demanded_power():
+    """It must have 1.1 times the power of the load, as gear 4 has up to 3.74 kN m."""
+    governed = {"adaptive": 1, "pedal": 1, "gear_time": 10.0005, "mass": 40e3, "filtered_pedal": 1}
+    for load, gear in ((3730, 4), (3760, 3)):
+        assert choose(3, shaft=shaft(3, 222), load=load, torque=250, **governed) == gear
+
+
+EFFICIENCY, CHANGE = 0.98 * 0.95, 0.7
+
+
+def work_ahead(gear, following, **changes):
+    """Work within 30 s after a change to a gear, by the law and by short steps of the vehicle."""
+    inputs, state = situation(changes)
+    values = dict(zip(INPUT, inputs, strict=True))
+    load, pedal, start = changes["load"], values["pedal"], values["shaft"]
+    ratio, inertia = RATIOS[following - 1], values["mass"] * RADIUS**2
+    speed, angle, left, h = start, 0.0, 30.0, 1e-3
+    missing, building = 0.0, 0.0
+    if following != gear:
+        speed -= CHANGE * load / inertia
+        angle, left = 0.5 * CHANGE * (start + speed), left - CHANGE
+        demand = law("engine_pedal_torque", ratio * speed, pedal)
+        before = values["torque"] / (RATIOS[gear - 1] * EFFICIENCY)
+        drag = float(np.interp(ratio * speed, [104.7, 254.5], [131, 200]))
+        recovery = np.zeros(2)
+        law("engine_recovery", before, CHANGE, demand, demand, drag, recovery)
+        building = recovery[1]
+        missing = recovery[0] / building
+    while left > 0 and speed > 0:
+        torque = law("engine_pedal_torque", ratio * speed, pedal) - (building > 0) * missing
+        faster = max(0, speed + h * (torque * ratio * EFFICIENCY - load) / inertia)
+        angle += 0.5 * h * (speed + faster)
+        speed, left, building = faster, left - h, building - h
+    work = law("work_ahead", gear, inputs, state, following)
+    return work, 0.5 * inertia * (speed**2 - start**2) + load * angle
+
+
+@pytest.mark.parametrize(
+    ("gear", "following", "engine_speed", "load"),
+    [(4, 4, 120, 2000), (4, 4, 120, 5000), (4, 3, 110, 4500), (3, 4, 170, 1500), (4, 2, 60, 9000)],
+)
+def test_work_ahead_is_that_of_the_simulated_vehicle(gear, following, engine_speed, load):
+    full = 2600 * RATIOS[gear - 1] * EFFICIENCY
+    climb = {"pedal": 1, "mass": 40e3, "load": load, "shaft": shaft(gear, engine_speed)}
+    law_work, work = work_ahead(gear, following, torque=full, **climb)
+    assert law_work == pytest.approx(work, rel=0.02)
+
+
+def test_gear_that_stalls_does_no_negative_work():
+    """The vehicle stands from then on; it does not roll back within the horizon."""
+    full = 2600 * RATIOS[3] * EFFICIENCY
+    for load in (2e4, 5e4, 2e5):
+        inputs = {"pedal": 1, "mass": 20e3, "load": load, "torque": full, "shaft": shaft(4, 80)}
+        assert law("work_ahead", 4, *situation(inputs), 4) >= 0
+
+
+def test_gear_holds_the_speed_at_which_its_torque_has_fallen_to_the_load():
+    full, transmission = 2300, RATIOS[3] * EFFICIENCY
+    climb = {"pedal": 1, "mass": 40e3, "torque": 2600 * transmission, "shaft": shaft(4, 130)}
+
+    def held(load):
+        return RATIOS[3] * law("held_speed", 4, *situation({**climb, "load": load}), 4)
+
+    # Full load falls from 2450 N m at 167 rad/s to 1870 N m at 220 rad/s.
+    speed = 167 + (2450 - full) / 580 * 53
+    step = 0.01 * GOVERNED
+    assert speed - step <= held(full * transmission) <= speed
+    assert GOVERNED * 0.96 < held(100.0) < GOVERNED
+    # At 130 rad/s it needs a reserve of 3 %.
+    available = law("engine_pedal_torque", 130.0, 1.0) * transmission
+    assert held(available / 1.031) > 130
+    assert held(available / 1.029) == 0

@@ -218,6 +218,15 @@ def integrate(before, demand, level, pause, h=1e-3):
     return impulse, time
 
 
+def test_torque_up_to_a_level_needs_a_demand_of_at_least_that_level():
+    for name, arguments in (("engine_recovery", (500.0, 0.9)), ("engine_build_up", (500.0,))):
+        low, exact = np.zeros(2), np.zeros(2)
+        law(name, *arguments, 300.0, 1500.0, drag(130), low)
+        law(name, *arguments, 1500.0, 1500.0, drag(130), exact)
+        assert low.tolist() == exact.tolist()
+        assert low.min() > 0
+
+
 def test_no_torque_needs_no_recovery():
     out = np.ones(2)
     law("engine_recovery", 500.0, 0.9, 1000.0, 0.0, drag(130), out)

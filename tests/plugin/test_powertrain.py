@@ -1,5 +1,7 @@
 """The powertrain plugin on a sled: launch, gear changes, governors, fuel, reverse, robustness."""
 
+from xml.etree import ElementTree
+
 import mujoco
 import numpy as np
 import pytest
@@ -65,6 +67,17 @@ def test_engine_idles_at_600_rpm_with_its_idle_fuel_rate(mode):
     assert sled["engine_torque"] == pytest.approx(0, abs=1)
 
 
+def test_weak_clutch_is_closed_at_most_and_slips_at_its_torque():
+    sled = Sled(60_000.0, changes={("powertrain", "clutch_torque_max"): "1200"})
+    names = ("clutch_engagement", "propeller_shaft_torque", "gear")
+    engagement, torque, gear = sled.record(3.6, *names, accelerator_pedal=1.0).T
+    assert set(gear) == {GEARBOX.start_gear}
+    assert engagement.max() == 1
+    efficiency = GEARBOX.efficiency * GEARBOX.driveline_efficiency
+    greatest = 1200 * GEARBOX.ratios[GEARBOX.start_gear - 1] * efficiency
+    assert torque.max() == pytest.approx(greatest, rel=1e-6)
+
+
 def test_engine_returns_to_idle_without_stalling_after_a_burst_in_neutral():
     sled = Sled().run(2.0, transmission_mode=NEUTRAL, accelerator_pedal=1.0)
     assert 0.95 * ENGINE.governed_speed < sled["engine_speed"] < 1.005 * ENGINE.governed_speed
@@ -115,6 +128,21 @@ def test_engine_brake_has_its_rated_power_at_its_rated_speed():
     exponent = np.log(0.55) / np.log(1500 / 2300)
     expected = ENGINE.engine_brake_power * (engine_speed / ENGINE.engine_brake_speed) ** exponent
     assert power == pytest.approx(expected, rel=0.01)
+
+
+def test_driveline_is_a_spring_and_damper_with_the_values_of_the_wheels():
+    h = 0.001
+    sled = Sled(10_000_000.0, speed=60 * KMH, timestep=h).run(4.0)
+    names = ("engine_speed", "propeller_shaft_speed", "propeller_shaft_torque")
+    rows = sled.record(2.0, *names, accelerator_pedal=0.6)
+    ratio = GEARBOX.ratios[int(sled["gear"]) - 1]
+    efficiency = GEARBOX.efficiency * GEARBOX.driveline_efficiency
+    torque = np.where(rows[:, 2] > 0, rows[:, 2] / efficiency, rows[:, 2] * efficiency) / ratio
+    rate = rows[:, 0] - ratio * rows[:, 1]
+    terms = np.stack([h * np.cumsum(rate), rate, np.ones_like(rate)], axis=1)
+    stiffness, damping, _ = np.linalg.lstsq(terms, torque)[0] * (ratio * GEARBOX.final_drive) ** 2
+    assert stiffness == pytest.approx(GEARBOX.driveline_stiffness, rel=0.1)
+    assert damping == pytest.approx(GEARBOX.driveline_damping, rel=0.1)
 
 
 def test_rolling_truck_starts_in_gear_with_the_clutch_closed():
@@ -260,6 +288,29 @@ def test_bad_attribute_is_refused_by_name(attribute, value):
 def test_unknown_sensor_is_refused_with_the_known_names():
     with pytest.raises(ValueError, match=r"turbo_speed.*engine_speed"):
         Sled(sensors=[("turbo_speed", "powertrain")])
+
+
+def sorted_sled(group, first):
+    """A sled that brakes, with one of its sensors or actuators before all others."""
+    root = ElementTree.fromstring(sled_xml(19_000.0))
+    root.find(group)[:] = sorted(root.find(group), key=lambda child: child.get("name") != first)
+    sled = Sled()
+    sled.model = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
+    sled.data = mujoco.MjData(sled.model)
+    sled.data.qvel[:] = Sled(speed=60 * KMH).data.qvel
+    return sled.run(0.6, brake_pedal=0.4, engine_brake=0.5, retarder=0.3, xbr_demand=-1.0)
+
+
+@pytest.mark.parametrize("group", ["sensor", "actuator"])
+def test_order_of_sensors_and_actuators_does_not_matter(group):
+    plain = sorted_sled(group, "")
+    for child in ElementTree.fromstring(sled_xml(19_000.0)).find(group):
+        first = child.get("name")
+        sled = sorted_sled(group, first)
+        assert getattr(sled.model, group)(first).id == 0
+        for i in range(plain.model.nsensor):
+            name = plain.model.sensor(i).name
+            assert sled.wheels(name).tolist() == plain.wheels(name).tolist(), (first, name)
 
 
 @pytest.mark.parametrize("timestep", [0.001, 0.005])

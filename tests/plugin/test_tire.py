@@ -106,6 +106,34 @@ def test_forces_are_mirrored_left_and_right():
     np.testing.assert_allclose(left * [1, -1, 1], right, rtol=1e-9)
 
 
+OTHER = """
+  <body name="other" pos="3 -4 {radius}"><joint type="slide" axis="1 0 0"/>
+    <inertial pos="2 1 0" mass="900" diaginertia="9 9 9"/>
+    <body pos="0 1 0"><joint axis="0 1 0"/><inertial pos="0 0 0" mass="9" diaginertia="1 1 1"/>
+      {wheel}</body></body>"""
+
+
+@pytest.mark.parametrize("wheel", ["", '<plugin plugin="iits.tire" instance="tire"/>'])
+def test_other_vehicles_do_not_change_the_forces_on_a_wheel(wheel):
+    """Neither a body without tires in the model, nor one with a wheel of the same plugin."""
+    radius = PARAMETERS.tires["drive"].free_radius
+    steered = '<joint name="steer" type="hinge" axis="0 0 1"/>'
+    found = []
+    for before in ("", OTHER.format(radius=radius - 0.02, wheel=wheel)):
+        model, data = rig(hub_joint=steered, before=before)
+        first = model.joint("x").dofadr[0]
+        position = model.joint("x").qposadr[0]
+        for _ in range(20):
+            data.qpos[position:] = 0, 0, -0.02, 0.1, 0
+            data.qvel[:] = 0
+            data.qvel[first:] = 15, 0.3, -0.05, 0.4, 28
+            mujoco.mj_step(model, data)
+        mujoco.mj_forward(model, data)
+        found.append([*data.sensor("wheel_tire_force").data, *data.qfrc_passive[first:]])
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-9, atol=1e-6)
+    assert np.abs(found[0]).min() > 0.1
+
+
 def test_tire_load_follows_height_and_normal_of_the_road_table():
     grade, tilt, height = 0.04, 0.02, 12.0
     rows = [

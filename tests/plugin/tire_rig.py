@@ -10,11 +10,12 @@ PARAMETERS = TruckParameters.load()
 COMMON = PARAMETERS.tire_common
 
 
-def rig(kind="drive", *, extra="", hub_joint="", wheel_joint="", **changes):
+def rig(kind="drive", *, extra="", before="", hub_joint="", wheel_joint="", **changes):
     """Returns model and data of one wheel end on a carriage that slides along x, y, z.
 
     `hub_joint` is the MJCF of a further joint of the hub, `wheel_joint` holds attributes of the
-    wheel's joint, `extra` is MJCF at the end of the model; `changes` replaces tire attributes.
+    wheel's joint, `before` is MJCF of bodies before it in the model, `extra` is MJCF at the end of
+    the model; `changes` replaces tire attributes.
     """
     figures = {**tire_config(PARAMETERS, kind), **changes}
     config = "".join(f'<config key="{k}" value="{v:.17g}"/>' for k, v in figures.items())
@@ -25,7 +26,7 @@ def rig(kind="drive", *, extra="", hub_joint="", wheel_joint="", **changes):
       <extension>
         <plugin plugin="iits.tire"><instance name="tire">{config}</instance></plugin>
       </extension>
-      <worldbody>
+      <worldbody>{before}
         <body name="hub" pos="0 0 {radius}">
           <joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>
           <joint name="z" type="slide" axis="0 0 1"/>{hub_joint}
