@@ -49,7 +49,7 @@ def test_output_without_reports_has_none() -> None:
 
 def test_a_process_with_the_released_plugin_is_refused() -> None:
     with pytest.raises(RuntimeError, match="expected a build in"):
-        sanitize.check_library()
+        sanitize.check_libraries()
 
 
 @pytest.mark.slow
