@@ -18,6 +18,7 @@ First each sanitizer must find a deliberate fault (tests/plugin/sanitizer_bugs.c
 from __future__ import annotations
 
 import argparse
+import atexit
 import contextlib
 import ctypes
 import os
@@ -64,6 +65,8 @@ KERNEL_TESTS = (
     *("tests/traffic_bridge/modes/test_smoothing.py", "tests/traffic_bridge/modes/test_modes.py"),
     *("tests/traffic_bridge/network/test_lane_poses.py", "tests/road/test_reference_line.py"),
     *("tests/truck/test_state.py", "tests/simulation/test_gaps.py"),
+    # The runtime ends a process that loads IPOPT, which CasADi opens with RTLD_DEEPBIND.
+    *("-k", "not ipopt"),
 )
 # Command of each check, after `python`.
 CHECKS: dict[str, dict[str, tuple[str, ...]]] = {
@@ -74,6 +77,8 @@ CHECKS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "thread": {"two threads": (__file__, "--threads")},
 }
+# Last line of a process that was not ended by the runtime, which may exit with 0.
+ENDED = "sanitize: the process ended by itself"
 # One report: from its first line to the next one's, or to the end.
 _REPORT = re.compile(
     r"(?m)^(?=(?:==\d+==ERROR|WARNING: ThreadSanitizer|(?:Direct|Indirect) leak|.*runtime error:))"
@@ -239,9 +244,9 @@ def check(kind: Kind, what: str, arguments: Sequence[str]) -> bool:
     """Runs a check and prints its result; True without a report."""
     print(f"sanitize: {kind.name}: {what}", flush=True)
     code, reports = run(kind, arguments)
-    good = code == 0 and not reports
+    errors = (kind.folder / "stderr.txt").read_text(errors="replace")
+    good = code == 0 and not reports and ENDED in errors
     if not good:
-        errors = (kind.folder / "stderr.txt").read_text(errors="replace")
         print("\n".join(reports) or errors[-4000:])
     result = "no report" if good else f"{len(reports)} reports, exit code {code}"
     print(f"sanitize: {kind.name}: {what}: {result}", flush=True)
@@ -283,10 +288,16 @@ def check_libraries() -> None:
             raise RuntimeError(f"named: {library}, loaded: {mapped}; expected a build in {BUILD}")
 
 
+def begin() -> None:
+    """Checks the libraries, and lets the process say at its end that it was not ended."""
+    check_libraries()
+    atexit.register(print, ENDED, file=sys.__stderr__)
+
+
 def pytest_configure(config: object) -> None:
     """Hook of pytest, which loads this file as a plugin."""
     del config
-    check_libraries()
+    begin()
 
 
 def show_bug(bug: str) -> None:
@@ -430,11 +441,11 @@ def main(arguments: list[str] | None = None) -> int:
         show_bug(options.bug)
         return 0
     if options.fuzz:
-        check_libraries()
+        begin()
         fuzz(300)
         return 0
     if options.threads:
-        check_libraries()
+        begin()
         roll_out_trucks()
         make_and_delete()
         return 0

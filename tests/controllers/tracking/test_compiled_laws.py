@@ -78,7 +78,7 @@ def test_steering_equals_its_python_form_to_the_bit(lag):
 
 @pytest.mark.parametrize("left", [1.0, -1.0])
 def test_in_a_bend_tighter_than_the_truck_turns_the_wheel_ends_at_its_stop(left):
-    path, stop = arc(radius=4.0, length=24.0), PARAMETERS.steering.angle_max
+    path, stop = arc(radius=2.0, length=12.0), PARAMETERS.steering.angle_max
     path = dataclasses.replace(path, y=left * path.y, yaw=left * path.yaw)
     path = dataclasses.replace(path, curvature=left * path.curvature)
     compiled, python = LateralController(PARAMETERS, CONFIG), Steering(PARAMETERS, CONFIG)
