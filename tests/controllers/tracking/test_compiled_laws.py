@@ -82,7 +82,7 @@ def test_in_a_bend_tighter_than_the_truck_turns_the_wheel_ends_at_its_stop(left)
     path = dataclasses.replace(path, y=left * path.y, yaw=left * path.yaw)
     path = dataclasses.replace(path, curvature=left * path.curvature)
     compiled, python = LateralController(PARAMETERS, CONFIG), Steering(PARAMETERS, CONFIG)
-    ego = EgoState(y=-4.0 * left, yaw=-0.5 * left, speed=4.0, mass=40_000.0)
+    ego = EgoState(y=-4.0 * left, yaw=-0.5 * left, speed=2.0, mass=40_000.0)
     for _ in range(400):
         wheel = compiled.steer(ego, path)
         assert wheel == python.steer(ego, path)
