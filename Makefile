@@ -30,7 +30,7 @@ help:
 	@echo "make mutants    the share of small faults in the code that the tests find"
 	@echo "make references REASON=\"...\"  renew the reference outputs of decision, planner, tracker, traffic"
 	@echo "make determinism the same physics, drives and trips in every way they can run: digests equal"
-	@echo "make sanitize   the plugin under AddressSanitizer, UBSan and ThreadSanitizer; needs GCC"
+	@echo "make sanitize   plugin and kernels under AddressSanitizer, UBSan, ThreadSanitizer; needs GCC"
 	@echo "make soak       24 simulated hours in chunks, continued after an interruption"
 	@echo "make coverage   the tests with branch coverage: $(OUT)/coverage/index.html"
 	@echo "make format     format Python and C++"

@@ -1,18 +1,19 @@
-"""Mutants of the engine plugin's C++: where they are, and sources that hold all of them.
+"""Mutants of the package's C++: where they are, and sources that hold all of them.
 
 A mutant is a small fault in one expression or statement. All mutants of a source are compiled at
 once: `a - b` becomes `(mutants::On(17) ? (a + b) : (a - b))`, and a global number selects one of
 them at run time (mutant schemata, Untch et al., ISSTA 1993). libclang gives the extent of each
 expression.
 
-Code that calculates is mutated: the laws, and the functions of the plugins that run in a step.
-Declarations, constant expressions, and the functions that read and check a model are not. Three
-kinds of changes are left out because they change no result beyond rounding: `<` to `<=` between
-real numbers, a threshold of zero, and constants below 1e-5, which guard divisions.
+Code that calculates is mutated: the plugin's laws and its functions that run in a step, and the
+kernels. Declarations, constant expressions, and the functions that read and check a model are not.
+Three kinds of changes are left out because they change no result beyond rounding: `<` to `<=`
+between real numbers, a threshold of zero, and constants below 1e-5, which guard divisions.
 """
 
 from __future__ import annotations
 
+import itertools
 import re
 import subprocess
 from collections.abc import Iterator
@@ -52,9 +53,6 @@ KINDS = {
     **dict.fromkeys(COMPARISONS, "comparison"),
     **dict.fromkeys(("&&", "||", "&", "|"), "logic"),
 }
-# Functions that read, check or describe a model, and files of nothing else.
-NOT_MUTATED = re.compile(r"Table|Check|Find\w*|Register\w*|SensorSize|StateCount|Place|Pressure")
-NOT_MUTATED_FILES = ("attributes.cc", "attributes.h", "plugin.cc", "plugin.h")
 
 K = cindex.CursorKind
 BODIES = (K.COMPOUND_STMT, K.IF_STMT, K.FOR_STMT, K.WHILE_STMT, K.CXX_FOR_RANGE_STMT)
@@ -62,10 +60,50 @@ ASSIGNMENTS = ("=", "+=", "-=", "*=", "/=")
 
 
 @dataclass(frozen=True)
+class Library:
+    """A compiled library of the package.
+
+    Attributes:
+      folder: of the sources, below `iits_mj`.
+      variable: environment variable that names another build of it.
+      bounds: functions that a mutant of Min, Max and Clamp calls.
+      functions: regular expression of functions that read, check or describe a model.
+      files: files of nothing else.
+    """
+
+    folder: str
+    variable: str
+    bounds: tuple[str, str]
+    functions: str = ""
+    files: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """File name of the library."""
+        return f"libiits_mj_{self.folder}.so"
+
+    def sources(self) -> list[Path]:
+        """The files that are mutated, in a fixed order."""
+        folder = PACKAGE / self.folder
+        files = sorted(folder.glob("laws/*.h")), sorted([*folder.glob("*.cc"), *folder.glob("*.h")])
+        return [path for path in itertools.chain(*files) if path.name not in self.files]
+
+
+PLUGIN = Library(
+    "plugin",
+    "IITS_MJ_PLUGIN",
+    ("iits::Min", "iits::Max"),
+    r"Table|Check|Find\w*|Register\w*|SensorSize|StateCount|Place|Pressure",
+    ("attributes.cc", "attributes.h", "plugin.cc", "plugin.h"),
+)
+KERNELS = Library("kernels", "IITS_MJ_KERNELS", ("std::min", "std::max"))
+
+
+@dataclass(frozen=True)
 class Mutant:
     """A change of one expression or statement."""
 
-    file: str  # below iits_mj/plugin
+    file: str  # below iits_mj
     line: int
     at: int  # column in the line without its indentation
     operator: str
@@ -83,13 +121,6 @@ class Mutant:
         return self.file, self.source, str(self.at), self.original, self.mutant
 
 
-def sources() -> list[Path]:
-    """The files that are mutated, in a fixed order."""
-    folder = PACKAGE / "plugin"
-    files = [*sorted(folder.glob("laws/*.h")), *sorted([*folder.glob("*.cc"), *folder.glob("*.h")])]
-    return [path for path in files if path.name not in NOT_MUTATED_FILES]
-
-
 def include_flags() -> list[str]:
     """The compiler's flags for the headers of the package and of MuJoCo."""
     import importlib.util
@@ -100,7 +131,7 @@ def include_flags() -> list[str]:
     return [f"-I{PACKAGE}", f"-I{Path(spec.submodule_search_locations[0]) / 'include'}"]
 
 
-def find(path: Path) -> list[Mutant]:
+def find(path: Path, library: Library) -> list[Mutant]:
     """Returns the mutants of a source in the order of their places."""
     listing = subprocess.run(
         ["c++", "-E", "-x", "c++", "-", "-v"], input="", capture_output=True, text=True, check=True
@@ -111,16 +142,16 @@ def find(path: Path) -> list[Mutant]:
     errors = [str(d) for d in unit.diagnostics if d.severity >= cindex.Diagnostic.Error]
     if errors:
         raise RuntimeError(f"{path} cannot be parsed: {errors[0]}")
-    return _Finder(path).run(unit.cursor)
+    return _Finder(path, library).run(unit.cursor)
 
 
 class _Finder:
     """Walks the syntax tree of one source."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, library: Library) -> None:
+        self.path, self.library = path, library
         self.code = path.read_bytes().decode("latin-1")  # a character is a byte of an extent
-        self.file = str(path.relative_to(PACKAGE / "plugin"))
+        self.file = f"{library.folder}/{path.relative_to(PACKAGE / library.folder)}"
         self.found: list[Mutant] = []
         # Constants of the file; their declaration cannot change at run time, but their uses can.
         self.constants = {
@@ -180,7 +211,8 @@ class _Finder:
     def excluded(self, node: cindex.Cursor) -> bool:
         text = self.text(node)
         if node.kind in (K.FUNCTION_DECL, K.CXX_METHOD, K.FUNCTION_TEMPLATE):
-            return bool(NOT_MUTATED.fullmatch(node.spelling)) or "constexpr" in text.split("(")[0]
+            skipped = re.fullmatch(self.library.functions, node.spelling)
+            return bool(skipped) or "constexpr" in text.split("(")[0]
         if node.kind in (K.DECL_STMT, K.VAR_DECL):
             return bool(re.match(r"(static |inline |const )*constexpr", text))
         if node.kind == K.IF_STMT:
@@ -210,37 +242,40 @@ class _Finder:
 
     def extremum(self, node: cindex.Cursor) -> None:
         """Drops a bound of Min, Max and Clamp, or exchanges Min and Max."""
-        name = re.match(r"(?:std::)?([Mm]in|[Mm]ax|[Cc]lamp|mju_clip)\(", self.text(node))
+        name = re.match(r"(?:std::)?([Mm]in|[Mm]ax|[Cc]lamp|Clip|mju_clip)\(", self.text(node))
         arguments = [self.text(a) for a in list(node.get_children())[1:]]
         if not name or any("[" in a and "](" in a for a in arguments):
             return
         function = name[1].capitalize()
-        if function in ("Clamp", "Mju_clip") and len(arguments) == 3:
+        least, most = self.library.bounds
+        if function in ("Clamp", "Clip", "Mju_clip") and len(arguments) == 3:
             x, low, high = arguments
-            changes = [x, f"iits::Max({x}, {low})", f"iits::Min({x}, {high})"]
+            changes = [x, f"{most}({x}, {low})", f"{least}({x}, {high})"]
         elif len(arguments) == 2:
-            other = "Max" if function == "Min" else "Min"
-            changes = [*arguments, f"iits::{other}({', '.join(arguments)})"]
+            other = most if function == "Min" else least
+            changes = [*arguments, f"{other}({', '.join(arguments)})"]
         else:
             return
         for change in changes:
             text = f"mutants::As({self.text(node)}, {change})"
-            self.add(node, "bound", self.text(node), change.replace("iits::", ""), text)
+            self.add(node, "bound", self.text(node), change, text)
 
     def literal(self, node: cindex.Cursor, parents: list[cindex.Cursor]) -> None:
         text = self.text(node)
         before = self.code[: node.extent.start.offset].rstrip()[-1]
         if not re.match(r"[\d.]", text) or before in "[" or text.lower().startswith("0x"):
             return
-        value = float(text)
+        digits = text.rstrip("uUlL")
+        value, suffix = float(digits), text.removeprefix(digits)
         near = next((p for p in reversed(parents) if p.kind != K.UNEXPOSED_EXPR), node)
         if value == 0:
             compared = near.kind == K.BINARY_OPERATOR and self.operator(near)[1] in COMPARISONS
             bound = near.kind == K.CALL_EXPR and re.match(r"Min|Max|Clamp", self.text(near))
             if not compared and not bound:
-                self.add(node, "constant", text, "1", "1")
+                self.add(node, "constant", text, f"1{suffix}", f"1{suffix}")
         elif node.kind == K.INTEGER_LITERAL:
-            self.add(node, "constant", text, str(int(value) + 1), str(int(value) + 1))
+            more = f"{int(value) + 1}{suffix}"
+            self.add(node, "constant", text, more, more)
         elif abs(value) >= GUARD:
             self.add(node, "constant", text, f"{1.5 * value:g}", f"{1.5 * value!r}")
 

@@ -1,10 +1,11 @@
-"""Mutation score of the plugin's C++: which small faults do the tests of the plugin find?
+"""Mutation score of the plugin and the kernels: which small faults in C++ do the tests find?
 
     python tools/mutants_cpp.py                        # what changed since the branch left main
     python tools/mutants_cpp.py --full --sample 400 --seed 1
     python tools/mutants_cpp.py --full                 # everything, overnight
+    python tools/mutants_cpp.py --full --only kernels  # one of the two libraries
 
-One library holds all mutants (tools/cpp_mutations.py). The tests run once to record which mutants
+A library holds all its mutants (tools/cpp_mutations.py). The tests run once to record which mutants
 each test file reaches, and once more per mutant in a forked process: the files that reach it, the
 fastest first, until a test fails. A crash or a run beyond the time limit counts as killed as well.
 Results go into DIR/cpp.csv; a second run continues there. tools/mutants_equivalent.toml lists
@@ -35,12 +36,13 @@ from pathlib import Path
 from typing import Any
 
 import cpp_mutations
-from cpp_mutations import PACKAGE, Mutant
+from cpp_mutations import KERNELS, PACKAGE, PLUGIN, Library, Mutant
 
 ROOT = PACKAGE.parent
-TESTS = ROOT / "tests" / "plugin"
+TESTS = ROOT / "tests"
 EQUIVALENT = Path(__file__).with_name("mutants_equivalent.toml")
 FIELDS = [
+    "area",
     "file",
     "line",
     "at",
@@ -71,14 +73,15 @@ cp "$kept" "$program"
 
 
 def changed_lines(since: str) -> dict[str, set[int]]:
-    """Lines of the plugin that differ from a commit, by file."""
-    command = ["git", "diff", "-U0", "--no-color", since, "--", "iits_mj/plugin"]
+    """Lines of the libraries that differ from a commit, by file."""
+    folders = [f"iits_mj/{library.folder}" for library in TEST_FILES]
+    command = ["git", "diff", "-U0", "--no-color", since, "--", *folders]
     diff = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     lines: dict[str, set[int]] = {}
     file = ""
     for line in diff.splitlines():
         if line.startswith("+++ "):
-            file = line.removeprefix("+++ b/iits_mj/plugin/")
+            file = line.removeprefix("+++ b/iits_mj/")
         elif hunk := re.match(r"@@ .* \+(\d+)(?:,(\d+))? @@", line):
             first, count = int(hunk[1]), int(hunk[2] or 1)
             lines.setdefault(file, set()).update(range(first, first + count))
@@ -103,13 +106,14 @@ def as_json(value: Any) -> Any:
     return json.loads(json.dumps(value))
 
 
-def build(mutants: list[Mutant], folder: Path) -> tuple[Path, set[int]]:
+def build(library: Library, mutants: list[Mutant], folder: Path) -> tuple[Path, set[int]]:
     """Compiles one library with all mutants; returns it and the mutants that do not compile."""
-    library = folder / "libiits_mj_plugin.so"
+    built = folder / library.name
     stamp = folder / "stamp.json"
-    state = {"mutants": [m.key for m in mutants], "code": digest(cpp_mutations.sources())}
+    numbered = [(m.number, m.key) for m in mutants]
+    state = {"mutants": numbered, "code": digest(library.sources())}
     if stamp.exists() and (kept := json.loads(stamp.read_text()))["state"] == as_json(state):
-        return library, set(kept["broken"])
+        return built, set(kept["broken"])
     shutil.rmtree(folder, ignore_errors=True)
     overlay = folder / "include"
     header = Path(__file__).with_name("cpp_mutations.h")
@@ -119,16 +123,17 @@ def build(mutants: list[Mutant], folder: Path) -> tuple[Path, set[int]]:
     while True:
         places: dict[Path, dict[int, tuple[int, int]]] = {}
         for file in dict.fromkeys(mutant.file for mutant in mutants):
-            code = (PACKAGE / "plugin" / file).read_bytes().decode("latin-1")
+            code = (PACKAGE / file).read_bytes().decode("latin-1")
             chosen = [m for m in mutants if m.file == file and m.number not in broken]
             text, place = cpp_mutations.render(code, chosen)
-            path = overlay / "plugin" / file
+            path = overlay / file
             path.parent.mkdir(parents=True, exist_ok=True)
             if not path.exists() or path.read_bytes() != text.encode("latin-1"):
                 path.write_bytes(text.encode("latin-1"))
             places[path] = place
-        units = [overlay / "plugin" / p.name for p in (PACKAGE / "plugin").glob("*.cc")]
-        units = [u if u in places else PACKAGE / "plugin" / u.name for u in units]
+        units = sorted((PACKAGE / library.folder).glob("*.cc"))
+        mutated = [overlay / library.folder / unit.name for unit in units]
+        units = [m if m in places else unit for m, unit in zip(mutated, units, strict=True)]
         objects, blamed, errors = [], set(), ""
         for unit in units:
             objects.append(folder / f"{unit.stem}.o")
@@ -142,21 +147,33 @@ def build(mutants: list[Mutant], folder: Path) -> tuple[Path, set[int]]:
         if not errors:
             break
         if not blamed:
-            raise RuntimeError(f"the mutated plugin does not compile:\n{errors[:3000]}")
+            raise RuntimeError(f"{library.name} with mutants does not compile:\n{errors[:3000]}")
         broken |= blamed
-    mujoco_folder = Path(cpp_mutations.include_flags()[1][2:]).parent
-    engine = next(mujoco_folder.glob("libmujoco.so.*"))
-    link = [compiler, "-shared", *map(str, objects), str(engine), f"-Wl,-rpath,{engine.parent}"]
-    subprocess.run([*link, "-o", str(library)], check=True)
+    link = [compiler, "-shared", *map(str, objects)]
+    if library is PLUGIN:
+        mujoco_folder = Path(cpp_mutations.include_flags()[1][2:]).parent
+        engine = next(mujoco_folder.glob("libmujoco.so.*"))
+        link += [str(engine), f"-Wl,-rpath,{engine.parent}"]
+    subprocess.run([*link, "-o", str(built)], check=True)
     script = folder / "c++"
     script.write_text(COMPILER.format(build=folder, compiler=compiler, flags=" ".join(flags)))
     script.chmod(0o755)
     stamp.write_text(json.dumps({"state": state, "broken": sorted(broken)}))
-    return library, broken
+    return built, broken
 
 
-# Test files of a law's area; these run first.
-AREAS = {
+# Tests of each library.
+TEST_FILES = {
+    PLUGIN: ("plugin/test_*.py",),
+    KERNELS: (
+        *("kernels/test_*.py", "controllers/tracking/test_*.py", "controllers/planning/test_*.py"),
+        *("controllers/pcc/test_*.py", "traffic_bridge/m*/test_*.py"),
+        *("traffic_bridge/network/test_lane_poses.py", "road/test_reference_line.py"),
+        *("truck/test_state.py", "simulation/test_gaps.py"),
+    ),
+}
+# Test files of a law's subject.
+LAWS = {
     "tire|road": "tire",
     "spatial": "aerodynamics|tire",
     "fifth_wheel": "fifth_wheel",
@@ -168,6 +185,28 @@ AREAS = {
     "engine|driveline|gears|powertrain": "powertrain|gearbox(?!_hunting)|retarder",
     "lookup|number": "powertrain$|tire|steering|air_brake$|air_brake_supply",
 }
+# Area of a source and the area's test files; these run first.
+AREAS = {
+    **{laws: ("plugin", f"plugin/test_({tests}|laws)") for laws, tests in LAWS.items()},
+    "lateral|driveline_inverse|rounding": ("tracking", "controllers/tracking/"),
+    "trajectory|boxes|following|speed_plan|interpolation": (
+        "planning",
+        "controllers/planning/|simulation/",
+    ),
+    "interior_point|node_system|vectors|speed_passes": (
+        "predictive cruise control",
+        "controllers/pcc/",
+    ),
+    "mirror|vehicles": ("traffic bridge", "traffic_bridge/"),
+    "reference_line|truck_state": ("road and truck", "(road|truck)/"),
+    "arithmetic|kernels": ("kernels", "kernels/"),
+}
+
+
+def area_of(file: str) -> tuple[str, str]:
+    """Area of a source, and a regular expression of the test files that run first."""
+    areas = (a for names, a in AREAS.items() if re.fullmatch(names, Path(file).stem))
+    return next(areas, ("plugin", "plugin/"))
 
 
 class Watcher:
@@ -188,35 +227,39 @@ class Watcher:
 
 
 class Tests:
-    """The tests of the plugin, in processes forked from this one, which has imported everything."""
+    """The tests of libraries, in processes forked from this one, which has imported everything."""
 
-    def __init__(self, library: Path, count: int, area_only: bool, tests: str) -> None:
-        import mujoco
+    def __init__(
+        self, libraries: dict[Library, Path], folder: Path, count: int, area_only: bool, tests: str
+    ) -> None:
         import pytest
 
-        self.library, self.count = library, count
-        self.area_only, self.tests = area_only, tests
+        self.libraries, self.folder, self.count = libraries, folder, count
+        self.area_only = area_only
         self.last_reached = ""
         self.reached: dict[Path, set[int]] = {}
         self.seconds: dict[Path, float] = {}
-        load = mujoco.mj_loadPluginLibrary
-        open_library = ctypes.CDLL
-
-        def redirected(path: Any) -> Any:
-            return str(library) if str(path).endswith(library.name) else path
-
-        mujoco.mj_loadPluginLibrary = lambda path: load(redirected(path))
-        ctypes.CDLL = lambda path, *a, **k: open_library(redirected(path), *a, **k)  # type: ignore
-        for program in library.parent.glob("*.program"):
-            program.unlink()
-        os.environ["CXX"] = str(library.with_name("c++"))
+        self.files = {
+            path: library.folder
+            for library in libraries
+            for pattern in TEST_FILES[library]
+            for path in sorted(TESTS.glob(pattern))
+            if re.search(tests, str(path.relative_to(TESTS)))
+        }
+        for library, built in libraries.items():
+            os.environ[library.variable] = str(built)
+            if library is PLUGIN:
+                os.environ["CXX"] = str(built.with_name("c++"))
+                for program in built.parent.glob("*.program"):
+                    program.unlink()
         sys.path.insert(0, str(ROOT))
         os.chdir(ROOT)
         with open(os.devnull, "w") as null, contextlib.redirect_stdout(null):
-            pytest.main([*PYTEST, "--collect-only", str(TESTS)])
-        self.switch = ctypes.c_int.in_dll(ctypes.CDLL(str(library)), "iits_mutant")
+            pytest.main([*PYTEST, "--collect-only", *map(str, self.files)])
+        loaded = [ctypes.CDLL(str(built)) for built in libraries.values()]
         array = ctypes.c_ubyte * (1 << 16)
-        self.flags = array.in_dll(ctypes.CDLL(str(library)), "iits_reached")
+        self.switches = [ctypes.c_int.in_dll(library, "iits_mutant") for library in loaded]
+        self.flags = [array.in_dll(library, "iits_reached") for library in loaded]
 
     def run(self, number: int, files: list[Path], limit: float) -> tuple[str, str]:
         """Runs test files on a mutant; returns outcome and the first test that failed."""
@@ -226,14 +269,16 @@ class Tests:
         child = os.fork()
         if child == 0:
             os.setsid()
-            log = os.open(self.library.with_name("last.log"), os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+            log = os.open(self.folder / "last.log", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
             os.dup2(log, 1)
             os.dup2(log, 2)
             os.environ["IITS_MUTANT"] = str(max(number, 0))
-            self.switch.value = number
+            for switch in self.switches:
+                switch.value = number
             watcher = Watcher()
             ended_with = pytest.main([*PYTEST, *map(str, files)], plugins=[watcher])
-            reached = "".join(f"{i} " for i in range(1, self.count + 1) if self.flags[i])
+            numbers = range(1, self.count + 1)
+            reached = "".join(f"{i} " for i in numbers if any(flags[i] for flags in self.flags))
             text = f"{int(ended_with)}\n{watcher.failed}\n{reached if number < 0 else ''}"
             with os.fdopen(writing, "w") as pipe:
                 pipe.write(text)
@@ -256,38 +301,47 @@ class Tests:
 
     def measure(self) -> None:
         """Runs each test file once, without a mutant: they must pass, and tell what they reach."""
-        kept_in = self.library.with_name("reached.json")
+        kept_in = self.folder / "reached.json"
         kept = json.loads(kept_in.read_text()) if kept_in.exists() else {}
-        for path in sorted(TESTS.glob("test_*.py")):
-            if not re.match(self.tests, path.stem):
-                continue
-            state = digest([path, *(sorted(TESTS.glob("laws*.*")) if "law" in path.name else ())])
-            if kept.get(path.name, {}).get("state") != state:
+        stamps = [built.with_name("stamp.json") for built in self.libraries.values()]
+        for path in self.files:
+            name = str(path.relative_to(TESTS))
+            helpers = [p for p in path.parent.glob("*.*") if not p.name.startswith("test_")]
+            state = digest([path, *sorted(helpers), *stamps])
+            if kept.get(name, {}).get("state") != state:
                 begin = time.monotonic()
                 outcome, failed = self.run(-1, [path], 600)
                 if outcome != "survived":
-                    raise RuntimeError(f"without a mutant, {path.name} fails: {outcome} {failed}")
+                    raise RuntimeError(f"without a mutant, {name} fails: {outcome} {failed}")
                 seconds, reached = time.monotonic() - begin, self.last_reached.split()
-                kept[path.name] = {"state": state, "seconds": seconds, "reached": reached}
+                kept[name] = {"state": state, "seconds": seconds, "reached": reached}
                 kept_in.write_text(json.dumps(kept))
-            self.seconds[path] = kept[path.name]["seconds"]
-            self.reached[path] = {int(number) for number in kept[path.name]["reached"]}
+            self.seconds[path] = kept[name]["seconds"]
+            self.reached[path] = {int(number) for number in kept[name]["reached"]}
 
     def judge(self, mutant: Mutant) -> tuple[str, str]:
         """Runs the test files that reach the mutant, those of its own subject and fast ones first.
 
         A file with a program of the laws cannot tell what it reaches, so it always runs.
         """
-        subject = Path(mutant.file).stem
-        area = next((tests for laws, tests in AREAS.items() if re.fullmatch(laws, subject)), "")
-        files = [p for p, r in self.reached.items() if mutant.number in r or "CXX" in p.read_text()]
-        if self.area_only:
-            files = [p for p in files if re.fullmatch(f"test_({area}|laws).*", p.stem)]
-        files.sort(key=lambda p: (not re.match(f"test_({area}|laws)", p.stem), self.seconds[p]))
+        folder = mutant.file.split("/")[0]
+        files = [
+            p
+            for p, tested in self.files.items()
+            if tested == folder and (mutant.number in self.reached[p] or "CXX" in p.read_text())
+        ]
+        own = {
+            p
+            for p in files
+            if re.match(area_of(mutant.file)[1], str(p.relative_to(TESTS).with_suffix("")))
+        }
+        files = [p for p in files if p in own or not self.area_only]
+        files.sort(key=lambda p: (p not in own, self.seconds[p]))
         for path in files:
             outcome, by = self.run(mutant.number, [path], 20 + 15 * self.seconds[path])
             if outcome != "survived":
-                return outcome, f"{path.name}::{by}" if outcome == "killed" else by
+                name = path.relative_to(TESTS)
+                return outcome, f"{name}::{by}" if outcome == "killed" else by
         return "survived", "" if files else "no test reaches it"
 
 
@@ -312,9 +366,9 @@ def read(path: Path) -> list[dict[str, str]]:
 
 
 def table(rows: list[dict[str, str]]) -> Iterator[str]:
-    """Lines of a Markdown table: killed of all, by file and by operator."""
+    """Lines of a Markdown table: killed of all, by area, file and operator."""
     same = equivalent()
-    for what in ("file", "operator"):
+    for what in ("area", "file", "operator"):
         yield f"| {what} | mutants | equivalent | killed | survived | score |"
         yield "|---|---|---|---|---|---|"
         counts: dict[str, collections.Counter[str]] = collections.defaultdict(collections.Counter)
@@ -346,23 +400,28 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=0, help="of the sample")
     parser.add_argument("--out", type=Path, default=Path("out/mutants"), metavar="DIR")
     parser.add_argument("--again", choices=("survived", "all"), help="judge mutants once more")
-    parser.add_argument("--area", action="store_true", help="only the tests of a law's own area")
+    parser.add_argument("--area", action="store_true", help="only the tests of a source's own area")
     parser.add_argument("--tests", default="", help="regular expression of the test files")
-    parser.add_argument("--only", default="", help="regular expression of the files")
+    parser.add_argument("--only", default="", help="regular expression of the sources")
     return parser.parse_args()
 
 
 def main() -> int:
     """Runs the mutants that have no result yet, and prints the tables."""
     options = parse()
-    mutants = [m for path in cpp_mutations.sources() for m in cpp_mutations.find(path)]
+    mutants = [
+        mutant
+        for library in TEST_FILES
+        for path in library.sources()
+        for mutant in cpp_mutations.find(path, library)
+        if re.search(options.only, mutant.file)
+    ]
     if not options.full:
         lines = changed_lines(options.since or default_base())
         mutants = [m for m in mutants if m.line in lines.get(m.file, ())]
     if options.sample and options.sample < len(mutants):
         chosen = random.Random(options.seed).sample(range(len(mutants)), options.sample)
         mutants = [mutants[i] for i in sorted(chosen)]
-    mutants = [m for m in mutants if re.search(options.only, m.file)]
     options.out.mkdir(parents=True, exist_ok=True)
     results = options.out.resolve() / "cpp.csv"
     known = {key(row): row for row in read(results)}
@@ -372,10 +431,16 @@ def main() -> int:
     to_run = [m for m in mutants if m.key not in known or known[m.key]["outcome"] in again]
     # In random order, the results are a random sample at any time.
     random.Random(options.seed).shuffle(to_run)
-    print(f"{len(wanted)} mutants of the plugin, {len(to_run)} of them to run", flush=True)
+    print(f"{len(wanted)} mutants of the C++, {len(to_run)} of them to run", flush=True)
     if to_run:
-        library, broken = build(mutants, options.out.resolve() / "build")
-        tests = Tests(library, len(mutants), options.area, options.tests)
+        folder = options.out.resolve() / "build"
+        libraries, broken = {}, set()
+        for library in TEST_FILES:
+            own = [m for m in mutants if m.file.startswith(f"{library.folder}/")]
+            if own:
+                libraries[library], failed = build(library, own, folder / library.folder)
+                broken |= failed
+        tests = Tests(libraries, folder, len(mutants), options.area, options.tests)
         tests.measure()
         print(f"the tests pass without a mutant in {sum(tests.seconds.values()):.0f} s", flush=True)
         for done, mutant in enumerate(to_run, 1):
@@ -385,6 +450,7 @@ def main() -> int:
                 outcome, by = tests.judge(mutant)
             known[mutant.key] = {
                 **{name: str(getattr(mutant, name)) for name in FIELDS if hasattr(mutant, name)},
+                "area": area_of(mutant.file)[0],
                 "outcome": outcome,
                 "by": by,
                 "seconds": f"{time.monotonic() - begin:.1f}",

@@ -1,23 +1,24 @@
-"""Runs the engine plugin under AddressSanitizer, UndefinedBehaviorSanitizer and ThreadSanitizer.
+"""Runs plugin and kernels under AddressSanitizer, UndefinedBehaviorSanitizer and ThreadSanitizer.
 
     python tools/sanitize.py                 everything
     python tools/sanitize.py --only thread   one of address, thread
 
-The plugin is compiled with the sanitizers into build/sanitize, and Python starts with their runtime
-in LD_PRELOAD. Python, MuJoCo and the other libraries are not instrumented.
+Both are compiled with the sanitizers into build/sanitize, and Python starts with their runtime in
+LD_PRELOAD. Python, MuJoCo and the other libraries are not instrumented.
 
-- address: AddressSanitizer, LeakSanitizer and UndefinedBehaviorSanitizer, with the plugin's tests
-  and 300 fuzzed inputs of the plugin.
+- address: AddressSanitizer, LeakSanitizer and UndefinedBehaviorSanitizer, with the tests of the
+  plugin and of the kernels and 300 fuzzed inputs of the plugin.
 - thread: ThreadSanitizer, with roll-outs of several trucks on two threads, and with two threads
   that make, step, copy and delete models and data.
 
 First each sanitizer must find a deliberate fault (tests/plugin/sanitizer_bugs.cc). The exit code is
-1 after any report, except for leaks outside the plugin: Python never frees some of its objects.
+1 after any report, except for leaks outside the two: Python never frees some of its objects.
 """
 
 from __future__ import annotations
 
 import argparse
+import atexit
 import contextlib
 import ctypes
 import os
@@ -34,35 +35,54 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 PLUGIN = ROOT / "iits_mj" / "plugin"
+KERNELS = ROOT / "iits_mj" / "kernels"
 BUGS = ROOT / "tests" / "plugin" / "sanitizer_bugs.cc"
 BUILD = ROOT / "build" / "sanitize"
-LIBRARY = "libiits_mj_plugin.so"
 BUGS_LIBRARY = "libsanitizer_bugs.so"
 BUGS_VARIABLE = "IITS_SANITIZER_BUGS"
-LIBRARY_VARIABLE = "IITS_MJ_PLUGIN"  # of `iits_mj.plugin`
+# Folders of the libraries, by the environment variable that names the build to load.
+LIBRARIES = {"IITS_MJ_PLUGIN": PLUGIN, "IITS_MJ_KERNELS": KERNELS}
 # As in CMakeLists.txt, but with little optimization, so that stacks are complete.
 FLAGS = (
     *("-std=c++17", "-O1", "-g", "-fno-omit-frame-pointer", "-fPIC", "-shared"),
     *("-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden"),
 )
+# Without pytest's capture of the file descriptors, because the runtimes write to stderr.
+PYTEST = (
+    *("-m", "pytest", "-p", "sanitize", "-p", "no:cacheprovider", "-n", "0"),
+    *("--capture=sys", "-m", "not slow"),
+)
 # The plugin's own tests, without those that compile programs or drive for long.
-TESTS = (
+PLUGIN_TESTS = (
     *("tests/plugin", "tests/truck/test_rollouts.py", "tests/truck/test_fleet.py"),
     *("--ignore=tests/plugin/test_laws.py", "--ignore=tests/plugin/test_gearbox_hunting.py"),
     "--ignore=tests/plugin/test_manuals.py",
 )
+# Tests of the modules that call kernels. SUMO's own programs fail with the runtime preloaded.
+KERNEL_TESTS = (
+    *("tests/kernels", "tests/controllers/tracking", "tests/controllers/planning"),
+    *("tests/controllers/pcc", "tests/traffic_bridge/mirror/test_units.py"),
+    *(
+        "tests/traffic_bridge/mirror/test_articulation.py",
+        "tests/traffic_bridge/mirror/test_contact.py",
+    ),
+    "tests/traffic_bridge/modes/test_smoothing.py",
+    *("tests/traffic_bridge/network/test_lane_poses.py", "tests/road/test_reference_line.py"),
+    *("tests/truck/test_state.py", "tests/simulation/test_gaps.py"),
+    # The runtime ends a process that loads IPOPT, which CasADi opens with RTLD_DEEPBIND.
+    *("-k", "not ipopt"),
+)
 # Command of each check, after `python`.
 CHECKS: dict[str, dict[str, tuple[str, ...]]] = {
     "address": {
-        # Without pytest's capture of the file descriptors, because the runtimes write to stderr.
-        "tests of the plugin": (
-            *("-m", "pytest", "-p", "sanitize", "-p", "no:cacheprovider", "-n", "0"),
-            *("--capture=sys", "-m", "not slow", *TESTS),
-        ),
+        "tests of the plugin": (*PYTEST, *PLUGIN_TESTS),
+        "tests of the kernels": (*PYTEST, *KERNEL_TESTS),
         "fuzzing of the plugin": (__file__, "--fuzz"),
     },
     "thread": {"two threads": (__file__, "--threads")},
 }
+# Last line of a process that was not ended by the runtime, which may exit with 0.
+ENDED = "sanitize: the process ended by itself"
 # One report: from its first line to the next one's, or to the end.
 _REPORT = re.compile(
     r"(?m)^(?=(?:==\d+==ERROR|WARNING: ThreadSanitizer|(?:Direct|Indirect) leak|.*runtime error:))"
@@ -89,6 +109,10 @@ class Kind:
     def folder(self) -> Path:
         """Folder of the libraries and the reports."""
         return BUILD / self.name
+
+    def library(self, sources: Path) -> Path:
+        """Path of the library of a folder of sources."""
+        return self.folder / f"libiits_mj_{sources.name}.so"
 
 
 KINDS = {
@@ -156,15 +180,14 @@ def runtime(name: str) -> str:
     return str(Path(path).resolve())
 
 
-def build(kind: Kind, name: str, sources: Sequence[Path]) -> Path:
+def build(kind: Kind, library: Path, sources: Sequence[Path]) -> None:
     """Compiles a library with the sanitizers, unless it is newer than its sources."""
     import mujoco
 
-    library = kind.folder / name
-    headers = [*PLUGIN.glob("*.h"), *PLUGIN.glob("laws/*.h"), Path(__file__)]
+    headers = [*PLUGIN.glob("**/*.h"), *KERNELS.glob("*.h"), Path(__file__)]
     newest = max(path.stat().st_mtime for path in (*sources, *headers))
     if library.is_file() and library.stat().st_mtime > newest:
-        return library
+        return
     kind.folder.mkdir(parents=True, exist_ok=True)
     root = Path(mujoco.__file__).parent
     (engine,) = root.glob("libmujoco.so.*")
@@ -177,7 +200,6 @@ def build(kind: Kind, name: str, sources: Sequence[Path]) -> Path:
         check=True,
     )
     partial.replace(library)
-    return library
 
 
 # --- running ----------------------------------------------------------------------------------
@@ -185,12 +207,15 @@ def build(kind: Kind, name: str, sources: Sequence[Path]) -> Path:
 
 def run(kind: Kind, arguments: Sequence[str], quiet: bool = False) -> tuple[int, list[str]]:
     """Runs Python with the sanitizers; returns its exit code and all reports."""
-    environment = os.environ | {
-        "LD_PRELOAD": " ".join(runtime(name) for name in kind.runtimes),
-        "PYTHONPATH": os.pathsep.join((str(ROOT / "tools"), str(ROOT))),
-        BUGS_VARIABLE: str(kind.folder / BUGS_LIBRARY),
-        LIBRARY_VARIABLE: str(kind.folder / LIBRARY),
-    }
+    environment = (
+        os.environ
+        | {
+            "LD_PRELOAD": " ".join(runtime(name) for name in kind.runtimes),
+            "PYTHONPATH": os.pathsep.join((str(ROOT / "tools"), str(ROOT))),
+            BUGS_VARIABLE: str(kind.folder / BUGS_LIBRARY),
+        }
+        | {variable: str(kind.library(sources)) for variable, sources in LIBRARIES.items()}
+    )
     environment |= kind.options
     command = [*fixed_addresses(), sys.executable, *arguments]
     output = subprocess.DEVNULL if quiet else None
@@ -209,11 +234,12 @@ def fixed_addresses() -> list[str]:
 
 
 def read_reports(text: str) -> list[str]:
-    """Returns the reports in the output of the runtimes, without leaks outside the plugin."""
+    """Returns the reports of the runtimes, without leaks outside plugin and kernels."""
+    own = (str(PLUGIN), str(KERNELS), BUGS.name)
     reports = []
     for report in _REPORT.split(text)[1:]:
         leak = "leak of" in report.splitlines()[0] or "detected memory leaks" in report
-        if not leak or str(PLUGIN) in report or BUGS.name in report:
+        if not leak or any(name in report for name in own):
             reports.append(report)
     return reports
 
@@ -222,9 +248,9 @@ def check(kind: Kind, what: str, arguments: Sequence[str]) -> bool:
     """Runs a check and prints its result; True without a report."""
     print(f"sanitize: {kind.name}: {what}", flush=True)
     code, reports = run(kind, arguments)
-    good = code == 0 and not reports
+    errors = (kind.folder / "stderr.txt").read_text(errors="replace")
+    good = code == 0 and not reports and ENDED in errors
     if not good:
-        errors = (kind.folder / "stderr.txt").read_text(errors="replace")
         print("\n".join(reports) or errors[-4000:])
     result = "no report" if good else f"{len(reports)} reports, exit code {code}"
     print(f"sanitize: {kind.name}: {what}: {result}", flush=True)
@@ -248,26 +274,34 @@ def check_finds_bugs(kind: Kind) -> bool:
 # --- inside the instrumented process ----------------------------------------------------------
 
 
-def check_library() -> None:
-    """Checks that this process runs the instrumented plugin, and no other build of it.
+def check_libraries() -> None:
+    """Checks that this process runs the instrumented libraries, and no other builds of them.
 
     Raises:
       RuntimeError: it does not.
     """
+    from iits_mj import kernels
     from iits_mj.plugin import register
 
-    library = register()
+    kernels.function("iits_multiply_add", kernels.Real)
     # A line of the memory map ends with the file; the runtime may have unlinked a copy.
     lines = Path("/proc/self/maps").read_text().splitlines()
-    mapped = {line.split(maxsplit=5)[5] for line in lines if LIBRARY in line}
-    if BUILD not in library.parents or mapped != {str(library)}:
-        raise RuntimeError(f"registered: {library}, loaded: {mapped}; expected a build in {BUILD}")
+    for library in (register(), kernels.path()):
+        mapped = {line.split(maxsplit=5)[5] for line in lines if library.name in line}
+        if BUILD not in library.parents or mapped != {str(library)}:
+            raise RuntimeError(f"named: {library}, loaded: {mapped}; expected a build in {BUILD}")
+
+
+def begin() -> None:
+    """Checks the libraries, and lets the process say at its end that it was not ended."""
+    check_libraries()
+    atexit.register(print, ENDED, file=sys.__stderr__)
 
 
 def pytest_configure(config: object) -> None:
     """Hook of pytest, which loads this file as a plugin."""
     del config
-    check_library()
+    begin()
 
 
 def show_bug(bug: str) -> None:
@@ -411,11 +445,11 @@ def main(arguments: list[str] | None = None) -> int:
         show_bug(options.bug)
         return 0
     if options.fuzz:
-        check_library()
+        begin()
         fuzz(300)
         return 0
     if options.threads:
-        check_library()
+        begin()
         roll_out_trucks()
         make_and_delete()
         return 0
@@ -423,8 +457,9 @@ def main(arguments: list[str] | None = None) -> int:
     for kind in KINDS.values():
         if options.only not in (None, kind.name):
             continue
-        build(kind, BUGS_LIBRARY, [BUGS])
-        build(kind, LIBRARY, sorted(PLUGIN.glob("*.cc")))
+        build(kind, kind.folder / BUGS_LIBRARY, [BUGS])
+        for sources in LIBRARIES.values():
+            build(kind, kind.library(sources), sorted(sources.glob("*.cc")))
         good &= check_finds_bugs(kind)
         if options.self_check:
             continue

@@ -461,9 +461,6 @@ void AirBrakePlugin::Actuator(const mjModel* m, mjData* d, State* s) const {
   demand.gravity = mju_norm3(m->opt.gravity);
   law_.Step(demand, ReadPartner<EnduranceState<double>>(m, d, powertrain_),
             Control(m, d, parking_, 0, 1), m->opt.timestep, hub_speed, wheel_speed, s);
-  for (int actuator : {demand_, mode_, parking_, pedal_, ebi_mode_}) {
-    if (actuator >= 0) d->actuator_force[m->actuator_outadr[actuator]] = 0;
-  }
 }
 
 }  // namespace

@@ -368,9 +368,7 @@ void PowertrainPlugin::Actuator(const mjModel* m, mjData* d, State* s) const {
   // change, and in rollouts several models share one plugin object.
   controls.mass = body_ < 0 ? 0 : m->body_subtreemass[m->body_rootid[body_]];
   law_.Step(controls, ShaftSpeed(d), m->opt.timestep, s);
-  for (int actuator : {engine_brake_, mode_, retarder_lever_}) {
-    if (actuator >= 0) d->actuator_force[m->actuator_outadr[actuator]] = 0;
-  }
+  // MuJoCo has set the forces of all actuators to zero.
   d->actuator_force[m->actuator_outadr[pedal_]] = s->next.shaft_torque;
 }
 

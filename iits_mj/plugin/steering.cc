@@ -57,7 +57,6 @@ class SteeringPlugin : public PluginBase {
 
   void Actuator(const mjModel* m, mjData* d, State* s) const {
     s->next = law_.Step(d->ctrl[m->actuator_ctrladr[actuator_]], m->opt.timestep, s->now);
-    d->actuator_force[m->actuator_outadr[actuator_]] = 0;
   }
 
   void Sensors(const mjModel* m, mjData* d, const State* s) const {

@@ -20,6 +20,7 @@ def test_a_missing_function_is_named_with_the_remedy():
 
 
 def test_a_missing_library_is_named(monkeypatch):
+    monkeypatch.delenv(kernels.LIBRARY_VARIABLE, raising=False)
     monkeypatch.setattr(kernels, "LIBRARY_NAME", "libnone.so")
     with pytest.raises(PluginError, match=r"libnone\.so is not in"):
         kernels.path()

@@ -11,14 +11,20 @@ import numpy as np
 import pytest
 
 from iits_mj.road import RoadMap, Route
+from iits_mj.road.opendrive import parse
 from iits_mj.road.reference_line import ReferenceLine
+from tests.road.opendrive_text import document, road
 from tests.road.test_route import BACK, FORTH, HIGHWAY
 
 TURN = 2.0 * math.pi
+ARC = '<geometry s="0" x="0" y="0" hdg="0" length="60"><arc curvature="0.05"/></geometry>'
+TIGHT = document(road(geometry=ARC, length=60)).encode()
 LINES = {
     "highway": HIGHWAY.line,
     "spiral": FORTH.line,
     "spiral back": BACK.line,
+    # Offsets reach beyond the bend's center.
+    "tight bend": RoadMap(parse(TIGHT, "arc"), "arc").route().line,
     "straight": Route.straight(length=730.0, grade=-0.03).line,
 }
 

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import shutil
+from pathlib import Path
 
 import pytest
 import sanitize
+
+from iits_mj import kernels
+from iits_mj.plugin import library_path
 
 LEAKS = f"""
 =================================================================
@@ -32,8 +36,9 @@ WARNING: ThreadSanitizer: data race (pid=7)
 """
 
 
-def test_leaks_of_other_libraries_are_dropped_and_those_of_the_plugin_kept() -> None:
-    (report,) = sanitize.read_reports(LEAKS)
+@pytest.mark.parametrize("sources", sanitize.LIBRARIES.values(), ids=lambda path: path.name)
+def test_leaks_of_other_libraries_are_dropped_and_those_of_this_package_kept(sources: Path) -> None:
+    (report,) = sanitize.read_reports(LEAKS.replace(str(sanitize.PLUGIN), str(sources)))
     assert "tire.cc:80" in report
     assert "gcmodule" not in report
 
@@ -47,9 +52,17 @@ def test_output_without_reports_has_none() -> None:
     assert sanitize.read_reports("WARNING: Nan, Inf or huge value in CTRL at ACTUATOR 1.\n") == []
 
 
-def test_a_process_with_the_released_plugin_is_refused() -> None:
-    with pytest.raises(RuntimeError, match="expected a build in"):
-        sanitize.check_library()
+def test_a_process_with_the_released_plugin_or_other_kernels_is_refused(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with pytest.raises(RuntimeError, match=r"plugin\.so, .*expected a build in"):
+        sanitize.check_libraries()
+    folder = library_path().parent
+    monkeypatch.setattr(sanitize, "BUILD", folder)
+    sanitize.check_libraries()
+    monkeypatch.setenv(kernels.LIBRARY_VARIABLE, str(tmp_path / kernels.LIBRARY_NAME))
+    with pytest.raises(RuntimeError, match=r"kernels\.so, .*expected a build in"):
+        sanitize.check_libraries()
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The quick run of the speed planner's interior-point method with dense matrices, as its reference.
+"""Runs of the speed planner's interior-point method with dense matrices, as their reference.
 
 The compiled method eliminates the brake forces and solves banded systems; here each Newton step
 solves one dense system over all variables x = (b, y), and inequalities that do not apply are left
@@ -92,8 +92,8 @@ class Program:
         return matrix
 
 
-def minimize(problem, guess, tolerance=1e-8):
-    """Returns x, the prices of the durations and the number of iterations at the optimum."""
+def minimize(problem, guess, tolerance=1e-8, guarded=False, iterations=100):
+    """Returns x, the prices of the durations and the number of iterations at the end."""
     program, p, n = Program(problem), problem, problem.intervals
     edge = np.minimum(0.05, 0.1 * (p.high - p.low))
     b = np.clip(guess, p.low + edge, p.high - edge)
@@ -102,8 +102,8 @@ def minimize(problem, guess, tolerance=1e-8):
     inside = 4 * n + 2 * np.count_nonzero(program.free[: n + 1])
     s = program.values(x)
     s[: 4 * n], s[inside:] = np.maximum(s[: 4 * n], 0.05), np.maximum(s[inside:], 0.05)
-    z, polish = 0.1 / s, 2
-    for done in range(100):
+    z, mu, penalty, polish = 0.1 / s, 0.1, 1.0, 2 if tolerance <= 1e-8 else 0
+    for done in range(iterations):
         residual, gap = program.values(x) - s, float(s @ z) / s.size
         slope = program.gradient(x, z)
         dual = max(abs(slope[: n + 1]).max() / p.slope[1], abs(slope[n + 1 :]).max())
@@ -127,13 +127,42 @@ def minimize(problem, guess, tolerance=1e-8):
             ds = jacobian @ dx + residual
             return dx, ds, (goal - z * ds) / s - z
 
+        if guarded:
+            mu = _lower(mu, max(abs(residual).max(), dual), s * z, 0.1 * tolerance)
+            dx, ds, dz = direction(mu)
+            missing = abs(residual).sum()
+            drop = program.gradient(x, 0.0 * z) @ dx - mu * (ds / s).sum()
+            penalty = max(penalty, 2.0 * drop / missing) if missing > 0.0 else penalty
+            drop = min(drop - penalty * missing, 0.0)
+            start = _merit(program, x, s, mu, penalty)
+            share = _share(s, ds, 0.995)
+            for _ in range(25):
+                merit = _merit(program, x + share * dx, s + share * ds, mu, penalty)
+                if merit <= start + 1e-4 * share * drop + 1e-12 * abs(start):
+                    break
+                share *= 0.5
+            z = z + _share(z, dz, 0.995) * dz
+            x, s = x + share * dx, s + share * ds
+            z = np.clip(z, 1e-10 * mu / s, 1e10 * mu / s)
+            continue
         _, ds, dz = direction(0.0)
         after = (s + _share(s, ds, 1.0) * ds) @ (z + _share(z, dz, 1.0) * dz) / s.size
         target = max((after / gap) ** 3 * gap, 0.1 * tolerance)
         dx, ds, dz = direction(target - ds * dz)
         share, keep = _share(s, ds, max(0.99, 1.0 - gap)), _share(z, dz, max(0.99, 1.0 - gap))
         x, s, z = x + share * dx, s + share * ds, z + keep * dz
-    raise AssertionError("the reference does not converge")
+    return x, program.prices(z), iterations
+
+
+def _lower(mu, error, products, least):
+    while max(error, abs(products - mu).max()) < 10.0 * mu and mu > least:
+        mu = max(min(0.2 * mu, mu * np.sqrt(mu)), least)
+    return mu
+
+
+def _merit(program, x, s, mu, penalty):
+    missing = abs(program.values(x) - s).sum()
+    return program.cost(x) - mu * np.log(s).sum() + penalty * missing
 
 
 def _share(value, step, keep):

@@ -93,6 +93,30 @@ def test_compiled_run_takes_the_steps_of_the_dense_reference(behind, timed):
 
 
 @pytest.mark.parametrize("guarded", [False, True])
+@pytest.mark.parametrize("behind", [True, False])
+def test_every_step_of_a_compiled_run_is_that_of_the_dense_reference(behind, guarded):
+    rng = np.random.default_rng(10)
+    for n in (5, 9):
+        task = problem(rng, behind, 0.3, n, 1.2 * n)
+        guess = rng.uniform(0.3, 1.7, n + 1)
+        for iterations in range(1, 14):
+            settings = Settings(guarded=guarded, fallback=False, iterations=iterations)
+            found = minimize(task, guess, settings)
+            x, prices, done = dense.minimize(task, guess, guarded=guarded, iterations=iterations)
+            assert found.iterations == done
+            assert np.append(found.b, found.y) == pytest.approx(x, abs=1e-8)
+            assert found.prices == pytest.approx(prices, rel=1e-5, abs=1e-8)
+
+
+def test_a_drive_within_all_limits_is_no_optimum_while_its_cost_falls():
+    task = replace(problem(np.random.default_rng(11), behind=False), worth=1e3)
+    task = replace(task, resistance=0.1 * task.resistance)
+    found = minimize(task, np.ones(N + 1), Settings(tolerance=0.11, fallback=False))
+    *_, iterations = dense.minimize(task, np.ones(N + 1), 0.11)
+    assert found.iterations == iterations > 0
+
+
+@pytest.mark.parametrize("guarded", [False, True])
 def test_quick_and_guarded_run_end_at_an_optimum(guarded):
     rng = np.random.default_rng(6)
     task = problem(rng, behind=True)
@@ -127,7 +151,7 @@ def test_an_infeasible_problem_ends_with_the_reason():
     task = replace(problem(np.random.default_rng(8), behind=False), time_max=3.0)
     found = minimize(task, np.ones(N + 1), Settings(iterations=60))
     assert not found.converged
-    assert found.note
+    assert found.note.startswith("no drive keeps all limits")
 
 
 def test_a_guess_that_is_not_a_number_ends_with_the_reason():

@@ -76,6 +76,33 @@ def test_steering_equals_its_python_form_to_the_bit(lag):
         assert list(memory.lasting) == python.lasting.tolist()
 
 
+@pytest.mark.parametrize("left", [1.0, -1.0])
+def test_in_a_bend_tighter_than_the_truck_turns_the_wheel_ends_at_its_stop(left):
+    path, stop = arc(radius=2.0, length=12.0), PARAMETERS.steering.angle_max
+    path = dataclasses.replace(path, y=left * path.y, yaw=left * path.yaw)
+    path = dataclasses.replace(path, curvature=left * path.curvature)
+    compiled, python = LateralController(PARAMETERS, CONFIG), Steering(PARAMETERS, CONFIG)
+    ego = EgoState(y=-4.0 * left, yaw=-0.5 * left, speed=2.0, mass=40_000.0)
+    for _ in range(400):
+        wheel = compiled.steer(ego, path)
+        assert wheel == python.steer(ego, path)
+        assert abs(wheel) <= stop
+        road_wheel = wheel / PARAMETERS.steering.ratio
+        ego = dataclasses.replace(ego, steering_wheel_angle=wheel, road_wheel_angle=road_wheel)
+    assert wheel == left * stop
+
+
+@pytest.mark.parametrize("points", [1, 2, 20, 60])
+def test_a_whole_turn_of_the_first_points_of_a_path_changes_nothing(points):
+    path, rng = arc(step=1.0), np.random.default_rng(5)
+    turned = dataclasses.replace(path, yaw=path.yaw.copy())
+    turned.yaw[:points] -= 2.0 * math.pi
+    plain, other = (LateralController(PARAMETERS, CONFIG) for _ in range(2))
+    for _ in range(40):
+        ego = dataclasses.replace(somewhere(rng, path), station=rng.uniform(-1.0, 3.0))
+        assert other.steer(ego, turned) == pytest.approx(plain.steer(ego, path), abs=1e-9)
+
+
 def test_the_powertrain_equals_its_python_form_to_the_bit():
     compiled, python = DrivelineInverse(PARAMETERS), Powertrain(PARAMETERS)
     names = [name for name, _ in Actuation._fields_]

@@ -70,6 +70,7 @@ def test_poses_have_the_bits_of_the_equations(elapsed):
     count = 200
     last = rng.normal(size=(10, count))
     last[7], last[9] = rng.uniform(0.0, 30.0, count), rng.normal(size=count)
+    last[7, ::5] = rng.uniform(0.0, CRAWL, count // 5)
     state = last + 0.01 * rng.normal(size=last.shape)
     # The pace is near 1 for most vehicles; some are new, and some keep to their lane's center.
     state[0] = last[0] + STEP * state[7] * np.cos(state[3])
