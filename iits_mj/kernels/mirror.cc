@@ -170,8 +170,7 @@ IITS_KERNEL void iits_mirror_show(std::ptrdiff_t n, const double* body, const do
 IITS_KERNEL std::ptrdiff_t iits_mirror_near(std::ptrdiff_t n, const double* position,
                                             const double* radius, std::ptrdiff_t m,
                                             const double* geom, const double* part,
-                                            const double* center, double distance,
-                                            double* found) {
+                                            const double* center, double distance, double* found) {
   std::ptrdiff_t count = 0;
   for (std::ptrdiff_t k = 0; k < n; ++k) {
     for (std::ptrdiff_t i = 0; i < m; ++i) {
