@@ -17,7 +17,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from controllers.tracking.driveline_inverse import Actuation, DrivelineInverse, xbr_deceleration
-from iits_mj.core.messages import EgoState, Trajectory, VehicleCommand, XbrEbiMode, XbrMode
+from iits_mj.core.messages import (
+    EgoState,
+    Trajectory,
+    TransmissionMode,
+    VehicleCommand,
+    XbrEbiMode,
+    XbrMode,
+    positional,
+)
 from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
@@ -40,6 +48,8 @@ class Phase(enum.Enum):
 _DRIVE, _COAST, _OVERRUN, _BRAKE, _HOLD, _LAUNCH = Phase
 _XBR_OFF, _XBR_MAXIMUM = XbrMode.OFF, XbrMode.MAXIMUM
 _FRICTION_ONLY, _INTEGRATION = XbrEbiMode.FRICTION_ONLY, XbrEbiMode.INTEGRATION
+_FORWARD = TransmissionMode.DRIVE
+_vehicle_command = positional(VehicleCommand)
 
 
 @dataclass(frozen=True)
@@ -377,14 +387,22 @@ class LongitudinalController:
 
     def _output(self, steering_wheel_angle: float) -> VehicleCommand:
         active = self._demand > 0.0
-        pedal = min(max(self._pedal, 0.0), 1.0)
+        pedal = _share(self._pedal)
         self._kick_down.follow(pedal)
-        return VehicleCommand(
-            accelerator_pedal=pedal,
-            xbr_demand=-self._demand if active else 0.0,
-            xbr_mode=_XBR_MAXIMUM if active else _XBR_OFF,
-            steering_wheel_angle=steering_wheel_angle,
-            xbr_ebi_mode=_INTEGRATION if active and self.phase is _BRAKE else _FRICTION_ONLY,
-            engine_brake=min(max(self._engine_brake, 0.0), 1.0),
-            retarder=min(max(self._retarder, 0.0), 1.0),
+        return _vehicle_command(
+            pedal,
+            -self._demand if active else 0.0,
+            _XBR_MAXIMUM if active else _XBR_OFF,
+            steering_wheel_angle,
+            0.0,  # parking brake
+            _share(self._engine_brake),
+            _FORWARD,
+            _share(self._retarder),
+            0.0,  # brake pedal
+            _INTEGRATION if active and self.phase is _BRAKE else _FRICTION_ONLY,
         )
+
+
+def _share(value: float) -> float:
+    """The value within 0 to 1."""
+    return 0.0 if value <= 0.0 else min(value, 1.0)

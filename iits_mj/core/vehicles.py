@@ -11,6 +11,7 @@ from typing import Any, NoReturn, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj import kernels
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import is_number, is_whole, shown
 from iits_mj.core.errors import InputError
@@ -77,7 +78,7 @@ class VehicleFrame(Sequence[TrackedVehicle]):
       ids, kinds, lanes: as given.
     """
 
-    __slots__ = ("_columns", "_rows", "ids", "kinds", "lanes")
+    __slots__ = ("_addresses", "_columns", "_rows", "ids", "kinds", "lanes")
 
     def __init__(
         self,
@@ -91,6 +92,10 @@ class VehicleFrame(Sequence[TrackedVehicle]):
         self.lanes = lanes
         self._columns = columns
         self._rows: tuple[TrackedVehicle, ...] | None = None
+        self._addresses: tuple[int, int] | None = None
+
+    def __reduce__(self) -> tuple[type[VehicleFrame], tuple[Any, ...]]:
+        return VehicleFrame, (self.ids, self.kinds, self.lanes, self._columns)
 
     @classmethod
     def empty(cls) -> VehicleFrame:
@@ -135,6 +140,16 @@ class VehicleFrame(Sequence[TrackedVehicle]):
     def values(self) -> FloatArray:
         """All numbers, shape (n, len(COLUMNS))."""
         return self._columns.T
+
+    @property
+    def addresses(self) -> tuple[int, int]:
+        """Addresses for kernels: of the columns, shape (len(COLUMNS), n), and of the lanes."""
+        if self._addresses is None:
+            # A frame may hold views of another table.
+            self._columns = np.ascontiguousarray(self._columns)
+            self.lanes = np.ascontiguousarray(self.lanes)
+            self._addresses = kernels.address(self._columns), kernels.address(self.lanes)
+        return self._addresses
 
     def column(self, name: str) -> FloatArray:
         """One column, shape (n,).

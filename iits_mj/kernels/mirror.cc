@@ -144,22 +144,38 @@ IITS_KERNEL void iits_mirror_place(std::ptrdiff_t count, std::ptrdiff_t n, const
   }
 }
 
+// Writes the poses of n units into MuJoCo's mocap bodies.
+//
+//   body: number of each unit's mocap body.
+//   position: shape (n, 3); quaternion: shape (n, 4).
+//   mocap_position, mocap_quaternion: of all mocap bodies.
+IITS_KERNEL void iits_mirror_show(std::ptrdiff_t n, const double* body, const double* position,
+                                  const double* quaternion, double* mocap_position,
+                                  double* mocap_quaternion) {
+  for (std::ptrdiff_t k = 0; k < n; ++k) {
+    const auto number = static_cast<std::ptrdiff_t>(body[k]);
+    std::copy_n(position + 3 * k, 3, mocap_position + 3 * number);
+    std::copy_n(quaternion + 4 * k, 4, mocap_quaternion + 4 * number);
+  }
+}
+
 // Finds the units whose circles are within a distance [m] of those of the truck's parts.
 //
 //   position: of n units, shape (n, 3) [m]; radius: of each [m].
-//   center: of m parts, shape (m, 3) [m]; part: radius of each [m].
+//   geom: number of the geom of each of m parts; part: radius of each [m].
+//   center: of all geoms, shape (count, 3) [m].
 //   found: numbers of these units, shape (n,).
 //
 // Returns how many they are.
 IITS_KERNEL std::ptrdiff_t iits_mirror_near(std::ptrdiff_t n, const double* position,
                                             const double* radius, std::ptrdiff_t m,
-                                            const double* center, const double* part,
-                                            double distance, double* found) {
+                                            const double* geom, const double* part,
+                                            const double* center, double distance, double* found) {
   std::ptrdiff_t count = 0;
   for (std::ptrdiff_t k = 0; k < n; ++k) {
     for (std::ptrdiff_t i = 0; i < m; ++i) {
-      const double dx = position[3 * k] - center[3 * i];
-      const double dy = position[3 * k + 1] - center[3 * i + 1];
+      const double* other = center + 3 * static_cast<std::ptrdiff_t>(geom[i]);
+      const double dx = position[3 * k] - other[0], dy = position[3 * k + 1] - other[1];
       const double within = radius[k] + part[i] + distance;
       if (!(dx * dx + dy * dy < within * within)) continue;
       found[count++] = k;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Iterable
 
 import numpy as np
@@ -24,6 +25,8 @@ _nearest_box = kernels.function(
     *(Real, Real, Real, Real, Real),  # horizon and level
 )
 _PLACES = np.array([COLUMNS.index(name) for name in ("x", "y", "z", "yaw", "length", "width")])
+_PLACES_ADDRESS = kernels.address(_PLACES)
+_pack_units = struct.Struct("12d").pack
 
 
 def truck_boxes(ego: EgoState, parameters: TruckParameters) -> tuple[FloatArray, FloatArray]:
@@ -46,14 +49,13 @@ def nearest_box_distance(
     frame = VehicleFrame.of(vehicles)
     if not frame:
         return math.inf
-    # A frame may hold views of another table.
-    columns, lanes = map(np.ascontiguousarray, (frame.values.T, frame.lanes))
-    units = [number for unit in _units(ego, parameters) for number in unit]
+    columns, lanes = frame.addresses
+    tractor, trailer = _units(ego, parameters)
     return float(
         _nearest_box(
-            *((Real * len(units))(*units), len(units) // 6),
-            *(kernels.address(columns), kernels.address(_PLACES), kernels.address(lanes)),
-            *(len(frame), ego.x, ego.y, horizon, ego.z, LEVEL_OVER_TRUCK),
+            *(_pack_units(*tractor, *trailer), 2),
+            *(columns, _PLACES_ADDRESS, lanes, len(frame)),
+            *(ego.x, ego.y, horizon, ego.z, LEVEL_OVER_TRUCK),
         )
     )
 

@@ -16,7 +16,7 @@ import mujoco
 from controllers.planning.planner import Planner
 from controllers.stack import Stack
 from iits_mj.core.errors import Error, InputError
-from iits_mj.core.messages import EgoFootprint, EgoState, Scene
+from iits_mj.core.messages import EgoFootprint, EgoState, Scene, positional
 from iits_mj.core.timing import CYCLE_PERIOD, TIMESTEP
 from iits_mj.road import Route
 from iits_mj.simulation.config import DriveConfig
@@ -41,6 +41,8 @@ from iits_mj.simulation.parts import (
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
 from iits_mj.truck import Truck
 from traffic_bridge import Mirror, Recorder, Traffic, VehicleFrame
+
+_drive_frame = positional(DriveFrame)
 
 
 class Simulation(LockStep):
@@ -331,31 +333,32 @@ class Simulation(LockStep):
         )
         if new:
             self._watching = self.mirror.may_touch(self.truck.data, CYCLE_PERIOD)
+            self.truck.detects_contacts = self._watching or not self.mirror.finds_all
 
     def _make_frame(self, ego: EgoState) -> DriveFrame:
         route = self.route
         lane = int(route.lane_at(ego.station, ego.offset))
         point = route.evaluate(ego.station, ego.offset)
         ahead, behind = self.scene.neighbors.corridor_gaps(lane)
-        return DriveFrame(
-            time=self.time,
-            ego=ego,
-            scene=self.scene,
-            trajectory=self.trajectory,
-            command=self.command,
-            decision=self.driver.last_decision,
-            lane=lane,
-            lane_count=int(route.lane_count(ego.station)),
-            grade=float(point.grade),
-            curvature=float(point.curvature),
-            speed_limit=float(route.speed_limit(ego.station, max(lane, 0))),
-            reference_speed=self.driver.reference_speed(ego.station),
-            gap_ahead=ahead,
-            gap_behind=behind,
-            box_distance=nearest_box_distance(ego, self.vehicles, self.truck.parameters),
-            distance=self._distance,
-            lane_changes=self.driver.lane_changes,
-            refused=self.driver.refused,
+        return _drive_frame(
+            self.time,
+            ego,
+            self.scene,
+            self.trajectory,
+            self.command,
+            self.driver.last_decision,
+            lane,
+            int(route.lane_count(ego.station)),
+            float(point.grade),
+            float(point.curvature),
+            float(route.speed_limit(ego.station, max(lane, 0))),
+            self.driver.reference_speed(ego.station),
+            ahead,
+            behind,
+            nearest_box_distance(ego, self.vehicles, self.truck.parameters),
+            self._distance,
+            self.driver.lane_changes,
+            self.driver.refused,
         )
 
     def _note_contact(self) -> None:

@@ -50,6 +50,7 @@ _FATAL_WARNINGS = (
     mujoco.mjtWarning.mjWARN_BADCTRL,
 )
 _NO_SENSORS = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
+_NO_CONTACTS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 # Callbacks that may read sensors during a step.
 _CALLBACKS = (
     mujoco.get_mjcb_control,
@@ -97,6 +98,13 @@ def compile_scene(
         raise InputError(f"the truck's model does not compile: {reason}") from error
 
 
+def _unread_sensors(model: mujoco.MjModel) -> int:
+    """Flag that disables the sensors of a model, 0 if something may read them between the steps."""
+    if model.nhistory or any(get() is not None for get in _CALLBACKS):
+        return 0
+    return _NO_SENSORS
+
+
 @contextlib.contextmanager
 def without_sensors(model: mujoco.MjModel) -> Iterator[None]:
     """Within this context, steps of the model do not compute sensors, an eighth of their time.
@@ -105,8 +113,7 @@ def without_sensors(model: mujoco.MjModel) -> Iterator[None]:
     a sensor or actuator with a history.
     """
     flags = model.opt.disableflags
-    if not model.nhistory and all(get() is None for get in _CALLBACKS):
-        model.opt.disableflags = flags | _NO_SENSORS
+    model.opt.disableflags = flags | _unread_sensors(model)
     try:
         yield
     finally:
@@ -128,7 +135,8 @@ class Truck:
 
     `model` and `data` are plain MuJoCo objects: `mujoco.mj_step`, `mujoco.rollout` and the viewer
     work on them. `data.ctrl` has the order of `VehicleCommand`'s fields, from `control_start` on.
-    `faults` makes parts of the truck fail.
+    `faults` makes parts of the truck fail. `detects_contacts`: False leaves MuJoCo's collision
+    detection out of `step` and `observe`, a sixth of their time, where nothing can touch.
 
     Args:
       model: a compiled scene with the truck in it; use `load` to make one.
@@ -179,6 +187,7 @@ class Truck:
         self._address = sensor_addresses(model, prefix)
         self._ranges = model.actuator_ctrlrange[first : first + len(COMMAND_FIELDS)].tolist()
         self.faults = Faults(self)
+        self.detects_contacts = True
         self._reporter = Reporter(model, parameters, payload, prefix)
         self._poser = Poser(model, parameters, route, prefix)
         self._reader = StateReader(model, parameters, payload, route, prefix)
@@ -310,7 +319,8 @@ class Truck:
 
         Only the last step computes the sensors, unless something may read them between the steps: a
         callback of MuJoCo, or a sensor or actuator with a history. Meanwhile `model` has its
-        sensors disabled: trucks that share a model must not step in several threads.
+        sensors, and without `detects_contacts` its contacts, disabled: trucks that share a model
+        must not step in several threads.
 
         Raises:
           InputError: `n` is not a whole number of zero or more.
@@ -318,13 +328,20 @@ class Truck:
         """
         if not is_whole(n) or n < 0:
             raise InputError(f"step: n = {shown(n)}: a whole number of zero or more is needed")
-        end = self.data.time + n * self.model.opt.timestep
-        if n > 1:
-            with without_sensors(self.model):
-                mujoco.mj_step(self.model, self.data, n - 1)
-            n = 1
-        mujoco.mj_step(self.model, self.data, n)
-        if not any(self.data.warning.number.tolist()):
+        model, data, options = self.model, self.data, self.model.opt
+        end = data.time + n * options.timestep
+        flags = options.disableflags
+        last = flags if self.detects_contacts else flags | _NO_CONTACTS
+        try:
+            if n > 1:
+                options.disableflags = last | _unread_sensors(model)
+                mujoco.mj_step(model, data, n - 1)
+                n = 1
+            options.disableflags = last
+            mujoco.mj_step(model, data, n)
+        finally:
+            options.disableflags = flags
+        if not any(data.warning.number.tolist()):
             return
         for warning in _FATAL_WARNINGS:
             if self.data.warning[warning].number:
@@ -345,7 +362,14 @@ class Truck:
 
     def observe(self) -> EgoState:
         """Returns the truck's current state."""
-        bring_up_to_date(self.model, self.data)
+        options = self.model.opt
+        flags = options.disableflags
+        if not self.detects_contacts:
+            options.disableflags = flags | _NO_CONTACTS
+        try:
+            bring_up_to_date(self.model, self.data)
+        finally:
+            options.disableflags = flags
         return self.state()
 
     def state(self) -> EgoState:

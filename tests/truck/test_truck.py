@@ -332,6 +332,18 @@ def test_steps_without_sensors_move_the_truck_alike_and_leave_the_readings():
     np.testing.assert_array_equal(quiet.data.plugin_state, plain.data.plugin_state)
 
 
+def test_a_truck_that_touches_nothing_moves_alike_without_collision_detection():
+    trucks = [iits_mj.Truck.load(visuals=False) for _ in range(2)]
+    for truck, detects in zip(trucks, (True, False), strict=True):
+        truck.reset(speed=15.0)
+        truck.detects_contacts = detects
+        truck.step(50)
+    plain, quiet = trucks
+    assert quiet.observe() == plain.observe()
+    np.testing.assert_array_equal(quiet.data.plugin_state, plain.data.plugin_state)
+    assert quiet.model.opt.disableflags == 0
+
+
 def test_a_callback_gets_its_sensors_in_every_step():
     truck = iits_mj.Truck.load(visuals=False)
     mujoco.set_mjcb_control(lambda model, data: None)

@@ -7,6 +7,7 @@ part in contact detection.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -123,9 +124,10 @@ class ContactFinder:
     """Reads contacts between the truck's and the vehicles' hulls from MuJoCo's list.
 
     Attributes:
-      hull: geoms of the truck's hull.
+      hull: geoms of the truck's hull, shape (n,).
       radius: of a circle about each geom's center that holds it at any tilt, as in
         `truck_outlines` [m].
+      complete: no other geoms of the model can collide.
 
     Args:
       model: compiled with the bodies of the pool.
@@ -141,9 +143,20 @@ class ContactFinder:
         moving = model.body_weldid[model.geom_bodyid] != 0
         meets = (model.geom_contype & CONTACT_AFFINITY) | (model.geom_conaffinity & CONTACT_TYPE)
         self._truck = (self._number < 0) & moving & (meets != 0)
-        self.hull: list[int] = np.flatnonzero(self._truck).tolist()
-        length, width, height = model.geom_size[self.hull].T
+        self.hull = kernels.Table(np.flatnonzero(self._truck))
+        length, width, height = model.geom_size[self._truck].T
         self.radius = kernels.Table(np.hypot(length + height, width + height))
+        self.complete = self._is_complete(model)
+
+    def _is_complete(self, model: mujoco.MjModel) -> bool:
+        """Whether MuJoCo can only find contacts of the truck's hull with a vehicle's."""
+        owner = np.where(self._truck, 1, np.where(self._number >= 0, 2, 0))
+        bits = np.stack((owner, model.geom_contype, model.geom_conaffinity), axis=1)
+        kinds = np.unique(bits, axis=0).tolist()
+        return not (model.npair or model.nflex) and all(
+            {one[0], other[0]} == {1, 2} or not (one[1] & other[2] or other[1] & one[2])
+            for one, other in itertools.combinations_with_replacement(kinds, 2)
+        )
 
     def pairs(self, data: mujoco.MjData) -> list[tuple[int, str]]:
         """(number of the vehicle's body, name of the truck's body) of every contact, sorted."""
@@ -165,7 +178,7 @@ class ContactFinder:
         """The truck's hull from above and its motion, at the state last computed."""
         model, found = self._model, []
         velocity = np.empty(6)
-        for geom in self.hull:
+        for geom in np.flatnonzero(self._truck).tolist():
             mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, velocity, 0)
             vx, vy = velocity[3:5].tolist()
             xx, _, xz, yx, _, yz = data.geom_xmat[geom, :6].tolist()

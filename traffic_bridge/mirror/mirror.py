@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import mujoco
-import numpy as np
 
+from iits_mj import kernels
 from iits_mj.core.checks import is_number, is_whole
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import TrackedVehicle
@@ -94,8 +95,17 @@ class Mirror:
             for slot, number in zip(self._slots.all, numbers, strict=True)
         ]
         self._mocap: list[tuple[int, ...]] = []
-        self._index = np.zeros(0, dtype=np.intp)
+        # Numbers of the mocap bodies that are shown, in the order of `VehicleUnits`.
+        self._index = kernels.Table(())
+        self._model: mujoco.MjModel | None = None
         self._finder: ContactFinder | None = None
+        self._data: mujoco.MjData | None = None
+        # Of its `mocap_pos`, `mocap_quat` and `geom_xpos`.
+        self._addresses = 0, 0, 0
+
+    def __getstate__(self) -> dict[str, Any]:
+        # A copy takes the addresses of its own data when it is first updated.
+        return vars(self) | {"_data": None}
 
     def add_to(self, spec: mujoco.MjSpec) -> None:
         """Adds the pool's bodies to a specification, at their parking positions."""
@@ -126,6 +136,7 @@ class Mirror:
                     )
                 owner[name] = slot.place
             self._mocap.append(tuple(int(model.body_mocapid[body]) for body in bodies))
+        self._model, self._data = model, None
         self._finder = ContactFinder(model, owner)
         self._slots.clear()
         self._units.clear()
@@ -155,10 +166,11 @@ class Mirror:
           The number of vehicles shown.
 
         Raises:
-          InputError: the mirror is not bound, or a value is not finite.
+          InputError: the mirror is not bound, the data are of another model, or a value is not
+            finite.
         """
-        if self._finder is None:
-            raise InputError("call mirror.bind(model) before update")
+        if data is not self._data:
+            self._take_addresses(data)
         if not math.isfinite(elapsed + ego_xy[0] + ego_xy[1]):
             raise InputError(f"ego_xy {ego_xy!r}, elapsed {elapsed!r}: must be finite")
         if vehicles is not None:
@@ -172,11 +184,24 @@ class Mirror:
             if changed:
                 self._show_taken()
             self._units.take(frame, self._slots.rows)
-        if self._index.size:
+        if self._units.slots:
             self._units.move(elapsed, now)
-            data.mocap_pos[self._index] = self._units.position
-            data.mocap_quat[self._index] = self._units.quaternion
+            position, quaternion, _ = self._addresses
+            self._units.show(self._index, position, quaternion)
         return len(self._slots.taken)
+
+    def _take_addresses(self, data: mujoco.MjData) -> None:
+        """Takes the addresses of arrays of data, which last as long as the data."""
+        if self._model is None:
+            raise InputError("call mirror.bind(model) before update")
+        if data.signature != self._model.signature:
+            raise InputError("data were made for another model than that of mirror.bind")
+        address, self._data = kernels.address, data
+        self._addresses = (
+            address(data.mocap_pos),
+            address(data.mocap_quat),
+            address(data.geom_xpos),
+        )
 
     @property
     def shown(self) -> tuple[str, ...]:
@@ -192,12 +217,11 @@ class Mirror:
 
     def _show_taken(self) -> None:
         self._units.set_slots(self._slots.taken)
-        self._index = np.array(
+        self._index = kernels.Table(
             [
                 self._mocap[slot.place][unit]
                 for slot, unit in zip(self._units.slots, self._units.units, strict=True)
-            ],
-            dtype=np.intp,
+            ]
         )
 
     def contacts(self, data: mujoco.MjData) -> list[tuple[str, str]]:
@@ -212,20 +236,28 @@ class Mirror:
         pairs = {(slots[place].vehicle, body) for place, body in self._finder.pairs(data)}
         return sorted((vehicle, body) for vehicle, body in pairs if vehicle is not None)
 
+    @property
+    def finds_all(self) -> bool:
+        """Whether no other contacts than those of `contacts` are possible in the bound model."""
+        return self._finder is not None and self._finder.complete
+
     def may_touch(self, data: mujoco.MjData, within: float) -> bool:
         """Whether the truck may touch a shown vehicle within a time, however both move.
 
-        If False, contacts need not be read at every physics step; see `bodies.may_touch`.
+        If False, contacts need not be read at every physics step, and with `finds_all` MuJoCo need
+        not look for them; see `bodies.may_touch`.
 
         Args:
           data: of the bound model, its positions and velocities computed (`mj_forward`).
           within: [s].
         """
-        if self._finder is None or not self._index.size:
-            return False
         finder, units = self._finder, self._units
-        centers = data.geom_xpos.take(finder.hull, axis=0)
-        near = units.near(centers, finder.radius, SPEED_MAX * within + NEARBY)
+        if finder is None or not units.slots:
+            return False
+        if data is not self._data:
+            self._take_addresses(data)
+        _, _, centers = self._addresses
+        near = units.near(finder.hull, finder.radius, centers, SPEED_MAX * within + NEARBY)
         if not near:
             return False
         truck = finder.truck_outlines(data)

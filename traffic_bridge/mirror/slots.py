@@ -105,9 +105,10 @@ class Slots:
         """
         if frame.ids != self._ids:
             self._read(frame)
-        places = np.ascontiguousarray(frame.values.T[:2])
+        # The first columns are the vehicles' x and y.
+        places, _ = frame.addresses
         tables = self._ranking.address, self._work.address, self._chosen.address
-        changes = _choose(len(frame), kernels.address(places), x, y, *tables)
+        changes = _choose(len(frame), places, x, y, *tables)
         if not changes and not self._missing:
             return []
         chosen = self._chosen.numbers != 0.0

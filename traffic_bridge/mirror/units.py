@@ -34,9 +34,10 @@ _place = kernels.function("iits_mirror_place", None, *2 * [kernels.Integer], *3 
 _near = kernels.function(
     "iits_mirror_near",
     kernels.Integer,
-    *(kernels.Integer, *2 * [kernels.Address], kernels.Integer, *2 * [kernels.Address]),
+    *(kernels.Integer, *2 * [kernels.Address], kernels.Integer, *3 * [kernels.Address]),
     *(kernels.Real, kernels.Address),
 )
+_show = kernels.function("iits_mirror_show", None, kernels.Integer, *5 * [kernels.Address])
 
 
 class VehicleUnits:
@@ -182,17 +183,31 @@ class VehicleUnits:
         way = math.copysign(math.hypot(pose[0] - x0, pose[1] - y0), elapsed)
         return self._joint[number].pulled(trailer, 0.5 * (yaw0 + pose[3]), way)
 
-    def near(self, centers: FloatArray, radius: kernels.Table, distance: float) -> list[int]:
-        """Numbers of the units whose hull may be near one of several circles.
+    def show(self, bodies: kernels.Table, position: int, quaternion: int) -> None:
+        """Writes the poses last computed into mocap bodies.
 
         Args:
-          centers: of m circles [m], contiguous, shape (m, 3); their heights do not count.
-          radius: of each [m], shape (m,).
+          bodies: number of each unit's mocap body, shape (n,).
+          position: address of MuJoCo's `mocap_pos`.
+          quaternion: address of MuJoCo's `mocap_quat`.
+        """
+        poses = self._position.address, self._quaternion.address
+        _show(len(self.slots), bodies.address, *poses, position, quaternion)
+
+    def near(
+        self, geoms: kernels.Table, radius: kernels.Table, centers: int, distance: float
+    ) -> list[int]:
+        """Numbers of the units whose hull may be near one of several circles about geoms.
+
+        Args:
+          geoms: their numbers, shape (m,); their heights do not count.
+          radius: of the circles [m], shape (m,).
+          centers: address of MuJoCo's `geom_xpos`.
           distance: up to which a hull is near [m].
         """
         count = _near(
             *(len(self.slots), self._position.address, self._radius.address),
-            *(len(centers), kernels.address(centers), radius.address, distance),
+            *(len(geoms.numbers), geoms.address, radius.address, centers, distance),
             self._found.address,
         )
         return [int(unit) for unit in self._found.numbers[:count].tolist()]

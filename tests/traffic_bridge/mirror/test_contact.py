@@ -58,6 +58,50 @@ def driven():
     return route, mirror, truck
 
 
+@pytest.mark.parametrize(
+    ("bits", "alone"),
+    [((0, 0), True), ((8, 0), True), ((1, 1), False), ((4, 0), False), ((0, 2), False)],
+)
+def test_a_geom_that_may_touch_the_truck_makes_other_contacts_possible(bits, alone):
+    mirror = Mirror({"car": 1}, visuals=False)
+
+    def add(spec):
+        mirror.add_to(spec)
+        contype, conaffinity = bits
+        size = [1.0, 0.0, 0.0]
+        spec.worldbody.add_geom(size=size, contype=contype, conaffinity=conaffinity)
+
+    mirror.bind(Truck.load(visuals=False, edit_spec=add).model)
+    assert mirror.finds_all is alone
+
+
+@pytest.mark.parametrize(
+    ("ahead", "obstacle", "detects"), [(50.0, False, False), (0.0, False, True), (50.0, True, True)]
+)
+def test_a_drive_looks_for_contacts_only_near_vehicles_or_other_geoms(ahead, obstacle, detects):
+    config = DriveConfig(start_speed=0.0)
+
+    class OneCar(Mode):
+        def __init__(self, route):
+            station = config.start_station + ahead
+            offset = route.lane_offset(config.start_lane, station)
+            self.route, self.car = route, vehicle("a", route, station, offset, speed=0.0)
+
+        def reset(self, ego=None):
+            return VehicleFrame.of([self.car])
+
+        step = reset
+
+    def add(spec):
+        if obstacle:
+            spec.worldbody.add_geom(size=[1.0, 0.0, 0.0], pos=[0.0, 0.0, 500.0])
+
+    with Simulation(
+        config, visuals=False, edit_spec=add, traffic=lambda route, _: OneCar(route)
+    ) as simulation:
+        assert simulation.truck.detects_contacts is detects
+
+
 def test_tractor_and_trailer_touch_cars_and_both_units_of_articulated_trucks(driven):
     route, mirror, truck = driven
     mirror.bind(truck.model)

@@ -425,6 +425,8 @@ def test_wrong_arguments_are_refused_with_the_allowed_values(straight):
     with pytest.raises(InputError, match="add_to"):
         mirror.bind(mujoco.MjModel.from_xml_string(TRUCK))
     _, data = scene(mirror)
+    with pytest.raises(InputError, match="another model"):
+        mirror.update(mujoco.MjData(mujoco.MjModel.from_xml_string(TRUCK)), [], (0.0, 0.0))
     for ego, elapsed in (((math.nan, 0.0), 0.0), ((0.0, math.inf), 0.0), ((0.0, 0.0), math.nan)):
         with pytest.raises(InputError, match="must be finite"):
             mirror.update(data, [], ego, elapsed)
