@@ -78,8 +78,8 @@ double Behind(const Following& following, const Lead* leads, long count, double 
 
 }  // namespace
 
-// Writes the greatest comfortable speed at `count` stations: the least of the wanted speed, the lane's
-// limit and the curve speed, approached at the deceleration.
+// Writes the greatest comfortable speed at `count` stations: the least of the wanted speed, the
+// lane's limit and the curve speed, approached at the deceleration.
 //   road: curvature of the reference line at the stations; offset: of the path from it.
 //   curve_acceleration: lateral acceleration that bounds the speed in curves.
 // Returns 1 if a speed is not a number, else 0.
