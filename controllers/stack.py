@@ -5,6 +5,7 @@ It depends on messages and roads only, so that it could run on a real truck's co
 
 from __future__ import annotations
 
+import functools
 from typing import TYPE_CHECKING
 
 from controllers.decision.base import DecisionContext, DecisionMaker, Keep
@@ -130,7 +131,8 @@ class Stack:
         """
         profile = self.reference.update(scene, lambda: self._leader(scene))
         reference = self.reference.free(scene.ego.station)
-        self.history.add(scene.time, observe_frame(scene, self.route, reference))
+        frame = functools.partial(observe_frame, scene, self.route, reference)
+        self.history.add(scene.time, frame)
         decision = Decision.KEEP
         if self.asks_at(scene.time):
             self._decided_at = scene.time

@@ -27,6 +27,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -94,38 +95,58 @@ class ObservationHistory:
     """
 
     def __init__(self) -> None:
-        self._frames: deque[tuple[float, Frame]] = deque()
+        self._times: deque[float] = deque()
+        self._frames: deque[Frame | Callable[[], Frame]] = deque()
 
     def reset(self) -> None:
         """Removes all frames."""
+        self._times.clear()
         self._frames.clear()
 
-    def add(self, time: float, frame: Frame) -> None:
+    def add(self, time: float, frame: Frame | Callable[[], Frame]) -> None:
         """Adds the frame of a time [s], which must be later than that of the last frame.
+
+        A function that returns the frame is called when an observation needs it first: a drive adds
+        ten frames a second, of which its decisions use one.
 
         Raises:
           InputError: wrong shape, a value that is not finite, or time not increasing.
         """
-        if frame.shape != FRAME_SHAPE:
-            raise InputError(f"observation frame has shape {frame.shape}: must be {FRAME_SHAPE}")
-        check_finite(frame)
-        if not math.isfinite(time) or (self._frames and time <= self._frames[-1][0]):
+        if isinstance(frame, np.ndarray):
+            _check_frame(frame)
+        if not math.isfinite(time) or (self._times and time <= self._times[-1]):
             raise InputError(f"observation frame at time {time}: must be later than the last frame")
-        self._frames.append((time, frame))
-        while len(self._frames) > 1 and self._frames[1][0] < time - FRAME_AGES[-1] - 1e-6:
+        self._times.append(time)
+        self._frames.append(frame)
+        while len(self._times) > 1 and self._times[1] < time - FRAME_AGES[-1] - 1e-6:
+            self._times.popleft()
             self._frames.popleft()
 
     def observation(self) -> Observation:
         """Returns the observation at the last frame's time, float32 of shape (216,).
 
         Raises:
-          InputError: no frame was added yet.
+          InputError: no frame was added yet, or see `add`.
         """
-        if not self._frames:
+        if not self._times:
             raise InputError("observation requested before any frame was added: call add first")
-        times = [self._frames[-1][0] - age for age in FRAME_AGES]
-        stack = [min(self._frames, key=lambda entry: abs(entry[0] - t))[1] for t in times]
+        apart = np.abs(np.subtract.outer(self._times[-1] - np.array(FRAME_AGES), self._times))
+        stack = [self._frame(index) for index in apart.argmin(axis=1).tolist()]
         return np.concatenate([frame.ravel() for frame in stack]).astype(np.float32)
+
+    def _frame(self, index: int) -> Frame:
+        frame = self._frames[index]
+        if not isinstance(frame, np.ndarray):
+            frame = self._frames[index] = frame()
+            _check_frame(frame)
+        return frame
+
+
+def _check_frame(frame: Frame) -> None:
+    """Raises InputError for another shape or a value that is not finite."""
+    if frame.shape != FRAME_SHAPE:
+        raise InputError(f"observation frame has shape {frame.shape}: must be {FRAME_SHAPE}")
+    check_finite(frame)
 
 
 def observation(frames: list[Frame]) -> Observation:

@@ -18,16 +18,13 @@ from controllers.planning.following import Lead
 from controllers.planning.predicted_boxes import Poses, bodies_along
 from controllers.planning.road_preview import LanePath, RoadPreview
 from controllers.planning.trajectory import Quintic
-from iits_mj.core.angles import wrap_angles
 from iits_mj.core.arrays import BoolArray
 from iits_mj.core.messages import EgoState, Scene
-from iits_mj.core.neighbors import Neighbors
+from iits_mj.core.neighbors import ALONG
 from iits_mj.parameters import TruckParameters
 
 # Times of the predictions [s].
 _TIMES = np.linspace(0.0, 4.0, 17)
-# Within this angle of the road's direction, either way, a vehicle drives along it [rad].
-ALONG = 0.35
 # Room beside the truck's bodies [m].
 _ROOM = 0.4
 # The truck expects a vehicle to yield if it can stop at this deceleration [m/s2].
@@ -63,9 +60,11 @@ def crossing_leads(
     """
     ego, neighbors = scene.ego, scene.neighbors
     reach = max(max(ego.speed, 3.0) * _TIMES[-1], ego.speed**2 / (2.0 * _COMFORT)) + 10.0
+    if neighbors.all_along(preview):
+        return []
     near = np.abs(neighbors.station - ego.station) < reach + 40.0
     near &= neighbors.on_level(preview)
-    if not (near & ~_surely_along(neighbors, preview)).any():
+    if not (near & ~neighbors.surely_along(preview)).any():
         return []
     found = Poses.of(neighbors, near, preview)
     angle = np.abs(found.to_road)
@@ -94,14 +93,6 @@ def crossing_leads(
         if lead is not None:
             leads.append((lead, neighbors.ids[int(np.flatnonzero(near)[index])]))
     return leads
-
-
-def _surely_along(neighbors: Neighbors, preview: RoadPreview) -> BoolArray:
-    """Which vehicles drive along the road for certain, by a coarse heading of it, shape (n,)."""
-    rows = np.rint(neighbors.station / preview.step)
-    rows = np.minimum(np.maximum(rows, 0.0), len(preview.station) - 1.0).astype(np.intp)
-    angle = np.abs(wrap_angles(neighbors.yaw - preview.heading[rows]))
-    return neighbors.posed & (neighbors.speed >= 0.0) & (angle < ALONG - preview.swing[rows])
 
 
 def _meets_head_on(touch: BoolArray, one: Poses, ego: EgoState) -> Lead | None:

@@ -45,8 +45,8 @@ if TYPE_CHECKING:
 # In the last meters before a stop [m], below this speed [m/s], the plan's speed may be below the
 # truck's by no more than this [m/s].
 _LAST_WAY, _LAST_SPEED, _LAST_REACH = 30.0, 8.0, 0.1
-# Values of the truck's state that planning uses.
-_STATE = ("time", "station", "offset", "speed", "mass")
+# Values of the truck's state that planning and decisions use.
+_STATE = ("time", "station", "offset", "speed", "mass", "yaw", "lateral_speed")
 # An estimate of the mass may be wrong by this factor.
 _MASS_FACTOR = 2.0
 
@@ -169,14 +169,16 @@ class Planner:
         if self._gap is not None:
             bound = self._gap.cap(path, ego.station, ego.speed)
             cap = cap if bound is None else np.minimum(cap, bound)
-        trajectory = self._assemble(scene, path, leads, cap, step.wanted is not None)
-        self._last = replace(
-            trajectory,
-            mode=PlanMode.EMERGENCY if self._emergency else self.maneuver.mode,
-            reason=self._reason(step, follows),
-            target_lane=path.lane,
-            refused=step.refused,
-            extra={**trajectory.extra, "unsafe": float(step.unsafe)},
+        rolled, urgency = self._roll_out(scene, path, leads, cap, step.wanted is not None)
+        self._last = on_road(
+            *(self.preview, path, self.maneuver.residual, scene.time),
+            *rolled,
+            self.config.step,
+            PlanMode.EMERGENCY if self._emergency else self.maneuver.mode,
+            self._reason(step, follows),
+            path.lane,
+            step.refused,
+            {"urgency": urgency, "unsafe": float(step.unsafe)},
         )
         return self._last
 
@@ -253,15 +255,22 @@ class Planner:
     ) -> list[Lead]:
         """The leader of the lane being left as a lead, while the truck may still touch it."""
         ego, config = scene.ego, self.config
+        last = max(residual.end, ego.station + 1.0)
+        closing = ego.speed - old.speed
+
+        def spare(until: float) -> float:
+            return old.gap - max(closing, 0.0) * until - config.safety.margin
+
+        longest = (last - ego.station) / max(ego.speed, 1.0)
+        if spare(longest) > 0.0:
+            return []
         clear = 0.5 * (old.width + scene.footprint.width) + config.change.side_gap
-        stations = np.linspace(ego.station, max(residual.end, ego.station + 1.0), 40)
+        stations = np.linspace(ego.station, last, 40)
         offsets = path.driven_at(stations) + residual.evaluate(stations)[0]
         aside = np.abs(offsets - old.offset) > clear
         free_at = float(stations[int(np.argmax(aside))]) if aside.any() else float(stations[-1])
         until = (free_at - ego.station) / max(ego.speed, 1.0)
-        closing = ego.speed - old.speed
-        spare = old.gap - max(closing, 0.0) * until - config.safety.margin
-        return [] if until <= 0.0 or spare > 0.0 else [Lead.of(old, until)]
+        return [] if until <= 0.0 or spare(until) > 0.0 else [Lead.of(old, until)]
 
     def _start(self, scene: Scene, stop: float) -> SpeedState:
         """Start of the speed plan: the last plan's speed, held near the truck's.
@@ -284,10 +293,13 @@ class Planner:
             acceleration = max(acceleration, 0.0)
         return SpeedState(ego.station, max(speed, 0.0), acceleration)
 
-    def _assemble(
+    def _roll_out(
         self, scene: Scene, path: LanePath, leads: list[Lead], cap: FloatArray, waits: bool
-    ) -> Trajectory:
-        """The trajectory on a path within a bound on the speed; may begin or end an emergency."""
+    ) -> tuple[tuple[FloatArray, FloatArray, FloatArray], float]:
+        """The speed plan within a bound on the speed, see `roll_out`, and the leaders' urgency.
+
+        It may begin or end an emergency.
+        """
         config, speed = self.config, self.config.speed
         urgency = most_urgent(leads, scene.ego.speed, speed)
         was = self._emergency
@@ -313,8 +325,7 @@ class Planner:
             self._stops.holds(stop, scene.ego),
             deceleration,
         )
-        residual = self.maneuver.residual
-        return on_road(self.preview, path, residual, scene.time, *rolled, config.step, urgency)
+        return rolled, urgency
 
 
 def named_decision(value: object) -> Decision:

@@ -62,14 +62,14 @@ class Poses:
           chosen: which of it, shape (n,).
           preview: of the road.
         """
-        station, offset, speed, aside, posed, yaw, x, y, acceleration = (
+        station, offset, speed, aside, yaw, x, y, acceleration = (
             column[chosen]
             for column in (
                 *(neighbors.station, neighbors.offset, neighbors.speed, neighbors.lateral_speed),
-                *(neighbors.posed, neighbors.yaw, neighbors.x, neighbors.y),
-                neighbors.acceleration,
+                *(neighbors.yaw, neighbors.x, neighbors.y, neighbors.acceleration),
             )
         )
+        posed = neighbors.posed[chosen]
         heading = preview.route.heading(station)
         fast = np.maximum(np.abs(speed), np.abs(aside))
         across = np.arcsin(np.minimum(np.maximum(aside / np.maximum(fast, 1e-6), -1.0), 1.0))

@@ -122,7 +122,8 @@ class RoadPreview:
       heading: of the reference line at the rows, shape (n,) [rad].
       swing: bound on its difference from the heading nearest to a row, shape (n,) [rad].
       shift: wanted offset of the steer axle from the lane's middle, shape (lanes, n) [m].
-      table: rows of station, curvature and grade, for the compiled functions.
+      table: rows of station, curvature, grade, height, superelevation, heading and swing, for the
+        compiled functions.
     """
 
     def __init__(self, route: Route) -> None:
@@ -138,6 +139,7 @@ class RoadPreview:
         usable = exists & (width >= np.minimum(_WIDTH_MIN, width.max(axis=0)))
         offset = np.array([route.lane_offset(lane, self.station) for lane in range(lanes)])
         self.offset = np.where(usable, offset, np.nan)
+        self._middles: list[list[float]] = self.offset.T.tolist()
         self.half_width = 0.5 * width
         self.shift = np.zeros_like(self.offset)
         self.speed_limit = np.array(
@@ -150,8 +152,8 @@ class RoadPreview:
         self.height = np.asarray(point.z, dtype=float)
         self.superelevation = np.asarray(point.superelevation, dtype=float)
         self.grade = np.asarray(route.smoothed_grade(self.station), dtype=float)
-        self.table = Table([self.station, self.curvature, self.grade])
-        self._sharpest: tuple[LanePath, FloatArray] | None = None
+        surface = self.height, self.superelevation, self.heading, self.swing
+        self.table = Table([self.station, self.curvature, self.grade, *surface])
 
     def index(self, station: float) -> int:
         """Nearest row of the tables."""
@@ -159,14 +161,17 @@ class RoadPreview:
 
     def nearest_lane(self, station: float, offset: float) -> int:
         """Index of the lane whose middle is nearest to an offset; -1 where there is no lane."""
-        column = np.abs(self.offset[:, self.index(station)] - offset)
-        missing = np.isnan(column)
-        return -1 if missing.all() else int(np.where(missing, np.inf, column).argmin())
+        best, nearest = -1, math.inf
+        for lane, middle in enumerate(self._middles[self.index(station)]):
+            distance = abs(middle - offset)
+            if distance < nearest:
+                best, nearest = lane, distance
+        return best
 
     def lane_exists(self, lane: int, station: float) -> bool:
         """True when the route has this lane here, wide enough for the truck."""
-        inside = 0 <= lane < self.offset.shape[0]
-        return inside and bool(np.isfinite(self.offset[lane, self.index(station)]))
+        middles = self._middles[self.index(station)]
+        return 0 <= lane < len(middles) and math.isfinite(middles[lane])
 
     def follow(self, lane: int, station: float, ahead: float, behind: float = 100.0) -> LanePath:
         """The lane's path from `behind` meters back to `ahead` meters ahead."""
@@ -211,14 +216,6 @@ class RoadPreview:
         curvature = np.interp(station, self.station, self.curvature)
         bank = np.interp(station, self.station, self.superelevation)
         return np.asarray(speed**2 * curvature + GRAVITY * np.tan(bank))
-
-    def sharpest(self, path: LanePath) -> FloatArray:
-        """Curvature of a path for bounds on its speed, a magnitude, shape of path.station [1/m]."""
-        if self._sharpest is None or self._sharpest[0] is not path:
-            curvature = np.interp(path.station, self.station, self.curvature)
-            # Kept because a planner uses a path for some cycles.
-            self._sharpest = path, sharpest(curvature, path.offset)
-        return self._sharpest[1]
 
     def _walk(
         self,
@@ -291,21 +288,6 @@ def heading_swing(route: Route, station: FloatArray, heading: FloatArray) -> Flo
     places = (station[:, None] + around).ravel()
     beside = route.heading(places).reshape(len(station), -1)
     return np.asarray(np.abs(wrap_angles(beside - heading[:, None])).max(axis=1) + _SWING_SLACK)
-
-
-def sharpest(curvature: FloatArray, offset: FloatArray | float) -> FloatArray:
-    """Magnitude of the curvature at an offset, the greatest of a row and its neighbors [1/m].
-
-    It bounds the speed, which the truck must reach before the bend begins.
-
-    Args:
-      curvature: of the reference line, shape (n,) [1/m].
-      offset: of the path from it, shape (n,) or one [m].
-    """
-    offset = np.asarray(offset, dtype=float)
-    if not np.isfinite(offset).all():
-        offset = np.nan_to_num(offset)
-    return np.abs(strongest(curvature / np.maximum(1.0 - curvature * offset, 0.2)))
 
 
 def strongest(values: FloatArray) -> FloatArray:

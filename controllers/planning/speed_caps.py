@@ -104,8 +104,6 @@ class SpeedCaps:
         if profile is not None:
             profile = _reference(path.station, profile, ego)
         cap = speed_cap(path, self.preview, self.config.speed, profile)
-        if np.isnan(cap).any():
-            raise InputError("the reference speed ahead is not a number")
         first = self.preview.index(float(path.station[0]))
         cap = np.minimum(cap, self._by_roll(margin)[first : first + len(cap)])
         self._known = None if launches else (inputs, cap)

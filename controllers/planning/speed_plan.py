@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.planning.config import Powers, SpeedConfig
-from controllers.planning.following import Lead, braking_profile, curve_speed, lead_table
+from controllers.planning.following import Lead, lead_table
 from controllers.planning.road_preview import LanePath, RoadPreview
 from iits_mj import kernels
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.errors import InputError
 from iits_mj.core.messages import SpeedProfile
 from iits_mj.core.units import GRAVITY
 from iits_mj.kernels import Address, Integer, Real
@@ -23,6 +24,12 @@ HOLD_REACH = 1.0
 
 _most_urgent = kernels.function("iits_most_urgent", Real, Address, Integer, Real, Real, Real)
 _power_acceleration = kernels.function("iits_power_acceleration", Real, *5 * [Real])
+_speed_cap = kernels.function(
+    "iits_speed_cap",
+    Integer,
+    *(Integer, *5 * [Address]),  # path, speeds and road
+    *(Real, Real, Address),  # limits and result
+)
 _roll_out = kernels.function(
     "iits_roll_out",
     None,
@@ -50,14 +57,29 @@ def speed_cap(
     """Greatest comfortable speed along a path, shape of path.station [m/s].
 
     The least of cruise speed or profile, the lane's limit and curve speed, approached at the
-    preview deceleration.
+    preview deceleration. Curves count from the row before them to the row after them.
+
+    Raises:
+      InputError: the reference speed is not a number.
     """
-    wanted: FloatArray | float = config.cruise_speed
-    if profile is not None:
+    count, line, road = len(path.station), path.table.numbers, preview.table.numbers
+    if profile is None:
+        wanted = np.full(count, config.cruise_speed)
+    elif profile.station is path.station:
+        wanted = profile.speed
+    else:
         wanted = np.interp(path.station, profile.station, profile.speed)
-    cap = np.minimum(wanted, path.speed_limit)
-    cap = np.minimum(cap, curve_speed(preview.sharpest(path), config.curve_acceleration))
-    return braking_profile(path.station, cap, config.following.preview_deceleration)
+    first, cap = preview.index(float(path.station[0])), np.empty(count)
+    unknown = _speed_cap(
+        *(count, kernels.address(line[0]), kernels.address(line[-1])),
+        *(kernels.address(path.speed_limit), kernels.address(wanted)),
+        kernels.address(road[1, first:]),
+        *(config.curve_acceleration, config.following.preview_deceleration),
+        kernels.address(cap),
+    )
+    if unknown:
+        raise InputError("the reference speed ahead is not a number")
+    return cap
 
 
 def most_urgent(leads: list[Lead], speed: float, config: SpeedConfig) -> float:

@@ -285,13 +285,13 @@ class Stops:
     def _keeps_room(self, scene: Scene, path: LanePath, change: Change | None) -> float:
         """Station of the front bumper behind a stopped vehicle that the truck passes later [m]."""
         ego, config = scene.ego, self._config.passing
+        leader = stopped_leader(scene, path, config, self._config.speed.preview)
+        if leader is None:
+            return math.inf
         beside = (path.lane - 1, path.lane + 1)
         usable = [lane for lane in beside if lane in self._config.lanes]
         under_way = change is not None and not (change.passed_id and change.aborted)
         if under_way or not any(self._preview.lane_exists(i, ego.station) for i in usable):
-            return math.inf
-        leader = stopped_leader(scene, path, config, self._config.speed.preview)
-        if leader is None:
             return math.inf
         front = scene.neighbors.front
         stop = front + leader.gap - config.gap

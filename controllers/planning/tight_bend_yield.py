@@ -15,13 +15,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.planning.crossing import ALONG
 from controllers.planning.following import braking_profile
 from controllers.planning.predicted_boxes import Poses, bodies_along
 from controllers.planning.road_preview import LanePath, RoadPreview
 from iits_mj.core.arrays import BoolArray, FloatArray
 from iits_mj.core.boxes import Boxes
 from iits_mj.core.messages import EgoState, LightState, Scene
+from iits_mj.core.neighbors import ALONG
 from iits_mj.parameters import TruckParameters
 
 # Only bends below this radius count [m].

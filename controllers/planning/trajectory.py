@@ -12,10 +12,11 @@ from controllers.planning.road_preview import LanePath, RoadPreview
 from iits_mj import kernels
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import Trajectory
+from iits_mj.core.messages import Decision, PlanMode, Trajectory, positional
 from iits_mj.kernels import Address, Integer, Table
 
 _SAMPLES = np.linspace(0.0, 1.0, 41)
+_trajectory_of = positional(Trajectory)
 
 _trajectory = kernels.function(
     "iits_trajectory",
@@ -147,7 +148,11 @@ def on_road(
     speed: FloatArray,
     acceleration: FloatArray,
     step: float,
-    urgency: float = 0.0,
+    mode: PlanMode = PlanMode.LANE_KEEPING,
+    reason: str = "",
+    target_lane: int = 0,
+    refused: Decision = Decision.KEEP,
+    extra: dict[str, float] | None = None,
 ) -> Trajectory:
     """Trajectory in the map frame: lane path plus quintic over station, with speed over time.
 
@@ -160,7 +165,11 @@ def on_road(
       speed: of shape (n,) [m/s].
       acceleration: of shape (n,) [m/s2].
       step: between points [s].
-      urgency: greatest deceleration that a leader requires, for the log [m/s2].
+      mode: of the planner.
+      reason: of the mode in words.
+      target_lane: index of the lane that is kept or entered.
+      refused: decision that the planner refused.
+      extra: numbers for the log.
     """
     count = len(station)
     rows = np.empty((6, count))
@@ -170,17 +179,13 @@ def on_road(
         None if residual is None else residual.table.address,
         *(kernels.address(station), count, kernels.address(rows)),
     )
-    offset, x, y, z, yaw, curvature = rows
-    return Trajectory(
-        time=np.asarray(time + step * np.arange(count), dtype=np.float64),
-        station=station,
-        offset=offset,
-        x=x,
-        y=y,
-        z=z,
-        yaw=yaw,
-        curvature=curvature,
-        speed=speed,
-        acceleration=acceleration,
-        extra={"urgency": urgency},
+    return _trajectory_of(
+        *(time + _instants(count, step), station, *rows, speed, acceleration),
+        *(mode, reason, target_lane, refused, {} if extra is None else extra),
     )
+
+
+@functools.lru_cache(maxsize=4)
+def _instants(count: int, step: float) -> FloatArray:
+    """Times of the points from the first one on [s]."""
+    return np.asarray(step * np.arange(count))

@@ -268,9 +268,9 @@ class SafeStop:
         limits = self._sooner(start, room)
         steps = round(config.horizon / config.step)
         rolled = roll_to_stop(start, limits, steps, config.step)
-        planned = on_road(self.preview, path, self._residual, ego.time, *rolled, config.step)
-        self.trajectory = dataclasses.replace(
-            planned, mode=PlanMode.EMERGENCY, reason="stop in lane", target_lane=self.lane
+        self.trajectory = on_road(
+            *(self.preview, path, self._residual, ego.time, *rolled, config.step),
+            *(PlanMode.EMERGENCY, "stop in lane", self.lane),
         )
         self._planned_at = ego.time
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,19 +10,25 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from iits_mj import kernels
 from iits_mj.core.arrays import BoolArray, FloatArray, IndexArray
 from iits_mj.core.errors import InputError
-from iits_mj.core.vehicles import TrackedVehicle, VehicleFrame
+from iits_mj.core.vehicles import COLUMNS, TrackedVehicle, VehicleFrame
+from iits_mj.kernels import Address, Integer, Real, Table
 
 if TYPE_CHECKING:
     from iits_mj.core.messages import EgoFootprint, EgoState
 
-# Attributes of a vehicle that `Neighbors` reads.
+# Columns of a vehicle that must be finite, in the order of the check.
 _FIGURES = (
     *("station", "offset", "speed", "lateral_speed", "length", "width"),
     *("acceleration", "yaw", "yaw_rate", "x", "y", "z"),
 )
-_figures_of = operator.attrgetter(*_FIGURES)
+_columns_of = operator.attrgetter(*COLUMNS)
+_ROWS = {name: row for row, name in enumerate((*COLUMNS, "gap", "front_distance"))}
+_neighbor_of = operator.itemgetter(
+    *(_ROWS[n] for n in ("gap", "station", "offset", "speed", "acceleration", "length", "width"))
+)
 # A body is in a lane when it reaches at least this far into it [m].
 INTRUSION = 0.3
 # A vehicle that moves slower than this across the lane is weaving, not changing lanes [m/s].
@@ -36,26 +43,56 @@ LEVEL_OVER_ROAD = 3.0
 # The same relative to the truck, where the vehicle's own road is unknown: up to 80 m away that
 # road may climb by some meters, so only the bridge's full clearance decides [m].
 LEVEL_OVER_TRUCK = 4.5
+# Within this angle of the road's direction, either way, a vehicle drives along it [rad].
+ALONG = 0.35
+# First row of the surface in a road's table.
+_SURFACE = 3
+
+_neighbors = kernels.function("iits_neighbors", Integer, Address, Integer, Real, Real)
+_on_road = kernels.function(
+    "iits_on_road",
+    Integer,
+    *(Address, Integer),  # vehicles
+    *(Address, Integer, Integer, Real),  # road
+    *(Real, Real, Address, Address),  # limits and results
+)
+_along_path = kernels.function(
+    "iits_along_path",
+    Integer,
+    *(Address, Integer),  # vehicles
+    *(Address, Integer, Integer, Real, Real),  # path
+    *(Real, Real, Real, Real),  # limits
+    *(Address, Real, Address),  # level, front and result
+)
+_corridor_gaps = kernels.function(
+    "iits_corridor_gaps",
+    None,
+    *(Address, Integer, Address),  # vehicles
+    *(Integer, Real, Real, Real, Real),  # truck
+    *(Real, Address),  # limit and result
+)
+_Gaps = Real * 2
 
 
 class RoadSurface(Protocol):
-    """Height of a road over station; `controllers.planning.road_preview.RoadPreview` is one."""
+    """Surface of a road over station; `controllers.planning.road_preview.RoadPreview` is one.
 
-    station: FloatArray
-    height: FloatArray
-    superelevation: FloatArray
+    Attributes:
+      step: between the stations of the table [m].
+      table: rows of stations [m], two rows that are not used here, height [m], superelevation
+        [rad], heading [rad] and the bound on its change within half a step [rad].
+    """
+
+    step: float
+    table: Table
 
 
 class LaneAlong(Protocol):
     """A lane followed along the road; `controllers.planning.road_preview.LanePath` is one."""
 
     @property
-    def station(self) -> FloatArray:
-        """Stations [m], rising."""
-
-    @property
-    def offset(self) -> FloatArray:
-        """Offset of the lane's middle at the stations [m]."""
+    def table(self) -> Table:
+        """Rising stations [m] in the first row, offset of the lane's middle [m] in the last."""
 
     @property
     def half_width(self) -> float:
@@ -131,12 +168,26 @@ class Neighbors:
         see `TrackedVehicle`.
       gap: between the bumpers along the route, negative where it overlaps the truck's length [m].
       front_distance: from the truck's front bumper to the vehicle's, positive ahead [m].
-      posed: whether the vehicle has a pose, see `TrackedVehicle`.
       front, rear: stations of the truck's front bumper and of the trailer's rear [m].
 
     Raises:
       InputError: a number of a vehicle is not finite; the message names vehicle and number.
     """
+
+    station: FloatArray
+    offset: FloatArray
+    speed: FloatArray
+    lateral_speed: FloatArray
+    length: FloatArray
+    width: FloatArray
+    acceleration: FloatArray
+    yaw: FloatArray
+    yaw_rate: FloatArray
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    gap: FloatArray
+    front_distance: FloatArray
 
     def __init__(
         self, ego: EgoState, vehicles: Sequence[TrackedVehicle], footprint: EgoFootprint
@@ -144,90 +195,69 @@ class Neighbors:
         self.front = ego.station + footprint.front_overhang
         self.rear = self.front - footprint.length
         self._ego, self._footprint = ego, footprint
+        table = np.empty((len(_ROWS), len(vehicles)))
         if isinstance(vehicles, VehicleFrame):
             self.ids, self.lane = vehicles.ids, vehicles.lanes
-            table = vehicles.columns(*_FIGURES)
+            table[: len(COLUMNS)] = vehicles.values.T
         else:
             self.ids = tuple(vehicle.id for vehicle in vehicles)
             self.lane = np.array([vehicle.lane for vehicle in vehicles], dtype=np.intp)
-            rows = np.array(list(map(_figures_of, vehicles)), dtype=float)
-            table = np.ascontiguousarray(rows.reshape(-1, len(_FIGURES)).T)
-        finite = np.isfinite(table)
-        if not finite.all():
-            index, figure = np.argwhere(~finite.T)[0]
-            raise InputError(
-                f"vehicle {self.ids[index]!r}: {_FIGURES[figure]} is {table[figure, index]}: "
-                "not finite"
-            )
-        self.station, self.offset, self.speed, self.lateral_speed, self.length, self.width = table[
-            :6
-        ]
-        self.acceleration, self.yaw, self.yaw_rate, self.x, self.y, self.z = table[6:]
-        half = 0.5 * self.length
-        self.gap = np.maximum(self.station - half - self.front, self.rear - self.station - half)
-        self.front_distance = self.station + half - self.front
-        self.posed = (self.x != 0.0) | (self.y != 0.0) | (self.z != 0.0)
-        self._level: tuple[RoadSurface, BoolArray] | None = None
-        self._along: dict[int, tuple[LaneAlong, BoolArray]] = {}
-        self._leaders: dict[int, tuple[LaneAlong, Neighbor | None]] = {}
+            for index, vehicle in enumerate(vehicles):
+                table[: len(COLUMNS), index] = _columns_of(vehicle)
+        self._table = Table(table)
+        if not _neighbors(*self._vehicles, self.front, self.rear):
+            self._require_finite()
+        self._road: tuple[RoadSurface, BoolArray, BoolArray, int] | None = None
+        self._along: dict[int, tuple[LaneAlong, BoolArray, int]] = {}
+
+    def __getattr__(self, name: str) -> FloatArray:
+        """A column, made on first use."""
+        if name not in _ROWS:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        column = self._table.numbers[_ROWS[name]]
+        setattr(self, name, column)
+        return column
+
+    @functools.cached_property
+    def posed(self) -> BoolArray:
+        """Whether each vehicle has a pose, see `TrackedVehicle`, shape (n,)."""
+        return (self.x != 0.0) | (self.y != 0.0) | (self.z != 0.0)
 
     def neighbor(self, index: int) -> Neighbor:
         """Returns the vehicle of an index."""
-        columns = self.gap, self.station, self.offset, self.speed, self.acceleration
-        sizes = self.length, self.width
-        return Neighbor(self.ids[index], *(float(column[index]) for column in columns + sizes))
+        return Neighbor(self.ids[index], *_neighbor_of(self._table.numbers[:, index].tolist()))
 
     def on_level(self, road: RoadSurface) -> BoolArray:
         """Which vehicles drive on the road, not on a bridge above or a road below, shape (n,).
 
         A vehicle without a pose counts as on the road.
         """
-        if self._level is None or self._level[0] is not road:
-            bank = np.interp(self.station, road.station, road.superelevation)
-            height = np.interp(self.station, road.station, road.height)
-            above = self.z - (height + self.offset * np.tan(bank))
-            self._level = road, np.asarray(~self.posed | (np.abs(above) < LEVEL_OVER_ROAD))
-        return self._level[1]
+        return self._on_road(road)[1]
+
+    def surely_along(self, road: RoadSurface) -> BoolArray:
+        """Which vehicles surely drive along the road, by a coarse heading of it, shape (n,)."""
+        return self._on_road(road)[2]
+
+    def all_along(self, road: RoadSurface) -> bool:
+        """Whether all vehicles on the road's level drive along it for certain."""
+        return self._on_road(road)[3] == 0
 
     def along_path(self, path: LaneAlong, entering: float = 0.0) -> BoolArray:
         """Which vehicles are in a lane that is followed along the road, shape (n,).
 
         A vehicle counts when its body is in the lane now or will be in 1 s at its lateral speed: a
-        vehicle that changes lanes is in both.
+        vehicle that changes lanes is in both. A lane holds no vehicle beyond its end.
 
         Args:
           path: of the lane.
           entering: also counts vehicles that cross into the lane within this time [s].
         """
-        known = self._along.get(id(path))
-        if entering == 0.0 and known is not None:
-            return known[1]
-        middle = np.interp(self.station, path.station, path.offset)
-        reach = path.half_width + 0.5 * self.width - INTRUSION
-        soon = self.offset + _ANTICIPATION * self.lateral_speed
-        inside = (np.abs(self.offset - middle) < reach) | (np.abs(soon - middle) < reach)
-        if entering > 0.0:
-            crossing = np.abs(self.lateral_speed) > _WEAVING
-            later = self.offset + entering * self.lateral_speed
-            # A vehicle that will have crossed the whole lane by then has been in it.
-            through = (self.offset - middle) * (later - middle) < 0.0
-            inside |= crossing & ((np.abs(later - middle) < reach) | through)
-        inside &= (self.station >= path.station[0]) & (self.station <= path.station[-1])
-        # A lane holds no vehicle beyond its end.
-        inside &= self.station <= path.end
-        if path.road is not None:
-            inside &= self.on_level(path.road)
-        if entering == 0.0:
-            self._along[id(path)] = path, inside
-        return inside
+        return self._in_path(path, entering)[1]
 
     def leader_along_path(self, path: LaneAlong) -> Neighbor | None:
         """The nearest vehicle of the followed lane whose center is ahead of the front bumper."""
-        found = self._leaders.get(id(path))
-        if found is None:
-            leader = self._nearest(self.along_path(path) & (self.station > self.front))
-            found = self._leaders[id(path)] = path, leader
-        return found[1]
+        leader = self._in_path(path)[2]
+        return None if leader < 0 else self.neighbor(leader)
 
     def is_beside(self, path: LaneAlong) -> bool:
         """Whether the center of a vehicle of the followed lane is beside the truck."""
@@ -268,14 +298,13 @@ class Neighbors:
         Args:
           lane: index of the truck's lane, -1 off the road.
         """
-        ego, reach = self._ego, 0.5 * (self.width + self._footprint.width)
-        inside = np.abs(self.offset - ego.offset) < reach
-        if lane >= 0:
-            inside |= self.lane == lane
-        inside &= (self.lane >= 0) | (np.abs(self.z - ego.z) < LEVEL_OVER_TRUCK)
-        before = self.station >= 0.5 * (self.front + self.rear)
-        ahead = float(np.min(self.gap[inside & before], initial=np.inf))
-        return ahead, float(np.min(self.gap[inside & ~before], initial=np.inf))
+        ego, gaps = self._ego, _Gaps()
+        _corridor_gaps(
+            *(*self._vehicles, kernels.address(self.lane)),
+            *(lane, ego.offset, self._footprint.width, ego.z, 0.5 * (self.front + self.rear)),
+            *(LEVEL_OVER_TRUCK, gaps),
+        )
+        return gaps[0], gaps[1]
 
     def nearest_by_front(self, ahead: float, behind: float) -> tuple[IndexArray, IndexArray]:
         """Indices of the vehicles on any lane of the route, ahead and behind, nearest first.
@@ -300,3 +329,48 @@ class Neighbors:
         if not candidates.size:
             return None
         return self.neighbor(int(candidates[self.gap[candidates].argmin()]))
+
+    @property
+    def _vehicles(self) -> tuple[int, int]:
+        """Address of the columns, and the number of vehicles."""
+        return self._table.address, len(self.ids)
+
+    def _on_road(self, road: RoadSurface) -> tuple[RoadSurface, BoolArray, BoolArray, int]:
+        """The road, `on_level`, `surely_along`, and how many are on the level and not along."""
+        if self._road is None or self._road[0] is not road:
+            level, along = np.empty((2, len(self.ids)), dtype=bool)
+            others = _on_road(
+                *self._vehicles,
+                *(road.table.address, road.table.numbers.shape[1], _SURFACE, road.step),
+                *(LEVEL_OVER_ROAD, ALONG, kernels.address(level), kernels.address(along)),
+            )
+            self._road = road, level, along, others
+        return self._road
+
+    def _in_path(self, path: LaneAlong, entering: float = 0.0) -> tuple[LaneAlong, BoolArray, int]:
+        """The path, `along_path`, and the index of the leader, -1 for none."""
+        known = self._along.get(id(path))
+        if entering == 0.0 and known is not None:
+            return known
+        inside = np.empty(len(self.ids), dtype=bool)
+        level = None if path.road is None else kernels.address(self.on_level(path.road))
+        leader = _along_path(
+            *self._vehicles,
+            *(path.table.address, *path.table.numbers.shape, path.half_width, path.end),
+            *(INTRUSION, _ANTICIPATION, entering, _WEAVING),
+            *(level, self.front, kernels.address(inside)),
+        )
+        found = path, inside, leader
+        if entering == 0.0:
+            self._along[id(path)] = found
+        return found
+
+    def _require_finite(self) -> None:
+        """Raises InputError for the first vehicle with a figure that is not finite."""
+        finite = np.isfinite([getattr(self, name) for name in _FIGURES])
+        if not finite.all():
+            index, figure = np.argwhere(~finite.T)[0]
+            name = _FIGURES[figure]
+            raise InputError(
+                f"vehicle {self.ids[index]!r}: {name} is {getattr(self, name)[index]}: not finite"
+            )

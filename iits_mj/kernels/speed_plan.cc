@@ -78,6 +78,39 @@ double Behind(const Following& following, const Lead* leads, long count, double 
 
 }  // namespace
 
+// Writes the greatest comfortable speed at `count` stations: the least of the wanted speed, the
+// lane's limit and the curve speed, approached at the deceleration.
+//   road: curvature of the reference line at the stations; offset: of the path from it.
+//   curve_acceleration: lateral acceleration that bounds the speed in curves.
+// Returns 1 if a speed is not a number, else 0.
+IITS_KERNEL long iits_speed_cap(long count, const double* station, const double* offset,
+                                const double* limit, const double* wanted, const double* road,
+                                double curve_acceleration, double deceleration, double* cap) {
+  long unknown = 0;
+  auto curvature = [&](long k) {
+    const double aside = std::isfinite(offset[k]) ? offset[k] : 0.0;
+    return std::fabs(road[k] / std::max(1.0 - road[k] * aside, 0.2));
+  };
+  double before = curvature(0), here = before;
+  for (long k = 0; k < count; ++k) {
+    const double after = k + 1 < count ? curvature(k + 1) : here;
+    // The truck must reach the speed before the bend begins: the sharpest of three counts.
+    const double sharpest = std::max(std::max(before, here), after);
+    const double curve = std::sqrt(curve_acceleration / std::max(sharpest, 1e-6));
+    cap[k] = std::min(std::min(wanted[k], limit[k]), curve);
+    unknown |= std::isnan(wanted[k]) || std::isnan(limit[k]);
+    before = here;
+    here = after;
+  }
+  double ahead = kInfinity;
+  for (long k = count - 1; k >= 0; --k) {
+    const double bound = std::min(cap[k], 100.0), fall = 2.0 * deceleration * station[k];
+    ahead = std::min(ahead, bound * bound + fall);
+    cap[k] = std::sqrt(std::max(ahead - fall, 0.0));
+  }
+  return unknown;
+}
+
 // Acceleration that the power allows against rolling resistance, slope and air.
 IITS_KERNEL double iits_power_acceleration(double speed, double mass, double power,
                                            double rolling_and_slope, double drag) {

@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
@@ -120,3 +121,22 @@ def test_history_refuses_times_not_increasing_wrong_shapes_and_nan():
     bad[4, 2] = np.nan
     with pytest.raises(InputError, match=f"{FEATURES[2]} of row ahead2"):
         history.add(2.0, bad)
+
+
+def test_a_frame_given_as_a_function_is_made_once_and_only_if_it_is_needed():
+    history, made = ObservationHistory(), []
+
+    def make(k):
+        made.append(k)
+        return frame(car(ROUTE, "v", 1040.0 + k, 0, 12.0))
+
+    for k in range(45):
+        history.add(0.1 * k, functools.partial(make, k))
+    assert not made
+    stacked = history.observation()
+    assert np.array_equal(stacked, history.observation())
+    assert made == [44, 34, 24, 14]
+    assert np.array_equal(stacked[:54], make(44).ravel())
+    history.add(9.0, lambda: np.full((9, 6), np.nan, dtype=np.float32))
+    with pytest.raises(InputError, match="must be finite"):
+        history.observation()

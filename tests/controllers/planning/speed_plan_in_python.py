@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 
 from controllers.planning.config import FollowingConfig, Powers, SpeedConfig
-from controllers.planning.following import Lead
-from controllers.planning.road_preview import LanePath, RoadPreview
+from controllers.planning.following import Lead, braking_profile, curve_speed
+from controllers.planning.road_preview import LanePath, RoadPreview, strongest
 from controllers.planning.speed_plan import HOLD_REACH, SpeedState
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.units import GRAVITY
@@ -18,6 +18,17 @@ from iits_mj.parameters import TruckParameters
 _LOOK_AHEAD = (1.0, 0.4)
 _LAST_SPEED = 2.0
 _HOLD_DECELERATION = 1.2
+
+
+def speed_cap(
+    path: LanePath, preview: RoadPreview, config: SpeedConfig, wanted: FloatArray
+) -> FloatArray:
+    """Greatest comfortable speed along a path at a wanted speed [m/s], shape of path.station."""
+    curvature = np.interp(path.station, preview.station, preview.curvature)
+    bend = curvature / np.maximum(1.0 - curvature * np.nan_to_num(path.offset), 0.2)
+    cap = np.minimum(wanted, path.speed_limit)
+    cap = np.minimum(cap, curve_speed(strongest(bend), config.curve_acceleration))
+    return braking_profile(path.station, cap, config.following.preview_deceleration)
 
 
 def lead_at(lead: Lead, time: float) -> tuple[float, float]:

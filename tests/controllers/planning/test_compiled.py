@@ -1,5 +1,6 @@
 """The planner's compiled functions round as their Python forms."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -12,6 +13,7 @@ from controllers.planning.road_preview import RoadPreview, gradient
 from controllers.planning.speed_plan import SpeedConfig, SpeedState
 from controllers.planning.trajectory import Quintic, on_road
 from iits_mj.core.angles import wrap_angles
+from iits_mj.core.messages import SpeedProfile
 from iits_mj.road import RoadMap
 from tests.controllers.planning import speed_plan_in_python as in_python
 
@@ -64,6 +66,22 @@ def test_speed_plan():
         )
         found, expected = speed_plan.roll_out(*arguments), in_python.roll_out(*arguments)
         assert np.array_equal(found, expected)
+
+
+def test_bound_on_the_speed():
+    generator = np.random.default_rng(5)
+    for _ in range(200):
+        here = float(generator.uniform(0.0, PREVIEW.route.length))
+        path = PREVIEW.follow(int(generator.integers(3)), here, 400.0, 150.0)
+        offset = path.offset + float(generator.choice([0.0, 200.0, -300.0, math.nan]))
+        path = dataclasses.replace(path, offset=offset)
+        station = np.sort(generator.uniform(0.0, PREVIEW.route.length, 40))
+        profile = SpeedProfile(station, generator.uniform(5.0, 40.0, 40))
+        wanted = np.interp(path.station, station, profile.speed)
+        expected = in_python.speed_cap(path, PREVIEW, CONFIG, wanted)
+        for reference in (profile, SpeedProfile(path.station, wanted)):
+            found = speed_plan.speed_cap(path, PREVIEW, CONFIG, reference)
+            assert np.array_equal(found, expected)
 
 
 def points_in_python(path, residual, station):

@@ -308,14 +308,15 @@ def test_an_emergency_that_fades_still_brakes_at_least_as_hard_as_one_begins():
     scene, cap = Scene(0.0, at(), ()), np.full(len(path.station), 30.0)
 
     def plan(gap):
-        return planner._assemble(scene, path, [Lead(gap, 4.0)], cap, False)
+        (_, _, acceleration), _ = planner._roll_out(scene, path, [Lead(gap, 4.0)], cap, False)
+        return acceleration
 
     gaps = np.arange(10.0, 60.0, 0.25)
     urgencies = [most_urgent([Lead(gap, 4.0)], 15.0, speed) for gap in gaps.tolist()]
     middle = float(gaps[int(np.argmin(np.abs(np.array(urgencies) - wanted)))])
-    first = plan(middle).acceleration[0]
+    first = plan(middle)[0]
     planner._emergency = True
-    assert plan(middle).acceleration[0] == pytest.approx(-speed.emergency_onset)
+    assert plan(middle)[0] == pytest.approx(-speed.emergency_onset)
     assert first > -speed.emergency_onset
 
 

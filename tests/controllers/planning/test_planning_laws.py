@@ -19,7 +19,6 @@ from controllers.planning.road_preview import (
     RoadPreview,
     gradient,
     off_tracking,
-    sharpest,
 )
 from controllers.planning.rollover_limits import RollMargins, curve_speed_by_roll
 from controllers.planning.safety import (
@@ -201,7 +200,7 @@ def test_the_trajectory_is_the_path_plus_the_quintic_over_time():
     residual = Quintic.to_zero(1000.0, 80.0, -3.0, 0.01)
     station = np.linspace(1000.0, 1100.0, 51)
     speed, pull = np.full(51, 20.0), np.zeros(51)
-    plan = on_road(PREVIEW, path, residual, 7.0, station, speed, pull, 0.1, 0.4)
+    plan = on_road(PREVIEW, path, residual, 7.0, station, speed, pull, 0.1, reason="why")
     assert plan.time == pytest.approx(7.0 + 0.1 * np.arange(51))
     value, slope, bend, _ = residual.evaluate(station)
     middle = float(ROUTE.lane_offset(1, 1000.0))
@@ -209,23 +208,13 @@ def test_the_trajectory_is_the_path_plus_the_quintic_over_time():
     assert np.tan(plan.yaw) == pytest.approx(slope, abs=1e-9)
     bent = bend / (1.0 + slope**2) ** 1.5
     assert plan.curvature[1:-1] == pytest.approx(bent[1:-1], abs=2e-4)
-    assert plan.extra == {"urgency": 0.4}
+    assert plan.reason == "why"
     # At standstill the curvature is that of the offset curve.
     at_rest = on_road(PREVIEW, path, residual, 0.0, np.full(3, 1030.0), speed[:3], pull[:3], 0.1)
     assert at_rest.curvature == pytest.approx(np.full(3, residual.evaluate(1030.0)[2]))
 
 
 # --- road -----------------------------------------------------------------------------------
-
-
-def test_the_sharpest_curvature_is_that_of_a_row_or_its_neighbors_at_the_path():
-    curvature = np.array([0.0, 0.0, 0.01, 0.0, 0.0, -0.02])
-    assert sharpest(curvature, 0.0) == pytest.approx([0.0, 0.01, 0.01, 0.01, 0.02, 0.02])
-    # On the inside of the bend, 10 m from the line of 100 m radius, the radius is 90 m.
-    assert sharpest(curvature, 10.0)[2] == pytest.approx(1.0 / 90.0)
-    assert sharpest(curvature, -10.0)[2] == pytest.approx(1.0 / 110.0)
-    assert sharpest(np.array([0.01, 0.0]), np.array([99.0, 0.0]))[0] == pytest.approx(0.05)
-    assert sharpest(curvature, math.nan)[2] == pytest.approx(0.01)
 
 
 def test_slopes_agree_with_numpys_gradient():

@@ -212,12 +212,9 @@ def test_on_a_circle_a_plan_beside_the_middle_has_the_curvature_of_its_own_circl
     path = dataclasses.replace(path, offset=np.full_like(path.offset, aside))
     for way in (0.5, 0.0):
         station = 200.0 + way * np.arange(30)
-        plan = on_road(
-            ROUND, path, None, 3.0, station, np.full(30, 5.0 * way), np.zeros(30), 0.1, 0.7
-        )
+        plan = on_road(ROUND, path, None, 3.0, station, np.full(30, 5.0 * way), np.zeros(30), 0.1)
         assert plan.curvature == pytest.approx(1.0 / (RADIUS - plan.offset), rel=1e-3)
         assert plan.time == pytest.approx(3.0 + 0.1 * np.arange(30))
-        assert plan.extra == {"urgency": 0.7}
 
 
 def test_a_curve_across_a_circle_heads_along_its_points():

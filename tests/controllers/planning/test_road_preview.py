@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from controllers.planning.planner import Planner
-from controllers.planning.road_preview import gradient, road_curvature, sharpest
+from controllers.planning.road_preview import gradient, road_curvature
 from iits_mj.core.messages import EgoState, Scene
 from iits_mj.road.measured import Lanes, measured_route
 
@@ -40,12 +40,6 @@ def test_a_kink_at_a_seam_is_no_bend():
     found = road_curvature(road, STATION)
     assert found.max() <= kink / 25.0 + 1e-9
     assert found.sum() * 5.0 == pytest.approx(kink)
-
-
-def test_the_inner_lane_of_a_bend_is_tighter_than_its_middle():
-    bend = np.full(5, 0.05)
-    assert sharpest(bend, 5.0) == pytest.approx(1.0 / 15.0)
-    assert sharpest(bend, -5.0) == pytest.approx(1.0 / 25.0)
 
 
 def test_a_plans_curvature_is_that_of_its_points_and_its_speed_fits_it():

@@ -20,6 +20,7 @@ from controllers.planning.speed_plan import (
 from iits_mj.core.messages import SpeedProfile
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
+from iits_mj.road.measured import Lanes, measured_route
 from tests.controllers.planning.speed_plan_in_python import _behind, _desired_speed, _to_stop
 
 POWERS = Powers(300e3, 0.006, 3.0)
@@ -168,6 +169,26 @@ def test_the_cap_is_the_least_of_profile_limit_and_curve_speed():
     assert speed_cap(path, PREVIEW, CONFIG, fast) == pytest.approx(22.0)
     slow = SpeedProfile(np.array([0.0, 3_000.0]), np.array([9.0, 9.0]))
     assert speed_cap(path, PREVIEW, CONFIG, slow) == pytest.approx(9.0)
+
+
+def test_the_cap_falls_before_a_bend_and_is_lower_on_its_inside():
+    station = np.arange(0.0, 600.0, 1.0)
+    curvature = np.where((station > 200.0) & (station < 260.0), 1.0 / 60.0, 0.0)
+    road = measured_route(station, np.zeros(600), curvature=curvature, lanes=Lanes(1, 3.5, 30.0))
+    preview = RoadPreview(road)
+    path = preview.follow(0, 100.0, 400.0, 100.0)
+    bend = (path.station > 210.0) & (path.station < 250.0)
+    least = []
+    for aside in (10.0, 0.0, -10.0):
+        beside = dataclasses.replace(path, offset=np.full_like(path.offset, aside))
+        cap = speed_cap(beside, preview, CONFIG)
+        least.append(float(cap[bend].mean()))
+        expected = math.sqrt(CONFIG.curve_acceleration * (60.0 - aside))
+        assert least[-1] == pytest.approx(expected, rel=0.03)
+        before = int(np.argmax(path.station > 200.0)) - 1
+        assert cap[before] < 1.1 * least[-1]
+        assert cap[0] > 1.2 * least[-1]
+    assert least == sorted(least)
 
 
 @pytest.mark.parametrize(
