@@ -184,7 +184,8 @@ def _long_drive(repeats: int) -> tuple[float, float, float, float, float]:
             loading = middle - begin, time.perf_counter() - middle
             cost = drive.cost_of(simulation, cycles=50, rounds=3)
             length = simulation.route.length / 1e3
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+            pages = int(Path("/proc/self/statm").read_text().split()[1])
+    memory = 1e-6 * pages * resource.getpagesize()
     return length, *loading, cost.whole * MILLISECONDS, memory / 10
 
 
