@@ -4,17 +4,16 @@
 """
 
 import math
-from bisect import bisect, bisect_left
+from bisect import bisect, bisect_left, bisect_right
 from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
 
-from controllers.tracking.driveline_inverse import DrivelineInverse
 from controllers.tracking.lateral import LateralController
 from controllers.tracking.lateral_gains import Gains
-from controllers.tracking.longitudinal import interpolate
 from iits_mj.core.timing import CONTROL_PERIOD
+from iits_mj.core.units import GRAVITY
 
 # --- sums -----------------------------------------------------------------------------------
 
@@ -231,6 +230,17 @@ class Steering(LateralController):
 # --- powertrain -----------------------------------------------------------------------------
 
 
+def interpolate(x, places, values):
+    """Linear interpolation of one value; the same bits as `np.interp`, faster on lists."""
+    row = bisect_right(places, x) - 1
+    if row < 0:
+        return values[0]
+    low, value = places[row], values[row]
+    if row == len(places) - 1 or low == x:
+        return value
+    return (values[row + 1] - value) / (places[row + 1] - low) * (x - low) + value
+
+
 class EnduranceForces(NamedTuple):
     """Greatest braking forces at the wheels without friction [N]."""
 
@@ -256,17 +266,53 @@ def share_out(force, endurance):
     return Retardation(*shares, rest)
 
 
-class Powertrain(DrivelineInverse):
-    """The parts of `DrivelineInverse.actuation`."""
+class Actuation(NamedTuple):
+    """What each actuator does for a force at the wheels; see the kernel's `Actuation`."""
+
+    torque: float = 0.0
+    drag: float = 0.0
+    pedal: float = 0.0
+    beyond: float = 0.0
+    engine_brake: float = 0.0
+    retarder: float = 0.0
+    lacking: float = 0.0
+
+
+class Powertrain:
+    """Static inverse of engine and driveline, and the truck's resistances."""
 
     def __init__(self, parameters):
-        super().__init__(parameters)
-        gearbox = parameters.gearbox
+        self.parameters = parameters
+        tires, air, gearbox = parameters.tires, parameters.aerodynamics, parameters.gearbox
+        self.radius = tires[parameters.tractor.axles[-1].tire].rolling_radius
+        self.rolling = parameters.tire_common.rolling_resistance
+        self.drag = 0.5 * air.density * air.drag_area
+        self.wheel_mass = sum(
+            2.0 * axle.wheel_inertia_spin / tires[axle.tire].rolling_radius ** 2
+            for axle in parameters.axles
+        )
         self.efficiency = gearbox.efficiency * gearbox.driveline_efficiency
+
+    def _row(self, gear):
+        return min(max(gear, 1), len(self.parameters.gearbox.ratios)) - 1
 
     def ratio(self, gear):
         """Overall ratio engine to wheel in a forward gear."""
-        return self._ratios[self._row(gear)]
+        gearbox = self.parameters.gearbox
+        return float(gearbox.ratios[self._row(gear)]) * gearbox.final_drive
+
+    def resistance(self, mass, speed, grade):
+        """Rolling, air and grade resistance [N] at a grade (rise over run)."""
+        slope = math.atan(grade)
+        rolling = self.rolling * math.cos(slope) if speed > 0.05 else 0.0
+        return mass * GRAVITY * (math.sin(slope) + rolling) + self.drag * speed * abs(speed)
+
+    def effective_mass(self, mass, gear):
+        """Mass with the rotating parts of wheels, engine and gearbox [kg]."""
+        engine, gearbox = self.parameters.engine, self.parameters.gearbox
+        inertia = engine.inertia + float(gearbox.inertias[self._row(gear)])
+        spin = inertia * self.ratio(gear) ** 2 / self.radius**2
+        return mass + self.wheel_mass + spin
 
     def engine_torque(self, force, gear):
         """Torque at the crankshaft [N m] for a force at the wheels [N]."""
@@ -321,8 +367,8 @@ class Powertrain(DrivelineInverse):
         torques = torques + 1e-6 * np.arange(len(torques))
         return interpolate(torque, torques.tolist(), table.columns.tolist())
 
-    def split(self, force, speed, engine_speed, gear, engaged, speed_soon):
-        """The numbers of an `Actuation`."""
+    def actuation(self, force, speed, engine_speed, gear, engaged, speed_soon):
+        """What each actuator does for a force at the wheels [N]."""
         torque, drag = self.engine_torque(force, gear), self.drag_torque(engine_speed)
         now = self.endurance(speed, engine_speed, gear, engaged)
         shared = share_out(-force, now)
@@ -330,4 +376,5 @@ class Powertrain(DrivelineInverse):
         later = share_out(-force, self.endurance(speed_soon, soon, gear, engaged))
         beyond = max(-force - now.drag, 0.0)
         pedal = self.pedal(torque, engine_speed)
-        return (torque, drag, pedal, beyond, *shared[:2], max(shared.short, later.short))
+        lacking = max(shared.short, later.short)
+        return Actuation(torque, drag, pedal, beyond, *shared[:2], lacking)

@@ -8,15 +8,17 @@ import pickle
 import numpy as np
 import pytest
 
-from controllers.tracking.driveline_inverse import Actuation, DrivelineInverse
 from controllers.tracking.lateral import LateralController
 from controllers.tracking.lateral_gains import LateralConfig
+from controllers.tracking.longitudinal import LongitudinalController, Phase
 from iits_mj.core.angles import wrap_angles
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState
 from iits_mj.parameters import TruckParameters
-from tests.controllers.tracking.reference import Powertrain, Steering
+from tests.controllers.tracking.reference import Steering
+from tests.controllers.tracking.speed_reference import SpeedLaw
 from tests.controllers.tracking.test_lateral import arc
+from tests.controllers.tracking.test_longitudinal import plan
 
 PARAMETERS = TruckParameters.load()
 CONFIG = LateralConfig(speed_grid=(2.0, 10.0, 20.0))
@@ -103,19 +105,38 @@ def test_a_whole_turn_of_the_first_points_of_a_path_changes_nothing(points):
         assert other.steer(ego, turned) == pytest.approx(plain.steer(ego, path), abs=1e-9)
 
 
-def test_the_powertrain_equals_its_python_form_to_the_bit():
-    compiled, python = DrivelineInverse(PARAMETERS), Powertrain(PARAMETERS)
-    names = [name for name, _ in Actuation._fields_]
-    rng, engine = np.random.default_rng(4), PARAMETERS.engine
-    places = [*engine.pedal_map.rows, *engine.drag_speed, engine.engine_brake_speed_min]
-    for _ in range(4000):
-        force, speed = rng.normal(0.0, 30e3), rng.choice([0.0, rng.uniform(-0.5, 28.0)])
-        engine_speed = float(rng.choice([rng.uniform(0.0, 280.0), rng.choice(places)]))
-        gear, engaged = int(rng.integers(-1, 14)), bool(rng.uniform() > 0.2)
-        soon = float(rng.choice([speed, max(speed - rng.uniform(0.0, 2.0), 0.0)]))
-        asked = (float(force), float(speed), engine_speed, gear, engaged, soon)
-        found = compiled.actuation(*asked)
-        assert tuple(getattr(found, name) for name in names) == python.split(*asked)
+def driving(rng):
+    """A truck somewhere in its range of speeds, at times at a corner of a table, or shifting."""
+    engine = PARAMETERS.engine
+    corners = [*engine.pedal_map.rows, *engine.drag_speed, engine.engine_brake_speed_min]
+    return EgoState(
+        time=rng.choice([rng.uniform(-1.0, 6.0), 1.0, 5.0]),
+        speed=rng.choice([0.0, rng.normal(0.0, 0.2), rng.uniform(0.0, 28.0)]),
+        mass=rng.uniform(15e3, 60e3),
+        engine_speed=rng.choice([rng.uniform(0.0, 280.0), rng.choice(corners)]),
+        gear=int(rng.integers(-1, 14)),
+        shift_in_process=rng.uniform() < 0.1,
+    )
+
+
+def test_the_speed_law_equals_its_python_form_to_the_bit():
+    compiled, python = LongitudinalController(PARAMETERS), SpeedLaw(PARAMETERS)
+    rng, phases = np.random.default_rng(4), set()
+    for k in range(12_000):
+        if k % 60 == 0:
+            ego, grade = driving(rng), rng.normal(0.0, 0.04)
+            speed = rng.choice([0.0, ego.speed + rng.normal(0.0, 1.0)])
+            path = plan(speed, rng.choice([0.0, rng.normal(0.0, 0.8)]))
+            path.acceleration[:] += rng.normal(0.0, 0.05, len(path.time))
+        if k % 60 == 50:
+            ego = dataclasses.replace(driving(rng), mass=ego.mass, speed=ego.speed)
+        command = compiled.command(ego, path, grade, 0.1)
+        assert command == python.command(ego, path, grade, 0.1)
+        assert compiled.phase is python.phase
+        memory, kept = compiled.memory, (python._since, python._integral, python._gear)
+        assert (memory.since, memory.integral, memory.gear) == kept
+        phases.add(compiled.phase)
+    assert phases == set(Phase)
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
@@ -138,8 +159,26 @@ def test_a_path_of_one_point_is_refused():
         LateralController(PARAMETERS, CONFIG).steer(EgoState(), dataclasses.replace(path, **short))
 
 
+def test_a_plan_without_points_is_refused():
+    empty = dataclasses.replace(plan(9.0), **dict.fromkeys(("time", "speed"), np.zeros(0)))
+    with pytest.raises(InputError, match="without points"):
+        LongitudinalController(PARAMETERS).command(EgoState(), empty, 0.0)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
+def test_a_copy_holds_the_speed_alone(copied):
+    rng, path = np.random.default_rng(1), plan(12.0)
+    first, states = LongitudinalController(PARAMETERS), [driving(rng) for _ in range(20)]
+    for ego in states[:10]:
+        first.command(ego, path, 0.01)
+    second = copied(first)
+    commands = [first.command(ego, path, 0.01) for ego in states[10:]]
+    assert [second.command(ego, path, 0.01) for ego in states[10:]] == commands
+
+
 def test_states_that_are_not_finite_do_not_crash():
     controller, path = LateralController(PARAMETERS, CONFIG), arc()
     for value in (math.nan, math.inf, -math.inf):
         controller.steer(EgoState(station=value, speed=value, x=value), path)
-        DrivelineInverse(PARAMETERS).actuation(value, value, value, 5, True, value)
+        ego = EgoState(time=value, speed=value, engine_speed=value, mass=value)
+        LongitudinalController(PARAMETERS).command(ego, path, value)

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from controllers.tracking.driveline_inverse import xbr_deceleration
-from controllers.tracking.longitudinal import interpolate
 from iits_mj.parameters import TruckParameters
-from tests.controllers.tracking.reference import EnduranceForces, Powertrain, share_out
+from tests.controllers.tracking.reference import EnduranceForces, Powertrain, interpolate, share_out
+from tests.controllers.tracking.speed_reference import xbr_deceleration
 
 PARAMETERS = TruckParameters.load()
 INVERSE = Powertrain(PARAMETERS)

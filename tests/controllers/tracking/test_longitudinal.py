@@ -10,6 +10,7 @@ from iits_mj.core.messages import EgoState, Trajectory, XbrEbiMode, XbrMode
 from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.parameters import TruckParameters
 from tests.controllers.tracking.reference import Powertrain
+from tests.controllers.tracking.speed_reference import coasting_error
 
 PARAMETERS = TruckParameters.load()
 LADEN = EgoState(mass=55_000.0, speed=16.67, gear=9, engine_speed=183.0, engine_torque=-150.0)
@@ -158,10 +159,10 @@ def test_a_stopped_truck_is_held_before_it_starts_and_again_when_it_rolls_back()
 FAST = EgoState(mass=55_000.0, speed=20.0, gear=12, engine_speed=108.0, engine_torque=-130.0)
 
 
-def coasting_grade(controller, ego):
+def coasting_grade(ego):
     """The grade on which the engine's drag alone holds the truck's speed."""
-    inverse = controller.inverse
-    drag = Powertrain(PARAMETERS).endurance(ego.speed, ego.engine_speed, ego.gear, True).drag
+    inverse = Powertrain(PARAMETERS)
+    drag = inverse.endurance(ego.speed, ego.engine_speed, ego.gear, True).drag
     level = inverse.resistance(ego.mass, ego.speed, 0.0)
     return -(level + drag) / (ego.mass * 9.81)
 
@@ -174,7 +175,7 @@ def settled(controller, ego, speed, grade):
 
 def test_where_the_drag_is_enough_the_truck_coasts_and_ignores_small_errors():
     controller = LongitudinalController(PARAMETERS)
-    grade = coasting_grade(controller, FAST)
+    grade = coasting_grade(FAST)
     controller.command(FAST, plan(19.9), grade)
     for error in (-0.15, -0.05, 0.0, 0.05, 0.15):
         phase, last = settled(controller, FAST, 20.0 + error, grade)
@@ -185,7 +186,7 @@ def test_where_the_drag_is_enough_the_truck_coasts_and_ignores_small_errors():
 def test_coasting_ends_when_the_error_grows():
     for error, phase in ((0.5, Phase.DRIVE), (-0.5, Phase.OVERRUN)):
         controller = LongitudinalController(PARAMETERS)
-        grade = coasting_grade(controller, FAST)
+        grade = coasting_grade(FAST)
         assert settled(controller, FAST, 19.9, grade)[0] is Phase.COAST
         found, last = settled(controller, FAST, 20.0 + error, grade)
         assert found is phase
@@ -195,8 +196,8 @@ def test_coasting_ends_when_the_error_grows():
 
 def test_coasting_ignores_small_errors_except_at_walking_pace():
     config = LongitudinalConfig()
-    assert config.coasting_error(0.1, 20.0) == 0.0
-    assert config.coasting_error(0.1, 0.0) == 0.1
+    assert coasting_error(config, 0.1, 20.0) == 0.0
+    assert coasting_error(config, 0.1, 0.0) == 0.1
 
 
 def test_braking_beyond_the_drag_uses_the_engine_brake_at_once():

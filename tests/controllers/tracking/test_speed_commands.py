@@ -7,20 +7,19 @@ import numpy as np
 import pytest
 
 from controllers.tracking.controller import Tracker
-from controllers.tracking.driveline_inverse import Actuation
-from controllers.tracking.longitudinal import (
-    KickDown,
-    LongitudinalConfig,
-    LongitudinalController,
-    Phase,
-    SpeedView,
-)
+from controllers.tracking.longitudinal import LongitudinalConfig, Phase
 from iits_mj.core.messages import EgoState, XbrEbiMode, XbrMode
 from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from tests.controllers.tracking.reference import EnduranceForces, Powertrain
+from tests.controllers.tracking.reference import Actuation, EnduranceForces, Powertrain
+from tests.controllers.tracking.speed_reference import (
+    KickDown,
+    SpeedLaw,
+    SpeedView,
+    coasting_error,
+)
 from tests.controllers.tracking.test_longitudinal import LADEN, plan, run
 
 PARAMETERS = TruckParameters.load()
@@ -31,7 +30,7 @@ GEARBOX, ENGINE = PARAMETERS.gearbox, PARAMETERS.engine
 
 @pytest.fixture
 def controller():
-    return LongitudinalController(PARAMETERS)
+    return SpeedLaw(PARAMETERS)
 
 
 # --- the plan -------------------------------------------------------------------------------
@@ -48,12 +47,12 @@ def test_the_plan_is_looked_up_by_time():
 def test_coasting_ignores_a_band_that_shrinks_below_its_speed():
     band = CONFIG.coast_error
     for error in (-0.5, -0.1, 0.1, 0.5):
-        assert CONFIG.coasting_error(error, 20.0) == pytest.approx(
+        assert coasting_error(CONFIG, error, 20.0) == pytest.approx(
             math.copysign(max(abs(error) - band, 0.0), error), abs=1e-12
         )
     half = 0.5 * CONFIG.coast_speed
-    assert CONFIG.coasting_error(0.3, half) == pytest.approx(0.3 - 0.5 * band)
-    assert CONFIG.coasting_error(0.3, -5.0) == 0.3
+    assert coasting_error(CONFIG, 0.3, half) == pytest.approx(0.3 - 0.5 * band)
+    assert coasting_error(CONFIG, 0.3, -5.0) == 0.3
 
 
 # --- kick-down ------------------------------------------------------------------------------
@@ -474,8 +473,10 @@ def test_the_grade_is_the_mean_of_both_units_weighted_by_their_mass():
 
 def test_a_reset_of_the_tracker_clears_both_controllers():
     tracker = Tracker(Route.straight(length=500.0), PARAMETERS)
-    tracker.longitudinal._demand, tracker.lateral.memory.error = 2.0, 0.5
-    tracker.longitudinal.phase = Phase.BRAKE
+    speed, path = tracker.longitudinal, tracker.lateral
+    speed.memory.demand, path.memory.error = 2.0, 0.5
+    speed.memory.phase = list(Phase).index(Phase.BRAKE)
+    assert speed.phase is Phase.BRAKE
     tracker.reset()
-    assert tracker.longitudinal.phase is Phase.DRIVE
-    assert (tracker.longitudinal._demand, tracker.lateral.error) == (0.0, 0.0)
+    assert speed.phase is Phase.DRIVE
+    assert (speed.memory.demand, path.error) == (0.0, 0.0)

@@ -9,7 +9,7 @@ import pytest
 from controllers.tracking.lateral import LateralController
 from controllers.tracking.lateral_gains import LateralConfig
 from controllers.tracking.lateral_model import LateralModel
-from controllers.tracking.longitudinal import KickDown, LongitudinalController, Phase
+from controllers.tracking.longitudinal import LongitudinalController, Phase
 from iits_mj.core.messages import EgoState
 from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.parameters import TruckParameters
@@ -23,6 +23,7 @@ from tests.controllers.tracking.reference import (
     gains_at,
     share_out,
 )
+from tests.controllers.tracking.speed_reference import KickDown
 from tests.controllers.tracking.test_lateral import arc
 from tests.controllers.tracking.test_longitudinal import LADEN, plan
 
@@ -73,7 +74,7 @@ def test_a_pedal_filter_faster_than_the_control_follows_at_once():
 
 def test_at_standstill_the_endurance_brakes_are_released():
     controller = LongitudinalController(PARAMETERS)
-    controller._engine_brake = controller._retarder = 0.5
+    controller.memory.engine_brake = controller.memory.retarder = 0.5
     command = controller.command(dataclasses.replace(LADEN, speed=0.0), plan(0.0), 0.05)
     assert (command.engine_brake, command.retarder) == (0.0, 0.0)
 
@@ -145,7 +146,7 @@ def test_the_gear_is_kept_while_none_is_engaged():
     controller = LongitudinalController(PARAMETERS)
     for gear, kept in ((1, 1), (9, 9), (0, 9), (-1, 9), (1, 1)):
         controller.command(dataclasses.replace(LADEN, gear=gear), plan(16.67), 0.0)
-        assert controller._gear == kept
+        assert controller.memory.gear == kept
 
 
 @pytest.mark.parametrize(("gear", "phase"), [(1, Phase.OVERRUN), (0, Phase.DRIVE)])
