@@ -42,6 +42,10 @@ class Tracker:
         self.route = route
         self.parameters = parameters or TruckParameters.load()
         self.config = config or TrackingConfig()
+        tractor, trailer = self.parameters.tractor, self.parameters.semitrailer
+        behind = self.parameters.fifth_wheel.position + trailer.cg_position
+        # Mass of the tractor [kg], and way from its steer axle back to both centers of gravity [m].
+        self._units = tractor.mass, tractor.cg_position, behind
         self.lateral = LateralController(self.parameters, self.config.lateral)
         self.longitudinal = LongitudinalController(self.parameters, self.config.longitudinal)
 
@@ -62,9 +66,8 @@ class Tracker:
 
     def grade(self, ego: EgoState) -> float:
         """Grade under the combination, rise over run, tractor and trailer weighted by mass."""
-        tractor, trailer = self.parameters.tractor, self.parameters.semitrailer
-        behind = self.parameters.fifth_wheel.position + trailer.cg_position
-        share = tractor.mass / max(ego.mass, tractor.mass)
-        front = float(self.route.smoothed_grade(ego.station - tractor.cg_position))
+        mass, ahead, behind = self._units
+        share = mass / max(ego.mass, mass)
+        front = float(self.route.smoothed_grade(ego.station - ahead))
         rear = float(self.route.smoothed_grade(ego.station - behind))
         return share * front + (1.0 - share) * rear

@@ -141,6 +141,7 @@ class Route:
         self.patches: tuple[FrictionPatch, ...] = ()
         self._bands = [band for piece in chain.pieces for band in lane_bands(piece)]
         self._starts = [band.p_start for band in self._bands]
+        self._last_band = math.nan, self._bands[0], math.nan
         starts = [float(self.line.station(piece.p_start)) for piece in chain.pieces]
         self.segments = tuple(
             RouteSegment(piece.road.id, piece.direction, piece.s_start, piece.s_end, start)
@@ -305,11 +306,14 @@ class Route:
         return np.column_stack((*point, friction))
 
     def _band(self, station: float) -> tuple[LaneBand, float]:
+        # In a cycle of a drive one station is asked for often.
         station = float(station)
-        if not 0.0 <= station <= self.length:
-            station = min(max(station, 0.0), self.length)
-        p = self.line.parameter_at(station)
-        return self._bands[max(bisect_right(self._starts, p) - 1, 0)], p
+        known, band, p = self._last_band
+        if station != known:
+            p = self.line.parameter_at(min(max(station, 0.0), self.length))
+            band = self._bands[max(bisect_right(self._starts, p) - 1, 0)]
+            self._last_band = station, band, p
+        return band, p
 
     def _profile(self, station: Stations, terms: Callable[[LaneBand], Terms]) -> Stations:
         """Weighted sum of profiles at one station or at an array of them."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-import operator
 from collections.abc import Callable, Iterator, Mapping
+from operator import attrgetter, le
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +41,7 @@ COMMAND_FIELDS = tuple(field.name for field in dataclasses.fields(VehicleCommand
 _COMMAND_INDEX = {name: index for index, name in enumerate(COMMAND_FIELDS)}
 _MODES = ("xbr_mode", "transmission_mode", "xbr_ebi_mode")
 _MODE_INDEX = tuple(_COMMAND_INDEX[name] for name in _MODES)
-_command_values = operator.attrgetter(*COMMAND_FIELDS)
+_command_values = attrgetter(*COMMAND_FIELDS)
 # Warnings after which MuJoCo resets the state.
 _FATAL_WARNINGS = (
     mujoco.mjtWarning.mjWARN_BADQPOS,
@@ -60,6 +60,7 @@ _CALLBACKS = (
     mujoco.get_mjcb_act_gain,
     mujoco.get_mjcb_act_bias,
 )
+_NO_CALLBACK = [None] * len(_CALLBACKS)
 
 
 def compile_scene(
@@ -100,7 +101,7 @@ def compile_scene(
 
 def _unread_sensors(model: mujoco.MjModel) -> int:
     """Flag that disables the sensors of a model, 0 if something may read them between the steps."""
-    if model.nhistory or any(get() is not None for get in _CALLBACKS):
+    if model.nhistory or [get() for get in _CALLBACKS] != _NO_CALLBACK:
         return 0
     return _NO_SENSORS
 
@@ -186,6 +187,7 @@ class Truck:
         self._controls = slice(self.control_start, self.control_start + len(COMMAND_FIELDS))
         self._address = sensor_addresses(model, prefix)
         self._ranges = model.actuator_ctrlrange[first : first + len(COMMAND_FIELDS)].tolist()
+        self._lowest, self._greatest = zip(*self._ranges, strict=True)
         self.faults = Faults(self)
         self.detects_contacts = True
         self._reporter = Reporter(model, parameters, payload, prefix)
@@ -306,11 +308,11 @@ class Truck:
             values = tuple(map(float, _command_values(command)))
         except (TypeError, ValueError):
             return False
-        for value, (low, high) in zip(values, self._ranges, strict=True):
-            if not low <= value <= high:
-                return False
-        if not all(values[index].is_integer() for index in _MODE_INDEX):
+        if not (all(map(le, self._lowest, values)) and all(map(le, values, self._greatest))):
             return False
+        for index in _MODE_INDEX:
+            if not values[index].is_integer():
+                return False
         self.data.ctrl[self._controls] = values
         return True
 
