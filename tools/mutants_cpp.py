@@ -188,7 +188,7 @@ LAWS = {
 # Area of a source and the area's test files; these run first.
 AREAS = {
     **{laws: ("plugin", f"plugin/test_({tests}|laws)") for laws, tests in LAWS.items()},
-    "lateral|driveline_inverse|rounding": ("tracking", "controllers/tracking/"),
+    "lateral|longitudinal|driveline_inverse|rounding": ("tracking", "controllers/tracking/"),
     "trajectory|boxes|following|speed_plan|interpolation": (
         "planning",
         "controllers/planning/|simulation/",
