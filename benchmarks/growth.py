@@ -28,16 +28,16 @@ from typing import Any
 import gymnasium
 import mujoco
 import numpy as np
+from matplotlib.figure import Figure
 from mujoco.batch import Batch
 
 from iits_mj.commands.bench import drive, traffic
 from iits_mj.commands.bench.clocks import MICROSECONDS, MILLISECONDS, in_turns
 from iits_mj.commands.bench.environments import ENVIRONMENT
 from iits_mj.commands.bench.physics import SPEED, STATION, highway_truck, player
-from iits_mj.core.results import Line, Panel
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
-from iits_mj.render.plots import save
+from iits_mj.render.plots import PALETTE, dress, to_png
 from iits_mj.road import RoadMap
 from iits_mj.road.design import Design, build
 from iits_mj.road.writer import write
@@ -126,7 +126,7 @@ def traffic_by_vehicles(counts: Sequence[int] = (20, 60, 120, 250, 500)) -> Poin
             yield name, vehicles, seconds * MICROSECONDS
 
 
-def drive_by_vehicles(counts: Sequence[int] = (0, 20, 60, 120, 250, 500)) -> Points:
+def drive_by_vehicles(counts: Sequence[int] = (20, 60, 120, 250, 500)) -> Points:
     for count in counts:
         with drive.drive_with(TIMESTEP, crowd=count) as simulation:
             cost = drive.cost_of(simulation, cycles=50, rounds=3)
@@ -167,10 +167,10 @@ def drive_by_road(repeats: Sequence[int] = (1, 2, 4, 8, 16)) -> Points:
     for count in repeats:
         with context.Pool(1) as pool:
             length, loading, again, cycle, memory = pool.apply(_long_drive, (count,))
-        yield "loading, new map [s]", length, loading
-        yield "loading, known map [s]", length, again
-        yield "drive [ms per simulated second]", length, cycle
-        yield "memory [10 MB]", length, memory
+        yield "new map", length, loading
+        yield "known map", length, again
+        yield "drive", length, cycle
+        yield "memory", length, memory
 
 
 def _long_drive(repeats: int) -> tuple[float, float, float, float, float]:
@@ -186,7 +186,7 @@ def _long_drive(repeats: int) -> tuple[float, float, float, float, float]:
             length = simulation.route.length / 1e3
             pages = int(Path("/proc/self/statm").read_text().split()[1])
     memory = 1e-6 * pages * resource.getpagesize()
-    return length, *loading, cost.whole * MILLISECONDS, memory / 10
+    return length, *loading, cost.whole * MILLISECONDS, memory
 
 
 def batch_by_environments(seconds: float = 1.0) -> Points:
@@ -247,57 +247,50 @@ def _rate(call: Any, seconds: float) -> float:
     return calls / (time.perf_counter() - begin)
 
 
-# By name: function, title, labels of x and y.
-FIGURES: dict[str, tuple[Any, str, str, str]] = {
-    "drive_by_vehicles": (
+FIGURES = {
+    function.__name__: function
+    for function in (
         drive_by_vehicles,
-        "Whole drive, 2 ms",
-        "vehicles in view",
-        "processor time\n[ms per simulated second]",
-    ),
-    "traffic_by_vehicles": (
         traffic_by_vehicles,
-        "Traffic, a step of 0.1 s",
-        "vehicles in view",
-        "processor time [us]",
-    ),
-    "drive_by_road": (drive_by_road, "Length of the road", "road [km]", "see the legend"),
-    "step_by_axles": (step_by_axles, "mj_step", "wheels of the truck", "processor time [us]"),
-    "step_by_trucks": (step_by_trucks, "mj_step", "trucks", "processor time [us]"),
-    "step_by_vehicles": (
+        drive_by_road,
+        step_by_axles,
+        step_by_trucks,
         step_by_vehicles,
-        "mj_step of a truck with mirrored cars",
-        "cars in the model",
-        "processor time [us]",
-    ),
-    "batch_by_environments": (
         batch_by_environments,
-        "mujoco.batch of whole trucks",
-        "trucks",
-        "1000 steps per second",
-    ),
-    "tasks_by_environments": (
         tasks_by_environments,
-        "LaneKeep-v0",
-        "environments",
-        "steps of 0.1 s per second",
-    ),
+    )
 }
+_TIME, _STEP = "processor time [us]", "mj_step"
+# Figure, its lines or all of them, title, label of x and of y.
+PANELS: tuple[tuple[str, tuple[str, ...], str, str, str], ...] = (
+    ("drive_by_vehicles", (), "Whole drive, 2 ms", "vehicles in view", "ms per simulated second"),
+    ("traffic_by_vehicles", (), "Traffic, a step of 0.1 s", "vehicles in view", _TIME),
+    ("step_by_vehicles", (), f"{_STEP} of a truck and cars", "cars in the model", _TIME),
+    ("step_by_axles", (), _STEP, "wheels of the truck", _TIME),
+    ("step_by_trucks", (), _STEP, "trucks in the model", _TIME),
+    ("batch_by_environments", (), "mujoco.batch of trucks", "trucks", "1000 steps per second"),
+    ("tasks_by_environments", (), "LaneKeep-v0", "environments", "steps of 0.1 s per second"),
+    ("drive_by_road", ("new map", "known map"), "Time to load a road", "road [km]", "s"),
+    ("drive_by_road", ("memory",), "Memory of a drive", "road [km]", "MB"),
+    ("drive_by_road", ("drive",), "Whole drive, 2 ms", "road [km]", "ms per simulated second"),
+)
 
 
-def panels(rows: Sequence[Mapping[str, str]]) -> list[Panel]:
-    """The axes of the picture."""
-    found = []
-    for figure, (_, title, x_label, y_label) in FIGURES.items():
-        mine = [row for row in rows if row["figure"] == figure]
-        lines = []
-        for name in dict.fromkeys(row["line"] for row in mine):
-            points = [(float(r["x"]), float(r["y"])) for r in mine if r["line"] == name]
-            x, y = np.array(points).T
-            lines.append(Line(name, x, y))
-        if lines:
-            found.append(Panel(title, x_label, y_label, tuple(lines)))
-    return found
+def draw(rows: Sequence[Mapping[str, str]]) -> Figure:
+    """The picture of a table."""
+    figure = Figure(figsize=(9.5, 12.5), layout="constrained")
+    grid = figure.subplots(5, 2)
+    for axes, (name, lines, title, x_label, y_label) in zip(grid.flat, PANELS, strict=True):
+        axes.set_prop_cycle(color=PALETTE)
+        mine = [row for row in rows if row["figure"] == name]
+        for line in lines or dict.fromkeys(row["line"] for row in mine):
+            points = [(float(r["x"]), float(r["y"])) for r in mine if r["line"] == line]
+            axes.plot(*zip(*points, strict=True), marker="o", markersize=3, label=line)
+        dress(axes, title)
+        axes.set(xlabel=x_label, ylabel=y_label, xlim=(0, None), ylim=(0, None))
+        if len(axes.lines) > 1:
+            axes.legend(fontsize=8, frameon=False)
+    return figure
 
 
 def main() -> None:
@@ -309,12 +302,12 @@ def main() -> None:
     path: Path = arguments.csv
     rows = list(csv.DictReader(path.open())) if path.exists() else []
     if arguments.picture:
-        save(panels(rows), arguments.picture)
+        arguments.picture.write_bytes(to_png(draw(rows)))
         return
     for figure in arguments.only:
         print(figure, file=sys.stderr)
         rows = [row for row in rows if row["figure"] != figure]
-        for line, x, y in FIGURES[figure][0]():
+        for line, x, y in FIGURES[figure]():
             rows.append({"figure": figure, "line": line, "x": f"{x:g}", "y": f"{y:.4g}"})
         with path.open("w", newline="") as file:
             writer = csv.DictWriter(file, ["figure", "line", "x", "y"], lineterminator="\n")

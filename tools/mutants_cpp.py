@@ -169,7 +169,7 @@ TEST_FILES = {
         *("kernels/test_*.py", "controllers/tracking/test_*.py", "controllers/planning/test_*.py"),
         *("controllers/pcc/test_*.py", "traffic_bridge/m*/test_*.py"),
         *("traffic_bridge/network/test_lane_poses.py", "road/test_reference_line.py"),
-        *("truck/test_state.py", "simulation/test_gaps.py"),
+        *("truck/test_state.py", "simulation/test_gaps.py", "core/test_neighbors.py"),
     ),
 }
 # Test files of a law's subject.
@@ -189,9 +189,9 @@ LAWS = {
 AREAS = {
     **{laws: ("plugin", f"plugin/test_({tests}|laws)") for laws, tests in LAWS.items()},
     "lateral|longitudinal|driveline_inverse|rounding": ("tracking", "controllers/tracking/"),
-    "trajectory|boxes|following|speed_plan|interpolation": (
+    "trajectory|boxes|following|neighbors|speed_plan|interpolation": (
         "planning",
-        "controllers/planning/|simulation/",
+        "controllers/planning/|simulation/|core/",
     ),
     "interior_point|node_system|vectors|speed_passes": (
         "predictive cruise control",

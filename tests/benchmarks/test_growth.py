@@ -33,13 +33,13 @@ def test_a_long_highway_repeats_the_bends_and_grades_of_the_built_in_one(tmp_pat
         )
 
 
-def test_a_table_is_drawn_with_a_panel_for_each_figure():
+def test_a_table_is_drawn_with_a_line_for_each_name():
+    assert {name for name, *_ in growth.PANELS} == growth.FIGURES.keys()
     rows = [
         {"figure": name, "line": line, "x": str(x), "y": "1"}
         for name in growth.FIGURES
-        for line in "ab"
+        for line in ("memory", "drive", "new map", "known map")
         for x in (1, 2)
     ]
-    panels = growth.panels(rows)
-    assert [panel.title for panel in panels] == [figure[1] for figure in growth.FIGURES.values()]
-    assert all(len(panel.lines) == 2 for panel in panels)
+    figure = growth.draw(rows)
+    assert [len(axes.lines) for axes in figure.axes] == [4] * 7 + [2, 1, 1]
