@@ -61,8 +61,8 @@ def _reference(station: FloatArray, profile: SpeedProfile, ego: EgoState) -> Spe
     square = np.interp(station, profile.station, profile.speed**2)
     if ego.speed < LAUNCH_SPEED:
         ahead, step = station - ego.station, float(station[1] - station[0])
-        near = (ahead >= 0.0) & (ahead < _LAUNCH_AHEAD)
-        most = float(square[near].max()) if near.any() else 0.0
+        first, last = ahead.searchsorted((0.0, _LAUNCH_AHEAD)).tolist()
+        most = float(square[first:last].max()) if first < last else 0.0
         launch = ego.speed**2 + 2.0 * LAUNCH_ACCELERATION * np.maximum(ahead, step)
         square = np.maximum(square, np.minimum(launch, most))
     return SpeedProfile(station, np.asarray(np.sqrt(square)))

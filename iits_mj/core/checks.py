@@ -34,7 +34,10 @@ def is_number(value: object) -> bool:
 
 def is_whole(value: object) -> bool:
     """Returns whether a value is a whole number."""
-    return isinstance(value, numbers.Integral) and not isinstance(value, bool)
+    # The first test saves the time of the second one.
+    return type(value) is int or (
+        isinstance(value, numbers.Integral) and not isinstance(value, bool)
+    )
 
 
 def shown(value: object) -> str:
