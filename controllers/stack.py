@@ -152,9 +152,7 @@ class Stack:
 
     def _leader(self, scene: Scene) -> Neighbor | None:
         """Returns the vehicle ahead in the lane that the truck keeps or changes to."""
-        lane, sight = self.planner.lane(scene), self.planner.config.speed.preview
-        path = self.planner.preview.follow(lane, scene.ego.station, sight)
-        return scene.neighbors.leader_along_path(path)
+        return scene.neighbors.leader_along_path(self.planner.path(scene))
 
     def context(self, scene: Scene) -> DecisionContext:
         """Returns the context of a decision in a scene whose frame is in the history."""

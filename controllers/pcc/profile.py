@@ -91,7 +91,15 @@ class RoadProfile:
         """Returns the road with the lower of its limits and others above 0 [m/s]."""
         return self._with(v_limit=np.minimum(self.v_limit, top))
 
-    def _with(self, **attributes: FloatArray) -> RoadProfile:
+    def resampled(
+        self, station: FloatArray, height: FloatArray, v_limit: FloatArray
+    ) -> RoadProfile:
+        """Returns the road at the nodes of another grid, which are not checked again."""
+        grade = np.diff(height) / np.diff(station)
+        step = float(station[1] - station[0])
+        return self._with(station=station, height=height, v_limit=v_limit, grade=grade, step=step)
+
+    def _with(self, **attributes: FloatArray | float) -> RoadProfile:
         """Returns a copy with other attributes, which are known to be valid."""
         road = object.__new__(RoadProfile)
         road.__dict__.update(self.__dict__, **attributes)

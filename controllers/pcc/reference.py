@@ -87,7 +87,7 @@ class RoadLimits:
     def at(self, station: FloatArray) -> FloatArray:
         """Returns the greatest speeds at the nodes of a plan [m/s], in the shape of station."""
         row = np.round(station / self._preview.step).astype(int)
-        return np.asarray(self._limit[np.clip(row, 0, self._limit.size - 1)])
+        return self._limit.take(row, mode="clip")
 
 
 @dataclass(frozen=True)

@@ -234,13 +234,13 @@ class PccTrip:
         road = self.road
         height = np.interp(grid, road.station, road.height)
         if self.limits is not None:
-            return RoadProfile(grid, height, self.limits(grid), road.name)
+            return road.resampled(grid, height, self.limits(grid))
         # Between two nodes of the road the lower limit applies.
         last = road.station.size - 1
         below = np.clip(np.searchsorted(road.station, grid + 1e-6, "right") - 1, 0, last)
         above = np.clip(np.searchsorted(road.station, grid - 1e-6), 0, last)
         limit = np.minimum(road.v_limit[below], road.v_limit[above])
-        return RoadProfile(grid, height, limit, road.name)
+        return road.resampled(grid, height, limit)
 
     def _below(self, road: RoadProfile, speed: float, top: float) -> RoadProfile:
         """Returns the road with a top speed as limit, to which a faster truck slows down."""

@@ -18,13 +18,16 @@ from controllers.planning.following import Lead
 from controllers.planning.predicted_boxes import Poses, bodies_along
 from controllers.planning.road_preview import LanePath, RoadPreview
 from controllers.planning.trajectory import Quintic
+from iits_mj.core.angles import wrap_angle
 from iits_mj.core.arrays import BoolArray
 from iits_mj.core.messages import EgoState, Scene
-from iits_mj.core.neighbors import ALONG
+from iits_mj.core.neighbors import ALONG, Neighbors
 from iits_mj.parameters import TruckParameters
 
 # Times of the predictions [s].
 _TIMES = np.linspace(0.0, 4.0, 17)
+# Two ways to compute a heading differ by less than this [rad].
+_ROUNDING = 1e-6
 # Room beside the truck's bodies [m].
 _ROOM = 0.4
 # The truck expects a vehicle to yield if it can stop at this deceleration [m/s2].
@@ -64,7 +67,8 @@ def crossing_leads(
         return []
     near = np.abs(neighbors.station - ego.station) < reach + 40.0
     near &= neighbors.on_level(preview)
-    if not (near & ~neighbors.surely_along(preview)).any():
+    others = np.flatnonzero(near & ~neighbors.surely_along(preview)).tolist()
+    if all(_is_along(neighbors, index, preview) for index in others):
         return []
     found = Poses.of(neighbors, near, preview)
     angle = np.abs(found.to_road)
@@ -93,6 +97,14 @@ def crossing_leads(
         if lead is not None:
             leads.append((lead, neighbors.ids[int(np.flatnonzero(near)[index])]))
     return leads
+
+
+def _is_along(neighbors: Neighbors, index: int, preview: RoadPreview) -> bool:
+    """Whether a vehicle drives along the road for certain, by the heading at its station."""
+    if not neighbors.posed[index] or not neighbors.speed[index] >= 0.0:
+        return False
+    heading = preview.route.evaluate(float(neighbors.station[index]), 0.0).heading
+    return abs(wrap_angle(float(neighbors.yaw[index] - heading))) < ALONG - _ROUNDING
 
 
 def _meets_head_on(touch: BoolArray, one: Poses, ego: EgoState) -> Lead | None:

@@ -82,6 +82,10 @@ class Maneuver:
         middle = ego.offset if self._middle is None else self._middle
         return self.preview.nearest_lane(ego.station, middle)
 
+    def path(self, ego: EgoState) -> LanePath:
+        """Path of that lane."""
+        return self._lanes.follow(self.lane(ego), ego)
+
     def origin(self, ego: EgoState) -> LanePath | None:
         """Path of the lane that the truck is leaving, None outside a change."""
         if self.change is None or self.change.aborted or self.residual is None:
@@ -100,7 +104,7 @@ class Maneuver:
           margin: of the truck with its load.
         """
         ego = scene.ego
-        path = self._lanes.follow(self.lane(ego), ego)
+        path = self.path(ego)
         self._middle = float(path.offset_at(ego.station))
         self._recover(ego, path, margin)
         self._progress(scene, path)

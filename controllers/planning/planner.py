@@ -131,6 +131,10 @@ class Planner:
         """Index of the lane being kept or changed to."""
         return self.maneuver.lane(scene.ego)
 
+    def path(self, scene: Scene) -> LanePath:
+        """Path of that lane, without the limits of speed zones."""
+        return self.maneuver.path(scene.ego)
+
     def bearable_speed(self, station: float, mass: float) -> float:
         """Greatest speed at a station with which the truck rolls over in no bend ahead [m/s]."""
         return self._caps.bearable(station, self._margins.at(mass))

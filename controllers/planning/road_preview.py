@@ -140,6 +140,9 @@ class RoadPreview:
         offset = np.array([route.lane_offset(lane, self.station) for lane in range(lanes)])
         self.offset = np.where(usable, offset, np.nan)
         self._middles: list[list[float]] = self.offset.T.tolist()
+        # Number of places before each row where a lane's middle ends or moves aside.
+        jumps = ~(np.abs(np.diff(self.offset, prepend=self.offset[:, :1])) < _SAME_LANE)
+        self._jumps: list[list[int]] = np.cumsum(jumps, axis=1).tolist()
         self.half_width = 0.5 * width
         self.shift = np.zeros_like(self.offset)
         self.speed_limit = np.array(
@@ -182,11 +185,13 @@ class RoadPreview:
         row = max(lane, 0)
         offsets, limits = self.offset[row, stretch], self.speed_limit[row, stretch]
         rows, end_forward = np.full(len(offsets), row, dtype=np.int64), len(self.station)
-        if not (np.abs(np.diff(offsets)) < _SAME_LANE).all():
+        shift = self.shift[row, stretch]
+        if self._jumps[row][first] != self._jumps[row][last]:
             offsets, limits = np.empty(len(offsets)), np.empty(len(offsets))
             parts = (first, offsets, limits, rows)
             end_forward = self._walk(lane, here, range(here, last + 1), *parts)
             self._walk(lane, here, range(here, first - 1, -1), *parts)
+            shift = self.shift[rows, np.arange(first, last + 1)]
         end = math.inf
         if end_forward <= last:
             end = float(self.station[end_forward])
@@ -200,7 +205,7 @@ class RoadPreview:
             end=end,
             lane=lane,
             rows=rows,
-            shift=self.shift[rows, np.arange(first, last + 1)],
+            shift=shift,
             road=self,
         )
 

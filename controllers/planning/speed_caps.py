@@ -14,14 +14,23 @@ from controllers.planning.following import braking_profile
 from controllers.planning.road_preview import LanePath, RoadPreview, strongest
 from controllers.planning.rollover_limits import RollMargin, curve_speed_by_roll
 from controllers.planning.speed_plan import power_acceleration, speed_cap
+from iits_mj import kernels
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, SpeedProfile, SpeedZone
+from iits_mj.kernels import Address, Integer, Real
 
 # Below this speed the reference does not limit a launch below its own speed ahead [m/s]. The rise
 # exceeds any truck's, so that power and comfort limit it, as without a reference [m/s2].
 LAUNCH_SPEED, LAUNCH_ACCELERATION = 8.0, 1.5
 _LAUNCH_AHEAD = 200.0
+
+_reference_speed = kernels.function(
+    "iits_reference",
+    None,
+    *(Integer, Address, Integer, Address, Address),  # stations and nodes
+    *(*4 * [Real], Address),  # launch and result
+)
 
 
 def with_zones(path: LanePath, zones: Sequence[SpeedZone]) -> LanePath:
@@ -57,15 +66,24 @@ def _reference(station: FloatArray, profile: SpeedProfile, ego: EgoState) -> Spe
 
     A profile over station cannot describe a start from rest: at low speed the planner's launch
     raises it.
+
+    Raises:
+      InputError: the reference is empty, or has not one speed for each station.
     """
-    square = np.interp(station, profile.station, profile.speed**2)
-    if ego.speed < LAUNCH_SPEED:
-        ahead, step = station - ego.station, float(station[1] - station[0])
-        near = (ahead >= 0.0) & (ahead < _LAUNCH_AHEAD)
-        most = float(square[near].max()) if near.any() else 0.0
-        launch = ego.speed**2 + 2.0 * LAUNCH_ACCELERATION * np.maximum(ahead, step)
-        square = np.maximum(square, np.minimum(launch, most))
-    return SpeedProfile(station, np.asarray(np.sqrt(square)))
+    nodes = np.ascontiguousarray(profile.station, dtype=float)
+    square, speed = np.ascontiguousarray(profile.speed, dtype=float) ** 2, np.empty(len(station))
+    if not len(nodes) == len(square) > 0:
+        raise InputError(
+            f"reference speed of {len(nodes)} stations has {len(square)} speeds: must be as many, "
+            "and not none"
+        )
+    launch = ego.speed**2 if ego.speed < LAUNCH_SPEED else -1.0
+    address = kernels.address
+    _reference_speed(
+        *(len(station), address(station), len(nodes), address(nodes), address(square)),
+        *(ego.station, launch, 2.0 * LAUNCH_ACCELERATION, _LAUNCH_AHEAD, address(speed)),
+    )
+    return SpeedProfile(station, speed)
 
 
 class SpeedCaps:

@@ -24,7 +24,10 @@ _SHOWN = 80  # characters of a value in a message
 
 def is_number(value: object) -> bool:
     """Returns whether a value is a finite number."""
-    if not isinstance(value, numbers.Real) or isinstance(value, bool):
+    # The first test saves the time of the second one.
+    if type(value) is not float and (
+        not isinstance(value, numbers.Real) or isinstance(value, bool)
+    ):
         return False
     try:
         return math.isfinite(value)

@@ -209,6 +209,7 @@ class Neighbors:
             self._require_finite()
         self._road: tuple[RoadSurface, BoolArray, BoolArray, int] | None = None
         self._along: dict[int, tuple[LaneAlong, BoolArray, int]] = {}
+        self._made: dict[int, Neighbor] = {}
 
     def __getattr__(self, name: str) -> FloatArray:
         """A column, made on first use."""
@@ -225,7 +226,11 @@ class Neighbors:
 
     def neighbor(self, index: int) -> Neighbor:
         """Returns the vehicle of an index."""
-        return Neighbor(self.ids[index], *_neighbor_of(self._table.numbers[:, index].tolist()))
+        found = self._made.get(index)
+        if found is None:
+            numbers = _neighbor_of(self._table.numbers[:, index].tolist())
+            found = self._made[index] = Neighbor(self.ids[index], *numbers)
+        return found
 
     def on_level(self, road: RoadSurface) -> BoolArray:
         """Which vehicles drive on the road, not on a bridge above or a road below, shape (n,).

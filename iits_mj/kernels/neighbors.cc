@@ -78,14 +78,14 @@ IITS_KERNEL std::ptrdiff_t iits_on_road(double* columns, std::ptrdiff_t n, const
   std::ptrdiff_t others = 0;
   for (std::ptrdiff_t k = 0; k < n; ++k) {
     const bool posed = all.Posed(k);
-    const long found = places.Find(all.station[k]);
+    const double last = static_cast<double>(count - 1);
+    const double row = std::min(std::max(std::nearbyint(all.station[k] / step), 0.0), last);
+    const long near = static_cast<long>(row);
+    const long found = places.Find(all.station[k], all.station[k] < road[near] ? near - 1 : near);
     const double roll = places.Value(bank, all.station[k], found);
     const double surface =
         places.Value(height, all.station[k], found) + all.offset[k] * std::tan(roll);
     level[k] = !posed || std::fabs(all.z[k] - surface) < reach;
-    const double last = static_cast<double>(count - 1);
-    const double row = std::min(std::max(std::nearbyint(all.station[k] / step), 0.0), last);
-    const long near = static_cast<long>(row);
     const double turned = std::remainder(all.yaw[k] - heading[near], kTurn);
     along[k] = posed && all.speed[k] >= 0.0 && std::fabs(turned) < angle - swing[near];
     others += level[k] && !along[k];
@@ -116,7 +116,8 @@ IITS_KERNEL std::ptrdiff_t iits_along_path(double* columns, std::ptrdiff_t n, co
     inside[k] = false;
     if (station < path[0] || station > path[count - 1] || station > end) continue;
     if (level != nullptr && !level[k]) continue;
-    const double middle = places.Value(middles, station, places.Find(station));
+    const long near = static_cast<long>((station - path[0]) / (path[1] - path[0]));
+    const double middle = places.Value(middles, station, places.Find(station, near));
     const double reach = half_width + 0.5 * all.width[k] - intrusion;
     auto in_lane = [&](double place) { return std::fabs(place - middle) < reach; };
     inside[k] = in_lane(offset) || in_lane(offset + soon * aside);

@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "kernels/following.h"
+#include "kernels/interpolation.h"
 #include "kernels/kernels.h"
 
 using iits::Following;
@@ -109,6 +110,33 @@ IITS_KERNEL long iits_speed_cap(long count, const double* station, const double*
     cap[k] = std::sqrt(std::max(ahead - fall, 0.0));
   }
   return unknown;
+}
+
+// Reference speed at `count` even stations, with constant acceleration between its nodes.
+//   nodes, square: stations of the nodes, and squares of their speeds.
+//   here: station of the truck; least: square of the lowest speed of its launch, negative for none.
+//   gain: rise of the launch's v^2 with the way; reach: distance ahead up to which it may raise the
+//   reference, at most to the greatest reference there.
+IITS_KERNEL void iits_reference(long count, const double* station, long nodes, const double* node,
+                                const double* square, double here, double least, double gain,
+                                double reach, double* found) {
+  const iits::Abscissae places(node, nodes);
+  double most = 0.0;
+  long near = 0;
+  for (long k = 0; k < count; ++k) {
+    near = places.Find(station[k], near);
+    found[k] = places.Value(square, station[k], near);
+    const double ahead = station[k] - here;
+    if (ahead >= 0.0 && ahead < reach) most = std::max(most, found[k]);
+  }
+  const double step = station[1] - station[0];
+  for (long k = 0; k < count; ++k) {
+    if (least >= 0.0) {
+      const double launch = least + gain * std::max(station[k] - here, step);
+      found[k] = std::max(found[k], std::min(launch, most));
+    }
+    found[k] = std::sqrt(found[k]);
+  }
 }
 
 // Acceleration that the power allows against rolling resistance, slope and air.

@@ -141,7 +141,9 @@ class Route:
         self.patches: tuple[FrictionPatch, ...] = ()
         self._bands = [band for piece in chain.pieces for band in lane_bands(piece)]
         self._starts = [band.p_start for band in self._bands]
-        self._last_band = math.nan, self._bands[0], math.nan
+        # The last place that was asked for: its station, lanes, parameter and lanes' edges.
+        self._last: tuple[float, LaneBand, float] = math.nan, self._bands[0], 0.0
+        self._edges: tuple[float, list[tuple[float, float]]] = math.nan, []
         starts = [float(self.line.station(piece.p_start)) for piece in chain.pieces]
         self.segments = tuple(
             RouteSegment(piece.road.id, piece.direction, piece.s_start, piece.s_end, start)
@@ -241,9 +243,13 @@ class Route:
 
     def lane_at(self, station: float, offset: float) -> int:
         """Index of the lane that covers an offset; -1 outside every driving lane."""
-        band, p = self._band(station)
-        for index, lane in enumerate(band.lanes):
-            if lane.right.at(p) <= offset < lane.left.at(p):
+        known, edges = self._edges
+        if known != station:
+            band, p = self._band(station)
+            edges = [(lane.right.at(p), lane.left.at(p)) for lane in band.lanes]
+            self._edges = station, edges
+        for index, (right, left) in enumerate(edges):
+            if right <= offset < left:
                 return index
         return -1
 
@@ -306,13 +312,12 @@ class Route:
         return np.column_stack((*point, friction))
 
     def _band(self, station: float) -> tuple[LaneBand, float]:
-        # In a cycle of a drive one station is asked for often.
-        station = float(station)
-        known, band, p = self._last_band
-        if station != known:
-            p = self.line.parameter_at(min(max(station, 0.0), self.length))
+        station, (last, band, p) = float(station), self._last
+        if last != station:
+            inside = min(max(station, 0.0), self.length)
+            p = self.line.parameter_at(inside)
             band = self._bands[max(bisect_right(self._starts, p) - 1, 0)]
-            self._last_band = station, band, p
+            self._last = station, band, p
         return band, p
 
     def _profile(self, station: Stations, terms: Callable[[LaneBand], Terms]) -> Stations:

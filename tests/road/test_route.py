@@ -134,6 +134,17 @@ def test_lane_functions_agree_for_scalars_and_arrays():
         assert np.allclose(HIGHWAY.lane_width(lane, station), each, atol=1e-9)
 
 
+def test_lanes_at_a_place_do_not_depend_on_the_places_asked_before():
+    def lanes(route, station):
+        offsets = np.linspace(-8.0, 8.0, 9).tolist()
+        return [route.lane_at(station, offset) for offset in offsets], route.lane_count(station)
+
+    road_map = RoadMap.builtin()
+    route = road_map.route()
+    for station in (-5.0, 10.0, 4000.0, 10.0, 12_000.0, 4000.0, 4000.0, route.length + 5.0, -5.0):
+        assert lanes(route, station) == lanes(road_map.route(), station)
+
+
 def test_speed_limits_come_from_lane_then_road():
     assert FORTH.speed_limit(10.0, 1) == pytest.approx(100.0 / 3.6)
     assert FORTH.speed_limit(80.0, 1) == 20.0

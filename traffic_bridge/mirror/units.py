@@ -162,10 +162,9 @@ class VehicleUnits:
                 zip(self._joint, now.numbers[:6, k:].T.tolist(), strict=True)
             )
         ]
-        position, quaternion = self.position, self.quaternion
-        position[k:count] = position[count:] = [kingpin for kingpin, _, _ in places]
-        quaternion[k:count] = [tractor for _, tractor, _ in places]
-        quaternion[count:] = [trailer for _, _, trailer in places]
+        kingpins, tractors, trailers = zip(*places, strict=True)
+        self.position[k:] = kingpins * 2
+        self.quaternion[k:] = tractors + trailers
 
     def _correct(self, known: VehicleFrame) -> None:
         """Replaces the computed poses of the vehicles of a frame by theirs."""

@@ -71,6 +71,8 @@ class Observation:
         self._ids: tuple[str, ...] = ()
         self._kinds: tuple[str, ...] = ()
         self._of_lanes: VehicleLanes = lanes.poses.lanes(np.zeros(0, dtype=np.intp))
+        # The numbers of the lanes when a vehicle's center was last before its lane, and the lanes.
+        self._replaced = b"", self._of_lanes
         self._make_tables(0)
 
     def _make_tables(self, count: int) -> None:
@@ -146,7 +148,10 @@ class Observation:
             for k in np.flatnonzero(centers < 0.0).tolist():
                 lane, centers[k] = self._behind(self._names[k], self._on[k], float(centers[k]))
                 (numbers[k],) = poses.numbers([lane])
-            lanes = poses.lanes(numbers)
+            replaced = numbers.tobytes()
+            if replaced != self._replaced[0]:
+                self._replaced = replaced, poses.lanes(numbers)
+            lanes = self._replaced[1]
             poses.evaluate(lanes, *tables, placed=True, elapsed=elapsed)
         return lanes
 

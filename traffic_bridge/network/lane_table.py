@@ -230,10 +230,12 @@ class LanePoses:
 
     def numbers(self, lanes: Sequence[str]) -> IntArray:
         """Numbers of n lanes, shape (n,); makes the tables of new lanes."""
-        known = self._numbers
-        if new := sorted(set(lanes) - known.keys()):
-            self._add([self._make(lane) for lane in new])
-        return np.array([known[lane] for lane in lanes], dtype=np.intp)
+        try:
+            found = [*map(self._numbers.__getitem__, lanes)]
+        except KeyError:
+            self._add([self._make(lane) for lane in sorted(set(lanes) - self._numbers.keys())])
+            return self.numbers(lanes)
+        return np.array(found, dtype=np.intp)
 
     def lanes(self, numbers: IntArray) -> VehicleLanes:
         """The lanes of n vehicles for `evaluate`, by their numbers; shape (n,)."""

@@ -10,8 +10,10 @@ import numpy as np
 from controllers.planning.config import FollowingConfig, Powers, SpeedConfig
 from controllers.planning.following import Lead, braking_profile, curve_speed
 from controllers.planning.road_preview import LanePath, RoadPreview, strongest
+from controllers.planning.speed_caps import LAUNCH_ACCELERATION, LAUNCH_SPEED
 from controllers.planning.speed_plan import HOLD_REACH, SpeedState
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.messages import SpeedProfile
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 
@@ -29,6 +31,18 @@ def speed_cap(
     cap = np.minimum(wanted, path.speed_limit)
     cap = np.minimum(cap, curve_speed(strongest(bend), config.curve_acceleration))
     return braking_profile(path.station, cap, config.following.preview_deceleration)
+
+
+def reference(station: FloatArray, profile: SpeedProfile, here: float, speed: float) -> FloatArray:
+    """Reference speed at even stations [m/s] for a truck at a station [m] and a speed [m/s]."""
+    square = np.interp(station, profile.station, profile.speed**2)
+    if speed < LAUNCH_SPEED:
+        ahead, step = station - here, float(station[1] - station[0])
+        near = (ahead >= 0.0) & (ahead < 200.0)
+        most = float(square[near].max()) if near.any() else 0.0
+        launch = speed**2 + 2.0 * LAUNCH_ACCELERATION * np.maximum(ahead, step)
+        square = np.maximum(square, np.minimum(launch, most))
+    return np.asarray(np.sqrt(square))
 
 
 def lead_at(lead: Lead, time: float) -> tuple[float, float]:

@@ -6,14 +6,15 @@ import math
 import numpy as np
 import pytest
 
-from controllers.planning import following, speed_plan
+from controllers.planning import following, speed_caps, speed_plan
 from controllers.planning.config import FollowingConfig, Powers
 from controllers.planning.following import Lead
 from controllers.planning.road_preview import RoadPreview, gradient
 from controllers.planning.speed_plan import SpeedConfig, SpeedState
 from controllers.planning.trajectory import Quintic, on_road
 from iits_mj.core.angles import wrap_angles
-from iits_mj.core.messages import SpeedProfile
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoState, SpeedProfile
 from iits_mj.road import RoadMap
 from tests.controllers.planning import speed_plan_in_python as in_python
 
@@ -82,6 +83,30 @@ def test_bound_on_the_speed():
         for reference in (profile, SpeedProfile(path.station, wanted)):
             found = speed_plan.speed_cap(path, PREVIEW, CONFIG, reference)
             assert np.array_equal(found, expected)
+
+
+def test_reference_speed():
+    generator = np.random.default_rng(7)
+    for _ in range(300):
+        here, speed = float(generator.uniform(-300.0, 900.0)), float(generator.uniform(-1.0, 12.0))
+        station = 5.0 * np.arange(int(generator.integers(2, 150)))
+        nodes = np.sort(generator.uniform(-100.0, 800.0, int(generator.integers(1, 30))))
+        profile = SpeedProfile(nodes, generator.uniform(0.0, 25.0, len(nodes)))
+        if generator.random() < 0.2:
+            profile.speed[-1] = math.nan
+        found = speed_caps._reference(station, profile, EgoState(station=here, speed=speed)).speed
+        expected = in_python.reference(station, profile, here, speed)
+        unknown = np.isnan(expected)
+        assert np.array_equal(found[~unknown], expected[~unknown])
+        # The launch of an unknown reference is unknown too, or that of the known part.
+        assert np.isnan(found[unknown]).any() or not unknown.any()
+
+
+def test_a_reference_needs_a_speed_for_each_station():
+    for count in (0, 3):
+        profile = SpeedProfile(np.arange(count) * 10.0, np.ones(0))
+        with pytest.raises(InputError, match="reference speed"):
+            speed_caps._reference(np.arange(4.0), profile, EgoState())
 
 
 def points_in_python(path, residual, station):

@@ -5,9 +5,13 @@ import math
 import numpy as np
 import pytest
 
+from controllers.planning.crossing import _is_along
 from controllers.planning.planner import Planner
+from controllers.planning.predicted_boxes import Poses
+from controllers.planning.road_preview import RoadPreview
 from iits_mj.core.messages import EgoState, PlanMode, RoadSignals, Scene, TrackedVehicle
-from iits_mj.road import Route
+from iits_mj.core.neighbors import ALONG
+from iits_mj.road import RoadMap, Route
 from iits_mj.road.measured import Lanes, measured_route
 from tests.controllers.scenes import advanced, car, posed
 
@@ -31,6 +35,24 @@ def test_the_truck_brakes_hard_for_a_vehicle_that_crosses_30_m_ahead():
     assert found.mode is PlanMode.EMERGENCY
     assert found.acceleration[0] < -5.0
     assert "across" in found.reason
+
+
+def test_a_vehicle_that_is_along_by_its_own_heading_does_not_cross():
+    road = RoadMap.builtin().route()
+    preview = RoadPreview(road)
+    turns, stations = (0.0, 0.2, 0.349, 0.351, 2.0, -0.34, -0.4), np.linspace(900.0, 9000.0, 12)
+    vehicles = [
+        posed(road, f"{k}.{turn}", station, 0.0, turn, speed)
+        for k, station in enumerate(stations.tolist())
+        for turn in turns
+        for speed in (6.0, -3.0)
+    ]
+    vehicles += [TrackedVehicle(id="no pose", station=950.0, speed=5.0)]
+    neighbors = Scene(0.0, EGO, tuple(vehicles)).neighbors
+    found = Poses.of(neighbors, np.ones(len(vehicles), dtype=bool), preview)
+    along = [_is_along(neighbors, index, preview) for index in range(len(vehicles))]
+    forward = neighbors.posed & (neighbors.speed >= 0.0)
+    assert along == ((np.abs(found.to_road) < ALONG) & forward).tolist()
 
 
 def test_a_crossing_vehicle_without_a_pose_counts():
