@@ -21,6 +21,22 @@ enum Row {
   kLateralSpeed,
 };
 
+// Writes the rotation by yaw, pitch and roll (`p` is a column of `now`), then about its own upward
+// axis, as a quaternion, w first.
+void Turned(const double* p, std::ptrdiff_t n, double turn, double* q) {
+  const double yaw = 0.5 * p[kYaw * n], pitch = 0.5 * p[kPitch * n], roll = 0.5 * p[kRoll * n];
+  const double cy = std::cos(yaw), sy = std::sin(yaw);
+  const double cp = std::cos(pitch), sp = std::sin(pitch);
+  const double cr = std::cos(roll), sr = std::sin(roll);
+  const double w = cr * cp * cy + sr * sp * sy, x = sr * cp * cy - cr * sp * sy;
+  const double y = cr * sp * cy + sr * cp * sy, z = cr * cp * sy - sr * sp * cy;
+  const double c = std::cos(0.5 * turn), s = std::sin(0.5 * turn);
+  q[0] = w * c - z * s;
+  q[1] = x * c + y * s;
+  q[2] = y * c - x * s;
+  q[3] = z * c + w * s;
+}
+
 }  // namespace
 
 // Chooses the vehicles that are shown: of each type the nearest ones.
@@ -141,6 +157,44 @@ IITS_KERNEL void iits_mirror_place(std::ptrdiff_t count, std::ptrdiff_t n, const
     q[1] = cp * sr * cy - sp * cr * sy;
     q[2] = sp * cr * cy + cp * sr * sy;
     q[3] = cp * cr * sy - sp * sr * cy;
+  }
+}
+
+// Writes the poses of tractors and semitrailers, the last of n vehicles, in the plane of the road
+// under them: positions of the kingpins on the ground, and quaternions.
+//
+// The tractor points in the direction in which the kingpin moves. The fifth wheel counts as above
+// the drive axle, which does not slip sideways. The box's center moves towards its yaw, which turns
+// the semitrailer at v sin(delta) / d; the kingpin, e ahead, moves across the semitrailer by
+// v sin(delta) (1 + e / d) and along it by v cos(delta).
+//
+//   first: number of the first of these vehicles.
+//   now: x, y, z [m], yaw, pitch, roll [rad], shape (6, n).
+//   trucks: e and d of each [m], shape (2, n - first).
+//   trailer: yaw of each semitrailer [rad].
+//   position, quaternion: of n + (n - first) units, see `iits_mirror_place`.
+IITS_KERNEL void iits_mirror_articulate(std::ptrdiff_t first, std::ptrdiff_t n, const double* now,
+                                        const double* trucks, const double* trailer,
+                                        double* position, double* quaternion) {
+  const std::ptrdiff_t count = n - first;
+  for (std::ptrdiff_t k = 0; k < count; ++k) {
+    const double *p = now + first + k, kingpin = trucks[k], axles = trucks[count + k];
+    const double yaw = p[kYaw * n], pitch = p[kPitch * n], roll = p[kRoll * n];
+    const double cy = std::cos(yaw), sy = std::sin(yaw);
+    const double cp = std::cos(pitch), sp = std::sin(pitch);
+    const double cr = std::cos(roll), sr = std::sin(roll);
+    const double bend = trailer[k] - yaw, delta = yaw - trailer[k];
+    // The box's forward and left axes: columns of the rotation by yaw, pitch and roll.
+    const double forward = kingpin * std::cos(bend), left = kingpin * std::sin(bend);
+    const double across = std::sin(delta) * (1.0 + kingpin / axles);
+    const double turn = trailer[k] + std::atan2(across, std::cos(delta)) - yaw;
+    for (const std::ptrdiff_t unit : {first + k, n + k}) {
+      double* place = position + 3 * unit;
+      place[0] = p[kX * n] + forward * cy * cp + left * (cy * sp * sr - sy * cr);
+      place[1] = p[kY * n] + forward * sy * cp + left * (sy * sp * sr + cy * cr);
+      place[2] = p[kZ * n] - forward * sp + left * cp * sr;
+      Turned(p, n, unit < n ? turn : bend, quaternion + 4 * unit);
+    }
   }
 }
 

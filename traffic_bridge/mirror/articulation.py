@@ -74,64 +74,6 @@ class Articulation:
         half = 0.5 * wrap_angle(direction - trailer_yaw)
         return direction - 2.0 * math.atan(math.tan(half) * math.exp(-way / self.axles))
 
-    def tractor_yaw(self, yaw: float, trailer_yaw: float) -> float:
-        """Yaw of the tractor: the direction in which the kingpin moves [rad].
-
-        The fifth wheel counts as above the drive axle, which does not slip sideways. The center
-        moves towards `yaw`, which turns the semitrailer at v sin(delta) / d; the kingpin, e ahead,
-        moves across the semitrailer by v sin(delta) (1 + e / d) and along it by v cos(delta).
-
-        Args:
-          yaw: direction in which the box's center moves [rad].
-          trailer_yaw: [rad].
-        """
-        delta = yaw - trailer_yaw
-        across = math.sin(delta) * (1.0 + self.kingpin / self.axles)
-        return trailer_yaw + math.atan2(across, math.cos(delta))
-
-
-Pose = tuple[float, float, float, float, float, float]
-Quaternion = tuple[float, float, float, float]
-
-
-def units(
-    truck: Articulation, trailer_yaw: float, pose: Pose
-) -> tuple[tuple[float, float, float], Quaternion, Quaternion]:
-    """Poses of tractor and semitrailer in the plane of the road under the vehicle.
-
-    Args:
-      truck: its distances.
-      trailer_yaw: [rad].
-      pose: of the box's center: x, y, z [m], yaw, pitch, roll [rad].
-
-    Returns:
-      The kingpin on the ground [m]; quaternions, w first, of tractor and semitrailer.
-    """
-    x, y, z, yaw, pitch, roll = pose
-    bend = trailer_yaw - yaw
-    cy, sy = math.cos(yaw), math.sin(yaw)
-    cp, sp, cr, sr = math.cos(pitch), math.sin(pitch), math.cos(roll), math.sin(roll)
-    # The box's forward and left axes: columns of the rotation by yaw, pitch and roll.
-    forward, left = truck.kingpin * math.cos(bend), truck.kingpin * math.sin(bend)
-    kingpin = (
-        x + forward * cy * cp + left * (cy * sp * sr - sy * cr),
-        y + forward * sy * cp + left * (sy * sp * sr + cy * cr),
-        z - forward * sp + left * cp * sr,
-    )
-    turn = truck.tractor_yaw(yaw, trailer_yaw) - yaw
-    return kingpin, _turned(yaw, pitch, roll, turn), _turned(yaw, pitch, roll, bend)
-
-
-def _turned(yaw: float, pitch: float, roll: float, turn: float) -> Quaternion:
-    """Rotation by yaw, pitch and roll, then about its own upward axis."""
-    cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
-    cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
-    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
-    w, x = cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy
-    y, z = cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
-    c, s = math.cos(0.5 * turn), math.sin(0.5 * turn)
-    return w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
-
 
 class TrailerMemory:
     """The semitrailers' yaw from frame to frame; a function of the frames alone."""

@@ -143,7 +143,9 @@ class ContactFinder:
         moving = model.body_weldid[model.geom_bodyid] != 0
         meets = (model.geom_contype & CONTACT_AFFINITY) | (model.geom_conaffinity & CONTACT_TYPE)
         self._truck = (self._number < 0) & moving & (meets != 0)
-        self.hull = kernels.Table(np.flatnonzero(self._truck))
+        self._geoms = np.flatnonzero(self._truck)
+        self.hull = kernels.Table(self._geoms)
+        self._sizes = model.geom_size[self._truck].tolist()
         length, width, height = model.geom_size[self._truck].T
         self.radius = kernels.Table(np.hypot(length + height, width + height))
         self.complete = self._is_complete(model)
@@ -178,15 +180,15 @@ class ContactFinder:
         """The truck's hull from above and its motion, at the state last computed."""
         model, found = self._model, []
         velocity = np.empty(6)
-        for geom in np.flatnonzero(self._truck).tolist():
+        axes = data.geom_xmat.take(self._geoms, axis=0).tolist()
+        centers = data.geom_xpos.take(self._geoms, axis=0).tolist()
+        parts = zip(self._geoms.tolist(), self._sizes, centers, axes, strict=True)
+        for geom, (length, width, height), (x, y, _), (xx, _, xz, yx, _, yz, *_) in parts:
             mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, velocity, 0)
-            vx, vy = velocity[3:5].tolist()
-            xx, _, xz, yx, _, yz = data.geom_xmat[geom, :6].tolist()
-            x, y, _ = data.geom_xpos[geom].tolist()
-            length, width, height = model.geom_size[geom].tolist()
+            _, _, turn, vx, vy, _ = velocity.tolist()
             # A tilted hull covers more ground.
             lean = height * math.hypot(xz, yz)
-            spin = abs(float(velocity[2])) * math.hypot(length, width)
+            spin = abs(turn) * math.hypot(length, width)
             yaw = math.atan2(yx, xx)
             box = x, y, math.cos(yaw), math.sin(yaw), length + lean, width + lean
             found.append(Outline(*box, vx, vy, spin))

@@ -10,7 +10,7 @@ import numpy as np
 from iits_mj import kernels
 from iits_mj.core.arrays import FloatArray, IndexArray
 from iits_mj.core.vehicles import COLUMNS, VehicleFrame
-from traffic_bridge.mirror.articulation import Articulation, Pose, TrailerMemory, units
+from traffic_bridge.mirror.articulation import Articulation, TrailerMemory
 from traffic_bridge.mirror.bodies import Outline
 from traffic_bridge.mirror.looks import Unit
 from traffic_bridge.mirror.slots import Slot
@@ -31,6 +31,9 @@ _extrapolate = kernels.function(
     *(kernels.Integer, *2 * [kernels.Address], *5 * [kernels.Real], kernels.Address),
 )
 _place = kernels.function("iits_mirror_place", None, *2 * [kernels.Integer], *3 * [kernels.Address])
+_articulate = kernels.function(
+    "iits_mirror_articulate", None, *2 * [kernels.Integer], *5 * [kernels.Address]
+)
 _near = kernels.function(
     "iits_mirror_near",
     kernels.Integer,
@@ -79,7 +82,6 @@ class VehicleUnits:
         self._memory.clear()
         self._names: list[str] = []
         self._state = kernels.Table(np.zeros((len(STATE), 0)))
-        self._trailer_yaw: list[float] = []
         self.set_slots([])
 
     def set_slots(self, taken: Sequence[Slot]) -> None:
@@ -95,6 +97,12 @@ class VehicleUnits:
         self._now = kernels.Table(np.empty((6, count)))
         self._joint = [self._trucks[slot.type] for slot in taken if slot.type in self._trucks]
         self._single = count - len(self._joint)
+        self._trucks_table = kernels.Table(
+            np.array([(truck.kingpin, truck.axles) for truck in self._joint]).reshape(-1, 2).T
+        )
+        # Yaw of the semitrailers in the newest frame, and after the motion since it.
+        self._trailer_yaw: list[float] = []
+        self._trailers = kernels.Table(np.zeros(len(self._joint)))
         self.slots = [*taken, *taken[self._single :]]
         self.units = [0] * count + [1] * len(self._joint)
         self._of = [*range(count), *range(self._single, count)]
@@ -156,15 +164,14 @@ class VehicleUnits:
         _place(k, count, now.address, self._position.address, self._quaternion.address)
         if not self._joint:
             return
-        places = [
-            units(truck, self._trailer(number, elapsed, pose), pose)
-            for number, (truck, pose) in enumerate(
-                zip(self._joint, now.numbers[:6, k:].T.tolist(), strict=True)
-            )
-        ]
-        kingpins, tractors, trailers = zip(*places, strict=True)
-        self.position[k:] = kingpins * 2
-        self.quaternion[k:] = tractors + trailers
+        yaws = self._trailer_yaw
+        if now is self._now:
+            places = zip(*now.numbers[[0, 1, 3], k:].tolist(), strict=True)
+            yaws = [self._trailer(number, elapsed, *place) for number, place in enumerate(places)]
+        self._trailers.numbers[:] = yaws
+        articulation = self._trucks_table.address, self._trailers.address
+        poses = self._position.address, self._quaternion.address
+        _articulate(k, count, now.address, *articulation, *poses)
 
     def _correct(self, known: VehicleFrame) -> None:
         """Replaces the computed poses of the vehicles of a frame by theirs."""
@@ -173,14 +180,14 @@ class VehicleUnits:
         now, there = self._now.numbers, rows >= 0
         now[:, there] = known.values.T[: len(now), rows[there]]
 
-    def _trailer(self, number: int, elapsed: float, pose: Pose) -> float:
+    def _trailer(self, number: int, elapsed: float, x: float, y: float, yaw: float) -> float:
         """Yaw of a semitrailer whose vehicle has moved since the frame [rad]."""
         trailer = self._trailer_yaw[number]
         if elapsed == 0.0:
             return trailer
         x0, y0, _, yaw0 = self._state.numbers[:4, self._single + number].tolist()
-        way = math.copysign(math.hypot(pose[0] - x0, pose[1] - y0), elapsed)
-        return self._joint[number].pulled(trailer, 0.5 * (yaw0 + pose[3]), way)
+        way = math.copysign(math.hypot(x - x0, y - y0), elapsed)
+        return self._joint[number].pulled(trailer, 0.5 * (yaw0 + yaw), way)
 
     def show(self, bodies: kernels.Table, position: int, quaternion: int) -> None:
         """Writes the poses last computed into mocap bodies.

@@ -181,19 +181,19 @@ class Observation:
         self, columns: FloatArray, shift: Shift, route_lane: IndexArray, direction: int
     ) -> None:
         """Moves a vehicle off its lane's center, its box pointing in the direction of motion."""
-        k = shift.number
-        heading, speed = float(columns[3, k]), float(columns[_SPEED, k])
-        forward = max(speed, TIGHT_TURN)
-        columns[0, k] -= shift.offset * math.sin(heading)
-        columns[1, k] += shift.offset * math.cos(heading)
-        columns[2, k] += shift.offset * math.tan(columns[5, k])
-        columns[3, k] += math.atan2(shift.speed, forward)
-        columns[6, k] += shift.acceleration * forward / (forward**2 + shift.speed**2)
-        columns[_LATERAL, k] = shift.speed
-        columns[_OFFSET, k] += direction * shift.offset
+        column = columns[:, shift.number].tolist()
+        heading, roll, forward = column[3], column[5], max(column[_SPEED], TIGHT_TURN)
+        column[0] -= shift.offset * math.sin(heading)
+        column[1] += shift.offset * math.cos(heading)
+        column[2] += shift.offset * math.tan(roll)
+        column[3] += math.atan2(shift.speed, forward)
+        column[6] += shift.acceleration * forward / (forward**2 + shift.speed**2)
+        column[_LATERAL] = shift.speed
+        column[_OFFSET] += direction * shift.offset
+        columns[:, shift.number] = column
         if direction > 0:
-            station, offset = float(columns[_STATION, k]), float(columns[_OFFSET, k])
-            route_lane[k] = self._lanes.route.lane_at(station, offset)
+            place = column[_STATION], column[_OFFSET]
+            route_lane[shift.number] = self._lanes.route.lane_at(*place)
 
     def _find_vehicles(self, ego: EgoState | None) -> bool:
         """Finds the vehicles and their lanes; returns whether the vehicles are unchanged."""

@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 
 from iits_mj.core.messages import TrackedVehicle
+from iits_mj.kernels import Table
 from traffic_bridge import Mirror, VehicleFrame
+from traffic_bridge.mirror import units as vehicle_units
 from traffic_bridge.mirror.articulation import Articulation, TrailerMemory
 
 TRUCK = Articulation.of_length(16.5)
@@ -64,7 +66,13 @@ def test_the_tractor_points_in_the_direction_in_which_the_kingpin_moves():
 
     motion = kingpin(step, moved) - kingpin(0.0, trailer)
     expected = math.atan2(motion[1], motion[0])
-    assert TRUCK.tractor_yaw(yaw, trailer) == pytest.approx(expected, abs=1e-5)
+    now, place, turned = (Table(np.zeros(shape)) for shape in ((6, 1), (2, 3), (2, 4)))
+    now.numbers[3] = yaw
+    tables = now, Table([KINGPIN, AXLES]), Table([trailer]), place, turned
+    vehicle_units._articulate(0, 1, *[table.address for table in tables])
+    tractor, semitrailer = 2.0 * np.arctan2(turned.numbers[:, 3], turned.numbers[:, 0])
+    assert tractor == pytest.approx(expected, abs=1e-5)
+    assert semitrailer == pytest.approx(trailer, abs=1e-12)
 
 
 def scene(mirror):

@@ -64,6 +64,44 @@ def quaternion(yaw, pitch, roll):
     )
 
 
+def articulated(kingpin, axles, trailer, pose):
+    """The kingpin, and the quaternions of tractor and semitrailer."""
+    x, y, z, yaw, pitch, roll = pose
+    bend, delta = trailer - yaw, yaw - trailer
+    cy, sy = math.cos(yaw), math.sin(yaw)
+    cp, sp, cr, sr = math.cos(pitch), math.sin(pitch), math.cos(roll), math.sin(roll)
+    forward, left = kingpin * math.cos(bend), kingpin * math.sin(bend)
+    place = (
+        x + forward * cy * cp + left * (cy * sp * sr - sy * cr),
+        y + forward * sy * cp + left * (sy * sp * sr + cy * cr),
+        z - forward * sp + left * cp * sr,
+    )
+    across = math.sin(delta) * (1.0 + kingpin / axles)
+    w, i, j, k = quaternion(yaw, pitch, roll)
+    turned = []
+    for turn in (trailer + math.atan2(across, math.cos(delta)) - yaw, bend):
+        c, s = math.cos(0.5 * turn), math.sin(0.5 * turn)
+        turned.append((w * c - k * s, i * c + j * s, j * c - i * s, k * c + w * s))
+    return place, *turned
+
+
+def test_articulated_trucks_have_the_bits_of_the_equations():
+    rng = np.random.default_rng(4)
+    first, count = 30, 100
+    pose, trailer = rng.normal(size=(6, count)), rng.normal(size=count - first)
+    now, trucks = Table(pose), Table(rng.uniform(2.0, 9.0, (2, count - first)))
+    rows = 2 * count - first
+    place, turned = Table(np.zeros((rows, 3))), Table(np.zeros((rows, 4)))
+    tables = now, trucks, Table(trailer), place, turned
+    units._articulate(first, count, *[table.address for table in tables])
+    given = zip(*trucks.numbers, trailer, pose[:, first:].T.tolist(), strict=True)
+    places, tractors, trailers = zip(*[articulated(*one) for one in given], strict=True)
+    np.testing.assert_array_equal(place.numbers[first:], places * 2)
+    np.testing.assert_array_equal(turned.numbers[first:], tractors + trailers)
+    assert not place.numbers[:first].any()
+    assert not turned.numbers[:first].any()
+
+
 @pytest.mark.parametrize("elapsed", [-0.1, 0.0, 0.03, 0.1])
 def test_poses_have_the_bits_of_the_equations(elapsed):
     rng = np.random.default_rng(3)
