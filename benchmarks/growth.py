@@ -4,7 +4,7 @@
     python benchmarks/growth.py --csv docs/performance/growth.csv \
         --picture docs/performance/growth.png
 
-The first form measures (about four minutes) and writes a table; `--only` measures some figures and
+The first form measures (a minute and a half) and writes a table; `--only` measures some figures and
 keeps the others of the table. The second form draws the table. Processor times are of one core;
 speeds of several threads and processes are by wall time and need idle cores.
 """

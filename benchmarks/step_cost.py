@@ -4,9 +4,6 @@
 
 Each repeat is a process of its own, so that memory layout and machine load vary as for users; the
 table gives the median and the full spread. Compare ratios rather than times.
-
-The last row is the processor time (user and system) of `import iits_mj` over that of
-`import mujoco`, measured alternately in separate processes; it must not exceed 1.5.
 """
 
 from __future__ import annotations
@@ -14,21 +11,10 @@ from __future__ import annotations
 import argparse
 import json
 import platform
-import resource
 import statistics
 import subprocess
 import sys
 from collections import defaultdict
-
-
-def import_seconds(module: str) -> float:
-    """Processor time of a process that imports a module."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run(
-        [sys.executable, "-c", f"import {module}"], check=True, stderr=subprocess.DEVNULL
-    )
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def measure(repeats: int, flags: list[str]) -> tuple[dict[str, list[float]], dict[str, str]]:
@@ -46,10 +32,6 @@ def measure(repeats: int, flags: list[str]) -> tuple[dict[str, list[float]], dic
         for check in json.loads(run.stdout)["checks"]:
             values[check["name"]].append(check["value"])
             units[check["name"]] = check["unit"]
-    for _ in range(repeats):
-        ratio = import_seconds("iits_mj") / import_seconds("mujoco")
-        values["import iits_mj / import mujoco"].append(ratio)
-        units["import iits_mj / import mujoco"] = "-"
     return values, units
 
 

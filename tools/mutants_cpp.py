@@ -199,7 +199,7 @@ AREAS = {
     ),
     "mirror|vehicles": ("traffic bridge", "traffic_bridge/"),
     "reference_line|truck_state": ("road and truck", "(road|truck)/"),
-    "arithmetic|kernels": ("kernels", "kernels/"),
+    "arithmetic|kernels|vehicle_columns": ("kernels", "kernels/"),
 }
 
 

@@ -4,33 +4,28 @@
 #include <cstddef>
 
 #include "kernels/kernels.h"
+#include "kernels/vehicle_columns.h"
+
+using namespace iits;
 
 namespace {
 
-// Rows of a vehicle's state: `STATE` of traffic_bridge/mirror/units.py.
-enum Row {
-  kX,
-  kY,
-  kZ,
-  kYaw,
-  kPitch,
-  kRoll,
-  kYawRate,
-  kSpeed,
-  kAcceleration,
-  kLateralSpeed,
-};
-
-// Writes the rotation by yaw, pitch and roll (`p` is a column of `now`), then about its own upward
-// axis, as a quaternion, w first.
-void Turned(const double* p, std::ptrdiff_t n, double turn, double* q) {
+// Writes the rotation by yaw, pitch and roll (`p` is a column of `now`) as a quaternion, w first.
+void Rotation(const double* p, std::ptrdiff_t n, double* q) {
   const double yaw = 0.5 * p[kYaw * n], pitch = 0.5 * p[kPitch * n], roll = 0.5 * p[kRoll * n];
   const double cy = std::cos(yaw), sy = std::sin(yaw);
   const double cp = std::cos(pitch), sp = std::sin(pitch);
   const double cr = std::cos(roll), sr = std::sin(roll);
-  const double w = cr * cp * cy + sr * sp * sy, x = sr * cp * cy - cr * sp * sy;
-  const double y = cr * sp * cy + sr * cp * sy, z = cr * cp * sy - sr * sp * cy;
-  const double c = std::cos(0.5 * turn), s = std::sin(0.5 * turn);
+  q[0] = cp * cr * cy + sp * sr * sy;
+  q[1] = cp * sr * cy - sp * cr * sy;
+  q[2] = sp * cr * cy + cp * sr * sy;
+  q[3] = cp * cr * sy - sp * sr * cy;
+}
+
+// Turns a rotation about its own upward axis.
+void Turn(double angle, double* q) {
+  const double w = q[0], x = q[1], y = q[2], z = q[3];
+  const double c = std::cos(0.5 * angle), s = std::sin(0.5 * angle);
   q[0] = w * c - z * s;
   q[1] = x * c + y * s;
   q[2] = y * c - x * s;
@@ -148,15 +143,7 @@ IITS_KERNEL void iits_mirror_place(std::ptrdiff_t count, std::ptrdiff_t n, const
   for (std::ptrdiff_t k = 0; k < count; ++k) {
     const double* p = now + k;
     for (int axis = 0; axis < 3; ++axis) position[3 * k + axis] = p[axis * n];
-    const double yaw = 0.5 * p[kYaw * n], pitch = 0.5 * p[kPitch * n], roll = 0.5 * p[kRoll * n];
-    const double cy = std::cos(yaw), sy = std::sin(yaw);
-    const double cp = std::cos(pitch), sp = std::sin(pitch);
-    const double cr = std::cos(roll), sr = std::sin(roll);
-    double* q = quaternion + 4 * k;
-    q[0] = cp * cr * cy + sp * sr * sy;
-    q[1] = cp * sr * cy - sp * cr * sy;
-    q[2] = sp * cr * cy + cp * sr * sy;
-    q[3] = cp * cr * sy - sp * sr * cy;
+    Rotation(p, n, quaternion + 4 * k);
   }
 }
 
@@ -193,7 +180,8 @@ IITS_KERNEL void iits_mirror_articulate(std::ptrdiff_t first, std::ptrdiff_t n, 
       place[0] = p[kX * n] + forward * cy * cp + left * (cy * sp * sr - sy * cr);
       place[1] = p[kY * n] + forward * sy * cp + left * (sy * sp * sr + cy * cr);
       place[2] = p[kZ * n] - forward * sp + left * cp * sr;
-      Turned(p, n, unit < n ? turn : bend, quaternion + 4 * unit);
+      Rotation(p, n, quaternion + 4 * unit);
+      Turn(unit < n ? turn : bend, quaternion + 4 * unit);
     }
   }
 }

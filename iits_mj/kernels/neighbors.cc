@@ -7,29 +7,30 @@
 
 #include "kernels/interpolation.h"
 #include "kernels/kernels.h"
+#include "kernels/vehicle_columns.h"
 
-using iits::Abscissae;
+using namespace iits;
 
 namespace {
 
 constexpr double kTurn = 2.0 * 3.14159265358979323846;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// The columns of n vehicles: `COLUMNS` of iits_mj/core/vehicles.py, gap and front distance.
+// The columns of n vehicles, then gap and front distance.
 struct Vehicles {
   Vehicles(double* columns, std::ptrdiff_t n)
-      : z(columns + 2 * n),
-        yaw(columns + 3 * n),
-        speed(columns + 7 * n),
-        lateral_speed(columns + 9 * n),
-        station(columns + 10 * n),
-        offset(columns + 11 * n),
-        length(columns + 12 * n),
-        width(columns + 13 * n),
-        gap(columns + 15 * n),
-        front_distance(columns + 16 * n),
-        x_(columns),
-        y_(columns + n) {}
+      : z(columns + kZ * n),
+        yaw(columns + kYaw * n),
+        speed(columns + kSpeed * n),
+        lateral_speed(columns + kLateralSpeed * n),
+        station(columns + kStation * n),
+        offset(columns + kOffset * n),
+        length(columns + kLength * n),
+        width(columns + kWidth * n),
+        gap(columns + kColumns * n),
+        front_distance(columns + (kColumns + 1) * n),
+        x_(columns + kX * n),
+        y_(columns + kY * n) {}
 
   // Whether a vehicle has a pose.
   bool Posed(std::ptrdiff_t k) const { return x_[k] != 0.0 || y_[k] != 0.0 || z[k] != 0.0; }
@@ -48,7 +49,6 @@ struct Vehicles {
 // Returns whether all their numbers are finite.
 IITS_KERNEL std::ptrdiff_t iits_neighbors(double* columns, std::ptrdiff_t n, double front,
                                           double rear) {
-  constexpr int kColumns = 15;
   double rest = 0.0;
   for (std::ptrdiff_t i = 0; i < kColumns * n; ++i) rest += columns[i] - columns[i];
   const Vehicles all(columns, n);

@@ -4,27 +4,13 @@
 #include <cstddef>
 
 #include "kernels/kernels.h"
+#include "kernels/vehicle_columns.h"
+
+using namespace iits;
 
 namespace {
 
 constexpr double kTurn = 6.283185307179586;
-
-// Rows of a frame's columns: `COLUMNS` of iits_mj/core/vehicles.py.
-enum Row {
-  kX,
-  kY,
-  kZ,
-  kYaw,
-  kPitch,
-  kRoll,
-  kYawRate,
-  kSpeed,
-  kAcceleration,
-  kLateralSpeed,
-  kStation,
-  kOffset,
-  kLength,
-};
 
 // A piece of a lane: four coefficients of x, y and z, then start and change of station, offset,
 // heading, pitch, roll and curvature.
