@@ -7,6 +7,7 @@ from pathlib import Path
 from iits_mj.core.errors import InputError
 
 _PACKAGE = Path(__file__).resolve().parents[1]
+DEFAULT_TRUCK = "tractor_semitrailer_6x4"  # a folder of mjcf/trucks
 # Vehicle types of the traffic, read by the SUMO traffic and by the fast world.
 VEHICLE_TYPES = _PACKAGE / "parameters" / "vehicle_types.toml"
 # Their names and shares in the default traffic of both.
@@ -16,7 +17,7 @@ DEFAULT_MIX = (("car", 0.70), ("van", 0.12), ("truck", 0.08), ("articulated", 0.
 def mjcf_dir() -> Path:
     """Returns the model folder: `mjcf/` beside the sources, or inside the installed package."""
     for candidate in (_PACKAGE.parent / "mjcf", _PACKAGE / "mjcf"):
-        if (candidate / "truck.toml").is_file():
+        if (candidate / "trucks" / DEFAULT_TRUCK / "truck.toml").is_file():
             return candidate
     raise InputError(f"the model folder mjcf/ is missing beside {_PACKAGE}; reinstall iits-mj")
 

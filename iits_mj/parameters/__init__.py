@@ -1,28 +1,21 @@
-"""The truck's parameters: read from `mjcf/truck.toml`, with overlays, and checked."""
+"""A truck's parameters: read from its `truck.toml`, with overlays, and checked."""
 
+from iits_mj.parameters.files import shipped_trucks, truck_file
 from iits_mj.parameters.mass_state import MAX_PAYLOAD, payload_option
-from iits_mj.parameters.truck import (
-    Axle,
-    FifthWheel,
-    Semitrailer,
-    Steering,
-    Tire,
-    TireCommon,
-    Tractor,
-    TruckParameters,
-    Unit,
-)
+from iits_mj.parameters.truck import Steering, Tire, TireCommon, TruckParameters
+from iits_mj.parameters.units import Axle, Coupling, Payload, Unit
 
 __all__ = [
     "MAX_PAYLOAD",
     "Axle",
-    "FifthWheel",
-    "Semitrailer",
+    "Coupling",
+    "Payload",
     "Steering",
     "Tire",
     "TireCommon",
-    "Tractor",
     "TruckParameters",
     "Unit",
     "payload_option",
+    "shipped_trucks",
+    "truck_file",
 ]

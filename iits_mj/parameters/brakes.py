@@ -1,24 +1,36 @@
-"""Parameters of the air brakes: `mjcf/truck.toml` and its pressure table."""
+"""Parameters of the air brakes that all axles share: a truck's TOML and its pressure table."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from iits_mj.core.arrays import FloatArray
+from iits_mj.parameters.quantity import (
+    Acceleration,
+    CubicMeters,
+    CubicMetersPerRadian,
+    Jerk,
+    Kilograms,
+    NewtonMeters,
+    Pascals,
+    PascalsPerSecond,
+    PerSecond,
+    Pure,
+    RollStiffness,
+    Seconds,
+    Speed,
+)
+from iits_mj.parameters.tables import no_numbers
 
 
 @dataclass(frozen=True)
 class AirBrake:
-    """Air brakes of six axles, front to rear; SI units.
+    """Air brakes; `Axle.brake` has what differs from axle to axle.
 
     Attributes:
-      dead_time: from supply valve to chamber, per axle; `trailer_line_delay` is added on the
-        trailer, whose valve follows a control line.
-      build_up_time_constant, release_time_constant: of the chambers, per axle.
+      trailer_line_delay: of the control line to a towed unit, whose valves follow the unit ahead.
       supply_rise_rate, supply_fall_rate, pressure_max: of the supply valves.
-      torque_per_pressure: slope through zero, per axle, of one wheel end; with a push-out pressure
-        the torque is the same at `anchor_pressure`.
-      chamber_volume: of one chamber, per axle.
+      anchor_pressure: at which `torque_per_pressure` of an axle gives its torque.
       drive_slip_lag, drive_slip_lead: of the rate of the driven wheels' slip.
       drag_slip_begin, drag_slip_end, drag_release_time, drag_return_time: slips at which
         drag-torque control begins and ends, and times in which the drag torque goes and returns.
@@ -36,7 +48,7 @@ class AirBrake:
         over to friction; `endurance_rate`: at which their torque demand rises.
       hold_speed, hold_deceleration, hold_release_speed, hill_hold_time, hill_hold_min: of holding
         at standstill.
-      reservoir_volume: of the front, drive and trailer circuit.
+      reservoir_volume: of the front, drive and trailer circuit; the last one serves all towed units.
       compressor_displacement: volume of free air per angle of the crankshaft.
       spring_begin_pressure, spring_full_pressure: reservoir pressures below which the spring
         brakes begin to act, and act fully.
@@ -46,69 +58,63 @@ class AirBrake:
         masses, shape (n, 3).
     """
 
-    dead_time: tuple[float, ...]
-    trailer_line_delay: float
-    build_up_time_constant: tuple[float, ...]
-    release_time_constant: tuple[float, ...]
-    supply_rise_rate: float
-    supply_fall_rate: float
-    torque_per_pressure: tuple[float, ...]
-    anchor_pressure: float
-    push_out_pressure: float
-    hysteresis_pressure: float
-    pressure_max: float
-    chamber_volume: tuple[float, ...]
-    abs_release_slip: float
-    abs_reapply_slip: float
-    abs_speed_min: float
-    abs_time_constant: float
-    abs_yaw_rise_rate: float
-    abs_slip_lag: float
-    abs_slip_lead: float
-    abs_speed_low: float
-    drive_slip_lag: float
-    drive_slip_lead: float
-    drag_slip_begin: float
-    drag_slip_end: float
-    drag_release_time: float
-    drag_return_time: float
-    asr_slip_begin: float
-    asr_slip_end: float
-    asr_release_time: float
-    asr_return_time: float
-    asr_hold_time: float
-    asr_slip_range: float
-    asr_brake_speed: float
-    asr_brake_pressure: float
-    stiffness: float
-    parking_torque: float
-    parking_time_constant: float
+    trailer_line_delay: Seconds
+    supply_rise_rate: PascalsPerSecond
+    supply_fall_rate: PascalsPerSecond
+    anchor_pressure: Pascals
+    push_out_pressure: Pascals
+    hysteresis_pressure: Pascals
+    pressure_max: Pascals
+    abs_release_slip: Pure
+    abs_reapply_slip: Pure
+    abs_speed_min: Speed
+    abs_time_constant: Seconds
+    abs_yaw_rise_rate: PascalsPerSecond
+    abs_slip_lag: Seconds
+    abs_slip_lead: Seconds
+    abs_speed_low: Speed
+    drive_slip_lag: Seconds
+    drive_slip_lead: Seconds
+    drag_slip_begin: Pure
+    drag_slip_end: Pure
+    drag_release_time: Seconds
+    drag_return_time: Seconds
+    asr_slip_begin: Pure
+    asr_slip_end: Pure
+    asr_release_time: Seconds
+    asr_return_time: Seconds
+    asr_hold_time: Seconds
+    asr_slip_range: Pure
+    asr_brake_speed: Speed
+    asr_brake_pressure: Pascals
+    stiffness: RollStiffness
+    parking_torque: NewtonMeters
+    parking_time_constant: Seconds
     distribution: str
-    release_rate: float
-    pedal_deceleration: float
-    filter_time_constant: float
-    trim_gain: float
-    trim_max: float
-    trim_share: float
-    trim_speed_min: float
-    hysteresis_time_constant: float
-    endurance_speed_off: float
-    endurance_speed_on: float
-    endurance_rate: float
-    hold_speed: float
-    hold_deceleration: float
-    hold_release_speed: float
-    hill_hold_time: float
-    hill_hold_min: float
-    reservoir_volume: tuple[float, ...]
-    compressor_displacement: float
-    governor_cut_in: float
-    governor_cut_out: float
-    spring_begin_pressure: float
-    spring_full_pressure: float
-    mass_light: float
-    mass_heavy: float
-
-    demand: FloatArray
-    pressure_light: FloatArray
-    pressure_heavy: FloatArray
+    release_rate: Jerk
+    pedal_deceleration: Acceleration
+    filter_time_constant: Seconds
+    trim_gain: PerSecond
+    trim_max: Acceleration
+    trim_share: Pure
+    trim_speed_min: Speed
+    hysteresis_time_constant: Seconds
+    endurance_speed_off: Speed
+    endurance_speed_on: Speed
+    endurance_rate: Jerk
+    hold_speed: Speed
+    hold_deceleration: Acceleration
+    hold_release_speed: Speed
+    hill_hold_time: Seconds
+    hill_hold_min: Acceleration
+    reservoir_volume: tuple[CubicMeters, ...]
+    compressor_displacement: CubicMetersPerRadian
+    governor_cut_in: Pascals
+    governor_cut_out: Pascals
+    spring_begin_pressure: Pascals
+    spring_full_pressure: Pascals
+    mass_light: Kilograms = 0.0
+    mass_heavy: Kilograms = 0.0
+    demand: FloatArray = field(default_factory=no_numbers)
+    pressure_light: FloatArray = field(default_factory=no_numbers)
+    pressure_heavy: FloatArray = field(default_factory=no_numbers)

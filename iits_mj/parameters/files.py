@@ -1,131 +1,359 @@
-"""Reads the truck's files: TOML with provenance and CSV tables, into checked dataclasses.
+"""Reads a truck's files: TOML with provenance into a tree, and the tree into checked dataclasses.
 
-Errors name the file or parameter, its value and the allowed values.
+A truck may extend another one, `extends = "name or path"`, leave parts of it out, `remove =
+["units.trailer"]`, and copy a sibling table, `like = "axle1"`. In an overlay `*` stands for every
+entry of a table. Errors name the parameter, its value and what is allowed.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import types
 import typing
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.assets import mjcf_dir
+from iits_mj.core.assets import DEFAULT_TRUCK, mjcf_dir
 from iits_mj.core.checks import is_number, shown
 from iits_mj.core.errors import InputError
 from iits_mj.core.input_files import read_toml
-from iits_mj.core.tables import read_table
-from iits_mj.core.units import KMH, RPM
+from iits_mj.parameters.quantity import Quantity, quantity_of
+from iits_mj.parameters.tables import REPLACED, TABLES, read_tables
 
 MAGNITUDE_MAX = 1e9  # of a parameter in SI units; the greatest are stiffnesses
+TRUCK_FILE = "truck.toml"
+_EXTENDS_MAX = 8  # files in a chain
+_PROVENANCE = ("value", "unit", "grade", "source")
+GRADES = "PRDLJ"
+
+Tree = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class Table2D:
-    """A map: `rows` (n,), `columns` (m,), `values` (n, m), in SI units."""
-
-    rows: FloatArray
-    columns: FloatArray
-    values: FloatArray
+def shipped_trucks() -> tuple[str, ...]:
+    """Returns the names of the trucks in `mjcf/trucks`, the default one first."""
+    found = sorted(path.parent.name for path in (mjcf_dir() / "trucks").glob(f"*/{TRUCK_FILE}"))
+    return (DEFAULT_TRUCK, *(name for name in found if name != DEFAULT_TRUCK))
 
 
-def provenance() -> list[tuple[str, str, str, str, str]]:
-    """Returns (name, value, unit, grade, source) of every quantity of the shipped truck's TOML."""
-    return list(_provenance_rows(read_toml(mjcf_dir() / "truck.toml", "parameter file"), ""))
+def truck_file(truck: str | Path | None, base: Path | None = None) -> Path:
+    """Returns the file of a truck.
+
+    Args:
+      truck: name of a shipped truck, a file, or a folder with a `truck.toml`; None: the default.
+      base: folder of relative paths; default: the working directory.
+
+    Raises:
+      InputError: there is no such truck; names those that are shipped.
+    """
+    name = DEFAULT_TRUCK if truck is None else str(truck)
+    shipped = mjcf_dir() / "trucks" / name / TRUCK_FILE
+    if Path(name).name == name and shipped.is_file():
+        return shipped
+    path = (base or Path()) / name
+    try:
+        if path.is_dir():
+            path = path / TRUCK_FILE
+        if path.is_file():
+            return path
+    except (OSError, ValueError):  # a name too long, or with a null character
+        pass
+    raise InputError(
+        f"truck {shown(name)} is neither a file or folder nor one of the shipped trucks: "
+        f"{', '.join(shipped_trucks())}"
+    )
+
+
+def read_truck(
+    truck: str | Path | None = None, overlay: str | Path | Mapping[str, Any] | None = None
+) -> Tree:
+    """Returns a truck's merged tree with its tables in SI units; see `TruckParameters.load`.
+
+    Leaves are plain values or `{ value, unit, grade, source }`.
+
+    Raises:
+      InputError: a file cannot be read, or a key, path or reference does not exist.
+    """
+    file = truck_file(truck)
+    tree = _read_file(file, ())
+    if overlay is not None:
+        if isinstance(overlay, Mapping):
+            extra, folder = dict(overlay), Path()
+        else:
+            extra, folder = read_toml(overlay, "parameter file"), Path(overlay).parent
+        tree = _changed(tree, _with_paths(extra, folder))
+    tree["name"] = file.resolve().parent.name if file.name == TRUCK_FILE else file.stem
+    tree["units"] = _towing_order(_table(tree, "units"))
+    return read_tables(tree)
+
+
+def provenance(truck: str | Path | None = None) -> list[tuple[str, str, str, str, str]]:
+    """Returns (name, value, unit, grade, source) of every quantity of a truck's TOML files."""
+    return list(_provenance_rows(_read_file(truck_file(truck), ()), ""))
 
 
 def _provenance_rows(node: Any, prefix: str) -> Iterator[tuple[str, str, str, str, str]]:
-    if isinstance(node, Mapping) and "value" in node:
-        yield (prefix, str(node["value"]), node["unit"], node["grade"], node["source"])
+    if is_leaf(node):
+        rest = (str(node.get(key, "")) for key in _PROVENANCE[1:])
+        yield (prefix, str(node["value"]), *rest)  # type: ignore[misc]
     elif isinstance(node, Mapping):
         for key, child in node.items():
             yield from _provenance_rows(child, f"{prefix}.{key}" if prefix else key)
-    elif isinstance(node, list):
-        for child in node:
-            yield from _provenance_rows(child, f"{prefix}[{child['name']}]")
+
+
+def is_leaf(node: Any) -> bool:
+    """Returns whether a node of the tree is a value with its provenance."""
+    return isinstance(node, Mapping) and "value" in node
 
 
 def plain(node: Any) -> Any:
-    """Returns the tree with every `{ value, unit, grade, source }` replaced by its value."""
-    if isinstance(node, Mapping):
-        if "value" in node:
-            return node["value"]
-        return {key: plain(child) for key, child in node.items()}
-    if isinstance(node, list):
-        return [plain(child) for child in node]
-    return node
+    """Returns a leaf's value, whatever its unit; any other node unchanged."""
+    return node["value"] if is_leaf(node) else node
 
 
-def merge(base: Any, extra: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Returns `base` overlaid with the values of `extra`; axles are matched by name."""
-    merged = dict(base)
-    for key, value in extra.items():
-        name = f"{where}{key}"
-        if isinstance(value, Mapping) and isinstance(base.get(key), Mapping):
-            merged[key] = merge(base[key], value, f"{name}.")
-        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
-            merged[key] = _merge_named(base.get(key, []), value, name)
-        else:
-            merged[key] = value
-    return merged
+def _read_file(file: Path, chain: tuple[Path, ...]) -> Tree:
+    """Returns the tree of a file, merged with what it extends."""
+    file = file.resolve()
+    if file in chain or len(chain) >= _EXTENDS_MAX:
+        names = " -> ".join(str(path) for path in (*chain, file))
+        raise InputError(f"truck files extend each other without end: {names}")
+    tree = read_toml(file, "truck file")
+    base = tree.pop("extends", None)
+    tree = _with_paths(tree, file.parent)
+    if base is None:
+        return _changed({}, tree)
+    if not isinstance(base, str):
+        raise InputError(f"truck file {str(file)!r}: extends = {base!r}: a name or path is needed")
+    return _changed(_read_file(truck_file(base, file.parent), (*chain, file)), tree)
 
 
-def _merge_named(base: list[Any], extra: list[Any], where: str) -> list[Any]:
-    """Merges a list of tables by their `name`: an overlay may change one axle of three."""
-    rows = {row["name"]: row for row in base}
-    for row in extra:
-        name = row.get("name")
-        if name not in rows:
-            raise InputError(f"parameter {where}: no entry named {name!r}; there are {list(rows)}")
-        rows[name] = merge(rows[name], row, f"{where}[{name}].")
-    return list(rows.values())
-
-
-def section(tree: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    """Returns a table of the tree; raises InputError if it is missing."""
-    found = tree.get(name)
-    if not isinstance(found, Mapping):
-        raise InputError(f"the truck's parameters lack the section [{name}]")
+def _with_paths(tree: Mapping[str, Any], folder: Path) -> Tree:
+    """Returns a tree whose CSV tables are given by paths that hold from any working directory."""
+    found = dict(tree)
+    for name, key in TABLES:
+        section = found.get(name)
+        if isinstance(section, Mapping) and isinstance(plain(section.get(key)), str):
+            found[name] = {**section, key: str(folder.resolve() / plain(section[key]))}
     return found
 
 
+def _changed(base: Tree, extra: Tree) -> Tree:
+    """Returns `base` without what `extra` removes, overlaid with its values."""
+    extra = dict(extra)
+    removed = extra.pop("remove", [])
+    if not isinstance(removed, list):
+        raise InputError(f"remove = {removed!r}: a list of parameters is needed")
+    for name in removed:
+        base = _without(base, str(name).split("."), str(name))
+    for (section, key), others in REPLACED.items():
+        given, old = extra.get(section), base.get(section)
+        if _is_table(given) and key in given and _is_table(old):
+            kept = {name: value for name, value in old.items() if name not in others}
+            base = {**base, section: kept}
+    merged = merge(base, extra, "")
+    return _copied(merged, "")
+
+
+def _without(tree: Tree, keys: list[str], name: str) -> Tree:
+    """Returns a tree without the entry at a path of keys; `*` removes from every table."""
+    first, *rest = keys
+    if not isinstance(tree, Mapping) or (first != "*" and first not in tree):
+        there = list(tree) if isinstance(tree, Mapping) else "no table"
+        raise InputError(f"remove {name!r}: there is no {first!r}; there is {there}")
+    if not rest:
+        return {key: child for key, child in tree.items() if key != first}
+    chosen = list(tree) if first == "*" else [first]
+    return {
+        key: _without(child, rest, name) if key in chosen else child for key, child in tree.items()
+    }
+
+
+def merge(base: Mapping[str, Any], extra: Mapping[str, Any], where: str) -> Tree:
+    """Returns `base` overlaid with the values of `extra`, whose key `*` means every table."""
+    merged = dict(base)
+    for key, value in extra.items():
+        tables = [name for name, child in merged.items() if _is_table(child)]
+        if key == "*" and not tables:
+            raise InputError(f"parameter {where}*: there is no table at this place")
+        for name in tables if key == "*" else [key]:
+            old = merged.get(name)
+            if _is_table(value):
+                merged[name] = merge(old if _is_table(old) else {}, value, f"{where}{name}.")
+            else:
+                merged[name] = value
+    return merged
+
+
+def _is_table(node: Any) -> bool:
+    return isinstance(node, Mapping) and not is_leaf(node)
+
+
+def _copied(tree: Tree, where: str) -> Tree:
+    """Returns a tree in which tables with `like` have their sibling's values as well."""
+    found: Tree = {}
+    for key, child in tree.items():
+        if not _is_table(child):
+            found[key] = child
+            continue
+        child = dict(child)
+        sibling = child.pop("like", None)
+        if sibling is not None:
+            if not isinstance(sibling, str) or sibling not in found or not _is_table(found[sibling]):
+                raise InputError(
+                    f"parameter {where}{key}.like = {sibling!r}: name a table before it, one of "
+                    f"{[name for name in found if _is_table(found[name])]}"
+                )
+            child = merge(found[sibling], child, f"{where}{key}.")
+        found[key] = _copied(child, f"{where}{key}.")
+    return found
+
+
+def _table(tree: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    found = tree.get(name)
+    if not _is_table(found):
+        raise InputError(f"the truck's parameters lack the section [{name}]")
+    return typing.cast(Mapping[str, Any], found)
+
+
+def _towing_order(units: Mapping[str, Any]) -> Tree:
+    """Returns the units front to rear, their axles too.
+
+    A unit follows the one before it in the file, or the one that it names as `behind`.
+    """
+    ahead: dict[str | None, str] = {}
+    previous: str | None = None
+    found: Tree = {}
+    for name, unit in units.items():
+        if not _is_table(unit):
+            raise InputError(f"parameter units.{name} = {shown(unit)}: a table is needed")
+        unit = dict(unit)
+        leads = "coupling" not in unit
+        front = None if leads else unit.pop("behind", previous)
+        if front in ahead or (front is not None and front not in units):
+            others = [other for other in units if other != name]
+            raise InputError(
+                f"parameter units.{name}.behind = {front!r}: name a unit that tows no other one, "
+                f"of {others}"
+            )
+        ahead[front] = name
+        if _is_table(unit.get("axles")):
+            unit["axles"] = dict(sorted(unit["axles"].items(), key=_position))
+        found[name] = unit
+        previous = name
+    order, at = [], ahead.get(None)
+    while at is not None and at not in order:
+        order.append(at)
+        at = ahead.get(at)
+    if len(order) != len(found):
+        lost = sorted(set(found) - set(order))
+        raise InputError(f"units {lost} are not coupled to the motor vehicle's chain {order}")
+    return {name: found[name] for name in order}
+
+
+def _position(item: tuple[str, Any]) -> float:
+    """Position of an axle's table; zero if it is not a number, which `build` refuses later."""
+    value = plain(item[1].get("position")) if isinstance(item[1], Mapping) else None
+    return float(value) if is_number(value) else 0.0
+
+
 def build(kind: Any, node: Any, where: str) -> Any:
-    """Builds `kind` (a dataclass, tuple, dict or number type) from a plain tree, with checks."""
+    """Builds `kind` (a dataclass, tuple, dict, number or word) from a tree, with checks.
+
+    Args:
+      kind: type of the parameter, annotated with its `Quantity` if it has a unit.
+      node: plain values, leaves with provenance, or tables.
+      where: name of the parameter.
+
+    Raises:
+      InputError: names the parameter that is unknown, missing or not allowed.
+    """
+    quantity = quantity_of(kind)
+    if hasattr(kind, "__metadata__"):
+        kind = typing.get_args(kind)[0]
     origin = typing.get_origin(kind)
+    if origin in (types.UnionType, typing.Union):
+        if node is None:
+            return None
+        return build(typing.get_args(kind)[0], node, where)
     if dataclasses.is_dataclass(kind):
         return _build_dataclass(kind, node, where)
     if origin is tuple:
-        item = typing.get_args(kind)[0]
-        if not isinstance(node, (list, tuple)):
-            raise InputError(f"parameter {where} = {node!r}: a list is needed")
-        return tuple(build(item, child, f"{where}[{i}]") for i, child in enumerate(node))
+        return _build_tuple(typing.get_args(kind)[0], node, where)
     if origin is dict:
         item = typing.get_args(kind)[1]
+        if not _is_table(node):
+            raise InputError(f"parameter {where} = {shown(node)}: a table is needed")
         return {key: build(item, child, f"{where}.{key}") for key, child in node.items()}
+    value, factor = _leaf(node, quantity, where)
     if origin is np.ndarray:
-        return _array(node, where)
-    return _number(kind, node, where) if kind in (int, float) else node
+        return _array(value, where)
+    if kind in (int, float):
+        number = _number(kind, value, where)
+        return quantity.check(kind(number * factor) if factor != 1.0 else number, where)
+    if not isinstance(value, kind):
+        what = "true or false" if kind is bool else "a word"
+        raise InputError(f"parameter {where} = {shown(value)}: {what} is needed")
+    return value
+
+
+def _build_tuple(item: Any, node: Any, where: str) -> tuple[Any, ...]:
+    """Builds a list of numbers with one unit, or of tables by name."""
+    if _is_table(node):
+        # Axles have their unit's name in the model, "trailer_axle1".
+        prefix = f"{where.split('.')[-2]}_" if "." in where else ""
+        named = ((key, child) for key, child in node.items())
+        return tuple(
+            build(item, {"name": prefix + key, **_fields(child, f"{where}.{key}")}, f"{where}.{key}")
+            for key, child in named
+        )
+    values, factor = _leaf(node, quantity_of(item), where)
+    if not isinstance(values, (list, tuple)):
+        raise InputError(f"parameter {where} = {shown(values)}: a list is needed")
+    if factor != 1.0 and all(map(is_number, values)):
+        values = [factor * value for value in values]
+    return tuple(build(item, child, f"{where}[{i}]") for i, child in enumerate(values))
+
+
+def _fields(node: Any, where: str) -> Mapping[str, Any]:
+    if not _is_table(node):
+        raise InputError(f"parameter {where} = {shown(node)}: a table is needed")
+    return typing.cast(Mapping[str, Any], node)
+
+
+def _leaf(node: Any, quantity: Quantity, where: str) -> tuple[Any, float]:
+    """Returns a leaf's value and what one of its unit is in the parameter's unit."""
+    if not is_leaf(node):
+        return node, 1.0
+    unknown = sorted(set(node) - set(_PROVENANCE))
+    if unknown:
+        raise InputError(f"parameter {where}: {unknown[0]!r} is unknown; use {list(_PROVENANCE)}")
+    unit = node.get("unit", quantity.unit)
+    if not isinstance(unit, str):
+        raise InputError(f"parameter {where}: unit {shown(unit)} is not text")
+    return node["value"], quantity.factor(unit, where)
 
 
 def _build_dataclass(kind: Any, node: Any, where: str) -> Any:
     if dataclasses.is_dataclass(node):
         return node
-    if not isinstance(node, Mapping):
-        raise InputError(f"parameter {where} = {node!r}: a table is needed")
-    hints = typing.get_type_hints(kind)
-    names = [f.name for f in dataclasses.fields(kind)]
+    if not _is_table(node):
+        raise InputError(f"parameter {where} = {shown(node)}: a table is needed")
+    hints = typing.get_type_hints(kind, include_extras=True)
+    fields = dataclasses.fields(kind)
+    prefix = f"{where}." if where else ""
+    names = [field.name for field in fields]
     unknown = sorted(set(node) - set(names))
     if unknown:
-        raise InputError(f"parameter {where}.{unknown[0]} is unknown; allowed are: {names}")
-    missing = [name for name in names if name not in node]
-    if missing:
-        raise InputError(f"parameter {where}.{missing[0]} is missing")
-    return kind(**{name: build(hints[name], node[name], f"{where}.{name}") for name in names})
+        allowed = [name for name in names if name != "name"]
+        raise InputError(f"parameter {prefix}{unknown[0]} is unknown; allowed are: {allowed}")
+    for field in fields:
+        optional = (field.default, field.default_factory) != (dataclasses.MISSING,) * 2
+        if field.name not in node and not optional:
+            raise InputError(f"parameter {prefix}{field.name} is missing")
+    return kind(**{name: build(hints[name], node[name], prefix + name) for name in node})
 
 
 def _number(kind: type, node: Any, where: str) -> int | float:
@@ -143,59 +371,14 @@ def _array(node: Any, where: str) -> FloatArray:
     try:
         values = np.asarray(node, dtype=float)
     except (TypeError, ValueError):
-        raise InputError(f"parameter {where} = {node!r}: a table of numbers is needed") from None
+        raise InputError(f"parameter {where} = {shown(node)}: numbers are needed") from None
     if not values.size or not (np.abs(values) <= MAGNITUDE_MAX).all():
         raise InputError(f"parameter {where}: a table of numbers up to {MAGNITUDE_MAX:g} is needed")
     return values
 
 
-def _read_csv(path: Path) -> tuple[list[str], FloatArray]:
-    """Returns header and numbers of a CSV table."""
-    header, rows = read_table(path, "table")
-    try:
-        values = np.array([[float(cell) for cell in row] for row in rows])
-    except ValueError as error:
-        raise InputError(f"table {str(path)!r} cannot be read: {error}") from error
-    if values.ndim != 2 or values.shape[1] != len(header) or not np.isfinite(values).all():
-        raise InputError(f"table {str(path)!r}: every row must have {len(header)} finite numbers")
-    return header, values
-
-
-def _table(path: Path, row_unit: float, column_unit: float, value_unit: float) -> Table2D:
-    header, values = _read_csv(path)
-    columns = np.array([float(cell) for cell in header[1:]]) * column_unit
-    return Table2D(values[:, 0] * row_unit, columns, values[:, 1:] * value_unit)
-
-
-def csv_tables(folder: Path) -> dict[str, dict[str, Any]]:
-    """Returns the CSV tables of a truck in SI units, by section and field of `TruckParameters`."""
-    _, full = _read_csv(folder / "engine_full_load.csv")
-    _, gears = _read_csv(folder / "gearbox.csv")
-    forward = gears[gears[:, 0] >= 1]
-    header, pressures = _read_csv(folder / "air_brake_pressure_demand.csv")
-    pressures = pressures[::-1]
-
-    def circuits(mass: str) -> FloatArray:
-        """Pressures of the front, drive and trailer circuit [Pa], shape (n, 3)."""
-        names = ("front_wheel_cmd_{}(x0.3)", "rear_wheel_cmd_{}(x0.7)", "trailer_cmd_{}(rear x1.1)")
-        return pressures[:, [header.index(name.format(mass)) for name in names]] * 1e3
-
-    return {
-        "engine": {
-            "full_load_speed": full[:, 0] * RPM,
-            "full_load_torque": full[:, 1],
-            "pedal_map": _table(folder / "engine_pedal_map.csv", RPM, 0.01, 1.0),
-            "fuel_map": _table(folder / "engine_fuel_map.csv", 1.0, RPM, 1e-3 / 3.6e6),
-        },
-        "gearbox": {
-            "ratios": forward[:, 1],
-            "inertias": forward[:, 2],
-            "upshift": _table(folder / "gearbox_upshift.csv", 1.0, 1.0, KMH),
-            "downshift": _table(folder / "gearbox_downshift.csv", 1.0, 1.0, KMH),
-        },
-        "air_brake": {
-            "demand": -pressures[:, 0],
-            "pressure_light": circuits("18t"),
-            "pressure_heavy": circuits("50t"),
-        },
-    }
+def ungraded(truck: str | Path | None) -> Sequence[str]:
+    """Returns the quantities of a truck that lack a unit or a grade of `GRADES`."""
+    return [
+        name for name, _, unit, grade, _ in provenance(truck) if not unit or grade not in GRADES
+    ]

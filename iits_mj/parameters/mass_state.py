@@ -1,13 +1,12 @@
-"""Masses, centers of gravity, inertias and static axle loads of the truck with any payload.
+"""Masses, centers of gravity, inertias and static axle loads of a combination with any payload.
 
-Statics of two rigid units on three supports. Positions are meters behind the steer axle (tractor)
-or behind the kingpin (semitrailer and payload), heights are above the road. The axles of tandem and
-tri-axle share their group's load equally, so that each group acts at its center.
+Statics of rigid units in a chain. Positions are meters behind a unit's origin, heights are above
+the road. The axles of a group share its load by their `load_share`, so that it acts at its center.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,9 +15,10 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.options import option
 from iits_mj.core.units import GRAVITY
-from iits_mj.parameters.truck import Axle, TruckParameters, Unit
+from iits_mj.parameters.truck import TruckParameters
+from iits_mj.parameters.units import Payload, Unit, group_center, group_shares
 
-# Greatest payload of the shipped truck [kg]: `payload.mass_max` of mjcf/truck.toml.
+# Greatest payload of the default truck [kg].
 MAX_PAYLOAD = 36_000.0
 
 
@@ -81,107 +81,195 @@ def without(whole: Inertial, *parts: Inertial) -> Inertial:
 
 
 def unit_inertial(unit: Unit) -> Inertial:
-    """Returns a unit with its axles and wheels; the semitrailer without payload."""
+    """Returns a unit with its axles and wheels, without payload."""
     inertia = (unit.inertia_x, unit.inertia_y, unit.inertia_z)
     return Inertial(unit.mass, unit.cg_position, unit.cg_height, inertia)
 
 
-def payload_inertial(
+def payload_inertials(
     parameters: TruckParameters, payload: float, payload_height: float | None = None
-) -> Inertial:
-    """Returns the payload as a rigid block, whose place and radii of gyration are constant.
+) -> tuple[Inertial | None, ...]:
+    """Returns each unit's load as a rigid block, whose place and radii of gyration are constant.
 
     Args:
       parameters: of the truck.
-      payload: [kg], 0 to `parameters.payload.mass_max`.
-      payload_height: of its CG above the road [m]; default: the parameters'.
+      payload: of all units together [kg], 0 to `parameters.payload_max`.
+      payload_height: of the loads' CG above the road [m]; default: the parameters'.
+
+    Returns:
+      None for a unit without space for a load.
 
     Raises:
       InputError: payload or height are not allowed.
     """
     parameters = parameters.with_payload_height(payload_height)
-    full, mass = parameters.payload, parameters.check_payload(payload)
-    share = mass / full.mass_max
-    inertia = (full.inertia_x * share, full.inertia_y * share, full.inertia_z * share)
-    return Inertial(mass, full.cg_position, full.cg_height, inertia)
 
+    def block(full: Payload | None, mass: float) -> Inertial | None:
+        if full is None:
+            return None
+        share = mass / full.mass_max
+        inertia = (full.inertia_x * share, full.inertia_y * share, full.inertia_z * share)
+        return Inertial(mass, full.cg_position, full.cg_height, inertia)
 
-def laden_trailer(
-    parameters: TruckParameters, payload: float, payload_height: float | None = None
-) -> Inertial:
-    """Returns the semitrailer with its payload; arguments as of `payload_inertial`."""
-    return joined(
-        unit_inertial(parameters.semitrailer),
-        payload_inertial(parameters, payload, payload_height),
+    masses = parameters.unit_payloads(payload)
+    return tuple(
+        block(unit.payload, mass) for unit, mass in zip(parameters.units, masses, strict=True)
     )
 
 
-def group_center(axles: Sequence[Axle]) -> float:
-    """Returns the mean position of an axle group [m]."""
-    return float(np.mean([axle.position for axle in axles]))
+def laden_units(
+    parameters: TruckParameters, payload: float, payload_height: float | None = None
+) -> tuple[Inertial, ...]:
+    """Returns each unit with its load; arguments as of `payload_inertials`."""
+    loads = payload_inertials(parameters, payload, payload_height)
+    return tuple(
+        unit_inertial(unit) if load is None else joined(unit_inertial(unit), load)
+        for unit, load in zip(parameters.units, loads, strict=True)
+    )
 
 
-def kingpin_load(parameters: TruckParameters, payload: float) -> float:
-    """Returns the vertical load on the fifth wheel at rest on level ground [N]."""
-    trailer = laden_trailer(parameters, payload)
-    group = group_center(parameters.semitrailer.axles)
-    return trailer.mass * GRAVITY * (1.0 - trailer.cg_position / group)
+@dataclass(frozen=True, slots=True)
+class Supports:
+    """Vertical loads of a combination [N].
+
+    Attributes:
+      couplings: of each towed unit on its coupling, (units - 1,).
+      groups: of each unit's axle groups (`Unit.groups`), front to rear.
+    """
+
+    couplings: tuple[float, ...]
+    groups: tuple[tuple[float, ...], ...]
+
+
+def supports(
+    parameters: TruckParameters,
+    payload: float,
+    *,
+    used: float = 0.0,
+    drag: float = 0.0,
+    resistances: Mapping[str, float] | None = None,
+) -> Supports:
+    """Returns the loads of couplings and axle groups on a level road, from the last unit forward.
+
+    Statics of rigid units in a chain with inertia forces. Moments about a towed unit's coupling
+    give the load of its group, those about the steered axle the load of the motor vehicle's rear.
+
+    Args:
+      parameters: of the truck; payload: [kg].
+      used: friction that every axle uses to brake, deceleration over gravity.
+      drag: of the air on the whole combination [N], at its height.
+      resistances: rolling resistance of each axle over its load, by name, which acts backward at
+        the ground and shifts the load forward; default: none.
+    """
+    bodies, shares = laden_units(parameters, payload), air_shares(parameters)
+    air = parameters.aerodynamics.pressure_height
+    couplings: list[float] = []
+    groups: list[tuple[float, ...]] = []
+    # Of the unit behind: its load on the coupling, and how it pulls backward there.
+    load, pull, behind = 0.0, 0.0, None
+    for unit, body, share in zip(reversed(parameters.units), reversed(bodies), reversed(shares)):
+        weight, wind = body.mass * GRAVITY, share * drag
+        height = 0.0 if unit.coupling is None else unit.coupling.height
+        carried = behind.position if behind else 0.0
+        turned = wind * (air - height)
+        if behind:
+            turned += pull * (behind.height - height)
+        own = body.cg_position - used * (body.cg_height - height)
+        levers, drawn = [], []
+        for axles in unit.groups(payload):
+            radius = parameters.tires[axles[0].tire].rolling_radius
+            resistance = resistances[axles[0].name] if resistances else 0.0
+            levers.append(group_center(axles) - resistance * radius)
+            drawn.append(resistance)
+        if unit.coupling is None:
+            total, origin = weight + load, group_center(unit.groups(payload)[0])
+            front, rear = levers[0] - origin, levers[1] - origin
+            moment = weight * (own - origin) + load * (carried - origin) + turned
+            on_rear = (moment - total * front) / (rear - front)
+            groups.append((total - on_rear, on_rear))
+            continue
+        lever = levers[0] + (used + drawn[0]) * height
+        on_coupling = weight * (1.0 - own / lever) + load * (1.0 - carried / lever) - turned / lever
+        on_group = weight + load - on_coupling
+        pull = wind + pull - used * weight + (used + drawn[0]) * on_group
+        load, behind = on_coupling, unit.coupling
+        couplings.append(on_coupling)
+        groups.append((on_group,))
+    return Supports(tuple(reversed(couplings)), tuple(reversed(groups)))
+
+
+def air_shares(parameters: TruckParameters) -> tuple[float, ...]:
+    """Returns each unit's share of drag and side force, sum 1."""
+    total = sum(unit.air_share for unit in parameters.units)
+    return tuple(unit.air_share / total for unit in parameters.units)
+
+
+def coupling_loads(parameters: TruckParameters, payload: float) -> tuple[float, ...]:
+    """Returns the vertical load on each coupling at rest on level ground [N], (units - 1,)."""
+    return supports(parameters, payload).couplings
 
 
 def static_axle_loads(parameters: TruckParameters, payload: float) -> FloatArray:
-    """Returns axle loads at rest on level ground [N], shape (6,), front to rear."""
-    tractor, trailer_axles = parameters.tractor, parameters.semitrailer.axles
-    front, *drive = tractor.axles
-    kingpin, origin = kingpin_load(parameters, payload), front.position
-    moment = tractor.mass * GRAVITY * (tractor.cg_position - origin)
-    moment += kingpin * (parameters.fifth_wheel.position - origin)
-    rear = moment / (group_center(drive) - origin)
-    steer = tractor.mass * GRAVITY + kingpin - rear
-    on_trailer = laden_trailer(parameters, payload).mass * GRAVITY - kingpin
-    loads = [steer, *([rear / len(drive)] * len(drive))]
-    return np.array(loads + [on_trailer / len(trailer_axles)] * len(trailer_axles))
+    """Returns axle loads at rest on level ground [N], shape (axles,), front to rear.
+
+    A lifted axle has none.
+    """
+    return _axle_loads(parameters, payload, supports(parameters, payload))
+
+
+def _axle_loads(parameters: TruckParameters, payload: float, found: Supports) -> FloatArray:
+    """Distributes the groups' loads over their axles."""
+    loads = dict.fromkeys((axle.name for axle in parameters.axles), 0.0)
+    for unit, on_groups in zip(parameters.units, found.groups, strict=True):
+        for axles, load in zip(unit.groups(payload), on_groups, strict=True):
+            for axle, share in zip(axles, group_shares(axles), strict=True):
+                loads[axle.name] = load * share if share != 1.0 / len(axles) else load / len(axles)
+    return np.array(list(loads.values()))
+
+
+def rolling_resistances(parameters: TruckParameters, loads: FloatArray) -> FloatArray:
+    """Returns rolling resistance over load of each axle, (axles,), at axle loads [N], (axles,).
+
+    A tire's coefficient changes with its load as `(load / test load)^(exponent - 1)`.
+    """
+    found = []
+    for axle, load in zip(parameters.axles, loads, strict=True):
+        tire = parameters.tires[axle.tire]
+        power = tire.rolling_resistance_exponent - 1.0
+        one = max(float(load), 1.0) / (2 * tire.count * tire.rolling_resistance_load)
+        found.append(tire.rolling_resistance * (one**power if power else 1.0))
+    return np.array(found)
+
+
+def rolling_resistance(parameters: TruckParameters, payload: float) -> float:
+    """Returns the combination's rolling resistance over its weight, at rest on level ground."""
+    loads = static_axle_loads(parameters, payload)
+    each = rolling_resistances(parameters, loads)
+    if (each == each[0]).all():
+        return float(each[0])
+    return float((each * loads).sum() / loads.sum())
 
 
 def cruise_axle_loads(parameters: TruckParameters, payload: float, speed: float) -> FloatArray:
-    """Returns axle loads at constant speed [m/s] on a level road [N], shape (6,), front to rear.
+    """Returns axle loads at constant speed [m/s] on a level road [N], (axles,), front to rear.
 
-    Statics of the two units with air drag at its height, the pull at the fifth wheel's, rolling
-    resistance as a forward shift of each wheel's load, and the drive force at the ground: the drive
-    axles carry more and the steer axle less than at rest. At speed 0 the loads are those at rest.
+    Statics with air drag at its height, the pull at the couplings, rolling resistance as a forward
+    shift of each wheel's load, and the drive force at the ground: the drive axles carry more and
+    the steer axle less than at rest. At speed 0 the loads are those at rest.
     """
+    static = static_axle_loads(parameters, payload)
     if speed <= 0.0:
-        return static_axle_loads(parameters, payload)
-    air, tires = parameters.aerodynamics, parameters.tires
-    rolling = parameters.tire_common.rolling_resistance
-    drag = 0.5 * air.density * air.drag_area * speed**2
-    drag_tractor, drag_trailer = air.tractor_share * drag, (1.0 - air.tractor_share) * drag
-    tractor, fifth = parameters.tractor, parameters.fifth_wheel
-    trailer = laden_trailer(parameters, payload)
-    front, *drive = tractor.axles
-
-    def lever(axles: Sequence[Axle]) -> float:
-        shift = rolling * tires[axles[0].tire].rolling_radius
-        return group_center(axles) - shift
-
-    weight = trailer.mass * GRAVITY
-    # Moments about the kingpin: the trailer's rolling resistance pulls at the ground, below it.
-    group = (weight * trailer.cg_position + drag_trailer * (air.pressure_height - fifth.height)) / (
-        lever(parameters.semitrailer.axles) + rolling * fifth.height
+        return static
+    air = parameters.aerodynamics
+    each = rolling_resistances(parameters, static)
+    names = (axle.name for axle in parameters.axles)
+    found = supports(
+        parameters,
+        payload,
+        drag=0.5 * air.density * air.drag_area * speed**2,
+        resistances=dict(zip(names, each.tolist(), strict=True)),
     )
-    kingpin = weight - group
-    pull = drag_trailer + rolling * group
-    moment = (
-        tractor.mass * GRAVITY * (tractor.cg_position - front.position)
-        + kingpin * (fifth.position - front.position)
-        + pull * fifth.height
-        + drag_tractor * air.pressure_height
-    )
-    total = tractor.mass * GRAVITY + kingpin
-    front_lever, rear_lever = lever([front]) - front.position, lever(drive) - front.position
-    rear = (moment - total * front_lever) / (rear_lever - front_lever)
-    number = len(parameters.semitrailer.axles)
-    loads = [total - rear, *([rear / len(drive)] * len(drive)), *([group / number] * number)]
-    return np.array(loads)
+    return _axle_loads(parameters, payload, found)
 
 
 def axle_loads_by_name(parameters: TruckParameters, payload: float) -> dict[str, float]:

@@ -1,177 +1,327 @@
-"""Parameters of engine, retarder, clutch and gearbox: `mjcf/truck.toml` and its CSV tables.
+"""Parameters of engine, retarder, clutch and gearbox: a truck's TOML and its CSV tables.
 
 The TOML gives meaning, unit and source of each number; all are in SI units.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import dataclasses
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import one_of
-from iits_mj.parameters.files import Table2D
+from iits_mj.core.errors import InputError
+from iits_mj.parameters.quantity import (
+    Acceleration,
+    Count,
+    Inertia,
+    KilogramsPerSecond,
+    NewtonMeters,
+    NewtonMetersPerSecond,
+    Pure,
+    RadiansPerSecond,
+    RollDamping,
+    RollStiffness,
+    Seconds,
+    Speed,
+    Watts,
+)
+from iits_mj.parameters.tables import NO_TABLE, Table2D
 
 SHIFT_STRATEGIES = ("tables", "adaptive")
+# Figures of an engine in proportion to its displacement.
+_EXTENSIVE = (
+    "reference_torque",
+    "inertia",
+    "torque_rise_rate",
+    "torque_rise_rate_low",
+    "torque_rise_threshold",
+    "torque_fall_rate",
+    "torque_fall_rate_low",
+    "torque_fall_threshold",
+    "idle_gain",
+    "idle_integral_gain",
+    "idle_integral_min",
+    "idle_integral_max",
+    "engine_brake_power",
+    "idle_fuel_rate",
+)
 
 
 @dataclass(frozen=True)
 class Engine:
-    """The identified engine.
+    """The engine. Its torque includes what the auxiliaries take.
 
     Attributes:
       full_load_speed, full_load_torque: [rad/s], [N m], shape (n,).
-      pedal_map: torque [N m] over engine speed [rad/s] (rows) and pedal 0..1 (columns).
-      fuel_map: BSFC [kg/J] over torque [N m] (rows) and engine speed [rad/s] (columns).
+      pedal_map: torque [N m] over engine speed [rad/s] (rows) and pedal 0..1 (columns); without
+        one, the pedal's share of the full load.
+      fuel_map: BSFC [kg/J] over torque [N m] (rows) and engine speed [rad/s] (columns), or
+      fuel_rate_map: fuel rate [kg/s] over engine speed [rad/s] (rows) and torque [N m] (columns).
+      fuel_factor: on the fuel of the map.
+      power: rated power. A file may give another one than its full-load curve has: the engine is
+        then one of the same family, all its torques, its inertia and its fuel in proportion.
+      auxiliaries: mean power of each, at the crankshaft.
     """
 
-    idle_speed: float
-    governed_speed: float
-    governor_droop: float
-    reference_torque: float
-    inertia: float
-    pedal_up: float
-    pedal_fade: float
-    pedal_return_time: float
-    torque_rise_rate: float
-    torque_rise_rate_low: float
-    torque_rise_threshold: float
-    torque_fall_rate: float
-    torque_fall_rate_low: float
-    torque_fall_threshold: float
-    torque_cut_time: float
-    boost_lag: float
-    spool_time: float
-    idle_gain: float
-    idle_integral_gain: float
-    idle_band: float
-    idle_integral_min: float
-    idle_integral_max: float
-    idle_forget_time: float
-    synchronization_lag: float
-    synchronization_torque_share: float
-    synchronization_brake_share: float
-    drag_speed: tuple[float, ...]
-    drag_torque: tuple[float, ...]
-    engine_brake_power: float
-    engine_brake_speed: float
-    engine_brake_exponent: float
-    engine_brake_speed_min: float
-    engine_brake_fade: float
-    engine_brake_lag: float
-    engine_brake_release_lag: float
-    idle_fuel_rate: float
+    idle_speed: RadiansPerSecond
+    governed_speed: RadiansPerSecond
+    governor_droop: Pure
+    reference_torque: NewtonMeters
+    inertia: Inertia
+    pedal_up: Pure
+    pedal_fade: Pure
+    pedal_return_time: Seconds
+    torque_rise_rate: NewtonMetersPerSecond
+    torque_rise_rate_low: NewtonMetersPerSecond
+    torque_rise_threshold: NewtonMeters
+    torque_fall_rate: NewtonMetersPerSecond
+    torque_fall_rate_low: NewtonMetersPerSecond
+    torque_fall_threshold: NewtonMeters
+    torque_cut_time: Seconds
+    boost_lag: Seconds
+    spool_time: Seconds
+    idle_gain: RollDamping
+    idle_integral_gain: RollStiffness
+    idle_band: RadiansPerSecond
+    idle_integral_min: NewtonMeters
+    idle_integral_max: NewtonMeters
+    idle_forget_time: Seconds
+    synchronization_lag: Seconds
+    synchronization_torque_share: Pure
+    synchronization_brake_share: Pure
+    drag_speed: tuple[RadiansPerSecond, ...]
+    drag_torque: tuple[NewtonMeters, ...]
+    engine_brake_power: Watts
+    engine_brake_speed: RadiansPerSecond
+    engine_brake_exponent: Pure
+    engine_brake_speed_min: RadiansPerSecond
+    engine_brake_fade: RadiansPerSecond
+    engine_brake_lag: Seconds
+    engine_brake_release_lag: Seconds
+    idle_fuel_rate: KilogramsPerSecond
     full_load_speed: FloatArray
     full_load_torque: FloatArray
-    pedal_map: Table2D
-    fuel_map: Table2D
+    pedal_map: Table2D = NO_TABLE
+    fuel_map: Table2D = NO_TABLE
+    fuel_rate_map: Table2D = NO_TABLE
+    fuel_factor: Pure = 1.0
+    power: Watts = 0.0
+    auxiliaries: dict[str, Watts] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.full_load_speed.shape != self.full_load_torque.shape:
+            raise InputError("engine.full_load: speed and torque have different lengths")
+        if bool(self.fuel_map.values.size) is bool(self.fuel_rate_map.values.size):
+            raise InputError("engine: exactly one of fuel_map and fuel_rate_map is needed")
+
+    @property
+    def auxiliary_power(self) -> float:
+        """Mean power of all auxiliaries [W]."""
+        return sum(self.auxiliaries.values())
+
+    @property
+    def full_load_power(self) -> float:
+        """Greatest power of the full-load curve [W]."""
+        return float((self.full_load_torque * self.full_load_speed).max())
+
+    def completed(self) -> Engine:
+        """Returns the engine with its rated power, and with a pedal map if it has none."""
+        engine = self
+        if self.power not in (0.0, self.full_load_power):
+            engine = engine._enlarged(self.power / self.full_load_power)
+        if not engine.pedal_map.values.size:
+            pedal = np.linspace(0.0, 1.0, 11)
+            torque = np.outer(engine.full_load_torque, pedal)
+            table = Table2D(engine.full_load_speed, pedal, torque)
+            engine = dataclasses.replace(engine, pedal_map=table)
+        return dataclasses.replace(engine, power=engine.full_load_power)
+
+    def _enlarged(self, factor: float) -> Engine:
+        """An engine of the same family with `factor` times the displacement."""
+        if not 0.2 <= factor <= 5.0:
+            raise InputError(
+                f"parameter engine.power = {self.power:g} W: allowed is a fifth to five times the "
+                f"{self.full_load_power:g} W of the full-load curve"
+            )
+        pedal, fuel, rate = self.pedal_map, self.fuel_map, self.fuel_rate_map
+        scaled = {name: factor * getattr(self, name) for name in _EXTENSIVE}
+        return dataclasses.replace(
+            self,
+            **scaled,
+            drag_torque=tuple(factor * torque for torque in self.drag_torque),
+            full_load_torque=factor * self.full_load_torque,
+            pedal_map=Table2D(pedal.rows, pedal.columns, factor * pedal.values),
+            fuel_map=Table2D(factor * fuel.rows, fuel.columns, fuel.values),
+            fuel_rate_map=Table2D(rate.rows, factor * rate.columns, factor * rate.values),
+        )
 
 
 @dataclass(frozen=True)
 class Retarder:
-    """Hydrodynamic retarder on the propeller shaft; `torque_max` 0 is a truck without one."""
+    """Hydrodynamic retarder on the propeller shaft; `torque_max` 0 is a truck without one.
 
-    torque_max: float
-    full_torque_speed: float
-    power_max: float
-    power_continuous: float
-    heat_time: float
-    derate_heat: float
-    fill_time: float
-    empty_time: float
+    `drag_speed`, `drag_torque`: drag of the empty retarder.
+    """
+
+    torque_max: NewtonMeters
+    full_torque_speed: RadiansPerSecond
+    power_max: Watts
+    power_continuous: Watts
+    heat_time: Seconds
+    derate_heat: Pure
+    fill_time: Seconds
+    empty_time: Seconds
+    drag_speed: tuple[RadiansPerSecond, ...] = ()
+    drag_torque: tuple[NewtonMeters, ...] = ()
 
 
 @dataclass(frozen=True)
 class Clutch:
     """Motion of the clutch; its capacity and engagement times are in `Gearbox`."""
 
-    opening_time: float
-    launch_range: float
-    alike_range: float
-    release_share: float
-    release_share_coast: float
-    stall_share: float
-    stall_range: float
+    opening_time: Seconds
+    launch_range: RadiansPerSecond
+    alike_range: RadiansPerSecond
+    release_share: Pure
+    release_share_coast: Pure
+    stall_share: Pure
+    stall_range: Pure
 
 
 @dataclass(frozen=True)
 class Shifting:
     """Parameters of the gearbox controller in addition to the shift tables."""
 
-    acceleration_lag: float
-    load_lag: float
-    pedal_lag: float
-    reversal_time: float
-    lowest_speed: float
-    lowest_speed_pedal: float
-    rolling_speed: float
-    recovery_horizon: float
-    recovery_speed: float
-    recovery_time: float
-    upshift_speed_margin: float
-    downshift_speed_margin: float
-    downshift_speed_max: float
-    power_speed: float
-    overspeed: float
-    overspeed_braking: float
-    torque_reserve: float
-    failed_reserve: float
-    failed_load: float
-    built_up_torque: float
-    stuck_acceleration: float
-    first_gear_delay: float
-    engage_speed_max: float
-    floored_pedal: float
-    kick_down_pedal: float
-    kick_down_rise: float
-    kick_down_speed: float
-    skip_up_max: int
-    skip_down_max: int
-    braking_speed_low: float
-    braking_speed_high: float
-    braking_deceleration: float
-    adaptive_period: float
-    adaptive_reserve: float
-    adaptive_gain: float
-    adaptive_speed_max: float
-    adaptive_horizon: float
+    acceleration_lag: Seconds
+    load_lag: Seconds
+    pedal_lag: Seconds
+    reversal_time: Seconds
+    lowest_speed: Pure
+    lowest_speed_pedal: Pure
+    rolling_speed: Pure
+    recovery_horizon: Seconds
+    recovery_speed: Pure
+    recovery_time: Seconds
+    upshift_speed_margin: Pure
+    downshift_speed_margin: Pure
+    downshift_speed_max: Pure
+    power_speed: Pure
+    overspeed: Pure
+    overspeed_braking: Pure
+    torque_reserve: Pure
+    failed_reserve: Pure
+    failed_load: Pure
+    built_up_torque: Pure
+    stuck_acceleration: Acceleration
+    first_gear_delay: Seconds
+    engage_speed_max: Speed
+    floored_pedal: Pure
+    kick_down_pedal: Pure
+    kick_down_rise: Pure
+    kick_down_speed: Pure
+    skip_up_max: Count
+    skip_down_max: Count
+    braking_speed_low: Pure
+    braking_speed_high: Pure
+    braking_deceleration: Acceleration
+    adaptive_period: Seconds
+    adaptive_reserve: Pure
+    adaptive_gain: Pure
+    adaptive_speed_max: Pure
+    adaptive_horizon: Seconds
 
 
 @dataclass(frozen=True)
 class Gearbox:
-    """The automated 12-speed gearbox with clutch times and driveline.
+    """The automated gearbox with clutch times and driveline.
 
     Attributes:
-      ratios: of gears 1 to 12, shape (12,).
-      inertias: at the gearbox input, per gear [kg m2], shape (12,).
-      upshift: vehicle speed [m/s] over from-gear 1..11 (rows) and pedal (columns).
-      downshift: vehicle speed [m/s] over from-gear 2..12 (rows) and pedal (columns).
+      efficiency: of the gears without a loss map.
+      driveline_efficiency: behind the gearbox, if there is no `axle_loss`.
+      ratios: of gears 1 to n, falling, shape (n,).
+      inertias: at the gearbox input, per gear [kg m2], shape (n,).
       shifting: parameters of the gearbox controller in addition to the tables.
+      upshift: vehicle speed [m/s] over from-gear 1..n-1 (rows) and pedal (columns).
+      downshift: vehicle speed [m/s] over from-gear 2..n (rows) and pedal (columns).
+      loss_maps: torque loss at the gearbox input [N m] over input speed [rad/s] (rows) and input
+        torque [N m] (columns), by name; loss_map: the map of each gear, from 1, or 0 for none.
+      axle_loss: the same of the final drive, at the propeller shaft.
     """
 
-    final_drive: float
-    efficiency: float
-    driveline_efficiency: float
-    start_gear: int
-    reverse_ratio: float
-    shift_cut_time: float
-    synchronization_time: float
-    synchronization_time_max: float
-    synchronized_difference: float
-    clutch_engagement_time: float
-    clutch_close_time: float
-    clutch_torque_max: float
-    driveline_stiffness: float
-    driveline_damping: float
-    loss_reversal_speed: float
-    downshift_delay: float
-    downshift_margin: float
-    min_gear_time: float
+    final_drive: Pure
+    efficiency: Pure
+    driveline_efficiency: Pure
+    start_gear: Count
+    reverse_ratio: Pure
+    shift_cut_time: Seconds
+    synchronization_time: Seconds
+    synchronization_time_max: Seconds
+    synchronized_difference: RadiansPerSecond
+    clutch_engagement_time: Seconds
+    clutch_close_time: Seconds
+    clutch_torque_max: NewtonMeters
+    driveline_stiffness: RollStiffness
+    driveline_damping: RollDamping
+    loss_reversal_speed: RadiansPerSecond
+    downshift_delay: Seconds
+    downshift_margin: Speed
+    min_gear_time: Seconds
     shift_strategy: str
     ratios: FloatArray
     inertias: FloatArray
-    upshift: Table2D
-    downshift: Table2D
     shifting: Shifting
+    upshift: Table2D = NO_TABLE
+    downshift: Table2D = NO_TABLE
+    loss_map: tuple[Count, ...] = ()
+    loss_maps: dict[str, Table2D] = field(default_factory=dict)
+    axle_loss: Table2D = NO_TABLE
 
     def __post_init__(self) -> None:
         one_of("parameter gearbox.shift_strategy", self.shift_strategy, SHIFT_STRATEGIES)
+        gears = len(self.ratios)
+        if gears < 2 or (np.diff(self.ratios) >= 0.0).any() or self.ratios[-1] <= 0.0:
+            raise InputError("gearbox.gears: two or more gears with falling ratios are needed")
+        if not 1 <= self.start_gear <= gears:
+            raise InputError(
+                f"parameter gearbox.start_gear = {self.start_gear}: allowed is 1 to {gears}"
+            )
+        for name, table, first in (("upshift", self.upshift, 1), ("downshift", self.downshift, 2)):
+            wanted = np.arange(first, first + gears - 1)
+            if table.rows.size and not np.array_equal(table.rows, wanted):
+                raise InputError(
+                    f"gearbox.{name} has rows for gears {table.rows.tolist()}, but the gearbox has "
+                    f"{gears}: gears {first} to {first + gears - 2} are needed; without the table, "
+                    "shift speeds are made from the full-load curve"
+                )
+
+    def completed(self, engine: Engine, radius: float) -> Gearbox:
+        """Returns the gearbox with shift tables, made for an engine and wheels if it has none.
+
+        An upshift is due at an engine speed that rises with the pedal from a quarter above the
+        speed of full torque to the speed of full power, a downshift at 85 % of what the same
+        upshift leaves.
+        """
+        if self.upshift.rows.size and self.downshift.rows.size:
+            return self
+        pedal = np.linspace(0.0, 1.0, 11)
+        torque, speed = engine.full_load_torque, engine.full_load_speed
+        full_torque = float(speed[torque >= 0.97 * torque.max()][0])
+        full_power = float(speed[np.argmax(torque * speed)])
+        up = 1.25 * full_torque + pedal * max(full_power - 1.25 * full_torque, 0.0)
+        steps = self.ratios[:-1] / self.ratios[1:]
+        lowest = 1.15 * self.shifting.lowest_speed * engine.idle_speed
+        up_speeds = np.maximum(up, lowest * steps[:, None])
+        down_speeds = np.maximum(0.85 * up_speeds / steps[:, None], lowest)
+        meters = radius / self.final_drive
+        gears = np.arange(1.0, len(self.ratios) + 1.0)
+        upshift = Table2D(gears[:-1], pedal, up_speeds * meters / self.ratios[:-1, None])
+        downshift = Table2D(gears[1:], pedal, down_speeds * meters / self.ratios[1:, None])
+        given_up, given_down = self.upshift.rows.size, self.downshift.rows.size
+        return dataclasses.replace(
+            self,
+            upshift=self.upshift if given_up else upshift,
+            downshift=self.downshift if given_down else downshift,
+        )

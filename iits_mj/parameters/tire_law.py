@@ -26,7 +26,7 @@ def cornering_stiffness(load: ArrayLike, tire: Tire, common: TireCommon) -> Floa
 
 
 def axle_cornering_stiffness(parameters: TruckParameters, loads: FloatArray) -> FloatArray:
-    """Returns the cornering stiffness of each axle [N/rad], (6,), at axle loads [N], (6,)."""
+    """Returns the cornering stiffness of each axle [N/rad], (axles,), at axle loads [N]."""
     stiffness = []
     for axle, load in zip(parameters.axles, loads, strict=True):
         tire = parameters.tires[axle.tire]

@@ -1,8 +1,7 @@
-"""The truck's parameters as frozen dataclasses, read from `mjcf/truck.toml` and its CSV tables.
+"""A truck's parameters as frozen dataclasses, read from its `truck.toml` and CSV tables.
 
 Every quantity of the TOML is `{ value, unit, grade, source }`; an overlay (for instance a file of
-identified parameters) may give plain values. Positions are meters behind the steer axle (tractor)
-or behind the kingpin (semitrailer), heights are above the road, masses of a unit include its axles.
+identified parameters) may give plain values. `docs/trucks.md` describes the format.
 """
 
 from __future__ import annotations
@@ -14,167 +13,121 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from iits_mj.core.assets import mjcf_dir
 from iits_mj.core.checks import in_range
-from iits_mj.core.input_files import read_toml
+from iits_mj.core.errors import InputError
 from iits_mj.parameters.brakes import AirBrake
-from iits_mj.parameters.files import (
-    build,
-    csv_tables,
-    merge,
-    plain,
-    section,
-)
+from iits_mj.parameters.files import build, read_truck
 from iits_mj.parameters.powertrain import Clutch, Engine, Gearbox, Retarder
-
-
-@dataclass(frozen=True)
-class Axle:
-    """One axle: position, springs, dampers and wheel ends. Rates are per side."""
-
-    name: str
-    tire: str
-    position: float
-    track: float
-    unsprung_mass: float
-    wheel_mass: float
-    wheel_inertia_spin: float
-    spring_rate: float
-    spring_spacing: float
-    damping: float
-    auxiliary_roll_stiffness: float
-    roll_center_height: float
-
-
-@dataclass(frozen=True)
-class Unit:
-    """A tractor or semitrailer with its axles; mass and inertia include axles and wheels."""
-
-    mass: float
-    cg_position: float
-    cg_height: float
-    inertia_x: float
-    inertia_y: float
-    inertia_z: float
-    front_overhang: float
-    width: float
-    height: float
-    load_equalization: float
-    axles: tuple[Axle, ...]
-
-
-@dataclass(frozen=True)
-class Tractor(Unit):
-    """The tractor unit; positions from the steer axle."""
-
-
-@dataclass(frozen=True)
-class Semitrailer(Unit):
-    """The empty semitrailer; positions from the kingpin."""
-
-    length: float
-
-
-@dataclass(frozen=True)
-class Payload:
-    """The payload at its greatest mass; a smaller one keeps CG and radii of gyration.
-
-    `cg_height` may lie between `cg_height_min` and `cg_height_max`, see `with_payload_height`.
-    """
-
-    mass_max: float
-    cg_position: float
-    cg_height: float
-    cg_height_min: float
-    cg_height_max: float
-    inertia_x: float
-    inertia_y: float
-    inertia_z: float
-
-
-@dataclass(frozen=True)
-class FifthWheel:
-    """Coupling between tractor and semitrailer."""
-
-    position: float
-    height: float
-    yaw_limit: float
-    pitch_min: float
-    pitch_max: float
-    roll_stiffness: float
-    roll_damping: float
-    roll_lash: float
-    plate_width: float
-    yaw_friction: float
+from iits_mj.parameters.quantity import (
+    Count,
+    Damping,
+    Density,
+    Distance,
+    Inertia,
+    Length,
+    Meters,
+    Newtons,
+    PerRadian,
+    Pure,
+    Radians,
+    RadiansPerSecond,
+    RollDamping,
+    RollStiffness,
+    Seconds,
+    Speed,
+    SquareMeters,
+    Stiffness,
+)
+from iits_mj.parameters.units import Axle, Unit
 
 
 @dataclass(frozen=True)
 class Steering:
     """Steering from steering wheel to road wheels."""
 
-    ratio: float
-    dead_band: float
-    angle_max: float
-    rate_max: float
-    stiffness: float
-    damping: float
-    knuckle_inertia: float
-    time_constant: float
+    ratio: Pure
+    dead_band: Radians
+    angle_max: Radians
+    rate_max: RadiansPerSecond
+    stiffness: RollStiffness
+    damping: RollDamping
+    knuckle_inertia: Inertia
+    time_constant: Seconds
 
 
 @dataclass(frozen=True)
 class Tire:
-    """One kind of tire; stiffnesses are per tire, `count` tires make a wheel end."""
+    """One kind of tire; stiffnesses are per tire, `count` tires make a wheel end.
 
-    count: int
-    free_radius: float
-    rolling_radius: float
-    vertical_stiffness: float
-    vertical_damping: float
-    cornering_coefficient: float
-    cornering_load: float
-    pneumatic_trail: float
+    Attributes:
+      rolling_resistance: over the load, at the load `rolling_resistance_load` of one tire.
+      rolling_resistance_exponent: of the rolling resistance [N] over the load; 1: in proportion.
+    """
+
+    count: Count
+    free_radius: Meters
+    rolling_radius: Meters
+    vertical_stiffness: Stiffness
+    vertical_damping: Damping
+    cornering_coefficient: PerRadian
+    cornering_load: Newtons
+    pneumatic_trail: Meters
+    rolling_resistance: Pure
+    rolling_resistance_load: Newtons = 30e3
+    rolling_resistance_exponent: Pure = 1.0
 
 
 @dataclass(frozen=True)
 class TireCommon:
     """Magic Formula parameters that all tires share."""
 
-    nominal_load: float
-    friction_lateral: float
-    friction_longitudinal: float
-    friction_load_slope: float
-    shape_lateral: float
-    shape_longitudinal: float
-    curvature_lateral: float
-    curvature_longitudinal: float
-    load_saturation: float
-    slip_stiffness: float
-    relaxation_lateral: float
-    relaxation_load_exponent: float
-    relaxation_longitudinal: float
-    rolling_resistance: float
+    nominal_load: Newtons
+    friction_lateral: Pure
+    friction_longitudinal: Pure
+    friction_load_slope: Pure
+    shape_lateral: Pure
+    shape_longitudinal: Pure
+    curvature_lateral: Pure
+    curvature_longitudinal: Pure
+    load_saturation: Pure
+    slip_stiffness: Pure
+    relaxation_lateral: Meters
+    relaxation_load_exponent: Pure
+    relaxation_longitudinal: Meters
 
 
 @dataclass(frozen=True)
 class Aerodynamics:
-    """Air drag and side force of the combination."""
+    """Air drag and side force of the combination.
 
-    tractor_share: float
-    drag_area: float
-    side_area: float
-    pressure_height: float
-    density: float
+    Attributes:
+      drag_area, side_area: with their coefficients, of all units together.
+      pressure_height: above the road.
+      drag_yaw_angle, drag_area_increase: what a yaw angle of the air adds to the drag area: the
+        drag is `rho/2 v^2 (drag_area cos(angle) + increase(angle))`.
+      mean_wind: speed of a wind from all directions, over which the drag is averaged.
+    """
+
+    drag_area: SquareMeters
+    side_area: SquareMeters
+    pressure_height: Meters
+    density: Density
+    drag_yaw_angle: tuple[Radians, ...] = ()
+    drag_area_increase: tuple[SquareMeters, ...] = ()
+    mean_wind: Speed = 0.0
 
 
 @dataclass(frozen=True)
 class TruckParameters:
-    """All parameters of a truck; `load` reads them, `dataclasses.replace` changes them."""
+    """All parameters of a truck; `load` reads them, `dataclasses.replace` changes them.
 
-    tractor: Tractor
-    semitrailer: Semitrailer
-    payload: Payload
-    fifth_wheel: FifthWheel
+    Attributes:
+      name: of its folder.
+      units: the motor vehicle and what it tows, front to rear.
+    """
+
+    name: str
+    units: tuple[Unit, ...]
     steering: Steering
     tires: dict[str, Tire]
     tire_common: TireCommon
@@ -184,57 +137,139 @@ class TruckParameters:
     clutch: Clutch
     gearbox: Gearbox
     air_brake: AirBrake
+    description: str = ""
 
     @classmethod
     def load(
         cls,
-        path: str | Path | None = None,
+        truck: str | Path | None = None,
         overlay: str | Path | Mapping[str, Any] | None = None,
     ) -> TruckParameters:
-        """Reads the TOML and CSV tables of a truck.
+        """Reads a truck.
 
         Args:
-          path: a complete truck file, with its CSV tables in the same folder; default: the shipped
-            truck.
+          truck: name of a shipped truck, a `truck.toml`, or a folder with one; default: the 6x4
+            tractor with semitrailer.
           overlay: a TOML file or a nested mapping with the values to change, for instance
             `{"engine": {"boost_lag": 0.5}, "tires": {"steer": {"free_radius": 0.54}}}`.
 
         Raises:
-          InputError: unreadable file, unknown or missing key, wrong type, value not finite.
+          InputError: unreadable file, unknown or missing key, wrong type or unit, value that is not
+            finite or out of its bounds, no possible truck.
         """
-        file = Path(path) if path is not None else mjcf_dir() / "truck.toml"
-        tree = plain(read_toml(file, "parameter file"))
-        if overlay is not None:
-            if not isinstance(overlay, Mapping):
-                overlay = read_toml(overlay, "parameter file")
-            tree = merge(tree, plain(overlay), "")
-        for name, tables in csv_tables(file.resolve().parent).items():
-            tree[name] = tables | dict(section(tree, name))
-        return typing.cast(TruckParameters, build(cls, tree, "truck"))
+        found = typing.cast(TruckParameters, build(cls, read_truck(truck, overlay), ""))
+        engine = found.engine.completed()
+        radius = found.tires[found.driven_axles[0].tire].rolling_radius
+        gearbox = found.gearbox.completed(engine, radius)
+        return dataclasses.replace(found, engine=engine, gearbox=gearbox)
+
+    def __post_init__(self) -> None:
+        """Checks what the parts must have in common."""
+        lead, *towed = self.units or (None,)
+        if lead is None or lead.coupling is not None:
+            raise InputError("a truck needs a motor vehicle (kind tractor or rigid_truck)")
+        for unit in towed:
+            if unit.coupling is None:
+                raise InputError(f"units.{unit.name} is a second motor vehicle; one is allowed")
+        for axle in self.axles:
+            if axle.tire not in self.tires:
+                raise InputError(
+                    f"axle {axle.name}: tire {axle.tire!r} is not one of {sorted(self.tires)}"
+                )
+        if not lead.axles[0].steered or all(axle.steered for axle in lead.axles):
+            raise InputError(f"units.{lead.name}: the first axle must be steered, the last one not")
+        if not any(axle.driven for axle in lead.axles):
+            raise InputError(f"units.{lead.name} has no driven axle")
+        for unit in towed:
+            for axle in unit.axles:
+                if axle.steered or axle.driven:
+                    raise InputError(
+                        f"axle {axle.name} is steered or driven: only the motor vehicle's are; a "
+                        "trailer's axle may have self_steering"
+                    )
+
+    @property
+    def lead(self) -> Unit:
+        """The motor vehicle."""
+        return self.units[0]
+
+    @property
+    def last(self) -> Unit:
+        """The unit at the end; the motor vehicle if it tows nothing."""
+        return self.units[-1]
 
     @property
     def axles(self) -> tuple[Axle, ...]:
-        """Axles of both units, front to rear."""
-        return self.tractor.axles + self.semitrailer.axles
+        """Axles of all units, front to rear."""
+        return tuple(axle for unit in self.units for axle in unit.axles)
+
+    @property
+    def driven_axles(self) -> tuple[Axle, ...]:
+        """The axles that the propeller shaft drives."""
+        return tuple(axle for axle in self.lead.axles if axle.driven)
+
+    @property
+    def coupling_names(self) -> tuple[str, ...]:
+        """Names of the couplings in the MJCF: the kind of the first one, then `{unit}_{kind}`."""
+        kinds = [(unit.name, unit.coupling.kind) for unit in self.units if unit.coupling]
+        return tuple(kind if i == 0 else f"{name}_{kind}" for i, (name, kind) in enumerate(kinds))
+
+    @property
+    def payload_max(self) -> float:
+        """The greatest payload of all units together [kg]."""
+        return sum(unit.payload.mass_max for unit in self.units if unit.payload)
+
+    @property
+    def length(self) -> float:
+        """Of the straight combination, bumper to rear [m]."""
+        return self.lead.front_overhang + self.rear
+
+    @property
+    def rear(self) -> float:
+        """Distance of the straight combination's rear behind the first axle [m]."""
+        origin = ends = 0.0
+        for unit in self.units:
+            if unit.coupling:
+                origin = origin + unit.coupling.position
+            ends = max(ends, origin + unit.length - unit.front_overhang)
+        return ends
 
     def gross_mass(self, payload: float) -> float:
         """Returns the mass of the combination [kg] with a payload [kg]."""
-        return self.tractor.mass + self.semitrailer.mass + self.check_payload(payload)
+        return sum(unit.mass for unit in self.units) + self.check_payload(payload)
 
     def check_payload(self, payload: float) -> float:
-        """Returns the payload [kg] as float; raises InputError outside [0, mass_max]."""
-        return in_range("payload", payload, 0.0, self.payload.mass_max, "kg")
+        """Returns the payload [kg] as float; raises InputError outside [0, payload_max]."""
+        return in_range("payload", payload, 0.0, self.payload_max, "kg")
+
+    def unit_payloads(self, payload: float) -> tuple[float, ...]:
+        """Returns the load of each unit [kg]: the payload, in proportion to what each may carry."""
+        payload, most = self.check_payload(payload), self.payload_max
+        return tuple(
+            0.0 if not unit.payload
+            else payload if unit.payload.mass_max == most
+            else payload * unit.payload.mass_max / most
+            for unit in self.units
+        )
 
     def with_payload_height(self, height: float | None) -> TruckParameters:
-        """Returns the truck with the payload's CG at this height above the road [m].
+        """Returns the truck with the CG of every unit's load at this height above the road [m].
 
-        None changes nothing. The load keeps its inertia about its own CG.
+        None changes nothing. The loads keep their inertia about their own CG.
 
         Raises:
-          InputError: the height is not within the payload's bounds.
+          InputError: the height is not within a load's bounds, or the truck carries no load.
         """
         if height is None:
             return self
-        load = self.payload
-        value = in_range("payload_height", height, load.cg_height_min, load.cg_height_max, "m")
-        return dataclasses.replace(self, payload=dataclasses.replace(load, cg_height=value))
+        if not self.payload_max:
+            raise InputError(f"payload_height = {height!r} m: truck {self.name!r} carries no load")
+
+        def raised(unit: Unit) -> Unit:
+            load = unit.payload
+            if load is None:
+                return unit
+            value = in_range("payload_height", height, load.cg_height_min, load.cg_height_max, "m")
+            return dataclasses.replace(unit, payload=dataclasses.replace(load, cg_height=value))
+
+        return dataclasses.replace(self, units=tuple(raised(unit) for unit in self.units))
