@@ -309,18 +309,37 @@ double clutch_control(double engagement, double engine_speed, double input_speed
 double clutch_stall_guard(double engine_speed) {
   return Truck(0).driveline.control.StallGuard(engine_speed);
 }
-// `gear`: ratio, inertia, efficiency; `state`: torsion, engagement, inertia, stiffness; `work`: a
+// `gear`: ratio, inertia, efficiency of a gear without a map, and of the axle; `torques` a
+// DrivelineTorques; `state`: torsion, engagement, inertia, stiffness; `work`: a
 // StepWork. Returns the engine's speed.
-double driveline_step(const double* gear, double engine_torque, double retarder_torque,
-                      double shaft_speed, double h, double engine_speed, double* state,
-                      double* work) {
+double driveline_step(const double* gear, const double* torques, double shaft_speed, double h,
+                      double engine_speed, double* state, double* work) {
   return Change<DrivelineState<double>>(state, [&](auto* s) {
     StepWork<double> w;
-    Truck(0).driveline.Step(Read<GearData<double>>(gear), engine_torque, retarder_torque,
-                            shaft_speed, h, s, &engine_speed, &w);
+    Truck(0).driveline.Step({gear[0], gear[1], {gear[2], nullptr}}, {gear[3], nullptr},
+                            Read<DrivelineTorques<double>>(torques), shaft_speed, h, s,
+                            &engine_speed, &w);
     Write(w, work);
     return engine_speed;
   });
+}
+// Torque at the shaft and its inverse, with efficiencies or with maps of losses.
+const Gears<double>& GearsOf(int maps) {
+  static const auto kGears = [] {
+    std::array<Gears<double>, 2> gears = {Truck(0).gearbox.gears, Truck(0).gearbox.gears};
+    gears[1].loss_maps = {{{0, 200}, {-500, 0, 2000}, {12, 4, 44, 16, 8, 60}}};
+    gears[1].map_of_gear = {1, 1, 1, 1, 0};
+    gears[1].axle_loss = {{0, 300}, {-3000, 0, 8000}, {100, 15, 250, 140, 40, 300}};
+    gears[1].retarder_drag = {{0, 300}, {10, 90}};
+    return gears;
+  }();
+  return kGears[maps];
+}
+double gears_shaft_torque(int maps, int gear, double torque, double speed) {
+  return GearsOf(maps).ShaftTorque(gear, torque, speed);
+}
+double gears_input_torque(int maps, int gear, double torque, double speed) {
+  return GearsOf(maps).InputTorque(gear, torque, speed);
 }
 double driveline_energy(const double* state, double engine_speed) {
   return Driveline<double>::Energy(Read<DrivelineState<double>>(state), engine_speed);
@@ -339,8 +358,8 @@ double retarder_update(const double* attributes, double wanted, double available
     return Read<Retarder<double>>(attributes).Update(wanted, available, shaft_speed, h, s);
   });
 }
-// `levers`: pedal, engine brake, retarder; `demand`: shaft torque, cut; `gearing`: factors of
-// engine and retarder; `out`: pedal, engine brake, retarder torque.
+// `levers`: pedal, engine brake, retarder; `demand`: shaft torque, cut; `gearing`: an
+// EnduranceGearing; `out`: pedal, engine brake, retarder torque.
 void endurance_update(const double* attributes, const double* levers, const double* demand,
                       const double* gearing, double drag, double brake_max, double retarder_max,
                       double h, double* held_back, double* out) {
