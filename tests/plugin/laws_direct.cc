@@ -272,6 +272,20 @@ void brake_pressures(const double* attributes, double friction, double shaft_for
 // Engine: a state is speed, torque, boost demand, boost, idle integral, brake torque. `request`:
 // mode, pedal, engine brake, time left, target speed, inertia, limited, torque.
 void engine_at(double speed, double* out) { Write(Truck(0).engine.At(speed), out); }
+void engine_with_auxiliaries_at(double power, double speed, double* out) {
+  Engine<double> engine = Truck(0).engine;
+  engine.auxiliary_power = power;
+  Write(engine.At(speed), out);
+}
+// With a map of the rate from -50 N m on: 5 g/s there, 10 g/s at 350 N m.
+double engine_fuel_by_rate(double indicated, double drag) {
+  Engine<double> engine = Truck(0).engine;
+  engine.fuel_map = {};
+  engine.fuel_rate = {{-50, 350}, {50, 250}, {5e-3, 5e-3, 1e-2, 1e-2}};
+  EngineState<double> state = {};
+  state.torque = indicated;
+  return engine.FuelRate({100, drag, 2000, 0, 0}, state);
+}
 double engine_pedal_torque(double speed, double pedal) {
   return Truck(0).engine.PedalTorque(speed, pedal);
 }

@@ -190,7 +190,8 @@ struct Powertrain {
     const T input_speed = gearbox.gears.Ratio(gear) * shaft_speed;
     const bool rolling = input_speed > driveline.control.release_share_coast * engine.idle_speed;
     core->engine.speed = rolling ? Min(input_speed, engine.brake_speed) : engine.idle_speed;
-    core->engine.torque = engine.drag(core->engine.speed) + engine.Auxiliary(core->engine.speed);
+    EngineState<T>& s = core->engine;
+    s.torque = s.boost_demand = s.boost = engine.drag(s.speed) + engine.Auxiliary(s.speed);
     core->gearbox.gear = core->gearbox.target = gear;
     core->gearbox.gear_time = 0;
     core->gearbox.shaft_speed = shaft_speed;
