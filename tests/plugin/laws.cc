@@ -41,6 +41,7 @@ struct Dual {
 Dual Chain(Dual a, double value, double slope) { return {value, a.d == 0 ? 0 : slope * a.d}; }
 Dual abs(Dual a) { return Chain(a, std::abs(a.v), a.v < 0 ? -1 : 1); }
 Dual atan(Dual a) { return Chain(a, std::atan(a.v), 1 / (1 + a.v * a.v)); }
+Dual cos(Dual a) { return Chain(a, std::cos(a.v), -std::sin(a.v)); }
 Dual exp(Dual a) { return Chain(a, std::exp(a.v), std::exp(a.v)); }
 Dual floor(Dual a) { return std::floor(a.v); }
 Dual log(Dual a) { return Chain(a, std::log(a.v), 1 / a.v); }
@@ -134,7 +135,7 @@ void ChassisLaws() {
   Print("steering_left", targets[0]);
   Print("steering_right", targets[1]);
   Print("steering_step", steering.Step(Seed<T>(1), T(0.002), {0, 0}).wheel_angle);
-  const Aerodynamics<T> air = {1.2, 6, 40};
+  const Aerodynamics<T> air = {1.2, 6, 40, {}, 0, {}};
   T force[2];
   air.Force(Seed<T>(20), T(20), T(0), force);
   Print("air_drag", force[0]);

@@ -38,7 +38,7 @@ auto Change(double* numbers, const Function& f) {
 
 const Tire<double>& TireOf(const double* attributes) {
   static Tire<double> tire = {};
-  constexpr size_t kSize = 21 * sizeof(double);
+  constexpr size_t kSize = 23 * sizeof(double);
   if (std::memcmp(&tire.count, attributes, kSize) != 0) {
     std::memcpy(&tire.count, attributes, kSize);
     tire.Prepare();
@@ -146,7 +146,17 @@ void steering_step(const double* attributes, double demand, double h, double* st
 
 void air_force(const double* attributes, double forward, double side, double up, double* out) {
   const double speed = std::sqrt(forward * forward + side * side + up * up);
-  Read<Aerodynamics<double>>(attributes).Force(speed, forward, side, out);
+  Aerodynamics<double> law = {attributes[0], attributes[1], attributes[2], {}, 0, {}};
+  law.Force(speed, forward, side, out);
+}
+// With an increase of 0, 1 and 3 m2 at the yaw angles 0, 0.1 and 0.3, and a mean wind.
+void air_force_in_wind(double mean_wind, double forward, double side, double* out) {
+  static Aerodynamics<double> law = {1.2, 6, 40, {{0, 0.1, 0.3}, {0, 1, 3}}, -1, {}};
+  if (law.mean_wind != mean_wind) {
+    law.mean_wind = mean_wind;
+    law.Prepare();
+  }
+  law.Force(std::hypot(forward, side), forward, side, out);
 }
 
 // Slip control of the driven wheels; `slips` of `count` wheels.

@@ -29,6 +29,8 @@ TIRE = {
     "relaxation_load_exponent": 0.7,
     "relaxation_longitudinal": 0.15,
     "rolling_resistance": 0.006,
+    "rolling_resistance_load": 30e3,
+    "rolling_resistance_exponent": 1,
 }
 DEFLECTION = 0.02
 PLANE = (0, 0, 0, 1, 1, 0.8, 0)
@@ -295,6 +297,20 @@ def test_rolling_resistance_winds_up_over_10_mrad_and_opposes_the_spin():
     damped = step(wheel(spin=0.025), bristles=(0, 0, 0.005 - 0.002 * 0.025))
     resistance = 0.7 * 0.006 * LOAD * ROLLING
     assert damped["moment"][1] == pytest.approx(-resistance - ROLLING * damped["fx"], rel=1e-3)
+
+
+@pytest.mark.parametrize("exponent", [0.9, 1.0, 1.1])
+@pytest.mark.parametrize("deflection", [0.002, 0.02, 0.1])
+def test_rolling_resistance_grows_with_a_power_of_the_load_per_tire(deflection, exponent):
+    load = 1350e3 * deflection
+    wound = step(
+        wheel(deflection=deflection),
+        bristles=(0, 0, 0.01),
+        rolling_resistance_exponent=exponent,
+    )
+    rolling = TIRE["rolling_radius"] + (35e3 / 1350e3 - deflection) / 3
+    moment = -0.006 * 30e3 * (load / 30e3) ** exponent * 2 * rolling
+    assert wound["moment"][1] == pytest.approx(moment, rel=1e-6)
 
 
 def test_low_speed_damping_fades_out_at_2_meters_per_second():
