@@ -129,18 +129,26 @@ void road_evaluate(const double* rows, int count, double start, double step, dou
   Write(road.Evaluate(rows, x, y, hint), out);
 }
 
+FifthWheel<double> FifthWheelOf(const double* a) {
+  return {a[0], a[1], a[2], a[3], a[4], a[5], static_cast<int>(a[6])};
+}
 double fifth_wheel_roll(const double* attributes, double roll, double rate) {
-  return Read<FifthWheel<double>>(attributes).RollMoment(roll, rate);
+  return FifthWheelOf(attributes).RollMoment(roll, rate);
 }
 double fifth_wheel_yaw(const double* attributes, double rate, double h, double* wind_up) {
-  return Read<FifthWheel<double>>(attributes).YawMoment(rate, h, wind_up);
+  return FifthWheelOf(attributes).YawMoment(rate, h, wind_up);
 }
 
-void steering_targets(const double* attributes, double angle, double* out) {
-  Read<Steering<double>>(attributes).Targets(angle, out);
+// `attributes`: six numbers of Steering, then wheelbase and track of each axle.
+Steering<double> SteeringOf(const double* attributes, int axles = 1) {
+  const double *a = attributes, *wheelbase = a + 6, *track = wheelbase + axles;
+  return {a[0], a[1], a[2], a[3], a[4], a[5], {wheelbase, track}, {track, track + axles}};
+}
+void steering_targets(const double* attributes, int axles, int axle, double angle, double* out) {
+  SteeringOf(attributes, axles).Targets(axle, angle, out);
 }
 void steering_step(const double* attributes, double demand, double h, double* state) {
-  Write(Read<Steering<double>>(attributes).Step(demand, h, Read<SteeringState<double>>(state)),
+  Write(SteeringOf(attributes).Step(demand, h, Read<SteeringState<double>>(state)),
         state);
 }
 
