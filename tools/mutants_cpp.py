@@ -181,8 +181,8 @@ LAWS = {
     "aerodynamics": "aerodynamics",
     "air_brake|brake_control|dead_time|reservoir|wheel_brake": "air_brake|manuals",
     "endurance|retarder": "retarder|air_brake|powertrain",
-    "shift_.*|gearbox": "gearbox|powertrain",
-    "engine|driveline|gears|powertrain": "powertrain|gearbox(?!_hunting)|retarder",
+    "shift_.*|gearbox": "gear|powertrain",
+    "engine|driveline|gears|gear_loss|powertrain": "powertrain|gear|retarder",
     "lookup|number": "powertrain$|tire|steering|air_brake$|air_brake_supply",
 }
 # Area of a source and the area's test files; these run first.

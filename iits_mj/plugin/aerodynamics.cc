@@ -1,5 +1,6 @@
 // Aerodynamics plugin `iits.aerodynamics`. Every body that references the instance is a center of
-// pressure with its own axes; the wind is the model's `option/wind`.
+// pressure with its own axes; the wind is the model's `option/wind`, to
+// which `mean_wind` adds one from all directions.
 #include "plugin/laws/aerodynamics.h"
 
 #include "plugin/plugin.h"
@@ -17,12 +18,18 @@ class AerodynamicsPlugin : public PluginBase {
         Number("density", 0, 10, &law_.density),
         Number("drag_area", 0, 100, &law_.drag_area),
         Number("side_area", 0, 1000, &law_.side_area),
+        Optional(Ordered("drag_yaw_angle", 1, 2, 64, 0, 1.5, &law_.increase.x)),
+        Together("drag_yaw_angle",
+                 Values("drag_area_increase", -100, 100, &law_.increase.y, {&law_.increase.x})),
+        Optional(Number("mean_wind", 0, 40, &law_.mean_wind)),
     };
   }
 
   bool Bind(const mjModel* m, int instance) {
     bodies_ = BodiesOfInstance(m, instance);
-    return ReadAttributes(m, instance, Table());
+    if (!ReadAttributes(m, instance, Table())) return false;
+    law_.Prepare();
+    return true;
   }
 
   void Passive(const mjModel* m, mjData* d, const State*) const {

@@ -25,11 +25,16 @@ bool ReadAttributes(const mjModel* m, int instance, const Attributes& attributes
   return true;
 }
 
+bool Given(const mjModel* m, int instance, const char* name) {
+  const char* value = mj_getPluginConfig(m, instance, name);
+  return value && value[0];
+}
+
 bool ReadNumbers(const mjModel* m, int instance, const char* name, size_t count_min,
                  size_t count_max, double low, double high, std::vector<double>* out) {
   out->clear();
+  if (!Given(m, instance, name)) return Refuse(m, instance, "attribute '%s' is missing", name);
   const char* cursor = mj_getPluginConfig(m, instance, name);
-  if (!cursor || !cursor[0]) return Refuse(m, instance, "attribute '%s' is missing", name);
   while (true) {
     while (*cursor == ' ' || *cursor == '\t' || *cursor == '\n' || *cursor == '\r') ++cursor;
     if (!*cursor) break;
@@ -89,6 +94,29 @@ Attribute Values(const char* name, double low, double high, std::vector<double>*
             size_t count = columns;
             for (const std::vector<double>* axis : axes) count *= axis->size();
             return ReadNumbers(m, instance, key, count, count, low, high, out);
+          }};
+}
+
+Attribute Text(const char* name, std::string* out) {
+  return {name, [out](const mjModel* m, int instance, const char* key) {
+            const char* value = mj_getPluginConfig(m, instance, key);
+            *out = value ? value : "";
+            return true;
+          }};
+}
+
+Attribute Optional(Attribute attribute) {
+  return {attribute.name, [read = attribute.read](const mjModel* m, int instance, const char* key) {
+            return !Given(m, instance, key) || read(m, instance, key);
+          }};
+}
+
+Attribute Together(const char* other, Attribute attribute) {
+  return {attribute.name,
+          [other, read = attribute.read](const mjModel* m, int instance, const char* key) {
+            if (Given(m, instance, other)) return read(m, instance, key);
+            return !Given(m, instance, key) ||
+                   Refuse(m, instance, "attribute '%s' needs '%s', which is missing", key, other);
           }};
 }
 

@@ -30,6 +30,9 @@ bool ReadAttributes(const mjModel* m, int instance, const Attributes& attributes
 bool ReadNumbers(const mjModel* m, int instance, const char* name, size_t count_min,
                  size_t count_max, double low, double high, std::vector<double>* out);
 
+// Whether the model has the attribute.
+bool Given(const mjModel* m, int instance, const char* name);
+
 // Kinds of attributes. One number, rounded toward zero where `out` is an integer:
 Attribute Number(const char* name, double low, double high, double* out);
 Attribute Number(const char* name, double low, double high, int* out);
@@ -41,6 +44,12 @@ Attribute Axis(const char* name, std::vector<double>* out);
 // One value for each point of the axes, with `columns` numbers per point:
 Attribute Values(const char* name, double low, double high, std::vector<double>* out,
                  std::vector<const std::vector<double>*> axes, size_t columns = 1);
+// Text:
+Attribute Text(const char* name, std::string* out);
+// One that may be missing; its variables then stay as they are:
+Attribute Optional(Attribute attribute);
+// One that is required if the attribute `other` is given, and refused without it:
+Attribute Together(const char* other, Attribute attribute);
 
 }  // namespace iits
 

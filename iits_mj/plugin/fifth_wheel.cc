@@ -1,5 +1,5 @@
-// Fifth-wheel plugin `iits.fifth_wheel`. The semitrailer's body references the instance; its three
-// hinges are yaw (z), pitch (y), roll (x).
+// Fifth-wheel plugin `iits.fifth_wheel`, also for turntables, pintles and drawbar eyes. The towed
+// unit's body references the instance; its three hinges are yaw (z), pitch (y), roll (x).
 #include "plugin/laws/fifth_wheel.h"
 
 #include "plugin/plugin.h"
@@ -22,6 +22,7 @@ class FifthWheelPlugin : public PluginBase {
         Number("plate_width", 0, 3, &f.plate_width),
         Number("kingpin_load", 0, 1e6, &f.kingpin_load),
         Number("yaw_friction", 0, 1e6, &f.yaw_friction),
+        Optional(Number("turntable", 0, 1, &f.turntable)),
     };
   }
 

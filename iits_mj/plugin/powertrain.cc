@@ -50,6 +50,7 @@ const struct {
     IITS_SIGNAL(clutch_loss),
     IITS_SIGNAL(retarder_work),
     IITS_SIGNAL(driveline_energy),
+    IITS_SIGNAL(auxiliary_work),
 };
 #undef IITS_SIGNAL
 
@@ -88,6 +89,7 @@ class PowertrainPlugin : public PluginBase {
  private:
   bool FindActuators(const mjModel* m, int instance);
   bool FindSensors(const mjModel* m, int instance);
+  bool ReadLossMaps(const mjModel* m, int instance, const char* name);
   bool Check(const mjModel* m, int instance) const;
   void Prepare();
 
@@ -99,6 +101,8 @@ class PowertrainPlugin : public PluginBase {
   }
 
   Powertrain<double> law_;
+  Map<double> gear_loss_;              // axes of the gears' maps of losses
+  std::vector<double> gear_loss_map_;  // of each gear
   std::string shift_strategy_;
   double wheel_radius_;
   int pedal_ = -1, engine_brake_ = -1, mode_ = -1, retarder_lever_ = -1;  // actuators
@@ -116,13 +120,6 @@ Attributes PowertrainPlugin::Table() {
   ShiftParameters<double>& s = b.strategy;
   Driveline<double>& d = law_.driveline;
   ClutchControl<double>& c = d.control;
-  auto text = [](std::string* out) {
-    return [out](const mjModel* m, int instance, const char* name) {
-      const char* value = mj_getPluginConfig(m, instance, name);
-      *out = value ? value : "";
-      return true;
-    };
-  };
   return {
       // Engine.
       Number("idle_speed", 20, 200, &e.idle_speed),
@@ -157,7 +154,6 @@ Attributes PowertrainPlugin::Table() {
       Number("engine_brake_fade", 0.1, 1000, &e.brake_fade),
       Number("engine_brake_lag", 0.001, 10, &e.brake_lag),
       Number("engine_brake_release_lag", 0.001, 10, &e.brake_release_lag),
-      Number("idle_fuel_rate", 0, 1, &e.idle_fuel_rate),
       Axis("full_load_speed", &e.full_load.x),
       Values("full_load_torque", 0, 1e5, &e.full_load.y, {&e.full_load.x}),
       Axis("drag_speed", &e.drag.x),
@@ -166,10 +162,17 @@ Attributes PowertrainPlugin::Table() {
       Axis("pedal_map_pedal", &e.pedal_map.columns),
       Values("pedal_map_torque", 0, 1e5, &e.pedal_map.values,
              {&e.pedal_map.rows, &e.pedal_map.columns}),
-      Axis("fuel_map_torque", &e.fuel_map.rows),
-      Axis("fuel_map_speed", &e.fuel_map.columns),
-      Values("fuel_map_consumption", 0, 1, &e.fuel_map.values,
-             {&e.fuel_map.rows, &e.fuel_map.columns}),
+      Optional(Axis("fuel_map_torque", &e.fuel_map.rows)),
+      Together("fuel_map_torque", Axis("fuel_map_speed", &e.fuel_map.columns)),
+      Together("fuel_map_torque", Values("fuel_map_consumption", 0, 1, &e.fuel_map.values,
+                                         {&e.fuel_map.rows, &e.fuel_map.columns})),
+      Together("fuel_map_torque", Number("idle_fuel_rate", 0, 1, &e.idle_fuel_rate)),
+      Optional(Axis("fuel_rate_torque", &e.fuel_rate.rows)),
+      Together("fuel_rate_torque", Axis("fuel_rate_speed", &e.fuel_rate.columns)),
+      Together("fuel_rate_torque", Values("fuel_rate_values", 0, 1, &e.fuel_rate.values,
+                                          {&e.fuel_rate.rows, &e.fuel_rate.columns})),
+      Optional(Number("fuel_factor", 0, 10, &e.fuel_factor)),
+      Optional(Number("auxiliary_power", 0, 1e5, &e.auxiliary_power)),
       // Retarder, and the brakes' cut of the accelerator.
       Number("retarder_torque_max", 0, 1e5, &r.torque_max),
       Number("retarder_full_torque_speed", 1, 1000, &r.full_torque_speed),
@@ -179,13 +182,36 @@ Attributes PowertrainPlugin::Table() {
       Number("retarder_derate_heat", 0, 0.99, &r.derate_heat),
       Number("retarder_fill_time", 0.001, 10, &r.fill_time),
       Number("retarder_empty_time", 0.001, 10, &r.empty_time),
+      Optional(Ordered("retarder_drag_speed", 1, 2, 64, 0, 1e4, &g.retarder_drag.x)),
+      Together("retarder_drag_speed",
+               Values("retarder_drag_torque", 0, 1e4, &g.retarder_drag.y, {&g.retarder_drag.x})),
       Number("pedal_return_time", 0.001, 60, &law_.endurance.return_time),
       // Gearbox.
       Ordered("ratios", -1, 2, 32, 0.05, 200, &g.ratios),
       Values("gear_inertias", 0, 100, &g.inertias, {&g.ratios}),
       Number("reverse_ratio", 0.1, 100, &g.reverse_ratio),
       Number("final_drive", 0.1, 20, &g.final_drive),
-      Number("efficiency", 0.5, 1, &g.gear_efficiency),
+      // One for all gears, or one per gear.
+      {"efficiency",
+       [&g](const mjModel* m, int instance, const char* name) {
+         const size_t gears = g.ratios.size();
+         if (!ReadNumbers(m, instance, name, 1, gears, 0.5, 1, &g.efficiencies)) return false;
+         const size_t given = g.efficiencies.size();
+         if (given == 1) g.efficiencies.resize(gears, g.efficiencies[0]);
+         return g.efficiencies.size() == gears ||
+                Refuse(m, instance, "attribute '%s' has %zu numbers; allowed are 1 or %zu", name,
+                       given, gears);
+       }},
+      Optional(Ordered("gear_loss_speed", 1, 2, 64, 0, 1e4, &gear_loss_.rows)),
+      Together("gear_loss_speed", Axis("gear_loss_torque", &gear_loss_.columns)),
+      Together("gear_loss_speed",
+               {"gear_losses", [this](const mjModel* m, int instance,
+                                      const char* key) { return ReadLossMaps(m, instance, key); }}),
+      Together("gear_loss_speed", Values("gear_loss_map", 0, 32, &gear_loss_map_, {&g.ratios})),
+      Optional(Ordered("axle_loss_speed", 1, 2, 64, 0, 1e4, &g.axle_loss.rows)),
+      Together("axle_loss_speed", Axis("axle_loss_torque", &g.axle_loss.columns)),
+      Together("axle_loss_speed", Values("axle_losses", 0, 1e5, &g.axle_loss.values,
+                                         {&g.axle_loss.rows, &g.axle_loss.columns})),
       Number("wheel_radius", 0.05, 5, &wheel_radius_),
       Number("shift_cut_time", 0.001, 5, &b.cut_time),
       Number("synchronization_time", 0.001, 5, &b.synchronization_time),
@@ -193,19 +219,20 @@ Attributes PowertrainPlugin::Table() {
       Number("synchronized_difference", 0.1, 100, &b.synchronized_difference),
       Number("clutch_close_time", 0.001, 5, &b.close_time),
       // Shift strategy.
-      {"shift_strategy", text(&shift_strategy_)},
+      Text("shift_strategy", &shift_strategy_),
       Number("start_gear", 1, 32, &s.start_gear),
       Number("downshift_delay", 0, 10, &s.downshift_delay),
       Number("downshift_margin", 0, 20, &s.downshift_margin),
       Number("min_gear_time", 0, 20, &s.min_gear_time),
       Number("reversal_time", 0, 60, &s.reversal_time),
-      Axis("upshift_gear", &s.upshift.rows),
-      Axis("upshift_pedal", &s.upshift.columns),
-      Values("upshift_speed", 0, 200, &s.upshift.values, {&s.upshift.rows, &s.upshift.columns}),
-      Axis("downshift_gear", &s.downshift.rows),
-      Axis("downshift_pedal", &s.downshift.columns),
-      Values("downshift_speed", 0, 200, &s.downshift.values,
-             {&s.downshift.rows, &s.downshift.columns}),
+      Optional(Axis("upshift_gear", &s.upshift.rows)),
+      Together("upshift_gear", Axis("upshift_pedal", &s.upshift.columns)),
+      Together("upshift_gear", Values("upshift_speed", 0, 200, &s.upshift.values,
+                                      {&s.upshift.rows, &s.upshift.columns})),
+      Optional(Axis("downshift_gear", &s.downshift.rows)),
+      Together("downshift_gear", Axis("downshift_pedal", &s.downshift.columns)),
+      Together("downshift_gear", Values("downshift_speed", 0, 200, &s.downshift.values,
+                                        {&s.downshift.rows, &s.downshift.columns})),
       Number("acceleration_lag", 0.001, 10, &s.acceleration_lag),
       Number("load_lag", 0.001, 10, &s.load_lag),
       Number("pedal_lag", 0.001, 20, &s.pedal_lag),
@@ -252,7 +279,7 @@ Attributes PowertrainPlugin::Table() {
       Number("clutch_release_share_coast", 0, 2, &c.release_share_coast),
       Number("clutch_stall_share", 0, 1, &c.stall_share),
       Number("clutch_stall_range", 0.001, 1, &c.stall_range),
-      Number("driveline_efficiency", 0.5, 1, &d.efficiency),
+      Number("driveline_efficiency", 0.5, 1, &g.driveline_efficiency),
       Number("driveline_stiffness", 1, 1e9, &d.stiffness),
       Number("driveline_damping", 1, 1e9, &d.damping),
       Number("loss_reversal_speed", 1e-3, 100, &d.loss_reversal_speed),
@@ -272,11 +299,30 @@ bool PowertrainPlugin::Bind(const mjModel* m, int instance) {
   return true;
 }
 
+// One block of speed x torque for each map.
+bool PowertrainPlugin::ReadLossMaps(const mjModel* m, int instance, const char* name) {
+  const size_t size = gear_loss_.rows.size() * gear_loss_.columns.size();
+  const size_t most = size * law_.gearbox.gears.ratios.size();
+  std::vector<double> losses;
+  if (!ReadNumbers(m, instance, name, size, most, 0, 1e5, &losses)) return false;
+  if (losses.size() % size) {
+    return Refuse(m, instance, "attribute '%s' has %zu numbers; allowed are multiples of %zu", name,
+                  losses.size(), size);
+  }
+  for (auto map = losses.begin(); map != losses.end(); map += size) {
+    gear_loss_.values.assign(map, map + size);
+    law_.gearbox.gears.loss_maps.push_back(gear_loss_);
+  }
+  return true;
+}
+
 // Bounds that depend on other attributes.
 bool PowertrainPlugin::Check(const mjModel* m, int instance) const {
   const Engine<double>& e = law_.engine;
   const Retarder<double>& r = law_.retarder;
-  const int start_gear = law_.gearbox.strategy.start_gear, gears = law_.gearbox.gears.count();
+  const size_t maps = law_.gearbox.gears.loss_maps.size();
+  const ShiftParameters<double>& s = law_.gearbox.strategy;
+  const int start_gear = s.start_gear, gears = law_.gearbox.gears.count();
   if (e.governed_speed <= 1.2 * e.idle_speed) {
     return Refuse(m, instance, "governed_speed %g must exceed 1.2 times idle_speed %g",
                   e.governed_speed, e.idle_speed);
@@ -289,9 +335,20 @@ bool PowertrainPlugin::Check(const mjModel* m, int instance) const {
     return Refuse(m, instance, "start_gear %d must not exceed the number of gears, %d", start_gear,
                   gears);
   }
+  for (double map : gear_loss_map_) {
+    if (map <= static_cast<double>(maps)) continue;
+    return Refuse(m, instance, "gear_loss_map %g must not exceed the number of gear_losses, %zu",
+                  map, maps);
+  }
   if (shift_strategy_ != "tables" && shift_strategy_ != "adaptive") {
     return Refuse(m, instance, "shift_strategy '%s' is not one of tables, adaptive",
                   shift_strategy_.c_str());
+  }
+  if (shift_strategy_ == "tables" && (s.upshift.rows.empty() || s.downshift.rows.empty())) {
+    return Refuse(m, instance, "shift_strategy 'tables' needs upshift_gear and downshift_gear");
+  }
+  if (e.fuel_map.rows.empty() == e.fuel_rate.rows.empty()) {
+    return Refuse(m, instance, "needs either fuel_map_torque or fuel_rate_torque");
   }
   return true;
 }
@@ -303,7 +360,7 @@ void PowertrainPlugin::Prepare() {
   Driveline<double>& line = law_.driveline;
   engine.Prepare();
   law_.endurance.pedal_up = engine.pedal_up;
-  box.gears.efficiency = box.gears.gear_efficiency * line.efficiency;
+  box.gears.map_of_gear.assign(gear_loss_map_.begin(), gear_loss_map_.end());
   box.gears.meters_per_radian = wheel_radius_ / box.gears.final_drive;
   box.strategy.change_time = box.cut_time + box.synchronization_time + box.close_time;
   box.strategy.adaptive = shift_strategy_ == "adaptive";

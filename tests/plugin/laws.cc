@@ -41,6 +41,7 @@ struct Dual {
 Dual Chain(Dual a, double value, double slope) { return {value, a.d == 0 ? 0 : slope * a.d}; }
 Dual abs(Dual a) { return Chain(a, std::abs(a.v), a.v < 0 ? -1 : 1); }
 Dual atan(Dual a) { return Chain(a, std::atan(a.v), 1 / (1 + a.v * a.v)); }
+Dual cos(Dual a) { return Chain(a, std::cos(a.v), -std::sin(a.v)); }
 Dual exp(Dual a) { return Chain(a, std::exp(a.v), std::exp(a.v)); }
 Dual floor(Dual a) { return std::floor(a.v); }
 Dual log(Dual a) { return Chain(a, std::log(a.v), 1 / a.v); }
@@ -123,18 +124,18 @@ void TirePair() {
 
 template <class T>
 void ChassisLaws() {
-  const FifthWheel<T> plate = {2e6, 0, 0.02, 0.9, 150e3, 8e3};
+  const FifthWheel<T> plate = {2e6, 0, 0.02, 0.9, 150e3, 8e3, 0};
   Print("fifth_wheel_roll_closed", plate.RollMoment(Seed<T>(0.01), T(0)));
   Print("fifth_wheel_roll_open", plate.RollMoment(Seed<T>(0.04), T(0)));
   T wind_up = 0;
   Print("fifth_wheel_yaw", plate.YawMoment(T(1), T(0.01), &wind_up));
-  const Steering<T> steering = {20, 0.1, 30, 15, 1e5, 0.1, 3.6, 2.05};
+  const Steering<T> steering = {20, 0.1, 30, 15, 1e5, 0.1, {3.6}, {2.05}};
   T targets[2];
-  steering.Targets(T(3), targets);
+  steering.Targets(0, T(3), targets);
   Print("steering_left", targets[0]);
   Print("steering_right", targets[1]);
   Print("steering_step", steering.Step(Seed<T>(1), T(0.002), {0, 0}).wheel_angle);
-  const Aerodynamics<T> air = {1.2, 6, 40};
+  const Aerodynamics<T> air = {1.2, 6, 40, {}, 0, {}};
   T force[2];
   air.Force(Seed<T>(20), T(20), T(0), force);
   Print("air_drag", force[0]);

@@ -38,7 +38,7 @@ auto Change(double* numbers, const Function& f) {
 
 const Tire<double>& TireOf(const double* attributes) {
   static Tire<double> tire = {};
-  constexpr size_t kSize = 21 * sizeof(double);
+  constexpr size_t kSize = 23 * sizeof(double);
   if (std::memcmp(&tire.count, attributes, kSize) != 0) {
     std::memcpy(&tire.count, attributes, kSize);
     tire.Prepare();
@@ -129,24 +129,42 @@ void road_evaluate(const double* rows, int count, double start, double step, dou
   Write(road.Evaluate(rows, x, y, hint), out);
 }
 
+FifthWheel<double> FifthWheelOf(const double* a) {
+  return {a[0], a[1], a[2], a[3], a[4], a[5], static_cast<int>(a[6])};
+}
 double fifth_wheel_roll(const double* attributes, double roll, double rate) {
-  return Read<FifthWheel<double>>(attributes).RollMoment(roll, rate);
+  return FifthWheelOf(attributes).RollMoment(roll, rate);
 }
 double fifth_wheel_yaw(const double* attributes, double rate, double h, double* wind_up) {
-  return Read<FifthWheel<double>>(attributes).YawMoment(rate, h, wind_up);
+  return FifthWheelOf(attributes).YawMoment(rate, h, wind_up);
 }
 
-void steering_targets(const double* attributes, double angle, double* out) {
-  Read<Steering<double>>(attributes).Targets(angle, out);
+// `attributes`: six numbers of Steering, then wheelbase and track of each axle.
+Steering<double> SteeringOf(const double* attributes, int axles = 1) {
+  const double *a = attributes, *wheelbase = a + 6, *track = wheelbase + axles;
+  return {a[0], a[1], a[2], a[3], a[4], a[5], {wheelbase, track}, {track, track + axles}};
+}
+void steering_targets(const double* attributes, int axles, int axle, double angle, double* out) {
+  SteeringOf(attributes, axles).Targets(axle, angle, out);
 }
 void steering_step(const double* attributes, double demand, double h, double* state) {
-  Write(Read<Steering<double>>(attributes).Step(demand, h, Read<SteeringState<double>>(state)),
+  Write(SteeringOf(attributes).Step(demand, h, Read<SteeringState<double>>(state)),
         state);
 }
 
 void air_force(const double* attributes, double forward, double side, double up, double* out) {
   const double speed = std::sqrt(forward * forward + side * side + up * up);
-  Read<Aerodynamics<double>>(attributes).Force(speed, forward, side, out);
+  Aerodynamics<double> law = {attributes[0], attributes[1], attributes[2], {}, 0, {}};
+  law.Force(speed, forward, side, out);
+}
+// With an increase of 0, 1 and 3 m2 at the yaw angles 0, 0.1 and 0.3, and a mean wind.
+void air_force_in_wind(double mean_wind, double forward, double side, double* out) {
+  static Aerodynamics<double> law = {1.2, 6, 40, {{0, 0.1, 0.3}, {0, 1, 3}}, -1, {}};
+  if (law.mean_wind != mean_wind) {
+    law.mean_wind = mean_wind;
+    law.Prepare();
+  }
+  law.Force(std::hypot(forward, side), forward, side, out);
 }
 
 // Slip control of the driven wheels; `slips` of `count` wheels.
@@ -272,6 +290,20 @@ void brake_pressures(const double* attributes, double friction, double shaft_for
 // Engine: a state is speed, torque, boost demand, boost, idle integral, brake torque. `request`:
 // mode, pedal, engine brake, time left, target speed, inertia, limited, torque.
 void engine_at(double speed, double* out) { Write(Truck(0).engine.At(speed), out); }
+void engine_with_auxiliaries_at(double power, double speed, double* out) {
+  Engine<double> engine = Truck(0).engine;
+  engine.auxiliary_power = power;
+  Write(engine.At(speed), out);
+}
+// With a map of the rate from -50 N m on: 5 g/s there, 10 g/s at 350 N m.
+double engine_fuel_by_rate(double indicated, double drag) {
+  Engine<double> engine = Truck(0).engine;
+  engine.fuel_map = {};
+  engine.fuel_rate = {{-50, 350}, {50, 250}, {5e-3, 5e-3, 1e-2, 1e-2}};
+  EngineState<double> state = {};
+  state.torque = indicated;
+  return engine.FuelRate({100, drag, 2000, 0, 0}, state);
+}
 double engine_pedal_torque(double speed, double pedal) {
   return Truck(0).engine.PedalTorque(speed, pedal);
 }
@@ -309,18 +341,37 @@ double clutch_control(double engagement, double engine_speed, double input_speed
 double clutch_stall_guard(double engine_speed) {
   return Truck(0).driveline.control.StallGuard(engine_speed);
 }
-// `gear`: ratio, inertia, efficiency; `state`: torsion, engagement, inertia, stiffness; `work`: a
+// `gear`: ratio, inertia, efficiency of a gear without a map, and of the axle; `torques` a
+// DrivelineTorques; `state`: torsion, engagement, inertia, stiffness; `work`: a
 // StepWork. Returns the engine's speed.
-double driveline_step(const double* gear, double engine_torque, double retarder_torque,
-                      double shaft_speed, double h, double engine_speed, double* state,
-                      double* work) {
+double driveline_step(const double* gear, const double* torques, double shaft_speed, double h,
+                      double engine_speed, double* state, double* work) {
   return Change<DrivelineState<double>>(state, [&](auto* s) {
     StepWork<double> w;
-    Truck(0).driveline.Step(Read<GearData<double>>(gear), engine_torque, retarder_torque,
-                            shaft_speed, h, s, &engine_speed, &w);
+    Truck(0).driveline.Step({gear[0], gear[1], {gear[2], nullptr}}, {gear[3], nullptr},
+                            Read<DrivelineTorques<double>>(torques), shaft_speed, h, s,
+                            &engine_speed, &w);
     Write(w, work);
     return engine_speed;
   });
+}
+// Torque at the shaft and its inverse, with efficiencies or with maps of losses.
+const Gears<double>& GearsOf(int maps) {
+  static const auto kGears = [] {
+    std::array<Gears<double>, 2> gears = {Truck(0).gearbox.gears, Truck(0).gearbox.gears};
+    gears[1].loss_maps = {{{0, 200}, {-500, 0, 2000}, {12, 4, 44, 16, 8, 60}}};
+    gears[1].map_of_gear = {1, 1, 1, 1, 0};
+    gears[1].axle_loss = {{0, 300}, {-3000, 0, 8000}, {100, 15, 250, 140, 40, 300}};
+    gears[1].retarder_drag = {{0, 300}, {10, 90}};
+    return gears;
+  }();
+  return kGears[maps];
+}
+double gears_shaft_torque(int maps, int gear, double torque, double speed) {
+  return GearsOf(maps).ShaftTorque(gear, torque, speed);
+}
+double gears_input_torque(int maps, int gear, double torque, double speed) {
+  return GearsOf(maps).InputTorque(gear, torque, speed);
 }
 double driveline_energy(const double* state, double engine_speed) {
   return Driveline<double>::Energy(Read<DrivelineState<double>>(state), engine_speed);
@@ -339,8 +390,8 @@ double retarder_update(const double* attributes, double wanted, double available
     return Read<Retarder<double>>(attributes).Update(wanted, available, shaft_speed, h, s);
   });
 }
-// `levers`: pedal, engine brake, retarder; `demand`: shaft torque, cut; `gearing`: factors of
-// engine and retarder; `out`: pedal, engine brake, retarder torque.
+// `levers`: pedal, engine brake, retarder; `demand`: shaft torque, cut; `gearing`: an
+// EnduranceGearing; `out`: pedal, engine brake, retarder torque.
 void endurance_update(const double* attributes, const double* levers, const double* demand,
                       const double* gearing, double drag, double brake_max, double retarder_max,
                       double h, double* held_back, double* out) {

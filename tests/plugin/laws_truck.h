@@ -47,8 +47,10 @@ Powertrain<T> MakePowertrain(bool adaptive) {
   p.retarder = {3500, 45, 550e3, 300e3, 14.8, 0.9, 0.35, 0.25};
   p.endurance = {0.02, 1};
   Gearbox<T>& b = p.gearbox;
-  b.gears = {
-      {11.67, 6, 3.2, 1.8, 1}, {0.15, 0.15, 0.15, 0.2, 0.46}, 13, 2.85, 0.98, 0.931, 0.52 / 2.85};
+  Gears<T>& g = b.gears;
+  g.ratios = {11.67, 6, 3.2, 1.8, 1}, g.inertias = {0.15, 0.15, 0.15, 0.2, 0.46};
+  g.efficiencies.assign(5, 0.98), g.driveline_efficiency = 0.95;
+  g.reverse_ratio = 13, g.final_drive = 2.85, g.meters_per_radian = 0.52 / 2.85;
   b.cut_time = 0.15, b.synchronization_time = 0.4, b.synchronization_limit = 0.65;
   b.close_time = 0.15, b.synchronized_difference = 6;
   ShiftParameters<T>& s = b.strategy;
@@ -100,7 +102,6 @@ Powertrain<T> MakePowertrain(bool adaptive) {
   const T reduction = 2.85 * 2.85;
   p.driveline = {{62.8, 0.02, 2700. / 4000, 0.5, 0.1, 40, 3.8, 0.92, 1.05, 0.8, 0.1},
                  4000,
-                 0.95,
                  6e5 / reduction,
                  6e3 / reduction,
                  2};

@@ -83,3 +83,49 @@ def test_friction_of_the_plate_opposes_yaw(truck):
         torques.append(each.data.qfrc_passive[dof])
     friction = truck.parameters.fifth_wheel.yaw_friction
     assert torques[0] - torques[1] == pytest.approx(-friction, rel=1e-3)
+
+
+def coupled(turntable, stiffness, load, plate_width):
+    """Returns a model of one towed unit on a coupling, rolled by 0.05 rad, without gravity."""
+    config = {
+        "roll_stiffness": stiffness,
+        "roll_damping": 2e3,
+        "roll_lash": 0.02,
+        "plate_width": plate_width,
+        "kingpin_load": load,
+        "yaw_friction": 8e3,
+        "turntable": turntable,
+    }
+    keys = "".join(f'<config key="{k}" value="{v}"/>' for k, v in config.items())
+    return mujoco.MjModel.from_xml_string(f"""
+    <mujoco>
+      <option timestep="0.002" integrator="implicitfast" gravity="0 0 0"/>
+      <extension><plugin plugin="iits.fifth_wheel">
+        <instance name="coupling">{keys}</instance></plugin></extension>
+      <worldbody><body name="unit">
+        <joint name="yaw" axis="0 0 1"/><joint name="pitch" axis="0 1 0"/>
+        <joint name="roll" axis="1 0 0"/>
+        <inertial pos="0 0 0" mass="3000" diaginertia="4e3 9e3 9e3"/>
+        <plugin plugin="iits.fifth_wheel" instance="coupling"/>
+      </body></worldbody>
+    </mujoco>""")
+
+
+def test_unloaded_turntable_swings_back_and_a_drawbar_eye_does_not():
+    periods = {}
+    for name, model in (
+        ("turntable", coupled(1, 4e5, 0.0, 0.0)),
+        ("drawbar_eye", coupled(0, 0.0, 0.0, 0.0)),
+    ):
+        data = mujoco.MjData(model)
+        data.qpos[2] = 0.05
+        rolls = []
+        for _ in range(1000):
+            mujoco.mj_step(model, data)
+            rolls.append(data.qpos[2])
+        periods[name] = rolls
+    assert periods["drawbar_eye"] == [0.05] * 1000
+    # sqrt(k / J) = 10 rad/s, damping ratio 0.025.
+    crossings = np.flatnonzero(np.diff(np.sign(periods["turntable"])))
+    assert np.diff(crossings).mean() * 0.002 == pytest.approx(np.pi / 10, rel=0.01)
+    assert max(periods["turntable"][-300:]) == pytest.approx(0.05 * np.exp(-0.25 * 1.7), rel=0.1)

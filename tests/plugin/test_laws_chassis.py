@@ -29,6 +29,8 @@ TIRE = {
     "relaxation_load_exponent": 0.7,
     "relaxation_longitudinal": 0.15,
     "rolling_resistance": 0.006,
+    "rolling_resistance_load": 30e3,
+    "rolling_resistance_exponent": 1,
 }
 DEFLECTION = 0.02
 PLANE = (0, 0, 0, 1, 1, 0.8, 0)
@@ -297,6 +299,20 @@ def test_rolling_resistance_winds_up_over_10_mrad_and_opposes_the_spin():
     assert damped["moment"][1] == pytest.approx(-resistance - ROLLING * damped["fx"], rel=1e-3)
 
 
+@pytest.mark.parametrize("exponent", [0.9, 1.0, 1.1])
+@pytest.mark.parametrize("deflection", [0.002, 0.02, 0.1])
+def test_rolling_resistance_grows_with_a_power_of_the_load_per_tire(deflection, exponent):
+    load = 1350e3 * deflection
+    wound = step(
+        wheel(deflection=deflection),
+        bristles=(0, 0, 0.01),
+        rolling_resistance_exponent=exponent,
+    )
+    rolling = TIRE["rolling_radius"] + (35e3 / 1350e3 - deflection) / 3
+    moment = -0.006 * 30e3 * (load / 30e3) ** exponent * 2 * rolling
+    assert wound["moment"][1] == pytest.approx(moment, rel=1e-6)
+
+
 def test_low_speed_damping_fades_out_at_2_meters_per_second():
     slow, fast = (
         step(wheel(velocity=(v, 0.01, 0), spin=v / ROLLING), bristles=(0, 0, 0))["fy"]
@@ -456,7 +472,7 @@ def test_road_that_passes_over_itself_keeps_the_level_of_the_hint():
 
 # --- fifth wheel, steering, air -------------------------------------------------------------
 
-PLATE = [2e6, 2e4, 0.02, 0.9, 120e3, 8e3]
+PLATE = [2e6, 2e4, 0.02, 0.9, 120e3, 8e3, 0]
 LIFT = 0.5 * 0.9 * 120e3
 
 
@@ -479,6 +495,20 @@ def test_plate_resists_roll_until_it_opens_and_the_kingpin_beyond_the_lash(side)
     assert moment(0.5 * opens, -50.0) == pytest.approx(0.5 * LIFT - 1e6)
 
 
+@pytest.mark.parametrize("load", [0.0, 120e3])
+def test_turntable_neither_opens_nor_has_a_lash(load):
+    ring = [2e6, 2e4, 0.02, 0.9, load, 8e3, 1]
+    for roll, rate in ((0.001, 0.0), (0.1, 0.3), (-0.1, 0.0), (0.001, -5.0), (0.0, 0.1)):
+        assert law("fifth_wheel_roll", ring, roll, rate) == pytest.approx(-2e6 * roll - 2e4 * rate)
+
+
+@pytest.mark.parametrize("roll", [-0.3, 0.0, 0.2])
+def test_coupling_without_stiffness_only_damps_the_roll(roll):
+    eye = [0, 50, 0, 0, 0, 0, 0]
+    for rate in (-0.5, 0.0, 0.5):
+        assert law("fifth_wheel_roll", eye, roll, rate) == pytest.approx(-50 * rate)
+
+
 def test_plate_friction_winds_up_over_2_mrad_and_then_is_constant():
     wind_up = np.zeros(1)
     assert law("fifth_wheel_yaw", PLATE, 0.1, 0.01, wind_up) == pytest.approx(-4e3)
@@ -494,12 +524,25 @@ STEERING = [20, 0.1, 30, 15, 1e5, 0.1, 3.6, 2.05]
 def test_inner_knuckle_turns_more_and_both_about_the_rear_axle():
     targets = np.zeros(2)
     for angle in (4.0, -4.0):
-        law("steering_targets", STEERING, angle, targets)
+        law("steering_targets", STEERING, 1, 0, angle, targets)
         inner, outer = targets if angle > 0 else -targets[::-1]
         assert inner > outer > 0
         assert 1 / math.tan(outer) - 1 / math.tan(inner) == pytest.approx(2.05 / 3.6)
         middle = math.atan(2 / (1 / math.tan(inner) + 1 / math.tan(outer)))
         assert middle == pytest.approx(abs(angle) / 20)
+
+
+@pytest.mark.parametrize("angle", [6.0, -3.0])
+def test_all_wheels_of_several_steered_axles_turn_about_one_center(angle):
+    """Two front axles, and one behind the center line that turns to the other side."""
+    wheelbases, tracks = (5.4, 3.6, -1.2), (2.05, 2.0, 1.9)
+    attributes = [*STEERING[:6], *wheelbases, *tracks]
+    center = wheelbases[0] / math.tan(angle / 20)  # to the left, on the line without side slip
+    for axle, (ahead, track) in enumerate(zip(wheelbases, tracks, strict=True)):
+        targets = np.zeros(2)
+        law("steering_targets", attributes, 3, axle, angle, targets)
+        for side, found in zip((0.5, -0.5), targets, strict=True):
+            assert math.tan(found) == pytest.approx(ahead / (center - side * track), rel=1e-9)
 
 
 def test_steering_wheel_lags_within_its_rate_and_its_angle():

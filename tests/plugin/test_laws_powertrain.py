@@ -35,9 +35,9 @@ def brake_max(speed):
 
 @pytest.mark.parametrize("speed", [60.0, 90.0, 130.0, 200.0, 214.0, 219.0, 230.0])
 def test_engine_has_its_curves_with_the_governors_droop_and_the_fading_brake(speed):
-    point = np.zeros(4)
+    point = np.zeros(5)
     law("engine_at", speed, point)
-    assert point == pytest.approx([speed, drag(speed), limit(speed), brake_max(speed)], rel=1e-5)
+    assert point == pytest.approx([speed, drag(speed), limit(speed), brake_max(speed), 0], rel=1e-5)
 
 
 def test_pedal_demands_its_share_of_the_map_between_drag_and_limit():
@@ -291,10 +291,13 @@ def test_clutch_releases_before_the_engine_stalls():
 SHAFT_STIFFNESS, SHAFT_DAMPING = 6e5 / 2.85**2, 6e3 / 2.85**2
 
 
-def driveline(gear, engine_torque, retarder, shaft_speed, engine_speed, state, h=0.002):
-    state, work = np.array(state, float), np.zeros(6)
+def driveline(
+    gear, engine_torque, retarder, shaft_speed, engine_speed, state, auxiliary=0, drag=0, h=0.002
+):
+    state, work = np.array(state, float), np.zeros(7)
+    torques = [engine_torque, auxiliary, retarder, drag]
     speed = law(
-        "driveline_step", gear, engine_torque, retarder, shaft_speed, h, engine_speed, state, work
+        "driveline_step", [*gear, 0.95], torques, shaft_speed, h, engine_speed, state, work
     )
     return speed, state, work
 
@@ -308,14 +311,14 @@ def test_driveline_passes_the_clutchs_torque_less_losses(ratio):
         [ratio, 2.4, 0.98], 800.0, 50.0, shaft, 100.0, [800 / stiffness, 1, 2.4, stiffness]
     )
     assert state[2:] == pytest.approx([2.4, stiffness])
-    torque = work[2] / ratio
+    torque = work[3] / ratio
     assert torque == pytest.approx(800, rel=1e-3)
-    assert work[3] == 50
-    assert work[4] == pytest.approx((torque * 0.98 * ratio - 50) * 0.95 if ratio > 0 else work[4])
-    assert work[5] == shaft
+    assert work[4] == 50
+    assert work[5] == pytest.approx((torque * 0.98 * ratio - 50) * 0.95 if ratio > 0 else work[5])
+    assert work[6] == shaft
     # The flywheel's work is that of the mean speed.
     assert work[0] == pytest.approx(0.002 * 800 * (100 + speed) / 2)
-    assert work[0] - work[1] == pytest.approx(
+    assert work[0] - work[2] == pytest.approx(
         law("driveline_energy", state, speed)
         - law("driveline_energy", [800 / stiffness, 1, 2.4, stiffness], 100.0),
         abs=1e-6,
@@ -327,7 +330,7 @@ def test_losses_change_their_sign_gradually_near_standstill():
     start = [-500 / stiffness, 1, 2.4, stiffness]
     _, _, work = driveline([1.0, 2.4, 0.98], -500.0, 0.0, 1.0, 1.0, start)
     # The engine stands nearly still, and the clutch carries nothing.
-    assert work[4] == 0
+    assert work[5] == 0
     _, _, work = driveline(
         [40.0, 2.4, 0.98],
         -500.0,
@@ -336,7 +339,7 @@ def test_losses_change_their_sign_gradually_near_standstill():
         100.0,
         [-500 / (stiffness / 1600), 1, 2.4, stiffness / 1600],
     )
-    fast = work[4] / work[2]
+    fast = work[5] / work[3]
     _, _, work = driveline(
         [100.0, 2.4, 0.98],
         -500.0,
@@ -345,7 +348,7 @@ def test_losses_change_their_sign_gradually_near_standstill():
         100.0,
         [-500 / (stiffness / 1e4), 1, 2.4, stiffness / 1e4],
     )
-    slow = work[4] / work[2]
+    slow = work[5] / work[3]
     assert fast == pytest.approx(1 / 0.98 / 0.95)
     assert slow == pytest.approx(1 / 0.98 * (0.95 + 0.5 * (1 / 0.95 - 0.95)))
 
@@ -354,17 +357,17 @@ def test_neutral_separates_engine_and_wheels():
     speed, state, work = driveline([0, 2.4, 0.98], 240.0, 60.0, 50.0, 100.0, [0.01, 1, 2.5, 5e4])
     assert speed == pytest.approx(100.2)
     assert state == pytest.approx([0, 0, 2.4, 0])
-    assert work[2] == 0
+    assert work[3] == 0
     # Only the retarder acts; its torque is against the motion, with the loss.
-    assert work[4] == pytest.approx(-60 / 0.95)
+    assert work[5] == pytest.approx(-60 / 0.95)
     assert driveline([0, 2.4, 0.98], -1e6, 0.0, 0.0, 1.0, [0, 0, 2.4, 0])[0] == 0
 
 
 def test_every_torques_work_is_booked_with_the_mean_speed():
-    account = np.array([1, 2, 3, 4], float)
-    law("book_work", [10, 7, 300, 40, 250, 20], 22.0, 0.01, account)
+    account = np.array([1, 2, 3, 4, 5], float)
+    law("book_work", [10, 2, 7, 300, 40, 250, 20], 22.0, 0.01, account)
     angle = 0.01 * 21
-    assert account == pytest.approx([11, 2 + 7 - 300 * angle, 3 + 10 * angle, 4 + 40 * angle])
+    assert account == pytest.approx([11, 2 + 7 - 300 * angle, 3 + 10 * angle, 4 + 40 * angle, 7])
     assert law("driveline_energy", [0.1, 1, 2.5, 400], 10.0) == pytest.approx(125 + 2)
 
 
@@ -403,7 +406,7 @@ def test_retarder_fills_and_empties_with_its_lags_and_heats_by_its_power():
     assert update(0.0, 0.0, heat=0.5)[2] == pytest.approx(0.5 - 0.5 * 0.01 / 14.81)
 
 
-def endurance(levers=(0, 0, 0), demand=(0, 0), gearing=(5, 1.05), held=0.0, brake_max=1000.0):
+def endurance(levers=(0, 0, 0), demand=(0, 0), gearing=(5, 1.05, 0), held=0.0, brake_max=1000.0):
     out, held_back = np.zeros(3), np.array([held])
     demand = (*demand, 0, 0, 0)[:4]  # torque, cut, whether by traction control, relief
     law(
@@ -456,7 +459,7 @@ def test_engine_brakes_first_and_the_retarder_gives_the_rest():
     assert endurance(demand=(5750 + 1050, 0))[1:3] == pytest.approx((1, 1000))
     assert endurance(demand=(99e3, 0))[1:3] == pytest.approx((1, 3000))
     # In a gear change the retarder gives all.
-    assert endurance(demand=(1050, 0), gearing=(0, 1.05))[1:3] == pytest.approx((0, 1000))
+    assert endurance(demand=(1050, 0), gearing=(0, 1.05, 0))[1:3] == pytest.approx((0, 1000))
     assert endurance(demand=(750, 0), brake_max=0.0)[1:3] == pytest.approx((0, 0))
     # The levers demand at least their share.
     assert endurance((0, 0.7, 0.1), (3250, 0))[1:3] == pytest.approx((0.7, 300))

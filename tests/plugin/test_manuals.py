@@ -47,12 +47,12 @@ def test_air_brake_example_stops():
     assert abs(data.qvel[0]) < 1e-3
 
 
-# A row of an attribute table in C++: `Number("ratio", ...)`, `{"shift_strategy", text(...)}`.
+# A row of an attribute table in C++: `Number("ratio", ...)`, `{"efficiency", [...`.
 ROW = re.compile(
-    r'(?:Number|Axis|Values|Ordered|per_axle|common)\("(\w+)"|\{"(\w+)",\s*(?:text|\[)'
+    r'(?:Number|Text|Axis|Values|Ordered|per_axle|common)\("(\w+)"|\{"(\w+)",\s*\['
 )
-ATTRIBUTES = {"tire": 21, "steering": 8, "fifth_wheel": 6, "aerodynamics": 3}
-ATTRIBUTES |= {"powertrain": 124, "air_brake": 66}
+ATTRIBUTES = {"tire": 23, "steering": 8, "fifth_wheel": 7, "aerodynamics": 6}
+ATTRIBUTES |= {"powertrain": 138, "air_brake": 66}
 
 
 @pytest.mark.parametrize("plugin", ATTRIBUTES)

@@ -5,10 +5,15 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
+from tests.plugin.test_gear_losses import ALL, of_powertrain
 from tests.plugin.vehicle_sled import KMH, PARAMETERS, Sled
 
 ENGINE, GEARBOX = PARAMETERS.engine, PARAMETERS.gearbox
 SUMS = ("engine_work", "driveline_loss", "retarder_work", "driveline_energy")
+AUXILIARY = "auxiliary_work"
+# Every loss that a truck may have.
+LOSSES = ALL | of_powertrain({"shift_strategy": "adaptive", "auxiliary_power": "8e3"})
+CHANGES = pytest.mark.parametrize("changes", [{}, LOSSES], ids=["shares", "maps"])
 
 
 def shaft_shares(model):
@@ -24,14 +29,15 @@ def shaft_shares(model):
 class Audit:
     """Drives a sled step by step and integrates the work of its propeller shaft."""
 
-    def __init__(self, sled):
-        self.sled, self.shares = sled, shaft_shares(sled.model)
+    def __init__(self, mass, **options):
+        self.sled = sled = Sled(mass, sensors=[(AUXILIARY, "powertrain")], **options)
+        self.shares = shaft_shares(sled.model)
         self.shaft_work = 0.0
         mujoco.mj_forward(sled.model, sled.data)
         self.start = self.sums()
 
     def sums(self):
-        return np.array([self.sled[name] for name in SUMS])
+        return np.array([self.sled[name] for name in (*SUMS, AUXILIARY)])
 
     def run(self, seconds, **controls):
         sled, h = self.sled, self.sled.model.opt.timestep
@@ -46,14 +52,17 @@ class Audit:
         return np.array(losses)
 
     def balance(self):
-        """Returns the engine's work and the error of the energy balance [J]."""
+        """Returns the engine's work and the error of the energy balance [J].
+
+        All that the engine gives goes to the auxiliaries and the shaft, is lost, or stays.
+        """
         mujoco.mj_forward(self.sled.model, self.sled.data)
-        engine, loss, retarder, energy = self.sums() - self.start
-        return engine, engine - loss - retarder - energy - self.shaft_work
+        engine, *others = self.sums() - self.start
+        return engine, engine - sum(others) - self.shaft_work
 
 
-def hilly_drive(timestep):
-    audit = Audit(Sled(40_000.0, timestep=timestep))
+def hilly_drive(timestep, changes):
+    audit = Audit(40_000.0, timestep=timestep, changes=changes)
     audit.run(40.0, accelerator_pedal=0.8)
     audit.run(5.0, accelerator_pedal=0.0)
     audit.run(5.0, engine_brake=1.0, retarder=0.5)
@@ -63,18 +72,20 @@ def hilly_drive(timestep):
     return audit
 
 
+@CHANGES
 @pytest.mark.parametrize("timestep", [0.001, 0.002, 0.005])
-def test_engine_work_equals_shaft_work_losses_and_stored_energy(timestep):
-    audit = hilly_drive(timestep)
+def test_engine_work_equals_shaft_work_losses_and_stored_energy(timestep, changes):
+    audit = hilly_drive(timestep, changes)
     work, missing = audit.balance()
     assert work > 1e6
     assert abs(missing) < 1e-9 * work
 
 
+@CHANGES
 @pytest.mark.parametrize("seed", range(3))
-def test_energy_balance_holds_under_any_commands(seed):
+def test_energy_balance_holds_under_any_commands(seed, changes):
     random = np.random.default_rng(seed)
-    audit = Audit(Sled(30_000.0, speed=8.0 - 4.0 * seed, timestep=0.005))
+    audit = Audit(30_000.0, speed=8.0 - 4.0 * seed, timestep=0.005, changes=changes)
     for _ in range(60):
         braking = random.random() < 0.4
         audit.run(
@@ -95,7 +106,7 @@ def test_energy_balance_holds_under_any_commands(seed):
 
 
 def test_driveline_loss_equals_the_gear_losses_while_the_clutch_is_closed():
-    audit = Audit(Sled(10_000_000.0, speed=60 * KMH))
+    audit = Audit(10_000_000.0, speed=60 * KMH)
     audit.run(4.0, accelerator_pedal=0.6)
     start, shaft = audit.sums(), audit.shaft_work
     audit.run(4.0)
@@ -105,7 +116,7 @@ def test_driveline_loss_equals_the_gear_losses_while_the_clutch_is_closed():
 
 @pytest.mark.parametrize("controls", [{"accelerator_pedal": 0.7}, {"engine_brake": 1.0}])
 def test_driveline_loss_never_decreases_in_a_gear(controls):
-    losses = Audit(Sled(10_000_000.0, speed=50 * KMH)).run(4.0, **controls)
+    losses = Audit(10_000_000.0, speed=50 * KMH).run(4.0, **controls)
     assert losses[-1] > 1e4
     assert np.diff(losses).min() > -1e-6
 

@@ -1,5 +1,6 @@
 """The steering plugin on the truck: ratio, play, Ackermann geometry, rate limit."""
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -122,3 +123,63 @@ def test_steering_wheel_stops_at_its_greatest_angle(truck):
     truck.data.ctrl[truck.model.actuator("steering_wheel_angle").id] = 2.0 * end
     truck.step(2000)
     assert truck.observe().steering_wheel_angle == pytest.approx(end, rel=1e-6)
+
+
+def two_steered_axles(wheelbase, track, tendon=4):
+    """Returns the MJCF of four knuckles of an 8x4 truck; the tendon has the first `tendon` ones."""
+    config = {
+        "ratio": 20,
+        "dead_band": 0,
+        "angle_max": 15,
+        "rate_max": 12,
+        "stiffness": 60e3,
+        "time_constant": 0.05,
+        "wheelbase": wheelbase,
+        "track": track,
+    }
+    keys = "".join(f'<config key="{k}" value="{v}"/>' for k, v in config.items())
+    names = [f"axle{axle}_{side}" for axle in (1, 2) for side in ("left", "right")]
+    bodies = "".join(
+        f'''<body name="{name}"><joint name="{name}" axis="0 0 1" damping="800" armature="5"/>
+          <inertial pos="0 0 0" mass="200" diaginertia="20 20 20"/></body>'''
+        for name in names
+    )
+    joints = "".join(f'<joint joint="{name}" coef="0.25"/>' for name in names[:tendon])
+    return f"""
+    <mujoco>
+      <option timestep="0.002" integrator="implicitfast" gravity="0 0 0"/>
+      <extension><plugin plugin="iits.steering">
+        <instance name="steering">{keys}</instance></plugin></extension>
+      <worldbody>{bodies}</worldbody>
+      <tendon><fixed name="linkage">{joints}</fixed></tendon>
+      <actuator><plugin name="steering_wheel" plugin="iits.steering" instance="steering"
+        tendon="linkage"/></actuator>
+      <sensor><plugin name="angle" plugin="iits.steering" instance="steering"/></sensor>
+    </mujoco>"""
+
+
+def test_second_steered_axle_turns_less_about_the_same_center():
+    model = mujoco.MjModel.from_xml_string(two_steered_axles("5.3 3.5", "2.05 2.05"))
+    data = mujoco.MjData(model)
+    data.ctrl[0] = 8.0
+    mujoco.mj_step(model, data, 3000)
+    assert data.sensor("angle").data[0] == pytest.approx(8.0)
+    centers = [
+        ahead / np.tan(angle) + side * 0.5 * 2.05
+        for angle, ahead, side in zip(data.qpos, (5.3, 5.3, 3.5, 3.5), (1, -1, 1, -1), strict=True)
+    ]
+    assert centers == pytest.approx([5.3 / np.tan(8.0 / 20)] * 4, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("wheelbase", "track", "tendon", "message"),
+    [
+        ("5.3 3.5", "2.05", 4, "'track' has 1 numbers; allowed are 2 to 2"),
+        ("5.3 3.5", "2 2", 2, "wheelbase has 2 axles, the tendon 2 joints"),
+        ("5.3", "2", 4, "wheelbase has 1 axles, the tendon 4 joints"),
+        ("-1.2 3", "2 2", 4, "'wheelbase' begins with -1.2; allowed are 0.5 to 20"),
+    ],
+)
+def test_steering_refuses_axles_without_their_knuckles(wheelbase, track, tendon, message):
+    with pytest.raises(ValueError, match=message.replace("(", r"\(")):
+        mujoco.MjModel.from_xml_string(two_steered_axles(wheelbase, track, tendon))

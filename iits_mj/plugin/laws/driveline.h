@@ -2,6 +2,7 @@
 #ifndef IITS_MJ_PLUGIN_LAWS_DRIVELINE_H_
 #define IITS_MJ_PLUGIN_LAWS_DRIVELINE_H_
 
+#include "plugin/laws/gear_loss.h"
 #include "plugin/laws/number.h"
 
 namespace iits {
@@ -77,10 +78,11 @@ struct ClutchControl {
 // Energies since the reset [J].
 template <class T>
 struct EnergyAccount {
-  T engine_work;    // at the flywheel, negative in overrun
-  T clutch_loss;    // slip, damping, synchronizing
-  T gear_loss;      // gears and final drive
-  T retarder_work;  // turned into heat, >= 0
+  T engine_work;     // at the crankshaft, negative in overrun
+  T clutch_loss;     // slip, damping, synchronizing
+  T gear_loss;       // gears, final drive, drag of the empty retarder
+  T retarder_work;   // turned into heat, >= 0
+  T auxiliary_work;  // taken from the crankshaft, >= 0
 };
 
 template <class T>
@@ -95,7 +97,8 @@ struct DrivelineState {
 // step: h T (w + w') / 2 is exactly the change of the kinetic energy of a constant inertia.
 template <class T>
 struct StepWork {
-  T engine_work, clutch_work;  // flywheel to clutch; clutch to gears, less the stored energy
+  // Of the engine; of the auxiliaries; clutch to gears, less the stored energy.
+  T engine_work, auxiliary_work, clutch_work;
   T gear_torque, retarder_torque, shaft_torque;  // at the propeller shaft [N m]
   T shaft_speed;                                 // at the step's start [rad/s]
 
@@ -105,22 +108,29 @@ struct StepWork {
     account->clutch_loss += clutch_work - angle * gear_torque;
     account->gear_loss += angle * (gear_torque - retarder_torque - shaft_torque);
     account->retarder_work += angle * retarder_torque;
+    account->auxiliary_work += auxiliary_work;
   }
 };
 
 // Data of the engaged gear for the driveline.
 template <class T>
 struct GearData {
-  T ratio;       // 0: none, negative in reverse
-  T inertia;     // with the crankshaft's [kg m2]
-  T efficiency;  // of the gears
+  T ratio;    // 0: none, negative in reverse
+  T inertia;  // with the crankshaft's [kg m2]
+  GearLoss<T> loss;
+};
+
+// Torques on the driveline [N m]: of the engine, of the auxiliaries on the crankshaft, of the
+// retarder, and the drag of the empty retarder.
+template <class T>
+struct DrivelineTorques {
+  T engine, auxiliary, retarder, retarder_drag;
 };
 
 template <class T>
 struct Driveline {
   ClutchControl<T> control;
   T torque_max;           // of the closed clutch [N m]
-  T efficiency;           // behind the gearbox
   T stiffness, damping;   // at the propeller shaft; attributes give them at the wheels
   T loss_reversal_speed;  // range of speeds in which the loss changes its sign [rad/s]
 
@@ -141,38 +151,37 @@ struct Driveline {
 
   // One step of clutch, engine speed and gears; fills `work`. The propeller shaft's torque behind
   // the final drive's losses, work->shaft_torque, acts on the wheels.
-  void Step(const GearData<T>& gear, T engine_torque, T retarder_torque, T shaft_speed, T h,
-            DrivelineState<T>* s, T* engine_speed, StepWork<T>* work) const {
+  void Step(const GearData<T>& gear, const GearLoss<T>& axle, const DrivelineTorques<T>& torques,
+            T shaft_speed, T h, DrivelineState<T>* s, T* engine_speed, StepWork<T>* work) const {
+    const T flywheel_torque = torques.engine - torques.auxiliary;
     const T before = Energy(*s, *engine_speed);
     const T start_speed = *engine_speed;
     SetGear(gear, s);
     const T input_speed = gear.ratio * shaft_speed;
     T clutch_torque = 0;
     if (gear.ratio == 0) {
-      *engine_speed = Max(0.0, start_speed + h * engine_torque / gear.inertia);
+      *engine_speed = Max(0.0, start_speed + h * flywheel_torque / gear.inertia);
     } else {
       const T capacity = s->engagement * torque_max * control.StallGuard(start_speed);
       const ElasticClutch<T> clutch = {s->stiffness, damping / (gear.ratio * gear.ratio)};
-      clutch_torque = clutch.Step(engine_torque, gear.inertia, input_speed, capacity, h,
+      clutch_torque = clutch.Step(flywheel_torque, gear.inertia, input_speed, capacity, h,
                                   &s->torsion, engine_speed);
     }
-    work->engine_work = 0.5 * h * engine_torque * (start_speed + *engine_speed);
+    const T turned = start_speed + *engine_speed;
+    work->engine_work = 0.5 * h * torques.engine * turned;
+    work->auxiliary_work = 0.5 * h * torques.auxiliary * turned;
     // Includes the energy that a gear change takes from the rotating parts or adds to them.
-    work->clutch_work = work->engine_work - (Energy(*s, *engine_speed) - before);
+    work->clutch_work =
+        work->engine_work - work->auxiliary_work - (Energy(*s, *engine_speed) - before);
     work->gear_torque = clutch_torque * gear.ratio;
-    work->retarder_torque = retarder_torque;
-    const T behind_gears =
-        AfterLoss(clutch_torque, input_speed, gear.efficiency) * gear.ratio - retarder_torque;
-    work->shaft_torque = AfterLoss(behind_gears, shaft_speed, efficiency);
+    work->retarder_torque = torques.retarder;
+    const T turning = gear.ratio < 0 ? -shaft_speed : shaft_speed;
+    const T geared =
+        gear.loss.After(clutch_torque, input_speed, turning, loss_reversal_speed) * gear.ratio;
+    const T drag = Clamp(shaft_speed / loss_reversal_speed, -1.0, 1.0) * torques.retarder_drag;
+    work->shaft_torque =
+        axle.After(geared - torques.retarder - drag, shaft_speed, shaft_speed, loss_reversal_speed);
     work->shaft_speed = shaft_speed;
-  }
-
- private:
-  // Torque behind a pair of gears; losses oppose the flow of power in both directions.
-  T AfterLoss(T torque, T speed, T share) const {
-    if (torque * speed >= 0) return torque * share;
-    const T back = Min(1.0, abs(speed) / loss_reversal_speed);
-    return torque * (share + back * (1 / share - share));
   }
 };
 

@@ -42,6 +42,7 @@ template <class T>
 struct EnduranceGearing {
   T engine_factor;    // shaft torque per engine torque in overrun; 0: clutch open or changing gear
   T retarder_factor;  // shaft torque per retarder torque
+  T loss;             // shaft torque of losses without any torque of engine and retarder [N m]
 };
 
 // Commands to engine and retarder.
@@ -62,7 +63,8 @@ struct EnduranceControl {
   T pedal_up;     // accelerator travel below which the engine may brake
   T return_time;  // of the accelerator after a cut [s]
 
-  // `held_back`, 0 to 1, is the withheld part of the accelerator.
+  // `drag` is that of engine and auxiliaries; `held_back`, 0 to 1, the withheld part of the
+  // accelerator.
   EnduranceCommand<T> Update(const EnduranceLevers<T>& levers, const EnduranceDemand<T>& demand,
                              const EnduranceGearing<T>& gearing, T drag, T brake_max,
                              T retarder_max, T h, T* held_back) const {
@@ -91,10 +93,10 @@ struct EnduranceControl {
   void Brake(T shaft_torque, const EnduranceGearing<T>& gearing, T drag, T brake_max,
              T retarder_max, EnduranceCommand<T>* command) const {
     if (gearing.engine_factor > 0 && brake_max > 0) {
-      const T wanted = shaft_torque / gearing.engine_factor - drag;
+      const T wanted = (shaft_torque - gearing.loss) / gearing.engine_factor - drag;
       command->engine_brake = Max(command->engine_brake, Clamp(wanted / brake_max, 0.0, 1.0));
     }
-    const T engine = gearing.engine_factor * (drag + brake_max);
+    const T engine = gearing.engine_factor * (drag + brake_max) + gearing.loss;
     const T rest = (shaft_torque - engine) / gearing.retarder_factor;
     command->retarder_torque = Max(command->retarder_torque, Clamp(rest, 0.0, retarder_max));
   }

@@ -24,6 +24,7 @@ struct EnginePoint {
   T drag;       // friction and pumping torque, >= 0 [N m]
   T limit;      // greatest brake torque, with the top governor's droop [N m]
   T brake_max;  // of the engine brake, >= 0 [N m]
+  T auxiliary;  // that the auxiliaries take from the crankshaft, >= 0 [N m]
 };
 
 // Demand of pedal and gearbox on the engine in this step.
@@ -66,7 +67,11 @@ struct Engine {
   T brake_lag, brake_release_lag;
   T idle_fuel_rate;
   Curve<T> full_load, drag;
-  Map<T> pedal_map, fuel_map;
+  Map<T> pedal_map;
+  Map<T> fuel_map;        // specific consumption over torque and speed [kg/J], or
+  Map<T> fuel_rate;       // the rate over them [kg/s], which is used unless it is empty
+  T fuel_factor = 1;      // on the rate of either map
+  T auxiliary_power = 0;  // of the auxiliaries [W]
   // Derived by Prepare.
   UniformCurve<T> brake_torque;  // without the fade near idle
 
@@ -108,7 +113,7 @@ struct Engine {
 
   EnginePoint<T> At(T speed) const {
     const T friction = drag(speed);
-    return {speed, friction, Limit(speed, friction), BrakeTorqueMax(speed)};
+    return {speed, friction, Limit(speed, friction), BrakeTorqueMax(speed), Auxiliary(speed)};
   }
 
   // Greatest brake torque, with the top governor's droop.
@@ -117,7 +122,7 @@ struct Engine {
   // Brake torque at a pedal position; with the pedal up, minus the drag.
   T PedalTorque(T speed, T pedal) const {
     const T friction = drag(speed);
-    return PedalTorque({speed, friction, Limit(speed, friction), 0}, pedal);
+    return PedalTorque({speed, friction, Limit(speed, friction), 0, 0}, pedal);
   }
   T PedalTorque(const EnginePoint<T>& at, T pedal) const {
     if (pedal <= 0) return -at.drag;
@@ -125,22 +130,24 @@ struct Engine {
     return Min(1.0, pedal / pedal_fade) * (wanted + at.drag) - at.drag;
   }
 
-  // Torque at the crankshaft: combustion less friction and engine brake.
+  // Torque of the auxiliaries: constant power above half of the idle speed, and proportional to the
+  // speed below.
+  T Auxiliary(T speed) const {
+    if (auxiliary_power == 0) return 0;
+    const T slow = 0.5 * idle_speed;
+    return speed > slow ? auxiliary_power / speed : auxiliary_power * speed / (slow * slow);
+  }
+
+  // Torque at the crankshaft: combustion less friction and engine brake. The auxiliaries take their
+  // part from it.
   T BrakeTorque(const EnginePoint<T>& at, const EngineState<T>& s) const {
     return s.torque - at.drag - s.brake_torque;
   }
 
-  // Fuel rate [kg/s]. Inside the map by specific consumption; below its lowest torque by a line
-  // through the idle rate (Willans), which ends at zero without combustion (overrun).
+  // Fuel rate [kg/s]; zero without combustion (overrun).
   T FuelRate(const EnginePoint<T>& at, const EngineState<T>& s) const {
     if (s.torque <= 0) return 0;
-    const T torque = s.torque - at.drag;
-    const T lowest = fuel_map.rows.front();
-    if (torque >= lowest) return fuel_map(torque, at.speed) * torque * at.speed;
-    const T no_load = idle_fuel_rate * at.speed / idle_speed;
-    if (torque < 0) return no_load * s.torque / at.drag;
-    const T at_lowest = fuel_map(lowest, at.speed) * lowest * at.speed;
-    return no_load + (at_lowest - no_load) * torque / lowest;
+    return fuel_factor * (fuel_rate.rows.empty() ? ByConsumption(at, s) : ByRate(at, s));
   }
 
   // Advances torque, boost, idle governor and engine brake by h; the clutch advances the speed.
@@ -170,6 +177,25 @@ struct Engine {
   }
 
  private:
+  // From the specific consumption, and below the map's lowest torque by a line through the idle
+  // rate (Willans) to zero.
+  T ByConsumption(const EnginePoint<T>& at, const EngineState<T>& s) const {
+    const T torque = s.torque - at.drag;
+    const T lowest = fuel_map.rows.front();
+    if (torque >= lowest) return fuel_map(torque, at.speed) * torque * at.speed;
+    const T no_load = idle_fuel_rate * at.speed / idle_speed;
+    if (torque < 0) return no_load * s.torque / at.drag;
+    const T at_lowest = fuel_map(lowest, at.speed) * lowest * at.speed;
+    return no_load + (at_lowest - no_load) * torque / lowest;
+  }
+
+  // From the map of the rate, and below its lowest torque by a line to zero.
+  T ByRate(const EnginePoint<T>& at, const EngineState<T>& s) const {
+    const T torque = s.torque - at.drag, lowest = fuel_rate.rows.front();
+    const T rate = fuel_rate(torque, at.speed);
+    return torque < lowest ? rate * s.torque / (lowest + at.drag) : rate;
+  }
+
   T Limit(T speed, T friction) const {
     const T governor = Clamp((governed_speed - speed) / (governor_droop * governed_speed), 0, 1);
     return governor * (full_load(speed) + friction) - friction;
@@ -199,7 +225,7 @@ struct Engine {
     return {T(Max(0.0, impulse)), time + steady / rise_rate};
   }
 
-  // PI idle governor about the friction torque; indicated torque.
+  // PI idle governor about the torque of friction and auxiliaries; indicated torque.
   T IdleTorque(const EnginePoint<T>& at, T h, EngineState<T>* s) const {
     const T error = idle_speed - at.speed;
     if (abs(error) < idle_band) {
@@ -208,7 +234,7 @@ struct Engine {
       s->idle_integral -= s->idle_integral * h / (idle_forget_time + h);
     }
     s->idle_integral = Clamp(s->idle_integral, idle_integral_min, idle_integral_max);
-    return Max(0.0, at.drag + idle_gain * error + s->idle_integral);
+    return Max(0.0, at.drag + at.auxiliary + idle_gain * error + s->idle_integral);
   }
 
   // Torque that the air allows: the rate-limited demand behind the turbocharger's lag. The torque
@@ -236,7 +262,7 @@ struct Engine {
   void Synchronize(const EngineRequest<T>& request, const EnginePoint<T>& at, T h,
                    EngineState<T>* s) const {
     const T wanted = request.inertia * (request.target_speed - at.speed) / (sync_lag + h);
-    const T indicated = wanted + at.drag;
+    const T indicated = wanted + (at.drag + at.auxiliary);
     s->torque = Clamp(indicated, 0, sync_torque_share * reference_torque);
     s->brake_torque = Clamp(-indicated, 0, sync_brake_share * at.brake_max);
     s->idle_integral = 0;

@@ -1,4 +1,4 @@
-// Fifth wheel: roll moment of plate and lash, friction of the plate in yaw.
+// Couplings: roll moment of a fifth wheel's plate and lash or of a turntable, friction in yaw.
 #ifndef IITS_MJ_PLUGIN_LAWS_FIFTH_WHEEL_H_
 #define IITS_MJ_PLUGIN_LAWS_FIFTH_WHEEL_H_
 
@@ -10,11 +10,13 @@ template <class T>
 struct FifthWheel {
   // Attributes.
   T roll_stiffness, roll_damping, roll_lash, plate_width, kingpin_load, yaw_friction;
+  int turntable = 0;  // 1: a bolted ring, which neither lifts nor has a lash
 
   // The kingpin load presses the trailer onto the plate, which resists roll stiffly until the load
   // has moved to the plate's edge. From this moment on, the plate opens through the lash, and then
-  // the locked kingpin carries the additional moment.
+  // the locked kingpin carries the additional moment. A turntable stays closed under any moment.
   T RollMoment(T roll, T rate) const {
+    if (turntable) return -(roll_stiffness * roll + roll_damping * rate);
     const T lift_moment = 0.5 * plate_width * kingpin_load;  // at which the plate opens
     const T elastic = roll_stiffness * abs(roll);
     const T open = elastic - lift_moment;  // as if there were no lash

@@ -5,6 +5,8 @@
 #include <cstdlib>
 #include <vector>
 
+#include "plugin/laws/gear_loss.h"
+#include "plugin/laws/lookup.h"
 #include "plugin/laws/number.h"
 
 namespace iits {
@@ -42,13 +44,18 @@ struct GearboxInput {
 
 template <class T>
 struct Gears {
-  std::vector<T> ratios;    // of gears 1 to n, falling
-  std::vector<T> inertias;  // at the gearbox input [kg m2]
-  T reverse_ratio;          // magnitude
+  std::vector<T> ratios;        // of gears 1 to n, falling
+  std::vector<T> inertias;      // at the gearbox input [kg m2]
+  std::vector<T> efficiencies;  // of gears 1 to n
+  T reverse_ratio;              // magnitude
   T final_drive;
-  T gear_efficiency;
-  T efficiency;         // from gearbox input to the wheels
-  T meters_per_radian;  // of the propeller shaft
+  T driveline_efficiency;  // behind the gearbox
+  T meters_per_radian;     // of the propeller shaft
+  // Maps of losses, and the one of each gear: its index from 1, or 0 for none.
+  std::vector<Map<T>> loss_maps;
+  std::vector<int> map_of_gear;
+  Map<T> axle_loss;        // instead of driveline_efficiency, unless it is empty
+  Curve<T> retarder_drag;  // of the empty retarder, over the speed of the propeller shaft
 
   int count() const { return static_cast<int>(ratios.size()); }
   // A gear in the state.
@@ -56,6 +63,32 @@ struct Gears {
   // 0 in neutral, negative in reverse.
   T Ratio(int gear) const {
     return gear > 0 ? ratios[gear - 1] : (gear < 0 ? -reverse_ratio : T(0));
+  }
+  // Losses of a gear, reverse has those of first gear; and of all behind the gearbox.
+  GearLoss<T> Loss(int gear) const {
+    const int row = gear > 0 ? gear - 1 : 0;
+    const int map = map_of_gear.empty() ? 0 : map_of_gear[row];
+    return {efficiencies[row], map ? &loss_maps[map - 1] : nullptr};
+  }
+  GearLoss<T> AxleLoss() const {
+    return {driveline_efficiency, axle_loss.rows.empty() ? nullptr : &axle_loss};
+  }
+  // Drag torque of the empty retarder [N m].
+  T RetarderDrag(T shaft_speed) const {
+    return retarder_drag.x.empty() ? T(0) : retarder_drag(T(abs(shaft_speed)));
+  }
+  // Torque at the propeller shaft behind all losses, for a torque at the gearbox input, which turns
+  // at `speed`, well above zero; without the retarder's braking. For predictions.
+  T ShaftTorque(int gear, T torque, T speed) const {
+    const T shaft_speed = speed / Ratio(gear);
+    const T geared = Loss(gear).Behind(torque, speed) * Ratio(gear);
+    return AxleLoss().Behind(geared - RetarderDrag(shaft_speed), shaft_speed);
+  }
+  // Torque at the gearbox input for one at the shaft: inverse of ShaftTorque.
+  T InputTorque(int gear, T shaft_torque, T speed) const {
+    const T shaft_speed = speed / Ratio(gear);
+    const T geared = AxleLoss().Before(shaft_torque, shaft_speed) + RetarderDrag(shaft_speed);
+    return Loss(gear).Before(geared / Ratio(gear), speed);
   }
   T InputInertia(int gear) const { return gear ? inertias[std::abs(gear) - 1] : T(0); }
   // Inertia of the vehicle's mass about the propeller shaft [kg m2].

@@ -1,5 +1,5 @@
-// Functions given by tables: curves y(x) and maps z(row, column), constant beyond their ends. `R`
-// is the type of the table's numbers.
+// Functions given by tables: curves y(x) and maps z(row, column). `R` is the type of the table's
+// numbers.
 #ifndef IITS_MJ_PLUGIN_LAWS_LOOKUP_H_
 #define IITS_MJ_PLUGIN_LAWS_LOOKUP_H_
 
@@ -10,16 +10,25 @@
 
 namespace iits {
 
-// Interval of strictly increasing `x` that contains `at`, and the position in it, 0 to 1.
+// Interval of strictly increasing `x` that contains `at`, or else the nearest one, and the position
+// in it: 0 to 1 inside, and beyond that outside of `x`.
 template <class R, class T>
-size_t FindInterval(const std::vector<R>& x, T at, T* fraction) {
+size_t FindIntervalBeyond(const std::vector<R>& x, T at, T* fraction) {
   size_t i = 1;
   while (i + 1 < x.size() && at > x[i]) ++i;
-  *fraction = Clamp((at - x[i - 1]) / (x[i] - x[i - 1]), 0, 1);
+  *fraction = (at - x[i - 1]) / (x[i] - x[i - 1]);
   return i - 1;
 }
 
-// Piecewise linear y(x).
+// The same with a position from 0 to 1.
+template <class R, class T>
+size_t FindInterval(const std::vector<R>& x, T at, T* fraction) {
+  const size_t i = FindIntervalBeyond(x, at, fraction);
+  *fraction = Clamp(*fraction, 0, 1);
+  return i;
+}
+
+// Piecewise linear y(x), constant beyond its ends.
 template <class R>
 struct Curve {
   std::vector<R> x, y;
@@ -32,7 +41,7 @@ struct Curve {
   }
 };
 
-// Bilinear values(row, column), stored row by row.
+// Bilinear values(row, column), stored row by row; constant beyond its edges.
 template <class R>
 struct Map {
   std::vector<R> rows, columns, values;
@@ -40,8 +49,23 @@ struct Map {
   template <class T>
   T operator()(T row, T column) const {
     T fr, fc;
-    const size_t r = FindInterval(rows, row, &fr);
-    const R* low = values.data() + r * columns.size() + FindInterval(columns, column, &fc);
+    const size_t r = FindInterval(rows, row, &fr), c = FindInterval(columns, column, &fc);
+    return Bilinear(r, c, fr, fc);
+  }
+
+  // The same with straight lines beyond the edges.
+  template <class T>
+  T Extrapolated(T row, T column) const {
+    T fr, fc;
+    const size_t r = FindIntervalBeyond(rows, row, &fr);
+    const size_t c = FindIntervalBeyond(columns, column, &fc);
+    return Bilinear(r, c, fr, fc);
+  }
+
+ private:
+  template <class T>
+  T Bilinear(size_t r, size_t c, T fr, T fc) const {
+    const R* low = values.data() + r * columns.size() + c;
     const R* high = low + columns.size();
     const T first = low[0] + fc * (low[1] - low[0]);
     const T second = high[0] + fc * (high[1] - high[0]);

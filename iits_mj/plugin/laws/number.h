@@ -13,6 +13,7 @@ namespace iits {
 
 using std::abs;
 using std::atan;
+using std::cos;
 using std::exp;
 using std::floor;
 using std::log;

@@ -39,7 +39,7 @@ struct PowertrainOutput {
   T engine_brake_torque_percent_available;
   T retarder_torque, retarder_torque_percent, retarder_torque_percent_intended;
   T retarder_torque_percent_available, retarder_heat;
-  T engine_work, driveline_loss, clutch_loss, retarder_work, driveline_energy;
+  T engine_work, driveline_loss, clutch_loss, retarder_work, driveline_energy, auxiliary_work;
 };
 
 template <class T>
@@ -91,10 +91,11 @@ struct Powertrain {
     const EnginePoint<T> at = engine.At(core->engine.speed);
     ReportStart(*core, &s->output);
     const T retarder_max = retarder.Available(shaft_speed, core->retarder.heat);
-    const EnduranceGearing<T> before = Gearing(*core);
+    const T drag = at.drag + at.auxiliary;
+    const EnduranceGearing<T> before = Gearing(*core, shaft_speed, drag + at.brake_max);
     const EnduranceCommand<T> command =
-        endurance.Update(controls.levers, controls.demand, before, at.drag, at.brake_max,
-                         retarder_max, h, &core->held_back);
+        endurance.Update(controls.levers, controls.demand, before, drag, at.brake_max, retarder_max,
+                         h, &core->held_back);
 
     const GearboxInput<T> input = {controls.mode,
                                    command.pedal,
@@ -116,7 +117,8 @@ struct Powertrain {
     if (core->driveline.engagement < 1) request.engine_brake = 0;
     if (controls.demand.drag_relief > 0) {
       request.relieved = true;
-      request.torque = Max(request.torque, endurance.PullTorque(controls.demand, at.drag));
+      const T pull = endurance.PullTorque(controls.demand, drag) + at.auxiliary;
+      request.torque = Max(request.torque, pull);
     }
     engine.Update(request, at, h, &core->engine);
 
@@ -127,17 +129,20 @@ struct Powertrain {
     }
     core->retarder_torque =
         retarder.Update(command.retarder_torque, retarder_max, shaft_speed, h, &core->retarder);
-    driveline.Step(gear, engine.BrakeTorque(at, core->engine), core->retarder_torque, shaft_speed,
-                   h, &core->driveline, &core->engine.speed, &s->work);
+    const DrivelineTorques<T> torques = {engine.BrakeTorque(at, core->engine), at.auxiliary,
+                                         core->retarder_torque,
+                                         gearbox.gears.RetarderDrag(shaft_speed)};
+    driveline.Step(gear, gearbox.gears.AxleLoss(), torques, shaft_speed, h, &core->driveline,
+                   &core->engine.speed, &s->work);
     core->shaft_torque = s->work.shaft_torque;
 
     ReportStep(controls, at, request, command, retarder_max, driver_torque, s);
     core->fuel_used += h * s->output.fuel_rate;
-    const EnduranceGearing<T> after = Gearing(*core);
-    s->next_endurance = {
-        core->gearbox.gear < 0 ? core->shaft_torque : -core->shaft_torque,
-        after.engine_factor * (at.drag + at.brake_max) + after.retarder_factor * retarder_max,
-        core->engine.speed};
+    const EnduranceGearing<T> after = Gearing(*core, shaft_speed, drag + at.brake_max);
+    s->next_endurance = {core->gearbox.gear < 0 ? core->shaft_torque : -core->shaft_torque,
+                         after.engine_factor * (drag + at.brake_max) +
+                             after.retarder_factor * retarder_max + after.loss,
+                         core->engine.speed};
     s->next_is_fresh = 1;
   }
 
@@ -157,15 +162,24 @@ struct Powertrain {
     const int gear = gearbox.gears.Gear(s.gear);
     const int turning = gear ? gear : gearbox.gears.Gear(s.target);
     return {gearbox.gears.Ratio(gear), engine.inertia + gearbox.gears.InputInertia(turning),
-            gearbox.gears.gear_efficiency};
+            gearbox.gears.Loss(turning)};
   }
 
   // Without a closed clutch the engine's factor is zero, so that the retarder fills in time.
-  EnduranceGearing<T> Gearing(const Core& core) const {
+  // `engine_max` is the greatest braking torque of engine and auxiliaries.
+  EnduranceGearing<T> Gearing(const Core& core, T shaft_speed, T engine_max) const {
+    using Line = typename GearLoss<T>::BrakingLine;
+    const Gears<T>& gears = gearbox.gears;
     const bool closed = core.gearbox.phase == Box::kInGear && core.driveline.engagement >= 1;
-    const T ratio = abs(gearbox.gears.Ratio(gearbox.gears.Gear(core.gearbox.gear)));
-    const T behind = 1 / driveline.efficiency;
-    return {closed ? ratio * behind / gearbox.gears.gear_efficiency : T(0), behind};
+    const int gear = gears.Gear(core.gearbox.gear);
+    const T ratio = closed ? T(abs(gears.Ratio(gear))) : T(0);
+    const T speed = abs(shaft_speed), drag = gears.RetarderDrag(speed);
+    const Line front = gears.Loss(gear).Braking(engine_max, ratio * speed);
+    const Line axle = gears.AxleLoss().Braking(ratio * engine_max + drag, speed);
+    const T behind = 1 / axle.efficiency;
+    const T loss = axle.loss + behind * (drag + ratio * front.loss);
+    const T share = Min(1.0, speed / driveline.loss_reversal_speed);
+    return {ratio * behind / front.efficiency, behind, share * loss};
   }
 
   // A vehicle with an initial speed starts in the gear for it, clutch closed, without torque.
@@ -176,7 +190,8 @@ struct Powertrain {
     const T input_speed = gearbox.gears.Ratio(gear) * shaft_speed;
     const bool rolling = input_speed > driveline.control.release_share_coast * engine.idle_speed;
     core->engine.speed = rolling ? Min(input_speed, engine.brake_speed) : engine.idle_speed;
-    core->engine.torque = engine.drag(core->engine.speed);
+    EngineState<T>& s = core->engine;
+    s.torque = s.boost_demand = s.boost = engine.drag(s.speed) + engine.Auxiliary(s.speed);
     core->gearbox.gear = core->gearbox.target = gear;
     core->gearbox.gear_time = 0;
     core->gearbox.shaft_speed = shaft_speed;
@@ -205,6 +220,7 @@ struct Powertrain {
     o->clutch_loss = core.energy.clutch_loss;
     o->driveline_loss = core.energy.clutch_loss + core.energy.gear_loss;
     o->retarder_work = core.energy.retarder_work;
+    o->auxiliary_work = core.energy.auxiliary_work;
     o->driveline_energy = Driveline<T>::Energy(core.driveline, core.engine.speed);
   }
 

@@ -9,8 +9,8 @@ namespace iits {
 // Power at the wheels [W] in a gear with a floored pedal.
 template <class T>
 T AvailablePower(const ShiftSituation<T>& now, int gear, T shaft_speed) {
-  const T torque = now.engine.PedalTorque(now.gears.Ratio(gear) * shaft_speed, T(1));
-  return now.ShaftTorque(gear, torque) * shaft_speed;
+  const T speed = now.gears.Ratio(gear) * shaft_speed;
+  return now.ShaftTorque(gear, now.engine.PedalTorque(speed, T(1)), speed) * shaft_speed;
 }
 
 // Power demand of the pedal at the wheels [W]: that of the present gear, and for a nearly floored
@@ -20,7 +20,7 @@ T PowerWanted(const ShiftSituation<T>& now) {
   const ShiftParameters<T>& p = now.p;
   const T speed = now.in.shaft_speed;
   const T torque = now.engine.PedalTorque(now.InputSpeed(), now.in.pedal);
-  const T wanted = now.ShaftTorque(now.gear, torque) * speed;
+  const T wanted = now.ShaftTorque(now.gear, torque, now.InputSpeed()) * speed;
   if (!now.Floored()) return wanted;
   const T share = (now.in.pedal - p.floored_pedal) / (1 - p.floored_pedal);
   T greatest = 0;
@@ -37,7 +37,7 @@ T FuelFor(const ShiftSituation<T>& now, int gear, T shaft_speed, T power) {
   const EnginePoint<T> at = now.engine.At(now.gears.Ratio(gear) * shaft_speed);
   EngineState<T> state = {};
   state.speed = at.speed;
-  state.torque = power / (at.speed * now.gears.efficiency) + at.drag;
+  state.torque = now.EngineTorque(gear, power / shaft_speed, at.speed) + at.drag;
   return now.engine.FuelRate(at, state);
 }
 
@@ -48,7 +48,7 @@ T WorkAhead(const ShiftSituation<T>& now, int gear) {
   constexpr double kLookStep = 0.5;  // [s]: numerical
   const Engine<T>& engine = now.engine;
   const T from = now.in.shaft_speed, load = now.state.load, inertia = now.VehicleInertia();
-  const T ratio = now.gears.Ratio(gear), transmission = now.ShaftTorque(gear, 1);
+  const T ratio = now.gears.Ratio(gear);
   T speed = from, left = now.p.adaptive_horizon, angle = 0;
   if (gear != now.gear) {
     speed = now.SpeedAfterChange(from);
@@ -64,7 +64,8 @@ T WorkAhead(const ShiftSituation<T>& now, int gear) {
     const T step = Min(kLookStep, left);
     const T share = Min(building, step) / step;
     const T torque = engine.PedalTorque(ratio * speed, now.in.pedal) - share * missing;
-    const T next = Max(0.0, speed + step * (torque * transmission - load) / inertia);
+    const T driving = now.ShaftTorque(gear, torque, ratio * speed);
+    const T next = Max(0.0, speed + step * (driving - load) / inertia);
     angle += 0.5 * (speed + next) * step;
     speed = next;
     left -= step;

@@ -112,13 +112,23 @@ struct ShiftSituation {
     return from + p.change_time * coasting;
   }
 
-  T ShaftTorque(int at, T engine_torque) const {
-    return engine_torque * gears.Ratio(at) * gears.efficiency;
+  // Torque at the propeller shaft behind all losses, for a torque of the engine, of which the
+  // auxiliaries take their part; and the engine's torque for one at the shaft.
+  T ShaftTorque(int at, T engine_torque, T engine_speed) const {
+    return gears.ShaftTorque(at, engine_torque - engine.Auxiliary(engine_speed), engine_speed);
+  }
+  T EngineTorque(int at, T shaft_torque, T engine_speed) const {
+    return gears.InputTorque(at, shaft_torque, engine_speed) + engine.Auxiliary(engine_speed);
+  }
+  // Torque at the shaft per torque at the gearbox input: a mean from zero to `torque`.
+  T Transmission(int at, T torque, T engine_speed) const {
+    const T idle = gears.ShaftTorque(at, 0, engine_speed);
+    return (gears.ShaftTorque(at, torque, engine_speed) - idle) / torque;
   }
 
   // Recovery of the engine's torque after a change to `next`, without a pause for the present gear.
   TorqueRecovery<T> Recovery(int next, T demand, T level, T drag) const {
-    const T before = in.shaft_torque / ShaftTorque(gear, 1);
+    const T before = EngineTorque(gear, in.shaft_torque, InputSpeed());
     return next == gear ? engine.BuildUp(before, demand, level, drag)
                         : engine.Recovery(before, p.change_time, demand, level, drag);
   }
@@ -132,11 +142,11 @@ struct ShiftSituation {
       return {after, T(after + p.recovery_horizon * Min(0.0, state.acceleration)), 0};
     }
     const T speed = gears.Ratio(next) * after;
-    const T transmission = ShaftTorque(next, 1);
     const T demand = engine.PedalTorque(speed, in.pedal);
-    const T level = Max(0.0, state.load) / transmission;
+    const T level = EngineTorque(next, Max(0.0, state.load), speed);
     const TorqueRecovery<T> recovery = Recovery(next, demand, level, engine.drag(speed));
-    const T lost = recovery.impulse * transmission / VehicleInertia();
+    if (recovery.time <= 0) return {after, after, 0};
+    const T lost = recovery.impulse * Transmission(next, level, speed) / VehicleInertia();
     return {after, after - lost, recovery.time};
   }
   T SpeedWhenRecovered(int next) const { return DipOf(next, in.shaft_speed).speed; }
@@ -157,8 +167,9 @@ struct ShiftSituation {
 
   // Whether torque over load is at least `reserve` at a shaft speed.
   bool Carries(int next, T shaft_speed, T reserve) const {
-    const T torque = engine.PedalTorque(gears.Ratio(next) * shaft_speed, in.pedal);
-    return ShaftTorque(next, torque) >= reserve * Max(0.0, state.load);
+    const T speed = gears.Ratio(next) * shaft_speed;
+    const T torque = engine.PedalTorque(speed, in.pedal);
+    return ShaftTorque(next, torque, speed) >= reserve * Max(0.0, state.load);
   }
 
   // Shaft speed up to which a gear carries the load after a change that begins at `from`; 0 if it
@@ -221,7 +232,7 @@ struct ShiftSituation {
   // while the clutch slips.
   bool TorqueHasBuiltUp() const {
     const T speed = Max(InputSpeed(), in.engine_speed);
-    const T full = ShaftTorque(gear, engine.PedalTorque(speed, in.pedal));
+    const T full = ShaftTorque(gear, engine.PedalTorque(speed, in.pedal), speed);
     return in.shaft_torque > p.built_up_torque * full;
   }
 
@@ -230,7 +241,7 @@ struct ShiftSituation {
   bool SoonOutgrown(int next) const {
     const T ratio = gears.Ratio(next);
     const T recovered = SpeedWhenRecovered(next);
-    const T torque = ShaftTorque(next, engine.TorqueLimit(ratio * recovered));
+    const T torque = ShaftTorque(next, engine.TorqueLimit(ratio * recovered), ratio * recovered);
     const T acceleration = (torque - state.load) / VehicleInertia();
     return ratio * (recovered + p.reversal_time * acceleration) > engine.governed_speed;
   }

@@ -84,10 +84,11 @@ struct ShiftStrategy : ShiftParameters<T> {
   static bool LosesSpeed(const Situation& now) {
     const T speed = now.InputSpeed();
     if (!now.Floored() || now.SpeedSoon() > now.p.power_speed * now.engine.idle_speed) return false;
-    const T full = now.ShaftTorque(now.gear, now.engine.PedalTorque(speed, now.in.pedal));
+    const T full = now.ShaftTorque(now.gear, now.engine.PedalTorque(speed, now.in.pedal), speed);
     if (!now.TorqueHasBuiltUp() || full > now.state.load) return false;
     const T faster = now.gears.Ratio(now.gear - 1) * now.in.shaft_speed;
-    const T lower = now.ShaftTorque(now.gear - 1, now.engine.PedalTorque(faster, now.in.pedal));
+    const T torque = now.engine.PedalTorque(faster, now.in.pedal);
+    const T lower = now.ShaftTorque(now.gear - 1, torque, faster);
     return lower > now.p.torque_reserve * full;
   }
 

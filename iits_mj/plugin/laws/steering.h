@@ -1,6 +1,10 @@
-// Steering: actuator at the steering wheel, play of the gear, Ackermann geometry, elastic linkage.
+// Steering of one or more axles: actuator at the steering wheel, play of the gear, Ackermann
+// geometry, elastic linkage.
 #ifndef IITS_MJ_PLUGIN_LAWS_STEERING_H_
 #define IITS_MJ_PLUGIN_LAWS_STEERING_H_
+
+#include <cstddef>
+#include <vector>
 
 #include "plugin/laws/number.h"
 
@@ -14,12 +18,17 @@ struct SteeringState {
 template <class T>
 struct Steering {
   // Attributes.
-  T ratio, dead_band, angle_max, rate_max, stiffness, time_constant, wheelbase, track;
+  T ratio, dead_band, angle_max, rate_max, stiffness, time_constant;
+  // Of each steered axle: distance ahead of the line on which the vehicle's turning center lies, and
+  // distance of the knuckles.
+  std::vector<T> wheelbase, track;
 
-  // Angles of the left and the right knuckle with a relaxed linkage [rad].
-  void Targets(T pitman_angle, T targets[2]) const {
-    const T tangent = tan(pitman_angle / ratio);
-    const T half = 0.5 * track / wheelbase * tangent;
+  // Angles of an axle's left and right knuckle with a relaxed linkage [rad]. The gear turns the
+  // first axle's mean wheel; all wheels turn about one center.
+  void Targets(size_t axle, T pitman_angle, T targets[2]) const {
+    const T first = tan(pitman_angle / ratio);
+    const T tangent = first * (wheelbase[axle] / wheelbase[0]);
+    const T half = 0.5 * track[axle] / wheelbase[0] * first;
     targets[0] = atan(tangent / (1 - half));
     targets[1] = atan(tangent / (1 + half));
   }

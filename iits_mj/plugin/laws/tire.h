@@ -72,12 +72,15 @@ struct Tire {
   R friction_load_slope, shape_lateral, shape_longitudinal, curvature_lateral;
   R curvature_longitudinal, load_saturation, slip_stiffness, relaxation_lateral;
   R relaxation_load_exponent, relaxation_longitudinal, rolling_resistance;
+  R rolling_resistance_load = 1, rolling_resistance_exponent = 1;
   // Derived by Prepare.
   R nominal_deflection, inverse_nominal_load, inverse_saturation, inverse_relaxation_x;
   R inverse_friction_x, inverse_friction_y, stiffness_y;
   Sampled<R> share_x, share_y;      // over normalized slip
   Sampled<R> inverse_relaxation_y;  // over relative load [1/m]
   Sampled<R> angle;                 // over its tangent
+  Sampled<R> resistance_share;      // over the load per test load
+  R per_test_load;             // nominal load over test load
 
   // Computes the constants that depend on the attributes. The relative errors of the grids are
   // below 3e-7 for all allowed attributes, and below 3e-8 for those of the truck.
@@ -92,6 +95,10 @@ struct Tire {
     share_x.Sample([this](R rho) { return ShareX(rho); }, 0, 8, 512);
     share_y.Sample([this](R rho) { return ShareY(rho); }, 0, 8, 512);
     angle.Sample([](R tangent) { return atan(tangent); }, -1, 1, 256);
+    per_test_load = nominal_load / rolling_resistance_load;
+    if (rolling_resistance_exponent != 1) {
+      resistance_share.Sample([this](R load) { return ResistanceShare(load); }, 0.125, 4, 992);
+    }
     inverse_relaxation_y.Sample([this](R load) { return InverseRelaxation(load); }, 0.125, 4, 992);
   }
 
@@ -223,7 +230,11 @@ struct Tire {
     const T trail = pneumatic_trail * stick * stick * stick / (stick + slide * slide * (1. / 3));
     const T mz = -trail * slip.fy;
     // Rolling resistance as an elasto-plastic wind-up, so that it also holds a wheel at rest.
-    const T resistance = flat.dragged * rolling_resistance * c.load * c.rolling_radius;
+    T resistance = flat.dragged * rolling_resistance * c.load * c.rolling_radius;
+    if (rolling_resistance_exponent != 1) {
+      resistance *= resistance_share(relative * per_test_load,
+                                     [this](auto load) { return ResistanceShare(load); });
+    }
     const T wind_up = Clamp(bristles.spin + h * wheel.spin, -kSpinWindUp, kSpinWindUp);
     const T strained = Clamp((wind_up + kSpinDamping * wheel.spin) * (1 / kSpinWindUp), -1., 1.);
     // Forces act at the patch; the spin moment uses the rolling radius, which conserves energy. The
@@ -281,6 +292,11 @@ struct Tire {
   template <class T>
   T ShareY(T rho) const {
     return MagicShare(rho, shape_lateral, curvature_lateral);
+  }
+  // Rolling resistance at a load per test load, over that at the test load.
+  template <class T>
+  T ResistanceShare(T load) const {
+    return pow(load, rolling_resistance_exponent - 1);
   }
   // Inverse of the lateral relaxation length at a relative load [1/m].
   template <class T>

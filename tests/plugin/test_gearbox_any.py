@@ -1,0 +1,94 @@
+"""The adaptive shift strategy without tables, for any number of gears and any engine."""
+
+import numpy as np
+import pytest
+
+from tests.plugin.driveline_rig import PARAMETERS, Case, constant, drive, reversals
+from tests.plugin.test_gear_losses import AXLE_MAP, DRAG, blocks, gear_loss, numbers
+from tests.plugin.test_powertrain_auxiliaries import RATE
+from tests.plugin.vehicle_sled import KMH
+
+TABLES = [f"{way}_{key}" for way in ("upshift", "downshift") for key in ("gear", "pedal", "speed")]
+WITHOUT_TABLES = {"shift_strategy": "adaptive"} | dict.fromkeys(TABLES, "")
+
+
+def gears(count, lowest):
+    """Returns the attributes of a gearbox with `count` gears from the ratio `lowest` to 1."""
+    return WITHOUT_TABLES | {
+        "ratios": numbers(np.geomspace(lowest, 1.0, count)),
+        "gear_inertias": numbers(np.full(count, 0.2)),
+        "efficiency": numbers(np.linspace(0.97, 0.99, count)),
+        "start_gear": str(1 if count < 6 else count // 4),
+        "reverse_ratio": str(lowest),
+    }
+
+
+# A smaller engine that turns faster, with a map of the fuel rate; all losses by maps.
+SPEEDS = (70, 120, 190, 260)
+OTHER_ENGINE = RATE | {
+    "idle_speed": "70",
+    "governed_speed": "260",
+    "reference_torque": "1100",
+    "full_load_speed": numbers(SPEEDS),
+    "full_load_torque": "600 1100 1050 800",
+    "drag_speed": "70 260",
+    "drag_torque": "60 110",
+    "pedal_map_speed": "70 260",
+    "pedal_map_pedal": "0 1",
+    "pedal_map_torque": "0 1200 0 1200",
+    "engine_inertia": "1.2",
+    "auxiliary_power": "4e3",
+}
+LOSSES = (
+    AXLE_MAP
+    | DRAG
+    | {
+        "gear_loss_speed": "0 200",
+        "gear_loss_torque": "-500 0 1000",
+        "gear_losses": blocks((0.0, 200.0), (-500.0, 0.0, 1000.0), gear_loss),
+    }
+)
+TRUCKS = {
+    "2": (gears(2, 2.2), 12_000.0),
+    "4": (gears(4, 8.0), 18_000.0),
+    "6 small": (gears(6, 6.7) | OTHER_ENGINE, 10_000.0),
+    "9 small losses": (
+        gears(9, 10.0) | OTHER_ENGINE | LOSSES | {"gear_loss_map": "1 " * 9},
+        16_000.0,
+    ),
+    "12 losses": (WITHOUT_TABLES | LOSSES | {"gear_loss_map": "1 " * 12}, 40_000.0),
+    "16": (gears(16, 17.0), 40_000.0),
+    "18": (gears(18, 14.4), 60_000.0),
+}
+
+
+@pytest.mark.parametrize("name", TRUCKS)
+def test_truck_shifts_up_to_its_top_gear_and_down_on_a_climb(name):
+    attributes, mass = TRUCKS[name]
+    count = len(attributes.get("ratios", numbers(PARAMETERS.gearbox.ratios)).split())
+    torque = float(attributes.get("reference_torque", PARAMETERS.engine.reference_torque))
+    flat, climb = Case(mass, 0.0, 0.0), Case(mass, 0.7 * torque / mass, 75 * KMH)
+    traces = drive([flat, climb], constant(2, 150.0, [1.0, 1.0]), changes=attributes)
+    gear, engine = traces["gear"], traces["engine_speed"]
+    assert gear[0, 200] == float(attributes.get("start_gear", PARAMETERS.gearbox.start_gear))
+    assert gear[0, -1] >= count - (count > 12)
+    assert traces["speed"][0, -1] > 75 * KMH
+    assert 1 <= gear[1].min() < count
+    assert traces["speed"][1, -1] > 10 * KMH
+    governed = float(attributes.get("governed_speed", PARAMETERS.engine.governed_speed))
+    idle = float(attributes.get("idle_speed", PARAMETERS.engine.idle_speed))
+    assert engine.max() < 1.1 * governed
+    assert engine.min() > 0.75 * idle
+    for run in gear:
+        assert len(reversals(run)) <= 1
+
+
+@pytest.mark.parametrize("name", TRUCKS)
+def test_truck_at_part_load_cruises_at_a_low_engine_speed(name):
+    attributes, mass = TRUCKS[name]
+    traces = drive([Case(mass, 0.0, 70 * KMH)], constant(1, 40.0, [0.35]), changes=attributes)
+    ratios = np.fromstring(
+        attributes.get("ratios", numbers(PARAMETERS.gearbox.ratios)), sep=" "
+    )
+    assert traces["gear"][0, -1] >= len(ratios) - 1
+    assert len(reversals(traces["gear"][0])) == 0
