@@ -17,7 +17,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.units import GRAVITY
 from iits_mj.model.attributes import PLUGIN_DIGITS, plugin_attributes, text
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.mass_state import group_center, laden_trailer
+from iits_mj.parameters.mass_state import rolling_resistance, supports
 
 # Names of the truck's sensors, in the order of the model. The plural ones have one number for each
 # wheel end, axle by axle, left before right.
@@ -60,9 +60,9 @@ class Distribution:
 
 
 def circuits(parameters: TruckParameters) -> list[int]:
-    """Returns the circuit of each axle, front to rear: 0 front, 1 drive, 2 trailer."""
-    rear = len(parameters.tractor.axles) - 1
-    return [0] + [1] * rear + [2] * len(parameters.semitrailer.axles)
+    """Returns the circuit of each axle, front to rear: 0 front (steered), 1 drive, 2 trailer."""
+    lead = [0 if axle.steered else 1 for axle in parameters.lead.axles]
+    return lead + [2] * (len(parameters.axles) - len(lead))
 
 
 def distribution(parameters: TruckParameters) -> Distribution:
@@ -81,34 +81,21 @@ def distribution(parameters: TruckParameters) -> Distribution:
     )
 
 
-def group_loads(parameters: TruckParameters, payload: float, deceleration: float) -> FloatArray:
-    """Returns loads of steer axle, tandem and tri-axle while braking on the level [N], shape (3,).
+def circuit_loads(parameters: TruckParameters, payload: float, deceleration: float) -> FloatArray:
+    """Returns the loads on the axles of each circuit while braking on the level [N], shape (3,).
 
-    Statics with inertia forces of two rigid units, where every axle brakes in proportion to its
-    load (friction used z = a / g). The moments about the kingpin include the tri-axle's brake force
-    at the road; those about the steer axle's contact include the trailer's push at the kingpin.
+    Every axle brakes in proportion to its load (friction used z = a / g).
     """
-    tractor, coupling = parameters.tractor, parameters.fifth_wheel
-    trailer = laden_trailer(parameters, payload)
-    used = deceleration / GRAVITY
-    group = group_center(parameters.semitrailer.axles)
-    turning = trailer.cg_position - used * (trailer.cg_height - coupling.height)
-    on_trailer = trailer.mass * GRAVITY * turning / (group + used * coupling.height)
-    kingpin = trailer.mass * GRAVITY - on_trailer
-    push = used * kingpin
-    origin = tractor.axles[0].position
-    moment = tractor.mass * GRAVITY * (tractor.cg_position - origin - used * tractor.cg_height)
-    moment += kingpin * (coupling.position - origin) - push * coupling.height
-    drive = moment / (group_center(tractor.axles[1:]) - origin)
-    steer = tractor.mass * GRAVITY + kingpin - drive
-    return np.array([steer, drive, on_trailer])
+    found = supports(parameters, payload, used=deceleration / GRAVITY)
+    (front, rear), *towed = found.groups
+    return np.array([front, rear, sum(load for (load,) in towed)])
 
 
 def _by_axle_loads(parameters: TruckParameters) -> Distribution:
-    full = parameters.payload.mass_max
+    full = parameters.payload_max
 
     def shares(payload: float) -> FloatArray:
-        loads = np.array([group_loads(parameters, payload, a) for a in _DEMAND])
+        loads = np.array([circuit_loads(parameters, payload, a) for a in _DEMAND])
         loads = np.maximum(loads, 0.0)
         return np.asarray(loads / loads.sum(axis=1, keepdims=True))
 
@@ -118,9 +105,12 @@ def _by_axle_loads(parameters: TruckParameters) -> Distribution:
 
 def _by_table(parameters: TruckParameters) -> Distribution:
     brake = parameters.air_brake
+    if not brake.demand.size:
+        raise InputError("air_brake.distribution = 'table' needs an air_brake.pressure_table")
     slope = np.zeros(3)
     radius = np.array([parameters.tires[axle.tire].rolling_radius for axle in parameters.axles])
-    np.add.at(slope, circuits(parameters), np.asarray(brake.torque_per_pressure) / radius)
+    per_pressure = np.array([axle.brake.torque_per_pressure for axle in parameters.axles])
+    np.add.at(slope, circuits(parameters), per_pressure / radius)
 
     def shares(pressure: FloatArray) -> FloatArray:
         force = pressure * slope
@@ -135,11 +125,12 @@ def _by_table(parameters: TruckParameters) -> Distribution:
     )
 
 
-def config(parameters: TruckParameters) -> dict[str, str]:
+def config(parameters: TruckParameters, payload: float) -> dict[str, str]:
     """Returns the attributes of the plugin instance `air_brake`.
 
-    A parameter of the section `air_brake` is passed on by its name, unless it is replaced here. The
-    plugin reads the vehicle's mass from the model.
+    A parameter of the section `air_brake` is passed on by its name, unless it is replaced here; an
+    axle's `brake` makes one number of each list. The plugin reads the vehicle's mass from the
+    model.
 
     Raises:
       InputError: the name of the distribution is unknown.
@@ -149,18 +140,31 @@ def config(parameters: TruckParameters) -> dict[str, str]:
     radius = [parameters.tires[axle.tire].rolling_radius for axle in parameters.axles]
     shares = distribution(parameters)
     replaced = ("anchor_pressure", "distribution", "pressure_light", "pressure_heavy")
+    per_axle = ("dead_time", "build_up_time_constant", "release_time_constant", "chamber_volume")
     values: dict[str, ArrayLike] = {
+        name: [getattr(axle.brake, name) for axle in parameters.axles] for name in per_axle
+    }
+    # A valve of a second towed unit follows that of the first.
+    values["dead_time"] = [
+        axle.brake.dead_time + max(place - 1, 0) * brake.trailer_line_delay
+        for place, unit in enumerate(parameters.units)
+        for axle in unit.axles
+    ]
+    values |= {
         "torque_per_pressure": torque_slope(parameters),
         "parking_torque": [brake.parking_torque if c else 0.0 for c in circuit],
         "wheel_radius": radius,
         "circuit": circuit,
-        "rolling_resistance": parameters.tire_common.rolling_resistance,
+        "rolling_resistance": rolling_resistance(parameters, payload),
         "mass_light": shares.mass_light,
         "mass_heavy": shares.mass_heavy,
         "demand": shares.demand,
         "share_light": shares.light,
         "share_heavy": shares.heavy,
     }
+    lifted = [axle.lifted(payload) for axle in parameters.axles]
+    if any(lifted):
+        values["lifted"] = [float(each) for each in lifted]
     return plugin_attributes(brake, *replaced, digits=PLUGIN_DIGITS) | {
         name: text(value, digits=PLUGIN_DIGITS) for name, value in values.items()
     }
@@ -174,4 +178,4 @@ def torque_slope(parameters: TruckParameters) -> FloatArray:
     """
     brake = parameters.air_brake
     secant = brake.anchor_pressure / (brake.anchor_pressure - brake.push_out_pressure)
-    return np.asarray(brake.torque_per_pressure) * secant
+    return np.array([axle.brake.torque_per_pressure for axle in parameters.axles]) * secant

@@ -21,12 +21,13 @@ def plugin_attributes(section: Any, *without: str, digits: int = 10) -> dict[str
     """Returns the fields of a parameter section as attributes of a plugin instance, by name.
 
     Args:
-      section: dataclass of numbers, text and arrays; nested sections and maps are left out.
+      section: dataclass of numbers, text and arrays; nested sections, maps and empty arrays are left
+        out.
       *without: fields that the plugin does not take, or takes in another form.
       digits: significant digits of the numbers.
     """
     return {
         name: value if isinstance(value, str) else text(value, digits=digits)
         for name, value in vars(section).items()
-        if name not in without and not dataclasses.is_dataclass(value)
+        if name not in without and not dataclasses.is_dataclass(value) and np.size(value)
     }

@@ -1,8 +1,9 @@
 """Builds the truck's MJCF from its parameters.
 
-Frames: the origin of `tractor` is the steer axle's center projected to the ground at rest, that of
-`trailer` is the kingpin; x forward, y left, z up. Every element is named, with axle and side. At
-`qpos0` all springs and tires carry their static loads, so that the truck rests on a level road.
+Frames: the origin of the motor vehicle, `tractor`, is the steer axle's center projected to the
+ground at rest, that of a towed unit is its coupling point; x forward, y left, z up. Every element is
+named, with axle and side. At `qpos0` all springs and tires carry their static loads, so that the
+truck rests on a level road.
 """
 
 from __future__ import annotations
@@ -23,22 +24,26 @@ from iits_mj.model.connections import (
     add_extension,
     add_sensors,
     add_tendons,
-    equalized_share,
+    alone_share,
 )
 from iits_mj.model.statics import beam_inertia, sprung, wheel_height, wheel_inertia
 from iits_mj.model.visuals import decorate
-from iits_mj.parameters import Axle, TruckParameters
+from iits_mj.parameters import Axle, Coupling, TruckParameters, Unit
 from iits_mj.parameters.mass_state import (
+    Inertial,
     axle_loads_by_name,
-    group_center,
-    laden_trailer,
-    payload_inertial,
+    laden_units,
+    payload_inertials,
 )
+from iits_mj.parameters.units import group_center
 
 # Contact bits: the truck's hulls collide with ground (bit 0) and traffic (bit 2), not each other.
 TRUCK_CONTYPE, TRUCK_CONAFFINITY = 2, 5
 LENGTH_MAX = 100.0  # [m]
 HEAVE_TRAVEL = 0.15  # [m], bump stop to rebound stop from ride height
+_KNUCKLE_MASS = 1.0  # [kg], taken from the wheel
+_CAB_LENGTH, _CAB_LOW = 2.3, 0.45  # [m]; the second one above the road
+_BODY_LOW = 1.05  # [m], of a load body above the road
 
 
 def truck_spec(
@@ -48,14 +53,14 @@ def truck_spec(
 
     Args:
       parameters: of the truck; `with_payload_height` changes the height of the load.
-      payload: [kg], 0 to `parameters.payload.mass_max`.
+      payload: [kg], 0 to `parameters.payload_max`.
       visuals: adds the visual geoms; the physics is the same without, a step takes less time.
 
     Raises:
       InputError: the payload is out of range, or no truck has such parameters.
     """
     parameters.check_payload(payload)
-    in_range("parameter semitrailer.length", parameters.semitrailer.length, 1.0, LENGTH_MAX, "m")
+    in_range("the truck's length", parameters.length, 1.0, LENGTH_MAX, "m")
     try:
         spec = mujoco.MjSpec.from_string(truck_xml(parameters, payload))
         if visuals:
@@ -76,7 +81,7 @@ def truck_xml(parameters: TruckParameters, payload: float) -> str:
     add_extension(root, parameters, payload)
     _defaults(root)
     world = ET.SubElement(root, "worldbody")
-    _tractor(world, parameters, payload)
+    _units(world, parameters, payload)
     add_tendons(root, parameters, payload)
     add_actuators(root, parameters)
     add_sensors(root, parameters)
@@ -120,70 +125,104 @@ def _site(body: ET.Element, name: str, at: tuple[float, float, float]) -> None:
     ET.SubElement(body, "site", name=name, pos=text(at), size="0.05", group="4")
 
 
-def _tractor(world: ET.Element, p: TruckParameters, payload: float) -> None:
-    body = ET.SubElement(world, "body", name="tractor", childclass="truck")
-    ET.SubElement(body, "freejoint", name="tractor_free")
-    chassis = sprung(p, p.tractor, payload)
-    _inertial(body, chassis.mass, (-chassis.cg_position, 0, chassis.cg_height), chassis.inertia)
-    t = p.tractor
-    cab_length, low = 2.3, 0.45
-    _hull(
-        body,
-        "tractor_cab_hull",
-        (0.5 * cab_length, 0.5 * t.width, 0.5 * (t.height - low)),
-        (t.front_overhang - 0.5 * cab_length, 0, 0.5 * (t.height + low)),
-    )
-    rear = t.axles[-1].position + 0.9
-    length = rear + t.front_overhang - cab_length
-    middle = t.front_overhang - cab_length - 0.5 * length
-    _hull(body, "tractor_chassis_hull", (0.5 * length, 0.5 * t.width, 0.25), (middle, 0, 0.75))
-    _site(body, "tractor_imu", (0, 0, 0))
-    _site(body, "tractor_cg", (-t.cg_position, 0, t.cg_height))
-    _pressure_center(body, "tractor", (t.front_overhang, 0, p.aerodynamics.pressure_height))
+def _units(world: ET.Element, p: TruckParameters, payload: float) -> None:
+    """Adds the chain of units: each one is a child of the unit ahead."""
     loads = axle_loads_by_name(p, payload)
-    for axle in t.axles:
-        _axle(body, p, axle, loads[axle.name], 0.0, steered=axle is t.axles[0])
-    _trailer(body, p, payload, loads)
+    bodies, blocks = laden_units(p, payload), payload_inertials(p, payload)
+    names = ("", *p.coupling_names)
+    ahead, height = world, 0.0
+    payload_name = "payload"
+    for unit, coupling, laden, load in zip(p.units, names, bodies, blocks, strict=True):
+        if unit.coupling is None:
+            body = ET.SubElement(ahead, "body", name=unit.name, childclass="truck")
+            ET.SubElement(body, "freejoint", name=f"{unit.name}_free")
+        else:
+            at = (-unit.coupling.position, 0, unit.coupling.height - height)
+            body = ET.SubElement(ahead, "body", name=unit.name, pos=text(at))
+            height = unit.coupling.height
+            _hinges(body, unit.coupling, coupling)
+        chassis = sprung(p, unit, payload)
+        center = (-chassis.cg_position, 0.0, chassis.cg_height - height)
+        _inertial(body, chassis.mass, center, chassis.inertia)
+        if unit.coupling is None:
+            _lead_hulls(body, unit)
+            _site(body, f"{unit.name}_imu", (0, 0, 0))
+        else:
+            ET.SubElement(body, "plugin", plugin="iits.fifth_wheel", instance=coupling)
+            _towed_hulls(body, unit, height)
+            _site(body, f"{unit.name}_kingpin", (0, 0, 0))
+        _site(body, f"{unit.name}_cg", (-laden.cg_position, 0, laden.cg_height - height))
+        if unit.coupling is not None or unit is p.last:
+            rear = group_center(unit.groups(payload)[-1])
+            _site(body, f"{unit.name}_axle_center", (-rear, 0, -height))
+        pressure = (pressure_position(unit), 0, p.aerodynamics.pressure_height - height)
+        _pressure_center(body, unit.name, pressure)
+        if load is not None:
+            _payload(body, payload_name, load, height)
+            payload_name = f"{unit.name}_payload"
+        for axle in unit.axles:
+            _axle(body, p, axle, loads[axle.name], height, alone_share(p, axle, payload))
+        ahead = body
 
 
-def _trailer(
-    tractor: ET.Element, p: TruckParameters, payload: float, loads: dict[str, float]
-) -> None:
-    f, t = p.fifth_wheel, p.semitrailer
-    at = text(-f.position, 0, f.height)
-    body = ET.SubElement(tractor, "body", name="trailer", pos=at)
+def _hinges(body: ET.Element, coupling: Coupling, name: str) -> None:
     joints = (
-        ("yaw", "0 0 1", (-f.yaw_limit, f.yaw_limit)),
-        ("pitch", "0 1 0", (f.pitch_min, f.pitch_max)),
+        ("yaw", "0 0 1", (-coupling.yaw_limit, coupling.yaw_limit)),
+        ("pitch", "0 1 0", (coupling.pitch_min, coupling.pitch_max)),
         ("roll", "1 0 0", None),
     )
-    for name, axis, limit in joints:
-        joint = ET.SubElement(body, "joint", name=f"fifth_wheel_{name}", type="hinge", axis=axis)
+    for part, axis, limit in joints:
+        joint = ET.SubElement(body, "joint", name=f"{name}_{part}", type="hinge", axis=axis)
         if limit:
             joint.set("range", text(limit))
-    chassis = sprung(p, t, payload)
-    center = (-chassis.cg_position, 0.0, chassis.cg_height - f.height)
-    _inertial(body, chassis.mass, center, chassis.inertia)
-    ET.SubElement(body, "plugin", plugin="iits.fifth_wheel", instance="fifth_wheel")
-    low, middle = 1.05, t.front_overhang - 0.5 * t.length
-    size = (0.5 * t.length, 0.5 * t.width, 0.5 * (t.height - low))
-    _hull(body, "trailer_body_hull", size, (middle, 0, 0.5 * (t.height + low) - f.height))
-    group = group_center(t.axles)
-    size = (0.5 * (t.axles[-1].position - t.axles[0].position) + 0.5, 0.5 * t.width, 0.2)
-    _hull(body, "trailer_bogie_hull", size, (-group, 0, 0.8 - f.height))
-    _site(body, "trailer_kingpin", (0, 0, 0))
-    laden = laden_trailer(p, payload)
-    _site(body, "trailer_cg", (-laden.cg_position, 0, laden.cg_height - f.height))
-    _site(body, "trailer_axle_center", (-group, 0, -f.height))
-    _pressure_center(body, "trailer", (middle, 0, p.aerodynamics.pressure_height - f.height))
-    load = payload_inertial(p, payload)
-    block = ET.SubElement(body, "body", name="payload")
-    center = (-load.cg_position, 0.0, load.cg_height - f.height)
-    if payload > 0:
+
+
+def _lead_hulls(body: ET.Element, unit: Unit) -> None:
+    """Cab, and behind it the chassis of a tractor or the load body of a rigid truck."""
+    _hull(
+        body,
+        f"{unit.name}_cab_hull",
+        (0.5 * _CAB_LENGTH, 0.5 * unit.width, 0.5 * (unit.height - _CAB_LOW)),
+        (unit.front_overhang - 0.5 * _CAB_LENGTH, 0, 0.5 * (unit.height + _CAB_LOW)),
+    )
+    length = unit.length - _CAB_LENGTH
+    middle = unit.front_overhang - _CAB_LENGTH - 0.5 * length
+    size, at = (0.5 * length, 0.5 * unit.width, 0.25), (middle, 0, 0.75)
+    _hull(body, f"{unit.name}_chassis_hull", size, at)
+    if unit.kind == "rigid_truck":
+        size = (0.5 * length, 0.5 * unit.width, 0.5 * (unit.height - _BODY_LOW))
+        _hull(body, f"{unit.name}_body_hull", size, (middle, 0, 0.5 * (unit.height + _BODY_LOW)))
+
+
+def _towed_hulls(body: ET.Element, unit: Unit, height: float) -> None:
+    """Load body, unless it is a dolly, and the axles' group; `height` of the unit's origin."""
+    middle = unit.front_overhang - 0.5 * unit.length
+    if unit.kind != "dolly":
+        size = (0.5 * unit.length, 0.5 * unit.width, 0.5 * (unit.height - _BODY_LOW))
+        at = (middle, 0, 0.5 * (unit.height + _BODY_LOW) - height)
+        _hull(body, f"{unit.name}_body_hull", size, at)
+    first, last = unit.axles[0].position, unit.axles[-1].position
+    size = (0.5 * (last - first) + 0.5, 0.5 * unit.width, 0.2)
+    _hull(body, f"{unit.name}_bogie_hull", size, (-0.5 * (first + last), 0, 0.8 - height))
+
+
+def _payload(unit: ET.Element, name: str, load: Inertial, height: float) -> None:
+    """Adds a unit's load as a body of its own; `height` of the unit's origin."""
+    block = ET.SubElement(unit, "body", name=name)
+    center = (-load.cg_position, 0.0, load.cg_height - height)
+    if load.mass > 0:
         _inertial(block, load.mass, center, load.inertia)
-    _site(block, "payload_cg", center)
-    for axle in t.axles:
-        _axle(body, p, axle, loads[axle.name], f.height, steered=False)
+    _site(block, f"{name}_cg", center)
+
+
+def pressure_position(unit: Unit) -> float:
+    """Returns where air pushes a unit, ahead of its origin [m].
+
+    At the front of a motor vehicle, where by slender-body theory its side force acts, and in the
+    middle of a towed unit.
+    """
+    front = unit.front_overhang
+    return front if unit.coupling is None else front - 0.5 * unit.length
 
 
 def _pressure_center(body: ET.Element, unit: str, at: tuple[float, float, float]) -> None:
@@ -197,20 +236,26 @@ def _axle(
     axle: Axle,
     load: float,
     origin_height: float,
-    *,
-    steered: bool,
+    alone: float,
 ) -> None:
-    """Adds a rigid axle: heave and roll about its roll center, two hubs, their wheels."""
+    """Adds a rigid axle: heave and roll about its roll center, two hubs, their wheels.
+
+    Args:
+      unit: its body; p, axle: the parameters.
+      load: on the road [N], 0 for a lifted axle.
+      origin_height: of the unit's origin above the road [m].
+      alone: share of the spring that acts without load compensation.
+    """
     height = wheel_height(p, axle, load)
     body = ET.SubElement(
         unit, "body", name=axle.name, pos=text(-axle.position, 0, height - origin_height)
     )
     arm = 0.5 * axle.spring_spacing**2
-    # The spring's preload carries the axle's static load at ride height.
-    rate = 2 * axle.spring_rate * (1 - equalized_share(p, axle))
+    # The spring's preload carries the axle's static load at ride height, or a lifted axle.
+    rate = 2 * axle.spring_rate * alone
     heave = {"name": f"{axle.name}_heave", "class": "heave", "damping": text(2 * axle.damping)}
     if rate > 0:
-        preload = (load - axle.unsprung_mass * GRAVITY) * (1 - equalized_share(p, axle))
+        preload = (load - axle.unsprung_mass * GRAVITY) * alone
         heave |= {"stiffness": text(rate), "springref": text(-preload / rate)}
     ET.SubElement(body, "joint", heave)
     roll = {
@@ -222,23 +267,35 @@ def _axle(
     }
     ET.SubElement(body, "joint", roll)
     _inertial(body, axle.unsprung_mass - 2 * axle.wheel_mass, (0, 0, 0), beam_inertia(axle))
+    turns = axle.steered or axle.self_steering is not None
     for side, sign in zip(SIDES, (1, -1), strict=True):
         name = f"{axle.name}_{side}"
         hub = ET.SubElement(
             body, "body", name=f"{name}_hub", pos=text(0, sign * 0.5 * axle.track, 0)
         )
-        if steered:
-            knuckle = {
-                "name": f"{name}_knuckle",
-                "class": "knuckle",
-                "damping": text(p.steering.damping),
-                "armature": text(p.steering.knuckle_inertia),
-            }
-            ET.SubElement(hub, "joint", knuckle)
-            _inertial(hub, 1.0, (0, 0, 0), (0.1, 0.1, 0.1))
+        if turns:
+            _knuckle(hub, p, axle, name)
         ET.SubElement(hub, "plugin", plugin="iits.air_brake", instance="air_brake")
         wheel = ET.SubElement(hub, "body", name=f"{name}_wheel")
         ET.SubElement(wheel, "joint", {"name": f"{name}_spin", "class": "wheel"})
-        mass = axle.wheel_mass - (1.0 if steered else 0.0)
+        mass = axle.wheel_mass - (_KNUCKLE_MASS if turns else 0.0)
         _inertial(wheel, mass, (0, 0, 0), wheel_inertia(p, axle))
         ET.SubElement(wheel, "plugin", plugin="iits.tire", instance=f"tire_{axle.tire}")
+
+
+def _knuckle(hub: ET.Element, p: TruckParameters, axle: Axle, name: str) -> None:
+    """Adds the kingpin of a hub: at the wheel's center, or ahead of it on a self-steering axle."""
+    inertia = {"armature": text(p.steering.knuckle_inertia)}
+    joint = {"name": f"{name}_knuckle", "class": "knuckle"}
+    own = axle.self_steering
+    if own is None:
+        joint |= {"damping": text(p.steering.damping)} | inertia
+    else:
+        joint |= {
+            "pos": text(own.trail, 0, 0),
+            "range": text(-own.angle_max, own.angle_max),
+            "stiffness": text(own.stiffness),
+            "damping": text(own.damping),
+        } | inertia
+    ET.SubElement(hub, "joint", joint)
+    _inertial(hub, _KNUCKLE_MASS, (0, 0, 0), (0.1, 0.1, 0.1))

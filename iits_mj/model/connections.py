@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from iits_mj.core.units import GRAVITY
 from iits_mj.model import air_brake, powertrain
 from iits_mj.model.attributes import plugin_attributes, text
-from iits_mj.parameters import Axle, TruckParameters
-from iits_mj.parameters.mass_state import axle_loads_by_name, group_center, kingpin_load
+from iits_mj.parameters import Aerodynamics, Axle, TruckParameters, Unit
+from iits_mj.parameters.mass_state import air_shares, axle_loads_by_name, coupling_loads
 from iits_mj.parameters.tire_law import nominal_cornering_coefficient
+from iits_mj.parameters.units import group_center
 
 SIDES = ("left", "right")
+# Parameters of a coupling that its hinges have, not the plugin.
+_OF_JOINTS = ("kind", "position", "height", "yaw_limit", "pitch_min", "pitch_max")
+_TIE_ROD = 2e5  # [N m/rad], between the knuckles of a self-steering axle
 
 
 def _instance(plugin: ET.Element, name: str, config: Mapping[str, str]) -> None:
@@ -27,7 +31,14 @@ def tire_config(p: TruckParameters, kind: str) -> dict[str, float]:
     config = {**vars(tire), **vars(p.tire_common)}
     del config["cornering_load"]
     config["cornering_coefficient"] = nominal_cornering_coefficient(tire, p.tire_common)
+    if tire.rolling_resistance_exponent == 1.0:
+        del config["rolling_resistance_load"], config["rolling_resistance_exponent"]
     return config
+
+
+def articulation_names(p: TruckParameters) -> list[str]:
+    """Returns the names of the couplings' sensors: "articulation", "articulation2" and so on."""
+    return [f"articulation{i or ''}" for i in (0, *range(2, len(p.units)))][: len(p.units) - 1]
 
 
 def add_extension(root: ET.Element, p: TruckParameters, payload: float) -> None:
@@ -41,65 +52,105 @@ def add_extension(root: ET.Element, p: TruckParameters, payload: float) -> None:
     for kind in p.tires:
         values = tire_config(p, kind)
         _instance(tire, f"tire_{kind}", {key: text(value) for key, value in values.items()})
-    steer, tandem = p.tractor.axles[0], p.tractor.axles[1:]
-    wheelbase = group_center(tandem) - steer.position
+    front, rear = p.lead.groups(payload)
+    center = group_center(rear)
     # The other parameters of the section are those of MuJoCo's joints.
     steering = plugin_attributes(p.steering, "damping", "knuckle_inertia")
-    steering |= {"wheelbase": text(wheelbase), "track": text(steer.track)}
+    steering |= {
+        "wheelbase": text([center - axle.position for axle in front]),
+        "track": text([axle.track for axle in front]),
+    }
     _instance(plugin("steering"), "steering", steering)
-    of_joints = ("position", "height", "yaw_limit", "pitch_min", "pitch_max")
-    fifth_wheel = plugin_attributes(p.fifth_wheel, *of_joints)
-    fifth_wheel["kingpin_load"] = text(kingpin_load(p, payload))
-    _instance(plugin("fifth_wheel"), "fifth_wheel", fifth_wheel)
+    if p.coupling_names:
+        fifth_wheel = plugin("fifth_wheel")
+    loads = coupling_loads(p, payload)
+    for unit, name, load in zip(p.units[1:], p.coupling_names, loads, strict=True):
+        assert unit.coupling is not None
+        config = plugin_attributes(unit.coupling, *_OF_JOINTS)
+        config["kingpin_load"] = text(max(load, 0.0))
+        if unit.coupling.kind == "turntable":
+            config["turntable"] = "1"
+        _instance(fifth_wheel, name, config)
     air = plugin("aerodynamics")
-    share = p.aerodynamics.tractor_share
-    for unit, part in (("tractor", share), ("trailer", 1.0 - share)):
-        config = {
-            "density": text(p.aerodynamics.density),
-            "drag_area": text(part * p.aerodynamics.drag_area),
-            "side_area": text(part * p.aerodynamics.side_area),
-        }
-        _instance(air, f"aerodynamics_{unit}", config)
+    for unit, share in zip(p.units, air_shares(p), strict=True):
+        _instance(air, f"aerodynamics_{unit.name}", _air_config(p.aerodynamics, share))
     _instance(plugin("powertrain"), "powertrain", powertrain.config(p))
-    _instance(plugin("air_brake"), "air_brake", air_brake.config(p))
+    _instance(plugin("air_brake"), "air_brake", air_brake.config(p, payload))
 
 
-def equalized_share(p: TruckParameters, axle: Axle) -> float:
-    """Returns the share of the axle's spring that acts through load compensation."""
-    if axle is p.tractor.axles[0]:
-        return 0.0
-    return (p.tractor if axle in p.tractor.axles else p.semitrailer).load_equalization
+def _air_config(air: Aerodynamics, share: float) -> dict[str, str]:
+    """Attributes of the air at one unit, which has a share of the areas."""
+    config = {
+        "density": text(air.density),
+        "drag_area": text(share * air.drag_area),
+        "side_area": text(share * air.side_area),
+    }
+    if air.drag_yaw_angle:
+        config["drag_yaw_angle"] = text(air.drag_yaw_angle)
+        config["drag_area_increase"] = text([share * area for area in air.drag_area_increase])
+    if air.mean_wind:
+        config["mean_wind"] = text(air.mean_wind)
+    return config
+
+
+def alone_share(p: TruckParameters, axle: Axle, payload: float) -> float:
+    """Returns the share of the axle's spring that acts without load compensation."""
+    for unit in p.units:
+        for group in unit.groups(payload):
+            if axle in group and len(group) > 1:
+                return 1 - unit.load_equalization
+    return 1.0
 
 
 def add_tendons(root: ET.Element, p: TruckParameters, payload: float) -> None:
     """Adds propeller shaft, steering linkage and load compensation of the axle groups."""
     tendon = ET.SubElement(root, "tendon")
-    drive = [axle for axle in p.tractor.axles if axle.tire == "drive"]
     shaft = ET.SubElement(tendon, "fixed", name="propeller_shaft")
-    for axle in drive:
+    for axle in p.driven_axles:
         for side in SIDES:
             # Open differentials: shaft speed is the mean of the wheels, torque splits equally.
-            share = p.gearbox.final_drive / (2 * len(drive))
+            share = p.gearbox.final_drive / (2 * len(p.driven_axles))
             ET.SubElement(shaft, "joint", joint=f"{axle.name}_{side}_spin", coef=text(share))
+    front, _ = p.lead.groups(payload)
     linkage = ET.SubElement(tendon, "fixed", name="steering_linkage")
-    for side in SIDES:
-        ET.SubElement(
-            linkage, "joint", joint=f"{p.tractor.axles[0].name}_{side}_knuckle", coef="0.5"
-        )
-    # Load compensation: a spring on the sum of the group's heave acts equally on every axle.
+    for axle in front:
+        for side in SIDES:
+            joint = {"joint": f"{axle.name}_{side}_knuckle", "coef": text(0.5 / len(front))}
+            ET.SubElement(linkage, "joint", joint)
     loads = axle_loads_by_name(p, payload)
-    for name, axles in (("tandem", p.tractor.axles[1:]), ("triaxle", p.semitrailer.axles)):
-        share = equalized_share(p, axles[0])
-        rate = 2 * axles[0].spring_rate * share / len(axles)
-        if rate <= 0:
-            continue
-        preload = share * (loads[axles[0].name] - axles[0].unsprung_mass * GRAVITY)
-        length = text(preload / rate, preload / rate)
-        group = ET.SubElement(
-            tendon, "fixed", name=f"{name}_heave", stiffness=text(rate), springlength=length
-        )
-        for axle in axles:
-            ET.SubElement(group, "joint", joint=f"{axle.name}_heave", coef="-1")
+    for unit in p.units:
+        for place, group in enumerate(unit.groups(payload)):
+            name = f"{unit.name}_{'front_' if place == 0 and unit.coupling is None else ''}heave"
+            _equalize(tendon, name, unit, group, loads)
+    for axle in p.axles:
+        if axle.self_steering is not None:
+            rod = {"name": f"{axle.name}_tie_rod", "stiffness": text(_TIE_ROD), "springlength": "0"}
+            track_rod = ET.SubElement(tendon, "fixed", rod)
+            for side, sign in zip(SIDES, ("1", "-1"), strict=True):
+                joint = {"joint": f"{axle.name}_{side}_knuckle", "coef": sign}
+                ET.SubElement(track_rod, "joint", joint)
+
+
+def _equalize(
+    tendon: ET.Element, name: str, unit: Unit, axles: Sequence[Axle], loads: Mapping[str, float]
+) -> None:
+    """Load compensation: a spring on the sum of a group's heave, which loads axles by their shares.
+
+    Where the axles carry different loads, each one's heave counts by its load on the springs.
+    """
+    share = unit.load_equalization
+    if len(axles) < 2 or share <= 0.0:
+        return
+    sprung = [loads[axle.name] - axle.unsprung_mass * GRAVITY for axle in axles]
+    weights = [1.0 if one == sprung[0] else one / sprung[0] for one in sprung]
+    # All the group's springs, in parallel if every weight is 1.
+    stiffness = 2 * sum(axle.spring_rate for axle in axles) / len(axles)
+    rate = stiffness * share * len(axles) / sum(weights) ** 2
+    preload = share * sprung[0]
+    length = text(preload / rate, preload / rate)
+    group = ET.SubElement(tendon, "fixed", name=name, stiffness=text(rate), springlength=length)
+    for axle, weight in zip(axles, weights, strict=True):
+        ET.SubElement(group, "joint", joint=f"{axle.name}_heave", coef=text(-weight))
 
 
 def add_actuators(root: ET.Element, p: TruckParameters) -> None:
@@ -145,21 +196,26 @@ def add_sensors(root: ET.Element, p: TruckParameters) -> None:
         plugin(name, "air_brake")
     plugin("steering_wheel_position", "steering")
     for side in SIDES:
-        knuckle = f"{p.tractor.axles[0].name}_{side}_knuckle"
+        knuckle = f"{p.lead.axles[0].name}_{side}_knuckle"
         ET.SubElement(sensor, "jointpos", name=f"steer_angle_{side}", joint=knuckle)
-    for name in ("yaw", "pitch", "roll"):
-        ET.SubElement(sensor, "jointpos", name=f"articulation_{name}", joint=f"fifth_wheel_{name}")
-    ET.SubElement(sensor, "jointvel", name="articulation_rate", joint="fifth_wheel_yaw")
-    ET.SubElement(sensor, "framepos", name="tractor_position", objtype="body", objname="tractor")
-    ET.SubElement(
-        sensor, "framequat", name="tractor_orientation", objtype="body", objname="tractor"
-    )
-    ET.SubElement(sensor, "velocimeter", name="tractor_velocity", site="tractor_imu")
-    ET.SubElement(sensor, "gyro", name="tractor_gyro", site="tractor_imu")
-    ET.SubElement(sensor, "accelerometer", name="tractor_acceleration", site="tractor_cg")
-    ET.SubElement(sensor, "gyro", name="trailer_gyro", site="trailer_cg")
-    ET.SubElement(sensor, "velocimeter", name="trailer_velocity", site="trailer_cg")
-    ET.SubElement(sensor, "accelerometer", name="trailer_acceleration", site="trailer_cg")
+    for name, coupling in zip(articulation_names(p), p.coupling_names, strict=True):
+        for part in ("yaw", "pitch", "roll"):
+            joint = f"{coupling}_{part}"
+            ET.SubElement(sensor, "jointpos", name=f"{name}_{part}", joint=joint)
+        ET.SubElement(sensor, "jointvel", name=f"{name}_rate", joint=f"{coupling}_yaw")
+    lead = p.lead.name
+    ET.SubElement(sensor, "framepos", name=f"{lead}_position", objtype="body", objname=lead)
+    ET.SubElement(sensor, "framequat", name=f"{lead}_orientation", objtype="body", objname=lead)
+    ET.SubElement(sensor, "velocimeter", name=f"{lead}_velocity", site=f"{lead}_imu")
+    ET.SubElement(sensor, "gyro", name=f"{lead}_gyro", site=f"{lead}_imu")
+    ET.SubElement(sensor, "accelerometer", name=f"{lead}_acceleration", site=f"{lead}_cg")
+    for unit in p.units[1:]:
+        for kind, name in (
+            ("gyro", "gyro"),
+            ("velocimeter", "velocity"),
+            ("accelerometer", "acceleration"),
+        ):
+            ET.SubElement(sensor, kind, name=f"{unit.name}_{name}", site=f"{unit.name}_cg")
     for axle in p.axles:
         for side in SIDES:
             wheel = f"{axle.name}_{side}_wheel"

@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike
 from iits_mj.core.arrays import FloatArray
 from iits_mj.model.attributes import PLUGIN_DIGITS, plugin_attributes, text
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.powertrain import Gearbox
+from iits_mj.parameters.tables import Table2D
 
 # Names of the truck's sensors, in the order of the model. The plugin has a few more, see its
 # manual; each sensor costs MuJoCo about 0.02 us a step.
@@ -46,31 +48,55 @@ def config(parameters: TruckParameters) -> dict[str, str]:
     passed on by its name; those of retarder and clutch get the section's name as prefix.
     """
     engine, gearbox = parameters.engine, parameters.gearbox
-    driven = next(axle for axle in parameters.tractor.axles if axle.tire == "drive")
     speed, torque = full_load(parameters)
-    found = plugin_attributes(engine, "inertia", digits=PLUGIN_DIGITS)
+    maps = ("full_load_speed", "full_load_torque", "auxiliaries", "power", "fuel_factor")
+    found = plugin_attributes(engine, "inertia", *maps, digits=PLUGIN_DIGITS)
     for name in ("retarder", "clutch"):
         section = plugin_attributes(getattr(parameters, name), digits=PLUGIN_DIGITS)
         found |= {f"{name}_{key}": value for key, value in section.items()}
-    found |= plugin_attributes(gearbox, "inertias", digits=PLUGIN_DIGITS)
+    found |= plugin_attributes(gearbox, "inertias", "loss_map", "loss_maps", digits=PLUGIN_DIGITS)
     found |= plugin_attributes(gearbox.shifting, digits=PLUGIN_DIGITS)
     arrays: dict[str, ArrayLike] = {
         "engine_inertia": engine.inertia,
         "full_load_speed": speed,
         "full_load_torque": torque,
         "gear_inertias": gearbox.inertias,
-        "wheel_radius": parameters.tires[driven.tire].rolling_radius,
+        "wheel_radius": parameters.tires[parameters.driven_axles[0].tire].rolling_radius,
     }
-    for table, rows, columns, values, name in (
-        (engine.pedal_map, "speed", "pedal", "torque", "pedal_map"),
-        (engine.fuel_map, "torque", "speed", "consumption", "fuel_map"),
-        (gearbox.upshift, "gear", "pedal", "speed", "upshift"),
-        (gearbox.downshift, "gear", "pedal", "speed", "downshift"),
+    rate, axle = engine.fuel_rate_map, gearbox.axle_loss
+    for table, rows, columns, values in (
+        (engine.pedal_map, "pedal_map_speed", "pedal_map_pedal", "pedal_map_torque"),
+        (engine.fuel_map, "fuel_map_torque", "fuel_map_speed", "fuel_map_consumption"),
+        (
+            Table2D(rate.columns, rate.rows, rate.values.T),
+            *("fuel_rate_torque", "fuel_rate_speed", "fuel_rate_values"),
+        ),
+        (gearbox.upshift, "upshift_gear", "upshift_pedal", "upshift_speed"),
+        (gearbox.downshift, "downshift_gear", "downshift_pedal", "downshift_speed"),
+        (axle, "axle_loss_speed", "axle_loss_torque", "axle_losses"),
     ):
-        arrays[f"{name}_{rows}"] = table.rows
-        arrays[f"{name}_{columns}"] = table.columns
-        arrays[f"{name}_{values}"] = table.values
+        if table.values.size:
+            arrays |= {rows: table.rows, columns: table.columns, values: table.values}
+    if engine.fuel_factor != 1.0:
+        arrays["fuel_factor"] = engine.fuel_factor
+    if engine.auxiliary_power:
+        arrays["auxiliary_power"] = engine.auxiliary_power
+    if gearbox.loss_maps:
+        arrays |= _gear_losses(gearbox)
     return found | {name: text(value, digits=PLUGIN_DIGITS) for name, value in arrays.items()}
+
+
+def _gear_losses(gearbox: Gearbox) -> dict[str, ArrayLike]:
+    """The gears' maps of losses, which in the plugin have common axes."""
+    tables = list(gearbox.loss_maps.values())
+    speed = np.unique(np.concatenate([table.rows for table in tables]))
+    torque = np.unique(np.concatenate([table.columns for table in tables]))
+    return {
+        "gear_loss_speed": speed,
+        "gear_loss_torque": torque,
+        "gear_losses": [table.resampled(speed, torque).values for table in tables],
+        "gear_loss_map": gearbox.loss_map,
+    }
 
 
 def full_load(parameters: TruckParameters) -> tuple[FloatArray, FloatArray]:

@@ -14,11 +14,17 @@ from iits_mj.parameters.mass_state import (
 # Tread width of one tire, and radius of gyration of an axle casing about its own axis [m].
 _TIRE_WIDTH = 0.30
 _CASING_RADIUS = 0.15
+_LIFT = 0.10  # [m], of a lifted axle's tires above the road
 
 
 def wheel_height(parameters: TruckParameters, axle: Axle, load: float) -> float:
-    """Returns the height of the wheel center above the road [m] at rest under an axle load [N]."""
+    """Returns the height of the wheel center above the road [m] at rest under an axle load [N].
+
+    An axle without load is lifted.
+    """
     tire = parameters.tires[axle.tire]
+    if load == 0.0:
+        return tire.free_radius + _LIFT
     return tire.free_radius - load / (2 * tire.count * tire.vertical_stiffness)
 
 
@@ -51,7 +57,7 @@ def sprung(parameters: TruckParameters, unit: Unit, payload: float) -> Inertial:
     """Returns a unit less its axles, which is the chassis body of the model.
 
     The parameters of a unit include axles and wheels, which are subtracted with Steiner's theorem.
-    The semitrailer is without payload, which is a separate body.
+    The unit is without payload, which is a separate body.
     """
     loads = axle_loads_by_name(parameters, payload)
     axles = [

@@ -29,6 +29,12 @@ class Table2D:
     columns: FloatArray
     values: FloatArray
 
+    def resampled(self, rows: FloatArray, columns: FloatArray) -> Table2D:
+        """Returns the map over other axes, linear between its nodes and beyond them."""
+        across = np.array([_continued(columns, self.columns, values) for values in self.values])
+        down = np.array([_continued(rows, self.rows, values) for values in across.T])
+        return Table2D(rows, columns, np.maximum(down.T, 0.0))
+
 
 def no_numbers() -> FloatArray:
     """Returns an empty array: a table that a truck lacks."""
