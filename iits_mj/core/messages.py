@@ -120,19 +120,21 @@ class EgoState:
       yaw, pitch, roll: of the tractor [rad], ISO 8855 (pitch positive nose down).
       speed, lateral_speed: of the steer axle center in the tractor's frame [m/s].
       acceleration, lateral_acceleration: in the tractor's frame, gravity removed [m/s2].
-      yaw_rate, trailer_yaw_rate: [rad/s].
-      articulation: tractor yaw minus trailer yaw [rad].
-      articulation_rate: [rad/s].
+      yaw_rate, trailer_yaw_rate: of the motor vehicle and of the last unit [rad/s].
+      articulation, articulation_rate: yaw of the tractor minus that of the first towed unit [rad],
+        [rad/s]; 0 for a truck without trailer.
       steering_wheel_angle: actual [rad].
       road_wheel_angle: mean of left and right [rad].
       mass: gross combination mass [kg].
       station, offset: of the steer axle center on the route [m].
-      trailer_offset: of the trailer's rear axle group center on the route [m].
-      gear: 1 to 12 forward, 0 neutral, -1 reverse.
+      trailer_offset: of the last unit's rear axle group center on the route [m].
+      gear: 1 to the highest forward, 0 neutral, -1 reverse.
       shift_in_process: True while the driveline is open for a gear change.
       engine_speed: [rad/s]; engine_torque: at the crankshaft [N m].
       fuel_rate: [kg/s]; fuel_used: since reset [kg].
       brake_pressures: front left, front right, rear left, rear right, trailer [Pa].
+      rear_articulations, rear_articulation_rates: of the couplings behind the first, yaw of the unit
+        ahead minus that of the unit behind [rad], [rad/s].
     """
 
     time: float = 0.0
@@ -163,6 +165,8 @@ class EgoState:
     fuel_rate: float = 0.0
     fuel_used: float = 0.0
     brake_pressures: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    rear_articulations: tuple[float, ...] = ()
+    rear_articulation_rates: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -100,6 +100,7 @@ def _by_axle_loads(parameters: TruckParameters) -> Distribution:
         return np.asarray(loads / loads.sum(axis=1, keepdims=True))
 
     light, heavy = parameters.gross_mass(0.0), parameters.gross_mass(full)
+    heavy = max(heavy, light + 1.0)  # a truck without load has one distribution
     return Distribution(light, heavy, _DEMAND, shares(0.0), shares(full))
 
 

@@ -38,7 +38,7 @@ from iits_mj.parameters.quantity import (
     SquareMeters,
     Stiffness,
 )
-from iits_mj.parameters.units import Axle, Unit
+from iits_mj.parameters.units import Axle, Coupling, Unit
 
 
 @dataclass(frozen=True)
@@ -207,6 +207,11 @@ class TruckParameters:
     def driven_axles(self) -> tuple[Axle, ...]:
         """The axles that the propeller shaft drives."""
         return tuple(axle for axle in self.lead.axles if axle.driven)
+
+    @property
+    def couplings(self) -> tuple[Coupling, ...]:
+        """The couplings of the towed units, front to rear."""
+        return tuple(unit.coupling for unit in self.units if unit.coupling)
 
     @property
     def coupling_names(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Places a truck on its road: pose of tractor and trailer, speed, rolling wheels."""
+"""Places a truck on its road: pose of all its units, speed, rolling wheels."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import in_range
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.mass_state import group_center
+from iits_mj.parameters.units import group_center
 from iits_mj.road import Route
 
 # No truck rolls faster: well above what the tires and the driveline are made for.
 SPEED_MAX = 60.0
 STATION_MAX, OFFSET_MAX = 1e6, 1e3  # [m], beyond every road
+_ANGLES = ("yaw", "pitch", "roll")
 ARTICULATION_MAX = 0.5 * math.pi  # [rad], where the trailer meets the cab
 
 
@@ -29,7 +30,8 @@ class TruckPlacement:
       offset: of the same, to the left [m].
       speed: of the steer axle along the tractor [m/s], zero or positive.
       heading: of the tractor against the road, positive to the left [rad].
-      articulation: tractor's yaw less the trailer's [rad]; None: the trailer follows the road.
+      articulation: tractor's yaw less that of the first towed unit [rad], further units straight
+        behind it; None: the units follow the road.
 
     Raises:
       InputError: a value is not a number, or beyond these bounds: station 1000 km, offset 1 km,
@@ -68,10 +70,10 @@ class Poser:
         self._route = route
         free = model.joint(f"{prefix}tractor_free")
         self._position, self._velocity = int(free.qposadr[0]), int(free.dofadr[0])
-        self._hitch = {
-            name: int(model.joint(f"{prefix}fifth_wheel_{name}").qposadr[0])
-            for name in ("yaw", "pitch", "roll")
-        }
+        self._hitches = [
+            [int(model.joint(f"{prefix}{name}_{part}").qposadr[0]) for part in _ANGLES]
+            for name in parameters.coupling_names
+        ]
         self._spin = {
             axle.name: [
                 int(model.joint(f"{prefix}{axle.name}_{side}_spin").dofadr[0])
@@ -79,12 +81,21 @@ class Poser:
             ]
             for axle in parameters.axles
         }
-        self._trailer_axles = group_center(parameters.semitrailer.axles)
+        # Of each towed unit, from its coupling to the middle of its axles.
+        self._reaches = [group_center(unit.axles) for unit in parameters.units[1:]]
+
+    @property
+    def behind(self) -> float:
+        """Distance of the last unit's rear axle group behind the steer axle [m]."""
+        p = self._parameters
+        if not self._reaches:
+            return p.lead.axles[-1].position
+        return sum(coupling.position for coupling in p.couplings) + self._reaches[-1]
 
     def pose(self, data: mujoco.MjData, place: TruckPlacement) -> None:
-        """Writes the pose: tractor and trailer on their axles."""
+        """Writes the pose: every unit on its axles."""
         p, at = self._parameters, self._position
-        wheelbase = p.tractor.axles[1].position
+        wheelbase = next(axle for axle in p.lead.axles if not axle.steered).position
         station, offset = place.station, place.offset
         front = self._point(station, offset)
         rear = self._point(station - wheelbase, offset)
@@ -93,8 +104,10 @@ class Poser:
             rotation = rotation @ _yaw(place.heading)
         data.qpos[at : at + 3] = front
         mujoco.mju_mat2Quat(data.qpos[at + 3 : at + 7], rotation.ravel())
-        for name, angle in self._hitch_angles(place, front, rotation).items():
-            data.qpos[self._hitch[name]] = angle
+        for places, angles in zip(
+            self._hitches, self._hitch_angles(place, front, rotation), strict=True
+        ):
+            data.qpos[places] = angles
         data.qvel[self._velocity : self._velocity + 3] = rotation[:, 0] * place.speed
         for axle in p.axles:
             spin = place.speed / p.tires[axle.tire].rolling_radius
@@ -102,27 +115,36 @@ class Poser:
 
     def _hitch_angles(
         self, place: TruckPlacement, front: FloatArray, rotation: FloatArray
-    ) -> dict[str, float]:
-        """Yaw, pitch and roll of the trailer in the tractor's frame [rad]."""
+    ) -> list[tuple[float, float, float]]:
+        """Yaw, pitch and roll of each towed unit in the frame of the unit ahead [rad]."""
+        p = self._parameters
         if place.articulation is not None:
             # Upright on the plane under the tractor.
-            return {"yaw": -place.articulation, "pitch": 0.0, "roll": 0.0}
-        p = self._parameters
-        reach = p.fifth_wheel.position
-        king = front + rotation @ np.array([-reach, 0.0, p.fifth_wheel.height])
-        bogie_station = place.station - reach - self._trailer_axles
-        bogie = self._point(bogie_station, place.offset)
-        across = self._across(bogie_station)
-        # The trailer's x axis is at the kingpin's height above the road, also at the bogie.
-        ahead, behind = (self._point(bogie_station + d, place.offset) for d in (1.0, -1.0))
-        along = ahead - behind
-        bogie = bogie + _frame(along, across)[:, 2] * p.fifth_wheel.height
-        relative = rotation.T @ _frame(king - bogie, across)
-        return {
-            "yaw": math.atan2(relative[1, 0], relative[0, 0]),
-            "pitch": -math.asin(relative[2, 0]),
-            "roll": math.atan2(relative[2, 1], relative[2, 2]),
-        }
+            straight = [(0.0, 0.0, 0.0)] * len(p.couplings)
+            return [(-place.articulation, 0.0, 0.0), *straight[1:]] if straight else []
+        angles = []
+        origin, station, height = front, place.station, 0.0
+        for coupling, reach in zip(p.couplings, self._reaches, strict=True):
+            station = station - coupling.position
+            lever = np.array([-coupling.position, 0.0, coupling.height - height])
+            origin, height = origin + rotation @ lever, coupling.height
+            bogie_station = station - reach
+            bogie = self._point(bogie_station, place.offset)
+            across = self._across(bogie_station)
+            # The unit's x axis is at the coupling's height above the road, also at the bogie.
+            ahead, behind = (self._point(bogie_station + d, place.offset) for d in (1.0, -1.0))
+            bogie = bogie + _frame(ahead - behind, across)[:, 2] * height
+            own = _frame(origin - bogie, across)
+            relative = rotation.T @ own
+            angles.append(
+                (
+                    math.atan2(relative[1, 0], relative[0, 0]),
+                    -math.asin(relative[2, 0]),
+                    math.atan2(relative[2, 1], relative[2, 2]),
+                )
+            )
+            rotation = own
+        return angles
 
     def _point(self, station: float, offset: float) -> FloatArray:
         point = self._route.evaluate(station, offset)

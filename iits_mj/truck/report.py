@@ -10,6 +10,7 @@ import numpy as np
 
 from iits_mj.core.messages import TruckReport
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import laden_units
 
 _FIELDS = tuple(field.name for field in dataclasses.fields(TruckReport))
 # Sensor and index of the fields whose sensor has another name.
@@ -64,22 +65,24 @@ class Reporter:
         places = {n: _SENSORS.get(n, (n, 0)) for n in _FIELDS if n != "wheel_speeds"}
         sensed = {name: address[s] + i for name, (s, i) in places.items() if s in address}
         commanded = {n: controls[n] for n in _FIELDS if n in controls and n not in sensed}
-        tractor, gearbox = parameters.tractor, parameters.gearbox
-
+        lead, gearbox = parameters.lead, parameters.gearbox
+        if len(lead.axles) < 3:
+            sensed = {name: i for name, i in sensed.items() if "rear2" not in name}
         self._names = (*sensed, *commanded)
         self._sensed = np.array(list(sensed.values()))
         self._commanded = np.array(list(commanded.values()))
-        self._spins = address["wheel_speeds"] + np.arange(2 * len(tractor.axles))
-        self._radii = np.repeat([parameters.tires[a.tire].rolling_radius for a in tractor.axles], 2)
+        self._spins = address["wheel_speeds"] + np.arange(2 * len(lead.axles))
+        self._radii = np.repeat([parameters.tires[a.tire].rolling_radius for a in lead.axles], 2)
         ends = [f"{axle.name}_{side}" for axle in parameters.axles for side in _SIDES]
         self._forces = np.array([address[f"{end}_tire_force"] + _VERTICAL for end in ends])
-        drive = parameters.tires[tractor.axles[1].tire]
+        drive = parameters.tires[parameters.driven_axles[0].tire]
         self._meters_per_radian = drive.rolling_radius / gearbox.final_drive
         self._ratios = {-1: gearbox.reverse_ratio} | dict(enumerate(gearbox.ratios.tolist(), 1))
+        masses = [body.mass for body in laden_units(parameters, payload)]
         self._constants = {
             "xbr_acceleration_limit": float(model.actuator(f"{prefix}xbr_demand").ctrlrange[0]),
-            "tractor_mass": tractor.mass,
-            "trailer_mass": parameters.semitrailer.mass + payload,
+            "tractor_mass": masses[0],
+            "trailer_mass": sum(masses[1:]),
             "cargo_mass": payload,
         }
 

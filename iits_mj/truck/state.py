@@ -11,6 +11,7 @@ import numpy as np
 from iits_mj import kernels
 from iits_mj.core.messages import EgoState, positional
 from iits_mj.kernels import Address, Integer, Real
+from iits_mj.model.connections import articulation_names
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.truck.report import sensor_addresses
@@ -19,16 +20,16 @@ BRAKE_PRESSURES = tuple(
     f"brake_pressure_{place}"
     for place in ("front_left", "front_right", "rear_left", "rear_right", "trailer")
 )
-# Sensors that are read, and which of their numbers, in the order of `StateReader.read`.
-_READINGS = (
+# Sensors that are read, and which of their numbers, in the order of `StateReader.read`. The yaw rate
+# of the last unit and the further articulations depend on the truck.
+_BEGIN = (
     ("tractor_velocity", 0),
     ("tractor_velocity", 1),
     ("tractor_acceleration", 0),
     ("tractor_acceleration", 1),
     ("tractor_gyro", 2),
-    ("trailer_gyro", 2),
-    ("articulation_yaw", 0),
-    ("articulation_rate", 0),
+)
+_READINGS = (
     ("steering_wheel_position", 0),
     ("steer_angle_left", 0),
     ("steer_angle_right", 0),
@@ -59,7 +60,6 @@ class _Sources(ctypes.Structure):
 
 # Sources, a station near the truck and one near its trailer, and the row of results.
 _read = kernels.function("iits_truck_state", Integer, Address, Real, Real, Address)
-_Row = Real * (12 + len(_READINGS))
 _ego_state = positional(EgoState)
 
 
@@ -83,9 +83,18 @@ class StateReader:
         prefix: str = "",
     ) -> None:
         address = sensor_addresses(model, prefix)
-        self._readings = np.array([address[name] + i for name, i in _READINGS], dtype=np.int64)
+        last, couplings = parameters.last.name, articulation_names(parameters)
+        self._couplings = len(couplings)
+        read = (
+            *_BEGIN,
+            (f"{last}_gyro", 2),
+            *_READINGS,
+            *((f"{name}_{part}", 0) for part in ("yaw", "rate") for name in couplings),
+        )
+        self._readings = np.array([address[name] + i for name, i in read], dtype=np.int64)
+        self._row = Real * (12 + len(read))
         self._tractor = model.body(f"{prefix}tractor").id
-        self._trailer = model.site(f"{prefix}trailer_axle_center").id
+        self._trailer = model.site(f"{prefix}{last}_axle_center").id
         self._mass = parameters.gross_mass(payload)
         self._route = route
         self._model: mujoco.MjModel | None = None
@@ -99,21 +108,21 @@ class StateReader:
     def read(
         self, model: mujoco.MjModel, data: mujoco.MjData, near: float, trailer_near: float
     ) -> tuple[EgoState, float]:
-        """Returns the state, and the station of the middle of the trailer's axle group [m].
+        """Returns the state, and the station of the middle of the last unit's axle group [m].
 
         Args:
           model: of the truck.
           data: its data; the sensors are up to date.
           near: a station near the steer axle [m]; the whole route is searched if it is far away or
             not a number.
-          trailer_near: likewise for the trailer's axle group.
+          trailer_near: likewise for the last unit's axle group.
 
         Raises:
           InputError: the truck's position is not finite.
         """
         if data is not self._data or model is not self._model:
             self._bind(model, data)
-        row = _Row()
+        row = self._row()
         found = _read(self._address, near, trailer_near, row)
         (
             x,
@@ -134,8 +143,6 @@ class StateReader:
             felt_y,
             yaw_rate,
             trailer_yaw_rate,
-            articulation_yaw,
-            articulation_rate,
             steering_wheel_angle,
             steer_left,
             steer_right,
@@ -145,8 +152,11 @@ class StateReader:
             engine_torque,
             fuel_rate,
             fuel_used,
-            *air,
+            *more,
         ) = row[:]
+        air, bent = tuple(more[: len(BRAKE_PRESSURES)]), more[len(BRAKE_PRESSURES) :]
+        number = self._couplings
+        fold, turning = (-bent[0], -bent[number]) if number else (0.0, 0.0)
         if not found:
             station, offset = self._route.locate(x, y, near)
             rear_x, rear_y, _ = data.site_xpos[self._trailer].tolist()
@@ -165,8 +175,8 @@ class StateReader:
             felt_y + gravity_y,
             yaw_rate,
             trailer_yaw_rate,
-            -articulation_yaw,
-            -articulation_rate,
+            fold,
+            turning,
             steering_wheel_angle,
             0.5 * (steer_left + steer_right),
             self._mass,
@@ -179,7 +189,9 @@ class StateReader:
             engine_torque,
             fuel_rate,
             fuel_used,
-            tuple(air),
+            air,
+            tuple(-angle for angle in bent[1:number]),
+            tuple(-rate for rate in bent[number + 1 :]),
         )
         return state, trailer_station
 

@@ -132,7 +132,7 @@ def bring_up_to_date(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 class Truck:
-    """The articulated truck in MuJoCo, on a route or on a flat plane.
+    """A truck in MuJoCo, with what it tows, on a route or on a flat plane.
 
     `model` and `data` are plain MuJoCo objects: `mujoco.mj_step`, `mujoco.rollout` and the viewer
     work on them. `data.ctrl` has the order of `VehicleCommand`'s fields, from `control_start` on.
@@ -167,13 +167,11 @@ class Truck:
         self.payload = payload
         self.route = route
         self.prefix = prefix
-        tractor, trailer = parameters.tractor, parameters.semitrailer
-        rear = parameters.fifth_wheel.position + trailer.length - trailer.front_overhang
         self.footprint = EgoFootprint(
-            front_overhang=tractor.front_overhang,
-            length=tractor.front_overhang + rear,
-            width=trailer.width,
-            height=trailer.height,
+            front_overhang=parameters.lead.front_overhang,
+            length=parameters.length,
+            width=max(unit.width for unit in parameters.units),
+            height=max(unit.height for unit in parameters.units),
         )
         names = tuple(
             name.removeprefix(prefix)
@@ -193,7 +191,7 @@ class Truck:
         self._reporter = Reporter(model, parameters, payload, prefix)
         self._poser = Poser(model, parameters, route, prefix)
         self._reader = StateReader(model, parameters, payload, route, prefix)
-        # Stations of the steer axle and of the trailer's axle group when last observed.
+        # Stations of the steer axle and of the last unit's axle group when last observed.
         self._station_hint = self._trailer_hint = math.nan
         if data is None:
             self.reset()
@@ -203,6 +201,7 @@ class Truck:
         cls,
         payload: float | None = None,
         *,
+        truck: str | Path | None = None,
         payload_height: float | None = None,
         parameters: TruckParameters | Mapping[str, Any] | str | Path | None = None,
         route: Route | None = None,
@@ -213,10 +212,12 @@ class Truck:
         """Builds the truck on its road and compiles it.
 
         Args:
-          payload: [kg]; default: the greatest, 36 t, for 55 t in all.
-          payload_height: of the load's center of gravity above the road [m], 1.3 to 3; default: the
-            parameters', 2.23 m.
-          parameters: of the truck, or an overlay (TOML file or mapping) over the shipped figures.
+          payload: of all units together [kg]; default: the greatest.
+          truck: name of a shipped truck, a `truck.toml`, or a folder with one; default: the 6x4
+            tractor with semitrailer, which weighs 55 t laden.
+          payload_height: of the loads' centers of gravity above the road [m]; default: the
+            parameters'.
+          parameters: of the truck, or an overlay (TOML file or mapping) over the figures of `truck`.
           route: the road; default: a flat plane, driven along x.
           timestep: of the physics [s], 0.0005 to 0.005.
           visuals: adds what pictures show of truck, road and landscape; the physics is the same
@@ -229,9 +230,11 @@ class Truck:
         """
         register()
         if not isinstance(parameters, TruckParameters):
-            parameters = TruckParameters.load(overlay=parameters)
+            parameters = TruckParameters.load(truck, parameters)
+        elif truck is not None:
+            raise InputError("truck and complete parameters cannot both be given")
         parameters = parameters.with_payload_height(payload_height)
-        payload = parameters.payload.mass_max if payload is None else payload
+        payload = parameters.payload_max if payload is None else payload
         payload = parameters.check_payload(payload)
         shown = route if route is not None else Route.straight()
         model = compile_scene(
@@ -251,7 +254,7 @@ class Truck:
 
     @property
     def trailer_station(self) -> float:
-        """Station of the middle of the trailer's axle group at the last observation [m]."""
+        """Station of the middle of the last unit's axle group at the last observation [m]."""
         assert self._trailer_hint is not None
         return self._trailer_hint
 
@@ -279,7 +282,8 @@ class Truck:
     def place(self, place: TruckPlacement) -> None:
         """Writes a pose into data that were reset, without `mj_forward`."""
         self._poser.pose(self.data, place)
-        self._station_hint, self._trailer_hint = place.station, place.station - 11.5
+        self._station_hint = place.station
+        self._trailer_hint = place.station - self._poser.behind
 
     def command(self, command: VehicleCommand | None = None, **fields: float) -> None:
         """Sets the controls; fields that are not given keep their value.
