@@ -32,7 +32,7 @@ def model_files() -> dict[str, str]:
     """Texts of the laden truck's `truck.xml` and its meshes, by path below the model folder."""
     register()
     parameters = TruckParameters.load()
-    spec = truck_spec(parameters, parameters.payload.mass_max)
+    spec = truck_spec(parameters, parameters.payload_max)
     files = {}
     for mesh in spec.meshes:
         name = f"{mesh.name}.obj"

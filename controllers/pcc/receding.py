@@ -98,7 +98,7 @@ class RecedingPlanner:
         self.config, self.receding = config or PccConfig(), receding or RecedingConfig()
         parameters = parameters or TruckParameters.load()
         least = _MASSES[0] * parameters.gross_mass(0.0)
-        most = _MASSES[1] * parameters.gross_mass(parameters.payload.mass_max)
+        most = _MASSES[1] * parameters.gross_mass(parameters.payload_max)
         in_range("speed planner: mass [kg]", mass, least, most)
         vehicle = make_vehicle(parameters, FuelMap(parameters), mass, self.config)
         power = self.receding.power_share * vehicle.power_max

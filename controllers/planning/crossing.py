@@ -75,7 +75,7 @@ def crossing_leads(
     across = (angle > ALONG) & (angle < np.pi - ALONG)
     aside = np.abs(found.offset - path.driven_at(found.station)) - 0.5 * found.width
     wrong_way = (angle >= np.pi - ALONG) & (found.speed > _ONCOMING)
-    wrong_way &= (aside < 0.5 * parameters.semitrailer.width) & (found.station > ego.station)
+    wrong_way &= (aside < 0.5 * parameters.units[1].width) & (found.station > ego.station)
     matters = across | wrong_way
     if not matters.any():
         return []

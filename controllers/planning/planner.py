@@ -81,7 +81,7 @@ class Planner:
         self.preview = RoadPreview(route)
         self._parameters = parameters
         self._margins = RollMargins(parameters, 1.0 / self.config.change.duration_min)
-        laden = parameters.gross_mass(parameters.payload.mass_max)
+        laden = parameters.gross_mass(parameters.payload_max)
         self._masses = parameters.gross_mass(0.0) / _MASS_FACTOR, laden * _MASS_FACTOR
         self.preview.shift = lane_shift(
             self.preview, parameters, laden, self.config.speed.curve_acceleration

@@ -161,9 +161,9 @@ def swept_path(
       yaw: heading of the tractor at the first point [rad].
       trailer_yaw: of the semitrailer there [rad]; default: the tractor's.
     """
-    tractor, trailer = parameters.tractor, parameters.semitrailer
+    tractor, trailer = parameters.lead, parameters.units[1]
     wheelbase = group_center(tractor.axles[1:]) - tractor.axles[0].position
-    hitch = parameters.fifth_wheel.position - tractor.axles[0].position
+    hitch = parameters.couplings[0].position - tractor.axles[0].position
     length = group_center(trailer.axles)
     headings = _towed(path, wheelbase, yaw)
     kingpin = path - hitch * _unit(headings)

@@ -357,6 +357,6 @@ def lane_shift(
     window = np.full(count, 1.0 / count)
     for _ in range(2):
         shift = np.convolve(np.pad(shift, count // 2, mode="edge"), window, mode="valid")
-    free = preview.half_width - 0.5 * parameters.semitrailer.width - _LANE_MARGIN
+    free = preview.half_width - 0.5 * parameters.units[1].width - _LANE_MARGIN
     free = np.maximum(free, 0.0)
     return np.asarray(np.clip(shift[None, :], -free, free))

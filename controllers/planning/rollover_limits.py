@@ -28,7 +28,7 @@ from controllers.tracking.lateral_model import LateralModel
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.mass_state import laden_trailer, static_axle_loads
+from iits_mj.parameters.mass_state import laden_units, static_axle_loads
 from iits_mj.parameters.tire_law import cornering_stiffness
 
 _ROLLS = np.linspace(0.002, 0.30, 150)
@@ -47,7 +47,7 @@ def roll_threshold(parameters: TruckParameters, payload: float) -> float:
     Raises:
       InputError: the payload is not allowed.
     """
-    trailer, tractor = laden_trailer(parameters, payload), parameters.tractor
+    trailer, tractor = laden_units(parameters, payload)[1], parameters.lead
     load = static_axle_loads(parameters, payload)
     axles = parameters.axles
     tires = [parameters.tires[axle.tire] for axle in axles]
@@ -139,7 +139,7 @@ class RollMargin:
     def of(cls, parameters: TruckParameters, mass: float, frequency: float) -> RollMargin:
         """The margin at a gross mass [kg], for maneuvers of a frequency [Hz]."""
         empty = parameters.gross_mass(0.0)
-        payload = min(max(mass - empty, 0.0), parameters.payload.mass_max)
+        payload = min(max(mass - empty, 0.0), parameters.payload_max)
         model = LateralModel.of(parameters, empty + payload, STEERING_LAG)
         amplification = [rearward_amplification(model, float(v), frequency) for v in _SPEEDS]
         return cls(roll_threshold(parameters, payload), np.maximum(amplification, 1.0))

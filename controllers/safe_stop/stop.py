@@ -159,7 +159,7 @@ class SafeStop:
         self.preview = RoadPreview(route)
         parameters = parameters or TruckParameters.load()
         self.lateral = LateralController(parameters, self.config.lateral)
-        self._overhang = parameters.tractor.front_overhang
+        self._overhang = parameters.lead.front_overhang
         self.reset()
 
     def reset(self) -> None:

@@ -42,8 +42,8 @@ class Tracker:
         self.route = route
         self.parameters = parameters or TruckParameters.load()
         self.config = config or TrackingConfig()
-        tractor, trailer = self.parameters.tractor, self.parameters.semitrailer
-        behind = self.parameters.fifth_wheel.position + trailer.cg_position
+        tractor, trailer = self.parameters.lead, self.parameters.units[1]
+        behind = self.parameters.couplings[0].position + trailer.cg_position
         # Mass of the tractor [kg], and way from its steer axle back to both centers of gravity [m].
         self._units = tractor.mass, tractor.cg_position, behind
         self.lateral = LateralController(self.parameters, self.config.lateral)

@@ -18,7 +18,7 @@ def pack_powertrain(parameters: TruckParameters) -> bytes:
     """The kernel's `Powertrain` and its tables."""
     tires, air, gearbox = parameters.tires, parameters.aerodynamics, parameters.gearbox
     engine, retarder, table = parameters.engine, parameters.retarder, parameters.engine.pedal_map
-    radius = tires[parameters.tractor.axles[-1].tire].rolling_radius
+    radius = tires[parameters.lead.axles[-1].tire].rolling_radius
     wheel_mass = sum(
         2.0 * axle.wheel_inertia_spin / tires[axle.tire].rolling_radius ** 2
         for axle in parameters.axles

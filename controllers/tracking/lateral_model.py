@@ -14,7 +14,7 @@ from scipy.linalg import expm
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import Axle, TruckParameters
-from iits_mj.parameters.mass_state import laden_trailer, static_axle_loads
+from iits_mj.parameters.mass_state import laden_units, static_axle_loads
 from iits_mj.parameters.tire_law import cornering_stiffness
 
 # State: lateral speed, yaw rate, trailer yaw rate, articulation, offset and heading error,
@@ -49,22 +49,22 @@ class LateralModel:
     def of(cls, parameters: TruckParameters, gross_mass: float, lag: float) -> LateralModel:
         """The model of a truck at a gross combination mass [kg]."""
         p = parameters
-        load = min(max(gross_mass - p.gross_mass(0.0), 0.0), p.payload.mass_max)
-        trailer = laden_trailer(p, load)
+        load = min(max(gross_mass - p.gross_mass(0.0), 0.0), p.payload_max)
+        trailer = laden_units(p, load)[1]
         axles = tuple(
             (axle.position, _axle_stiffness(axle, float(on_axle), p))
             for axle, on_axle in zip(p.axles, static_axle_loads(p, load), strict=True)
         )
         return cls(
-            mass=p.tractor.mass,
-            cg=p.tractor.cg_position,
-            inertia=p.tractor.inertia_z,
+            mass=p.lead.mass,
+            cg=p.lead.cg_position,
+            inertia=p.lead.inertia_z,
             trailer_mass=trailer.mass,
             trailer_cg=trailer.cg_position,
             trailer_inertia=trailer.inertia_z,
-            kingpin=p.fifth_wheel.position,
-            axles=axles[: len(p.tractor.axles)],
-            trailer_axles=axles[len(p.tractor.axles) :],
+            kingpin=p.couplings[0].position,
+            axles=axles[: len(p.lead.axles)],
+            trailer_axles=axles[len(p.lead.axles) :],
             lag=lag,
         )
 

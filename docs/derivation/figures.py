@@ -34,9 +34,7 @@ def write(folder: Path, parameters: TruckParameters) -> None:
     """Writes `analytic_eigenvalues.png` and `analytic_step.png` into the folder."""
     matplotlib.use("Agg")
     folder.mkdir(parents=True, exist_ok=True)
-    model = YawSideslip.from_parameters(
-        parameters, parameters.payload.mass_max, pneumatic_trail=False
-    )
+    model = YawSideslip.from_parameters(parameters, parameters.payload_max, pneumatic_trail=False)
     with plt.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
         _eigenvalues(folder / "analytic_eigenvalues.png", model)
         _step(folder / "analytic_step.png", model, STEP / parameters.steering.ratio)

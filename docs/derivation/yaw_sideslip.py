@@ -115,7 +115,7 @@ def unstable_from(reading: Reading, model: YawSideslip) -> float:
 def effects(parameters: TruckParameters, speed: float = V80) -> list[Effect]:
     """Effects of every reading, laden and empty, without pneumatic trail as in the paper."""
     rows = []
-    for payload in (parameters.payload.mass_max, 0.0):
+    for payload in (parameters.payload_max, 0.0):
         model = YawSideslip.from_parameters(parameters, payload, pneumatic_trail=False)
         steer = STEP / parameters.steering.ratio
         right = step_response(system(CORRECTED, model, speed), steer)
@@ -209,7 +209,7 @@ def check_package(parameters: TruckParameters) -> float:
         greatest_difference(
             YawSideslip.from_parameters(parameters, payload, pneumatic_trail=trail), speed
         )
-        for payload in (0.0, parameters.payload.mass_max / 3.0, parameters.payload.mass_max)
+        for payload in (0.0, parameters.payload_max / 3.0, parameters.payload_max)
         for speed in (5.0, V80, 30.0)
         for trail in (False, True)
     )
@@ -238,7 +238,7 @@ def main() -> None:
     print(f"\nDerived matrices equal iits_mj.analytic.YawSideslip: at most {worst:.1e} apart.")
     rows = effects(parameters)
     growth = {(row.label, row.payload): row.growth for row in rows}
-    laden = parameters.payload.mass_max
+    laden = parameters.payload_max
     assert growth[PRINTED.label, laden] > 0.0 > growth[CORRECTED.label, laden]
     print(f"\nAt 80 km/h, step of 15 deg at the steering wheel:\n\n{effects_table(rows)}")
     if arguments.page or arguments.plot:

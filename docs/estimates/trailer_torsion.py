@@ -43,9 +43,9 @@ def in_two_halves(xml: str, parameters: iits_mj.TruckParameters, stiffness: floa
     root = ET.fromstring(xml)
     trailer = root.find(".//body[@name='trailer']")
     assert trailer is not None
-    bogie = float(np.mean([axle.position for axle in parameters.semitrailer.axles]))
+    bogie = float(np.mean([axle.position for axle in parameters.units[1].axles]))
     rear = ET.SubElement(trailer, "body", name="trailer_rear")
-    height = FRAME_HEIGHT - parameters.fifth_wheel.height
+    height = FRAME_HEIGHT - parameters.couplings[0].height
     ET.SubElement(
         rear,
         "joint",

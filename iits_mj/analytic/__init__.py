@@ -22,9 +22,9 @@ from iits_mj.analytic.measures import (
 from iits_mj.analytic.yaw_roll import RollSystem, YawRoll
 from iits_mj.analytic.yaw_sideslip import LateralSystem, YawSideslip
 from iits_mj.parameters.mass_state import (
+    coupling_loads,
     cruise_axle_loads,
-    kingpin_load,
-    laden_trailer,
+    laden_units,
     static_axle_loads,
 )
 from iits_mj.parameters.tire_law import axle_cornering_stiffness
@@ -40,7 +40,7 @@ __all__ = [
     "critical_speed",
     "cruise_axle_loads",
     "kingpin_load",
-    "laden_trailer",
+    "laden_units",
     "rearward_amplification",
     "simulate",
     "single_sine",

@@ -33,12 +33,12 @@ class Kinematic:
     @classmethod
     def from_parameters(cls, parameters: TruckParameters) -> Kinematic:
         """Lengths to the centers of the axle groups."""
-        front, *drive = parameters.tractor.axles
+        front, *drive = parameters.lead.axles
         center = group_center(drive)
         return cls(
             L=center - front.position,
-            L_1=parameters.fifth_wheel.position - center,
-            L_2=group_center(parameters.semitrailer.axles),
+            L_1=parameters.couplings[0].position - center,
+            L_2=group_center(parameters.units[1].axles),
         )
 
     def derivative(self, state: FloatArray, speed: float, steer_rate: float) -> FloatArray:

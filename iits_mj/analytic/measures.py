@@ -124,7 +124,7 @@ def understeer_gradient_by_loads(parameters: TruckParameters, payload: float) ->
     """Returns `K = (W_f / C_f - W_r / C_r) / g` [rad s2/m] from static axle loads (textbook)."""
     loads = static_axle_loads(parameters, payload)
     stiffness = axle_cornering_stiffness(parameters, loads)
-    rear = slice(1, len(parameters.tractor.axles))
+    rear = slice(1, len(parameters.lead.axles))
     front_ratio = loads[0] / stiffness[0]
     return float(front_ratio - loads[rear].sum() / stiffness[rear].sum()) / GRAVITY
 

@@ -41,7 +41,7 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.units import GRAVITY
 from iits_mj.model.statics import axle_inertial, sprung, wheel_height
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.mass_state import laden_trailer, payload_inertial, static_axle_loads
+from iits_mj.parameters.mass_state import laden_units, payload_inertials, static_axle_loads
 
 PHI_C, PHI_T, FIRST_AXLE = 3, 4, 5
 
@@ -83,8 +83,8 @@ class _Geometry:
 
     def __init__(self, parameters: TruckParameters) -> None:
         self.size = FIRST_AXLE + len(parameters.axles)
-        self.origin = parameters.tractor.cg_position
-        self.fifth_wheel = parameters.fifth_wheel
+        self.origin = parameters.lead.cg_position
+        self.couplings[0] = parameters.couplings[0]
 
     def tractor(self, position: float, height: float) -> FloatArray:
         """Of a point [m] behind the steer axle."""
@@ -94,8 +94,8 @@ class _Geometry:
 
     def trailer(self, position: float, height: float) -> FloatArray:
         """Of a point [m] behind the kingpin."""
-        row = self.tractor(self.fifth_wheel.position, self.fifth_wheel.height)
-        row[[2, PHI_T]] = -position, -(height - self.fifth_wheel.height)
+        row = self.tractor(self.couplings[0].position, self.couplings[0].height)
+        row[[2, PHI_T]] = -position, -(height - self.couplings[0].height)
         return row
 
 
@@ -114,8 +114,8 @@ def roll_bodies(
     size, p = geometry.size, parameters
     inertia, stiffness, damping = (np.zeros((size, size)) for _ in range(3))
     loads = static_axle_loads(p, payload)
-    tractor, trailer = sprung(p, p.tractor, payload), sprung(p, p.semitrailer, payload)
-    cargo = payload_inertial(p, payload)
+    tractor, trailer = sprung(p, p.lead, payload), sprung(p, p.units[1], payload)
+    cargo = payload_inertials(p, payload)[1]
 
     def add_mass(mass: float, row: FloatArray, roll: int, inertia_x: float) -> None:
         inertia[:] += mass * np.outer(row, row)
@@ -123,8 +123,8 @@ def roll_bodies(
 
     def add_weight(weight: float, height: float, *, on_trailer: bool) -> None:
         if on_trailer:
-            stiffness[PHI_C, PHI_C] -= weight * p.fifth_wheel.height
-            stiffness[PHI_T, PHI_T] -= weight * (height - p.fifth_wheel.height)
+            stiffness[PHI_C, PHI_C] -= weight * p.couplings[0].height
+            stiffness[PHI_T, PHI_T] -= weight * (height - p.couplings[0].height)
         else:
             stiffness[PHI_C, PHI_C] -= weight * height
 
@@ -149,7 +149,7 @@ def roll_bodies(
     tire_roll_damping = squares * [tire.vertical_damping for tire in tires]
     patches, wheels = [], []
     for i, (axle, load) in enumerate(zip(p.axles, loads, strict=True)):
-        on_trailer = i >= len(p.tractor.axles)
+        on_trailer = i >= len(p.lead.axles)
         unit, alpha = PHI_T if on_trailer else PHI_C, FIRST_AXLE + i
         arm = axle.roll_center_height
         roll_center = wheel_height(p, axle, load) + arm
@@ -172,26 +172,26 @@ def roll_bodies(
         _couple(damping, alpha, unit, axle.damping * half_square)
 
     pressure_height = p.aerodynamics.pressure_height
-    middle_of_body = 0.5 * p.semitrailer.length - p.semitrailer.front_overhang
-    laden = laden_trailer(p, payload)
+    middle_of_body = 0.5 * p.units[1].length - p.units[1].front_overhang
+    laden = laden_units(p, payload)[1]
     return RollBodies(
         inertia=inertia,
         stiffness=stiffness,
         damping=damping,
         patches=np.array(patches),
         wheels=np.array(wheels),
-        hitch=geometry.trailer(0.0, p.fifth_wheel.height),
+        hitch=geometry.trailer(0.0, p.couplings[0].height),
         tire_roll=tire_roll,
         tire_roll_damping=tire_roll_damping,
         pressure_centers=np.array(
             [
-                geometry.tractor(-p.tractor.front_overhang, pressure_height),
+                geometry.tractor(-p.lead.front_overhang, pressure_height),
                 geometry.trailer(middle_of_body, pressure_height),
             ]
         ),
         centers=np.array(
             [
-                geometry.tractor(p.tractor.cg_position, p.tractor.cg_height),
+                geometry.tractor(p.lead.cg_position, p.lead.cg_height),
                 geometry.trailer(laden.cg_position, laden.cg_height),
             ]
         ),

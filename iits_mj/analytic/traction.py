@@ -79,7 +79,7 @@ def traction_forces(
       roll: False leaves the coordinates of roll out (n = 3).
     """
     air, axles = parameters.aerodynamics, parameters.axles
-    on_tractor, size = len(parameters.tractor.axles), bodies.patches.shape[1]
+    on_tractor, size = len(parameters.lead.axles), bodies.patches.shape[1]
     drag = 0.5 * air.density * air.drag_area * speed**2
     drags = drag * np.array([air.tractor_share, 1.0 - air.tractor_share])
     common = parameters.tire_common
@@ -132,7 +132,7 @@ def traction_forces(
 
 def tractor_pitch(parameters: TruckParameters, load_changes: FloatArray) -> float:
     """Pitch [rad], nose down, of the tractor when its axle loads change [N], shape (k,)."""
-    tractor = parameters.tractor
+    tractor = parameters.lead
     rises = []
     for axle, change in zip(tractor.axles, load_changes[: len(tractor.axles)], strict=True):
         tire = parameters.tires[axle.tire]

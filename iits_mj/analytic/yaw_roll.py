@@ -114,7 +114,7 @@ class YawRoll:
         Raises:
           InputError: payload or roll coupling are not allowed.
         """
-        fifth_wheel = parameters.fifth_wheel
+        fifth_wheel = parameters.couplings[0]
         coupling = fifth_wheel.roll_stiffness if roll_coupling is None else roll_coupling
         coupling = positive("roll_coupling", coupling, "N m/rad", zero=True)
         plane = YawSideslip.from_parameters(
@@ -124,7 +124,7 @@ class YawRoll:
         bodies = roll_bodies(parameters, payload, coupling, damping)
         inertia = bodies.inertia.copy()
         inertia[:3, :3] = plane.H()[:3, :3]
-        on_tractor = len(parameters.tractor.axles)
+        on_tractor = len(parameters.lead.axles)
         on_trailer = (np.arange(len(parameters.axles)) >= on_tractor).astype(float)
         spin = bodies.spin_inertia / bodies.rolling_radii**2 if wheels else 0.0 * on_trailer
         unit_yaw = np.where(on_trailer > 0.0, 2, 1)

@@ -52,7 +52,7 @@ from numpy.typing import NDArray
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import positive
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.mass_state import cruise_axle_loads, laden_trailer
+from iits_mj.parameters.mass_state import cruise_axle_loads, laden_units
 from iits_mj.parameters.tire_law import axle_cornering_stiffness
 
 AnyArray = NDArray[Any]
@@ -109,14 +109,14 @@ class YawSideslip:
             which drag and rolling resistance shift to the rear; 0: loads at rest.
           pneumatic_trail: see the module's text.
         """
-        tractor, fifth_wheel = parameters.tractor, parameters.fifth_wheel
-        trailer = laden_trailer(parameters, payload)
+        tractor, fifth_wheel = parameters.lead, parameters.couplings[0]
+        trailer = laden_units(parameters, payload)[1]
         front, *drive = tractor.axles
         loads = cruise_axle_loads(parameters, payload, cruise_speed)
         stiffness = axle_cornering_stiffness(parameters, loads)
         trails = [
             parameters.tires[axle.tire].pneumatic_trail if pneumatic_trail else 0.0
-            for axle in (front, drive[0], parameters.semitrailer.axles[0])
+            for axle in (front, drive[0], parameters.units[1].axles[0])
         ]
         split = 1 + len(drive)
         return cls(
@@ -128,7 +128,7 @@ class YawSideslip:
             L_h=fifth_wheel.position - tractor.cg_position,
             L_t1=trailer.cg_position,
             tractor_arms=np.array([axle.position - tractor.cg_position for axle in drive]),
-            trailer_arms=np.array([axle.position for axle in parameters.semitrailer.axles]),
+            trailer_arms=np.array([axle.position for axle in parameters.units[1].axles]),
             C_1=float(stiffness[0]),
             C_2=stiffness[1:split],
             C_3=stiffness[split:],

@@ -210,7 +210,7 @@ class StandardMessages:
 
     def __init__(self, make: Make, parameters: TruckParameters) -> None:
         self._make = make
-        self._hitch = parameters.fifth_wheel.position
+        self._hitch = parameters.couplings[0].position
         self._no_covariance = np.zeros(36)
 
     def odometry(self, ego: EgoState) -> Any:

@@ -43,8 +43,8 @@ _GRID = 0.002
 
 def circuit_of_axle(parameters: TruckParameters) -> list[str]:
     """Name of the circuit of each axle, front to rear."""
-    drive = len(parameters.tractor.axles) - 1
-    return ["front", *["drive"] * drive, *["trailer"] * len(parameters.semitrailer.axles)]
+    drive = len(parameters.lead.axles) - 1
+    return ["front", *["drive"] * drive, *["trailer"] * len(parameters.units[1].axles)]
 
 
 def circuit_forces(

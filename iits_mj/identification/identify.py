@@ -114,7 +114,7 @@ def overlay(found: Identification) -> dict[str, Any]:
     tree: dict[str, Any] = {"payload": {}}
     if found.mass is not None:
         load = max(found.mass - p.gross_mass(0.0), _PAYLOAD_MIN)
-        share = load / p.payload.mass_max
+        share = load / p.payload_max
         inertias = {name: share * getattr(p.payload, name) for name in _INERTIAS}
         tree["payload"] = {"mass_max": load, **inertias}
     for section, names in _PLAIN.items():

@@ -100,7 +100,7 @@ def identify_motion(log: Log, parameters: TruckParameters, mass: float | None = 
 
 def _free(parameters: TruckParameters, mass: float | None) -> dict[str, Free]:
     """The parameters by name; of two inseparable parameters the later keeps its prior."""
-    known = parameters.gross_mass(0.5 * parameters.payload.mass_max) if mass is None else mass
+    known = parameters.gross_mass(0.5 * parameters.payload_max) if mass is None else mass
     free = (
         Free("mass", "kg", float(known), 5e3, 1.2e5),
         Free("rolling_resistance", "1", parameters.tire_common.rolling_resistance, 1e-4, 0.05),
@@ -259,7 +259,7 @@ def _inputs(log: Log, parameters: TruckParameters, mass: float | None = None) ->
 
 def payload_of(parameters: TruckParameters, mass: float | None) -> float:
     """Payload of this gross mass, within the truck's limits [kg]; half the greatest for None."""
-    largest = parameters.payload.mass_max
+    largest = parameters.payload_max
     if mass is None:
         return 0.5 * largest
     return float(np.clip(mass - parameters.gross_mass(0.0), 0.0, largest))
@@ -289,9 +289,9 @@ def _effective_grade(
     # A stopped truck stays at one place: keep the place increasing for the look-up.
     place = np.maximum.accumulate(place)
     kept = np.concatenate([[True], np.diff(place) > 1e-6])
-    behind = [axle.position for axle in parameters.tractor.axles]
+    behind = [axle.position for axle in parameters.lead.axles]
     behind += [
-        parameters.fifth_wheel.position + axle.position for axle in parameters.semitrailer.axles
+        parameters.couplings[0].position + axle.position for axle in parameters.units[1].axles
     ]
     felt = np.zeros_like(road)
     for distance, load in zip(behind, loads, strict=True):

@@ -32,10 +32,10 @@ from iits_mj.parameters import Axle, Coupling, TruckParameters, Unit
 from iits_mj.parameters.mass_state import (
     Inertial,
     axle_loads_by_name,
+    group_center,
     laden_units,
     payload_inertials,
 )
-from iits_mj.parameters.units import group_center
 
 # Contact bits: the truck's hulls collide with ground (bit 0) and traffic (bit 2), not each other.
 TRUCK_CONTYPE, TRUCK_CONAFFINITY = 2, 5

@@ -9,9 +9,13 @@ from iits_mj.core.units import GRAVITY
 from iits_mj.model import air_brake, powertrain
 from iits_mj.model.attributes import plugin_attributes, text
 from iits_mj.parameters import Aerodynamics, Axle, TruckParameters, Unit
-from iits_mj.parameters.mass_state import air_shares, axle_loads_by_name, coupling_loads
+from iits_mj.parameters.mass_state import (
+    air_shares,
+    axle_loads_by_name,
+    coupling_loads,
+    group_center,
+)
 from iits_mj.parameters.tire_law import nominal_cornering_coefficient
-from iits_mj.parameters.units import group_center
 
 SIDES = ("left", "right")
 # Parameters of a coupling that its hinges have, not the plugin.

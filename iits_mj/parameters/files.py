@@ -201,7 +201,11 @@ def _copied(tree: Tree, where: str) -> Tree:
         child = dict(child)
         sibling = child.pop("like", None)
         if sibling is not None:
-            if not isinstance(sibling, str) or sibling not in found or not _is_table(found[sibling]):
+            if (
+                not isinstance(sibling, str)
+                or sibling not in found
+                or not _is_table(found[sibling])
+            ):
                 raise InputError(
                     f"parameter {where}{key}.like = {sibling!r}: name a table before it, one of "
                     f"{[name for name in found if _is_table(found[name])]}"
@@ -306,7 +310,9 @@ def _build_tuple(item: Any, node: Any, where: str) -> tuple[Any, ...]:
         prefix = f"{where.split('.')[-2]}_" if "." in where else ""
         named = ((key, child) for key, child in node.items())
         return tuple(
-            build(item, {"name": prefix + key, **_fields(child, f"{where}.{key}")}, f"{where}.{key}")
+            build(
+                item, {"name": prefix + key, **_fields(child, f"{where}.{key}")}, f"{where}.{key}"
+            )
             for key, child in named
         )
     values, factor = _leaf(node, quantity_of(item), where)

@@ -6,7 +6,7 @@ the road. The axles of a group share its load by their `load_share`, so that it 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,7 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.options import option
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters.truck import TruckParameters
-from iits_mj.parameters.units import Payload, Unit, group_center, group_shares
+from iits_mj.parameters.units import Axle, Payload, Unit
 
 # Greatest payload of the default truck [kg].
 MAX_PAYLOAD = 36_000.0
@@ -126,6 +126,21 @@ def laden_units(
         unit_inertial(unit) if load is None else joined(unit_inertial(unit), load)
         for unit, load in zip(parameters.units, loads, strict=True)
     )
+
+
+def group_center(axles: Sequence[Axle]) -> float:
+    """Returns the mean position of an axle group [m], weighted with the axles' shares of load."""
+    weights = [axle.load_share for axle in axles]
+    positions = [axle.position for axle in axles]
+    if len(set(weights)) == 1:
+        return float(np.mean(positions))
+    return float(np.average(positions, weights=weights))
+
+
+def group_shares(axles: Sequence[Axle]) -> list[float]:
+    """Returns the share of its group's load that each axle carries, sum 1."""
+    total = sum(axle.load_share for axle in axles)
+    return [axle.load_share / total for axle in axles]
 
 
 @dataclass(frozen=True, slots=True)

@@ -124,4 +124,3 @@ def quantity_of(hint: object) -> Quantity:
         if isinstance(entry, Quantity):
             return entry
     return PLAIN
-

@@ -81,7 +81,9 @@ def _columns(path: Path, *names: str) -> list[FloatArray]:
     for name in names:
         places = [i for i, title in enumerate(header) if title.strip().startswith(name)]
         if not places:
-            raise InputError(f"table {str(path)!r} has no column {name!r}; its columns are {header}")
+            raise InputError(
+                f"table {str(path)!r} has no column {name!r}; its columns are {header}"
+            )
         found.append(values[:, places[0]])
     return found
 

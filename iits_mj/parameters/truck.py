@@ -22,9 +22,7 @@ from iits_mj.parameters.quantity import (
     Count,
     Damping,
     Density,
-    Distance,
     Inertia,
-    Length,
     Meters,
     Newtons,
     PerRadian,
@@ -251,8 +249,10 @@ class TruckParameters:
         """Returns the load of each unit [kg]: the payload, in proportion to what each may carry."""
         payload, most = self.check_payload(payload), self.payload_max
         return tuple(
-            0.0 if not unit.payload
-            else payload if unit.payload.mass_max == most
+            0.0
+            if not unit.payload
+            else payload
+            if unit.payload.mass_max == most
             else payload * unit.payload.mass_max / most
             for unit in self.units
         )

@@ -6,10 +6,7 @@ the coupling point (kingpin, drawbar eye) of a towed unit. Heights are above the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-
-import numpy as np
 
 from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
@@ -216,18 +213,3 @@ class Unit:
         while front < len(down) and down[front].steered:
             front += 1
         return (down[:front], down[front:])
-
-
-def group_center(axles: Sequence[Axle]) -> float:
-    """Returns the mean position of an axle group [m], weighted with the axles' shares of load."""
-    weights = [axle.load_share for axle in axles]
-    positions = [axle.position for axle in axles]
-    if len(set(weights)) == 1:
-        return float(np.mean(positions))
-    return float(np.average(positions, weights=weights))
-
-
-def group_shares(axles: Sequence[Axle]) -> list[float]:
-    """Returns the share of its group's load that each axle carries, sum 1."""
-    total = sum(axle.load_share for axle in axles)
-    return [axle.load_share / total for axle in axles]

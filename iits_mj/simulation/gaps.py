@@ -62,9 +62,9 @@ def nearest_box_distance(
 
 def _units(ego: EgoState, parameters: TruckParameters) -> tuple[tuple[float, ...], ...]:
     """Origin, heading, reach ahead and behind, and width of tractor and semitrailer."""
-    tractor, trailer = parameters.tractor, parameters.semitrailer
+    tractor, trailer = parameters.lead, parameters.units[1]
     rear = tractor.axles[-1].position + 0.6
-    hitch = parameters.fifth_wheel.position
+    hitch = parameters.couplings[0].position
     return (
         (ego.x, ego.y, ego.yaw, tractor.front_overhang, rear, tractor.width),
         (

@@ -156,8 +156,8 @@ class Physics(BasePhysics):
         self._sensors_key: tuple[float, bytes, bytes] | None = None
         self._held = False
         parameters = truck.parameters
-        group = np.mean([axle.position for axle in parameters.semitrailer.axles])
-        self._behind = parameters.fifth_wheel.position + float(group)
+        group = np.mean([axle.position for axle in parameters.units[1].axles])
+        self._behind = parameters.couplings[0].position + float(group)
 
     def __getstate__(self) -> tuple[wrapper.MjData, Truck]:
         return self.data, self.truck

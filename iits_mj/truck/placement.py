@@ -11,7 +11,7 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import in_range
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.units import group_center
+from iits_mj.parameters.mass_state import group_center
 from iits_mj.road import Route
 
 # No truck rolls faster: well above what the tires and the driveline are made for.

@@ -227,7 +227,7 @@ def agreement_table(parameters: TruckParameters) -> str:
         " | hitch angle | lateral position | 1 % at, steering wheel | road wheels |",
         "|" + "---|" * 9,
     ]
-    for payload in (parameters.payload.mass_max, 0.0):
+    for payload in (parameters.payload_max, 0.0):
         model = YawSideslip.from_parameters(parameters, payload)
         for speed in (30.0, 80.0, 100.0):
             small, large = (

@@ -17,7 +17,7 @@ from iits_mj.analytic import Kinematic, YawSideslip, critical_speed, understeer_
 from iits_mj.parameters import TruckParameters
 
 PARAMETERS = TruckParameters.load()
-LADEN = YawSideslip.from_parameters(PARAMETERS, PARAMETERS.payload.mass_max, pneumatic_trail=False)
+LADEN = YawSideslip.from_parameters(PARAMETERS, PARAMETERS.payload_max, pneumatic_trail=False)
 V80 = 80.0 / 3.6
 WITHOUT_GAMMA = READINGS[2]
 

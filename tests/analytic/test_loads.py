@@ -4,7 +4,7 @@ import pytest
 from iits_mj.analytic import (
     axle_cornering_stiffness,
     cruise_axle_loads,
-    laden_trailer,
+    laden_units,
     static_axle_loads,
     understeer_gradient_by_loads,
 )
@@ -40,7 +40,7 @@ def test_axle_loads_carry_the_whole_weight(payload):
 
 
 def test_laden_trailer_has_the_published_mass_cg_and_inertia():
-    trailer = laden_trailer(PARAMETERS, 36_000.0)
+    trailer = laden_units(PARAMETERS, 36_000.0)[1]
     assert trailer.mass == pytest.approx(46_100.0)
     assert trailer.cg_position == pytest.approx(5.05, abs=1e-3)
     assert trailer.cg_height == pytest.approx(2.05, abs=1e-3)

@@ -17,7 +17,7 @@ from iits_mj.analytic.yaw_roll import relaxation_lengths
 from iits_mj.core.errors import InputError
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.mass_state import laden_trailer, static_axle_loads
+from iits_mj.parameters.mass_state import laden_units, static_axle_loads
 from iits_mj.truck import Truck
 from iits_mj.validation.handling.step_steer import step_steers
 from iits_mj.validation.harness.recorder import fit, run_straight
@@ -76,7 +76,7 @@ def test_truck_with_roll_is_stable_at_80_kmh(payload, coupling):
 @pytest.mark.parametrize("payload", PAYLOADS)
 def test_masses_and_roll_inertia_are_those_of_the_parameters(payload):
     bodies = roll_bodies(PARAMETERS, payload, 0.0, 0.0)
-    trailer, tractor = laden_trailer(PARAMETERS, payload), PARAMETERS.tractor
+    trailer, tractor = laden_units(PARAMETERS, payload)[1], PARAMETERS.lead
     assert bodies.inertia[0, 0] == pytest.approx(tractor.mass + trailer.mass, rel=1e-12)
     # Common roll about the road: Steiner's sum, for any split into bodies and axles.
     together = np.zeros(len(bodies.inertia))
@@ -96,7 +96,7 @@ def test_tipping_about_the_road_takes_weight_times_height(payload):
     bodies = roll_bodies(PARAMETERS, payload, 1e6, 0.0)
     together = np.zeros(len(bodies.stiffness))
     together[PHI_C:] = 1.0
-    trailer, tractor = laden_trailer(PARAMETERS, payload), PARAMETERS.tractor
+    trailer, tractor = laden_units(PARAMETERS, payload)[1], PARAMETERS.lead
     weight = tractor.mass * tractor.cg_height + trailer.mass * trailer.cg_height
     loads = static_axle_loads(PARAMETERS, payload)
     tires = [PARAMETERS.tires[axle.tire] for axle in PARAMETERS.axles]
@@ -122,7 +122,7 @@ def _stiff_truck(roll_center):
         ]
         return dataclasses.replace(figures, axles=tuple(axles))
 
-    tractor, trailer = unit(PARAMETERS.tractor), unit(PARAMETERS.semitrailer)
+    tractor, trailer = unit(PARAMETERS.lead), unit(PARAMETERS.units[1])
     return dataclasses.replace(PARAMETERS, tires=tires, tractor=tractor, semitrailer=trailer)
 
 
@@ -140,7 +140,7 @@ def test_units_that_roll_as_one_have_the_roll_of_hand_statics(payload, roll_cent
     )
     moment = sum(
         body.mass * (body.cg_height - roll_center)
-        for body in (truck.tractor, laden_trailer(truck, payload))
+        for body in (truck.lead, laden_units(truck, payload)[1])
     )
     moment -= sum(
         axle.unsprung_mass * (truck.tires[axle.tire].free_radius - roll_center)
@@ -257,7 +257,7 @@ def test_geometry_is_that_of_the_simulated_truck(payload):
     truck = Truck.load(payload, visuals=False)
     bodies = roll_bodies(PARAMETERS, payload, 0.0, 0.0)
     data, origin = truck.data, truck.data.xpos[truck.model.body("tractor").id].copy()
-    origin[0] -= PARAMETERS.tractor.cg_position
+    origin[0] -= PARAMETERS.lead.cg_position
     hitch = data.body("trailer").xpos - origin
     for i, unit in enumerate(("tractor", "trailer")):
         place = data.body(f"{unit}_pressure_center").xpos - origin
@@ -267,7 +267,7 @@ def test_geometry_is_that_of_the_simulated_truck(payload):
         np.testing.assert_allclose([along, up], place[[0, 2]], atol=1e-3)
     for i, axle in enumerate(PARAMETERS.axles):
         place = data.joint(f"{axle.name}_roll").xanchor - origin
-        row, on_trailer = bodies.patches[i], i >= len(PARAMETERS.tractor.axles)
+        row, on_trailer = bodies.patches[i], i >= len(PARAMETERS.lead.axles)
         along = hitch[0] + row[2] if on_trailer else row[1]
         assert along == pytest.approx(place[0], abs=1e-3)
         assert row[FIRST_AXLE + i] == pytest.approx(place[2], abs=1e-3)

@@ -69,9 +69,9 @@ def drive(
     per_pascal = _force_per_pascal(radii)
     gear_of = PARAMETERS.gearbox.ratios
     efficiency = PARAMETERS.gearbox.efficiency * PARAMETERS.gearbox.driveline_efficiency
-    places = [axle.position for axle in PARAMETERS.tractor.axles]
+    places = [axle.position for axle in PARAMETERS.lead.axles]
     places += [
-        PARAMETERS.fifth_wheel.position + axle.position for axle in PARAMETERS.semitrailer.axles
+        PARAMETERS.couplings[0].position + axle.position for axle in PARAMETERS.units[1].axles
     ]
     spin = sum(
         2 * axle.wheel_inertia_spin / r**2 for axle, r in zip(PARAMETERS.axles, radii, strict=True)

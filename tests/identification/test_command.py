@@ -45,11 +45,11 @@ def test_table_with_customary_units_identifies_the_truck_and_writes_its_overlay(
     assert "# mass = " in text
     assert "# front_dead_time: not identifiable" in text
     loaded = TruckParameters.load(overlay=output)
-    assert loaded.gross_mass(loaded.payload.mass_max) == pytest.approx(mass.value, rel=1e-6)
+    assert loaded.gross_mass(loaded.payload_max) == pytest.approx(mass.value, rel=1e-6)
     gain = next(check.value for check in report.checks if check.name == "brake_gain")
     slope = gain * PARAMETERS.air_brake.torque_per_pressure[3]
     assert loaded.air_brake.torque_per_pressure[3] == pytest.approx(slope, rel=1e-6)
-    share = loaded.payload.mass_max / PARAMETERS.payload.mass_max
+    share = loaded.payload_max / PARAMETERS.payload_max
     assert loaded.payload.inertia_z == pytest.approx(share * PARAMETERS.payload.inertia_z)
 
 

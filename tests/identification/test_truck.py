@@ -97,7 +97,7 @@ def test_truck_with_identified_values_repeats_the_drive(found, log, tmp_path):
 
 @pytest.mark.slow
 def test_truck_with_half_its_payload_and_shipped_values_does_not_repeat_the_drive(log):
-    before = replay(log, PARAMETERS, 0.5 * PARAMETERS.payload.mass_max)
+    before = replay(log, PARAMETERS, 0.5 * PARAMETERS.payload_max)
     assert before.accuracy() < 95.0
 
 

@@ -13,7 +13,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.messages import VehicleCommand
 from iits_mj.model.builder import truck_spec
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.mass_state import laden_trailer, static_axle_loads
+from iits_mj.parameters.mass_state import laden_units, static_axle_loads
 
 PARAMETERS = TruckParameters.load()
 AXLE_LOADS_KN = {
@@ -248,7 +248,7 @@ def test_trailer_has_the_mass_center_and_inertia_of_the_mass_state():
     payload, height = 20_000.0, 2.6
     truck = iits_mj.Truck.load(payload, payload_height=height, visuals=False)
     model, data = truck.model, truck.data
-    expected = laden_trailer(PARAMETERS, payload, height)
+    expected = laden_units(PARAMETERS, payload, height)[1]
     root = model.body("trailer").id
     parts = [i for i in range(model.nbody) if root in ancestors(model, i)]
     mass = model.body_mass[parts]

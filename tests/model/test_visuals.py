@@ -98,7 +98,7 @@ def test_bodies_with_a_hull_have_no_other_geom(model):
 
 def test_cab_is_as_long_wide_and_high_as_the_parameters_say(model):
     low, high = extent(model, "tractor")
-    tractor = PARAMETERS.tractor
+    tractor = PARAMETERS.lead
     assert high[0] == pytest.approx(tractor.front_overhang, abs=0.03)
     assert high[2] == pytest.approx(tractor.height, abs=0.01)
     # Mirrors stand out by a third of a meter.
@@ -108,19 +108,19 @@ def test_cab_is_as_long_wide_and_high_as_the_parameters_say(model):
 
 def test_trailer_body_is_as_long_wide_and_high_as_the_parameters_say(model):
     low, high = extent(model, "trailer")
-    trailer = PARAMETERS.semitrailer
+    trailer = PARAMETERS.units[1]
     assert high[0] == pytest.approx(trailer.front_overhang, abs=0.03)
     assert low[0] == pytest.approx(trailer.front_overhang - trailer.length, abs=0.07)
     assert high[1] == pytest.approx(0.5 * trailer.width, abs=0.02)
-    assert high[2] == pytest.approx(trailer.height - PARAMETERS.fifth_wheel.height, abs=0.01)
+    assert high[2] == pytest.approx(trailer.height - PARAMETERS.couplings[0].height, abs=0.01)
 
 
 def test_cab_and_trailer_clear_each_other_in_a_right_angle_turn(model):
-    trailer = PARAMETERS.semitrailer
+    trailer = PARAMETERS.units[1]
     corner = np.hypot(trailer.front_overhang, 0.5 * trailer.width)
-    rear_of_cab = PARAMETERS.fifth_wheel.position - corner
+    rear_of_cab = PARAMETERS.couplings[0].position - corner
     low, _ = extent(model, "tractor")
-    assert low[0] < -PARAMETERS.tractor.axles[-1].position
+    assert low[0] < -PARAMETERS.lead.axles[-1].position
     extenders = model.geom("tractor_extenders")
     mesh = int(extenders.dataid[0])
     first = model.mesh_vertadr[mesh]
@@ -143,7 +143,7 @@ def test_tires_have_the_free_radius_and_stand_inside_the_width(model, axle):
     radius = PARAMETERS.tires[axle.tire].free_radius
     assert high[2] == pytest.approx(radius, abs=2e-3)
     assert low[2] == pytest.approx(-radius, abs=2e-3)
-    assert 0.5 * axle.track + high[1] < 0.5 * PARAMETERS.semitrailer.width + 0.03
+    assert 0.5 * axle.track + high[1] < 0.5 * PARAMETERS.units[1].width + 0.03
 
 
 def test_static_xml_keeps_every_visual_geom(model):

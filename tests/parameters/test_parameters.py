@@ -42,8 +42,8 @@ def test_overlay_changes_only_what_it_names():
     base, changed = TruckParameters.load(), TruckParameters.load(overlay=overlay)
     assert changed.engine.boost_lag == 0.5
     assert changed.tires["steer"].pneumatic_trail == 0.05
-    assert changed.tractor.axles[1].damping == 20e3
-    assert changed.tractor.axles[0] == base.tractor.axles[0]
+    assert changed.lead.axles[1].damping == 20e3
+    assert changed.lead.axles[0] == base.lead.axles[0]
     assert changed.payload == base.payload
 
 
@@ -91,4 +91,4 @@ def test_payload_below_the_floor_or_above_the_roof_is_refused(height):
 
 
 def test_greatest_payload_is_that_of_the_shipped_truck():
-    assert TruckParameters.load().payload.mass_max == MAX_PAYLOAD
+    assert TruckParameters.load().payload_max == MAX_PAYLOAD

@@ -32,14 +32,14 @@ def test_parameters_of_a_drawn_truck_are_the_shipped_ones_times_the_factors():
         drawn = spread.draw(np.random.default_rng(seed))
         truck = TruckParameters.load(overlay=drawn.overlay)
         factor = drawn.factors["trailer_springs"]
-        for ours, theirs in zip(truck.semitrailer.axles, shipped.semitrailer.axles, strict=True):
+        for ours, theirs in zip(truck.units[1].axles, shipped.units[1].axles, strict=True):
             assert ours.spring_rate == pytest.approx(factor * theirs.spring_rate)
             assert ours.position == theirs.position
         np.testing.assert_allclose(
             truck.engine.full_load_torque,
             drawn.factors["engine_torque"] * np.asarray(shipped.engine.full_load_torque),
         )
-        assert truck.tractor.mass == shipped.tractor.mass
+        assert truck.lead.mass == shipped.tractor.mass
 
 
 def test_the_nominal_truck_is_the_shipped_one():

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from iits_mj.analytic import kingpin_load
+from iits_mj.analytic import coupling_loads
 from iits_mj.truck import Truck
 
 
@@ -37,7 +37,7 @@ def roll_torque(angle, **fifth_wheel):
 
 def lift_moment(truck):
     """Returns the moment of the kingpin load at the plate's edge [N m]."""
-    return 0.5 * kingpin_load(truck.parameters, 0) * truck.parameters.fifth_wheel.plate_width
+    return 0.5 * coupling_loads(truck.parameters, 0)[0] * truck.parameters.couplings[0].plate_width
 
 
 @pytest.mark.parametrize("angle_deg", [-0.9, 0.5, 0.99])
@@ -57,13 +57,13 @@ def test_kingpin_load_keeps_the_plate_closed():
 @pytest.mark.parametrize("share", [0.05, 0.95])
 def test_opening_plate_carries_the_kingpin_load_on_its_edge(truck, share):
     moment = lift_moment(truck)
-    coupling = truck.parameters.fifth_wheel
+    coupling = truck.parameters.couplings[0]
     angle = moment / coupling.roll_stiffness + share * coupling.roll_lash
     assert roll_torque(angle) == pytest.approx(-moment, rel=1e-6)
 
 
 def test_locked_kingpin_transmits_roll_torque_beyond_the_lash(truck):
-    coupling, moment = truck.parameters.fifth_wheel, lift_moment(truck)
+    coupling, moment = truck.parameters.couplings[0], lift_moment(truck)
     angle = moment / coupling.roll_stiffness + coupling.roll_lash + np.radians(0.5)
     assert roll_torque(angle) == pytest.approx(-moment - 50e3, rel=0.01)
 
@@ -81,7 +81,7 @@ def test_friction_of_the_plate_opposes_yaw(truck):
             each.data.qvel[dof] = 0.5
             mujoco.mj_step(each.model, each.data)
         torques.append(each.data.qfrc_passive[dof])
-    friction = truck.parameters.fifth_wheel.yaw_friction
+    friction = truck.parameters.couplings[0].yaw_friction
     assert torques[0] - torques[1] == pytest.approx(-friction, rel=1e-3)
 
 
@@ -100,13 +100,13 @@ def coupled(turntable, stiffness, load, plate_width):
     return mujoco.MjModel.from_xml_string(f"""
     <mujoco>
       <option timestep="0.002" integrator="implicitfast" gravity="0 0 0"/>
-      <extension><plugin plugin="iits.fifth_wheel">
+      <extension><plugin plugin="iits.couplings[0]">
         <instance name="coupling">{keys}</instance></plugin></extension>
       <worldbody><body name="unit">
         <joint name="yaw" axis="0 0 1"/><joint name="pitch" axis="0 1 0"/>
         <joint name="roll" axis="1 0 0"/>
         <inertial pos="0 0 0" mass="3000" diaginertia="4e3 9e3 9e3"/>
-        <plugin plugin="iits.fifth_wheel" instance="coupling"/>
+        <plugin plugin="iits.couplings[0]" instance="coupling"/>
       </body></worldbody>
     </mujoco>""")
 

@@ -34,7 +34,7 @@ def test_road_wheels_turn_by_the_ratio_less_half_the_play(truck):
 @pytest.mark.parametrize("sign", [1, -1])
 def test_inner_wheel_turns_more_by_ackermann_geometry(truck, sign):
     left, right = sign * turn(truck, sign * 700, seconds=4.0, speed=2.0)[:: 1 if sign > 0 else -1]
-    wheelbase, track = 3.9, truck.parameters.tractor.axles[0].track
+    wheelbase, track = 3.9, truck.parameters.lead.axles[0].track
     assert 1 / np.tan(right) - 1 / np.tan(left) == pytest.approx(track / wheelbase, rel=0.05)
 
 

@@ -45,7 +45,7 @@ class _Cab:
     """The cab's outer surface, by height and by arc length from the middle of the front."""
 
     def __init__(self, parameters: TruckParameters, rear: float) -> None:
-        tractor = parameters.tractor
+        tractor = parameters.lead
         self.z = _PROFILE[:, 0] * tractor.height / 3.70
         self.front = tractor.front_overhang - _PROFILE[:, 1]
         self.half_width = _PROFILE[:, 2] * tractor.width / 2.50
@@ -201,12 +201,12 @@ def _mirrors(painter: Painter, cab: _Cab) -> None:
 
 
 def _chassis(painter: Painter, p: TruckParameters) -> None:
-    end = -p.tractor.axles[-1].position - 0.86
+    end = -p.lead.axles[-1].position - 0.86
     length = 0.6 - end
     rails = boxes([((0.6 - 0.5 * length, 0.40, 0.83), (length, 0.09, 0.28))]).with_mirror()
     crossbars = boxes([((x, 0, 0.86), (0.16, 0.8, 0.2)) for x in (-1.3, -2.4, -3.9, end + 0.1)])
     painter.mesh("rails", merge([rails, crossbars]), "truck_chassis")
-    x, seat = -p.fifth_wheel.position, p.fifth_wheel.height
+    x, seat = -p.couplings[0].position, p.couplings[0].height
     low, high = (x, 0.0, seat - 0.075), (x, 0.0, seat - 0.015)
     painter.cylinder("fifth_wheel", low, high, 0.46, "truck_black")
     foot = boxes([((x, 0.36, seat - 0.11), (0.5, 0.14, 0.10))]).with_mirror()
@@ -214,7 +214,7 @@ def _chassis(painter: Painter, p: TruckParameters) -> None:
     ramps = prism([(x - back, seat - down) for back, down in profile], 0.14, 0.2).with_mirror()
     painter.mesh("fifth_wheel_foot", merge([foot, ramps]), "truck_black")
     # Between the axles: fuel tank left, air tanks and battery box right, skirts below the cab.
-    a, b = -1.12, -p.tractor.axles[1].position + 0.64
+    a, b = -1.12, -p.lead.axles[1].position + 0.64
     painter.cylinder("fuel_tank", (a, 0.86, 0.70), (b, 0.86, 0.70), 0.33, "truck_aluminum")
     bands = [((a + (b - a) * f, 0.86, 0.70), (0.05, 0.675, 0.675)) for f in (0.25, 0.75)]
     painter.mesh("tank_bands", boxes(bands), "truck_chassis")
@@ -231,9 +231,9 @@ def _chassis(painter: Painter, p: TruckParameters) -> None:
 
 
 def _fenders(painter: Painter, parameters: TruckParameters) -> None:
-    steer, *drive = parameters.tractor.axles
+    steer, *drive = parameters.lead.axles
     radius = parameters.tires[steer.tire].free_radius
-    outside = 0.5 * parameters.tractor.width
+    outside = 0.5 * parameters.lead.width
     front = arch(radius + 0.055, 0.05, 0.06, math.pi - 0.06, outside - 0.40, 0.40)
     front = front.moved((-steer.position, 0.0, radius - 0.015))
     painter.pair("front_fenders", front, "truck_black")
@@ -250,7 +250,7 @@ def _fenders(painter: Painter, parameters: TruckParameters) -> None:
 
 
 def _rear(painter: Painter, parameters: TruckParameters) -> None:
-    x = -parameters.tractor.axles[-1].position - 0.92
+    x = -parameters.lead.axles[-1].position - 0.92
     painter.box("rear_bar", (x, 0, 0.80), (0.08, 2.30, 0.16), "truck_chassis")
     red = boxes([((x - 0.05, 0.86, 0.80), (0.03, 0.36, 0.12))])
     painter.pair("tail_lights", red, "truck_tail_light")

@@ -30,7 +30,7 @@ _LETTERS: dict[str, list[list[tuple[float, float]]]] = {
 
 def draw_trailer(spec: mujoco.MjSpec, parameters: TruckParameters, *, laden: bool) -> None:
     """Adds the semitrailer's visual geoms in a body welded to `trailer`: origin at the kingpin."""
-    height = parameters.fifth_wheel.height
+    height = parameters.couplings[0].height
     # Heights below are above the ground.
     body = spec.body("trailer").add_body(name="trailer_visuals")
     painter = Painter(spec, body, "trailer", (0.0, 0.0, -height))
@@ -42,7 +42,7 @@ def draw_trailer(spec: mujoco.MjSpec, parameters: TruckParameters, *, laden: boo
 
 
 def _body(painter: Painter, p: TruckParameters, *, laden: bool) -> None:
-    t = p.semitrailer
+    t = p.units[1]
     front, rear = t.front_overhang, t.front_overhang - t.length
     middle, half, top = 0.5 * (front + rear), 0.5 * t.width, t.height
     size = (t.length - 0.06, t.width - 0.05, top - FLOOR - 0.20)
@@ -70,7 +70,7 @@ def _body(painter: Painter, p: TruckParameters, *, laden: bool) -> None:
 
 
 def _livery(painter: Painter, p: TruckParameters) -> None:
-    t = p.semitrailer
+    t = p.units[1]
     y = 0.5 * t.width - 0.0055
     front, rear = t.front_overhang, t.front_overhang - t.length
     low, high = FLOOR + 0.16, t.height - 0.11
@@ -106,7 +106,7 @@ def _word(word: str, x: float, z: float, size: float, y: float, *, forward: bool
 
 
 def _underbody(painter: Painter, p: TruckParameters) -> None:
-    t = p.semitrailer
+    t = p.units[1]
     half, rear = 0.5 * t.width, t.front_overhang - t.length
     beams = boxes([((rear + 4.6, 0.50, FLOOR - 0.17), (9.0, 0.12, 0.34))]).with_mirror()
     cross = [((x, 0, FLOOR - 0.06), (0.08, 2.3, 0.12)) for x in np.arange(rear + 0.6, 0.9, 1.1)]
@@ -135,7 +135,7 @@ def _underbody(painter: Painter, p: TruckParameters) -> None:
 
 
 def _rear(painter: Painter, p: TruckParameters) -> None:
-    t = p.semitrailer
+    t = p.units[1]
     half, top, rear = 0.5 * t.width, t.height, t.front_overhang - t.length
     middle, tall = 0.5 * (FLOOR + 0.16 + top - 0.14), top - FLOOR - 0.30
     doors = boxes([((rear - 0.004, 0.5 * half - 0.02, middle), (0.03, half - 0.08, tall))])
@@ -157,7 +157,7 @@ def _rear(painter: Painter, p: TruckParameters) -> None:
 
 
 def _lights(painter: Painter, p: TruckParameters) -> None:
-    t = p.semitrailer
+    t = p.units[1]
     half, rear = 0.5 * t.width, t.front_overhang - t.length
     lamp = boxes([((rear - 0.01, 0.86, 0.98), (0.05, 0.62, 0.17))])
     painter.pair("lamp_housings", lamp, "truck_black")

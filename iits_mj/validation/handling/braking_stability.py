@@ -205,7 +205,7 @@ def steady_bend(
     )
     parameters = truck.parameters
     radius = BEND_SPEED**2 / lateral
-    wheel = parameters.steering.ratio * parameters.tractor.axles[1].position / radius
+    wheel = parameters.steering.ratio * parameters.lead.axles[1].position / radius
 
     # Understeer makes the bend wider, equally for all groups.
     def turn_in(time: float, _: float) -> float:

@@ -200,7 +200,7 @@ def follow_path(payload: float, speed: float, timestep: float) -> PathChange:
         restore_state(truck, start)
         record = _try(truck, steer, grid, speed, copy.copy(hold))
     answer = simulate(system, grid, ideal)
-    positions = [axle.position for axle in truck.parameters.semitrailer.axles]
+    positions = [axle.position for axle in truck.parameters.units[1].axles]
     behind = float(positions[-1] - np.mean(positions))
     heading = record.yaw - record.articulation
     x = record.rear_x - behind * np.cos(heading) - record.x[0]
@@ -264,7 +264,7 @@ def _model_last_axle(
 ) -> FloatArray:
     """Track of the linear model's last axle, (n, 2) [m]."""
     hitch = system.model.L_c1 + system.model.L_h
-    arm = parameters.semitrailer.axles[-1].position
+    arm = parameters.units[1].axles[-1].position
     trailer = answer.yaw - answer.articulation
     x = answer.x - hitch * np.cos(answer.yaw) - arm * np.cos(trailer)
     y = answer.y - hitch * np.sin(answer.yaw) - arm * np.sin(trailer)

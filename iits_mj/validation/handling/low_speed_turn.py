@@ -213,8 +213,8 @@ def pbs_turn(payload: float, timestep: float) -> SweptTurn:
     truck = Truck.load(payload, timestep=timestep, visuals=False)
     parameters = truck.parameters
     kinematic = Kinematic.from_parameters(parameters)
-    half_track = 0.5 * parameters.tractor.axles[0].track
-    steer = parameters.tractor.axles[0].name
+    half_track = 0.5 * parameters.lead.axles[0].track
+    steer = parameters.lead.axles[0].name
     origin = np.array([20.0 + _ENTRY, -half_track - HALF_TIRE])
     truck.reset(station=20.0, speed=SPEED)
     share = half_track / kinematic.L
@@ -237,7 +237,7 @@ def pbs_turn(payload: float, timestep: float) -> SweptTurn:
     yaw, heading = record.yaw, record.yaw - record.articulation
     front = np.column_stack([record.x, record.y]) - origin
     rear = np.column_stack([record.rear_x, record.rear_y]) - origin
-    tractor, trailer = parameters.tractor, parameters.semitrailer
+    tractor, trailer = parameters.lead, parameters.units[1]
     group = float(np.mean([axle.position for axle in trailer.axles]))
     half, tail = 0.5 * trailer.width, trailer.length - trailer.front_overhang - group
     steered, towed = _kinematic_tracks(kinematic, record)

@@ -24,8 +24,8 @@ from scipy import optimize
 
 from iits_mj.analytic import (
     axle_cornering_stiffness,
-    kingpin_load,
-    laden_trailer,
+    coupling_loads,
+    laden_units,
     static_axle_loads,
 )
 from iits_mj.analytic.yaw_roll import relaxation_lengths
@@ -118,7 +118,7 @@ class RollPlane:
     @classmethod
     def from_parameters(cls, parameters: TruckParameters, payload: float) -> RollPlane:
         """The roll plane of a truck with this payload [kg]."""
-        trailer, king = laden_trailer(parameters, payload), kingpin_load(parameters, payload)
+        trailer, king = laden_units(parameters, payload)[1], coupling_loads(parameters, payload)[0]
         loads = static_axle_loads(parameters, payload)
         supports = []
         lag = relaxation_lengths(parameters, loads)
@@ -139,20 +139,20 @@ class RollPlane:
                     float(carcass),
                 )
             )
-        split = len(parameters.tractor.axles)
+        split = len(parameters.lead.axles)
         front, rear = tuple(supports[:split]), tuple(supports[split:])
-        own = _sprung(parameters.tractor.mass, parameters.tractor.cg_height, front, king)
+        own = _sprung(parameters.lead.mass, parameters.lead.cg_height, front, king)
         above = _sprung(trailer.mass, trailer.cg_height, rear, -king)
-        fifth = parameters.fifth_wheel
+        fifth = parameters.couplings[0]
         # The tractor carries its own sprung weight and the kingpin's load at the plate.
         height = (own[0] * own[1] + king * fifth.height) / (own[0] + king)
         return cls(front, rear, height, above[1], king, fifth)
 
     def coupling(self, twist: float) -> float:
         """Moment of the fifth wheel at a roll of the trailer against the tractor [N m]."""
-        stiffness, angle = self.fifth_wheel.roll_stiffness, abs(twist)
-        lift = 0.5 * self.fifth_wheel.plate_width * self.kingpin
-        beyond = stiffness * (angle - self.fifth_wheel.roll_lash)
+        stiffness, angle = self.couplings[0].roll_stiffness, abs(twist)
+        lift = 0.5 * self.couplings[0].plate_width * self.kingpin
+        beyond = stiffness * (angle - self.couplings[0].roll_lash)
         moment = min(stiffness * angle, max(lift, beyond))
         return math.copysign(moment, twist)
 
@@ -172,7 +172,7 @@ class RollPlane:
                 restoring[i] += support.moment(body, pull)
                 restoring[i] -= support.sprung * (height - support.roll_center) * lean
         lean = pull.side + trailer * pull.down
-        restoring[1] -= self.kingpin * (self.trailer_height - self.fifth_wheel.height) * lean
+        restoring[1] -= self.kingpin * (self.trailer_height - self.couplings[0].height) * lean
         return np.array(restoring)
 
     def threshold(self) -> float:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.analytic import laden_trailer
+from iits_mj.analytic import laden_units
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.timing import TIMESTEP
@@ -127,7 +127,7 @@ def _stays_upright(truck: Truck, angle: float, state: NDArray[np.float64]) -> bo
 
 def rigid_threshold(parameters: TruckParameters, payload: float) -> float:
     """Upper bound `T / (2 h)` [g]: threshold of a rigid truck on rigid tires."""
-    trailer, tractor = laden_trailer(parameters, payload), parameters.tractor
+    trailer, tractor = laden_units(parameters, payload)[1], parameters.lead
     mass = tractor.mass + trailer.mass
     height = (tractor.mass * tractor.cg_height + trailer.mass * trailer.cg_height) / mass
     track = float(np.mean([axle.track for axle in parameters.axles[1:]]))
@@ -140,7 +140,7 @@ def compare(payload: float, timestep: float) -> tuple[Findings, float]:
     tilt = tilt_table(payload, timestep)
     found = Findings(f"SAE J2180 tilt table, {payload / 1e3:g} t")
     # Laden trucks of this kind tip between 0.33 and 0.40 g; PBS requires 0.35 g of every truck.
-    laden = payload == parameters.payload.mass_max
+    laden = payload == parameters.payload_max
     must = "0.33 .. 0.40" if laden else ">= 0.35"
     compliant = RollPlane.from_parameters(parameters, payload).threshold()
     found.check("static roll-over threshold", tilt.threshold, "g", compliant, must)

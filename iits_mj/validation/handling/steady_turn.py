@@ -112,7 +112,7 @@ class _Balance:
         back = -pull * math.cos(hitch) - lateral * math.sin(hitch)
         push = pull * math.sin(hitch) - lateral * math.cos(hitch)
         lifting = self.leaning.hitch_moment * math.sin(hitch)
-        shift = ((-back - resistance[1]) * p.fifth_wheel.height + lifting) / model.wheelbase
+        shift = ((-back - resistance[1]) * p.couplings[0].height + lifting) / model.wheelbase
         loads[0] -= shift
         loads[1:first] += shift / (first - 1)
         front = self._force(0, steer - math.atan((sideways + model.L_c1 * rate) / v), loads)
@@ -142,7 +142,7 @@ class _Balance:
         loads = cruise_axle_loads(p, payload, self.speed)
         rolling = p.tire_common.rolling_resistance * loads
         drag = 0.5 * p.aerodynamics.density * p.aerodynamics.drag_area * self.speed**2
-        share, first = p.aerodynamics.tractor_share, len(p.tractor.axles)
+        share, first = p.aerodynamics.tractor_share, len(p.lead.axles)
         return (
             float(rolling[:first].sum()) + share * drag,
             float(rolling[first:].sum()) + (1.0 - share) * drag,

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from iits_mj.analytic import laden_trailer
+from iits_mj.analytic import laden_units
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import EgoState
 from iits_mj.core.results import Findings, Line
@@ -131,7 +131,7 @@ def tighten(payload: float, surface: float, timestep: float, *, control: bool = 
 
     record = drive(truck, steering, speed=SPEED, duration=_LONGEST, hold=hold, stop=watch.over)
     slip = _slips(record, parameters)
-    groups = (0, 1, len(parameters.tractor.axles))
+    groups = (0, 1, len(parameters.lead.axles))
     pairs = zip(groups, slip, strict=True)
     used = np.array([effort(parameters, payload, surface, axle, angle) for axle, angle in pairs])
     inner = np.array(watch.inner)
@@ -146,8 +146,8 @@ class _Watch:
         self.inner: list[float] = []
         self._raw: list[float] = []
         self._truck = truck
-        trailer = laden_trailer(truck.parameters, truck.payload)
-        self._mass = (truck.parameters.tractor.mass, trailer.mass)
+        trailer = laden_units(truck.parameters, truck.payload)[1]
+        self._mass = (truck.parameters.lead.mass, trailer.mass)
         self._names = [f"{axle.name}_left_tire_force" for axle in truck.parameters.axles[1:]]
         self._best = (0.0, 0)
 
@@ -166,7 +166,7 @@ class _Watch:
 
 def _slips(record: SteeringRecord, parameters: TruckParameters) -> FloatArray:
     """Slip angles of steer axle, drive axles and trailer axles [rad], shape (3, n)."""
-    behind = float(np.mean([axle.position for axle in parameters.tractor.axles[1:]]))
+    behind = float(np.mean([axle.position for axle in parameters.lead.axles[1:]]))
     speed = np.maximum(record.speed, 1.0)
     steer = record.road_wheel - np.arctan(record.lateral_velocity / speed)
     driven = -np.arctan((record.lateral_velocity - behind * record.yaw_rate) / speed)

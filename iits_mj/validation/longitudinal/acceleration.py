@@ -133,7 +133,7 @@ def part_throttle(record: Run, without: Run) -> Findings:
 def full_pedal(record: Run, *, grade: float) -> Findings:
     """Full pedal at 55 t on a constant grade from standstill, against the force balance."""
     parameters = TruckParameters.load()
-    predicted = coast_along(record, ForceBalance(parameters, parameters.payload.mass_max))
+    predicted = coast_along(record, ForceBalance(parameters, parameters.payload_max))
     found = Findings(f"full pedal, 55 t, {100.0 * grade:g} % grade")
     error = 100.0 * float(np.max(np.abs(predicted - record.speed)) / np.max(record.speed))
     found.check("speed against the force balance", error, "%", must="<= 3")

@@ -123,7 +123,7 @@ def mean_jerk(record: Run, window: float) -> FloatArray:
 
 def dead_times(parameters: TruckParameters) -> list[float]:
     """Dead time of the pressure at each axle [s]; at the trailer's axles with the control line."""
-    brakes, count = parameters.air_brake, len(parameters.tractor.axles)
+    brakes, count = parameters.air_brake, len(parameters.lead.axles)
     return [
         time + (brakes.trailer_line_delay if axle >= count else 0.0)
         for axle, time in enumerate(brakes.dead_time)

@@ -19,7 +19,7 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.units import GRAVITY
 from iits_mj.model.powertrain import full_load
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.mass_state import Inertial, group_center, laden_trailer
+from iits_mj.parameters.mass_state import Inertial, group_center, laden_units
 from iits_mj.parameters.tire_law import friction
 from iits_mj.road.elements import DEFAULT_FRICTION
 
@@ -147,10 +147,10 @@ class ForceBalance:
         p = self.parameters
         angle = math.atan(grade)
         sine, cosine = math.sin(angle), math.cos(angle)
-        trailer, tractor = laden_trailer(p, self.payload), p.tractor
+        trailer, tractor = laden_units(p, self.payload)[1], p.lead
         front, *drive = tractor.axles
-        length = group_center(p.semitrailer.axles)
-        fifth = p.fifth_wheel
+        length = group_center(p.units[1].axles)
+        fifth = p.couplings[0]
         weight = trailer.mass * GRAVITY
         kingpin, pull = self._kingpin(trailer, weight * cosine, weight * sine, length)
         own = tractor.mass * GRAVITY
@@ -182,7 +182,7 @@ class ForceBalance:
     ) -> tuple[float, float]:
         """Load on the kingpin and pull at it [N]; the trailer's axles roll."""
         p = self.parameters
-        height, rolling = p.fifth_wheel.height, p.tire_common.rolling_resistance
+        height, rolling = p.couplings[0].height, p.tire_common.rolling_resistance
         # Moments about the ground below the axle group; the pull also moves the axles' share.
         load = normal * (1.0 - trailer.cg_position / length) - along * trailer.cg_height / length
         load += height / length * (along + rolling * normal)

@@ -133,7 +133,7 @@ def gradeability(payload: float, timestep: float, resolution: float) -> Climb:
 def compare_limits(timestep: float, *, quick: bool) -> Findings:
     """Startability and gradeability; quick: resolved to 1 % grade instead of 0.25 %."""
     parameters = TruckParameters.load()
-    payload = parameters.payload.mass_max
+    payload = parameters.payload_max
     balance = ForceBalance(parameters, payload)
     resolution = _COARSE if quick else _RESOLUTION
     found = Findings()
@@ -253,7 +253,7 @@ def steady_speed(payload: float, grade: float, start: float, timestep: float) ->
 def compare_speeds(timestep: float, *, quick: bool) -> Findings:
     """Steady speeds at 55 t, simulated against computed."""
     parameters = TruckParameters.load()
-    payload = parameters.payload.mass_max
+    payload = parameters.payload_max
     balance = ForceBalance(parameters, payload)
     grades = (0.03,) if quick else (0.01, 0.03, 0.05)
     found, speeds = Findings(), []

@@ -139,7 +139,7 @@ def record(timestep: float) -> Drives:
 def compare(drives: Drives) -> Findings:
     """Accuracy of each drive and of all."""
     parameters = TruckParameters.load()
-    laden = ForceBalance(parameters, parameters.payload.mass_max)
+    laden = ForceBalance(parameters, parameters.payload_max)
     published = compute(balance(), 0.4, 40.0)
     braked = drives.braking.between(braking.START, braking.RELEASE)
     obeyed, delayed = braked_speed(braked, parameters), "demand behind the lag of the brakes"

@@ -210,7 +210,7 @@ def drive_path(
     config = PlannerConfig(lanes=(0, 1), speed=SpeedConfig(cruise_speed=cruise))
     stack = _TimedStack(route, maker, config, None, TruckParameters.load())
     disturbed = _DisturbedTruck(truck, wind, reported, override, disturb)
-    trailer, hitch = truck.parameters.semitrailer, truck.parameters.fifth_wheel.position
+    trailer, hitch = truck.parameters.units[1], truck.parameters.couplings[0].position
     behind = hitch + float(np.mean([axle.position for axle in trailer.axles]))
 
     def row(_: EgoState, __: VehicleCommand) -> tuple[float, ...]:
@@ -452,7 +452,7 @@ def wrong_model(
     }
     run = drive_path(
         RoadMap.builtin().route(),
-        plain.payload.mass_max,
+        plain.payload_max,
         timestep,
         cruise=80.0 * KMH,
         duration=34.0,

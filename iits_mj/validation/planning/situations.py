@@ -197,7 +197,7 @@ def _ramp() -> Findings:
     lanes = Lanes(1, _RAMP_LANE, 8.0)
     route = measured_route(station, np.zeros_like(station), curvature=curvature, lanes=lanes)
     preview = RoadPreview(route)
-    laden = parameters.gross_mass(parameters.payload.mass_max)
+    laden = parameters.gross_mass(parameters.payload_max)
     shift = lane_shift(preview, parameters, laden, PlannerConfig().speed.curve_acceleration)
     lines = []
     for name, shifted in (("on the lane's middle", False), ("placed for the trailer", True)):
@@ -212,7 +212,7 @@ def _ramp() -> Findings:
         ]
         at, offset = np.array(places).T
         beside = offset - lane.offset_at(at)
-        room = 0.5 * (_RAMP_LANE - parameters.semitrailer.width) - np.abs(beside[at > 100.0])
+        room = 0.5 * (_RAMP_LANE - parameters.units[1].width) - np.abs(beside[at > 100.0])
         must = ">= 0.2" if shifted else ""
         label = f"R = {_RADIUS:g} m, lane of {_RAMP_LANE:g} m, {name}: trailer's room"
         found.check(label, room.min(), "m", must=must)

@@ -84,7 +84,7 @@ def _tasks(config: ValidateConfig, timestep: float) -> dict[str, DriveTask]:
     truck = TruckParameters.load()
     for payload in config.payloads():
         mass = f"{truck.gross_mass(payload) / 1e3:.0f} t"
-        fast = 40.0 if payload > 0.5 * truck.payload.mass_max else 75.0
+        fast = 40.0 if payload > 0.5 * truck.payload_max else 75.0
         waves = sloping(_WAVES_LENGTH, 0.0, _WAVES)
         level = Route.straight(length=4_000.0, speed_limit=_UNLIMITED)
         tasks |= {

@@ -50,7 +50,7 @@ def margins(route, shifted):
 def sides(swept):
     """Points of the trailer's sides over its axle group, which run innermost."""
     left = np.column_stack([-np.sin(swept.trailer_yaw), np.cos(swept.trailer_yaw)])
-    half = 0.5 * PARAMETERS.semitrailer.width
+    half = 0.5 * PARAMETERS.units[1].width
     return np.stack([swept.trailer_axle + half * left, swept.trailer_axle - half * left], axis=1)
 
 

@@ -203,7 +203,7 @@ def test_the_tractor_drives_on_the_outside_by_half_of_the_off_tracking():
     assert -1.0 < shift[0, 300] < -0.1
     assert shift[0] == pytest.approx(np.full(len(curved.station), shift[0, 300]))
     curved.half_width = np.full_like(
-        curved.half_width, 0.5 * PARAMETERS.semitrailer.width + 0.15 + 0.01
+        curved.half_width, 0.5 * PARAMETERS.units[1].width + 0.15 + 0.01
     )
     assert lane_shift(curved, PARAMETERS, 55_000.0, 1.3)[0, 300] == pytest.approx(-0.01)
     curved.half_width -= 0.05
@@ -214,7 +214,7 @@ def test_the_tractor_drives_on_the_outside_by_half_of_the_off_tracking():
 
 
 def test_the_threshold_is_below_that_of_a_rigid_truck_and_falls_with_the_load():
-    most = PARAMETERS.payload.mass_max
+    most = PARAMETERS.payload_max
     laden, half, empty = (roll_threshold(PARAMETERS, share * most) for share in (1.0, 0.5, 0.0))
     assert laden < half < empty
     # 0.39 g laden: docs of the lane change's settings.
@@ -242,8 +242,8 @@ def test_margins_are_kept_by_half_tonnes_within_the_allowed_payload():
     assert MARGINS.at(40_000.0) is not MARGINS.at(40_260.0)
     empty = PARAMETERS.gross_mass(0.0)
     assert MARGINS.at(empty - 3000.0).threshold == roll_threshold(PARAMETERS, 0.0)
-    heavy = MARGINS.at(empty + PARAMETERS.payload.mass_max + 4000.0)
-    assert heavy.threshold == roll_threshold(PARAMETERS, PARAMETERS.payload.mass_max)
+    heavy = MARGINS.at(empty + PARAMETERS.payload_max + 4000.0)
+    assert heavy.threshold == roll_threshold(PARAMETERS, PARAMETERS.payload_max)
 
 
 # --- caps and references --------------------------------------------------------------------

@@ -225,9 +225,9 @@ def test_slopes_agree_with_numpys_gradient():
 def test_off_tracking_at_walking_pace_is_half_the_sum_of_the_squared_lengths():
     model = LateralModel.of(PARAMETERS, 55_000.0, 0.1)
     slow, fast = off_tracking(model, 0.3), off_tracking(model, 30.0)
-    base = group_center(PARAMETERS.tractor.axles[1:]) - PARAMETERS.tractor.axles[0].position
-    hitch = PARAMETERS.fifth_wheel.position - PARAMETERS.tractor.axles[0].position
-    trailer = group_center(PARAMETERS.semitrailer.axles)
+    base = group_center(PARAMETERS.lead.axles[1:]) - PARAMETERS.lead.axles[0].position
+    hitch = PARAMETERS.fifth_wheel.position - PARAMETERS.lead.axles[0].position
+    trailer = group_center(PARAMETERS.units[1].axles)
     expected = 0.5 * (base**2 - (base - hitch) ** 2 + trailer**2)
     assert slow == pytest.approx(expected, rel=0.15)
     assert fast < 0.0 < slow
@@ -411,7 +411,7 @@ def test_the_towed_units_settle_on_their_circles():
     radius, angles = 30.0, np.linspace(0.0, 8.0, 1600)
     path = radius * np.column_stack([np.sin(angles), 1.0 - np.cos(angles)])
     swept = swept_path(PARAMETERS, path, 0.0)
-    tractor, trailer = PARAMETERS.tractor, PARAMETERS.semitrailer
+    tractor, trailer = PARAMETERS.lead, PARAMETERS.units[1]
     base = group_center(tractor.axles[1:]) - tractor.axles[0].position
     hitch = PARAMETERS.fifth_wheel.position - tractor.axles[0].position
     length = group_center(trailer.axles)
@@ -435,7 +435,7 @@ def test_the_towed_units_settle_on_their_circles():
 def test_on_a_straight_path_the_bar_decays_exponentially_to_the_course():
     path = np.column_stack([np.linspace(0.0, 60.0, 121), np.zeros(121)])
     swept = swept_path(PARAMETERS, path, 0.3)
-    tractor = PARAMETERS.tractor
+    tractor = PARAMETERS.lead
     base = group_center(tractor.axles[1:]) - tractor.axles[0].position
     expected = 2.0 * np.arctan(math.tan(0.15) * np.exp(-path[:, 0] / base))
     assert swept.yaw == pytest.approx(expected)

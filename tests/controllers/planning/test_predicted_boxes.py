@@ -68,7 +68,7 @@ def test_the_bodies_lie_about_steer_axle_and_kingpin():
     angle = np.arange(0.0, 3.0 * math.pi, 0.005)
     path = 20.0 * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)])
     swept = swept_path(PARAMETERS, path, 0.0)
-    tractor, trailer = PARAMETERS.tractor, PARAMETERS.semitrailer
+    tractor, trailer = PARAMETERS.lead, PARAMETERS.units[1]
     wheelbase = group_center(tractor.axles[1:]) - tractor.axles[0].position
     assert angle[-1] - swept.yaw[-1] == pytest.approx(math.asin(wheelbase / 20.0), abs=3e-3)
     corners = swept.tractor_corners[-1]
@@ -96,9 +96,9 @@ def test_the_bodies_on_a_straight_road_stand_behind_each_other():
     path = PREVIEW.follow(0, 1000.0, 400.0, 150.0)
     stations = np.array([1000.0, 1002.0])
     tractor, trailer = bodies_along(PARAMETERS, PREVIEW, path, None, stations)
-    body, box = PARAMETERS.tractor, PARAMETERS.semitrailer
+    body, box = PARAMETERS.lead, PARAMETERS.units[1]
     wheelbase = group_center(body.axles[1:]) - body.axles[0].position
-    hitch = PARAMETERS.fifth_wheel.position - body.axles[0].position
+    hitch = PARAMETERS.couplings[0].position - body.axles[0].position
     middle = 0.5 * (body.front_overhang - wheelbase - 1.0)
     assert tractor.x == pytest.approx(stations + middle, abs=1e-6)
     assert trailer.x == pytest.approx(
@@ -131,7 +131,7 @@ def leads(*vehicles, speed=1.0):
 def test_the_truck_stops_before_the_position_at_which_it_touches(distance):
     ((lead, name),) = leads(other(1000.0 + distance, course=0.5 * math.pi, speed=0.0))
     # Positions are 2 m apart; half of it is kept.
-    free = distance - 0.5 * other().width - PARAMETERS.tractor.front_overhang - 0.4
+    free = distance - 0.5 * other().width - PARAMETERS.lead.front_overhang - 0.4
     assert free > 0.0
     assert lead.gap == pytest.approx(2.0 * math.ceil(free / 2.0) - 1.0)
     assert (name, lead.speed, lead.acceleration, lead.until) == ("car", 0.0, 0.0, math.inf)
@@ -162,7 +162,7 @@ def test_a_standing_vehicle_across_the_road_counts_from_20_degrees(course, count
     ],
 )
 def test_an_oncoming_vehicle_counts_in_the_truck_s_way_only(aside, speed, station, counts):
-    half = 0.5 * (other().width + PARAMETERS.semitrailer.width)
+    half = 0.5 * (other().width + PARAMETERS.units[1].width)
     assert 2.1 < half < 2.3
     vehicle = other(station, aside, math.pi, speed)
     assert bool(leads(vehicle, speed=5.0)) is counts

@@ -199,7 +199,7 @@ def test_a_short_road_needs_a_greater_deceleration(stop):
     left = stop.preview.route.length - ego().station
     stop._limits = LIMITS
     near = stop.preview.route.length - distance - CONFIG.stop_gap
-    near -= PARAMETERS.tractor.front_overhang
+    near -= PARAMETERS.lead.front_overhang
     for spare, harder in ((1.0, False), (-3.0, True)):
         stop.reset()
         stop.command(ego(station=near - spare))

@@ -284,7 +284,7 @@ class Powertrain:
     def __init__(self, parameters):
         self.parameters = parameters
         tires, air, gearbox = parameters.tires, parameters.aerodynamics, parameters.gearbox
-        self.radius = tires[parameters.tractor.axles[-1].tire].rolling_radius
+        self.radius = tires[parameters.lead.axles[-1].tire].rolling_radius
         self.rolling = parameters.tire_common.rolling_resistance
         self.drag = 0.5 * air.density * air.drag_area
         self.wheel_mass = sum(

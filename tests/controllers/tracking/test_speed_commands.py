@@ -404,7 +404,7 @@ def test_the_resistance_is_slope_rolling_and_air(grade):
 
 
 def test_the_effective_mass_has_the_energy_of_wheels_engine_and_gearbox():
-    radius = PARAMETERS.tires[PARAMETERS.tractor.axles[-1].tire].rolling_radius
+    radius = PARAMETERS.tires[PARAMETERS.lead.axles[-1].tire].rolling_radius
     for gear in (1, 5, 12):
         ratio = float(GEARBOX.ratios[gear - 1]) * GEARBOX.final_drive
         turning = ENGINE.inertia + float(GEARBOX.inertias[gear - 1])
@@ -457,14 +457,14 @@ def test_the_retarder_has_a_rise_a_greatest_torque_and_a_greatest_power():
 
 def test_the_grade_is_the_mean_of_both_units_weighted_by_their_mass():
     tracker = Tracker(Route.straight(length=500.0), PARAMETERS)
-    tractor, trailer = PARAMETERS.tractor, PARAMETERS.semitrailer
+    tractor, trailer = PARAMETERS.lead, PARAMETERS.units[1]
     hill = {"at": 200.0}
     tracker.route = type(
         "Hill", (), {"smoothed_grade": staticmethod(lambda s: 1e-3 * (s - hill["at"]))}
     )()
     ego = EgoState(station=260.0, mass=40_000.0)
     share = tractor.mass / 40_000.0
-    behind = PARAMETERS.fifth_wheel.position + trailer.cg_position
+    behind = PARAMETERS.couplings[0].position + trailer.cg_position
     expected = 60.0 - share * tractor.cg_position - (1.0 - share) * behind
     assert tracker.grade(ego) == pytest.approx(1e-3 * expected)
     light = dataclasses.replace(ego, mass=1.0)

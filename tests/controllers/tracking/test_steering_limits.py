@@ -445,7 +445,7 @@ def test_a_prediction_holds_the_measured_road_wheel_angle_for_a_step():
 def test_the_models_payload_is_between_none_and_the_greatest(load, share):
     empty = PARAMETERS.gross_mass(0.0)
     model = LateralModel.of(PARAMETERS, empty + load, 0.1)
-    expected = PARAMETERS.gross_mass(share * PARAMETERS.payload.mass_max)
+    expected = PARAMETERS.gross_mass(share * PARAMETERS.payload_max)
     assert model.mass + model.trailer_mass == pytest.approx(expected)
 
 

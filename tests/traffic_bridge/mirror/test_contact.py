@@ -227,7 +227,7 @@ def test_a_short_overlap_at_30_m_per_s_is_detected_between_two_traffic_steps(dri
     route, mirror, truck = driven
     mirror.bind(truck.model)
     truck.reset(station=200.0, offset=0.0, speed=20.0)
-    tractor = truck.parameters.tractor
+    tractor = truck.parameters.lead
     # A car crosses from the right, and its rear corner touches the left end of the bumper: the
     # corners overlap from 0.14 s on, at a relative speed of 30 m/s.
     begin, speed = 0.14, 22.0
@@ -309,7 +309,7 @@ def test_a_drive_ends_at_a_short_overlap_between_two_traffic_steps():
         # The car's flank passes before the bumper; its last 0.4 m are caught 0.04 s after a step.
         overhang = simulation.truck.footprint.front_overhang
         at = ego.station + overhang + ego.speed * 0.04 + 0.5 * 1.85
-        clear = 0.5 * (simulation.truck.parameters.tractor.width + 4.7) / 20.0
+        clear = 0.5 * (simulation.truck.parameters.lead.width + 4.7) / 20.0
         simulation.traffic = _Crossing(simulation.route, at, ego.offset, 2.06 - clear)
         simulation.reset()
         while not simulation.ended:
