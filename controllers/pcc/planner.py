@@ -25,6 +25,7 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import in_range, require_positive
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import payload_of, rolling_resistance
 
 
 @dataclass(frozen=True)
@@ -191,8 +192,8 @@ def make_vehicle(
     return PointMass(
         mass=mass,
         inertial_mass=mass + turning,
-        rolling=parameters.tire_common.rolling_resistance,
-        drag=0.5 * air.density * air.drag_area,
+        rolling=rolling_resistance(parameters, payload_of(parameters, mass)),
+        drag=0.5 * air.density * air.mean_drag_area(),
         efficiency=fuel_map.efficiency,
         power_max=fuel_map.full_power(),
         power_drag=fuel.overrun_power,

@@ -10,6 +10,7 @@ from iits_mj.core.checks import require_positive
 from iits_mj.core.errors import InputError
 from iits_mj.kernels import Table
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import rolling_resistance
 
 # Delay of the truck's brakes [s], and its hardest braking, positive [m/s2].
 _BRAKE_DELAY, _FULL_BRAKING = 0.5, 6.5
@@ -29,8 +30,8 @@ class Powers(NamedTuple):
         greatest = float((engine.full_load_torque * engine.full_load_speed).max())
         return cls(
             greatest * gearbox.efficiency * gearbox.driveline_efficiency,
-            parameters.tire_common.rolling_resistance,
-            0.5 * air.density * air.drag_area,
+            rolling_resistance(parameters, parameters.payload_max),
+            0.5 * air.density * air.mean_drag_area(),
         )
 
 

@@ -12,13 +12,14 @@ from __future__ import annotations
 import numpy as np
 
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import rolling_resistance
 
 
 def pack_powertrain(parameters: TruckParameters) -> bytes:
     """The kernel's `Powertrain` and its tables."""
     tires, air, gearbox = parameters.tires, parameters.aerodynamics, parameters.gearbox
     engine, retarder, table = parameters.engine, parameters.retarder, parameters.engine.pedal_map
-    radius = tires[parameters.lead.axles[-1].tire].rolling_radius
+    radius = tires[parameters.driven_axles[0].tire].rolling_radius
     wheel_mass = sum(
         2.0 * axle.wheel_inertia_spin / tires[axle.tire].rolling_radius ** 2
         for axle in parameters.axles
@@ -30,8 +31,8 @@ def pack_powertrain(parameters: TruckParameters) -> bytes:
         for inertia, ratio in zip(gearbox.inertias, ratios, strict=True)
     ]
     numbers = (
-        parameters.tire_common.rolling_resistance,
-        0.5 * air.density * air.drag_area,
+        rolling_resistance(parameters, parameters.payload_max),
+        0.5 * air.density * air.mean_drag_area(),
         wheel_mass,
         radius,
         gearbox.efficiency * gearbox.driveline_efficiency,

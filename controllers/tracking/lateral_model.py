@@ -14,7 +14,7 @@ from scipy.linalg import expm
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import Axle, TruckParameters
-from iits_mj.parameters.mass_state import laden_units, static_axle_loads
+from iits_mj.parameters.mass_state import laden_units, payload_of, static_axle_loads
 from iits_mj.parameters.tire_law import cornering_stiffness
 
 # State: lateral speed, yaw rate, trailer yaw rate, articulation, offset and heading error,
@@ -49,7 +49,7 @@ class LateralModel:
     def of(cls, parameters: TruckParameters, gross_mass: float, lag: float) -> LateralModel:
         """The model of a truck at a gross combination mass [kg]."""
         p = parameters
-        load = min(max(gross_mass - p.gross_mass(0.0), 0.0), p.payload_max)
+        load = payload_of(p, gross_mass)
         trailer = laden_units(p, load)[1]
         axles = tuple(
             (axle.position, _axle_stiffness(axle, float(on_axle), p))

@@ -22,7 +22,6 @@ from iits_mj.analytic.measures import (
 from iits_mj.analytic.yaw_roll import RollSystem, YawRoll
 from iits_mj.analytic.yaw_sideslip import LateralSystem, YawSideslip
 from iits_mj.parameters.mass_state import (
-    coupling_loads,
     cruise_axle_loads,
     laden_units,
     static_axle_loads,

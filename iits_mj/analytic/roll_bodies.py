@@ -84,7 +84,7 @@ class _Geometry:
     def __init__(self, parameters: TruckParameters) -> None:
         self.size = FIRST_AXLE + len(parameters.axles)
         self.origin = parameters.lead.cg_position
-        self.couplings[0] = parameters.couplings[0]
+        self.coupling = parameters.couplings[0]
 
     def tractor(self, position: float, height: float) -> FloatArray:
         """Of a point [m] behind the steer axle."""
@@ -94,8 +94,8 @@ class _Geometry:
 
     def trailer(self, position: float, height: float) -> FloatArray:
         """Of a point [m] behind the kingpin."""
-        row = self.tractor(self.couplings[0].position, self.couplings[0].height)
-        row[[2, PHI_T]] = -position, -(height - self.couplings[0].height)
+        row = self.tractor(self.coupling.position, self.coupling.height)
+        row[[2, PHI_T]] = -position, -(height - self.coupling.height)
         return row
 
 
@@ -116,6 +116,7 @@ def roll_bodies(
     loads = static_axle_loads(p, payload)
     tractor, trailer = sprung(p, p.lead, payload), sprung(p, p.units[1], payload)
     cargo = payload_inertials(p, payload)[1]
+    assert cargo is not None
 
     def add_mass(mass: float, row: FloatArray, roll: int, inertia_x: float) -> None:
         inertia[:] += mass * np.outer(row, row)

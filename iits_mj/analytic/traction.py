@@ -35,7 +35,7 @@ import numpy as np
 from iits_mj.analytic.roll_bodies import FIRST_AXLE, PHI_C, PHI_T, RollBodies
 from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TireCommon, TruckParameters
-from iits_mj.parameters.mass_state import group_center
+from iits_mj.parameters.mass_state import air_shares, group_center, rolling_resistances
 from iits_mj.parameters.tire_law import friction, lateral_shape
 
 
@@ -81,11 +81,11 @@ def traction_forces(
     air, axles = parameters.aerodynamics, parameters.axles
     on_tractor, size = len(parameters.lead.axles), bodies.patches.shape[1]
     drag = 0.5 * air.density * air.drag_area * speed**2
-    drags = drag * np.array([air.tractor_share, 1.0 - air.tractor_share])
+    drags = drag * np.array(air_shares(parameters))
     common = parameters.tire_common
-    rolling = common.rolling_resistance
+    rolling = rolling_resistances(parameters, loads)
     resistance = rolling * loads
-    driven = np.array([axle.tire == "drive" for axle in axles])
+    driven = np.array([axle.driven for axle in axles])
     drive = (drag + resistance.sum()) / driven.sum() * driven
     axle_forces = drive - resistance
     angle, rate = np.zeros((size, size)), np.zeros((size, size))

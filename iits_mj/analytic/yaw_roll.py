@@ -42,7 +42,7 @@ from iits_mj.analytic.yaw_sideslip import AnyArray, LateralSystem, YawSideslip
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import positive
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.mass_state import cruise_axle_loads, static_axle_loads
+from iits_mj.parameters.mass_state import air_shares, cruise_axle_loads, static_axle_loads
 
 # Shortest relaxation length of the tire plugin [m].
 SHORTEST_RELAXATION = 0.1
@@ -155,9 +155,7 @@ class YawRoll:
         work[axles, unit_yaw] -= trails
         lengths = relaxation_lengths(parameters, loads)
         work[axles, FIRST_AXLE + axles] += lengths * loads / cornering
-        areas = np.array([air.tractor_share, 1.0 - air.tractor_share]) * (
-            air.side_area if side_air else 0.0
-        )
+        areas = np.array(air_shares(parameters)) * (air.side_area if side_air else 0.0)
         keep = slice(None) if roll else slice(3)
         return cls(
             plane=plane,

@@ -133,8 +133,8 @@ class EgoState:
       engine_speed: [rad/s]; engine_torque: at the crankshaft [N m].
       fuel_rate: [kg/s]; fuel_used: since reset [kg].
       brake_pressures: front left, front right, rear left, rear right, trailer [Pa].
-      rear_articulations, rear_articulation_rates: of the couplings behind the first, yaw of the unit
-        ahead minus that of the unit behind [rad], [rad/s].
+      rear_articulations, rear_articulation_rates: of the couplings behind the first, yaw of the
+        unit ahead minus that of the unit behind [rad], [rad/s].
     """
 
     time: float = 0.0

@@ -19,7 +19,7 @@ from scipy.signal import lfilter
 from iits_mj.core.arrays import FloatArray
 from iits_mj.identification.estimate import Estimate, Free, fit, unseen
 from iits_mj.identification.log import PRESSURES, Log, Series
-from iits_mj.model.air_brake import torque_slope
+from iits_mj.model.air_brake import circuits, torque_slope
 from iits_mj.parameters import TruckParameters
 
 # Recorded pressures of each circuit; the trailer reports one pressure for both sides.
@@ -43,8 +43,7 @@ _GRID = 0.002
 
 def circuit_of_axle(parameters: TruckParameters) -> list[str]:
     """Name of the circuit of each axle, front to rear."""
-    drive = len(parameters.lead.axles) - 1
-    return ["front", *["drive"] * drive, *["trailer"] * len(parameters.units[1].axles)]
+    return [list(CIRCUITS)[number] for number in circuits(parameters)]
 
 
 def circuit_forces(
@@ -59,7 +58,7 @@ def circuit_forces(
       log: with the five brake pressures.
       parameters: of the truck.
       time: of the forces [s], shape (n,).
-      radii: rolling radius of each axle's tires [m], shape (6,).
+      radii: rolling radius of each axle's tires [m], shape (axles,).
     """
     brake = parameters.air_brake
     forces = np.zeros((len(time), len(CIRCUITS)))
@@ -98,11 +97,13 @@ def identify_brake_response(log: Log, parameters: TruckParameters) -> list[Estim
     estimates: list[Estimate] = []
     brake = parameters.air_brake
     for circuit, names in CIRCUITS.items():
-        axle = circuit_of_axle(parameters).index(circuit)
+        if circuit not in circuit_of_axle(parameters):
+            continue
+        axle = parameters.axles[circuit_of_axle(parameters).index(circuit)].brake
         line = brake.trailer_line_delay if circuit == "trailer" else 0.0
-        build_up = brake.build_up_time_constant[axle]
+        build_up = axle.build_up_time_constant
         free = [
-            Free(f"{circuit}_dead_time", "s", brake.dead_time[axle] + line, 1e-3, 1.0),
+            Free(f"{circuit}_dead_time", "s", axle.dead_time + line, 1e-3, 1.0),
             Free(f"{circuit}_build_up_time", "s", build_up, 0.02, 3.0),
         ]
         lacks = log.lacks("command_xbr_demand", names[0])

@@ -25,7 +25,7 @@ from iits_mj.identification.estimate import Estimate, Free, fit, unseen
 from iits_mj.identification.log import Log
 from iits_mj.model import powertrain
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.files import Table2D
+from iits_mj.parameters.tables import Table2D
 from iits_mj.plugin import register
 
 _NEEDED = ("engine_torque", "engine_speed", "command_accelerator_pedal", "shift_in_process")

@@ -25,7 +25,6 @@ GROUPS = ("motion", "engine", "shifts", "brakes", "steering")
 _PAYLOAD_MIN = 1.0
 # Estimates that are parameters of the same name, by section of the truck's parameters.
 _PLAIN = {
-    "tire_common": ("rolling_resistance",),
     "aerodynamics": ("drag_area",),
     "engine": ("boost_lag", "torque_rise_rate"),
     "gearbox": ("shift_cut_time", "synchronization_time"),
@@ -55,6 +54,10 @@ class Identification:
             if estimate.name == name:
                 return estimate
         raise InputError(f"no estimate {name!r}; there are {[e.name for e in self.estimates]}")
+
+    def prior(self, name: str) -> float:
+        """Value of a parameter before the fit."""
+        return self[name].prior
 
     def found(self) -> dict[str, float]:
         """Value of each identified parameter by its name."""
@@ -111,12 +114,7 @@ def overlay(found: Identification) -> dict[str, Any]:
     The mass, identified or given, becomes the greatest payload, the default load of a truck.
     """
     values, p = found.found(), found.parameters
-    tree: dict[str, Any] = {"payload": {}}
-    if found.mass is not None:
-        load = max(found.mass - p.gross_mass(0.0), _PAYLOAD_MIN)
-        share = load / p.payload_max
-        inertias = {name: share * getattr(p.payload, name) for name in _INERTIAS}
-        tree["payload"] = {"mass_max": load, **inertias}
+    tree: dict[str, Any] = {"units": _units(found)}
     for section, names in _PLAIN.items():
         tree[section] = {name: values[name] for name in names if name in values}
     tree["engine"] |= _engine_tables(p, values)
@@ -127,7 +125,12 @@ def overlay(found: Identification) -> dict[str, Any]:
         for kind in p.tires
         if (name := f"cornering_coefficient_{kind}") in values
     }
-    tree["air_brake"] = _air_brake(p, values)
+    if "rolling_resistance" in values:
+        # In proportion on all tires: the log shows their sum only.
+        scale = values["rolling_resistance"] / found.prior("rolling_resistance")
+        for kind, tire in p.tires.items():
+            changed = tree["tires"].setdefault(kind, {})
+            changed["rolling_resistance"] = scale * tire.rolling_resistance
     return {section: content for section, content in tree.items() if content}
 
 
@@ -150,24 +153,46 @@ def _engine_tables(p: TruckParameters, values: dict[str, float]) -> dict[str, An
     return tree
 
 
-def _air_brake(p: TruckParameters, values: dict[str, float]) -> dict[str, list[float]]:
-    circuit, brake = circuit_of_axle(p), p.air_brake
-    air: dict[str, list[float]] = {}
-    common = values.get("brake_gain", 1.0)
-    gains = [values.get(f"brake_gain_{name}", common) for name in circuit]
-    if any(gain != 1.0 for gain in gains):
-        slopes = zip(gains, brake.torque_per_pressure, strict=True)
-        air["torque_per_pressure"] = [gain * slope for gain, slope in slopes]
-    for key, suffix in _RESPONSES.items():
-        names = [f"{name}_{suffix}" for name in circuit]
-        if any(name in values for name in names):
-            line = [brake.trailer_line_delay if c == "trailer" else 0.0 for c in circuit]
-            own = line if key == "dead_time" else [0.0] * len(line)
-            air[key] = [
-                max(values.get(name, before + late) - late, 0.0)
-                for name, before, late in zip(names, getattr(brake, key), own, strict=True)
-            ]
-    return air
+def _units(found: Identification) -> dict[str, Any]:
+    """Greatest payloads and brakes that differ from the truck's."""
+    p = found.parameters
+    share = 1.0
+    if found.mass is not None and p.payload_max:
+        share = max(found.mass - p.gross_mass(0.0), _PAYLOAD_MIN) / p.payload_max
+    brakes = _brakes(p, found.found())
+    tree: dict[str, Any] = {}
+    for unit in p.units:
+        part: dict[str, Any] = {}
+        if unit.payload and share != 1.0:
+            names = ("mass_max", *_INERTIAS)
+            part["payload"] = {name: share * getattr(unit.payload, name) for name in names}
+        axles = {
+            axle.name.removeprefix(f"{unit.name}_"): {"brake": brakes[axle.name]}
+            for axle in unit.axles
+            if brakes[axle.name]
+        }
+        if axles:
+            part["axles"] = axles
+        if part:
+            tree[unit.name] = part
+    return tree
+
+
+def _brakes(p: TruckParameters, values: dict[str, float]) -> dict[str, dict[str, float]]:
+    """Identified figures of each axle's brake, by the axle's name."""
+    found: dict[str, dict[str, float]] = {}
+    common, line = values.get("brake_gain", 1.0), p.air_brake.trailer_line_delay
+    for axle, circuit in zip(p.axles, circuit_of_axle(p), strict=True):
+        own: dict[str, float] = {}
+        gain = values.get(f"brake_gain_{circuit}", common)
+        if gain != 1.0:
+            own["torque_per_pressure"] = gain * axle.brake.torque_per_pressure
+        for key, suffix in _RESPONSES.items():
+            if (value := values.get(f"{circuit}_{suffix}")) is not None:
+                late = line if key == "dead_time" and circuit == "trailer" else 0.0
+                own[key] = max(value - late, 0.0)
+        found[axle.name] = own
+    return found
 
 
 def write_toml(found: Identification, path: str | Path) -> None:

@@ -28,7 +28,7 @@ from iits_mj.identification.brakes import CIRCUITS, circuit_forces
 from iits_mj.identification.estimate import Estimate, Free, fit, unseen
 from iits_mj.identification.log import PRESSURES, Log, Series
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.mass_state import static_axle_loads
+from iits_mj.parameters.mass_state import rolling_resistance, static_axle_loads
 
 IntArray = NDArray[np.int_]
 
@@ -103,7 +103,13 @@ def _free(parameters: TruckParameters, mass: float | None) -> dict[str, Free]:
     known = parameters.gross_mass(0.5 * parameters.payload_max) if mass is None else mass
     free = (
         Free("mass", "kg", float(known), 5e3, 1.2e5),
-        Free("rolling_resistance", "1", parameters.tire_common.rolling_resistance, 1e-4, 0.05),
+        Free(
+            "rolling_resistance",
+            "1",
+            rolling_resistance(parameters, payload_of(parameters, mass)),
+            1e-4,
+            0.05,
+        ),
         Free("drag_area", "m2", parameters.aerodynamics.drag_area, 0.1, 30.0),
         Free("brake_gain", "1", 1.0, 0.05, 5.0),
         Free("engine_torque_scale", "1", 1.0, 0.2, 3.0),
@@ -225,7 +231,7 @@ def _inputs(log: Log, parameters: TruckParameters, mass: float | None = None) ->
     gearbox, engine = parameters.gearbox, parameters.engine
     loads = static_axle_loads(parameters, payload_of(parameters, mass))
     radii = _rolling_radii(parameters, loads)
-    drive = next(i for i, axle in enumerate(parameters.axles) if axle.tire == "drive")
+    drive = next(i for i, axle in enumerate(parameters.axles) if axle.driven)
     radius = float(radii[drive])
     gear = np.round(log.held("gear", time)).astype(int)
     forward = np.clip(gear, 1, len(gearbox.ratios)) - 1
@@ -266,7 +272,7 @@ def payload_of(parameters: TruckParameters, mass: float | None) -> float:
 
 
 def _rolling_radii(parameters: TruckParameters, loads: FloatArray) -> FloatArray:
-    """Rolling radius of each axle's tires under its load [m], shape (6,).
+    """Rolling radius of each axle's tires under its load [m], shape (axles,).
 
     It falls by a third of the deflection beyond that of the nominal load (tire plugin).
     """
@@ -289,10 +295,11 @@ def _effective_grade(
     # A stopped truck stays at one place: keep the place increasing for the look-up.
     place = np.maximum.accumulate(place)
     kept = np.concatenate([[True], np.diff(place) > 1e-6])
-    behind = [axle.position for axle in parameters.lead.axles]
-    behind += [
-        parameters.couplings[0].position + axle.position for axle in parameters.units[1].axles
-    ]
+    behind, origin = [], 0.0
+    for unit in parameters.units:
+        if unit.coupling:
+            origin = origin + unit.coupling.position
+        behind += [origin + axle.position for axle in unit.axles]
     felt = np.zeros_like(road)
     for distance, load in zip(behind, loads, strict=True):
         felt += load / loads.sum() * np.interp(place - distance, place[kept], road[kept])

@@ -21,8 +21,8 @@ def plugin_attributes(section: Any, *without: str, digits: int = 10) -> dict[str
     """Returns the fields of a parameter section as attributes of a plugin instance, by name.
 
     Args:
-      section: dataclass of numbers, text and arrays; nested sections, maps and empty arrays are left
-        out.
+      section: dataclass of numbers, text and arrays; nested sections, maps and empty arrays
+        are left out.
       *without: fields that the plugin does not take, or takes in another form.
       digits: significant digits of the numbers.
     """

@@ -1,8 +1,8 @@
 """Builds the truck's MJCF from its parameters.
 
 Frames: the origin of the motor vehicle, `tractor`, is the steer axle's center projected to the
-ground at rest, that of a towed unit is its coupling point; x forward, y left, z up. Every element is
-named, with axle and side. At `qpos0` all springs and tires carry their static loads, so that the
+ground at rest, that of a towed unit is its coupling point; x forward, y left, z up. Every element
+is named, with axle and side. At `qpos0` all springs and tires carry their static loads, so that the
 truck rests on a level road.
 """
 
@@ -241,7 +241,9 @@ def _axle(
     """Adds a rigid axle: heave and roll about its roll center, two hubs, their wheels.
 
     Args:
-      unit: its body; p, axle: the parameters.
+      unit: its body.
+      p: parameters of the truck.
+      axle: to add.
       load: on the road [N], 0 for a lifted axle.
       origin_height: of the unit's origin above the road [m].
       alone: share of the spring that acts without load compensation.

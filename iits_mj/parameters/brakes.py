@@ -48,7 +48,7 @@ class AirBrake:
         over to friction; `endurance_rate`: at which their torque demand rises.
       hold_speed, hold_deceleration, hold_release_speed, hill_hold_time, hill_hold_min: of holding
         at standstill.
-      reservoir_volume: of the front, drive and trailer circuit; the last one serves all towed units.
+      reservoir_volume: of the front, drive and trailer circuit; the last serves all towed units.
       compressor_displacement: volume of free air per angle of the crankshaft.
       spring_begin_pressure, spring_full_pressure: reservoir pressures below which the spring
         brakes begin to act, and act fully.

@@ -12,7 +12,7 @@ import types
 import typing
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -187,7 +187,7 @@ def merge(base: Mapping[str, Any], extra: Mapping[str, Any], where: str) -> Tree
     return merged
 
 
-def _is_table(node: Any) -> bool:
+def _is_table(node: Any) -> TypeGuard[Mapping[str, Any]]:
     return isinstance(node, Mapping) and not is_leaf(node)
 
 
@@ -219,7 +219,7 @@ def _table(tree: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     found = tree.get(name)
     if not _is_table(found):
         raise InputError(f"the truck's parameters lack the section [{name}]")
-    return typing.cast(Mapping[str, Any], found)
+    return found
 
 
 def _towing_order(units: Mapping[str, Any]) -> Tree:
@@ -260,7 +260,7 @@ def _towing_order(units: Mapping[str, Any]) -> Tree:
 def _position(item: tuple[str, Any]) -> float:
     """Position of an axle's table; zero if it is not a number, which `build` refuses later."""
     value = plain(item[1].get("position")) if isinstance(item[1], Mapping) else None
-    return float(value) if is_number(value) else 0.0
+    return float(value) if isinstance(value, (int, float)) else 0.0
 
 
 def build(kind: Any, node: Any, where: str) -> Any:
@@ -326,7 +326,7 @@ def _build_tuple(item: Any, node: Any, where: str) -> tuple[Any, ...]:
 def _fields(node: Any, where: str) -> Mapping[str, Any]:
     if not _is_table(node):
         raise InputError(f"parameter {where} = {shown(node)}: a table is needed")
-    return typing.cast(Mapping[str, Any], node)
+    return node
 
 
 def _leaf(node: Any, quantity: Quantity, where: str) -> tuple[Any, float]:

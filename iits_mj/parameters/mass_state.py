@@ -170,7 +170,8 @@ def supports(
     give the load of its group, those about the steered axle the load of the motor vehicle's rear.
 
     Args:
-      parameters: of the truck; payload: [kg].
+      parameters: of the truck.
+      payload: [kg].
       used: friction that every axle uses to brake, deceleration over gravity.
       drag: of the air on the whole combination [N], at its height.
       resistances: rolling resistance of each axle over its load, by name, which acts backward at
@@ -182,7 +183,8 @@ def supports(
     groups: list[tuple[float, ...]] = []
     # Of the unit behind: its load on the coupling, and how it pulls backward there.
     load, pull, behind = 0.0, 0.0, None
-    for unit, body, share in zip(reversed(parameters.units), reversed(bodies), reversed(shares)):
+    chain = list(zip(parameters.units, bodies, shares, strict=True))
+    for unit, body, share in reversed(chain):
         weight, wind = body.mass * GRAVITY, share * drag
         height = 0.0 if unit.coupling is None else unit.coupling.height
         carried = behind.position if behind else 0.0
@@ -285,6 +287,11 @@ def cruise_axle_loads(parameters: TruckParameters, payload: float, speed: float)
         resistances=dict(zip(names, each.tolist(), strict=True)),
     )
     return _axle_loads(parameters, payload, found)
+
+
+def payload_of(parameters: TruckParameters, gross_mass: float) -> float:
+    """Returns the payload [kg] of a truck of this gross mass [kg], within what it may carry."""
+    return min(max(gross_mass - parameters.gross_mass(0.0), 0.0), parameters.payload_max)
 
 
 def axle_loads_by_name(parameters: TruckParameters, payload: float) -> dict[str, float]:

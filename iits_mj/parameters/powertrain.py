@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -239,8 +240,9 @@ class Gearbox:
     """The automated gearbox with clutch times and driveline.
 
     Attributes:
-      efficiency: of the gears without a loss map.
-      driveline_efficiency: behind the gearbox, if there is no `axle_loss`.
+      efficiency: of the gears without a loss map. With a map for every gear, that of the highest
+        gear at half torque, for models that read no maps.
+      driveline_efficiency: behind the gearbox; with an `axle_loss` map, the same.
       ratios: of gears 1 to n, falling, shape (n,).
       inertias: at the gearbox input, per gear [kg m2], shape (n,).
       shifting: parameters of the gearbox controller in addition to the tables.
@@ -304,6 +306,7 @@ class Gearbox:
         speed of full torque to the speed of full power, a downshift at 85 % of what the same
         upshift leaves.
         """
+        self = self._with_mean_efficiencies(engine)
         if self.upshift.rows.size and self.downshift.rows.size:
             return self
         pedal = np.linspace(0.0, 1.0, 11)
@@ -325,3 +328,17 @@ class Gearbox:
             upshift=self.upshift if given_up else upshift,
             downshift=self.downshift if given_down else downshift,
         )
+
+    def _with_mean_efficiencies(self, engine: Engine) -> Gearbox:
+        """The gearbox with efficiencies from its loss maps, in the highest gear at half torque."""
+        torque = 0.5 * float(engine.full_load_torque.max())
+        speed = float(engine.full_load_speed[np.argmax(engine.full_load_torque)])
+        found: dict[str, Any] = {}
+        if self.loss_map and all(self.loss_map):
+            table = list(self.loss_maps.values())[self.loss_map[-1] - 1]
+            found["efficiency"] = 1.0 - table.at(speed, torque) / torque
+        if self.axle_loss.values.size:
+            ratio = float(self.ratios[-1])
+            lost = self.axle_loss.at(speed / ratio, torque * ratio) / (torque * ratio)
+            found["driveline_efficiency"] = 1.0 - lost
+        return dataclasses.replace(self, **found) if found else self

@@ -29,6 +29,11 @@ class Table2D:
     columns: FloatArray
     values: FloatArray
 
+    def at(self, row: float, column: float) -> float:
+        """Returns the value at a place, linear between the nodes, constant beyond them."""
+        across = [np.interp(column, self.columns, values) for values in self.values]
+        return float(np.interp(row, self.rows, across))
+
     def resampled(self, rows: FloatArray, columns: FloatArray) -> Table2D:
         """Returns the map over other axes, linear between its nodes and beyond them."""
         across = np.array([_continued(columns, self.columns, values) for values in self.values])
@@ -154,7 +159,7 @@ def _fuel_rate(path: Path, key: str) -> dict[str, Any]:
     return {key: Table2D(table.rows, table.columns, np.maximum(table.values, 0.0))}
 
 
-def _full_load(path: Path, key: str) -> dict[str, Any]:
+def _full_load(path: Path, _: str) -> dict[str, Any]:
     """Engine speed [rpm], full-load torque [N m], and if there is a third column drag torque."""
     header, values = _read_numbers(path)
     speed = _rising(path, values[:, 0] * RPM, "engine speed")
@@ -202,14 +207,14 @@ def _gears(path: Path, key: str) -> dict[str, Any]:
     }
 
 
-def _retarder_drag(path: Path, key: str) -> dict[str, Any]:
+def _retarder_drag(path: Path, _: str) -> dict[str, Any]:
     """Speed [rpm] and drag torque [N m] of the retarder when it is off."""
     speed, torque = _columns(path, "retarder_speed", "loss_torque")
     speed = _rising(path, speed * RPM, "retarder_speed")
     return {"drag_speed": speed.tolist(), "drag_torque": torque.tolist()}
 
 
-def _pressure_table(path: Path, key: str) -> dict[str, Any]:
+def _pressure_table(path: Path, _: str) -> dict[str, Any]:
     """Brake pressures over the demanded deceleration, at two masses."""
     header, pressures = _read_numbers(path)
     pressures = pressures[::-1]

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from iits_mj.core.checks import in_range
 from iits_mj.core.errors import InputError
 from iits_mj.parameters.brakes import AirBrake
@@ -113,6 +115,24 @@ class Aerodynamics:
     drag_yaw_angle: tuple[Radians, ...] = ()
     drag_area_increase: tuple[SquareMeters, ...] = ()
     mean_wind: Speed = 0.0
+
+    def mean_drag_area(self, speed: float = 22.0) -> float:
+        """Returns the drag area over the vehicle's speed squared [m2] in the mean wind.
+
+        Args:
+          speed: of the vehicle [m/s]; the default is a truck's on a highway.
+        """
+        if not self.mean_wind:
+            return self.drag_area
+        angle = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
+        ahead = speed + self.mean_wind * np.cos(angle)
+        air = np.hypot(ahead, self.mean_wind * np.sin(angle))
+        yaw = np.arccos(np.clip(ahead / air, -1.0, 1.0))
+        increase = np.zeros_like(angle)
+        if self.drag_yaw_angle:
+            increase = np.interp(yaw, self.drag_yaw_angle, self.drag_area_increase)
+        force = air * ahead * self.drag_area + air**2 * increase * np.sign(ahead)
+        return float(force.mean() / speed**2)
 
 
 @dataclass(frozen=True)

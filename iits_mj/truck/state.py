@@ -20,8 +20,8 @@ BRAKE_PRESSURES = tuple(
     f"brake_pressure_{place}"
     for place in ("front_left", "front_right", "rear_left", "rear_right", "trailer")
 )
-# Sensors that are read, and which of their numbers, in the order of `StateReader.read`. The yaw rate
-# of the last unit and the further articulations depend on the truck.
+# Sensors that are read, and which of their numbers, in the order of `StateReader.read`. The yaw
+# rate of the last unit and the articulations depend on the truck.
 _BEGIN = (
     ("tractor_velocity", 0),
     ("tractor_velocity", 1),

@@ -217,7 +217,8 @@ class Truck:
             tractor with semitrailer, which weighs 55 t laden.
           payload_height: of the loads' centers of gravity above the road [m]; default: the
             parameters'.
-          parameters: of the truck, or an overlay (TOML file or mapping) over the figures of `truck`.
+          parameters: of the truck, or an overlay (TOML file or mapping) over the figures of
+            `truck`.
           route: the road; default: a flat plane, driven along x.
           timestep: of the physics [s], 0.0005 to 0.005.
           visuals: adds what pictures show of truck, road and landscape; the physics is the same

@@ -171,7 +171,7 @@ def test_prediction_of_the_input_torque_inverts_that_of_the_shaft_torque(gear, t
 
 def refusal(attributes):
     changes = of_powertrain(attributes)
-    with pytest.raises(ValueError) as error:
+    with pytest.raises(ValueError, match="plugin") as error:
         mujoco.MjModel.from_xml_string(sled_xml(2e4, changes=changes))
     return str(error.value)
 

@@ -26,6 +26,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision, EgoFootprint, EgoState, Scene
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import rolling_resistance
 
 if TYPE_CHECKING:
     from iits_mj.road import Route
@@ -50,8 +51,8 @@ class HighwayTruck:
         self.mass = parameters.gross_mass(payload)
         efficiency = gearbox.efficiency * gearbox.driveline_efficiency
         self._power = float((engine.full_load_speed * engine.full_load_torque).max()) * efficiency
-        self._drag = 0.5 * air.density * air.drag_area
-        self._rolling = parameters.tire_common.rolling_resistance
+        self._drag = 0.5 * air.density * air.mean_drag_area()
+        self._rolling = rolling_resistance(parameters, payload)
         self.front = 0.0
         self.speed = 0.0
         self.acceleration = 0.0

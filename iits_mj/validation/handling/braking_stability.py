@@ -178,9 +178,19 @@ def overlay(group: Group, parameters: TruckParameters) -> dict[str, object]:
     """Parameters with which the wheels of the group lock and the others do not brake."""
     if not group.axles:
         return {}
-    torque = parameters.air_brake.torque_per_pressure
-    chosen = [float(t) if i in group.axles else 0.0 for i, t in enumerate(torque)]
-    return {"air_brake": {"abs_speed_min": 100.0, "torque_per_pressure": chosen}}
+    released = {"brake": {"torque_per_pressure": 0.0}}
+    others = {axle.name for i, axle in enumerate(parameters.axles) if i not in group.axles}
+    units = {
+        unit.name: {
+            "axles": {
+                axle.name.removeprefix(f"{unit.name}_"): released
+                for axle in unit.axles
+                if axle.name in others
+            }
+        }
+        for unit in parameters.units
+    }
+    return {"air_brake": {"abs_speed_min": 100.0}, "units": units}
 
 
 def steady_bend(

@@ -79,7 +79,8 @@ def run_standards(config: ValidateConfig) -> Results:
             found = tightening_turn.compare(payload, threshold, step)
             results.add(f"tightening_turn_{load}", found)
     if not config.quick and payloads[0] > 0.0:
-        bounds = TruckParameters.load().payload
+        bounds = TruckParameters.load().last.payload
+        assert bounds is not None
         heights = np.linspace(bounds.cg_height_min, bounds.cg_height_max, _HEIGHTS)
         results.add("tilt_table_by_height", rollover.by_height(payloads[0], heights, step))
     for payload in () if config.quick else payloads:

@@ -31,7 +31,7 @@ from iits_mj.analytic import (
 from iits_mj.analytic.yaw_roll import relaxation_lengths
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.units import GRAVITY
-from iits_mj.parameters import FifthWheel, TruckParameters
+from iits_mj.parameters import Coupling, TruckParameters
 
 _STEP = math.radians(0.02)
 _LIMIT = math.radians(60.0)
@@ -113,7 +113,7 @@ class RollPlane:
     tractor_height: float
     trailer_height: float
     kingpin: float
-    fifth_wheel: FifthWheel
+    fifth_wheel: Coupling
 
     @classmethod
     def from_parameters(cls, parameters: TruckParameters, payload: float) -> RollPlane:
@@ -150,9 +150,9 @@ class RollPlane:
 
     def coupling(self, twist: float) -> float:
         """Moment of the fifth wheel at a roll of the trailer against the tractor [N m]."""
-        stiffness, angle = self.couplings[0].roll_stiffness, abs(twist)
-        lift = 0.5 * self.couplings[0].plate_width * self.kingpin
-        beyond = stiffness * (angle - self.couplings[0].roll_lash)
+        stiffness, angle = self.fifth_wheel.roll_stiffness, abs(twist)
+        lift = 0.5 * self.fifth_wheel.plate_width * self.kingpin
+        beyond = stiffness * (angle - self.fifth_wheel.roll_lash)
         moment = min(stiffness * angle, max(lift, beyond))
         return math.copysign(moment, twist)
 
@@ -172,7 +172,7 @@ class RollPlane:
                 restoring[i] += support.moment(body, pull)
                 restoring[i] -= support.sprung * (height - support.roll_center) * lean
         lean = pull.side + trailer * pull.down
-        restoring[1] -= self.kingpin * (self.trailer_height - self.couplings[0].height) * lean
+        restoring[1] -= self.kingpin * (self.trailer_height - self.fifth_wheel.height) * lean
         return np.array(restoring)
 
     def threshold(self) -> float:

@@ -23,6 +23,7 @@ from scipy import optimize
 from iits_mj.analytic import YawSideslip, cruise_axle_loads, static_axle_loads
 from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TireCommon, TruckParameters
+from iits_mj.parameters.mass_state import air_shares, rolling_resistances
 from iits_mj.parameters.tire_law import cornering_stiffness, friction, lateral_shape
 from iits_mj.road.elements import DEFAULT_FRICTION
 from iits_mj.validation.handling.roll_plane import Leaning, RollPlane
@@ -134,15 +135,15 @@ class _Balance:
         """Yaw moment of an axle by the greater rolling resistance of its outer wheels [N m]."""
         p = self.turn.parameters
         gone = float(self.leaning.transfers[index] * loads[index])
-        return 0.5 * p.axles[index].track * p.tire_common.rolling_resistance * gone
+        return 0.5 * p.axles[index].track * float(rolling_resistances(p, loads)[index]) * gone
 
     def _resistance(self) -> tuple[float, float]:
         """Drag plus rolling resistance of tractor and of trailer [N]."""
         p, payload = self.turn.parameters, self.turn.payload
         loads = cruise_axle_loads(p, payload, self.speed)
-        rolling = p.tire_common.rolling_resistance * loads
+        rolling = rolling_resistances(p, loads) * loads
         drag = 0.5 * p.aerodynamics.density * p.aerodynamics.drag_area * self.speed**2
-        share, first = p.aerodynamics.tractor_share, len(p.lead.axles)
+        share, first = air_shares(p)[0], len(p.lead.axles)
         return (
             float(rolling[:first].sum()) + share * drag,
             float(rolling[first:].sum()) + (1.0 - share) * drag,

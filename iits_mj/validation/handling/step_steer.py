@@ -26,7 +26,7 @@ from iits_mj.validation.harness.maneuver import restore_state, save_state, stead
 from iits_mj.validation.harness.recorder import SteeringRecord, drive, fit, harmonic, peak_ratio
 
 SPEED = 80.0 * KMH
-FREE_HITCH = {"fifth_wheel": {"yaw_friction": 0.0}}
+FREE_HITCH = {"units": {"trailer": {"coupling": {"yaw_friction": 0.0}}}}
 _BEFORE, _AFTER = 2.0, 10.0
 _SIGNALS = (
     ("yaw rate of the tractor", "yaw_rate", "rad/s"),

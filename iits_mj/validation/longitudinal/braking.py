@@ -123,10 +123,11 @@ def mean_jerk(record: Run, window: float) -> FloatArray:
 
 def dead_times(parameters: TruckParameters) -> list[float]:
     """Dead time of the pressure at each axle [s]; at the trailer's axles with the control line."""
-    brakes, count = parameters.air_brake, len(parameters.lead.axles)
+    line = parameters.air_brake.trailer_line_delay
     return [
-        time + (brakes.trailer_line_delay if axle >= count else 0.0)
-        for axle, time in enumerate(brakes.dead_time)
+        axle.brake.dead_time + place * line
+        for place, unit in enumerate(parameters.units)
+        for axle in unit.axles
     ]
 
 

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import GRAVITY, KMH
+from iits_mj.parameters.mass_state import air_shares, rolling_resistances, static_axle_loads
 from iits_mj.truck import Truck
 from iits_mj.validation.harness.recorder import PERIOD
 from iits_mj.validation.longitudinal.hills import HILLS_LENGTH, SpeedKeeper, hills
@@ -104,9 +105,12 @@ class Ledger:
         self._damping = np.array([tire.count * tire.vertical_damping for tire in tires])
         nominal = parameters.tire_common.nominal_load
         self._nominal = np.array([nominal / tire.vertical_stiffness for tire in tires])
-        share, air = parameters.aerodynamics.tractor_share, parameters.aerodynamics
-        self._noses = [model.body(f"{unit}_pressure_center").id for unit in ("tractor", "trailer")]
-        self._air_share = tuple(0.5 * air.density * part for part in (share, 1.0 - share))
+        shares, air = air_shares(parameters), parameters.aerodynamics
+        self._noses = [model.body(f"{unit.name}_pressure_center").id for unit in parameters.units]
+        self._air_share = tuple(0.5 * air.density * part for part in shares)
+        # A number for each wheel end; the load dependence is that of the static loads.
+        static = static_axle_loads(parameters, truck.payload)
+        self._rolling = np.repeat(rolling_resistances(parameters, static), 2)
         self._bodies = np.concatenate([self._hubs, self._noses])
         self._root = int(model.body_rootid[self._hubs[0]])
         self._shaft = self._addresses(["propeller_shaft_torque", "propeller_shaft_speed"])
@@ -193,7 +197,7 @@ class Ledger:
         spin = speeds[self._spins]
         radius = self._rolling_radius + (self._nominal - deflection) / 3.0
         strained = np.clip(spin / _SPIN_FULL, -1.0, 1.0)
-        resistance = p.tire_common.rolling_resistance * load * radius * strained
+        resistance = self._rolling * load * radius * strained
         # Tire and brake act on the axis of the wheel: the brake is the rest of the moment.
         braking = -data.qfrc_passive[self._spins] - resistance - radius * fx
         air = 0.0

@@ -19,7 +19,7 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.units import GRAVITY
 from iits_mj.model.powertrain import full_load
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.mass_state import Inertial, group_center, laden_units
+from iits_mj.parameters.mass_state import Inertial, group_center, laden_units, rolling_resistance
 from iits_mj.parameters.tire_law import friction
 from iits_mj.road.elements import DEFAULT_FRICTION
 
@@ -39,9 +39,14 @@ class ForceBalance:
         return self.parameters.gross_mass(self.payload)
 
     @property
+    def rolling(self) -> float:
+        """Rolling resistance over the weight."""
+        return rolling_resistance(self.parameters, self.payload)
+
+    @property
     def wheel_radius(self) -> float:
         """Rolling radius of the driven wheels [m]."""
-        return self.parameters.tires["drive"].rolling_radius
+        return self.parameters.tires[self.parameters.driven_axles[0].tire].rolling_radius
 
     @property
     def wheel_mass(self) -> float:
@@ -77,7 +82,7 @@ class ForceBalance:
         """Rolling, grade and air resistance [N] while the truck moves forward."""
         air, speed = self.parameters.aerodynamics, np.asarray(speed, dtype=float)
         angle = np.arctan(grade)
-        rolling = self.parameters.tire_common.rolling_resistance * np.cos(angle)
+        rolling = self.rolling * np.cos(angle)
         weight = self.mass * GRAVITY * (np.sin(angle) + rolling)
         return np.asarray(weight + 0.5 * air.density * air.drag_area * speed**2)
 
@@ -182,7 +187,7 @@ class ForceBalance:
     ) -> tuple[float, float]:
         """Load on the kingpin and pull at it [N]; the trailer's axles roll."""
         p = self.parameters
-        height, rolling = p.couplings[0].height, p.tire_common.rolling_resistance
+        height, rolling = p.couplings[0].height, self.rolling
         # Moments about the ground below the axle group; the pull also moves the axles' share.
         load = normal * (1.0 - trailer.cg_position / length) - along * trailer.cg_height / length
         load += height / length * (along + rolling * normal)

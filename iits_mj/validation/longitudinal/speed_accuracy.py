@@ -21,7 +21,7 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.files import Table2D
+from iits_mj.parameters.tables import Table2D
 from iits_mj.validation.harness.maneuver import Run
 from iits_mj.validation.harness.recorder import PERIOD, fit
 from iits_mj.validation.longitudinal import braking
@@ -59,7 +59,7 @@ def balance() -> ForceBalance:
     """The empty truck with the published rolling resistance and without air drag."""
     overlay = {
         "aerodynamics": {"density": 0.0},
-        "tire_common": {"rolling_resistance": _ROLLING_RESISTANCE},
+        "tires": {"*": {"rolling_resistance": _ROLLING_RESISTANCE}},
     }
     return ForceBalance(TruckParameters.load(overlay=overlay), 0.0)
 
@@ -182,6 +182,6 @@ def braked_speed(record: Run, parameters: TruckParameters) -> FloatArray:
     The demand acts after dead time and lag of the slowest axle by the truck's parameters.
     """
     since = np.maximum(record.time - record.time[0] - max(braking.dead_times(parameters)), 0.0)
-    lag = max(parameters.air_brake.build_up_time_constant)
+    lag = max(axle.brake.build_up_time_constant for axle in parameters.axles)
     lost = braking.DEMAND * (since - lag * (1.0 - np.exp(-since / lag)))
     return np.asarray(record.speed[0] - lost)

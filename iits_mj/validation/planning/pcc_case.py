@@ -104,8 +104,11 @@ def bound(case: SolvedPlan, k_a: float) -> tuple[float, float]:
 
 def with_rolling(parameters: TruckParameters, coefficient: float) -> TruckParameters:
     """Returns the truck with another rolling resistance coefficient."""
-    common = replace(parameters.tire_common, rolling_resistance=coefficient)
-    return replace(parameters, tire_common=common)
+    tires = {
+        kind: replace(tire, rolling_resistance=coefficient, rolling_resistance_exponent=1.0)
+        for kind, tire in parameters.tires.items()
+    }
+    return replace(parameters, tires=tires)
 
 
 def with_power(parameters: TruckParameters, share: float) -> TruckParameters:
