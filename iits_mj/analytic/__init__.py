@@ -22,6 +22,7 @@ from iits_mj.analytic.measures import (
 from iits_mj.analytic.yaw_roll import RollSystem, YawRoll
 from iits_mj.analytic.yaw_sideslip import LateralSystem, YawSideslip
 from iits_mj.parameters.mass_state import (
+    coupling_loads,
     cruise_axle_loads,
     laden_units,
     static_axle_loads,
@@ -36,9 +37,9 @@ __all__ = [
     "YawRoll",
     "YawSideslip",
     "axle_cornering_stiffness",
+    "coupling_loads",
     "critical_speed",
     "cruise_axle_loads",
-    "kingpin_load",
     "laden_units",
     "rearward_amplification",
     "simulate",
