@@ -109,7 +109,10 @@ def test_wind_on_a_body_that_is_fixed_to_the_world_moves_nothing():
     assert not data.qvel.any()
 
 
-ANGLES, INCREASES = (0.0, 0.1, 0.3), (0.0, 1.0, 3.0)  # of the law that law("air_force_in_wind") calls
+ANGLES, INCREASES = (
+    (0.0, 0.1, 0.3),
+    (0.0, 1.0, 3.0),
+)  # of the law that law("air_force_in_wind") calls
 
 
 def force_in_wind(mean_wind, forward, left=0.0):

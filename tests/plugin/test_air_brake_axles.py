@@ -187,6 +187,6 @@ def test_lifted_axle_brakes_like_a_truck_without_it():
     ],
 )
 def test_wrong_axles_are_refused(circuits, changes, message):
-    with pytest.raises(ValueError) as error:
+    with pytest.raises(ValueError, match="plugin instance") as error:
         Vehicle(circuits, 15_000, **changes)
     assert message in str(error.value)

@@ -86,8 +86,9 @@ def test_maps_take_their_torque_at_the_input_of_gear_and_axle(kmh, loss, pedal):
 def test_gear_without_a_map_keeps_its_efficiency():
     sled = held(12, {"accelerator_pedal": 0.6}, GEAR_MAPS)
     assert sled["gear"] <= 6
-    losses = (lambda _, t: (1 - GEARBOX.efficiency) * t), (
-        lambda _, t: (1 - GEARBOX.driveline_efficiency) * t
+    losses = (
+        (lambda _, t: (1 - GEARBOX.efficiency) * t),
+        (lambda _, t: (1 - GEARBOX.driveline_efficiency) * t),
     )
     assert sled["propeller_shaft_torque"] == pytest.approx(shaft_torque(sled, losses), rel=2e-3)
 
@@ -170,7 +171,7 @@ def test_prediction_of_the_input_torque_inverts_that_of_the_shaft_torque(gear, t
 
 def refusal(attributes):
     changes = of_powertrain(attributes)
-    with pytest.raises(ValueError) as error:
+    with pytest.raises(ValueError, match="plugin instance") as error:
         mujoco.MjModel.from_xml_string(sled_xml(2e4, changes=changes))
     return str(error.value)
 
@@ -181,7 +182,7 @@ def refusal(attributes):
         ({"efficiency": "0.98 0.97"}, f"'efficiency' has 2 numbers; allowed are 1 or {GEARS}"),
         (GEAR_MAPS | {"gear_losses": "1 2 3"}, "'gear_losses' has 3 numbers; allowed are 9 to"),
         (GEAR_MAPS | {"gear_losses": "1 " * 10}, "'gear_losses' has 10 numbers; allowed are multi"),
-        (GEAR_MAPS | {"gear_loss_map": "3 " * GEARS}, "gear_loss_map 3 must not exceed the number of gear_losses, 2"),
+        (GEAR_MAPS | {"gear_loss_map": "3 " * GEARS}, "gear_loss_map 3 must not exceed the num"),
         ({"gear_loss_speed": "0 1"}, "'gear_loss_torque' is missing"),
         ({"axle_losses": "0 1"}, "'axle_losses' needs 'axle_loss_speed', which is missing"),
         (AXLE_MAP | {"axle_losses": "-1 " * 6}, "'axle_losses' has '-1"),

@@ -87,8 +87,6 @@ def test_truck_shifts_up_to_its_top_gear_and_down_on_a_climb(name):
 def test_truck_at_part_load_cruises_at_a_low_engine_speed(name):
     attributes, mass = TRUCKS[name]
     traces = drive([Case(mass, 0.0, 70 * KMH)], constant(1, 40.0, [0.35]), changes=attributes)
-    ratios = np.fromstring(
-        attributes.get("ratios", numbers(PARAMETERS.gearbox.ratios)), sep=" "
-    )
+    ratios = np.fromstring(attributes.get("ratios", numbers(PARAMETERS.gearbox.ratios)), sep=" ")
     assert traces["gear"][0, -1] >= len(ratios) - 1
     assert len(reversals(traces["gear"][0])) == 0

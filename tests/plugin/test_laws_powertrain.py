@@ -296,9 +296,7 @@ def driveline(
 ):
     state, work = np.array(state, float), np.zeros(7)
     torques = [engine_torque, auxiliary, retarder, drag]
-    speed = law(
-        "driveline_step", [*gear, 0.95], torques, shaft_speed, h, engine_speed, state, work
-    )
+    speed = law("driveline_step", [*gear, 0.95], torques, shaft_speed, h, engine_speed, state, work)
     return speed, state, work
 
 
