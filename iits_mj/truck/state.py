@@ -92,7 +92,7 @@ class StateReader:
             *((f"{name}_{part}", 0) for part in ("yaw", "rate") for name in couplings),
         )
         self._readings = np.array([address[name] + i for name, i in read], dtype=np.int64)
-        self._row = Real * (12 + len(read))
+        self._row_size = 12 + len(read)
         self._tractor = model.body(f"{prefix}tractor").id
         self._trailer = model.site(f"{prefix}{last}_axle_center").id
         self._mass = parameters.gross_mass(payload)
@@ -122,7 +122,7 @@ class StateReader:
         """
         if data is not self._data or model is not self._model:
             self._bind(model, data)
-        row = self._row()
+        row = (Real * self._row_size)()
         found = _read(self._address, near, trailer_near, row)
         (
             x,
