@@ -163,7 +163,8 @@ def swept_path(
       yaw: heading of the motor vehicle at the first point [rad].
       towed_yaws: of the towed units there [rad]; default: the motor vehicle's.
     """
-    lead, tracks, origin = parameters.lead, [], path
+    lead, origin = parameters.lead, path
+    tracks: list[UnitTrack] = []
     yaws = [yaw, *(towed_yaws or [yaw] * len(parameters.couplings))]
     steered = lead.axles[0].position
     lengths = unit_lengths(parameters)

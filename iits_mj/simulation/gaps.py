@@ -64,7 +64,8 @@ def nearest_box_distance(
 
 def _units(ego: EgoState, parameters: TruckParameters) -> list[tuple[float, ...]]:
     """Origin, heading, reach ahead and behind, and width of each unit."""
-    x, y, yaw, found = ego.x, ego.y, ego.yaw, []
+    x, y, yaw = ego.x, ego.y, ego.yaw
+    found: list[tuple[float, ...]] = []
     articulations = iter((ego.articulation, *ego.rear_articulations))
     for unit in parameters.units:
         rear = unit.length - unit.front_overhang
