@@ -14,6 +14,7 @@ from controllers.tracking.lateral import LateralController
 from controllers.tracking.lateral_gains import Gains
 from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.core.units import GRAVITY
+from iits_mj.parameters.mass_state import rolling_resistance
 
 # --- sums -----------------------------------------------------------------------------------
 
@@ -296,7 +297,7 @@ class Powertrain:
         self.parameters = parameters
         tires, air, gearbox = parameters.tires, parameters.aerodynamics, parameters.gearbox
         self.radius = tires[parameters.lead.axles[-1].tire].rolling_radius
-        self.rolling = parameters.tire_common.rolling_resistance
+        self.rolling = rolling_resistance(parameters, parameters.payload_max)
         self.drag = 0.5 * air.density * air.drag_area
         self.wheel_mass = sum(
             2.0 * axle.wheel_inertia_spin / tires[axle.tire].rolling_radius ** 2
