@@ -186,11 +186,10 @@ def _before(
     """
     if not table.values.size:
         return np.where(torque > 0.0, torque / efficiency, torque * efficiency)
-    rows, columns = table.rows, table.columns
-    inside, found = np.clip(speed, rows[0], rows[-1]), torque
+    found = torque
     for _ in range(_LOSS_STEPS):
-        at = np.clip(found, columns[0], columns[-1])
-        found = torque + _bilinear(rows, columns, table.values, inside, at)
+        loss = _bilinear(table.rows, table.columns, table.values, speed, found)
+        found = torque + np.maximum(loss, 0.0)
     return found
 
 
@@ -213,7 +212,7 @@ def nonnegative_fit(basis: FloatArray, value: FloatArray) -> FloatArray:
 def _bilinear(
     rows: FloatArray, columns: FloatArray, values: FloatArray, x: FloatArray, y: FloatArray
 ) -> FloatArray:
-    """Interpolates inside the table; x over rows, y over columns."""
+    """Interpolates the table, linearly also beyond it; x over rows, y over columns."""
     i = np.clip(np.searchsorted(rows, x) - 1, 0, rows.size - 2)
     j = np.clip(np.searchsorted(columns, y) - 1, 0, columns.size - 2)
     p = (x - rows[i]) / (rows[i + 1] - rows[i])
