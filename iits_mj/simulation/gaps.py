@@ -25,13 +25,15 @@ _nearest_box = kernels.function(
     *(Address, Address, Address, Integer),  # the vehicles
     *(Real, Real, Real, Real, Real),  # horizon and level
 )
-_TIRE_REACH = 0.6  # [m] of the tires behind a tractor's last axle
 _PLACES = np.array([COLUMNS.index(name) for name in ("x", "y", "z", "yaw", "length", "width")])
 _PLACES_ADDRESS = kernels.address(_PLACES)
+# The body of a tractor with a trailer counts up to here behind its last axle [m]: the rest of the
+# frame is under the trailer.
+_BEHIND_AXLE = 0.6
 
 
 def truck_boxes(ego: EgoState, parameters: TruckParameters) -> tuple[FloatArray, ...]:
-    """Returns corners of the units, front to rear, in the map frame, each of shape (4, 2) [m]."""
+    """Returns the corners of each unit in the map frame, of shape (4, 2) [m]."""
     return tuple(np.array(box_corners(*unit)) for unit in _units(ego, parameters))
 
 
@@ -51,10 +53,9 @@ def nearest_box_distance(
         return math.inf
     columns, lanes = frame.addresses
     units = _units(ego, parameters)
-    packed = struct.pack(f"{6 * len(units)}d", *itertools.chain(*units))
     return float(
         _nearest_box(
-            *(packed, len(units)),
+            *(struct.pack(f"{6 * len(units)}d", *itertools.chain(*units)), len(units)),
             *(columns, _PLACES_ADDRESS, lanes, len(frame)),
             *(ego.x, ego.y, horizon, ego.z, LEVEL_OVER_TRUCK),
         )
@@ -62,21 +63,18 @@ def nearest_box_distance(
 
 
 def _units(ego: EgoState, parameters: TruckParameters) -> list[tuple[float, ...]]:
-    """Origin, heading, reach ahead and behind, and width of each unit, front to rear."""
-    lead = parameters.lead
-    rear = lead.length - lead.front_overhang
-    if lead.kind == "tractor":
-        # What counts is the width over its last tires; a bare frame ends behind them.
-        rear = lead.axles[-1].position + _TIRE_REACH
+    """Origin, heading, reach ahead and behind, and width of each unit."""
     x, y, yaw = ego.x, ego.y, ego.yaw
-    found: list[tuple[float, ...]] = [(x, y, yaw, lead.front_overhang, rear, lead.width)]
-    angles = (ego.articulation, *ego.rear_articulations)
-    # A truck without trailer reports an articulation, too.
-    for unit, angle in zip(parameters.units[1:], angles, strict=False):
-        assert unit.coupling is not None
-        x -= unit.coupling.position * math.cos(yaw)
-        y -= unit.coupling.position * math.sin(yaw)
-        yaw -= angle
-        behind = unit.length - unit.front_overhang
-        found.append((x, y, yaw, unit.front_overhang, behind, unit.width))
+    found: list[tuple[float, ...]] = []
+    articulations = iter((ego.articulation, *ego.rear_articulations))
+    for unit in parameters.units:
+        rear = unit.length - unit.front_overhang
+        if unit.coupling is None:
+            if unit.kind == "tractor" and parameters.couplings:
+                rear = unit.axles[-1].position + _BEHIND_AXLE
+        else:
+            hitch = unit.coupling.position
+            x, y = x - hitch * math.cos(yaw), y - hitch * math.sin(yaw)
+            yaw = yaw - next(articulations)
+        found.append((x, y, yaw, unit.front_overhang, rear, unit.width))
     return found

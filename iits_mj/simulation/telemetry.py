@@ -43,7 +43,7 @@ _ROWS_READ = 4096
 _PRESSURES = ("front_left", "front_right", "rear_left", "rear_right", "trailer")
 
 # Column name with its unit, and its source. SI units, except the usual ones of engine speed and
-# brake pressure.
+# brake pressure. A combination with more couplings has further columns, see `_columns`.
 COLUMNS: dict[str, Callable[[DriveFrame], Value]] = {
     "time [s]": lambda f: f.time,
     "station [m]": lambda f: f.ego.station,
@@ -112,10 +112,14 @@ class Telemetry(Closing, Observer):
 
     Raises:
       InputError: the table cannot be written.
+
+    Attributes:
+      columns: names with their sources.
     """
 
     def __init__(self, path: Path | None) -> None:
         self.path = path
+        self.columns = COLUMNS
         self._count = 0
         # Rows of float64 in full precision; text is nan.
         self._numbers = tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY)  # noqa: SIM115
@@ -126,12 +130,16 @@ class Telemetry(Closing, Observer):
         with self._output.errors():
             self._file = self._output.partial.open("w", newline="", encoding="utf-8")
         self._writer = csv.writer(self._file, lineterminator="\n")
-        self._writer.writerow(COLUMNS)
 
     def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         """Adds one row."""
         del simulation
-        row = [value(frame) for value in COLUMNS.values()]
+        if not self._count:
+            self.columns = _columns(frame)
+            if self._file is not None:
+                with self._whole():
+                    self._writer.writerow(self.columns)
+        row = [value(frame) for value in self.columns.values()]
         numbers = [math.nan if isinstance(value, str) else value for value in row]
         try:
             self._numbers.write(np.array(numbers, dtype=float).tobytes())
@@ -180,7 +188,7 @@ class Telemetry(Closing, Observer):
         Raises:
           InputError: the column is unknown.
         """
-        names = list(COLUMNS)
+        names = list(self.columns)
         if name not in names:
             raise InputError(f"telemetry has no column {name!r}; use one of: {', '.join(names)}")
         index, width = names.index(name), len(names)
@@ -191,6 +199,14 @@ class Telemetry(Closing, Observer):
             found[first : first + _ROWS_READ] = block.reshape(-1, width)[:, index]
         self._numbers.seek(0, io.SEEK_END)
         return found
+
+
+def _columns(frame: DriveFrame) -> dict[str, Callable[[DriveFrame], Value]]:
+    """Returns `COLUMNS`, and behind them the articulations of all couplings after the first."""
+    return COLUMNS | {
+        f"articulation{i + 2} [rad]": lambda f, i=i: f.ego.rear_articulations[i]
+        for i in range(len(frame.ego.rear_articulations))
+    }
 
 
 def _cell(value: Value) -> str:
@@ -262,12 +278,16 @@ def lateral(telemetry: Telemetry) -> list[Panel]:
         line("actual", "steering_wheel_angle [rad]", degrees, "simulation"),
     )
     acceleration = (line("tractor", "lateral_acceleration [m/s2]"),)
-    articulation = (line("articulation", "articulation [rad]", degrees),)
+    articulation = tuple(
+        line(name.removesuffix(" [rad]"), name, degrees)
+        for name in telemetry.columns
+        if name.startswith("articulation")
+    )
     across = "Path across the road, positive to the left of the reference line"
     return [
         Panel(across, STATION, "offset [m]", path),
         Panel("Lateral acceleration of the tractor", STATION, "acceleration [m/s²]", acceleration),
-        Panel("Articulation, tractor against semitrailer", STATION, "angle [deg]", articulation),
+        Panel("Articulation, unit ahead against unit behind", STATION, "angle [deg]", articulation),
         Panel("Steering wheel", STATION, "angle [deg]", wheel),
     ]
 

@@ -208,11 +208,11 @@ def _ramp() -> Findings:
         swept = swept_path(parameters, np.column_stack([point.x, point.y]), float(point.heading[0]))
         places = [
             route.locate(float(x), float(y), float(s))
-            for s, (x, y) in zip(along, swept.trailer_axle, strict=True)
+            for s, (x, y) in zip(along, swept[-1].group, strict=True)
         ]
         at, offset = np.array(places).T
         beside = offset - lane.offset_at(at)
-        room = 0.5 * (_RAMP_LANE - parameters.units[1].width) - np.abs(beside[at > 100.0])
+        room = 0.5 * (_RAMP_LANE - parameters.last.width) - np.abs(beside[at > 100.0])
         must = ">= 0.2" if shifted else ""
         label = f"R = {_RADIUS:g} m, lane of {_RAMP_LANE:g} m, {name}: trailer's room"
         found.check(label, room.min(), "m", must=must)
@@ -265,9 +265,9 @@ def seen_from_above(
             box = center + np.array([[half, side], [half, -side], [-half, -side], [-half, side]])
             lines.append(_closed(box, "", "vehicle"))
         last = number == len(moments) - 1
-        trailer, tractor = swept.trailer_corners[row], swept.tractor_corners[row]
-        lines.append(_closed(trailer, "trailer" if last else "", "trailer"))
-        lines.append(_closed(tractor, "tractor" if last else "", "tractor"))
+        for track in reversed(swept):
+            role = "tractor" if track is swept[0] else "trailer"
+            lines.append(_closed(track.corners[row], role if last else "", role))
     when = ", ".join(f"{moment:g}" for moment in moments)
     title = f"{title}; at {when} s" if len(moments) > 1 else title
     inside = tuple(line for line in lines if _within(line, reach))
