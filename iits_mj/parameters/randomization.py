@@ -11,18 +11,26 @@ The uncertainties are in `mjcf/spread.toml`, or in a file of the same form.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+import types
+import typing
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.core.assets import mjcf_path
 from iits_mj.core.checks import is_number
 from iits_mj.core.errors import InputError
 from iits_mj.core.input_files import read_toml
+from iits_mj.parameters.files import is_leaf, plain, read_truck
+from iits_mj.parameters.quantity import quantity_of
+from iits_mj.parameters.tables import Table2D
 from iits_mj.parameters.truck import TruckParameters
+
+_Keys = tuple[str, ...]  # of an entry of the truck's tree
 
 
 @dataclass(frozen=True)
@@ -31,7 +39,7 @@ class Quantity:
 
     Attributes:
       name: of the quantity.
-      parameters: that are multiplied by the same factor; `*` means every axle.
+      parameters: that are multiplied by the same factor; `*` means every entry of a table.
       low, high: bounds of the factor, which is distributed uniformly.
       grade, source: as in the truck's TOML.
     """
@@ -90,33 +98,42 @@ class Drawn:
 class Spread:
     """The uncertain quantities of a truck.
 
+    A parameter of a unit, axle or kind of tires that the truck lacks is left out.
+
     Args:
-      quantities: of different names; their factors multiply the shipped truck's parameters.
+      quantities: of different names; their factors multiply the truck's parameters.
+      truck: as of `TruckParameters.load`.
 
     Raises:
       InputError: a parameter does not exist or is not a number, or two quantities share one.
     """
 
-    def __init__(self, quantities: tuple[Quantity, ...]) -> None:
+    def __init__(self, quantities: tuple[Quantity, ...], truck: str | Path | None = None) -> None:
         self.quantities = quantities
-        self._tree = dataclasses.asdict(TruckParameters.load())
-        taken: set[str] = set()
+        tree = read_truck(truck)
+        self._nominal: dict[str, dict[_Keys, FloatArray]] = {}
+        taken: set[_Keys] = set()
         for quantity in quantities:
+            found: dict[_Keys, FloatArray] = {}
             for path in quantity.parameters:
-                if path in taken:
-                    raise InputError(f"spread of {quantity.name}: {path} is drawn already")
-                taken.add(path)
-        self._overlay({quantity.name: 1.0 for quantity in quantities})
+                keys = tuple(path.split("."))
+                values = dict(_values(tree, keys, _number_type(path), path))
+                for key in {keys, *values}:
+                    if key in taken:
+                        raise InputError(f"spread of {quantity.name}: {path} is drawn already")
+                    taken.add(key)
+                found |= values
+            self._nominal[quantity.name] = found
 
     @classmethod
-    def load(cls, path: str | Path | None = None) -> Spread:
-        """Reads a TOML file; default: `mjcf/spread.toml`.
+    def load(cls, path: str | Path | None = None, truck: str | Path | None = None) -> Spread:
+        """Reads a TOML file; default: `mjcf/spread.toml`; truck: as of `TruckParameters.load`.
 
         Raises:
           InputError: unreadable file, unknown key, or see `Spread`.
         """
         tables = read_toml(mjcf_path("spread.toml") if path is None else path, "spread file")
-        return cls(tuple(Quantity.from_table(*entry) for entry in tables.items()))
+        return cls(tuple(Quantity.from_table(*entry) for entry in tables.items()), truck)
 
     def draw(self, generator: np.random.Generator) -> Drawn:
         """Draws a truck at random."""
@@ -129,28 +146,56 @@ class Spread:
 
     def _overlay(self, factors: Mapping[str, float]) -> dict[str, Any]:
         overlay: dict[str, Any] = {}
-        for quantity in self.quantities:
-            for path in quantity.parameters:
-                _multiply(overlay, self._tree, path.split("."), factors[quantity.name], path)
+        for name, nominal in self._nominal.items():
+            for (*tables, last), values in nominal.items():
+                table = overlay
+                for key in tables:
+                    table = table.setdefault(key, {})
+                table[last] = (values * factors[name]).tolist()
         return overlay
 
 
-def _multiply(
-    overlay: dict[str, Any], tree: Any, keys: list[str], factor: float, path: str
-) -> None:
-    """Writes the parameter at `keys` of a tree, multiplied, into an overlay."""
-    first, *rest = keys
-    if not isinstance(tree, Mapping) or first not in tree:
-        raise InputError(f"spread of {path}: there is no such parameter")
-    part = tree[first]
-    if rest[:1] == ["*"] and isinstance(part, (list, tuple)):
-        rows = overlay.setdefault(first, [{"name": row["name"]} for row in part])
-        for row, original in zip(rows, part, strict=True):
-            _multiply(row, original, rest[1:], factor, path)
-    elif rest:
-        _multiply(overlay.setdefault(first, {}), part, rest, factor, path)
-    else:
-        values = np.asarray(part)
-        if values.dtype.kind not in "fi":
-            raise InputError(f"spread of {path}: {part!r} is not a number")
-        overlay[first] = (values * factor).tolist()
+def _number_type(path: str) -> Any:
+    """Returns the annotated type of the number at a path of any truck's parameters.
+
+    Raises:
+      InputError: there is no such parameter, or it is not a number.
+    """
+    kind: Any = TruckParameters
+    for key in path.split("."):
+        origin, inside = typing.get_origin(kind), typing.get_args(kind)
+        if origin in (types.UnionType, typing.Union):
+            kind = inside[0]
+        if dataclasses.is_dataclass(kind) and kind is not Table2D:
+            entries = typing.get_type_hints(kind, include_extras=True)
+        elif origin is dict:
+            entries = {key: inside[1]}
+        elif origin is tuple and dataclasses.is_dataclass(inside[0]):
+            entries = {key: inside[0]}
+        else:
+            entries = {}
+        if key not in entries:
+            raise InputError(
+                f"spread of {path}: there is no such parameter: {key!r} is not one of "
+                f"{list(entries)}"
+            )
+        kind = entries[key]
+    item = typing.get_args(kind)[0] if typing.get_origin(kind) is tuple else kind
+    plain_type = typing.get_args(item)[0] if hasattr(item, "__metadata__") else item
+    if plain_type not in (int, float) and typing.get_origin(item) is not np.ndarray:
+        raise InputError(f"spread of {path}: the parameter is not a number")
+    return item
+
+
+def _values(
+    node: Any, keys: _Keys, kind: Any, path: str, before: _Keys = ()
+) -> Iterator[tuple[_Keys, FloatArray]]:
+    """Yields keys and SI values of the numbers at a path of a truck's tree, whose `*` is any key."""
+    if not keys:
+        unit = node.get("unit") if is_leaf(node) else None
+        factor = quantity_of(kind).factor(unit, path) if unit else 1.0
+        yield before, np.asarray(plain(node)) * factor
+    elif isinstance(node, Mapping):
+        first, *rest = keys
+        for key in node if first == "*" else [first] if first in node else []:
+            yield from _values(node[key], tuple(rest), kind, path, (*before, key))

@@ -231,7 +231,7 @@ def test_rolling_resistance_of_the_outer_wheels_turns_out_of_the_bend():
         PARAMETERS, aerodynamics=dataclasses.replace(PARAMETERS.aerodynamics, drag_area=0.0)
     )
     held = _model(36_000.0, "roll", "traction", parameters=parameters).traction
-    resistance = parameters.tire_common.rolling_resistance
+    resistance = parameters.tires["trailer"].rolling_resistance
     bodies = roll_bodies(parameters, 36_000.0, 0.0, 0.0)
     last = FIRST_AXLE + 5
     load = static_axle_loads(parameters, 36_000.0)[-1]

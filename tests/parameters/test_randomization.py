@@ -39,7 +39,7 @@ def test_parameters_of_a_drawn_truck_are_the_shipped_ones_times_the_factors():
             truck.engine.full_load_torque,
             drawn.factors["engine_torque"] * np.asarray(shipped.engine.full_load_torque),
         )
-        assert truck.lead.mass == shipped.tractor.mass
+        assert truck.lead.mass == shipped.lead.mass
 
 
 def test_the_nominal_truck_is_the_shipped_one():
@@ -53,13 +53,13 @@ def test_the_nominal_truck_is_the_shipped_one():
     [
         ('[a]\nparameters = ["tires.steer.width"]\nlow = 1\nhigh = 1', "tires.steer.width"),
         ('[a]\nparameters = ["gearbox.shift_strategy"]\nlow = 1\nhigh = 1', "is not a number"),
-        ('[a]\nparameters = ["tractor.mass"]\nlow = 2\nhigh = 1', "low first"),
-        ('[a]\nparameters = ["tractor.mass"]\nlow = 1\nhigh = inf', "finite"),
-        ('[a]\nparameters = ["tractor.mass"]\nlow = 1', "missing"),
-        ('[a]\nparameters = ["tractor.mass"]\nlow = 1\nhigh = 1\nsigma = 1', "unknown"),
+        ('[a]\nparameters = ["units.tractor.mass"]\nlow = 2\nhigh = 1', "low first"),
+        ('[a]\nparameters = ["units.tractor.mass"]\nlow = 1\nhigh = inf', "finite"),
+        ('[a]\nparameters = ["units.tractor.mass"]\nlow = 1', "missing"),
+        ('[a]\nparameters = ["units.tractor.mass"]\nlow = 1\nhigh = 1\nsigma = 1', "unknown"),
         ("[a]\nparameters = []\nlow = 1\nhigh = 1", "at least one"),
         ("a = 1", "not a table"),
-        ('[a]\nparameters = ["tractor.mass", "tractor.mass"]\nlow = 1\nhigh = 1', "drawn already"),
+        ('[a]\nparameters = ["units.tractor.mass", "units.tractor.mass"]\nlow = 1\nhigh = 1', "drawn already"),
     ],
 )
 def test_unusable_spreads_are_refused(tmp_path, content, message):

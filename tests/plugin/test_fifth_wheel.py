@@ -71,7 +71,8 @@ def test_locked_kingpin_transmits_roll_torque_beyond_the_lash(truck):
 def test_friction_of_the_plate_opposes_yaw(truck):
     truck.reset()
     dof = truck.model.joint("fifth_wheel_yaw").dofadr[0]
-    other = Truck.load(payload=0, parameters={"fifth_wheel": {"yaw_friction": 0.0}}, visuals=False)
+    smooth = {"units": {"trailer": {"coupling": {"yaw_friction": 0.0}}}}
+    other = Truck.load(payload=0, parameters=smooth, visuals=False)
     torques = []
     for each in (truck, other):
         each.reset()

@@ -116,8 +116,9 @@ def test_truck_parameters_are_hashed_to_the_last_digit() -> None:
     from iits_mj.parameters import TruckParameters
 
     shipped = TruckParameters.load()
-    mass = shipped.tractor.mass
-    heavier = TruckParameters.load(overlay={"tractor": {"mass": float(np.nextafter(mass, 1e9))}})
+    mass = shipped.lead.mass
+    tractor = {"mass": float(np.nextafter(mass, 1e9))}
+    heavier = TruckParameters.load(overlay={"units": {"tractor": tractor}})
     one, two = (drive_log_module.truck_versions(p) for p in (shipped, heavier))
     assert one["truck parameters of hash"] != two["truck parameters of hash"]
     assert one["mujoco"] == two["mujoco"]

@@ -226,7 +226,7 @@ def test_off_tracking_at_walking_pace_is_half_the_sum_of_the_squared_lengths():
     model = LateralModel.of(PARAMETERS, 55_000.0, 0.1)
     slow, fast = off_tracking(model, 0.3), off_tracking(model, 30.0)
     base = group_center(PARAMETERS.lead.axles[1:]) - PARAMETERS.lead.axles[0].position
-    hitch = PARAMETERS.fifth_wheel.position - PARAMETERS.lead.axles[0].position
+    hitch = PARAMETERS.couplings[0].position - PARAMETERS.lead.axles[0].position
     trailer = group_center(PARAMETERS.units[1].axles)
     expected = 0.5 * (base**2 - (base - hitch) ** 2 + trailer**2)
     assert slow == pytest.approx(expected, rel=0.15)
@@ -413,7 +413,7 @@ def test_the_towed_units_settle_on_their_circles():
     swept = swept_path(PARAMETERS, path, 0.0)
     tractor, trailer = PARAMETERS.lead, PARAMETERS.units[1]
     base = group_center(tractor.axles[1:]) - tractor.axles[0].position
-    hitch = PARAMETERS.fifth_wheel.position - tractor.axles[0].position
+    hitch = PARAMETERS.couplings[0].position - tractor.axles[0].position
     length = group_center(trailer.axles)
     center = np.array([0.0, radius])
     kingpin = float(np.hypot(*(swept.kingpin[-1] - center)))

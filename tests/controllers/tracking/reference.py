@@ -285,7 +285,7 @@ class Powertrain:
         self.parameters = parameters
         tires, air, gearbox = parameters.tires, parameters.aerodynamics, parameters.gearbox
         self.radius = tires[parameters.lead.axles[-1].tire].rolling_radius
-        self.rolling = parameters.tire_common.rolling_resistance
+        self.rolling = parameters.tires["steer"].rolling_resistance
         self.drag = 0.5 * air.density * air.drag_area
         self.wheel_mass = sum(
             2.0 * axle.wheel_inertia_spin / tires[axle.tire].rolling_radius ** 2

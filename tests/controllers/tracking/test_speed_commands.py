@@ -391,7 +391,7 @@ def test_friction_that_will_be_missing_soon_is_judged_at_the_speed_after_its_bui
 @pytest.mark.parametrize("grade", [-0.06, 0.0, 0.08])
 def test_the_resistance_is_slope_rolling_and_air(grade):
     slope, air = math.atan(grade), PARAMETERS.aerodynamics
-    rolling = PARAMETERS.tire_common.rolling_resistance
+    rolling = PARAMETERS.tires["steer"].rolling_resistance
     drag = 0.5 * air.density * air.drag_area
     weight = 40_000.0 * GRAVITY
     expected = weight * (math.sin(slope) + rolling * math.cos(slope)) + drag * 20.0**2
