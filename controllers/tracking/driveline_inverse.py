@@ -35,9 +35,9 @@ def pack_powertrain(parameters: TruckParameters) -> bytes:
         0.5 * air.density * air.mean_drag_area(),
         wheel_mass,
         radius,
-        gearbox.efficiency * gearbox.driveline_efficiency,
         gearbox.final_drive / radius,
         gearbox.driveline_efficiency,
+        0.0,  # power of the auxiliaries [W]
         engine.engine_brake_speed_min,
         engine.engine_brake_speed,
         engine.engine_brake_power / engine.engine_brake_speed,
@@ -54,6 +54,7 @@ def pack_powertrain(parameters: TruckParameters) -> bytes:
     tables = (
         ratios,
         spins,
+        np.full(len(ratios), gearbox.efficiency * gearbox.driveline_efficiency),
         engine.drag_speed,
         engine.drag_torque,
         table.rows,

@@ -13,20 +13,24 @@
 namespace iits {
 
 // Numbers of the powertrain. The tables follow: overall ratio of each gear, equivalent mass of what
-// turns with it, speeds and torques of the engine's drag, then the speeds, pedals, share of
-// traction over the pedals, and torques (a row each speed) of the map.
+// turns with it, its efficiency from engine to wheels, speeds and torques of the engine's drag,
+// then the speeds, pedals, share of traction over the pedals, and torques (a row each speed) of the
+// map.
 struct Powertrain {
   double rolling, drag, wheel_mass;
-  double radius, efficiency, shaft, driveline_efficiency;
+  double radius, shaft, driveline_efficiency, auxiliary_power;
   double brake_speed_min, brake_speed, brake_torque, brake_exponent, brake_fade;
   double retarder_speed, retarder_torque, retarder_power;
   double gear_count, drag_count, speed_count, pedal_count;
 
   const double* gears() const { return reinterpret_cast<const double*>(this + 1); }
-  const double* tables() const { return gears() + 2 * static_cast<int>(gear_count); }
-  // Overall ratio and equivalent mass [kg] of a forward gear.
+  const double* tables() const { return gears() + 3 * static_cast<int>(gear_count); }
+  // Overall ratio, equivalent mass [kg] and efficiency of a forward gear.
   double Ratio(double gear) const { return gears()[Row(gear)]; }
   double Spin(double gear) const { return gears()[static_cast<int>(gear_count) + Row(gear)]; }
+  double Efficiency(double gear) const {
+    return gears()[2 * static_cast<int>(gear_count) + Row(gear)];
+  }
 
  private:
   int Row(double gear) const {
@@ -46,7 +50,8 @@ struct Forces {
   double drag, engine_brake, retarder;
 };
 
-constexpr double kGravity = 9.81;  // [m/s2], that of iits_mj/core/units.py
+constexpr double kSlowestEngine = 50.0;  // [rad/s], below the idle speed of every truck
+constexpr double kGravity = 9.81;        // [m/s2], that of iits_mj/core/units.py
 
 // Between (x0, y0) and (x1, y1), rounded as `numpy.interp`.
 inline double Between(double x, double x0, double x1, double y0, double y1) {
@@ -60,6 +65,11 @@ inline double DragTorque(const Powertrain& p, double engine_speed) {
   const int next = std::upper_bound(speeds, speeds + count, engine_speed) - speeds;
   if (next == 0 || next == count) return torques[std::max(next - 1, 0)];
   return Between(engine_speed, speeds[next - 1], speeds[next], torques[next - 1], torques[next]);
+}
+
+// Torque of the auxiliaries on the crankshaft [N m]; bounded for an engine that is nearly stalled.
+inline double AuxiliaryTorque(const Powertrain& p, double engine_speed) {
+  return p.auxiliary_power / std::max(engine_speed, kSlowestEngine);
 }
 
 // Greatest torque of the engine brake beyond the drag [N m]: a power law, 0 at idle.
@@ -77,14 +87,15 @@ inline double RetarderTorque(const Powertrain& p, double shaft_speed) {
   return std::min(p.retarder_torque * Square(rise), p.retarder_power / shaft_speed);
 }
 
-// Forces increased by losses; in a gear change only the retarder brakes.
-inline Forces Endurance(const Powertrain& p, double speed, double engine_speed, double ratio,
+// Forces increased by losses; in a gear change only the retarder brakes. The auxiliaries brake with
+// the engine's drag.
+inline Forces Endurance(const Powertrain& p, double speed, double engine_speed, double gear,
                         bool engaged) {
   const double retarder = RetarderTorque(p, speed * p.shaft) * p.shaft / p.driveline_efficiency;
   if (!engaged) return {0.0, 0.0, retarder};
-  const double factor = ratio / p.radius / p.efficiency;
-  return {factor * DragTorque(p, engine_speed), factor * EngineBrakeTorque(p, engine_speed),
-          retarder};
+  const double factor = p.Ratio(gear) / p.radius / p.Efficiency(gear);
+  const double drag = DragTorque(p, engine_speed) + AuxiliaryTorque(p, engine_speed);
+  return {factor * drag, factor * EngineBrakeTorque(p, engine_speed), retarder};
 }
 
 // Takes the force that a brake can give from the rest; returns its share of the greatest one.
@@ -141,15 +152,16 @@ inline double Resistance(const Powertrain& p, double mass, double speed, double 
 // `speed_soon` [m/s] is the speed at which friction, if it were demanded now, would act.
 inline Actuation Actuate(const Powertrain& p, double force, double speed, double engine_speed,
                          double gear, bool engaged, double speed_soon) {
-  const double ratio = p.Ratio(gear), bare = force * p.radius / ratio;
+  const double bare = force * p.radius / p.Ratio(gear), efficiency = p.Efficiency(gear);
   Actuation a;
-  a.torque = bare > 0.0 ? bare / p.efficiency : bare * p.efficiency;
+  a.torque = bare > 0.0 ? bare / efficiency : bare * efficiency;
+  a.torque += AuxiliaryTorque(p, engine_speed);
   a.drag = DragTorque(p, engine_speed);
   a.pedal = Pedal(p, a.torque, engine_speed, a.drag);
-  ShareOut(-force, Endurance(p, speed, engine_speed, ratio, engaged), &a);
+  ShareOut(-force, Endurance(p, speed, engine_speed, gear, engaged), &a);
   const double engine_speed_soon = engine_speed * speed_soon / std::max(speed, 0.1);
   Actuation soon;
-  ShareOut(-force, Endurance(p, speed_soon, engine_speed_soon, ratio, engaged), &soon);
+  ShareOut(-force, Endurance(p, speed_soon, engine_speed_soon, gear, engaged), &soon);
   a.lacking = std::max(a.lacking, soon.lacking);
   return a;
 }

@@ -49,8 +49,10 @@ def config(parameters: TruckParameters) -> dict[str, str]:
     """
     engine, gearbox = parameters.engine, parameters.gearbox
     speed, torque = full_load(parameters)
-    maps = ("full_load_speed", "full_load_torque", "auxiliaries", "power", "fuel_factor")
-    found = plugin_attributes(engine, "inertia", *maps, digits=PLUGIN_DIGITS)
+    other = ["inertia", "full_load_speed", "full_load_torque", "auxiliaries", "power", "fuel_factor"]
+    if engine.fuel_rate_map.values.size:
+        other.append("idle_fuel_rate")
+    found = plugin_attributes(engine, *other, digits=PLUGIN_DIGITS)
     for name in ("retarder", "clutch"):
         section = plugin_attributes(getattr(parameters, name), digits=PLUGIN_DIGITS)
         found |= {f"{name}_{key}": value for key, value in section.items()}

@@ -123,6 +123,7 @@ Attributes AirBrakePlugin::Table() {
       per_axle("parking_torque", 0, 1e6, &Wheel::parking_torque),
       per_axle("wheel_radius", 0.05, 5, &Wheel::wheel_radius),
       per_axle("chamber_volume", 0, 1, &Wheel::chamber_volume),
+      Optional(per_axle("lifted", 0, 1, &Wheel::lifted)),
       // Wheel ends and lines.
       common("push_out_pressure", 1, 1e6, &Wheel::push_out_pressure),
       common("hysteresis_pressure", 1, 1e6, &Wheel::hysteresis_pressure),
@@ -183,7 +184,7 @@ Attributes AirBrakePlugin::Table() {
       {"reservoir_volume",
        [&r](const mjModel* m, int instance, const char* name) {
          std::vector<double> volume;
-         if (!ReadNumbers(m, instance, name, kCircuits, kCircuits, 1e-4, 100, &volume)) {
+         if (!ReadNumbers(m, instance, name, kCircuits, kCircuits, 0, 100, &volume)) {
            return false;
          }
          std::copy(volume.begin(), volume.end(), r.volume);
@@ -213,6 +214,11 @@ bool AirBrakePlugin::Bind(const mjModel* m, int instance) {
 
 // Bounds that depend on other attributes.
 bool AirBrakePlugin::Check(const mjModel* m, int instance) const {
+  for (const Wheel& wheel : law_.wheels) {
+    if (law_.reservoirs.volume[wheel.circuit] >= 1e-4) continue;
+    return Refuse(m, instance, "reservoir_volume %g of circuit %d, which has wheels, is below 1e-4",
+                  law_.reservoirs.volume[wheel.circuit], wheel.circuit);
+  }
   const Wheel& wheel = law_.wheels[0];
   const BrakeControl<double>& c = law_.control;
   const BrakeDistribution<double>& d = c.distribution;
@@ -295,7 +301,7 @@ void AirBrakePlugin::FindShaft(const mjModel* m) {
   if (powertrain_ < 0 || m->actuator_trntype[demand_] != mjTRN_TENDON) return;
   for (const auto& [dof, coefficient] : TendonDofs(m, demand_)) {
     for (size_t k = 0; k < dofs_.size(); ++k) {
-      if (dofs_[k] != dof) continue;
+      if (dofs_[k] != dof || law_.wheels[k].lifted) continue;
       law_.shaft_ratio += coefficient / law_.wheels[k].wheel_radius;
       law_.driven.push_back(k);
     }

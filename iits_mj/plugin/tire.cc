@@ -60,8 +60,8 @@ class TirePlugin : public PluginBase {
         Number("relaxation_longitudinal", 0.05, 5, &t.relaxation_longitudinal),
         Number("rolling_resistance", 0, 0.2, &t.rolling_resistance),
         Optional(Number("rolling_resistance_load", 100, 1e6, &t.rolling_resistance_load)),
-        Together("rolling_resistance_load", Number("rolling_resistance_exponent", 0.1, 2,
-                                                   &t.rolling_resistance_exponent)),
+        Together("rolling_resistance_load",
+                 Number("rolling_resistance_exponent", 0.1, 2, &t.rolling_resistance_exponent)),
     };
   }
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 CIRCUITS = ("front", "drive", "trailer")
 SIDES = ("left", "right")
 # Layout of `BrakeFaults`, the last part of the air brake's state (iits_mj/plugin/laws/air_brake.h).
-WHEELS_MAX = 16
+WHEELS_MAX = 32
 _LEAK, _STUCK = 0, len(CIRCUITS)
 _SHOWN, _DOUBT = _STUCK + WHEELS_MAX, _STUCK + 2 * WHEELS_MAX
 _SIZE = _STUCK + 3 * WHEELS_MAX

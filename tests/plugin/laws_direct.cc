@@ -148,8 +148,7 @@ void steering_targets(const double* attributes, int axles, int axle, double angl
   SteeringOf(attributes, axles).Targets(axle, angle, out);
 }
 void steering_step(const double* attributes, double demand, double h, double* state) {
-  Write(SteeringOf(attributes).Step(demand, h, Read<SteeringState<double>>(state)),
-        state);
+  Write(SteeringOf(attributes).Step(demand, h, Read<SteeringState<double>>(state)), state);
 }
 
 void air_force(const double* attributes, double forward, double side, double up, double* out) {

@@ -171,7 +171,7 @@ def test_prediction_of_the_input_torque_inverts_that_of_the_shaft_torque(gear, t
 
 def refusal(attributes):
     changes = of_powertrain(attributes)
-    with pytest.raises(ValueError, match="plugin") as error:
+    with pytest.raises(ValueError, match="plugin instance") as error:
         mujoco.MjModel.from_xml_string(sled_xml(2e4, changes=changes))
     return str(error.value)
 
@@ -182,10 +182,7 @@ def refusal(attributes):
         ({"efficiency": "0.98 0.97"}, f"'efficiency' has 2 numbers; allowed are 1 or {GEARS}"),
         (GEAR_MAPS | {"gear_losses": "1 2 3"}, "'gear_losses' has 3 numbers; allowed are 9 to"),
         (GEAR_MAPS | {"gear_losses": "1 " * 10}, "'gear_losses' has 10 numbers; allowed are multi"),
-        (
-            GEAR_MAPS | {"gear_loss_map": "3 " * GEARS},
-            "gear_loss_map 3 must not exceed the number of gear_losses, 2",
-        ),
+        (GEAR_MAPS | {"gear_loss_map": "3 " * GEARS}, "gear_loss_map 3 must not exceed the num"),
         ({"gear_loss_speed": "0 1"}, "'gear_loss_torque' is missing"),
         ({"axle_losses": "0 1"}, "'axle_losses' needs 'axle_loss_speed', which is missing"),
         (AXLE_MAP | {"axle_losses": "-1 " * 6}, "'axle_losses' has '-1"),

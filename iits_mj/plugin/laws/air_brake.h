@@ -14,7 +14,7 @@
 
 namespace iits {
 
-inline constexpr int kAxlesMax = 8;
+inline constexpr int kAxlesMax = 16;
 inline constexpr int kWheelsMax = 2 * kAxlesMax;
 
 template <class T>
@@ -74,11 +74,17 @@ struct AirBrake {
   // Computes the constants that depend on the wheels and the time step.
   void Prepare(T h) {
     T response = 0;
+    const auto in_the_air = std::count_if(wheels.begin(), wheels.end(),
+                                          [](const WheelBrake<T>& wheel) { return wheel.lifted; });
+    const T grounded = static_cast<double>(wheels.size() - in_the_air);
     for (const WheelBrake<T>& wheel : wheels) {
-      control.AddWheel(wheel.circuit, wheel.wheel_radius, wheel.inertia, wheel.torque_per_pressure);
       if (wheel.parking_torque > 0) spring_volume_[wheel.circuit] += wheel.chamber_volume;
-      dead_time_max_ = Max(dead_time_max_, wheel.dead_time);
-      response += (wheel.dead_time + wheel.build_up_time_constant) / wheels.size();
+      if (!wheel.lifted) {
+        control.AddWheel(wheel.circuit, wheel.wheel_radius, wheel.inertia,
+                         wheel.torque_per_pressure);
+        dead_time_max_ = Max(dead_time_max_, wheel.dead_time);
+        response += (wheel.dead_time + wheel.build_up_time_constant) / grounded;
+      }
       auto same = [&wheel](const Line& l) {
         return l.circuit == wheel.circuit && l.dead_time == wheel.dead_time;
       };
@@ -157,6 +163,7 @@ struct AirBrake {
       s->line.Push(s->now.control.supply, h, sample_spacing_);
       s->endurance = s->next_endurance;
       for (size_t i = 0; i < wheels.size() && s->speed > kMonitorSpeed; ++i) {
+        if (wheels[i].lifted) continue;  // turns at any speed
         const T rolled = Sensed(*s, i, wheel_speed(i)) * wheels[i].wheel_radius;
         s->faults.doubt[i] = rolled < kMonitorShare * s->speed ? s->faults.doubt[i] + h : T(0);
       }
@@ -276,7 +283,7 @@ struct AirBrake {
     }
     for (size_t i = 0; i < wheels.size(); ++i) {
       const WheelBrake<T>& wheel = wheels[i];
-      const T line = supplies[line_of_wheel_[i]];
+      const T line = wheel.lifted ? T(0) : supplies[line_of_wheel_[i]];
       const T supply = asr ? Max(line, asr[i]) : line;
       WheelBrakeState<T>* chamber = &next->wheel[i];
       if (supply == 0 && chamber->pressure == 0) continue;

@@ -17,7 +17,7 @@ struct ReservoirState {
 template <class T>
 struct Reservoirs {
   // Attributes.
-  T volume[kCircuits];
+  T volume[kCircuits];  // 0 for a circuit without wheels
   T displacement, cut_in, cut_out, spring_begin, spring_full;
 
   // Charged to the cut-out pressure.
@@ -27,6 +27,7 @@ struct Reservoirs {
   }
 
   void Draw(int circuit, T air, ReservoirState<T>* s) const {
+    if (air == 0) return;
     s->pressure[circuit] = Max(0.0, s->pressure[circuit] - air / volume[circuit]);
   }
 

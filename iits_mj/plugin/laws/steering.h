@@ -19,8 +19,8 @@ template <class T>
 struct Steering {
   // Attributes.
   T ratio, dead_band, angle_max, rate_max, stiffness, time_constant;
-  // Of each steered axle: distance ahead of the line on which the vehicle's turning center lies, and
-  // distance of the knuckles.
+  // Of each steered axle: distance ahead of the line on which the vehicle's turning center lies,
+  // and distance of the knuckles.
   std::vector<T> wheelbase, track;
 
   // Angles of an axle's left and right knuckle with a relaxed linkage [rad]. The gear turns the

@@ -80,7 +80,7 @@ struct Tire {
   Sampled<R> inverse_relaxation_y;  // over relative load [1/m]
   Sampled<R> angle;                 // over its tangent
   Sampled<R> resistance_share;      // over the load per test load
-  R per_test_load;             // nominal load over test load
+  R per_test_load;                  // nominal load over test load
 
   // Computes the constants that depend on the attributes. The relative errors of the grids are
   // below 3e-7 for all allowed attributes, and below 3e-8 for those of the truck.

@@ -37,7 +37,8 @@ struct WheelBrake {
   T abs_speed_low, abs_speed_min;
   T abs_time_constant, abs_yaw_rise_rate;
   T stiffness;
-  T inertia;  // of the wheel about its spin axis, from the model [kg m2]
+  bool lifted = false;  // in the air: without service brake, ABS, and part in braking
+  T inertia;            // of the wheel about its spin axis, from the model [kg m2]
 
   // Greatest torque of the brake [N m]; `parking` is the applied share of the spring brakes.
   T Torque(const WheelBrakeState<T>& s, T parking) const {

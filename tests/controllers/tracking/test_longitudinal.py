@@ -229,3 +229,19 @@ def test_the_pedal_kicks_down_only_for_a_large_gain_of_speed(gain, wanted):
     assert kicks_down(pedals) is wanted
     # The pedal reaches full power nevertheless, a little later.
     assert pedals[-1] == 1.0
+
+
+def test_the_pedal_also_gives_the_torque_of_the_auxiliaries():
+    ego = dataclasses.replace(LADEN, engine_torque=900.0)
+    pedals = []
+    for power in (0.0, 20e3):
+        controller = LongitudinalController(PARAMETERS)
+        numbers = np.frombuffer(controller._powertrain).copy()
+        numbers[6] = power
+        controller._powertrain = numbers.tobytes()
+        pedals.append(run(controller, ego, plan(16.67), 0.0, 2.0)[-1].accelerator_pedal)
+    inverse = Powertrain(PARAMETERS)
+    torques = np.linspace(0.0, 1500.0, 1501)
+    needed = np.array([inverse.pedal(torque, ego.engine_speed) for torque in torques])
+    given = np.interp(pedals, needed, torques)
+    assert np.diff(given) == pytest.approx(20e3 / ego.engine_speed, rel=0.02)
