@@ -210,7 +210,8 @@ class StandardMessages:
 
     def __init__(self, make: Make, parameters: TruckParameters) -> None:
         self._make = make
-        self._hitch = parameters.couplings[0].position
+        self._frames = [unit.name for unit in parameters.units]
+        self._hitches = [coupling.position for coupling in parameters.couplings]
         self._no_covariance = np.zeros(36)
 
     def odometry(self, ego: EgoState) -> Any:
@@ -231,16 +232,16 @@ class StandardMessages:
         )
 
     def transforms(self, ego: EgoState) -> Any:
-        """`tf2_msgs/TFMessage`: map to tractor, tractor to trailer."""
+        """`tf2_msgs/TFMessage`: map to tractor, and each unit to the one that it tows."""
         place, turn = (ego.x, ego.y, ego.z), (ego.yaw, ego.pitch, ego.roll)
-        hitch, fold = (-self._hitch, 0.0, 0.0), (-ego.articulation, 0.0, 0.0)
-        return self._new(
-            "tf2_msgs/TFMessage",
-            transforms=[
-                self._transform(ego.time, "map", "tractor", place, turn),
-                self._transform(ego.time, "tractor", "trailer", hitch, fold),
-            ],
-        )
+        found = [self._transform(ego.time, "map", "tractor", place, turn)]
+        folds = (ego.articulation, *ego.rear_articulations)
+        # A truck without trailer has no articulation.
+        for i, hitch in enumerate(self._hitches):
+            ahead, behind = self._frames[i : i + 2]
+            there, turned = (-hitch, 0.0, 0.0), (-folds[i], 0.0, 0.0)
+            found.append(self._transform(ego.time, ahead, behind, there, turned))
+        return self._new("tf2_msgs/TFMessage", transforms=found)
 
     def twist(self, ego: EgoState) -> Any:
         """`geometry_msgs/TwistStamped` of the tractor in its own frame."""

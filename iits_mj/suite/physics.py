@@ -121,10 +121,10 @@ class Physics(BasePhysics):
     station = _reading("station", "Steer axle along the road [m].")
     offset = _reading("offset", "Steer axle left of the road's line [m].")
     trailer_offset = _reading(
-        "trailer_offset", "Middle of the trailer's axle group left of the road's line [m]."
+        "trailer_offset", "Middle of the last unit's axle group left of the road's line [m]."
     )
     roll = _reading("roll", "Roll of the tractor [rad], right side down positive.")
-    articulation = _reading("articulation", "Tractor's yaw less the trailer's [rad].")
+    articulation = _reading("articulation", "Tractor's yaw less the first trailer's [rad].")
     yaw_rate = _reading("yaw_rate", "Yaw rate of the tractor [rad/s].")
     steering_wheel_angle = _reading("steering_wheel_angle", "Actual steering-wheel angle [rad].")
     engine_speed = _reading("engine_speed", "Engine speed [rad/s].")
@@ -156,8 +156,9 @@ class Physics(BasePhysics):
         self._sensors_key: tuple[float, bytes, bytes] | None = None
         self._held = False
         parameters = truck.parameters
-        group = np.mean([axle.position for axle in parameters.units[1].axles])
-        self._behind = parameters.couplings[0].position + float(group)
+        # Middle of the last axle group behind the steer axle [m].
+        group = float(np.mean([axle.position for axle in parameters.last.axles]))
+        self._behind = sum(coupling.position for coupling in parameters.couplings) + group
 
     def __getstate__(self) -> tuple[wrapper.MjData, Truck]:
         return self.data, self.truck
@@ -225,22 +226,22 @@ class Physics(BasePhysics):
         return data.time, data.qpos.tobytes(), data.qvel.tobytes()
 
     def trailer_station(self) -> float:
-        """Returns the station of the middle of the trailer's axle group [m]."""
+        """Returns the station of the middle of the last unit's axle group [m]."""
         self.ego()
         return self.truck.trailer_station
 
     def trailer_rear(self) -> tuple[float, float, float]:
-        """Returns x, y of the middle of the trailer's rear end [m], and its yaw [rad]."""
+        """Returns x, y of the middle of the last unit's rear end [m], and its yaw [rad]."""
         ego = self.ego()
-        corners = truck_boxes(ego, self.truck.parameters)[1]
+        corners = truck_boxes(ego, self.truck.parameters)[-1]
         x, y = corners[2:].mean(axis=0).tolist()
-        return x, y, ego.yaw - ego.articulation
+        return x, y, ego.yaw - ego.articulation - sum(ego.rear_articulations)
 
     def outline_offsets(self) -> FloatArray:
-        """Returns offsets of points around tractor and trailer from the road's line [m], (n,)."""
+        """Returns offsets of points around all units from the road's line [m], (n,)."""
         ego = self.ego()
-        tractor, trailer = truck_boxes(ego, self.truck.parameters)
-        points = np.concatenate([_around(tractor, 4), _around(trailer, 16)])
+        lead, *towed = truck_boxes(ego, self.truck.parameters)
+        points = np.concatenate([_around(lead, 4), *(_around(box, 16) for box in towed)])
         near = self.station() - 0.5 * self._behind
         return np.array([self.route.locate(x, y, near)[1] for x, y in points.tolist()])
 
