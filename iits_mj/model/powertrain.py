@@ -49,7 +49,14 @@ def config(parameters: TruckParameters) -> dict[str, str]:
     """
     engine, gearbox = parameters.engine, parameters.gearbox
     speed, torque = full_load(parameters)
-    other = ["inertia", "full_load_speed", "full_load_torque", "auxiliaries", "power", "fuel_factor"]
+    other = [
+        "inertia",
+        "full_load_speed",
+        "full_load_torque",
+        "auxiliaries",
+        "power",
+        "fuel_factor",
+    ]
     if engine.fuel_rate_map.values.size:
         other.append("idle_fuel_rate")
     found = plugin_attributes(engine, *other, digits=PLUGIN_DIGITS)

@@ -63,7 +63,9 @@ def test_wrong_overlay_is_refused_and_named(overlay, named):
         TruckParameters.load(overlay=overlay)
 
 
-@pytest.mark.parametrize("content", [b"", b"not toml [", b"\xff\xfe", b"[units.tractor]\nmass = 1\n"])
+@pytest.mark.parametrize(
+    "content", [b"", b"not toml [", b"\xff\xfe", b"[units.tractor]\nmass = 1\n"]
+)
 def test_wrong_file_is_refused(tmp_path, content):
     file = tmp_path / "truck.toml"
     file.write_bytes(content)

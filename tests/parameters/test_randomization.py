@@ -59,7 +59,10 @@ def test_the_nominal_truck_is_the_shipped_one():
         ('[a]\nparameters = ["units.tractor.mass"]\nlow = 1\nhigh = 1\nsigma = 1', "unknown"),
         ("[a]\nparameters = []\nlow = 1\nhigh = 1", "at least one"),
         ("a = 1", "not a table"),
-        ('[a]\nparameters = ["units.tractor.mass", "units.tractor.mass"]\nlow = 1\nhigh = 1', "drawn already"),
+        (
+            '[a]\nparameters = ["units.tractor.mass", "units.tractor.mass"]\nlow = 1\nhigh = 1',
+            "drawn already",
+        ),
     ],
 )
 def test_unusable_spreads_are_refused(tmp_path, content, message):

@@ -31,7 +31,7 @@ def sled_xml(mass, *, timestep=0.002, grade=0.0, grip=None, rolling=True, change
     p = PARAMETERS
     configs = {
         "powertrain": powertrain.config(p),
-        "air_brake": air_brake.config(p),
+        "air_brake": air_brake.config(p, p.payload_max),
     }
     for (plugin, name), value in (changes or {}).items():
         configs[plugin][name] = value
