@@ -41,6 +41,11 @@ SIGNALS = (
 )
 
 
+def signals(parameters: TruckParameters) -> tuple[str, ...]:
+    """Returns the names of a truck's sensors: without auxiliaries there is no work of theirs."""
+    return (*SIGNALS, "auxiliary_work") if parameters.engine.auxiliary_power else SIGNALS
+
+
 def config(parameters: TruckParameters) -> dict[str, str]:
     """Returns the attributes of the plugin instance `powertrain`.
 
