@@ -316,8 +316,8 @@ class Gearbox:
         up = 1.25 * full_torque + pedal * max(full_power - 1.25 * full_torque, 0.0)
         steps = self.ratios[:-1] / self.ratios[1:]
         lowest = 1.15 * self.shifting.lowest_speed * engine.idle_speed
-        up_speeds = np.maximum(up, lowest * steps[:, None])
-        down_speeds = np.maximum(0.85 * up_speeds / steps[:, None], lowest)
+        up_speeds = np.maximum(up, lowest * steps[:, None] / 0.85)
+        down_speeds = 0.85 * up_speeds / steps[:, None]
         meters = radius / self.final_drive
         gears = np.arange(1.0, len(self.ratios) + 1.0)
         upshift = Table2D(gears[:-1], pedal, up_speeds * meters / self.ratios[:-1, None])

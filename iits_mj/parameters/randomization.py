@@ -190,7 +190,7 @@ def _number_type(path: str) -> Any:
 def _values(
     node: Any, keys: _Keys, kind: Any, path: str, before: _Keys = ()
 ) -> Iterator[tuple[_Keys, FloatArray]]:
-    """Yields keys and SI values of the numbers at a path of a truck's tree, whose `*` is any key."""
+    """Yields keys and SI values of the numbers at a path of a tree; `*` is any key."""
     if not keys:
         unit = node.get("unit") if is_leaf(node) else None
         factor = quantity_of(kind).factor(unit, path) if unit else 1.0

@@ -108,7 +108,7 @@ def test_removed_parts_are_gone(shipped):
 
 def test_removing_from_every_table_takes_a_star(shipped):
     names = {"remove": ["units.*.axles.axle3", "units.*.payload"]}
-    refused(names, "remove 'units.*.payload'", "no 'payload'", "'coupling'" if 0 else "'axles'")
+    refused(names, "remove 'units.*.payload'", "no 'payload'", "'axles'")
     truck = TruckParameters.load(overlay={"remove": ["units.*.axles.axle3"]})
     assert [len(unit.axles) for unit in truck.units] == [2, 2]
     assert truck.last.axles[0] == shipped.last.axles[0]
@@ -204,7 +204,7 @@ def test_two_motor_vehicles_are_refused():
 def test_axles_are_in_order_of_their_positions_whatever_their_order_in_the_file(shipped):
     axle = {"like": "axle1", "position": 5.5}
     truck = TruckParameters.load(overlay={"units": {"trailer": {"axles": {"axle0": axle}}}})
-    assert [a.name for a in truck.last.axles][0] == "trailer_axle0"
+    assert truck.last.axles[0].name == "trailer_axle0"
     assert truck.last.axles[1:] == shipped.last.axles
 
 
@@ -291,9 +291,9 @@ def test_an_unknown_entry_of_a_quantity_is_refused():
         ({"units": {"trailer": {"colour": 1}}}, ("units.trailer.colour", "'mass'")),
         ({"motor": {}}, ("motor", "'engine'")),
         ({"remove": ["engine.idle_speed"]}, ("engine.idle_speed", "missing")),
-        ({"remove": ["units.trailer.axles.*"]}, ()),
+        ({"remove": ["units.trailer.axles.*"]}, ("units.trailer has no axles",)),
         ({"remove": ["units"]}, ("[units]",)),
-        ({"remove": ["units.tractor"]}, ()),
+        ({"remove": ["units.tractor"]}, ("motor vehicle", "tractor", "rigid_truck")),
     ],
 )
 def test_errors_name_the_parameter_its_value_and_what_is_allowed(overlay, words):
@@ -325,7 +325,9 @@ def test_a_missing_table_is_refused_with_its_path(write):
 
 
 def test_another_full_load_curve_has_a_pedal_map_in_proportion(write):
-    engine = TruckParameters.load(write('[engine]\nfull_load = "load.csv"\n', load=FULL_LOAD)).engine
+    engine = TruckParameters.load(
+        write('[engine]\nfull_load = "load.csv"\n', load=FULL_LOAD)
+    ).engine
     pedal = engine.pedal_map
     assert pedal.columns[[0, -1]].tolist() == [0.0, 1.0]
     np.testing.assert_allclose(pedal.rows, engine.full_load_speed)
@@ -380,14 +382,14 @@ def test_an_engine_of_another_family_is_refused(power):
 
 
 def test_other_gears_have_shift_speeds_from_the_full_load_curve(write, shipped):
-    gears = "gear [-],ratio [-]\n1,6.0\n2,3.0\n3,1.5\n4,1.0\n".replace(" [-]", "")
+    gears = "gear,ratio\n1,6.0\n2,3.0\n3,1.5\n4,1.0\n"
     truck = TruckParameters.load(write('[gearbox]\ngears = "g.csv"\nstart_gear = 1\n', g=gears))
     gearbox = truck.gearbox
     assert gearbox.ratios.tolist() == [6.0, 3.0, 1.5, 1.0]
     assert gearbox.inertias.tolist() == [0.0] * 4
     assert gearbox.upshift.rows.tolist() == [1.0, 2.0, 3.0]
     assert gearbox.downshift.rows.tolist() == [2.0, 3.0, 4.0]
-    # Later with more pedal and in higher gears; a downshift is due well below the same upshift.
+    # Later with more pedal and in higher gears; downshifts are due well below the same upshifts.
     assert (np.diff(gearbox.upshift.values, axis=1) >= 0.0).all()
     assert (np.diff(gearbox.upshift.values, axis=0) > 0.0).all()
     assert (gearbox.downshift.values < 0.95 * gearbox.upshift.values).all()

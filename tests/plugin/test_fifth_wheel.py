@@ -102,13 +102,13 @@ def coupled(turntable, stiffness, load, plate_width):
     return mujoco.MjModel.from_xml_string(f"""
     <mujoco>
       <option timestep="0.002" integrator="implicitfast" gravity="0 0 0"/>
-      <extension><plugin plugin="iits.couplings[0]">
+      <extension><plugin plugin="iits.fifth_wheel">
         <instance name="coupling">{keys}</instance></plugin></extension>
       <worldbody><body name="unit">
         <joint name="yaw" axis="0 0 1"/><joint name="pitch" axis="0 1 0"/>
         <joint name="roll" axis="1 0 0"/>
         <inertial pos="0 0 0" mass="3000" diaginertia="4e3 9e3 9e3"/>
-        <plugin plugin="iits.couplings[0]" instance="coupling"/>
+        <plugin plugin="iits.fifth_wheel" instance="coupling"/>
       </body></worldbody>
     </mujoco>""")
 
