@@ -23,7 +23,7 @@ from iits_mj.truck import Truck
 from traffic_bridge import PoseDigest, Recording, VehicleFrame
 from traffic_bridge.modes.resim import difference, traffic_of
 from traffic_bridge.recording.provenance import demand_same
-from traffic_bridge.recording.rows import EGO_COLUMNS, ego_row
+from traffic_bridge.recording.rows import ego_columns, ego_row
 
 
 class RedriveError(Error):
@@ -93,11 +93,14 @@ def redrive(
 
 def _compare_truck(recording: Recording, k: int, ego: EgoState, state_hash: int) -> None:
     now, then = np.array(ego_row(ego)), np.ascontiguousarray(recording.ego[k])
+    if now.shape != then.shape:
+        raise RedriveError(f"the truck has {len(now)} numbers of its state, recorded {len(then)}")
     apart = now.view(np.uint64) != then.view(np.uint64)
     if apart.any():
         place = int(np.argmax(apart))
+        name = ego_columns(len(now))[place]
         raise RedriveError(
-            f"the truck differs first at t = {recording.time[k]:.2f} s: {EGO_COLUMNS[place]} is "
+            f"the truck differs first at t = {recording.time[k]:.2f} s: {name} is "
             f"{float(now[place])!r}, recorded {float(then[place])!r}"
         )
     if k < len(recording.truck_hash) and int(recording.truck_hash[k]) != state_hash:

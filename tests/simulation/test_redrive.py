@@ -117,8 +117,9 @@ def test_truck_parameters_are_hashed_to_the_last_digit() -> None:
 
     shipped = TruckParameters.load()
     mass = shipped.lead.mass
-    tractor = {"mass": float(np.nextafter(mass, 1e9))}
-    heavier = TruckParameters.load(overlay={"units": {"tractor": tractor}})
+    heavier = TruckParameters.load(
+        overlay={"units": {"tractor": {"mass": float(np.nextafter(mass, 1e9))}}}
+    )
     one, two = (drive_log_module.truck_versions(p) for p in (shipped, heavier))
     assert one["truck parameters of hash"] != two["truck parameters of hash"]
     assert one["mujoco"] == two["mujoco"]
