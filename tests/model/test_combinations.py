@@ -25,9 +25,7 @@ def tire_loads(truck):
 
 def knuckles(truck, axle):
     """Returns the angles of an axle's road wheels [rad], left and right."""
-    return np.array(
-        [float(truck.data.joint(f"{axle}_{side}_knuckle").qpos[0]) for side in SIDES]
-    )
+    return np.array([float(truck.data.joint(f"{axle}_{side}_knuckle").qpos[0]) for side in SIDES])
 
 
 def settled(truck, speed, steering, seconds):
