@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from iits_mj.core.errors import InputError
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.parameters.randomization import Quantity, Spread
 
 
@@ -48,9 +48,63 @@ def test_the_nominal_truck_is_the_shipped_one():
     assert drawn.overlay == {}
 
 
+@pytest.fixture
+def tractor(tmp_path):
+    """File of a tractor without trailer, whose engine has another power."""
+    file = tmp_path / "truck.toml"
+    file.write_text(
+        'extends = "tractor_semitrailer_6x4"\nremove = ["units.trailer"]\n'
+        '[engine]\npower = { value = 300, unit = "kW" }\n'
+        '[steering]\nstiffness = { value = 30, unit = "kN m/rad" }\n'
+    )
+    return file
+
+
+@pytest.mark.parametrize("name", shipped_trucks())
+def test_every_shipped_truck_can_be_drawn(name):
+    spread, shipped = Spread.load(truck=name), TruckParameters.load(name)
+    drawn = spread.draw(np.random.default_rng(3))
+    truck = TruckParameters.load(name, overlay=drawn.overlay)
+    for ours, theirs in zip(truck.axles, shipped.axles, strict=True):
+        brake, original = ours.brake, theirs.brake
+        factor = drawn.factors["brake_torque"]
+        assert brake.torque_per_pressure == pytest.approx(factor * original.torque_per_pressure)
+        assert brake.chamber_volume == original.chamber_volume
+    np.testing.assert_allclose(
+        truck.engine.full_load_torque,
+        drawn.factors["engine_torque"] * shipped.engine.full_load_torque,
+    )
+
+
+def test_what_a_truck_lacks_is_left_out_and_the_factors_stay_the_same(tractor):
+    whole, alone = Spread.load(), Spread.load(truck=tractor)
+    drawn = alone.draw(np.random.default_rng(5))
+    assert drawn.factors == whole.draw(np.random.default_rng(5)).factors
+    assert set(drawn.overlay["units"]) == {"tractor"}
+    shipped, truck = TruckParameters.load(tractor), TruckParameters.load(tractor, drawn.overlay)
+    assert [unit.name for unit in truck.units] == ["tractor"]
+    factor = drawn.factors["tractor_springs"]
+    assert truck.axles[2].spring_rate == pytest.approx(factor * shipped.axles[2].spring_rate)
+    factor = drawn.factors["engine_torque"]
+    assert truck.engine.full_load_power == pytest.approx(factor * 300e3)
+    assert truck.engine.inertia == pytest.approx(shipped.engine.inertia)
+    factor = drawn.factors["steering_stiffness"]
+    assert truck.steering.stiffness == pytest.approx(factor * 30e3)
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
+        ('[a]\nparameters = ["units.dolly.axels.*.track"]\nlow = 1\nhigh = 1', "'axels'.*'axles'"),
+        ('[a]\nparameters = ["units.*.axles.*.brake.x"]\nlow = 1\nhigh = 1', "'x'.*'dead_time'"),
+        ('[a]\nparameters = ["units.tractor"]\nlow = 1\nhigh = 1', "is not a number"),
+        ('[a]\nparameters = ["units.tractor.kind"]\nlow = 1\nhigh = 1', "is not a number"),
+        ('[a]\nparameters = ["units.*.axles.*.driven"]\nlow = 1\nhigh = 1', "is not a number"),
+        ('[a]\nparameters = ["engine.pedal_map"]\nlow = 1\nhigh = 1', "is not a number"),
+        (
+            '[a]\nparameters = ["tires.steer.count", "tires.*.count"]\nlow = 1\nhigh = 1',
+            "drawn already",
+        ),
         ('[a]\nparameters = ["tires.steer.width"]\nlow = 1\nhigh = 1', "tires.steer.width"),
         ('[a]\nparameters = ["gearbox.shift_strategy"]\nlow = 1\nhigh = 1', "is not a number"),
         ('[a]\nparameters = ["units.tractor.mass"]\nlow = 2\nhigh = 1', "low first"),
