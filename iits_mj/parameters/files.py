@@ -21,8 +21,9 @@ from iits_mj.core.assets import DEFAULT_TRUCK, mjcf_dir
 from iits_mj.core.checks import is_number, shown
 from iits_mj.core.errors import InputError
 from iits_mj.core.input_files import read_toml
-from iits_mj.parameters.quantity import Quantity, quantity_of
-from iits_mj.parameters.tables import REPLACED, read_tables
+from iits_mj.parameters.powertrain import EXTENSIVE, EXTENSIVE_TABLES
+from iits_mj.parameters.quantity import Quantity, Watts, quantity_of
+from iits_mj.parameters.tables import REPLACED, Table2D, read_tables
 
 MAGNITUDE_MAX = 1e9  # of a parameter in SI units; the greatest are stiffnesses
 TRUCK_FILE = "truck.toml"
@@ -148,8 +149,45 @@ def _changed(base: Tree, extra: Tree, folder: Path) -> Tree:
         if _is_table(given) and key in given and _is_table(old):
             kept = {name: value for name, value in old.items() if name not in others}
             base = {**base, section: kept}
-    merged = merge(base, read_tables(extra, folder), "")
-    return _copied(merged, "")
+    merged = _copied(merge(base, read_tables(extra, folder), ""), "")
+    engine = merged.get("engine")
+    if _is_table(engine) and "power" in engine:
+        merged["engine"] = _of_power(engine)
+    return merged
+
+
+def _of_power(engine: Mapping[str, Any]) -> Tree:
+    """Returns the section of an engine with the full-load curve scaled to its `power`.
+
+    The displacement is in proportion, and with it all torques, the inertia and the fuel.
+    """
+    found = dict(engine)
+    power = build(Watts, found.pop("power"), "engine.power")
+    names = [name for name in ("full_load_speed", "full_load_torque") if name in found]
+    curve = [_array(plain(found[name]), f"engine.{name}") for name in names]
+    whole = len(curve) == 2 and curve[0].shape == curve[1].shape
+    given = float((curve[0] * curve[1]).max()) if whole else 0.0
+    if not 0.2 * given <= power <= 5.0 * given or power <= 0.0:
+        raise InputError(
+            f"parameter engine.power = {power:g} W: allowed is a fifth to five times the "
+            f"{given:g} W of the full-load curve"
+        )
+
+    def scaled(node: Any) -> Any:
+        if is_leaf(node):
+            return {**node, "value": scaled(node["value"])}
+        if isinstance(node, (list, tuple)):
+            return [scaled(item) for item in node]
+        # `build` refuses anything else.
+        return node * (power / given) if is_number(node) or isinstance(node, np.ndarray) else node
+
+    found |= {name: scaled(found[name]) for name in EXTENSIVE if name in found}
+    for name, parts in EXTENSIVE_TABLES.items():
+        if name in found:
+            table = build(Table2D, found[name], f"engine.{name}")
+            changed = {part: power / given * getattr(table, part) for part in parts}
+            found[name] = dataclasses.replace(table, **changed)
+    return found
 
 
 def _without(tree: Tree, keys: list[str], name: str) -> Tree:

@@ -239,7 +239,7 @@ def _pressure_table(path: Path, _: str) -> dict[str, Any]:
 # What a file that gives the first of these keys no longer has from the file that it extends, unless
 # it gives that, too: a pedal map belongs to its engine, shift speeds and losses to their gears.
 REPLACED: dict[tuple[str, str], tuple[str, ...]] = {
-    ("engine", "full_load"): ("pedal_map", "power"),
+    ("engine", "full_load"): ("pedal_map",),
     ("engine", "fuel_map"): ("fuel_rate_map",),
     ("engine", "fuel_rate_map"): ("fuel_map",),
     ("gearbox", "gears"): ("upshift", "downshift", "loss_maps"),

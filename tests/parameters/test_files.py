@@ -359,9 +359,9 @@ def test_unusable_tables_are_refused(write, table, words):
 @pytest.mark.parametrize("factor", [0.5, 1.3])
 def test_an_engine_of_another_power_has_all_torques_and_its_fuel_in_proportion(shipped, factor):
     base = shipped.engine
-    overlay = {"engine": {"power": {"value": 1e-3 * factor * base.power, "unit": "kW"}}}
+    overlay = {"engine": {"power": {"value": 1e-3 * factor * base.full_load_power, "unit": "kW"}}}
     engine = TruckParameters.load(overlay=overlay).engine
-    assert engine.power == pytest.approx(factor * base.full_load_power)
+    assert engine.full_load_power == pytest.approx(factor * base.full_load_power)
     np.testing.assert_allclose(engine.full_load_torque, factor * base.full_load_torque)
     np.testing.assert_allclose(engine.pedal_map.values, factor * base.pedal_map.values)
     assert engine.inertia == pytest.approx(factor * base.inertia)
@@ -374,6 +374,28 @@ def test_an_engine_of_another_power_has_all_torques_and_its_fuel_in_proportion(s
     )
     # Times and speeds stay.
     assert (engine.boost_lag, engine.idle_speed) == (base.boost_lag, base.idle_speed)
+
+
+def test_a_number_given_after_the_power_is_not_scaled(write, shipped):
+    file = write('[engine]\npower = { value = 300, unit = "kW" }\n')
+    engine = TruckParameters.load(file, overlay={"engine": {"inertia": 3.0}}).engine
+    assert engine.inertia == 3.0
+    assert engine.full_load_power == pytest.approx(300e3)
+    assert engine.reference_torque < shipped.engine.reference_torque
+
+
+@pytest.mark.parametrize(
+    ("engine", "words"),
+    [
+        ({"power": "much"}, ("engine.power = 'much'", "finite number")),
+        ({"power": {"value": 300, "unit": "N"}}, ("engine.power", "'N'", "'kW'")),
+        ({"power": 3e5, "inertia": "x"}, ("engine.inertia = 'x'", "finite number")),
+        ({"power": 3e5, "drag_torque": [1.0, [2.0]]}, ("engine.drag_torque[1]",)),
+        ({"power": 3e5, "full_load_torque": [1.0]}, ("engine.power", "the 0 W")),
+    ],
+)
+def test_a_wrong_power_is_refused(engine, words):
+    refused({"engine": engine}, *words)
 
 
 @pytest.mark.parametrize("power", [1e3, 1e7])
