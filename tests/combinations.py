@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import TruckParameters, shipped_trucks
 
 _SHIPPED = TruckParameters.load()
 
@@ -69,6 +69,11 @@ COMBINATIONS = {
 }
 
 
+TRUCKS = (*COMBINATIONS, *shipped_trucks()[1:])
+
+
 def load(name):
-    """Returns the parameters of one of `COMBINATIONS`."""
-    return TruckParameters.load(overlay=COMBINATIONS[name])
+    """Returns the parameters of one of `TRUCKS`, our combinations and the other shipped trucks."""
+    if name in COMBINATIONS:
+        return TruckParameters.load(overlay=COMBINATIONS[name])
+    return TruckParameters.load(name)

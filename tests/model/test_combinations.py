@@ -8,7 +8,7 @@ from iits_mj.model.sensor_table import sensor_unit
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import axle_loads_by_name, coupling_loads, static_axle_loads
 from iits_mj.truck import Truck
-from tests.combinations import COMBINATIONS, load
+from tests.combinations import TRUCKS, load
 
 SIDES = ("left", "right")
 
@@ -37,7 +37,7 @@ def settled(truck, speed, steering, seconds):
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
-@pytest.mark.parametrize("name", COMBINATIONS)
+@pytest.mark.parametrize("name", TRUCKS)
 def test_tires_carry_the_static_loads_at_rest_on_level_ground(name, share):
     parameters = load(name)
     payload = share * parameters.payload_max
@@ -49,7 +49,7 @@ def test_tires_carry_the_static_loads_at_rest_on_level_ground(name, share):
     assert np.abs(truck.data.qvel).max() < 1e-5
 
 
-@pytest.mark.parametrize("name", COMBINATIONS)
+@pytest.mark.parametrize("name", TRUCKS)
 def test_every_unit_is_a_body_in_the_one_ahead_and_every_sensor_has_a_unit(name):
     parameters = load(name)
     truck = Truck.load(0.0, parameters=parameters, visuals=False)

@@ -13,7 +13,7 @@ from iits_mj.road.design import Design, build
 from iits_mj.truck import Truck
 from tests.combinations import load
 
-NAMES = ("alone", "b_double", "dolly")
+NAMES = ("alone", "b_double", "dolly", "rigid_drawbar", "a_double")
 SIDES = ("left", "right")
 RADIUS = 80.0
 
