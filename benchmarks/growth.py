@@ -36,7 +36,7 @@ from iits_mj.commands.bench.clocks import MICROSECONDS, MILLISECONDS, in_turns
 from iits_mj.commands.bench.environments import ENVIRONMENT
 from iits_mj.commands.bench.physics import SPEED, STATION, highway_truck, player
 from iits_mj.core.timing import TIMESTEP
-from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
+from iits_mj.parameters import TruckParameters
 from iits_mj.render.plots import PALETTE, dress, to_png
 from iits_mj.road import RoadMap
 from iits_mj.road.design import Design, build
@@ -69,7 +69,7 @@ def step_by_axles(counts: Sequence[int] = (1, 2, 3, 4, 5)) -> Points:
 def step_by_trucks(counts: Sequence[int] = (1, 2, 4, 8)) -> Points:
     route, trucks = RoadMap.builtin().route(), {}
     for count in counts:
-        fleet = TruckFleet.load([MAX_PAYLOAD] * count, route=route, visuals=False)
+        fleet = TruckFleet.load([36_000.0] * count, route=route, visuals=False)
         fleet.reset([TruckPlacement(station=400.0 - 40.0 * k, speed=SPEED) for k in range(count)])
         trucks[count] = fleet.trucks[0]
     yield from _steps("trucks in one model", trucks)

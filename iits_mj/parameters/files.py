@@ -32,6 +32,7 @@ _PROVENANCE = ("value", "unit", "grade", "source")
 GRADES = "PRDLJ"
 
 Tree = dict[str, Any]
+Overlay = str | Path | Mapping[str, Any]
 
 
 def shipped_trucks() -> tuple[str, ...]:
@@ -68,9 +69,7 @@ def truck_file(truck: str | Path | None, base: Path | None = None) -> Path:
     )
 
 
-def read_truck(
-    truck: str | Path | None = None, overlay: str | Path | Mapping[str, Any] | None = None
-) -> Tree:
+def read_truck(truck: str | Path | None = None, overlays: Sequence[Overlay] = ()) -> Tree:
     """Returns a truck's merged tree with its tables in SI units; see `TruckParameters.load`.
 
     Leaves are plain values or `{ value, unit, grade, source }`.
@@ -80,7 +79,7 @@ def read_truck(
     """
     file = truck_file(truck)
     tree = _read_file(file, ())
-    if overlay is not None:
+    for overlay in overlays:
         if isinstance(overlay, Mapping):
             extra, folder = dict(overlay), Path()
         else:

@@ -11,8 +11,7 @@ The uncertainties are in `mjcf/spread.toml`, or in a file of the same form.
 from __future__ import annotations
 
 import dataclasses
-import types
-import typing
+import fnmatch
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,17 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from iits_mj.core.arrays import FloatArray
 from iits_mj.core.assets import mjcf_path
 from iits_mj.core.checks import is_number
 from iits_mj.core.errors import InputError
 from iits_mj.core.input_files import read_toml
-from iits_mj.parameters.files import is_leaf, plain, read_truck
-from iits_mj.parameters.quantity import quantity_of
-from iits_mj.parameters.tables import Table2D
-from iits_mj.parameters.truck import TruckParameters
-
-_Keys = tuple[str, ...]  # of an entry of the truck's tree
+from iits_mj.parameters.truck import AnyTruck, TruckParameters
 
 
 @dataclass(frozen=True)
@@ -39,7 +32,7 @@ class Quantity:
 
     Attributes:
       name: of the quantity.
-      parameters: that are multiplied by the same factor; `*` means every entry of a table.
+      parameters: that are multiplied by the same factor; `*` stands for any part of a name.
       low, high: bounds of the factor, which is distributed uniformly.
       grade, source: as in the truck's TOML.
     """
@@ -98,36 +91,38 @@ class Drawn:
 class Spread:
     """The uncertain quantities of a truck.
 
-    A parameter of a unit, axle or kind of tires that the truck lacks is left out.
-
     Args:
-      quantities: of different names; their factors multiply the truck's parameters.
-      truck: as of `TruckParameters.load`.
+      quantities: of different names; their factors multiply the truck's parameters. Those that it
+        lacks, but the shipped truck has, such as a trailer's, change nothing.
+      truck: see `TruckParameters.load`.
 
     Raises:
       InputError: a parameter does not exist or is not a number, or two quantities share one.
     """
 
-    def __init__(self, quantities: tuple[Quantity, ...], truck: str | Path | None = None) -> None:
+    def __init__(self, quantities: tuple[Quantity, ...], truck: AnyTruck | None = None) -> None:
         self.quantities = quantities
-        tree = read_truck(truck)
-        self._nominal: dict[str, dict[_Keys, FloatArray]] = {}
-        taken: set[_Keys] = set()
+        self._tree = _tree_of(TruckParameters.load(truck))
+        shipped = self._tree if truck is None else _tree_of(TruckParameters.load())
+        # Places of each quantity's parameters in the tree.
+        self._places: dict[str, list[tuple[str, ...]]] = {}
+        taken: set[tuple[str, ...]] = set()
         for quantity in quantities:
-            found: dict[_Keys, FloatArray] = {}
+            places = self._places[quantity.name] = []
             for path in quantity.parameters:
-                keys = tuple(path.split("."))
-                values = dict(_values(tree, keys, _number_type(path), path))
-                for key in {keys, *values}:
-                    if key in taken:
-                        raise InputError(f"spread of {quantity.name}: {path} is drawn already")
-                    taken.add(key)
-                found |= values
-            self._nominal[quantity.name] = found
+                keys = path.split(".")
+                found = list(_matches(self._tree, keys))
+                if not found and not list(_matches(shipped, keys)):
+                    raise InputError(f"spread of {path}: there is no such parameter")
+                if taken.intersection(found):
+                    raise InputError(f"spread of {quantity.name}: {path} is drawn already")
+                taken.update(found)
+                places.extend(found)
+        self._overlay({quantity.name: 1.0 for quantity in quantities})
 
     @classmethod
-    def load(cls, path: str | Path | None = None, truck: str | Path | None = None) -> Spread:
-        """Reads a TOML file; default: `mjcf/spread.toml`; truck: as of `TruckParameters.load`.
+    def load(cls, path: str | Path | None = None, truck: AnyTruck | None = None) -> Spread:
+        """Reads a TOML file; default: `mjcf/spread.toml`.
 
         Raises:
           InputError: unreadable file, unknown key, or see `Spread`.
@@ -146,56 +141,34 @@ class Spread:
 
     def _overlay(self, factors: Mapping[str, float]) -> dict[str, Any]:
         overlay: dict[str, Any] = {}
-        for name, nominal in self._nominal.items():
-            for (*tables, last), values in nominal.items():
-                table = overlay
+        for name, places in self._places.items():
+            for *tables, last in places:
+                part, tree = overlay, self._tree
                 for key in tables:
-                    table = table.setdefault(key, {})
-                table[last] = (values * factors[name]).tolist()
+                    part, tree = part.setdefault(key, {}), tree[key]
+                values = np.asarray(tree[last])
+                if values.dtype.kind not in "fi":
+                    raise InputError(f"spread of {name}: {tree[last]!r} is not a number")
+                part[last] = (values * factors[name]).tolist()
         return overlay
 
 
-def _number_type(path: str) -> Any:
-    """Returns the annotated type of the number at a path of any truck's parameters.
-
-    Raises:
-      InputError: there is no such parameter, or it is not a number.
-    """
-    kind: Any = TruckParameters
-    for key in path.split("."):
-        origin, inside = typing.get_origin(kind), typing.get_args(kind)
-        if origin in (types.UnionType, typing.Union):
-            kind = inside[0]
-        if dataclasses.is_dataclass(kind) and kind is not Table2D:
-            entries = typing.get_type_hints(kind, include_extras=True)
-        elif origin is dict:
-            entries = {key: inside[1]}
-        elif origin is tuple and dataclasses.is_dataclass(inside[0]):
-            entries = {key: inside[0]}
-        else:
-            entries = {}
-        if key not in entries:
-            raise InputError(
-                f"spread of {path}: there is no such parameter: {key!r} is not one of "
-                f"{list(entries)}"
-            )
-        kind = entries[key]
-    item = typing.get_args(kind)[0] if typing.get_origin(kind) is tuple else kind
-    plain_type = typing.get_args(item)[0] if hasattr(item, "__metadata__") else item
-    if plain_type not in (int, float) and typing.get_origin(item) is not np.ndarray:
-        raise InputError(f"spread of {path}: the parameter is not a number")
-    return item
+def _tree_of(parameters: TruckParameters) -> dict[str, Any]:
+    """Returns a truck's parameters as the tables of its file."""
+    tree = dataclasses.asdict(parameters)
+    tree["units"] = {unit["name"]: unit for unit in tree["units"]}
+    for name, unit in tree["units"].items():
+        unit["axles"] = {axle["name"].removeprefix(f"{name}_"): axle for axle in unit["axles"]}
+    return tree
 
 
-def _values(
-    node: Any, keys: _Keys, kind: Any, path: str, before: _Keys = ()
-) -> Iterator[tuple[_Keys, FloatArray]]:
-    """Yields keys and SI values of the numbers at a path of a tree; `*` is any key."""
-    if not keys:
-        unit = node.get("unit") if is_leaf(node) else None
-        factor = quantity_of(kind).factor(unit, path) if unit else 1.0
-        yield before, np.asarray(plain(node)) * factor
-    elif isinstance(node, Mapping):
-        first, *rest = keys
-        for key in node if first == "*" else [first] if first in node else []:
-            yield from _values(node[key], tuple(rest), kind, path, (*before, key))
+def _matches(tree: Any, keys: list[str]) -> Iterator[tuple[str, ...]]:
+    """Yields the places in a tree that keys with wildcards name."""
+    first, *rest = keys
+    if not isinstance(tree, Mapping):
+        return
+    for name in fnmatch.filter(tree, first):
+        if rest:
+            yield from ((name, *place) for place in _matches(tree[name], rest))
+        elif tree[name] is not None:
+            yield (name,)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import struct
 from collections.abc import Iterable
@@ -24,15 +25,14 @@ _nearest_box = kernels.function(
     *(Address, Address, Address, Integer),  # the vehicles
     *(Real, Real, Real, Real, Real),  # horizon and level
 )
+_TIRE_REACH = 0.6  # [m] of the tires behind a tractor's last axle
 _PLACES = np.array([COLUMNS.index(name) for name in ("x", "y", "z", "yaw", "length", "width")])
 _PLACES_ADDRESS = kernels.address(_PLACES)
-_pack_units = struct.Struct("12d").pack
 
 
-def truck_boxes(ego: EgoState, parameters: TruckParameters) -> tuple[FloatArray, FloatArray]:
-    """Returns corners of tractor and semitrailer in the map frame, each of shape (4, 2) [m]."""
-    tractor, trailer = (box_corners(*unit) for unit in _units(ego, parameters))
-    return np.array(tractor), np.array(trailer)
+def truck_boxes(ego: EgoState, parameters: TruckParameters) -> tuple[FloatArray, ...]:
+    """Returns corners of the units, front to rear, in the map frame, each of shape (4, 2) [m]."""
+    return tuple(np.array(box_corners(*unit)) for unit in _units(ego, parameters))
 
 
 def nearest_box_distance(
@@ -50,29 +50,33 @@ def nearest_box_distance(
     if not frame:
         return math.inf
     columns, lanes = frame.addresses
-    tractor, trailer = _units(ego, parameters)
+    units = _units(ego, parameters)
+    packed = struct.pack(f"{6 * len(units)}d", *itertools.chain(*units))
     return float(
         _nearest_box(
-            *(_pack_units(*tractor, *trailer), 2),
+            *(packed, len(units)),
             *(columns, _PLACES_ADDRESS, lanes, len(frame)),
             *(ego.x, ego.y, horizon, ego.z, LEVEL_OVER_TRUCK),
         )
     )
 
 
-def _units(ego: EgoState, parameters: TruckParameters) -> tuple[tuple[float, ...], ...]:
-    """Origin, heading, reach ahead and behind, and width of tractor and semitrailer."""
-    tractor, trailer = parameters.lead, parameters.units[1]
-    rear = tractor.axles[-1].position + 0.6
-    hitch = parameters.couplings[0].position
-    return (
-        (ego.x, ego.y, ego.yaw, tractor.front_overhang, rear, tractor.width),
-        (
-            ego.x - hitch * math.cos(ego.yaw),
-            ego.y - hitch * math.sin(ego.yaw),
-            ego.yaw - ego.articulation,
-            trailer.front_overhang,
-            trailer.length - trailer.front_overhang,
-            trailer.width,
-        ),
-    )
+def _units(ego: EgoState, parameters: TruckParameters) -> list[tuple[float, ...]]:
+    """Origin, heading, reach ahead and behind, and width of each unit, front to rear."""
+    lead = parameters.lead
+    rear = lead.length - lead.front_overhang
+    if lead.kind == "tractor":
+        # What counts is the width over its last tires; a bare frame ends behind them.
+        rear = lead.axles[-1].position + _TIRE_REACH
+    x, y, yaw = ego.x, ego.y, ego.yaw
+    found: list[tuple[float, ...]] = [(x, y, yaw, lead.front_overhang, rear, lead.width)]
+    angles = (ego.articulation, *ego.rear_articulations)
+    # A truck without trailer reports an articulation, too.
+    for unit, angle in zip(parameters.units[1:], angles, strict=False):
+        assert unit.coupling is not None
+        x -= unit.coupling.position * math.cos(yaw)
+        y -= unit.coupling.position * math.sin(yaw)
+        yaw -= angle
+        behind = unit.length - unit.front_overhang
+        found.append((x, y, yaw, unit.front_overhang, behind, unit.width))
+    return found

@@ -121,10 +121,10 @@ class Physics(BasePhysics):
     station = _reading("station", "Steer axle along the road [m].")
     offset = _reading("offset", "Steer axle left of the road's line [m].")
     trailer_offset = _reading(
-        "trailer_offset", "Middle of the last unit's axle group left of the road's line [m]."
+        "trailer_offset", "Middle of the trailer's axle group left of the road's line [m]."
     )
     roll = _reading("roll", "Roll of the tractor [rad], right side down positive.")
-    articulation = _reading("articulation", "Tractor's yaw less the first trailer's [rad].")
+    articulation = _reading("articulation", "Tractor's yaw less the trailer's [rad].")
     yaw_rate = _reading("yaw_rate", "Yaw rate of the tractor [rad/s].")
     steering_wheel_angle = _reading("steering_wheel_angle", "Actual steering-wheel angle [rad].")
     engine_speed = _reading("engine_speed", "Engine speed [rad/s].")
@@ -155,10 +155,6 @@ class Physics(BasePhysics):
         self._key: tuple[float, bytes, bytes] | None = None
         self._sensors_key: tuple[float, bytes, bytes] | None = None
         self._held = False
-        parameters = truck.parameters
-        # Middle of the last axle group behind the steer axle [m].
-        group = float(np.mean([axle.position for axle in parameters.last.axles]))
-        self._behind = sum(coupling.position for coupling in parameters.couplings) + group
 
     def __getstate__(self) -> tuple[wrapper.MjData, Truck]:
         return self.data, self.truck
@@ -226,7 +222,7 @@ class Physics(BasePhysics):
         return data.time, data.qpos.tobytes(), data.qvel.tobytes()
 
     def trailer_station(self) -> float:
-        """Returns the station of the middle of the last unit's axle group [m]."""
+        """Returns the station of the middle of the trailer's axle group [m]."""
         self.ego()
         return self.truck.trailer_station
 
@@ -241,8 +237,8 @@ class Physics(BasePhysics):
         """Returns offsets of points around all units from the road's line [m], (n,)."""
         ego = self.ego()
         lead, *towed = truck_boxes(ego, self.truck.parameters)
-        points = np.concatenate([_around(lead, 4), *(_around(box, 16) for box in towed)])
-        near = self.station() - 0.5 * self._behind
+        points = np.concatenate([_around(lead, 4), *(_around(unit, 16) for unit in towed)])
+        near = self.station() - 0.5 * self.truck.behind
         return np.array([self.route.locate(x, y, near)[1] for x, y in points.tolist()])
 
     def heading_error(self) -> float:

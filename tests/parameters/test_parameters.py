@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from iits_mj.core.errors import InputError
-from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
+from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.files import provenance
 
 
@@ -93,4 +93,4 @@ def test_payload_below_the_floor_or_above_the_roof_is_refused(height):
 
 
 def test_greatest_payload_is_that_of_the_shipped_truck():
-    assert TruckParameters.load().payload_max == MAX_PAYLOAD
+    assert TruckParameters.load().payload_max == 36_000.0
