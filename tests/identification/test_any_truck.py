@@ -46,7 +46,7 @@ def test_a_tractor_alone_shows_its_mass_and_drag(alone):
 
 
 def test_a_tractor_alone_has_no_estimates_of_a_trailer(alone):
-    parameters, found = alone
+    _, found = alone
     names = {estimate.name for estimate in found.estimates}
     assert not [name for name in names if "trailer" in name]
     assert {"brake_gain_front", "brake_gain_drive", "front_dead_time"} <= names
