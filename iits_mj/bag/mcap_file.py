@@ -117,7 +117,8 @@ class Bag:
                     f"the bag's drive used the file {self.options[file]!r} for "
                     f"--{file.replace('_', '-')}, which a bag does not hold"
                 )
-        changes = {"truck": truck_of(self.options, "the bag", None), **changes}
+        if changes.get("truck") is None:
+            changes["truck"] = truck_of(self.options, "the bag", None)
         return DriveConfig(**{**self.options, "map": map_path, **changes})
 
 

@@ -150,7 +150,7 @@ def _help(field: dataclasses.Field[Any], rule: options.Option) -> str:
     elif rule.bounds():
         parts.append(rule.bounds())
     if rule.names is not None:
-        parts.append(f"shipped are {', '.join(rule.names())}")
+        parts.append(f"names are {', '.join(rule.names())}")
     default = field.default
     if default is not dataclasses.MISSING and default is not None and default != "":
         parts.append(f"default {_shown(default)}")

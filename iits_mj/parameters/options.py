@@ -9,7 +9,7 @@ from iits_mj.parameters.files import shipped_trucks, truck_file
 from iits_mj.parameters.truck import AnyTruck, TruckParameters
 
 
-def truck_option(help: str = "truck", default_is: str = "the first of them") -> Any:
+def truck_option(help: str = "truck", default_is: str = "the first name") -> Any:
     """Returns a dataclass field for the truck, of type `AnyTruck | None`.
 
     Args:
@@ -18,7 +18,7 @@ def truck_option(help: str = "truck", default_is: str = "the first of them") -> 
     """
     return option(
         None,
-        help=f"{help}: a shipped one, or a truck.toml or its folder; without it {default_is}",
+        help=f"{help}: a name, a truck.toml or its folder; without it {default_is}",
         names=shipped_trucks,
         test=lambda truck: isinstance(truck, TruckParameters) or truck_file(truck),
         metavar="NAME|FILE",
