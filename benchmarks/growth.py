@@ -93,24 +93,15 @@ def _steps(name: str, trucks: Mapping[int, Truck], rounds: int = 30) -> Points:
 
 def with_trailer_axles(parameters: TruckParameters, count: int) -> TruckParameters:
     """A truck whose semitrailer has so many axles, each like the last one it has now."""
-    trailer, brake = parameters.units[1], parameters.air_brake
+    lead, trailer = parameters.units
     spacing = trailer.axles[-1].position - trailer.axles[-2].position
     axles = []
     for k in range(count):
         like = trailer.axles[min(k, len(trailer.axles) - 1)]
         position = trailer.axles[0].position + k * spacing
         axles.append(dataclasses.replace(like, name=f"trailer_axle{k + 1}", position=position))
-    before, now = len(parameters.axles), len(parameters.lead.axles) + count
-    per_axle: dict[str, Any] = {
-        field.name: (*value, *(now - before) * value[-1:])[:now]
-        for field in dataclasses.fields(brake)
-        if isinstance(value := getattr(brake, field.name), tuple) and len(value) == before
-    }
-    return dataclasses.replace(
-        parameters,
-        semitrailer=dataclasses.replace(trailer, axles=tuple(axles)),
-        air_brake=dataclasses.replace(brake, **per_axle),
-    )
+    longer = dataclasses.replace(trailer, axles=tuple(axles))
+    return dataclasses.replace(parameters, units=(lead, longer))
 
 
 def traffic_by_vehicles(counts: Sequence[int] = (20, 60, 120, 250, 500)) -> Points:
