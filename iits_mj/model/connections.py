@@ -194,7 +194,7 @@ def add_sensors(root: ET.Element, p: TruckParameters) -> None:
         attributes = {"name": name, "plugin": f"iits.{kind}", "instance": instance, **more}
         ET.SubElement(sensor, "plugin", attributes)
 
-    for name in powertrain.SIGNALS:
+    for name in powertrain.signals(p):
         plugin(name, "powertrain")
     for name in air_brake.SIGNALS:
         plugin(name, "air_brake")

@@ -41,6 +41,11 @@ SIGNALS = (
 )
 
 
+def signals(parameters: TruckParameters) -> tuple[str, ...]:
+    """Returns the names of a truck's sensors: without auxiliaries there is no work of theirs."""
+    return (*SIGNALS, "auxiliary_work") if parameters.engine.auxiliary_power else SIGNALS
+
+
 def config(parameters: TruckParameters) -> dict[str, str]:
     """Returns the attributes of the plugin instance `powertrain`.
 
@@ -49,7 +54,14 @@ def config(parameters: TruckParameters) -> dict[str, str]:
     """
     engine, gearbox = parameters.engine, parameters.gearbox
     speed, torque = full_load(parameters)
-    other = ["inertia", "full_load_speed", "full_load_torque", "auxiliaries", "power", "fuel_factor"]
+    other = [
+        "inertia",
+        "full_load_speed",
+        "full_load_torque",
+        "auxiliaries",
+        "power",
+        "fuel_factor",
+    ]
     if engine.fuel_rate_map.values.size:
         other.append("idle_fuel_rate")
     found = plugin_attributes(engine, *other, digits=PLUGIN_DIGITS)

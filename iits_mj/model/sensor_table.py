@@ -38,7 +38,10 @@ _TABLE: tuple[tuple[str, SensorUnit], ...] = (
     (r"endurance_torque_demand", SensorUnit(_NEWTON_METER, (), "of engine brake and retarder")),
     (r"accelerator_pedal_position", SensorUnit("1", (), "0 to 1")),
     (r"retarder_heat", SensorUnit("1", (), "1 where the continuous power settles")),
-    (r"engine_work|driveline_loss|retarder_work|driveline_energy|brake_work", SensorUnit("J")),
+    (
+        r"engine_work|auxiliary_work|driveline_loss|retarder_work|driveline_energy|brake_work",
+        SensorUnit("J"),
+    ),
     (
         r"powertrain_report",
         SensorUnit(

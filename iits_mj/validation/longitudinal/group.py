@@ -15,6 +15,7 @@ from iits_mj.validation.longitudinal import (
     energy_audit,
     fuel_map,
     hill_climb,
+    long_haul,
     speed_accuracy,
 )
 from iits_mj.validation.longitudinal.acceleration import (
@@ -26,6 +27,8 @@ from iits_mj.validation.longitudinal.hills import HILLS_LENGTH
 
 # XBR is tested at 19, 50 and 55 t.
 _XBR_PAYLOADS = (0.0, 31_000.0, MAX_PAYLOAD)
+# Physics step of the mission, 5 300 s long [s].
+_LONG_STEP = 0.005
 # The quick form audits the first hill [m].
 _QUICK_HILLS = 1000.0
 
@@ -54,6 +57,7 @@ def run(config: ValidateConfig) -> Results:
         length = _QUICK_HILLS if quick else HILLS_LENGTH
         add(f"energy_{payload / 1e3:g}t", energy_audit.compare(payload, step, length))
     add("fuel", fuel_map.compare(step, quick=quick))
+    add("long_haul", long_haul.compare(_LONG_STEP, quick=quick))
     if not quick:
         add("time_step", compare_steps())
     add("speed_accuracy", speed_accuracy.compare(drives))
