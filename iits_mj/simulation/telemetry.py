@@ -151,7 +151,7 @@ class Telemetry(Closing, Observer):
     def _begin(self, frame: DriveFrame) -> None:
         """Adds the columns of this truck, and writes the header."""
         self._columns = COLUMNS | {
-            f"articulation{i + 2} [rad]": lambda f, i=i: f.ego.rear_articulations[i]  # type: ignore[misc]
+            f"articulation{i + 2} [rad]": lambda f, i=i: f.ego.rear_articulations[i]
             for i in range(len(frame.ego.rear_articulations))
         }
         if self._file is not None:

@@ -85,7 +85,8 @@ def fenders(
     Args:
       layout: of the unit.
       axles: that get one.
-      gap: from tire to fender; thickness: of the fender [m].
+      gap: from tire to fender [m].
+      thickness: of the fender [m].
       sink: of the arch's center below the wheel's, which is a tire's deflection [m].
       angles: start and end about the wheel, from ahead over the top to behind [rad].
     """

@@ -57,7 +57,7 @@ class _Box:
         self.flat = self.top - self.floor < _FLAT
 
     def up(self, z: float) -> float:
-        """Returns the height above the road of a height on a body of 4 m above a floor of 1.16 m."""
+        """Returns where a height of a body of 4 m with its floor at 1.16 m is on this one [m]."""
         return self.floor + self.scale * (z - _FLOOR)
 
 

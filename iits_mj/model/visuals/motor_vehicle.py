@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import mujoco
@@ -68,7 +69,7 @@ def _free_length(layout: Layout) -> tuple[float, float]:
     """Returns start and end of the longest free part between wheels, behind the cab's steps."""
     axles = layout.unit.axles
     spaces = []
-    for ahead, behind in zip(axles, axles[1:], strict=False):
+    for ahead, behind in itertools.pairwise(axles):
         start = -ahead.position - layout.radius(ahead) - WHEEL_SPACE
         start = min(start - (0.0 if ahead is axles[0] else 0.1), _STEPS_END)
         spaces.append((start, -behind.position + layout.radius(behind) + WHEEL_SPACE))

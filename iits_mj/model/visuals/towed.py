@@ -78,8 +78,9 @@ def _semitrailer(painter: Painter, layout: Layout) -> None:
         reach = math.hypot(behind, 0.5 * ahead.width - 0.1)
     _beams(painter, layout, -max(_BEAM_START, reach + 0.1))
     low, high = unit.coupling.height + 0.007, floor - 0.003
-    size = (2.2, 1.5, high - low)
-    painter.box("kingpin_plate", (0.0, 0, 0.5 * (low + high)), size, "truck_chassis")
+    front = min(1.1, unit.front_overhang - 0.05)
+    size, place = (front + 1.1, 1.5, high - low), (0.5 * (front - 1.1), 0, 0.5 * (low + high))
+    painter.box("kingpin_plate", place, size, "truck_chassis")
     legs = -max(_LEG_START, reach + 0.25)
     first = unit.axles[0]
     end = layout.radius(first) + 0.23 - first.position
