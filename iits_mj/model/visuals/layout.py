@@ -15,6 +15,7 @@ PLATES = ("fifth_wheel", "turntable")
 # From the highest point of a tire to the floor above it [m]: of the same unit, and of a unit that
 # turns above it.
 _OWN_GAP, _TURNING_GAP = 0.12, 0.075
+_REAR_GAP = 0.15  # [m], least distance from a tire to the end of a frame behind it
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,13 @@ class Layout:
 
     @property
     def rear(self) -> float:
-        """End of chassis and body."""
-        return self.unit.front_overhang - self.unit.length
+        """End of the chassis: that of the body, but a frame without a body holds the last axle."""
+        unit = self.unit
+        end = unit.front_overhang - unit.length
+        if self.plate is None and unit.kind not in ("tractor", "dolly"):
+            return end
+        last = unit.axles[-1]
+        return min(end, -last.position - self.radius(last) - _REAR_GAP)
 
     @property
     def cab_rear(self) -> float:
@@ -57,7 +63,8 @@ class Layout:
     @property
     def deck_rear(self) -> float:
         """Rear of the load body, which ends ahead of a unit that turns on this one."""
-        return max(self.rear, self.clear_of_towed + 0.05)
+        end = self.unit.front_overhang - self.unit.length
+        return max(end, self.clear_of_towed + 0.05)
 
     @property
     def clear_of_towed(self) -> float:
