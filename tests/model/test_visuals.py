@@ -391,6 +391,19 @@ def test_a_truck_without_trailer_has_no_parts_of_one():
     assert not [name for name in names if "trailer" in name or "fifth" in name or "line" in name]
 
 
+def test_a_small_wheel_has_its_rim_inside_its_tire():
+    small = TruckParameters.load(
+        overlay={"tires": {"trailer": {"free_radius": 0.38, "rolling_radius": 0.37}}}
+    )
+    spec = truck_spec(small, 0.0)
+    reach = []
+    for part in ("tire", "rim"):
+        points = np.array(spec.mesh(f"wheel_trailer_{part}").uservert).reshape(-1, 3)
+        reach.append(np.hypot(points[:, 0], points[:, 2]).max())
+    assert reach[0] == pytest.approx(0.38, abs=1e-3)
+    assert reach[1] < reach[0] - 0.1
+
+
 def test_a_low_unit_has_a_flat_deck():
     low = TruckParameters.load(overlay={"units": {"trailer": {"height": 1.5}}})
     spec = truck_spec(low, 0.0)

@@ -12,7 +12,8 @@ from iits_mj.parameters import Axle, Tire, TruckParameters
 DUAL_SPACING = 0.310  # [m], between the tires of a pair
 TIRE_WIDTH = {1: 0.315, 2: 0.280}  # [m], by number of tires at the wheel end
 _WIDE_TIRE = 0.385  # [m], a single tire of a towed unit
-RIM_RADIUS = 0.295
+RIM_RADIUS = 0.295  # of a rim of 22.5 inches
+_RADIUS_MIN = 0.445  # [m], of a tire on such a rim; a smaller wheel is a scaled one
 BOLTS = 10
 
 
@@ -53,7 +54,8 @@ _MATERIALS = {
 
 def _wheel_parts(tire: Tire, width: float) -> dict[str, Shape]:
     centers = [0.0] if tire.count == 1 else [-0.5 * DUAL_SPACING, 0.5 * DUAL_SPACING]
-    one = _tire(tire.free_radius, width)
+    radius = max(tire.free_radius, _RADIUS_MIN)
+    one = _tire(radius, width)
     tires = merge(one.moved((0.0, y, 0.0)) for y in centers)
     face = centers[-1] + 0.5 * width
     inner = centers[0] - 0.5 * width + 0.03
@@ -81,11 +83,15 @@ def _wheel_parts(tire: Tire, width: float) -> dict[str, Shape]:
     drum = lathe(
         [(0.0, disc[0][1] - 0.06), (0.28, disc[0][1] - 0.06), (0.28, inner), (0.0, inner)], 24
     )
-    return {
+    parts = {
         "tire": tires,
         "rim": rim,
         "bolts": ring(nut.moved((0.0, disc[2][1], 0.0)), BOLTS, 0.168),
         "holes": merge([ring(hole, BOLTS, 0.242), drum]),
+    }
+    scale = tire.free_radius / radius
+    return {
+        name: Shape(part.vertices * [scale, 1.0, scale], part.faces) for name, part in parts.items()
     }
 
 
