@@ -6,7 +6,7 @@ import pytest
 from controllers.planning.config import PlannerConfig, SpeedConfig
 from controllers.stack import Stack
 from iits_mj.core.messages import Decision, Scene, SpeedProfile
-from iits_mj.parameters import MAX_PAYLOAD
+from iits_mj.parameters import MAX_PAYLOAD, TruckParameters, shipped_trucks
 from iits_mj.road import RoadMap, Route
 from iits_mj.truck import Truck
 from tests.controllers.scenes import Script, car
@@ -78,6 +78,23 @@ def test_a_lane_change_of_the_laden_truck_is_tracked_and_completed():
     rows, stack = drive(route, MAX_PAYLOAD, 16.67, 13.0, 1000.0, 16.67, maker=LEFT_AT_2_S)
     assert stack.lane_changes == 1
     assert np.abs(rows[:, 4]).max() <= 0.4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.0, 1.0])
+@pytest.mark.parametrize("name", shipped_trucks())
+def test_every_truck_keeps_its_lane_and_changes_it_at_80_km_h(name, share):
+    truck = TruckParameters.load(name)
+    payload, bends = share * truck.payload_max, RoadMap.builtin().route()
+    rows, _ = drive(bends, payload, 22.2, 20.0, 6000.0, 22.2, parameters=truck)
+    assert np.sqrt(np.mean(rows[100:, 4] ** 2)) <= 0.15
+    assert np.abs(rows[100:, 4]).max() <= 0.4
+    straight = Route.straight(length=3000.0, lanes=2)
+    rows, stack = drive(
+        straight, payload, 22.2, 16.0, 200.0, 22.2, maker=LEFT_AT_2_S, parameters=truck
+    )
+    assert stack.lane_changes == 1
+    assert np.abs(rows[:, 4]).max() <= 0.25
 
 
 def test_the_laden_truck_stops_holds_and_restarts_on_a_5_percent_grade():
