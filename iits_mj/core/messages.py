@@ -250,17 +250,19 @@ class TruckReport:
     axle_loads: tuple[float, ...] = ()
 
 
-@functools.cache
-def _fields_by_kind(kind: type) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
+def _getters(kind: type[Any]) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
     """Returns getters of a message's numbers and of its tuples, two or more of each."""
     lists = [each.name for each in fields(kind) if isinstance(each.default, tuple)]
     numbers = [each.name for each in fields(kind) if each.name not in lists]
     return operator.attrgetter(*numbers), operator.attrgetter(*lists)
 
 
+_GETTERS = {kind: _getters(kind) for kind in (EgoState, TruckReport)}
+
+
 def not_finite(message: EgoState | TruckReport) -> str:
     """Returns name and value of a message's first number that is not finite; "" without one."""
-    numbers, lists = _fields_by_kind(type(message))
+    numbers, lists = _GETTERS[type(message)]
     # A sum is finite only if all its terms are; None and 0 need no term.
     total = sum(filter(None, numbers(message))) + sum(map(sum, lists(message)))
     if math.isfinite(total):

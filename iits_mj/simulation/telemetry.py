@@ -43,7 +43,7 @@ _ROWS_READ = 4096
 _PRESSURES = ("front_left", "front_right", "rear_left", "rear_right", "trailer")
 
 # Column name with its unit, and its source. SI units, except the usual ones of engine speed and
-# brake pressure. A combination with more couplings has further columns, see `_columns`.
+# brake pressure.
 COLUMNS: dict[str, Callable[[DriveFrame], Value]] = {
     "time [s]": lambda f: f.time,
     "station [m]": lambda f: f.ego.station,
@@ -108,18 +108,16 @@ class Telemetry(Closing, Observer):
     """Observer that writes the table and keeps its columns for plots; a context manager.
 
     The table appears at `path` when the context ends; with None there is no file. A cell without a
-    finite value, such as the gap to a missing vehicle, is empty.
+    finite value, such as the gap to a missing vehicle, is empty. Each coupling behind the first one
+    adds a column: "articulation2 [rad]" and so on.
 
     Raises:
       InputError: the table cannot be written.
-
-    Attributes:
-      columns: names with their sources.
     """
 
     def __init__(self, path: Path | None) -> None:
         self.path = path
-        self.columns = COLUMNS
+        self._columns = COLUMNS
         self._count = 0
         # Rows of float64 in full precision; text is nan.
         self._numbers = tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY)  # noqa: SIM115
@@ -135,11 +133,8 @@ class Telemetry(Closing, Observer):
         """Adds one row."""
         del simulation
         if not self._count:
-            self.columns = _columns(frame)
-            if self._file is not None:
-                with self._whole():
-                    self._writer.writerow(self.columns)
-        row = [value(frame) for value in self.columns.values()]
+            self._begin(frame)
+        row = [value(frame) for value in self._columns.values()]
         numbers = [math.nan if isinstance(value, str) else value for value in row]
         try:
             self._numbers.write(np.array(numbers, dtype=float).tobytes())
@@ -152,6 +147,21 @@ class Telemetry(Closing, Observer):
         if self._file is not None:
             with self._whole():
                 self._writer.writerow([_cell(value) for value in row])
+
+    def _begin(self, frame: DriveFrame) -> None:
+        """Adds the columns of this truck, and writes the header."""
+        self._columns = COLUMNS | {
+            f"articulation{i + 2} [rad]": lambda f, i=i: f.ego.rear_articulations[i]
+            for i in range(len(frame.ego.rear_articulations))
+        }
+        if self._file is not None:
+            with self._whole():
+                self._writer.writerow(self._columns)
+
+    @property
+    def articulations(self) -> tuple[str, ...]:
+        """Names of the columns with the yaw angles of the couplings, front to rear."""
+        return tuple(name for name in self._columns if name.startswith("articulation"))
 
     def close(self) -> None:
         """Moves the finished table to its path; a second call does nothing."""
@@ -188,7 +198,7 @@ class Telemetry(Closing, Observer):
         Raises:
           InputError: the column is unknown.
         """
-        names = list(self.columns)
+        names = list(self._columns)
         if name not in names:
             raise InputError(f"telemetry has no column {name!r}; use one of: {', '.join(names)}")
         index, width = names.index(name), len(names)
@@ -199,14 +209,6 @@ class Telemetry(Closing, Observer):
             found[first : first + _ROWS_READ] = block.reshape(-1, width)[:, index]
         self._numbers.seek(0, io.SEEK_END)
         return found
-
-
-def _columns(frame: DriveFrame) -> dict[str, Callable[[DriveFrame], Value]]:
-    """Returns `COLUMNS`, and behind them the articulations of all couplings after the first."""
-    return COLUMNS | {
-        f"articulation{i + 2} [rad]": lambda f, i=i: f.ego.rear_articulations[i]
-        for i in range(len(frame.ego.rear_articulations))
-    }
 
 
 def _cell(value: Value) -> str:
@@ -254,7 +256,7 @@ def longitudinal(telemetry: Telemetry) -> list[Panel]:
     pressures = (
         axle("steer axle", "front"),
         axle("drive axles", "rear"),
-        line("trailer", "brake_pressure_trailer [kPa]"),
+        line("towed units", "brake_pressure_trailer [kPa]"),
     )
     return [
         Panel("Speed", STATION, "speed [km/h]", speeds),
@@ -271,22 +273,21 @@ def lateral(telemetry: Telemetry) -> list[Panel]:
     path = (
         line("planned", "planned_offset [m]", 1.0, "reference"),
         line("steer axle", "offset [m]", 1.0, "simulation"),
-        line("trailer axles", "trailer_offset [m]"),
+        line("axles of the last unit", "trailer_offset [m]"),
     )
     wheel = (
         line("command", "command_steering_wheel_angle [rad]", degrees, "reference"),
         line("actual", "steering_wheel_angle [rad]", degrees, "simulation"),
     )
-    acceleration = (line("tractor", "lateral_acceleration [m/s2]"),)
+    acceleration = (line("motor vehicle", "lateral_acceleration [m/s2]"),)
     articulation = tuple(
-        line(name.removesuffix(" [rad]"), name, degrees)
-        for name in telemetry.columns
-        if name.startswith("articulation")
+        line(f"coupling {number}", name, degrees)
+        for number, name in enumerate(telemetry.articulations, 1)
     )
     across = "Path across the road, positive to the left of the reference line"
     return [
         Panel(across, STATION, "offset [m]", path),
-        Panel("Lateral acceleration of the tractor", STATION, "acceleration [m/s²]", acceleration),
+        Panel("Lateral acceleration", STATION, "acceleration [m/s²]", acceleration),
         Panel("Articulation, unit ahead against unit behind", STATION, "angle [deg]", articulation),
         Panel("Steering wheel", STATION, "angle [deg]", wheel),
     ]

@@ -26,10 +26,10 @@ from iits_mj.core.messages import (
 )
 from iits_mj.core.results import Findings, Line, Panel, Results
 from iits_mj.core.timing import CYCLE_PERIOD, TIMESTEP
-from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
+from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.measured import Lanes, measured_route
-from iits_mj.validation.harness.config import ValidateConfig
+from iits_mj.validation.harness.config import ValidateConfig, laden
 from iits_mj.validation.planning.ideal_drive import IdealDrive, Vehicles, car, once
 from iits_mj.validation.planning.planner_limits import ordinary_drive, random_breaches
 from iits_mj.validation.planning.stops import red_light_on_truck, wall_stop
@@ -163,7 +163,7 @@ def _red_light(quick: bool) -> Findings:
 def _wall(config: ValidateConfig) -> Findings:
     """A wall 70 m before the bumper at 90 km/h, on the MuJoCo truck."""
     found, lines, sight = Findings(), [], 70.0
-    for payload in (MAX_PAYLOAD,) if config.quick else config.payloads():
+    for payload in (laden(),) if config.quick else config.payloads():
         record = wall_stop(25.0, sight, payload, TIMESTEP).record
         label = f"wall {sight:g} m ahead at 90 km/h, {payload / 1e3:g} t of load: room left"
         found.check(label, record["left"][-1], "m", must=">= 0")
