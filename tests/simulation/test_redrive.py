@@ -188,7 +188,6 @@ def test_recording_of_traffic_alone_has_only_options_of_traffic(
     ("option", "value"),
     [
         ("payload", "heavy"),
-        ("payload", None),
         ("payload", 1e9),
         ("start_lane", 0.5),
         ("reactive", "yes"),
