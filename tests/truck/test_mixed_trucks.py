@@ -30,9 +30,8 @@ def test_scenarios_of_different_trucks_drive_as_each_does_alone():
     truck.command(accelerator_pedal=0.5)
     truck.step(200)
     truck.observe()
-    np.testing.assert_array_equal(
-        drives["tractor_velocity"][1, -1], truck.sensor("tractor_velocity")
-    )
+    velocity = truck.sensor("tractor_velocity")
+    np.testing.assert_array_equal(drives["tractor_velocity"][1, -1], velocity)
 
 
 @pytest.mark.parametrize(
