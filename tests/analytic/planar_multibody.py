@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from iits_mj.analytic import YawSideslip, simulate
+from iits_mj.analytic import YawPlane, simulate
 from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TruckParameters
 
@@ -72,7 +72,7 @@ class PlanarTruck:
       hold_speed: whether a drive force keeps the tractor's forward speed; else it coasts.
     """
 
-    def __init__(self, model: YawSideslip, *, hold_speed: bool = True) -> None:
+    def __init__(self, model: YawPlane, *, hold_speed: bool = True) -> None:
         self._hold = hold_speed
         self._hitch = np.array([-model.L_h, model.L_t1])
         self._steer_axle = model.L_c1
@@ -193,7 +193,7 @@ def ramp_step(steer: float) -> Callable[[float], float]:
 
 
 def disagreement(
-    model: YawSideslip, speed: float, steer: float, duration: float = 10.0
+    model: YawPlane, speed: float, steer: float, duration: float = 10.0
 ) -> dict[str, float]:
     """Rms of linear less multibody over rms of multibody, per signal, in a step steer [rad]."""
     time = np.linspace(0.0, duration, round(duration / 0.01) + 1)
@@ -207,7 +207,7 @@ def _relative(signal: FloatArray, reference: FloatArray) -> float:
     return float(np.sqrt(np.mean((signal - reference) ** 2) / np.mean(reference**2)))
 
 
-def limit_angle(model: YawSideslip, speed: float, bound: float = 0.01) -> float:
+def limit_angle(model: YawPlane, speed: float, bound: float = 0.01) -> float:
     """Smallest step of the road-wheel angle [rad] at which a signal's disagreement is `bound`."""
     low, high = 0.0, 0.2
     for _ in range(10):
@@ -228,7 +228,7 @@ def agreement_table(parameters: TruckParameters) -> str:
         "|" + "---|" * 9,
     ]
     for payload in (parameters.payload_max, 0.0):
-        model = YawSideslip.from_parameters(parameters, payload)
+        model = YawPlane.from_parameters(parameters, payload)
         for speed in (30.0, 80.0, 100.0):
             small, large = (
                 disagreement(model, speed / 3.6, np.deg2rad(degrees) / ratio)

@@ -13,11 +13,11 @@ import yaw_sideslip as page
 from lagrange_model import FORCES, RATES, STATES, TRAILS, derive
 from printed_model import CORRECTED, PRINTED, READINGS, matrices
 
-from iits_mj.analytic import Kinematic, YawSideslip, critical_speed, understeer_gradient
+from iits_mj.analytic import Kinematic, YawPlane, critical_speed, understeer_gradient
 from iits_mj.parameters import TruckParameters
 
 PARAMETERS = TruckParameters.load()
-LADEN = YawSideslip.from_parameters(PARAMETERS, PARAMETERS.payload_max, pneumatic_trail=False)
+LADEN = YawPlane.from_parameters(PARAMETERS, PARAMETERS.payload_max, pneumatic_trail=False)
 V80 = 80.0 / 3.6
 WITHOUT_GAMMA = READINGS[2]
 
@@ -27,7 +27,7 @@ def _any_truck(seed):
     rng = np.random.default_rng(seed)
     tandem, group = rng.uniform(2.0, 3.0), rng.uniform(6.0, 9.0)
     half, spacing = rng.uniform(0.4, 0.9), rng.uniform(1.0, 1.6)
-    return YawSideslip(
+    return YawPlane(
         m_c=rng.uniform(6e3, 1e4),
         m_t=rng.uniform(8e3, 5e4),
         I_c=rng.uniform(2e4, 5e4),
@@ -53,7 +53,7 @@ def _zero(matrix):
 @pytest.mark.parametrize("trail", [False, True])
 @pytest.mark.parametrize("payload", [0.0, 20_000.0, 36_000.0])
 def test_lagrange_gives_the_matrices_of_the_package(payload, trail):
-    model = YawSideslip.from_parameters(PARAMETERS, payload, pneumatic_trail=trail)
+    model = YawPlane.from_parameters(PARAMETERS, payload, pneumatic_trail=trail)
     for speed in (5.0, V80, 30.0):
         assert page.greatest_difference(model, speed) < 1e-13
 

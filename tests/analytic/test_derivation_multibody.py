@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from iits_mj.analytic import Kinematic, YawSideslip
+from iits_mj.analytic import Kinematic, YawPlane
 from iits_mj.parameters import TruckParameters
 from tests.analytic.planar_multibody import SIGNALS, PlanarTruck, disagreement, ramp_step
 
 PARAMETERS = TruckParameters.load()
-LADEN = YawSideslip.from_parameters(PARAMETERS, 36_000.0)
+LADEN = YawPlane.from_parameters(PARAMETERS, 36_000.0)
 V80 = 80.0 / 3.6
 
 
@@ -25,7 +25,7 @@ def _road_wheel(degrees):
 )
 @pytest.mark.parametrize("trail", [True, False], ids=["trail", "no trail"])
 def test_linear_model_agrees_with_the_multibody_within_1_percent(payload, speed, degrees, trail):
-    model = YawSideslip.from_parameters(PARAMETERS, payload, pneumatic_trail=trail)
+    model = YawPlane.from_parameters(PARAMETERS, payload, pneumatic_trail=trail)
     found = disagreement(model, speed / 3.6, _road_wheel(degrees), 8.0)
     assert set(found) == set(SIGNALS)
     assert max(found.values()) < 0.01, found

@@ -7,7 +7,7 @@ import pytest
 
 from iits_mj.analytic import (
     Kinematic,
-    YawSideslip,
+    YawPlane,
     critical_speed,
     rearward_amplification,
     simulate,
@@ -23,8 +23,8 @@ from iits_mj.parameters import TruckParameters
 from tests.analytic.planar_multibody import PlanarTruck
 
 PARAMETERS = TruckParameters.load()
-LADEN = YawSideslip.from_parameters(PARAMETERS, 36_000.0)
-EMPTY = YawSideslip.from_parameters(PARAMETERS, 0.0)
+LADEN = YawPlane.from_parameters(PARAMETERS, 36_000.0)
+EMPTY = YawPlane.from_parameters(PARAMETERS, 0.0)
 V80 = 80.0 / 3.6
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from iits_mj.analytic import (
     YawRoll,
-    YawSideslip,
+    YawPlane,
     cruise_axle_loads,
     simulate,
     step_response,
@@ -43,7 +43,7 @@ def _step(model):
 @pytest.mark.parametrize("cruise_speed", [0.0, V80])
 def test_without_its_effects_the_model_equals_the_yaw_sideslip_model(payload, trail, cruise_speed):
     options = {"pneumatic_trail": trail, "cruise_speed": cruise_speed}
-    plane = YawSideslip.from_parameters(PARAMETERS, payload, **options).at(V80)
+    plane = YawPlane.from_parameters(PARAMETERS, payload, **options).at(V80)
     system = _model(payload, **options).at(V80)
     np.testing.assert_allclose(system.A, plane.A, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(system.B, plane.B, rtol=1e-12)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from iits_mj.analytic import (
-    YawSideslip,
+    YawPlane,
     critical_speed,
     rearward_amplification,
     single_sine,
@@ -20,8 +20,8 @@ from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
 
 PARAMETERS = TruckParameters.load()
-LADEN = YawSideslip.from_parameters(PARAMETERS, 36_000.0)
-EMPTY = YawSideslip.from_parameters(PARAMETERS, 0.0)
+LADEN = YawPlane.from_parameters(PARAMETERS, 36_000.0)
+EMPTY = YawPlane.from_parameters(PARAMETERS, 0.0)
 V80 = 80.0 / 3.6
 
 
@@ -46,7 +46,7 @@ def test_truck_is_stable_and_well_damped_at_80_kmh(model):
 
 @pytest.mark.parametrize("payload", [36_000.0, 10_000.0, 0.0])
 def test_steady_yaw_gain_is_the_understeer_formula(payload):
-    model = _lumped(YawSideslip.from_parameters(PARAMETERS, payload))
+    model = _lumped(YawPlane.from_parameters(PARAMETERS, payload))
     gradient = understeer_gradient_by_loads(PARAMETERS, payload)
     for speed in (5.0, 15.0, 25.0):
         expected = speed / (model.wheelbase + gradient * speed**2)

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
-from iits_mj.analytic import LateralSystem, Response, YawSideslip, simulate, single_sine
+from iits_mj.analytic import LateralSystem, Response, YawPlane, simulate, single_sine
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import GRAVITY, KMH
@@ -63,7 +63,7 @@ def steer_axle_acceleration(record: SteeringRecord) -> FloatArray:
 
 def linear_system(truck: Truck, speed: float) -> LateralSystem:
     """The yaw-sideslip model of this truck at this speed [m/s], with axle loads as at cruise."""
-    model = YawSideslip.from_parameters(truck.parameters, truck.payload, cruise_speed=speed)
+    model = YawPlane.from_parameters(truck.parameters, truck.payload, cruise_speed=speed)
     return model.at(speed)
 
 
@@ -176,8 +176,10 @@ def inverse_steer(system: LateralSystem, time: FloatArray, acceleration: FloatAr
     `a = C s + D delta` of the linear model is solved for delta, and inserted into
     `s' = A s + B delta`.
     """
-    lever = system.model.L_c1
-    row = system.A[0] + lever * system.A[1] + np.array([0.0, system.speed, 0.0, 0.0])
+    model = system.model
+    lever = model.reference - float(model.position[0])
+    row = system.A[0] + lever * system.A[1]
+    row[1] += system.speed
     direct = float(system.B[0] + lever * system.B[1])
     closed = system.A - np.outer(system.B, row) / direct
     output = (closed, system.B[:, None] / direct, -row[None, :] / direct, np.array([[1 / direct]]))
@@ -263,9 +265,9 @@ def _model_last_axle(
     answer: Response, system: LateralSystem, parameters: TruckParameters
 ) -> FloatArray:
     """Track of the linear model's last axle, (n, 2) [m]."""
-    hitch = system.model.L_c1 + system.model.L_h
-    arm = parameters.units[1].axles[-1].position
-    trailer = answer.yaw - answer.articulation
-    x = answer.x - hitch * np.cos(answer.yaw) - arm * np.cos(trailer)
-    y = answer.y - hitch * np.sin(answer.yaw) - arm * np.sin(trailer)
-    return np.column_stack([x, y])
+    *lengths, last = [*system.model.couplings, parameters.last.axles[-1].position]
+    x, y, heading = answer.x, answer.y, answer.yaw
+    for length, articulation in zip(lengths, answer.articulations.T, strict=True):
+        x, y = x - length * np.cos(heading), y - length * np.sin(heading)
+        heading = heading - articulation
+    return np.column_stack([x - last * np.cos(heading), y - last * np.sin(heading)])
