@@ -27,22 +27,20 @@ def _any_truck(seed):
     rng = np.random.default_rng(seed)
     tandem, group = rng.uniform(2.0, 3.0), rng.uniform(6.0, 9.0)
     half, spacing = rng.uniform(0.4, 0.9), rng.uniform(1.0, 1.6)
+    cg, trails = rng.uniform(1.0, 2.5), rng.uniform(0.0, 0.1, 3)
     return YawPlane(
-        m_c=rng.uniform(6e3, 1e4),
-        m_t=rng.uniform(8e3, 5e4),
-        I_c=rng.uniform(2e4, 5e4),
-        I_t=rng.uniform(1e5, 8e5),
-        L_c1=rng.uniform(1.0, 2.5),
-        L_h=rng.uniform(1.0, 3.0),
-        L_t1=rng.uniform(3.0, 6.0),
-        tractor_arms=np.array([tandem - half, tandem + half]),
-        trailer_arms=group + spacing * np.array([-1.0, 0.0, 1.0]),
-        C_1=rng.uniform(1e5, 5e5),
-        C_2=rng.uniform(1e5, 9e5, 2),
-        C_3=rng.uniform(1e5, 9e5, 3),
-        t_1=rng.uniform(0.0, 0.1),
-        t_2=rng.uniform(0.0, 0.1),
-        t_3=rng.uniform(0.0, 0.1),
+        mass=rng.uniform([6e3, 8e3], [1e4, 5e4]),
+        inertia=rng.uniform([2e4, 1e5], [5e4, 8e5]),
+        cg=np.array([cg, rng.uniform(3.0, 6.0)]),
+        couplings=np.array([cg + rng.uniform(1.0, 3.0)]),
+        unit=np.array([0, 0, 0, 1, 1, 1]),
+        position=np.array(
+            [0.0, cg + tandem - half, cg + tandem + half, *(group + spacing * np.arange(-1, 2))]
+        ),
+        cornering=rng.uniform(1e5, 9e5, 6),
+        steer=np.eye(6)[0],
+        trail=np.repeat(trails, [1, 2, 3]),
+        reference=cg,
     )
 
 
@@ -65,9 +63,9 @@ def test_lagrange_gives_the_matrices_of_the_package_for_any_truck(seed):
 
 def test_comparison_notices_a_wrong_number():
     model = _any_truck(7)
-    wrong = dataclasses.replace(model, L_h=1.01 * model.L_h)
+    wrong = dataclasses.replace(model, couplings=1.01 * model.couplings)
     derived = page.numeric(derive().matrices, wrong, V80)
-    assert np.max(np.abs(derived[1] - model.A_h(V80))) > 1e-3 * np.max(np.abs(derived[1]))
+    assert np.max(np.abs(derived[1][:3] - model.forces(V80)[:, :4])) > 1e-3 * np.max(np.abs(derived[1]))
 
 
 def test_equations_do_not_depend_on_the_heading_nor_the_lateral_ones_on_the_drive_force():

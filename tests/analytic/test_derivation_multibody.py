@@ -34,11 +34,10 @@ def test_linear_model_agrees_with_the_multibody_within_1_percent(payload, speed,
 def test_linear_model_agrees_with_the_multibody_for_a_truck_unlike_ours():
     model = dataclasses.replace(
         LADEN,
-        I_t=3.0e5,
-        L_h=2.6,
-        L_t1=4.0,
-        C_2=LADEN.C_2 * [0.8, 1.3],
-        C_3=LADEN.C_3 * [1.2, 1, 0.7],
+        inertia=np.array([LADEN.inertia[0], 3.0e5]),
+        cg=np.array([LADEN.cg[0], 4.0]),
+        couplings=LADEN.reference + np.array([2.6]),
+        cornering=LADEN.cornering * [1.0, 0.8, 1.3, 1.2, 1.0, 0.7],
     )
     assert max(disagreement(model, 22.0, 0.001, 8.0).values()) < 0.01
 
@@ -54,7 +53,7 @@ def test_linear_model_leaves_1_percent_within_3_degrees_of_the_road_wheels_at_80
     assert max(disagreement(LADEN, V80, np.deg2rad(3.5), 8.0).values()) > 0.01
 
 
-@pytest.mark.parametrize("name", ["I_t", "L_h", "L_t1"])
+@pytest.mark.parametrize("name", ["inertia", "couplings", "cg"])
 def test_comparison_notices_a_number_that_is_5_percent_off(name):
     wrong = dataclasses.replace(LADEN, **{name: 1.05 * getattr(LADEN, name)})
     time = np.linspace(0.0, 8.0, 801)
@@ -74,7 +73,7 @@ def test_multibody_keeps_its_hitch_closed_and_its_speed():
 
 
 def test_multibody_without_tires_keeps_its_kinetic_energy():
-    free = dataclasses.replace(LADEN, C_1=0.0, C_2=0.0 * LADEN.C_2, C_3=0.0 * LADEN.C_3)
+    free = dataclasses.replace(LADEN, cornering=0.0 * LADEN.cornering)
     time = np.linspace(0.0, 8.0, 401)
     coasting = PlanarTruck(free, hold_speed=False)
     motion = coasting.drive(15.0, lambda now: 0.0, time, spin=(0.8, -0.5))

@@ -29,11 +29,8 @@ def _lumped(model):
     """The same truck with each axle group lumped in its center and without pneumatic trail."""
     return dataclasses.replace(
         model,
-        tractor_arms=np.full(2, model.tractor_arms.mean()),
-        trailer_arms=np.full(3, model.trailer_arms.mean()),
-        t_1=0.0,
-        t_2=0.0,
-        t_3=0.0,
+        position=np.array([model.position[0], *[model.group(0)] * 2, *[model.group(1)] * 3]),
+        trail=0.0 * model.trail,
     )
 
 
@@ -75,7 +72,7 @@ def test_step_response_settles_to_the_steady_state():
 
 
 def test_oversteering_truck_has_a_critical_speed_where_the_yaw_gain_diverges():
-    weak = dataclasses.replace(_lumped(LADEN), C_1=3.0 * LADEN.C_1)
+    weak = dataclasses.replace(_lumped(LADEN), cornering=LADEN.cornering * [3, 1, 1, 1, 1, 1])
     gradient = understeer_gradient(weak)
     assert gradient < 0.0
     formula = np.sqrt(-weak.wheelbase / gradient)
