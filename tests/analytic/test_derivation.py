@@ -192,7 +192,7 @@ def test_kinematic_model_of_the_package_is_the_derived_one():
     angles = [getattr(kinematic_model, n) for n in ("theta", "phi", "psi")]
     rates = sp.lambdify([*names, *angles], kinematic_model.derived(), "numpy")
     state = np.array([3.0, -2.0, 0.7, 0.3, -0.5])
-    expected = rates(model.L, model.L_1, model.L_2, 4.0, 0.2, *state[2:])[:, 0]
+    expected = rates(model.L, model.hitches[0], model.lengths[0], 4.0, 0.2, *state[2:])[:, 0]
     np.testing.assert_allclose(model.derivative(state, 4.0, 0.2), expected, rtol=1e-12)
 
 
