@@ -76,9 +76,7 @@ class Equations:
 
 def _turn(yaw: sp.Expr, roll: sp.Expr) -> sp.Matrix:
     """Rotation about z, then about the turned x axis."""
-    about_z = sp.Matrix(
-        [[sp.cos(yaw), -sp.sin(yaw), 0], [sp.sin(yaw), sp.cos(yaw), 0], [0, 0, 1]]
-    )
+    about_z = sp.Matrix([[sp.cos(yaw), -sp.sin(yaw), 0], [sp.sin(yaw), sp.cos(yaw), 0], [0, 0, 1]])
     about_x = sp.Matrix(
         [[1, 0, 0], [0, sp.cos(roll), -sp.sin(roll)], [0, sp.sin(roll), sp.cos(roll)]]
     )
@@ -151,9 +149,7 @@ def derive(chain: Chain) -> Equations:
 
     roll_rates = [rate(sp.sympify(angle)) for angle in points.rolls]
     axle_rates = [rate(sp.sympify(angle)) for angle in points.alphas]
-    bodies = zip(
-        *(chain.of_units(name) for name in ("m", "p", "h", "I_x", "I_z")), strict=True
-    )
+    bodies = zip(*(chain.of_units(name) for name in ("m", "p", "h", "I_x", "I_z")), strict=True)
     for unit, (mass, place, height, I_x, I_z) in enumerate(bodies):
         add(mass, points.on_unit(unit, place, height), mass * g)
         kinetic += I_x * roll_rates[unit] ** 2 / 2 + I_z * yaw_rate(unit) ** 2 / 2

@@ -39,7 +39,9 @@ def numbers(model: YawPlane, speed: float) -> dict[sp.Symbol, float]:
     tandem, triaxle = model.position[1:3] - model.reference, model.position[3:]
     values = dict(zip((symbols.m_c, symbols.m_t), model.mass, strict=True))
     values |= dict(zip((symbols.I_c, symbols.I_t), model.inertia, strict=True))
-    values |= dict(zip((symbols.t_1, symbols.t_2, symbols.t_3), model.trail[[0, 1, 3]], strict=True))
+    values |= dict(
+        zip((symbols.t_1, symbols.t_2, symbols.t_3), model.trail[[0, 1, 3]], strict=True)
+    )
     values |= {
         symbols.v: speed,
         symbols.L_c1: model.reference - model.position[0],

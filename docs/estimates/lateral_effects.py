@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from iits_mj.analytic import YawRoll, YawPlane, simulate
+from iits_mj.analytic import YawPlane, YawRoll, simulate
 from iits_mj.parameters import TruckParameters
 from iits_mj.validation.handling.step_steer import step_steers
 from iits_mj.validation.harness.recorder import SteeringRecord, fit

@@ -20,8 +20,8 @@ from iits_mj.analytic.measures import (
     worst_rearward_amplification,
     yaw_rate_gain,
 )
-from iits_mj.analytic.yaw_roll import RollSystem, YawRoll
 from iits_mj.analytic.yaw_plane import LateralSystem, YawPlane
+from iits_mj.analytic.yaw_roll import RollSystem, YawRoll
 from iits_mj.parameters.mass_state import (
     coupling_loads,
     cruise_axle_loads,

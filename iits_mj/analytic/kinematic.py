@@ -42,7 +42,9 @@ class Kinematic:
     lengths: tuple[float, ...]
 
     @classmethod
-    def from_parameters(cls, parameters: TruckParameters, payload: float | None = None) -> Kinematic:
+    def from_parameters(
+        cls, parameters: TruckParameters, payload: float | None = None
+    ) -> Kinematic:
         """Lengths to the centers of the axle groups that carry a payload [kg]; default: laden."""
         load = parameters.payload_max if payload is None else payload
         front, rear = parameters.lead.groups(load)

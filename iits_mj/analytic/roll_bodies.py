@@ -136,9 +136,7 @@ class RollData:
         loads = static_axle_loads(p, payload)[down]
         cruise = cruise_axle_loads(p, payload, cruise_speed)[down]
         bodies = []
-        for i, (unit, load) in enumerate(
-            zip(p.units, payload_inertials(p, payload), strict=True)
-        ):
+        for i, (unit, load) in enumerate(zip(p.units, payload_inertials(p, payload), strict=True)):
             parts = [sprung(p, unit, payload), *([load] if load else [])]
             # A lifted axle hangs on the chassis.
             parts += [
@@ -152,8 +150,7 @@ class RollData:
             ]
         heights = [wheel_height(p, axle, load) for axle, load in zip(axles, loads, strict=True)]
         rolling = [
-            axle_inertial(p, axle, height)
-            for axle, height in zip(axles, heights, strict=True)
+            axle_inertial(p, axle, height) for axle, height in zip(axles, heights, strict=True)
         ]
         tires = [p.tires[axle.tire] for axle in axles]
         # Both sides: n k_z (s / 2)^2 each.

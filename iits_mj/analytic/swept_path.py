@@ -52,9 +52,7 @@ class Outline:
     def from_parameters(cls, parameters: TruckParameters, payload: float | None = None) -> Outline:
         """Plan view of a truck; axle groups as with a payload [kg], default: laden."""
         kinematic = Kinematic.from_parameters(parameters, payload)
-        origins = np.array(
-            [kinematic.L + parameters.lead.axles[0].position, *kinematic.lengths]
-        )
+        origins = np.array([kinematic.L + parameters.lead.axles[0].position, *kinematic.lengths])
         front = origins + [unit.front_overhang for unit in parameters.units]
         return cls(
             kinematic=kinematic,
@@ -65,7 +63,7 @@ class Outline:
         )
 
     def corners(self, poses: FloatArray) -> FloatArray:
-        """Corners of the bodies, shape (m, n, 4, 2) [m], from poses (m, n, 3) of the axles' centers.
+        """Corners of the bodies [m], (m, n, 4, 2), from poses of the axles' centers, (m, n, 3).
 
         Front left, front right, rear right, rear left.
         """
@@ -133,14 +131,16 @@ def turn(
     angle, exit_length = positive("angle", angle, "rad"), positive("exit_length", exit_length, "m")
     kinematic = outline.kinematic
     if radius <= kinematic.L:
-        raise InputError(f"radius {radius!r} m must be greater than the wheelbase {kinematic.L:g} m")
+        raise InputError(
+            f"radius {radius!r} m must be greater than the wheelbase {kinematic.L:g} m"
+        )
     offset, arc = -outline.tire if guide is None else guide, radius * angle
     # Whole steps on each of the three parts, so that no step crosses a jump of the curvature.
-    parts = [np.linspace(0.0, length, max(2, round(length / STEP)) + 1)
-             for length in (ENTRY, arc, exit_length)]
-    stations = np.concatenate(
-        [parts[0] - ENTRY, parts[1][1:], arc + parts[2][1:]]
-    )
+    parts = [
+        np.linspace(0.0, length, max(2, round(length / STEP)) + 1)
+        for length in (ENTRY, arc, exit_length)
+    ]
+    stations = np.concatenate([parts[0] - ENTRY, parts[1][1:], arc + parts[2][1:]])
 
     def heading(station: float) -> float:
         return min(max(station / radius, 0.0), angle)
@@ -171,9 +171,7 @@ def turn(
     return Turn(outline, radius, angle, path, _poses(kinematic, path, states, offset))
 
 
-def _poses(
-    kinematic: Kinematic, path: FloatArray, states: FloatArray, offset: float
-) -> FloatArray:
+def _poses(kinematic: Kinematic, path: FloatArray, states: FloatArray, offset: float) -> FloatArray:
     theta = states[:, 0]
     guide = np.array([kinematic.L, offset])
     x = path[:, 0] - guide[0] * np.cos(theta) + guide[1] * np.sin(theta)
@@ -195,7 +193,8 @@ def swept_width(points: FloatArray, radius: float = 12.5, angle: float = 0.5 * m
 
     Args:
       points: tracks of points of the combination (`Turn.sides`) [m], shape (..., 2).
-      radius: of the path [m]; angle: of its arc [rad].
+      radius: of the path [m].
+      angle: of its arc [rad].
 
     Raises:
       InputError: no point passes the arc.
@@ -218,7 +217,8 @@ def outward(points: FloatArray, radius: float = 12.5, angle: float = 0.5 * math.
 
     Args:
       points: [m], shape (..., 2).
-      radius: of the path [m]; angle: of its arc [rad]. The arc begins at x = 0.
+      radius: of the path [m]; its arc begins at x = 0.
+      angle: of the arc [rad].
     """
     return _on_path(points, radius, angle)[1]
 
@@ -227,7 +227,10 @@ def _on_path(points: FloatArray, radius: float, angle: float) -> tuple[FloatArra
     """Station along the path and distance to its outside of points [m], shape (...) each."""
     x, y = points[..., 0], points[..., 1]
     beside = np.arctan2(x, radius - y)
-    along, across = np.array([math.cos(angle), math.sin(angle)]), [math.sin(angle), -math.cos(angle)]
+    along, across = (
+        np.array([math.cos(angle), math.sin(angle)]),
+        [math.sin(angle), -math.cos(angle)],
+    )
     end = radius * np.array([math.sin(angle), 1.0 - math.cos(angle)])
     after = (points - end) @ along
     places = [x < 0.0, (after > 0.0) & (beside > 0.5 * angle)]
@@ -243,7 +246,8 @@ def frontal_swing(
 
     Args:
       corners: tracks of each unit's outer front corner [m], shape (m, n, 2).
-      radius: of the path [m]; angle: of its arc [rad].
+      radius: of the path [m].
+      angle: of its arc [rad].
     """
     return np.asarray(np.max(outward(corners, radius, angle), axis=0))
 

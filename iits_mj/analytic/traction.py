@@ -1,9 +1,8 @@
 """Linear effect of the forces that keep the truck's speed on its lateral motion.
 
-A force F along the heading of unit k acts at a point that roll moves aside by `y'`. Written as a sum
-over the units, the roll part of a point's lateral position is `y'_1 + ... + y'_k`, where `y'_j` is
-what the roll of units and axles adds on unit j, up to its coupling. The work of F on the
-coordinates of `roll_bodies` is
+A force F along the heading of unit k acts at a point that roll moves aside by `y'_1 + ... + y'_k`,
+where `y'_j` is what the roll of units and axles adds on unit j, up to its coupling. The work of F
+on the coordinates of `roll_bodies` is
 
     Q_y = F beta_k,    Q_psi_j = -F y'_j - F (beta_j - beta_k) dx_j,
 
@@ -112,9 +111,7 @@ def traction_forces(
         rate[yaw, alpha] -= rolling[i] * data.tires_damping[i]
     for unit, drag in enumerate(drags):
         aside(float(-drag), bodies.pressure_centers[unit], unit)
-    behind = [
-        drags[j + 1 :].sum() + resistance[plane.unit > j].sum() for j in range(units - 1)
-    ]
+    behind = [drags[j + 1 :].sum() + resistance[plane.unit > j].sum() for j in range(units - 1)]
     articulation = np.reshape(behind, (-1, 1)) * bodies.hitches
     if units > 1:
         tilt = data.coupling_stiffness[0] * lead_pitch(parameters, payload, loads - data.load)
@@ -141,9 +138,7 @@ def traction_forces(
     )
 
 
-def _rolling_resistances(
-    parameters: TruckParameters, payload: float, speed: float
-) -> FloatArray:
+def _rolling_resistances(parameters: TruckParameters, payload: float, speed: float) -> FloatArray:
     """Rolling resistance over load of the axles on the road, shape (k,)."""
     found = rolling_resistances(parameters, cruise_axle_loads(parameters, payload, speed))
     return found[[not axle.lifted(payload) for axle in parameters.axles]]

@@ -95,7 +95,9 @@ class YawPlane:
             if found != needed:
                 raise InputError(f"{name} has {found} values; {needed} are needed")
         if sorted(set(self.unit.tolist())) != list(range(units)):
-            raise InputError(f"axles are on the units {self.unit.tolist()}; each of {units} needs one")
+            raise InputError(
+                f"axles are on the units {self.unit.tolist()}; each of {units} needs one"
+            )
 
     @classmethod
     def from_parameters(
@@ -131,7 +133,10 @@ class YawPlane:
             unit=units,
             position=np.array([axle.position for axle in axles]),
             cornering=np.array(
-                [yielding_stiffness(axle, float(stiffness[axle.name]), parameters) for axle in axles]
+                [
+                    yielding_stiffness(axle, float(stiffness[axle.name]), parameters)
+                    for axle in axles
+                ]
             ),
             # All steered wheels turn about a center on the line through the rear group's middle.
             steer=np.array(

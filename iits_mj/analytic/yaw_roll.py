@@ -161,7 +161,10 @@ class YawRoll:
           plane: units and axles.
           data: what roll adds.
           bodies: `roll_bodies(plane, data)`.
-          roll, relaxation, side_air, wheels: as of `from_parameters`.
+          roll: as of `from_parameters`.
+          relaxation: as of `from_parameters`.
+          side_air: as of `from_parameters`.
+          wheels: as of `from_parameters`.
           traction: None leaves it out.
         """
         flat = 1 + plane.units

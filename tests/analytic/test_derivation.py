@@ -65,7 +65,9 @@ def test_comparison_notices_a_wrong_number():
     model = _any_truck(7)
     wrong = dataclasses.replace(model, couplings=1.01 * model.couplings)
     derived = page.numeric(derive().matrices, wrong, V80)
-    assert np.max(np.abs(derived[1][:3] - model.forces(V80)[:, :4])) > 1e-3 * np.max(np.abs(derived[1]))
+    assert np.max(np.abs(derived[1][:3] - model.forces(V80)[:, :4])) > 1e-3 * np.max(
+        np.abs(derived[1])
+    )
 
 
 def test_equations_do_not_depend_on_the_heading_nor_the_lateral_ones_on_the_drive_force():

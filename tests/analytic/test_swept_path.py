@@ -57,8 +57,10 @@ def test_guided_point_is_the_outer_wall_of_the_steer_tire():
     done = turn(SHIPPED)
     x, y, heading = done.poses[:, 0].T
     L, tire = SHIPPED.kinematic.L, SHIPPED.tire
-    wall = [x + L * np.cos(heading) + tire * np.sin(heading),
-            y + L * np.sin(heading) - tire * np.cos(heading)]
+    wall = [
+        x + L * np.cos(heading) + tire * np.sin(heading),
+        y + L * np.sin(heading) - tire * np.cos(heading),
+    ]
     np.testing.assert_allclose(np.transpose(wall), done.path, atol=1e-9)
     np.testing.assert_allclose(outward(done.path, done.radius, done.angle), 0.0, atol=1e-9)
 
@@ -67,7 +69,7 @@ def test_longer_trailer_sweeps_more_and_a_double_more_than_a_semitrailer():
     longer = dataclasses.replace(
         SHIPPED,
         kinematic=dataclasses.replace(SHIPPED.kinematic, lengths=(9.0,)),
-        front=SHIPPED.front + [0.0, 1.1],
+        front=SHIPPED.front + np.array([0.0, 1.1]),
     )
     widths = [swept_width(turn(outline).sides()) for outline in (SHIPPED, longer, DOUBLE)]
     assert widths == sorted(widths)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from iits_mj.analytic import (
-    YawRoll,
     YawPlane,
+    YawRoll,
     cruise_axle_loads,
     simulate,
     step_response,

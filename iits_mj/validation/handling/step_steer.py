@@ -17,7 +17,7 @@ import copy
 
 import numpy as np
 
-from iits_mj.analytic import LateralSystem, YawRoll, YawPlane, simulate
+from iits_mj.analytic import LateralSystem, YawPlane, YawRoll, simulate
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH

@@ -148,7 +148,8 @@ def acceleration_time(time: FloatArray, distance: FloatArray, length: float = 10
     """Returns the time from rest over a distance [s]; infinite if it is not reached.
 
     Args:
-      time: [s], shape (n,); distance: traveled [m], shape (n,), not decreasing.
+      time: [s], shape (n,).
+      distance: traveled [m], shape (n,).
       length: distance [m].
     """
     traveled = _finite("distance", distance) - distance[0]

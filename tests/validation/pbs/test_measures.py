@@ -29,7 +29,9 @@ def test_friction_demand_is_the_used_share_of_the_available_friction():
 def test_rollover_threshold_is_the_acceleration_at_which_the_last_inner_wheel_lifts():
     acceleration = 0.5 * TIME
     loads = np.maximum(1.0 - acceleration[:, None] / [3.0, 4.0], 0.0) * 20e3
-    assert measures.rollover_threshold(acceleration, loads) == pytest.approx(4.0 / GRAVITY, abs=1e-3)
+    assert measures.rollover_threshold(acceleration, loads) == pytest.approx(
+        4.0 / GRAVITY, abs=1e-3
+    )
     assert measures.rollover_threshold(-acceleration[:601], loads[:601] + 1.0) == pytest.approx(
         3.0 / GRAVITY
     )
@@ -81,7 +83,9 @@ def test_yaw_damping_is_that_of_the_worst_swing(damping):
 
 def test_acceleration_time_of_a_constant_acceleration():
     distance = 0.5 * 0.6 * TIME**2
-    assert measures.acceleration_time(TIME, distance) == pytest.approx(np.sqrt(200.0 / 0.6), rel=1e-3)
+    assert measures.acceleration_time(TIME, distance) == pytest.approx(
+        np.sqrt(200.0 / 0.6), rel=1e-3
+    )
     assert measures.acceleration_time(TIME[:300], distance[:300]) == np.inf
 
 
@@ -102,13 +106,16 @@ def test_front_corners_are_compared_at_one_place():
     assert measures.front_corner_excess(outward[:, :1], both[:, :1]) == (-np.inf, -np.inf)
 
 
-@pytest.mark.parametrize("measure", [
-    lambda bad: measures.tracking_ability(np.full((9, 2, 2), bad)),
-    lambda bad: measures.friction_demand(np.full((9, 2, 3), bad)),
-    lambda bad: measures.yaw_damping([np.full(9, bad)]),
-    lambda bad: measures.acceleration_time(TIME, np.full_like(TIME, bad)),
-    lambda bad: measures.rearward_amplification(np.ones(9), np.full(9, bad)),
-])
+@pytest.mark.parametrize(
+    "measure",
+    [
+        lambda bad: measures.tracking_ability(np.full((9, 2, 2), bad)),
+        lambda bad: measures.friction_demand(np.full((9, 2, 3), bad)),
+        lambda bad: measures.yaw_damping([np.full(9, bad)]),
+        lambda bad: measures.acceleration_time(TIME, np.full_like(TIME, bad)),
+        lambda bad: measures.rearward_amplification(np.ones(9), np.full(9, bad)),
+    ],
+)
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
 def test_values_that_are_not_finite_are_refused(measure, bad):
     with pytest.raises(InputError, match="not finite"):
