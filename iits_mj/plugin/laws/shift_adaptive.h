@@ -140,7 +140,8 @@ int AdaptiveGear(const ShiftSituation<T>& now) {
     const T after = up ? now.SpeedAfterChange(speed) : now.SpeedWhenRecovered(gear);
     if (ratio * after < (up ? p.upshift_speed : p.downshift_speed) * slowest) continue;
     // The driver's pedal will give the same power in any gear that has it.
-    const T reserve = now.Failed(gear) ? Max(p.failed_reserve, p.adaptive_reserve) : p.adaptive_reserve;
+    const T reserve =
+        now.Failed(gear) ? Max(p.failed_reserve, p.adaptive_reserve) : p.adaptive_reserve;
     if (AvailablePower(now, gear, after) < Max(kept, reserve * load * after)) continue;
     const T fuel = FuelFor(now, gear, speed, wanted);
     if (fuel < least) {

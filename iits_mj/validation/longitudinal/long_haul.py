@@ -122,7 +122,7 @@ def accelerating(speed: float) -> float:
 
 
 class _Balance:
-    """Forces and engine torques of a truck on a road, for the driver's feed-forward and energies."""
+    """Forces and engine torques of a truck on a road, for its driver and the energies."""
 
     def __init__(self, parameters: TruckParameters, payload: float) -> None:
         p = parameters
@@ -161,7 +161,7 @@ class _Balance:
         return self.air(speed) + self.mass * GRAVITY * slope
 
     def pedal(self, acceleration: float, state: EgoState, grade: float) -> float:
-        """Accelerator pedal for an acceleration [m/s2], 0 to 1, and below 0 where brakes must help."""
+        """Accelerator pedal for an acceleration [m/s2]; below 0 where brakes must help."""
         gear = max(state.gear, 1) - 1
         force = self._inertial[gear] * acceleration + self.resistance(state.speed, grade)
         speed = max(state.engine_speed, self._idle)
@@ -408,8 +408,8 @@ def compare(timestep: float, *, quick: bool) -> Findings:
         for part, energy, given in zip(_ENERGIES, driven.energies, declared.energies, strict=True):
             found.check(f"{label}: energy of {part}", energy, "kWh", *_within(given, 0.05))
     found.notes.append(
-        "Our tires slip while they drive, about 1 % of the engine's work, which VECTO does not count; "
-        "axle loads follow from the truck's statics instead of VECTO's shares."
+        "Our tires slip while they drive, about 1 % of the engine's work, which VECTO does not "
+        "count; axle loads follow from the truck's statics instead of VECTO's shares."
     )
     return found
 
