@@ -2,10 +2,10 @@
 
 Rearward amplification is high for doubles with an A-dolly, low for B-doubles: Fancher and Winkler,
 "A Methodology for Measuring Rearward Amplification" (3rd Int. Symposium on Heavy Vehicle Weights
-and Dimensions, 1992), and Winkler et al., "Evaluation of Innovative Converter Dollies" (UMTRI-93-47
-of 1993). In the lane change of FHWA's Comprehensive Truck Size and Weight Limits Study (2015, figure
-15) the second trailer of a double of 28 ft trailers peaks at 0.24 to 0.30 g, its tractor at about
-0.15 g: a factor of 1.6 to 2.
+and Dimensions, 1992), and Winkler et al., "Evaluation of Innovative Converter Dollies"
+(UMTRI-93-47, 1993). In the lane change of FHWA's Comprehensive Truck Size and Weight Limits Study
+(2015, figure 15) the second trailer of a double of 28 ft trailers peaks at 0.24 to 0.30 g, its
+tractor at about 0.15 g: a factor of 1.6 to 2.
 """
 
 import dataclasses
