@@ -17,6 +17,7 @@ from iits_mj.analytic.measures import (
     step_response,
     understeer_gradient,
     understeer_gradient_by_loads,
+    unit_track,
     worst_rearward_amplification,
     yaw_rate_gain,
 )
@@ -51,6 +52,7 @@ __all__ = [
     "step_response",
     "understeer_gradient",
     "understeer_gradient_by_loads",
+    "unit_track",
     "worst_rearward_amplification",
     "yaw_rate_gain",
 ]

@@ -137,6 +137,26 @@ def _states(system: LateralSystem, steer: FloatArray, step: float) -> FloatArray
     return states
 
 
+def unit_track(answer: Response, system: LateralSystem, unit: int, position: float) -> FloatArray:
+    """Returns the track of a point of a unit in the ground frame of a response [m], shape (m, 2).
+
+    Args:
+      answer: of the model.
+      system: that gave it.
+      unit: index of the unit; -1 is the last one.
+      position: of the point behind the unit's origin [m].
+    """
+    model, unit = system.model, unit % system.model.units
+    lengths = [*model.couplings[:unit], position]
+    lengths[0] -= model.position[0]
+    track, heading = np.column_stack([answer.x, answer.y]), answer.yaw
+    for k, length in enumerate(lengths):
+        if k:
+            heading = heading - answer.articulations[:, k - 1]
+        track = track - length * np.column_stack([np.cos(heading), np.sin(heading)])
+    return track
+
+
 def step_response(system: LateralSystem, steer: float, duration: float = 10.0) -> Response:
     """Response to a step of the road-wheel angle [rad] at time zero, sampled every 10 ms."""
     time = np.linspace(0.0, duration, round(duration / 0.01) + 1)

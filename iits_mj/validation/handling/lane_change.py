@@ -24,7 +24,14 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
-from iits_mj.analytic import LateralSystem, Response, YawPlane, simulate, single_sine
+from iits_mj.analytic import (
+    LateralSystem,
+    Response,
+    YawPlane,
+    simulate,
+    single_sine,
+    unit_track,
+)
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import GRAVITY, KMH
@@ -211,7 +218,8 @@ def follow_path(payload: float, speed: float, timestep: float) -> PathChange:
     x = record.rear_x - behind * np.cos(heading) - record.x[0]
     y = record.rear_y - behind * np.sin(heading) - record.y[0]
     last = np.column_stack([x, y])
-    model_last = _model_last_axle(answer, system, truck.parameters)
+    last_axle = truck.parameters.last.axles[-1].position
+    model_last = unit_track(answer, system, -1, last_axle)
     worst = float(np.max(np.abs(_path_error(record, speed))))
     return PathChange(record, answer, system, last, model_last, worst)
 
@@ -262,15 +270,3 @@ def _missing(record: SteeringRecord, error: FloatArray, grid: FloatArray) -> Flo
     numerator, denominator = signal.butter(2, _BAND, fs=1.0 / PERIOD)
     smooth = signal.filtfilt(numerator, denominator, error)
     return np.interp(grid, record.time, np.gradient(np.gradient(smooth, PERIOD), PERIOD))
-
-
-def _model_last_axle(
-    answer: Response, system: LateralSystem, parameters: TruckParameters
-) -> FloatArray:
-    """Track of the linear model's last axle, (n, 2) [m]."""
-    *lengths, last = [*system.model.couplings, parameters.last.axles[-1].position]
-    x, y, heading = answer.x, answer.y, answer.yaw
-    for length, articulation in zip(lengths, answer.articulations.T, strict=True):
-        x, y = x - length * np.cos(heading), y - length * np.sin(heading)
-        heading = heading - articulation
-    return np.column_stack([x - last * np.cos(heading), y - last * np.sin(heading)])
