@@ -87,7 +87,7 @@ def test_slow_multibody_off_tracks_like_the_kinematic_model():
     motion = PlanarTruck(LADEN).drive(1.5, lambda now: 0.08 * min(now / 5.0, 1.0), time)
     # The scrub of tandem and tri-axle makes a slow truck differ a little from the slip-free one.
     phi = lengths.L * motion.yaw_rate[-1] / motion.speed[-1]
-    psi = -np.arctan2(lengths.L_1, lengths.L / np.tan(phi)) - np.arcsin(
-        lengths.L_2 / np.hypot(lengths.L_1, lengths.L / np.tan(phi))
+    psi = -np.arctan2(lengths.hitches[0], lengths.L / np.tan(phi)) - np.arcsin(
+        lengths.lengths[0] / np.hypot(lengths.hitches[0], lengths.L / np.tan(phi))
     )
     assert motion.articulation[-1] == pytest.approx(-psi, rel=0.05)
