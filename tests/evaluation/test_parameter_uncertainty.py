@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from iits_mj import cli
+from iits_mj.core.assets import DEFAULT_TRUCK
 from iits_mj.core.errors import InputError
 from iits_mj.evaluation.parameter_uncertainty import (
     FIGURES,
@@ -94,7 +95,7 @@ def test_samples_are_written_with_their_factors(rows, tmp_path):
 
 
 def test_shipped_truck_has_the_figures_of_the_validation():
-    found = measure(SampleTask(NOMINAL, 36_000.0, 0.002, ""))
+    found = measure(SampleTask(NOMINAL, DEFAULT_TRUCK, 36_000.0, 0.002, ""))
     assert found.rollover_threshold == tilt_table(36_000.0, 0.002).threshold
     assert 1.0 < found.rearward_amplification < 1.5
     assert 90.0 < found.yaw_fit < 100.0

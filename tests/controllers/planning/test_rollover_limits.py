@@ -97,3 +97,47 @@ def test_margins_are_computed_once_for_a_mass_and_clamped_outside():
     assert margins.at(70e3).threshold == margins.at(55e3).threshold
     high = dataclasses.replace(PARAMETERS).with_payload_height(3.0)
     assert RollMargins(high, 0.2).at(55e3).threshold < margins.at(55e3).threshold
+
+
+def with_load_height(truck, unit, height):
+    """The truck with the load of one unit at another height [m]."""
+    units = list(truck.units)
+    load = dataclasses.replace(units[unit].payload, cg_height=height)
+    units[unit] = dataclasses.replace(units[unit], payload=load)
+    return dataclasses.replace(truck, units=tuple(units))
+
+
+def test_a_drawbar_leaves_the_weaker_of_two_vehicles_to_roll_over_alone():
+    truck = TruckParameters.load("rigid_drawbar")
+    full = truck.payload_max
+    heights = (1.5, 1.5), (2.6, 1.5), (1.5, 2.4), (2.6, 2.4)
+    low, first, second, both = (
+        roll_threshold(with_load_height(with_load_height(truck, 0, a), 1, b), full)
+        for a, b in heights
+    )
+    assert max(first, second) < low
+    # Neither vehicle holds the other: drawbar loads are small.
+    assert both == pytest.approx(min(first, second), rel=0.02)
+
+
+def test_units_on_fifth_wheels_roll_over_together():
+    truck = TruckParameters.load("b_double")
+    full, height = truck.payload_max, truck.units[2].payload.cg_height
+    raised = [with_load_height(truck, unit, height + 0.4) for unit in (1, 2)]
+    both = with_load_height(raised[0], 2, height + 0.4)
+    base, *one = (roll_threshold(p, full) for p in (truck, *raised))
+    assert roll_threshold(both, full) < min(one) < max(one) < base
+
+
+def test_more_joints_amplify_more():
+    def amplification(name):
+        truck = TruckParameters.load(name)
+        model = LateralModel.of(truck, truck.gross_mass(truck.payload_max), 0.1)
+        return rearward_amplification(model, 22.2, 0.4)
+
+    names = "vecto_tractor", "vecto_40t", "b_double", "a_double"
+    gains = [amplification(name) for name in names]
+    assert gains[0] == 1.0
+    assert gains == sorted(gains)
+    # Winkler and others (FHWA-RD-00-078): A-doubles reach about twice the tractor's acceleration.
+    assert gains[-1] > 1.7
