@@ -195,9 +195,7 @@ def test_a_self_steering_axle_yields_to_side_forces():
         truck.units[1], axles=(*fixed, dataclasses.replace(last, self_steering=steering))
     )
     changed = dataclasses.replace(truck, units=(truck.lead, trailer))
-    before, after = (
-        LateralModel.of(p, 55e3, 0.1).units[1].axles[-1].stiffness for p in (truck, changed)
-    )
+    before, after = (LateralModel.of(p, 55e3, 0.1).plane.cornering[-1] for p in (truck, changed))
     lever = 0.15 + truck.tires[last.tire].pneumatic_trail
     # Both wheels' slip and knuckle angle share the slip of the axle: in series.
     assert 1.0 / after == pytest.approx(1.0 / before + 0.5 * lever / 20e3)
@@ -206,6 +204,6 @@ def test_a_self_steering_axle_yields_to_side_forces():
 def test_a_lifted_axle_has_no_part_in_the_model():
     truck = TruckParameters.load("tractor_semitrailer_6x2")
     empty, laden = (
-        LateralModel.of(truck, truck.gross_mass(load), 0.1).units[0] for load in (0.0, 20e3)
+        LateralModel.of(truck, truck.gross_mass(load), 0.1).plane for load in (0.0, 20e3)
     )
-    assert len(empty.axles) == len(laden.axles) - 1
+    assert len(empty.position) == len(laden.position) - 1
