@@ -157,10 +157,10 @@ def rearward_amplification(model: LateralModel, speed: float, frequency: float) 
     s, own, delta = 2j * math.pi * frequency, model.motions, model.motions + 2
     w, *rates = np.linalg.solve(s * np.eye(own) - a[:own, :own], a[:own, delta])[: model.rates]
     felt = s * w + speed * rates[0]
-    ratios, origin = [], felt
-    for unit, rate in zip(model.units, rates, strict=True):
-        ratios.append(float(abs((origin - unit.cg * s * rate) / felt)))
-        origin = origin - unit.coupling * s * rate
+    ratios, origin, plane = [], felt, model.plane
+    for cg, coupling, rate in zip(plane.cg, [*plane.couplings, 0.0], rates, strict=True):
+        ratios.append(float(abs((origin - cg * s * rate) / felt)))
+        origin = origin - coupling * s * rate
     return max(ratios[1:], default=1.0)
 
 

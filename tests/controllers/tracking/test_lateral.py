@@ -178,10 +178,10 @@ def test_the_model_has_a_plausible_wheelbase_and_understeer_gradient():
     slow, fast = (model.steady_acceleration(speed) / speed**2 for speed in (0.5, 25.0))
     # A tandem's scrub lengthens the wheelbase (Winkler 1998); the tri-axle's, at the hitch ahead
     # of the tandem, is not in that formula.
-    (_, front, _), *drive = model.units[0].axles
-    base = np.mean([x for x, *_ in drive])
-    spread = np.mean([(x - base) ** 2 for x, *_ in drive])
-    longer = spread / base * (1.0 + sum(c for _, c, _ in drive) / front)
+    plane = model.plane
+    front, drive = plane.cornering[0], plane.position[1:3]
+    base = drive.mean()
+    longer = drive.var() / base * (1.0 + plane.cornering[1:3].sum() / front)
     assert 1.0 / slow == pytest.approx(base + longer, abs=0.15)
     gradient = np.rad2deg(1.0 / fast - 1.0 / slow) / 25.0**2 * 9.81
     assert 0.5 < gradient < 3.0

@@ -447,7 +447,7 @@ def test_the_models_payload_is_between_none_and_the_greatest(load, share):
     empty = PARAMETERS.gross_mass(0.0)
     model = LateralModel.of(PARAMETERS, empty + load, 0.1)
     expected = PARAMETERS.gross_mass(share * PARAMETERS.payload_max)
-    assert sum(unit.mass for unit in model.units) == pytest.approx(expected)
+    assert model.plane.mass.sum() == pytest.approx(expected)
 
 
 def test_a_state_names_its_first_value_that_is_not_finite():

@@ -84,7 +84,7 @@ def test_at_standstill_the_endurance_brakes_are_released():
 @pytest.mark.parametrize("load", [0.0, 20_000.0])
 def test_an_axle_has_the_cornering_stiffness_of_all_its_tires(load):
     model = LateralModel.of(PARAMETERS, PARAMETERS.gross_mass(load), 0.1)
-    found = [axle for unit in model.units for axle in unit.axles]
+    found = list(zip(model.plane.position, model.plane.cornering, model.plane.steer, strict=True))
     loads = static_axle_loads(PARAMETERS, load)
     for axle, on_axle, (position, stiffness, steer) in zip(
         PARAMETERS.axles, loads, found, strict=True
@@ -119,17 +119,18 @@ def test_the_preview_begins_at_the_truck_and_covers_its_time():
 def test_the_models_matrices_are_those_of_virtual_work(speed):
     """Newton's law for (w, r, r_t): each mass and axle acts by its own lateral velocity."""
     model = LateralModel.of(PARAMETERS, 45_000.0, 0.1)
-    first, second = model.units
-    m1, m2, c = first.mass, second.mass, first.coupling
-    tractor, trailer = np.array([1.0, -first.cg, 0.0]), np.array([1.0, -c, -second.cg])
+    plane = model.plane
+    (m1, m2), (c,), (cg, trailer_cg) = plane.mass, plane.couplings, plane.cg
+    tractor, trailer = np.array([1.0, -cg, 0.0]), np.array([1.0, -c, -trailer_cg])
     inertia = m1 * np.outer(tractor, tractor) + m2 * np.outer(trailer, trailer)
-    inertia += np.diag([0.0, first.inertia, second.inertia])
+    inertia += np.diag([0.0, *plane.inertia])
     rates, articulation, steer = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
-    for place, stiffness, _ in first.axles:
+    axles = list(zip(plane.unit, plane.position, plane.cornering, strict=True))
+    for place, stiffness in (axle[1:] for axle in axles if axle[0] == 0):
         velocity = np.array([1.0, -place, 0.0])
         rates -= stiffness / speed * np.outer(velocity, velocity)
         steer += stiffness * velocity * (place == 0.0)
-    for place, stiffness, _ in second.axles:
+    for place, stiffness in (axle[1:] for axle in axles if axle[0] == 1):
         velocity = np.array([1.0, -c, -place])
         rates -= stiffness / speed * np.outer(velocity, velocity)
         articulation -= stiffness * velocity
@@ -194,9 +195,7 @@ def test_a_self_steering_axle_yields_to_side_forces():
         truck.units[1], axles=(*fixed, dataclasses.replace(last, self_steering=steering))
     )
     changed = dataclasses.replace(truck, units=(truck.lead, trailer))
-    before, after = (
-        LateralModel.of(p, 55e3, 0.1).units[1].axles[-1].stiffness for p in (truck, changed)
-    )
+    before, after = (LateralModel.of(p, 55e3, 0.1).plane.cornering[-1] for p in (truck, changed))
     lever = 0.15 + truck.tires[last.tire].pneumatic_trail
     # Both wheels' slip and knuckle angle share the slip of the axle: in series.
     assert 1.0 / after == pytest.approx(1.0 / before + 0.5 * lever / 20e3)
@@ -205,6 +204,6 @@ def test_a_self_steering_axle_yields_to_side_forces():
 def test_a_lifted_axle_has_no_part_in_the_model():
     truck = TruckParameters.load("tractor_semitrailer_6x2")
     empty, laden = (
-        LateralModel.of(truck, truck.gross_mass(load), 0.1).units[0] for load in (0.0, 20e3)
+        LateralModel.of(truck, truck.gross_mass(load), 0.1).plane for load in (0.0, 20e3)
     )
-    assert len(empty.axles) == len(laden.axles) - 1
+    assert len(empty.position) == len(laden.position) - 1
