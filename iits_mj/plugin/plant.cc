@@ -83,6 +83,7 @@ struct Plant::Scratch {
   PlanarVector<double> force[kUnitsMax];
   double hitch[kUnitsMax][2];
   double air_roll[kUnitsMax];       // moment about the roll axis
+  double tilt[kUnitsMax];           // of the road below the axles, left side up [rad]
   double coupling_roll[kUnitsMax];  // moment of the coupling about the unit's own x axis
   double lateral[kPlantAxlesMax], overturning[kPlantAxlesMax];  // of an axle's tires
 };
@@ -411,7 +412,10 @@ void Plant::FindInertia(const mjModel* m) {
   }
 }
 
-PlantState* Plant::State(mjData* d) const { return reinterpret_cast<PlantState*>(d->userdata); }
+PlantState* Plant::State(const mjModel* m, mjData* d) const {
+  // The last part of the user's data, so that a user's own come first.
+  return reinterpret_cast<PlantState*>(d->userdata + m->nuserdata) - 1;
+}
 
 void Plant::Remember(const mjModel*, const mjData* d, double* seen) const {
   std::memcpy(seen, d->qpos + lead_qpos_, 7 * sizeof(double));
@@ -582,7 +586,9 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
         wheel.axle[1] = Fill<Pair>(1);
       }
       wheel.velocity[0] = v.vx - Pair{t, -t} * v.yaw_rate;
-      wheel.velocity[1] = Fill<Pair>(base + axle.x * v.yaw_rate);
+      // The roll of the axle about its roll center moves the tires' contacts sideways.
+      wheel.velocity[1] = Fill<Pair>(base + axle.x * v.yaw_rate +
+                                     axle.roll_center * s->axle[a].roll_rate);
       wheel.velocity[2] = Fill<Pair>(0);
       wheel.angular[2] = Fill<Pair>(v.yaw_rate);
       wheel.spin = Pair{d->qvel[axle.spin[0]], d->qvel[axle.spin[1]]};
@@ -606,13 +612,13 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
             spin_moment[side] + d->qfrc_passive[dof] + axle.shaft[side] * shaft_torque;
         d->qacc[dof] = torque * axle.inverse_inertia[side];
         if (axle.steered) {
-          // Implicit: the linkage is stiff, the knuckle light.
+          // As MuJoCo's integrator `implicitfast`: implicit in the damping.
           const double k = axle.knuckle_stiffness, angle = steer[a][side];
           const double rest = axle.target >= 0 ? targets[side] * steering_->stiffness : 0;
           const double moment = rest - k * angle + f.moment[2][side];
           double* rate = d->qvel + axle.knuckle[side];
           const double next = (axle.knuckle_inertia * *rate + h * moment) /
-                              (axle.knuckle_inertia + h * axle.knuckle_damping + h * h * k);
+                              (axle.knuckle_inertia + h * axle.knuckle_damping);
           d->qacc[axle.knuckle[side]] = (next - *rate) / h;
         }
       }
@@ -633,6 +639,9 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
     }
     q.roll = unit.coupling * q.y;
     pitch[u] = resistance - unit.front_height * q.x;
+
+    at.tilt[u] =
+        loads > 0 ? (sx * at.sine[u] - sy * at.cosine[u]) / loads : 0;
 
     // The road's slope below the unit: below its axles and its coupling, by their loads.
     slope[u][0] = sx;
@@ -688,12 +697,15 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
         const double transmitted = at.lateral[a] - axle.mass * felt;
         const double link = axle.roll_center * transmitted + axle.height * axle.mass * felt +
                             at.overturning[a];
+        // The axle hangs between tires, springs and dampers; it has no inertia in roll.
         const double spring = axle.roll_stiffness * last.roll + axle.roll_damping * last.roll_rate;
+        const double whole = axle.roll_stiffness + axle.tire_roll_stiffness;
+        to->roll_rate = (spring + link - whole * to->roll) / (axle.roll_damping + h * whole);
         const double most = axle.half_track * Max(0., axle.static_load + to->pitch_load);
-        const double moment = Clamp(axle.share * (spring + link), -most, most);
+        const double moment =
+            Clamp(axle.tire_roll_stiffness * (to->roll + h * to->roll_rate), -most, most);
         q.roll -= moment - link + (axle.roll_center - unit.roll_axis) * transmitted;
         to->roll_moment = moment;
-        to->roll = moment / axle.tire_roll_stiffness;
       }
       if (abs(last.roll) > kRollMax) left_range |= kRollAngle;
     }
@@ -719,7 +731,7 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
     at.force[u - 1].yaw -= yaw;
     if constexpr (kRolls) {
       const double c = at.motion[u].cosine;
-      const double roll = unit.law->RollMoment(own.roll - c * ahead.roll,
+      const double roll = unit.law->RollMoment(own.roll + at.tilt[u] - c * (ahead.roll + at.tilt[u - 1]),
                                                own.roll_rate - c * ahead.roll_rate);
       at.coupling_roll[u] = roll;
       at.force[u].roll += roll;
@@ -750,7 +762,11 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
       *angle = Clamp(*angle + h * d->qvel[knuckle], -axle.knuckle_max, axle.knuckle_max);
     }
   }
-  if constexpr (!kRolls) RollStatically(h, &at, s);
+  if constexpr (kRolls) {
+    for (size_t a = 0; a < axles_.size(); ++a) s->axle[a].roll += h * s->axle[a].roll_rate;
+  } else {
+    RollStatically(h, &at, s);
+  }
   MoveLoads(h, at, pitch, s);
   const double vx = s->vx + h * acceleration[0].x, vy = s->vy + h * acceleration[0].y;
   for (int u = 0; u < units; ++u) {
@@ -854,7 +870,7 @@ void Plant::RollStatically(double h, Scratch* scratch, PlantState* s) const {
   for (int u = 0; u < units; ++u) {
     const double k = u ? units_[u].law->roll_stiffness : 0;
     const double c = u ? at.motion[u].cosine : 1;
-    const double ahead = c * roll;
+    const double ahead = u ? c * (roll + at.tilt[u - 1]) - at.tilt[u] : 0;
     roll = (moment[u] + k * ahead) / (stiffness[u] + k);
     scratch->coupling_roll[u] = k * (ahead - roll);
     for (int a = units_[u].first_axle; a < units_[u].end_axle; ++a) {
@@ -965,7 +981,7 @@ void Plant::Publish(const mjModel* m, mjData* d, PlantState* s) const {
   Remember(m, d, s->seen);
   mj_kinematics(m, d);
   mj_comPos(m, d);
-  if (!(m->opt.disableflags & mjDSBL_CONTACT)) mj_collision(m, d);
+  mj_collision(m, d);
   if (m->opt.disableflags & mjDSBL_SENSOR) return;
   mj_comVel(m, d);
   d->flg_rnepost = d->flg_subtreevel = 0;
@@ -975,7 +991,7 @@ void Plant::Publish(const mjModel* m, mjData* d, PlantState* s) const {
 }
 
 bool Plant::Step(const mjModel* m, mjData* d, int count) const {
-  PlantState* s = State(d);
+  PlantState* s = State(m, d);
   double seen[13 + 6 * kUnitsMax] = {};
   Remember(m, d, seen);
   if (s->initialized == 0 || std::memcmp(seen, s->seen, sizeof(seen)) != 0) Adopt(m, d, s);

@@ -14,7 +14,7 @@ namespace iits {
 
 inline constexpr int kPlantAxlesMax = 16;
 
-// State of the plant beside qpos, qvel and plugin_state, in mjData.userdata; all zero after a
+// State of the plant beside qpos, qvel and plugin_state, the last part of mjData.userdata; all zero after a
 // reset, and then it is read from qpos and qvel.
 struct PlantState {
   // Lead unit's position and velocity, and what was written to qpos and qvel last: if a user has
@@ -31,7 +31,7 @@ struct PlantState {
   struct Axle {
     double pitch_load;   // moved onto the axle by pitch [N]
     double roll_moment;  // of the tires' loads about the axle's middle [N m]
-    double roll;         // of the axle against the road [rad]
+    double roll, roll_rate;  // of the axle against the road [rad], [rad/s]
   } axle[kPlantAxlesMax];
   double left_range;  // bits of Range; stays set until the reset
 };
@@ -61,7 +61,7 @@ class Plant {
   bool FindPlugins(const mjModel* m, const std::string& prefix, std::string* error);
   void FindPitchGains(const mjModel* m);
   void FindInertia(const mjModel* m);
-  PlantState* State(mjData* d) const;
+  PlantState* State(const mjModel* m, mjData* d) const;
   void Adopt(const mjModel* m, mjData* d, PlantState* s) const;
   void Publish(const mjModel* m, mjData* d, PlantState* s) const;
   void Remember(const mjModel* m, const mjData* d, double* seen) const;

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.core.checks import in_range, is_whole, shown
+from iits_mj.core.checks import in_range, is_whole, one_of, shown
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import (
     EgoFootprint,
@@ -25,7 +25,7 @@ from iits_mj.core.messages import (
     XbrEbiMode,
     XbrMode,
 )
-from iits_mj.core.timing import TIMESTEP
+from iits_mj.core.timing import PLANTS, TIMESTEP
 from iits_mj.model.builder import truck_spec
 from iits_mj.model.road_table import add_road_table
 from iits_mj.model.scenery.road_scene import add_road
@@ -34,6 +34,7 @@ from iits_mj.plugin import register
 from iits_mj.road import Route
 from iits_mj.truck.faults import Faults
 from iits_mj.truck.placement import Poser, TruckPlacement
+from iits_mj.truck.plant import Plant, reserve_state
 from iits_mj.truck.report import Reporter, sensor_addresses
 from iits_mj.truck.state import StateReader
 
@@ -143,6 +144,7 @@ class Truck:
       model: a compiled scene with the truck in it; use `load` to make one.
       parameters, payload, route: of the scene.
       prefix: of the truck's names in a model of several (`iits_mj.truck.fleet`).
+      plant: of `PLANTS`; see `load`.
       data: of the scene; default: new data, with the truck at the beginning of its road.
 
     Raises:
@@ -157,6 +159,7 @@ class Truck:
         route: Route,
         *,
         prefix: str = "",
+        plant: str = "full",
         data: mujoco.MjData | None = None,
     ) -> None:
         if data is not None and data.signature != model.signature:
@@ -167,6 +170,8 @@ class Truck:
         self.payload = payload
         self.route = route
         self.prefix = prefix
+        self.plant = one_of("plant", plant, PLANTS)
+        self._planar = None if plant == "full" else Plant(plant, prefix)
         tractor, trailer = parameters.tractor, parameters.semitrailer
         rear = parameters.fifth_wheel.position + trailer.length - trailer.front_overhang
         self.footprint = EgoFootprint(
@@ -207,6 +212,7 @@ class Truck:
         parameters: TruckParameters | Mapping[str, Any] | str | Path | None = None,
         route: Route | None = None,
         timestep: float = TIMESTEP,
+        plant: str = "full",
         visuals: bool = True,
         edit_spec: Callable[[mujoco.MjSpec], None] | None = None,
     ) -> Truck:
@@ -219,15 +225,26 @@ class Truck:
           parameters: of the truck, or an overlay (TOML file or mapping) over the shipped figures.
           route: the road; default: a flat plane, driven along x.
           timestep: of the physics [s], 0.0005 to 0.005.
+          plant: model of the motion: "full", MuJoCo's bodies; "yaw-sideslip", planar motion with
+            quasi-static load transfer; "yaw-roll", planar motion and the roll of each unit. Planar
+            plants have the same tires, powertrain, brakes and steering, and cost an eighth.
           visuals: adds what pictures show of truck, road and landscape; the physics is the same
             without, a step takes less time.
           edit_spec: called with the specification before it is compiled, to add cameras, traffic.
 
         Raises:
-          InputError: payload, its height, time step or parameters are not allowed.
+          InputError: payload, its height, time step, plant or parameters are not allowed.
           PluginError: the engine plugin is missing.
         """
         register()
+        one_of("plant", plant, PLANTS)
+
+        def edit(spec: mujoco.MjSpec) -> None:
+            if edit_spec is not None:
+                edit_spec(spec)
+            if plant != "full":
+                reserve_state(spec)
+
         if not isinstance(parameters, TruckParameters):
             parameters = TruckParameters.load(overlay=parameters)
         parameters = parameters.with_payload_height(payload_height)
@@ -240,9 +257,9 @@ class Truck:
             timestep,
             visuals=visuals,
             flat=route is None,
-            edit_spec=edit_spec,
+            edit_spec=edit,
         )
-        return cls(model, parameters, payload, shown)
+        return cls(model, parameters, payload, shown, plant=plant)
 
     @property
     def time(self) -> float:
@@ -273,7 +290,8 @@ class Truck:
         )
         mujoco.mj_resetData(self.model, self.data)
         self.place(place)
-        mujoco.mj_forward(self.model, self.data)
+        if self._planar is None:
+            mujoco.mj_forward(self.model, self.data)
         return self.observe()
 
     def place(self, place: TruckPlacement) -> None:
@@ -330,6 +348,9 @@ class Truck:
         """
         if not is_whole(n) or n < 0:
             raise InputError(f"step: n = {shown(n)}: a whole number of zero or more is needed")
+        if self._planar is not None:
+            self._step_planar(self._planar, n)
+            return
         model, data, options = self.model, self.data, self.model.opt
         end = data.time + n * options.timestep
         flags = options.disableflags
@@ -354,6 +375,37 @@ class Truck:
                     "use a smaller time step, unless the truck has rolled over"
                 )
 
+    def _step_planar(self, plant: Plant, n: int) -> None:
+        start = self.data.time
+        with self._contacts():
+            (finite,) = plant.step(self.model, (self.data,), n)
+        if not finite:
+            raise Error(
+                f"the simulation diverged after t = {start:.3f} s (plant {plant.kind}); "
+                "use a smaller time step, unless the truck has rolled over"
+            )
+
+    @contextlib.contextmanager
+    def _contacts(self) -> Iterator[None]:
+        """Within this context the model has its contacts disabled, unless `detects_contacts`."""
+        options = self.model.opt
+        flags = options.disableflags
+        if not self.detects_contacts:
+            options.disableflags = flags | _NO_CONTACTS
+        try:
+            yield
+        finally:
+            options.disableflags = flags
+
+    @property
+    def left_range(self) -> tuple[str, ...]:
+        """Limits of the plant's validity that were exceeded since the reset, in words.
+
+        A planar plant goes on beyond them, but what it shows then is not what a truck does. The
+        full plant has no such limits: its is empty.
+        """
+        return () if self._planar is None else self._planar.left_range(self.data)
+
     def sensor(self, name: str) -> NDArray[np.float64]:
         """Returns a sensor's reading at the last step or observation."""
         return np.array(self.data.sensor(self.prefix + name).data)
@@ -364,18 +416,19 @@ class Truck:
 
     def observe(self) -> EgoState:
         """Returns the truck's current state."""
-        options = self.model.opt
-        flags = options.disableflags
-        if not self.detects_contacts:
-            options.disableflags = flags | _NO_CONTACTS
-        try:
-            bring_up_to_date(self.model, self.data)
-        finally:
-            options.disableflags = flags
+        with self._contacts():
+            self.update_sensors()
         return self.state()
 
+    def update_sensors(self) -> None:
+        """Computes the sensors of the current state; after a step they may be older."""
+        if self._planar is None:
+            bring_up_to_date(self.model, self.data)
+        else:
+            self._planar.step(self.model, (self.data,), 0)
+
     def state(self) -> EgoState:
-        """Returns the truck's state from sensors that are up to date (`bring_up_to_date`)."""
+        """Returns the truck's state from sensors that are up to date (`update_sensors`)."""
         state, self._trailer_hint = self._reader.read(
             self.model, self.data, self._station_hint, self._trailer_hint
         )
