@@ -33,6 +33,7 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
       task: name in `iits_mj.suite.TASKS_BY_DOMAIN["truck"]`.
       payload: on the semitrailer [kg].
       payload_height: of the load's centre of gravity above the road [m], 1.3 to 3.
+      plant: model of the truck's motion; see `iits_mj.Truck.load`.
       time_limit: of an episode [s]; default: the task's.
       render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
       camera: of the pictures: "chase", "side" or "cab".
@@ -55,6 +56,7 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         *,
         payload: float = MAX_PAYLOAD,
         payload_height: float | None = None,
+        plant: str = "full",
         time_limit: float | None = None,
         render_mode: str | None = None,
         camera: str = "chase",
@@ -69,6 +71,7 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
                 task_kwargs={
                     "payload": payload,
                     "payload_height": payload_height,
+                    "plant": plant,
                     "time_limit": time_limit,
                     "visuals": render_mode is not None,
                     "random": 0,

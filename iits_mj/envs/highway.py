@@ -121,6 +121,7 @@ class HighwayEnv(DecisionEnv):
       duration: of an episode [s].
       payload: on the semitrailer [kg].
       payload_height: of the load's centre of gravity above the road [m], 1.3 to 3.
+      plant: model of the truck's motion; see `iits_mj.Truck.load`.
       render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
       camera: of the pictures: "chase", "side" or "cab".
       timestep: of the physics [s]; a drive has 0.002, and 0.005 trains as well in less time.
@@ -141,6 +142,7 @@ class HighwayEnv(DecisionEnv):
         duration: float = 120.0,
         payload: float = MAX_PAYLOAD,
         payload_height: float | None = None,
+        plant: str = "full",
         render_mode: str | None = None,
         camera: str = "chase",
         timestep: float = TIMESTEP,
@@ -156,6 +158,7 @@ class HighwayEnv(DecisionEnv):
             render_mode=render_mode,
         )
         self.payload_height = payload_height
+        self.plant = plant
         self.timestep = timestep
         self._world: TruckWorld | None = None
 
@@ -194,6 +197,7 @@ class HighwayEnv(DecisionEnv):
             self._world = TruckWorld(
                 self.timestep,
                 payload_height=self.payload_height,
+                plant=self.plant,
                 visuals=self.render_mode is not None,
                 edit_spec=add_cameras,
             )

@@ -13,7 +13,7 @@ from controllers.decision.policy import load_policy
 from controllers.decision.trip import CELLS, SEEDS_EACH, TEST_SEEDS, VALIDATION_SEEDS, TripConfig
 from iits_mj.core import options
 from iits_mj.core.errors import InputError
-from iits_mj.core.options import option
+from iits_mj.core.options import option, plant_option
 from iits_mj.core.process_pool import run_all
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.evaluation import drives, trials
@@ -47,6 +47,7 @@ class EvaluateConfig:
         help="full: MuJoCo truck with its stack in SUMO traffic; fast: point mass in NumPy traffic",
         choices=WORLDS,
     )
+    plant: str = plant_option()
     payload: float = payload_option(TripConfig().payload)
     timestep: float = option(
         TIMESTEP, help="time step of the physics", unit="s", low=0.0005, high=0.005
@@ -86,6 +87,13 @@ class EvaluateConfig:
             if name not in NAMES:
                 raise InputError(f"method {name!r} is unknown; allowed are: {', '.join(NAMES)}")
         self.chosen_cells()
+        if self.world == "fast" and self.plant != "full":
+            raise InputError(f"plant {self.plant}: the fast world has a point mass; use world full")
+
+    @property
+    def trial_world(self) -> str:
+        """The world of the trials: the plant of the full chain, or "fast"."""
+        return self.plant if self.world == "full" else self.world
 
     def names(self) -> tuple[str, ...]:
         """The methods, each once."""
@@ -122,7 +130,7 @@ def tasks_of(config: EvaluateConfig) -> list[Task]:
 
     def task(density: str, speed: float, method: str, weights: str, seed: int) -> Task:
         limits = (config.payload, config.timestep, config.length, config.duration)
-        return Task(config.world, density, speed, method, weights, *limits, seed)
+        return Task(config.trial_world, density, speed, method, weights, *limits, seed)
 
     free = [task(EMPTY, speed, "keep", "", 0) for speed in sorted({speed for _, speed in cells})]
     return free + [

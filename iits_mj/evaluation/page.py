@@ -19,7 +19,6 @@ from iits_mj.evaluation.figures import (
     ROOM_MIN,
     RULES,
     STRONGER,
-    WORLD_TEXT,
     CellFigures,
     difference_text,
     over_all,
@@ -114,7 +113,7 @@ def _origin(trials: Sequence[Trial], config: EvaluateConfig) -> Section:
     versions = codes_of(trials)
     weights = sorted({t.weights for t in trials if t.weights})
     sentences = [
-        f"World: {WORLD_TEXT[config.world]}.",
+        f"World: {world_text(config)}.",
         f"Trips: {config.trials} of each method in each cell, {config.length / 1e3:g} km or to the "
         f"road's end, {config.duration:g} s at most; the {config.seeds} seeds, set {config.seed}, "
         "the same traffic for all methods. "

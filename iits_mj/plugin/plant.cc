@@ -990,7 +990,7 @@ void Plant::Publish(const mjModel* m, mjData* d, PlantState* s) const {
   mj_sensorAcc(m, d);
 }
 
-bool Plant::Step(const mjModel* m, mjData* d, int count) const {
+bool Plant::Step(const mjModel* m, mjData* d, int count, bool observe) const {
   PlantState* s = State(m, d);
   double seen[13 + 6 * kUnitsMax] = {};
   Remember(m, d, seen);
@@ -998,8 +998,15 @@ bool Plant::Step(const mjModel* m, mjData* d, int count) const {
   for (int i = 0; i < count; ++i) {
     rolls_ ? Compute<true>(m, d, s, true) : Compute<false>(m, d, s, true);
   }
-  if (count == 0) rolls_ ? Compute<true>(m, d, s, false) : Compute<false>(m, d, s, false);
-  Publish(m, d, s);
+  if (observe) {
+    // On a copy, so that an observation does not change later bits.
+    PlantState seen_now = *s;
+    rolls_ ? Compute<true>(m, d, &seen_now, false) : Compute<false>(m, d, &seen_now, false);
+    Publish(m, d, &seen_now);
+    std::memcpy(s->seen, seen_now.seen, sizeof(s->seen));
+  } else {
+    Publish(m, d, s);
+  }
   const PlantState::Unit& last = s->unit[units_.size() - 1];
   return std::isfinite(s->x + s->y + s->vx + s->vy + s->yaw + last.articulation + last.roll);
 }
@@ -1030,15 +1037,12 @@ void iits_plant_delete(void* plant) { delete static_cast<iits::Plant*>(plant); }
 IITS_EXPORT int iits_plant_state_size(void);
 int iits_plant_state_size(void) { return sizeof(iits::PlantState) / sizeof(mjtNum); }
 
-// Returns how many of the `size` data are finite at the end; see Plant::Step.
-IITS_EXPORT int iits_plant_step(const void* plant, const mjModel* m, mjData* const* data, int size,
-                                int count, int* alive);
-int iits_plant_step(const void* plant, const mjModel* m, mjData* const* data, int size, int count,
-                    int* alive) {
-  int finite = 0;
+// Plant::Step of each of the `size` data.
+IITS_EXPORT void iits_plant_step(const void* plant, const mjModel* m, mjData* const* data, int size,
+                                 int count, int observe, int* alive);
+void iits_plant_step(const void* plant, const mjModel* m, mjData* const* data, int size, int count,
+                     int observe, int* alive) {
   for (int i = 0; i < size; ++i) {
-    alive[i] = static_cast<const iits::Plant*>(plant)->Step(m, data[i], count);
-    finite += alive[i];
+    alive[i] = static_cast<const iits::Plant*>(plant)->Step(m, data[i], count, observe != 0);
   }
-  return finite;
 }

@@ -47,9 +47,9 @@ class Plant {
   Plant(const Plant&) = delete;
   Plant& operator=(const Plant&) = delete;
 
-  // Advances by `count` time steps. Without any, computes forces and sensors of the present state.
-  // False if the state is no longer finite.
-  bool Step(const mjModel* m, mjData* d, int count) const;
+  // Advances by `count` time steps and computes the sensors: `observe` with the forces of the new
+  // state, otherwise with those of the last step. False if the state is no longer finite.
+  bool Step(const mjModel* m, mjData* d, int count, bool observe) const;
 
  private:
   struct Axle;

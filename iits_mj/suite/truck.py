@@ -34,6 +34,7 @@ def _factory(name: str, kind: type[DrivingTask]) -> Callable[..., control.Enviro
         random: Any = None,
         payload: float = MAX_PAYLOAD,
         payload_height: float | None = None,
+        plant: str = "full",
         visuals: bool = True,
         environment_kwargs: Mapping[str, Any] | None = None,
     ) -> control.Environment:
@@ -46,6 +47,7 @@ def _factory(name: str, kind: type[DrivingTask]) -> Callable[..., control.Enviro
             payload_height=payload_height,
             route=kind.road(),
             timestep=TIMESTEP,
+            plant=plant,
             visuals=visuals,
             edit_spec=edit_spec,
         )
@@ -65,6 +67,7 @@ def _factory(name: str, kind: type[DrivingTask]) -> Callable[..., control.Enviro
       random: seed or `numpy.random.RandomState` of the task.
       payload: on the semitrailer [kg].
       payload_height: of the load's centre of gravity above the road [m], 1.3 to 3.
+      plant: model of the truck's motion; see `Truck.load`.
       visuals: adds road and landscape for pictures; the physics is the same without.
       environment_kwargs: further arguments of `control.Environment`.
     """
@@ -84,6 +87,7 @@ def highway(
     traffic_speed: float = 12.5,
     payload: float = 12_000.0,
     payload_height: float | None = None,
+    plant: str = "full",
     visuals: bool = True,
     environment_kwargs: Mapping[str, Any] | None = None,
 ) -> control.Environment:
@@ -96,6 +100,7 @@ def highway(
       traffic_speed: speed limit of the traffic [m/s].
       payload: on the semitrailer [kg].
       payload_height: of the load's centre of gravity above the road [m], 1.3 to 3.
+      plant: model of the truck's motion; see `Truck.load`.
       visuals: adds the visual geoms.
       environment_kwargs: further arguments of `control.Environment`.
 
@@ -109,7 +114,9 @@ def highway(
         duration=time_limit + 10.0,
         payload=payload,
     )
-    world = TruckWorld(payload_height=payload_height, visuals=visuals, edit_spec=_add_common)
+    world = TruckWorld(
+        payload_height=payload_height, plant=plant, visuals=visuals, edit_spec=_add_common
+    )
     options = {"control_timestep": DECISION_TIMESTEP, "legacy_step": False}
     return HighwayEnvironment(
         HighwayPhysics.from_world(world, trip),

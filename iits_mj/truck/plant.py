@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import mujoco
@@ -30,7 +30,7 @@ def _functions() -> dict[str, Any]:
         ("create", pointer, (pointer, ctypes.c_char_p, number, ctypes.c_char_p, number)),
         ("delete", None, (pointer,)),
         ("state_size", number, ()),
-        ("step", number, (pointer, pointer, pointer, number, number, pointer)),
+        ("step", None, (pointer, pointer, pointer, number, number, number, pointer)),
     ):
         function = getattr(library(), f"iits_plant_{name}")
         function.restype, function.argtypes = result, arguments
@@ -59,16 +59,28 @@ class Plant:
         self._prefix = prefix
         self._model: mujoco.MjModel | None = None
         self._handle = 0
+        self._delete: Callable[[], object] = lambda: None
 
     def __getstate__(self) -> dict[str, Any]:
         # A copy reads its own model when it first steps.
-        return vars(self) | {"_model": None, "_handle": 0}
+        return {"kind": self.kind, "_prefix": self._prefix}
 
-    def step(self, model: mujoco.MjModel, data: Sequence[mujoco.MjData], n: int) -> list[bool]:
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(state["kind"], state["_prefix"])  # type: ignore[misc]
+
+    def step(
+        self, model: mujoco.MjModel, data: Sequence[mujoco.MjData], n: int, *, observe: bool = False
+    ) -> list[bool]:
         """Advances each of the data by `n` time steps, and computes their sensors.
 
-        Without any step, only forces and sensors of the present state are computed. Threads may
-        step different data at the same time.
+        Threads may step different data at the same time.
+
+        Args:
+          model: of the truck.
+          data: of the model, one for each drive.
+          n: time steps, 0 or more.
+          observe: computes forces and accelerations of the new state, as `Truck.observe`;
+            otherwise the sensors show those of the last step.
 
         Returns:
           for each, whether its state is finite.
@@ -81,7 +93,7 @@ class Plant:
         size = len(data)
         pointers = (ctypes.c_void_p * size)(*[one._address for one in data])
         alive = (ctypes.c_int * size)()
-        _functions()["step"](self._handle, model._address, pointers, size, n, alive)
+        _functions()["step"](self._handle, model._address, pointers, size, n, observe, alive)
         return [bool(one) for one in alive]
 
     def left_range(self, data: mujoco.MjData) -> tuple[str, ...]:
@@ -97,5 +109,6 @@ class Plant:
         )
         if not handle:
             raise InputError(f"plant {self.kind}: {message.value.decode()}")
-        weakref.finalize(self, functions["delete"], handle)
+        self._delete()
+        self._delete = weakref.finalize(self, functions["delete"], handle)
         self._model, self._handle = model, handle

@@ -137,6 +137,7 @@ class Truck:
 
     `model` and `data` are plain MuJoCo objects: `mujoco.mj_step`, `mujoco.rollout` and the viewer
     work on them. `data.ctrl` has the order of `VehicleCommand`'s fields, from `control_start` on.
+    `planar` is the planar plant that steps it, None for the full one.
     `faults` makes parts of the truck fail. `detects_contacts`: False leaves MuJoCo's collision
     detection out of `step` and `observe`, a sixth of their time, where nothing can touch.
 
@@ -171,7 +172,7 @@ class Truck:
         self.route = route
         self.prefix = prefix
         self.plant = one_of("plant", plant, PLANTS)
-        self._planar = None if plant == "full" else Plant(plant, prefix)
+        self.planar = None if plant == "full" else Plant(plant, prefix)
         tractor, trailer = parameters.tractor, parameters.semitrailer
         rear = parameters.fifth_wheel.position + trailer.length - trailer.front_overhang
         self.footprint = EgoFootprint(
@@ -290,7 +291,7 @@ class Truck:
         )
         mujoco.mj_resetData(self.model, self.data)
         self.place(place)
-        if self._planar is None:
+        if self.planar is None:
             mujoco.mj_forward(self.model, self.data)
         return self.observe()
 
@@ -348,8 +349,8 @@ class Truck:
         """
         if not is_whole(n) or n < 0:
             raise InputError(f"step: n = {shown(n)}: a whole number of zero or more is needed")
-        if self._planar is not None:
-            self._step_planar(self._planar, n)
+        if self.planar is not None:
+            self._step_planar(self.planar, n)
             return
         model, data, options = self.model, self.data, self.model.opt
         end = data.time + n * options.timestep
@@ -404,7 +405,7 @@ class Truck:
         A planar plant goes on beyond them, but what it shows then is not what a truck does. The
         full plant has no such limits: its is empty.
         """
-        return () if self._planar is None else self._planar.left_range(self.data)
+        return () if self.planar is None else self.planar.left_range(self.data)
 
     def sensor(self, name: str) -> NDArray[np.float64]:
         """Returns a sensor's reading at the last step or observation."""
@@ -422,10 +423,10 @@ class Truck:
 
     def update_sensors(self) -> None:
         """Computes the sensors of the current state; after a step they may be older."""
-        if self._planar is None:
+        if self.planar is None:
             bring_up_to_date(self.model, self.data)
         else:
-            self._planar.step(self.model, (self.data,), 0)
+            self.planar.step(self.model, (self.data,), 0, observe=True)
 
     def state(self) -> EgoState:
         """Returns the truck's state from sensors that are up to date (`update_sensors`)."""
