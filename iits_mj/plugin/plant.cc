@@ -328,6 +328,29 @@ void Plant::FindPitchGains(const mjModel* m) {
       axles_[a].pitch_gain[u] = mju_dot(rows[a].data(), moved.data(), size);
     }
   }
+
+  // At qpos0, the truck is nearly at rest; what is left moves it to its equilibrium. A hinge of
+  // MuJoCo also turns the units behind.
+  mj_fwdPosition(m, own_);
+  mj_fwdVelocity(m, own_);
+  auto force = [this](int dof) { return own_->qfrc_spring[dof] - own_->qfrc_bias[dof]; };
+  std::vector<double> left(size);
+  left[0] = force(lead_dof_ + 2);
+  for (int u = 0; u < units; ++u) {
+    left[1 + u] = force(u ? units_[u].yaw_dof + 1 : lead_dof_ + 4);
+    if (u + 1 < units) left[1 + u] -= force(units_[u + 1].yaw_dof + 1);
+  }
+  for (int joint = 0; joint < m->njnt; ++joint) {
+    if (heave[joint] >= 0) left[1 + units + heave[joint]] = force(m->jnt_dofadr[joint]);
+  }
+  for (int a = 0; a < axles; ++a) {
+    const double rate = 2 * axles_[a].law->count * axles_[a].law->vertical_stiffness;
+    mju_addToScl(left.data(), rows[a].data(), -axles_[a].static_load / rate, size);
+  }
+  Solve(stiffness, size, &left);
+  for (int a = 0; a < axles; ++a) {
+    axles_[a].static_load += mju_dot(rows[a].data(), left.data(), size);
+  }
 }
 
 // Sums over the bodies of each unit at rest.
@@ -688,7 +711,8 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
     // Roll of the sprung mass: weights, springs and the axles' roll centers.
     if constexpr (kRolls) {
       const PlantState::Unit& last = s->unit[u];
-      q.roll += unit.tilting * last.roll;
+      // Bounded, so that a truck that has rolled over stays finite.
+      q.roll += unit.tilting * Clamp(last.roll, -1., 1.);
       for (int a = unit.first_axle; a < unit.end_axle; ++a) {
         const Axle& axle = axles_[a];
         PlantState::Axle* to = &s->axle[a];
