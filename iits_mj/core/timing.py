@@ -1,4 +1,4 @@
-"""Plants of the truck, and periods of the clock that truck, controller, planner and traffic share [s]."""
+"""Plants of the truck, and periods of the clock that all parts of a simulation share [s]."""
 
 # Models of the truck's motion: MuJoCo's bodies, or planar motion with and without roll.
 PLANTS = ("full", "yaw-roll", "yaw-sideslip")

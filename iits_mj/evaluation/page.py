@@ -23,6 +23,7 @@ from iits_mj.evaluation.figures import (
     difference_text,
     over_all,
     stronger_text,
+    world_text,
 )
 from iits_mj.evaluation.pictures import draw_balance, draw_trips
 from iits_mj.evaluation.trials import CLOSE, Trial, codes_of

@@ -11,10 +11,10 @@
 namespace iits {
 namespace {
 
-constexpr double kLoadLag = 0.1;         // [s] of the load transfer that has no state
-constexpr double kStopStiffness = 2e6;   // [N m/rad] of a coupling's stop in yaw, estimated
-constexpr double kStopDamping = 1e5;     // [N m s/rad]
-constexpr double kRollMax = 0.17;        // [rad] up to which roll counts as small
+constexpr double kLoadLag = 0.1;        // [s] of the load transfer that has no state
+constexpr double kStopStiffness = 2e6;  // [N m/rad] of a coupling's stop in yaw, estimated
+constexpr double kStopDamping = 1e5;    // [N m s/rad]
+constexpr double kRollMax = 0.17;       // [rad] up to which roll counts as small
 constexpr int kNoJoint = -1;
 
 bool IsPlugin(const mjModel* m, int instance, const char* name) {
@@ -33,7 +33,7 @@ void Solve(std::vector<double> a, int n, std::vector<double>* b) {
 struct Plant::Axle {
   int unit;
   double x, half_track;
-  double static_load;    // of the axle on a level road [N]
+  double static_load;  // of the axle on a level road [N]
   const Tire<double>* law;
   int state[2], spin[2], hub[2];  // addresses of the wheels in plugin_state, qvel; hub's number
   int spin_qpos[2];
@@ -42,10 +42,10 @@ struct Plant::Axle {
   bool steered = false;
   int knuckle_qpos[2] = {0, 0}, knuckle[2] = {kNoJoint, kNoJoint};
   double knuckle_inertia = 0, knuckle_damping = 0, knuckle_stiffness = 0, knuckle_max = 0;
-  int target = -1;          // 0: the steering's linkage turns the knuckles
+  int target = -1;  // 0: the steering's linkage turns the knuckles
   int roll_qpos = kNoJoint;
   double roll_stiffness, roll_damping, tire_roll_stiffness;  // about the roll center, on the road
-  double share;                                              // of the spring in series with the tires
+  double share;                      // of the spring in series with the tires
   double roll_center, mass, height;  // heights above the road [m]; mass without the sprung one
   double pitch_gain[kUnitsMax];      // load [N] per pitch moment of each unit [N m]
 };
@@ -53,10 +53,10 @@ struct Plant::Axle {
 struct Plant::Unit {
   int body;
   PlanarInertia<double> inertia;
-  double coupling;      // lever c of the front coupling above the roll axis [m]
-  double roll_axis;     // height above the road [m]
-  double hitch_height;  // of the next unit's coupling above the road [m]
-  double front_height;  // of the own coupling, 0 of the first unit [m]
+  double coupling;       // lever c of the front coupling above the roll axis [m]
+  double roll_axis;      // height above the road [m]
+  double hitch_height;   // of the next unit's coupling above the road [m]
+  double front_height;   // of the own coupling, 0 of the first unit [m]
   double pitch_inertia;  // sum of m (z - front_height) [kg m]
   double pitch_product;  // sum of m (z - front_height) x, with the bodies' own [kg m2]
   double sprung_mass, sprung_x, sprung_lever;  // lever: height of its CG above the roll axis [m]
@@ -139,8 +139,7 @@ bool Plant::FindUnits(const mjModel* m, const std::string& prefix, std::string* 
       unit.yaw_min = m->jnt_range[2 * yaw];
       unit.yaw_max = m->jnt_range[2 * yaw + 1];
       units_.back().hitch_height = own_->xpos[3 * body + 2];
-      units_.back().inertia.hitch_x =
-          own_->xpos[3 * body] - own_->xpos[3 * units_.back().body];
+      units_.back().inertia.hitch_x = own_->xpos[3 * body] - own_->xpos[3 * units_.back().body];
       unit.front_height = own_->xpos[3 * body + 2];
     }
     units_.push_back(unit);
@@ -154,9 +153,8 @@ bool Plant::FindAxles(const mjModel* m, std::string* error) {
   for (size_t k = 0; k + 1 < hubs.size(); k += 2) {
     Axle axle = {};
     const int body = m->body_parentid[hubs[k]];
-    auto unit = std::find_if(units_.begin(), units_.end(), [m, body](const Unit& u) {
-      return u.body == m->body_parentid[body];
-    });
+    auto unit = std::find_if(units_.begin(), units_.end(),
+                             [m, body](const Unit& u) { return u.body == m->body_parentid[body]; });
     if (unit == units_.end() || m->body_jntnum[body] != 2 || axles_.size() == kPlantAxlesMax) {
       *error = "body '" + std::string(m->names + m->name_bodyadr[body]) +
                "' is no axle of a unit, with the joints heave and roll";
@@ -208,8 +206,7 @@ bool Plant::FindAxles(const mjModel* m, std::string* error) {
     }
     const double rate = 2 * axle.law->count * axle.law->vertical_stiffness;
     axle.tire_roll_stiffness = rate * axle.half_track * axle.half_track;
-    axle.share =
-        axle.tire_roll_stiffness / (axle.tire_roll_stiffness + axle.roll_stiffness);
+    axle.share = axle.tire_roll_stiffness / (axle.tire_roll_stiffness + axle.roll_stiffness);
     axles_.push_back(axle);
   }
   // Axles of a unit are adjacent, because the bodies are in tree order.
@@ -219,11 +216,10 @@ bool Plant::FindAxles(const mjModel* m, std::string* error) {
     auto of = [u](const Axle& a) { return a.unit == static_cast<int>(u); };
     units_[u].first_axle =
         static_cast<int>(std::find_if(axles_.begin(), axles_.end(), of) - axles_.begin());
-    units_[u].end_axle = units_[u].first_axle +
-                         static_cast<int>(std::count_if(axles_.begin(), axles_.end(), of));
+    units_[u].end_axle =
+        units_[u].first_axle + static_cast<int>(std::count_if(axles_.begin(), axles_.end(), of));
     if (units_[u].first_axle == units_[u].end_axle) {
-      *error = "unit '" + std::string(m->names + m->name_bodyadr[units_[u].body]) +
-               "' has no axle";
+      *error = "unit '" + std::string(m->names + m->name_bodyadr[units_[u].body]) + "' has no axle";
       return false;
     }
   }
@@ -512,6 +508,10 @@ void Plant::PlaceUnits(const PlantState& s, Scratch* at) const {
     const double sn = to->sine = std::sin(unit.articulation);
     double hitch[2];
     HitchVelocity(ahead, at->motion[u - 1], hitch);
+    // Where the road twists, the units lean apart, each about its tires' contacts: the coupling
+    // then moves the unit's ground point sideways.
+    const double lean = s.unit[u - 1].tilt_rate - unit.tilt_rate;
+    hitch[1] -= units_[u].front_height * lean;
     to->vx = c * hitch[0] + sn * hitch[1];
     to->vy = c * hitch[1] - sn * hitch[0];
     at->cosine[u] = c * at->cosine[u - 1] - sn * at->sine[u - 1];
@@ -555,8 +555,8 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
   brake_plugin_->compute(m, d, brake_instance_, mjPLUGIN_PASSIVE);
   const double shaft_torque = d->actuator_force[shaft_force_];
   double targets[2];
-  steering_->Targets(reinterpret_cast<const SteeringStates*>(
-                         d->plugin_state + m->plugin_stateadr[steering_instance_])
+  steering_->Targets(reinterpret_cast<const SteeringStates*>(d->plugin_state +
+                                                             m->plugin_stateadr[steering_instance_])
                          ->now.pitman_angle,
                      targets);
 
@@ -568,7 +568,7 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
     const Unit& unit = units_[u];
     const PlanarMotion<double>& v = at.motion[u];
     PlanarVector<double> q = {0, 0, 0, 0};
-    double loads = 0, sx = 0, sy = 0, resistance = 0;
+    double loads = 0, sx = 0, sy = 0, tire_x = 0, resistance = 0;
     const double base = v.vy + unit.coupling * v.roll_rate;  // of the roll axis
     for (int a = unit.first_axle; a < unit.end_axle; ++a) {
       const Axle& axle = axles_[a];
@@ -576,17 +576,15 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
       TireState* const state[2] = {reinterpret_cast<TireState*>(d->plugin_state + axle.state[0]),
                                    reinterpret_cast<TireState*>(d->plugin_state + axle.state[1])};
       const double px = at.x[u] + c * axle.x, py = at.y[u] + sn * axle.x;
-      RoadPoint<Pair> road = road_.Evaluate(
-          m->numeric_data + road_address_, Pair{px - sn * t, px + sn * t},
-          Pair{py + c * t, py - c * t}, Pair{state[0]->station, state[1]->station});
+      RoadPoint<Pair> road =
+          road_.Evaluate(m->numeric_data + road_address_, Pair{px - sn * t, px + sn * t},
+                         Pair{py + c * t, py - c * t}, Pair{state[0]->station, state[1]->station});
       const Pair up[2] = {road.up[0] * road.norm, road.up[1] * road.norm};
       const double normal = 0.5 * (road.norm[0] + road.norm[1]);
 
       // Loads, of which no wheel can have less than nothing.
-      const double load =
-          Max(0., normal * axle.static_load + s->axle[a].pitch_load);
-      const double moved =
-          Clamp(s->axle[a].roll_moment / (2 * t), -0.5 * load, 0.5 * load);
+      const double load = Max(0., normal * axle.static_load + s->axle[a].pitch_load);
+      const double moved = Clamp(s->axle[a].roll_moment / (2 * t), -0.5 * load, 0.5 * load);
       const Pair wheel_load = {0.5 * load - moved, 0.5 * load + moved};
       if (abs(moved) >= 0.5 * load) left_range |= kWheelLift;
       loads += load;
@@ -610,18 +608,20 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
       }
       wheel.velocity[0] = v.vx - Pair{t, -t} * v.yaw_rate;
       // The roll of the axle about its roll center moves the tires' contacts sideways.
-      wheel.velocity[1] = Fill<Pair>(base + axle.x * v.yaw_rate +
-                                     axle.roll_center * s->axle[a].roll_rate);
+      wheel.velocity[1] =
+          Fill<Pair>(base + axle.x * v.yaw_rate + axle.roll_center * s->axle[a].roll_rate);
       wheel.velocity[2] = Fill<Pair>(0);
       wheel.angular[2] = Fill<Pair>(v.yaw_rate);
       wheel.spin = Pair{d->qvel[axle.spin[0]], d->qvel[axle.spin[1]]};
       wheel.carry = axle.carry;
-      const RoadPoint<Pair> level = {Fill<Pair>(0), {Fill<Pair>(0), Fill<Pair>(0), Fill<Pair>(1)},
-                                     Fill<Pair>(1), road.friction, road.station};
-      const TireBristles<Pair> bristles = {
-          {state[0]->bristles.x, state[1]->bristles.x},
-          {state[0]->bristles.y, state[1]->bristles.y},
-          {state[0]->bristles.spin, state[1]->bristles.spin}};
+      const RoadPoint<Pair> level = {Fill<Pair>(0),
+                                     {Fill<Pair>(0), Fill<Pair>(0), Fill<Pair>(1)},
+                                     Fill<Pair>(1),
+                                     road.friction,
+                                     road.station};
+      const TireBristles<Pair> bristles = {{state[0]->bristles.x, state[1]->bristles.x},
+                                           {state[0]->bristles.y, state[1]->bristles.y},
+                                           {state[0]->bristles.spin, state[1]->bristles.spin}};
       const TireForces<Pair> f = axle.law->Step(wheel, level, bristles, h, lost);
 
       const Pair spin_moment = f.moment[0] * wheel.axle[0] + f.moment[1] * wheel.axle[1];
@@ -646,25 +646,31 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
         }
       }
       const double fx = f.force[0][0] + f.force[0][1], fy = f.force[1][0] + f.force[1][1];
-      q.x += fx;
-      q.y += fy;
-      q.yaw += axle.x * fy - t * (f.force[0][0] - f.force[0][1]) + f.moment[2][0] + f.moment[2][1];
+      tire_x += fx;
+      // With the static load's part along the road's plane. A load that is moved from axle to axle
+      // has no part, because the plane's own axes count.
+      const double weight = 0.5 * axle.static_load;
+      const Pair wx = weight * (up[0] * c + up[1] * sn), wy = weight * (up[1] * c - up[0] * sn);
+      const double along = fx + wx[0] + wx[1], left = fy + wy[0] + wy[1];
+      q.x += along;
+      q.y += left;
+      q.yaw += axle.x * left - t * (f.force[0][0] + wx[0] - f.force[0][1] - wx[1]) +
+               f.moment[2][0] + f.moment[2][1];
       at.lateral[a] = fy;
       // The law's moments are about the wheels' centers; this one is about the road.
       const Pair tilting = f.moment[0] * wheel.axle[1] - f.moment[1] * wheel.axle[0] -
                            wheel.height * (f.force[0] * wheel.axle[0] + f.force[1] * wheel.axle[1]);
-      const Pair rolling = spin_moment + wheel.height * (f.force[0] * wheel.axle[1] -
-                                                         f.force[1] * wheel.axle[0]);
+      const Pair rolling =
+          spin_moment + wheel.height * (f.force[0] * wheel.axle[1] - f.force[1] * wheel.axle[0]);
       // With the gyroscopic moment of the wheels.
       const Pair spin = wheel.spin / Pair{axle.inverse_inertia[0], axle.inverse_inertia[1]};
       at.overturning[a] = tilting[0] + tilting[1] + v.yaw_rate * (spin[0] + spin[1]);
       resistance += rolling[0] + rolling[1];
     }
     q.roll = unit.coupling * q.y;
-    pitch[u] = resistance - unit.front_height * q.x;
+    pitch[u] = resistance - unit.front_height * tire_x;
 
-    at.tilt[u] =
-        loads > 0 ? (sx * at.sine[u] - sy * at.cosine[u]) / loads : 0;
+    at.tilt[u] = loads > 0 ? (sx * at.sine[u] - sy * at.cosine[u]) / loads : 0;
 
     // The road's slope below the unit: below its axles and its coupling, by their loads.
     slope[u][0] = sx;
@@ -679,13 +685,9 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
       slope[u][0] /= total;
       slope[u][1] /= total;
     }
+    // Of the weights, as a field along the unit's axes.
     const double gx = gravity * (slope[u][0] * at.cosine[u] + slope[u][1] * at.sine[u]);
-    const double gy = gravity * (slope[u][1] * at.cosine[u] - slope[u][0] * at.sine[u]);
-    const PlanarInertia<double>& inertia = unit.inertia;
-    q.x += inertia.mass * gx;
-    q.y += inertia.mass * gy;
-    q.yaw += inertia.x * gy;
-    q.roll += inertia.d * gy;
+    const double gy = -gravity * at.tilt[u];
     s->unit[u].gravity_x = gx;
     s->unit[u].gravity_y = gy;
 
@@ -712,15 +714,15 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
     if constexpr (kRolls) {
       const PlantState::Unit& last = s->unit[u];
       // Bounded, so that a truck that has rolled over stays finite.
-      q.roll += unit.tilting * Clamp(last.roll, -1., 1.);
+      q.roll += unit.tilting * (Clamp(last.roll, -1., 1.) + at.tilt[u]);
       for (int a = unit.first_axle; a < unit.end_axle; ++a) {
         const Axle& axle = axles_[a];
         PlantState::Axle* to = &s->axle[a];
         const double felt = last.acceleration.y + axle.x * last.acceleration.yaw +
                             unit.coupling * last.acceleration.roll - gy;
         const double transmitted = at.lateral[a] - axle.mass * felt;
-        const double link = axle.roll_center * transmitted + axle.height * axle.mass * felt +
-                            at.overturning[a];
+        const double link =
+            axle.roll_center * transmitted + axle.height * axle.mass * felt + at.overturning[a];
         // The axle hangs between tires, springs and dampers; it has no inertia in roll.
         const double spring = axle.roll_stiffness * last.roll + axle.roll_damping * last.roll_rate;
         const double whole = axle.roll_stiffness + axle.tire_roll_stiffness;
@@ -755,8 +757,9 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
     at.force[u - 1].yaw -= yaw;
     if constexpr (kRolls) {
       const double c = at.motion[u].cosine;
-      const double roll = unit.law->RollMoment(own.roll + at.tilt[u] - c * (ahead.roll + at.tilt[u - 1]),
-                                               own.roll_rate - c * ahead.roll_rate);
+      const double roll =
+          unit.law->RollMoment(own.roll + at.tilt[u] - c * (ahead.roll + at.tilt[u - 1]),
+                               own.roll_rate - c * ahead.roll_rate);
       at.coupling_roll[u] = roll;
       at.force[u].roll += roll;
       at.force[u - 1].roll -= c * roll;
@@ -791,7 +794,13 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
   } else {
     RollStatically(h, &at, s);
   }
-  MoveLoads(h, at, pitch, s);
+  MoveLoads(h, gravity, at, pitch, s);
+  for (int u = 0; u < units; ++u) {
+    PlantState::Unit* unit = &s->unit[u];
+    unit->tilt_rate = s->initialized > 1 ? (at.tilt[u] - unit->tilt) / h : 0;
+    unit->tilt = at.tilt[u];
+  }
+  s->initialized = 2;
   const double vx = s->vx + h * acceleration[0].x, vy = s->vy + h * acceleration[0].y;
   for (int u = 0; u < units; ++u) {
     PlantState::Unit* unit = &s->unit[u];
@@ -827,7 +836,8 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
 }
 
 // Loads moved between the axles by pitch, with a lag in place of the springs' motion.
-void Plant::MoveLoads(double h, const Scratch& at, const double* pitch, PlantState* s) const {
+void Plant::MoveLoads(double h, double gravity, const Scratch& at, const double* pitch,
+                      PlantState* s) const {
   const int units = static_cast<int>(units_.size());
   double moment[kUnitsMax];
   for (int u = 0; u < units; ++u) {
@@ -837,9 +847,10 @@ void Plant::MoveLoads(double h, const Scratch& at, const double* pitch, PlantSta
                 unit.pitch_product * now.yaw_rate * now.yaw_rate;
     if (u + 1 < units) {
       // The unit behind pulls at its coupling.
-      const double pull = at.motion[u + 1].cosine * at.hitch[u + 1][0] -
-                          at.motion[u + 1].sine * at.hitch[u + 1][1];
-      moment[u] -= (unit.hitch_height - unit.front_height) * pull;
+      const double pull =
+          at.motion[u + 1].cosine * at.hitch[u + 1][0] - at.motion[u + 1].sine * at.hitch[u + 1][1];
+      const double weight = units_[u + 1].coupling_load * now.gravity_x / gravity;
+      moment[u] -= (unit.hitch_height - unit.front_height) * (pull - weight);
       // Its roll moment is about its own axis.
       moment[u] -= at.motion[u + 1].sine * at.coupling_roll[u + 1];
     }
@@ -863,17 +874,16 @@ void Plant::RollStatically(double h, Scratch* scratch, PlantState* s) const {
     const PlantState::Unit& now = s->unit[u];
     const double felt = now.acceleration.y - now.gravity_y;
     moment[u] = unit.sprung_lever * unit.sprung_mass *
-                    (felt + unit.sprung_x * now.acceleration.yaw) +
-                at.air_roll[u] - unit.coupling * at.hitch[u][1];
+                    (now.acceleration.y + unit.sprung_x * now.acceleration.yaw) +
+                unit.tilting * at.tilt[u] + at.air_roll[u] - unit.coupling * at.hitch[u][1];
     stiffness[u] = -unit.tilting;
     for (int a = unit.first_axle; a < unit.end_axle; ++a) {
       const Axle& axle = axles_[a];
       const double local = felt + axle.x * now.acceleration.yaw;
       const double transmitted = at.lateral[a] - axle.mass * local;
-      link[a] = axle.roll_center * transmitted + axle.height * axle.mass * local +
-                at.overturning[a];
-      moment[u] += (1 - axle.share) * link[a] -
-                   (axle.roll_center - unit.roll_axis) * transmitted;
+      link[a] =
+          axle.roll_center * transmitted + axle.height * axle.mass * local + at.overturning[a];
+      moment[u] += (1 - axle.share) * link[a] - (axle.roll_center - unit.roll_axis) * transmitted;
       stiffness[u] += axle.share * axle.roll_stiffness;
     }
     pass[u] = 0;
@@ -923,10 +933,10 @@ void Plant::Publish(const mjModel* m, mjData* d, PlantState* s) const {
       const double t = axle.half_track, c = at.cosine[u], sn = at.sine[u];
       const double px = at.x[u] + c * axle.x, py = at.y[u] + sn * axle.x;
       const mjtNum* state = d->plugin_state;
-      const RoadPoint<Pair> road = road_.Evaluate(
-          rows, Pair{px - sn * t, px + sn * t}, Pair{py + c * t, py - c * t},
-          Pair{reinterpret_cast<const TireState*>(state + axle.state[0])->station,
-               reinterpret_cast<const TireState*>(state + axle.state[1])->station});
+      const RoadPoint<Pair> road =
+          road_.Evaluate(rows, Pair{px - sn * t, px + sn * t}, Pair{py + c * t, py - c * t},
+                         Pair{reinterpret_cast<const TireState*>(state + axle.state[0])->station,
+                              reinterpret_cast<const TireState*>(state + axle.state[1])->station});
       const double z = 0.5 * (road.height[0] + road.height[1]);
       tilt += (road.height[0] - road.height[1]) / (2 * t);
       if (u == 0 && a == unit.first_axle) {
@@ -990,8 +1000,7 @@ void Plant::Publish(const mjModel* m, mjData* d, PlantState* s) const {
       d->qvel[unit.yaw_dof + 2] = now.roll_rate - v.cosine * ahead.roll_rate;
       d->qacc[unit.yaw_dof] = now.acceleration.yaw - ahead.acceleration.yaw;
       d->qacc[unit.yaw_dof + 1] = 0;
-      d->qacc[unit.yaw_dof + 2] =
-          now.acceleration.roll - v.cosine * ahead.acceleration.roll;
+      d->qacc[unit.yaw_dof + 2] = now.acceleration.roll - v.cosine * ahead.acceleration.roll;
       hitch_z = front_z;
     }
     // Of the next unit's coupling.
@@ -1047,9 +1056,8 @@ void* iits_plant_create(const mjModel* m, const char* prefix, int rolls, char* e
   if (m->nuserdata < static_cast<int>(sizeof(iits::PlantState) / sizeof(mjtNum))) {
     message = "the model has too little userdata";
   }
-  auto plant = message.empty()
-                   ? std::make_unique<iits::Plant>(m, prefix, rolls != 0, &message)
-                   : nullptr;
+  auto plant =
+      message.empty() ? std::make_unique<iits::Plant>(m, prefix, rolls != 0, &message) : nullptr;
   std::strncpy(error, message.c_str(), size - 1);
   error[size - 1] = 0;
   return message.empty() ? plant.release() : nullptr;

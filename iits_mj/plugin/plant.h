@@ -14,23 +14,25 @@ namespace iits {
 
 inline constexpr int kPlantAxlesMax = 16;
 
-// State of the plant beside qpos, qvel and plugin_state, the last part of mjData.userdata; all zero after a
-// reset, and then it is read from qpos and qvel.
+// State of the plant beside qpos, qvel and plugin_state, the last part of mjData.userdata; all zero
+// after a reset, and then it is read from qpos and qvel.
 struct PlantState {
   // Lead unit's position and velocity, and what was written to qpos and qvel last: if a user has
   // changed these, the state is read from them again.
-  double initialized, x, y, yaw, vx, vy;
+  double initialized;  // 1: before the first step, 2: after it
+  double x, y, yaw, vx, vy;
   double seen[13 + 6 * kUnitsMax];
   struct Unit {
-    double articulation;         // yaw against the unit ahead [rad]
-    double yaw_rate;             // [rad/s]
-    double roll, roll_rate;      // of the sprung mass against the road [rad], [rad/s]
+    double articulation;                // yaw against the unit ahead [rad]
+    double yaw_rate;                    // [rad/s]
+    double roll, roll_rate;             // of the sprung mass against the road [rad], [rad/s]
     PlanarVector<double> acceleration;  // of the coupling point, at the last step
+    double tilt, tilt_rate;             // of the road below the axles, left side up [rad], [rad/s]
     double gravity_x, gravity_y;        // along the unit's axes in the road's plane [m/s2]
   } unit[kUnitsMax];
   struct Axle {
-    double pitch_load;   // moved onto the axle by pitch [N]
-    double roll_moment;  // of the tires' loads about the axle's middle [N m]
+    double pitch_load;       // moved onto the axle by pitch [N]
+    double roll_moment;      // of the tires' loads about the axle's middle [N m]
     double roll, roll_rate;  // of the axle against the road [rad], [rad/s]
   } axle[kPlantAxlesMax];
   double left_range;  // bits of Range; stays set until the reset
@@ -68,7 +70,8 @@ class Plant {
   template <bool kRolls>
   void Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) const;
   void PlaceUnits(const PlantState& s, Scratch* at) const;
-  void MoveLoads(double h, const Scratch& at, const double* pitch, PlantState* s) const;
+  void MoveLoads(double h, double gravity, const Scratch& at, const double* pitch,
+                 PlantState* s) const;
   void RollStatically(double h, Scratch* at, PlantState* s) const;
 
   bool rolls_;

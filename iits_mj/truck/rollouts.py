@@ -8,7 +8,7 @@
     drives["tractor_gyro"]          # (3 scenarios, 80 instants, 3 components)
     drives.units["tractor_gyro"]    # "rad/s"
 
-The physics is `mujoco.batch`, or the planar plant; every drive equals the one of `Truck.step` bit for
+The physics is `mujoco.batch`, or a planar plant; every drive equals the one of `Truck.step` bit for
 bit.
 """
 

@@ -485,7 +485,7 @@ void planar(int count, int rolls, const double* units, const double* motion, con
   const auto* at = reinterpret_cast<const PlanarMotion<double>*>(motion);
   const auto* force = reinterpret_cast<const PlanarVector<double>*>(forces);
   auto* out = reinterpret_cast<PlanarVector<double>*>(accelerations);
-  auto* hitch = reinterpret_cast<double(*)[2]>(hitches);
+  auto* hitch = reinterpret_cast<double (*)[2]>(hitches);
   rolls ? Accelerate<true>(unit, at, force, count, out, hitch)
         : Accelerate<false>(unit, at, force, count, out, hitch);
 }

@@ -38,7 +38,7 @@ def accelerate(units, velocity, rates, angles, forces, rolling=None):
         c, s = np.cos(turned), np.sin(turned)
         v = np.array([c * v[0] + s * v[1], c * v[1] - s * v[0]])
         motion[i] = *v, rates[i], rolls[i], c, s
-        v = v + [0.0, units[i, 6] * rates[i] + units[i, 7] * rolls[i]]
+        v = v + np.array([0.0, units[i, 6] * rates[i] + units[i, 7] * rolls[i]])
     out, hitches = np.zeros((count, 4)), np.zeros((count, 2))
     law("planar", count, int(rolling is not None), units, motion, np.array(forces), out, hitches)
     return out, hitches, motion
@@ -133,6 +133,7 @@ def test_a_free_chain_that_rolls_keeps_its_momentum():
 
 def test_the_hitch_pulls_a_trailer_with_its_mass_times_acceleration():
     units = [inertia(*CHAIN[0]), inertia(*CHAIN[2])]
-    out, hitches, _ = accelerate(units, (20.0, 0.0), (0.0, 0.0), (0.0, 0.0), [[5e4, 0, 0, 0], [0] * 4])
+    still = (0.0, 0.0)
+    out, hitches, _ = accelerate(units, (20.0, 0.0), still, still, [[5e4, 0, 0, 0], [0] * 4])
     assert out[:, 0] == pytest.approx(5e4 / (CHAIN[0][0] + CHAIN[2][0]))
     assert hitches[1] == pytest.approx([CHAIN[2][0] * out[1, 0], 0.0])

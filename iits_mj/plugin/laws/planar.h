@@ -21,13 +21,13 @@ inline constexpr int kUnitsMax = 8;
 // Inertia of a unit: sums over its elements, with d = c - h the lever of roll.
 template <class T>
 struct PlanarInertia {
-  T mass;      // [kg]
-  T x, d;      // sums of m x and of m d [kg m]
-  T xx;        // of m x^2, and the yaw inertia [kg m2]
-  T xd;        // of m x d, less the product of inertia of the sprung mass [kg m2]
-  T dd;        // of m d^2, and the roll inertia of the sprung mass [kg m2]
-  T hitch_x;   // place of the next unit's coupling [m]
-  T hitch_d;   // its lever of roll [m]
+  T mass;     // [kg]
+  T x, d;     // sums of m x and of m d [kg m]
+  T xx;       // of m x^2, and the yaw inertia [kg m2]
+  T xd;       // of m x d, less the product of inertia of the sprung mass [kg m2]
+  T dd;       // of m d^2, and the roll inertia of the sprung mass [kg m2]
+  T hitch_x;  // place of the next unit's coupling [m]
+  T hitch_d;  // its lever of roll [m]
 };
 
 template <class T>

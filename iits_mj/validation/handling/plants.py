@@ -8,7 +8,7 @@ planar plant leaves out.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -86,23 +86,14 @@ class Maneuver:
         return Trace(*np.array(rows).T), truck.left_range
 
 
-def _open_loop(
-    pedal: float, steering: Callable[[float], float], **fields: float
-) -> Callable[[], Command]:
+def _open_loop(pedal: float, steering: Callable[[float], float]) -> Callable[[], Command]:
     """Driver with a fixed pedal and a steering-wheel angle over time."""
-    fixed = VehicleCommand(accelerator_pedal=pedal, **fields)
 
     def command(truck: Truck, time: float, state: EgoState) -> VehicleCommand:
         del truck, state
-        values = {**vars_of(fixed), "steering_wheel_angle": steering(time)}
-        return VehicleCommand(**values)
+        return VehicleCommand(accelerator_pedal=pedal, steering_wheel_angle=steering(time))
 
     return lambda: command
-
-
-def vars_of(command: VehicleCommand) -> dict[str, float]:
-    """Fields of a command by name."""
-    return {name: getattr(command, name) for name in command.__dataclass_fields__}
 
 
 def _step(time: float) -> float:
@@ -147,9 +138,8 @@ def _road_driver(speed: float) -> Callable[[], Command]:
             previewed = state.offset + _PREVIEW * state.speed * np.sin(error)
             wheelbase = parameters.tractor.axles[1].position + 0.7
             angle = wheelbase * float(point.curvature) - _GAIN * previewed
-            command = keeper.command(state.speed, speed)
             wheel = float(np.clip(parameters.steering.ratio * angle, -6.0, 6.0))
-            return VehicleCommand(**{**vars_of(command), "steering_wheel_angle": wheel})
+            return replace(keeper.command(state.speed, speed), steering_wheel_angle=wheel)
 
         return command
 
@@ -162,22 +152,22 @@ def maneuvers(quick: bool) -> list[Maneuver]:
     haul = 60.0 if quick else 700.0
     return [
         Maneuver("step steer 40 deg, 70 km/h", None, MAX_PAYLOAD, 70 * KMH, 10.0,
-                 _open_loop(0.4, _step), (0.1, 3.0, 3.0, 1.0, 1.0)),
+                 _open_loop(0.4, _step), (0.05, 2.5, 3.0, 0.5, 0.2)),
         Maneuver("lane change 0.4 Hz, 80 km/h", None, MAX_PAYLOAD, 80 * KMH, 8.0,
-                 _open_loop(0.4, _sine), (0.1, 5.0, 5.0, 0.3, 1.0)),
+                 _open_loop(0.4, _sine), (0.05, 5.0, 5.0, 0.15, 0.2)),
         Maneuver("low-speed turn 300 deg, 10 km/h", None, 0.0, 10 * KMH, 30.0,
                  _open_loop(0.1, lambda t: np.deg2rad(300.0) * min(1.0, t / 4.0)),
-                 (0.1, 3.0, 3.0, 1.0, 2.0)),
+                 (0.02, 1.0, 1.0, 0.1, 0.2)),
         Maneuver("bends of the highway, 60 km/h", highway, MAX_PAYLOAD, 60 * KMH,
-                 30.0 if quick else 120.0, _road_driver(60 * KMH), (0.1, 5.0, 5.0, 0.1, 1.0)),
+                 30.0 if quick else 120.0, _road_driver(60 * KMH), (0.2, 5.0, 5.0, 0.1, 0.5)),
         Maneuver("braking 3 m/s2, 80 km/h", None, MAX_PAYLOAD, 80 * KMH, 10.0, _brake(3.0),
-                 (0.2, 5.0, 5.0, 0.1, 2.0)),
+                 (0.25, 5.0, 5.0, 0.1, 1.0)),
         Maneuver("braking with ABS on friction 0.3, 60 km/h", Route.straight(friction=0.3), 0.0,
-                 60 * KMH, 8.0, _brake(6.0), (0.5, 5.0, 5.0, 0.1, 2.0)),
+                 60 * KMH, 8.0, _brake(6.0), (0.25, 5.0, 5.0, 0.1, 1.0)),
         Maneuver("climb 5 %, full pedal", Route.straight(grade=0.05), MAX_PAYLOAD, 60 * KMH, 60.0,
-                 _open_loop(1.0, _straight), (0.1, 5.0, 5.0, 0.1, 1.0)),
+                 _open_loop(1.0, _straight), (0.1, 5.0, 5.0, 0.1, 0.2)),
         Maneuver("long haul on the highway, 75 km/h", highway, MAX_PAYLOAD, 75 * KMH, haul,
-                 _road_driver(75 * KMH), (0.3, 5.0, 5.0, 0.1, 1.0)),
+                 _road_driver(75 * KMH), (0.2, 6.0, 6.0, 0.2, 0.3)),
     ]  # fmt: skip
 
 
