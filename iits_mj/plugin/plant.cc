@@ -395,7 +395,7 @@ void Plant::FindInertia(const mjModel* m) {
       const double y = at[1];
       weight += mass * gravity;
       unit.pitch_inertia += mass * (z - unit.front_height);
-      unit.pitch_product += mass * (z - unit.front_height) * x + ixz;
+      unit.pitch_product += mass * (z - unit.front_height) * x - ixz;
       sum->mass += mass;
       sum->x += mass * x;
       sum->xx += mass * (x * x + y * y) + izz;
@@ -410,7 +410,7 @@ void Plant::FindInertia(const mjModel* m) {
         unit.sprung_lever =
             (unit.sprung_lever * unit.sprung_mass + mass * lever) / (unit.sprung_mass + mass);
         unit.sprung_mass += mass;
-        sum->xd -= ixz;
+        sum->xd += ixz;
         sum->dd += ixx + mass * y * y;
       }
       const double d = unit.coupling - lever;
@@ -607,9 +607,10 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
         wheel.axle[1] = Fill<Pair>(1);
       }
       wheel.velocity[0] = v.vx - Pair{t, -t} * v.yaw_rate;
-      // The roll of the axle about its roll center moves the tires' contacts sideways.
-      wheel.velocity[1] =
-          Fill<Pair>(base + axle.x * v.yaw_rate + axle.roll_center * s->axle[a].roll_rate);
+      // The roll center moves sideways with the body, the tires' contacts with the axle's roll.
+      wheel.velocity[1] = Fill<Pair>(base + axle.x * v.yaw_rate +
+                                     (unit.roll_axis - axle.roll_center) * v.roll_rate +
+                                     axle.roll_center * s->axle[a].roll_rate);
       wheel.velocity[2] = Fill<Pair>(0);
       wheel.angular[2] = Fill<Pair>(v.yaw_rate);
       wheel.spin = Pair{d->qvel[axle.spin[0]], d->qvel[axle.spin[1]]};

@@ -24,7 +24,7 @@ struct PlanarInertia {
   T mass;     // [kg]
   T x, d;     // sums of m x and of m d [kg m]
   T xx;       // of m x^2, and the yaw inertia [kg m2]
-  T xd;       // of m x d, less the product of inertia of the sprung mass [kg m2]
+  T xd;       // of m x d, plus the sprung mass's Ixz = -S(m x z) [kg m2]
   T dd;       // of m d^2, and the roll inertia of the sprung mass [kg m2]
   T hitch_x;  // place of the next unit's coupling [m]
   T hitch_d;  // its lever of roll [m]
