@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from iits_mj import suite
-from iits_mj.analytic import YawSideslip
+from iits_mj.analytic import YawPlane
 from iits_mj.core.errors import InputError
 from iits_mj.core.timing import PLANTS
 from iits_mj.model.builder import truck_spec
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.road import RoadMap, Route
 from iits_mj.truck import Truck
 from iits_mj.truck.placement import TruckPlacement
@@ -166,9 +166,32 @@ def test_small_steady_steering_turns_as_the_linear_model(plant):
     truck.command(accelerator_pedal=0.35, steering_wheel_angle=0.05)
     truck.step(1200)
     state = truck.observe()
-    model = YawSideslip.from_parameters(truck.parameters, truck.payload, cruise_speed=speed)
+    model = YawPlane.from_parameters(truck.parameters, truck.payload, cruise_speed=speed)
     gain = model.at(state.speed).steady_state()[1]
     assert state.yaw_rate / state.road_wheel_angle == pytest.approx(gain, rel=0.03)
+
+
+@pytest.mark.parametrize("name", shipped_trucks())
+@pytest.mark.parametrize("share", [0.0, 1.0])
+@pytest.mark.parametrize("plant", PLANAR)
+def test_every_truck_turns_and_burns_as_its_bodies_do(name, share, plant):
+    payload = share * TruckParameters.load(name).payload_max
+
+    def turn(plant):
+        truck = load(plant, payload, truck=name)
+        truck.reset(speed=20.0)
+        truck.command(accelerator_pedal=0.4)
+        truck.step(600)
+        truck.command(steering_wheel_angle=0.35)
+        truck.step(800)
+        return truck.observe()
+
+    planar, full = turn(plant), turn("full")
+    assert planar.speed == pytest.approx(full.speed, rel=1e-3)
+    assert planar.yaw_rate == pytest.approx(full.yaw_rate, rel=0.02)
+    angles = [full.articulation, *full.rear_articulations]
+    assert [planar.articulation, *planar.rear_articulations] == pytest.approx(angles, rel=0.02)
+    assert planar.fuel_used == pytest.approx(full.fuel_used, rel=5e-3)
 
 
 def test_load_moves_forward_when_braking_and_outward_in_a_bend(truck):
