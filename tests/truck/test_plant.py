@@ -3,7 +3,6 @@
 import copy
 import pickle
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -11,12 +10,10 @@ from iits_mj import suite
 from iits_mj.analytic import YawPlane
 from iits_mj.core.errors import InputError
 from iits_mj.core.timing import PLANTS
-from iits_mj.model.builder import truck_spec
 from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.road import RoadMap, Route
 from iits_mj.truck import Truck
 from iits_mj.truck.placement import TruckPlacement
-from iits_mj.truck.plant import Plant, reserve_state
 from iits_mj.truck.rollouts import Scenario, roll_out
 
 PLANAR = PLANTS[1:]
@@ -160,7 +157,10 @@ def test_a_slippery_road_lengthens_a_stop(plant):
 
 @pytest.mark.parametrize("plant", PLANAR)
 def test_small_steady_steering_turns_as_the_linear_model(plant):
-    parameters = {"fifth_wheel": {"yaw_friction": 0.0}, "steering": {"dead_band": 0.0}}
+    parameters = {
+        "units": {"trailer": {"coupling": {"yaw_friction": 0.0}}},
+        "steering": {"dead_band": 0.0},
+    }
     truck = load(plant, parameters=parameters)
     speed = truck.reset(speed=18.0).speed
     truck.command(accelerator_pedal=0.35, steering_wheel_angle=0.05)
@@ -253,50 +253,6 @@ def test_the_full_plant_has_no_limits():
 def test_an_unknown_plant_is_refused():
     with pytest.raises(InputError, match=r"plant 'bicycle'.*full, yaw-roll, yaw-sideslip"):
         load("bicycle")
-
-
-def without_trailer(payload=0.0):
-    """The tractor alone, and the length of its brakes' lists cut to its three axles."""
-    spec = truck_spec(TruckParameters.load(), payload, visuals=False)
-    for sensor in list(spec.sensors):
-        if any(word in sensor.name for word in ("trailer", "articulation")):
-            spec.delete(sensor)
-    spec.delete(spec.tendon("triaxle_heave"))
-    spec.delete(spec.body("trailer"))
-    for plugin in spec.plugins:
-        if plugin.name == "air_brake":
-            plugin.config = {
-                key: " ".join(value.split()[:3]) if len(value.split()) == 6 else value
-                for key, value in plugin.config.items()
-            }
-    spec.option.timestep = STEP
-    reserve_state(spec)
-    return spec.compile()
-
-
-@pytest.mark.parametrize("kind", PLANAR)
-def test_a_tractor_alone_moves_as_in_mujoco(kind):
-    model = without_trailer()
-    plant = Plant(kind)
-    found = []
-    for planar in (False, True):
-        data = mujoco.MjData(model)
-        data.qvel[0] = 15.0
-        for number in range(model.njnt):
-            if model.joint(number).name.endswith("_spin"):
-                data.qvel[model.jnt_dofadr[number]] = 15.0 / 0.52
-        data.ctrl[model.actuator("accelerator_pedal").id] = 0.4
-        data.ctrl[model.actuator("steering_wheel_angle").id] = 0.5
-        if planar:
-            plant.step(model, (data,), 800)
-        else:
-            mujoco.mj_step(model, data, 800)
-        found.append((data.qvel[5], np.hypot(*data.qvel[:2]), *data.qpos[:2]))
-    rate, speed, x, y = found[0]
-    assert found[1][0] == pytest.approx(rate, rel=0.03)
-    assert found[1][1] == pytest.approx(speed, rel=0.01)
-    assert found[1][2] == pytest.approx(x, rel=0.01)
-    assert found[1][3] == pytest.approx(y, rel=0.03)
 
 
 @pytest.mark.parametrize("plant", PLANAR)
