@@ -24,7 +24,6 @@ from iits_mj.core.messages import Scene
 from iits_mj.core.results import Line, Panel
 from iits_mj.core.timing import CONTROL_PERIOD, TIMESTEP
 from iits_mj.j1939 import CommandReceiver, command_to_frames
-from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.render.plots import save
 from iits_mj.road import RoadMap, Route
 from iits_mj.truck import Truck
@@ -104,7 +103,7 @@ def main() -> None:
     )
     print("|---|---|---|---|---|---|---|---|---|")
     lines: dict[str, list[Line]] = {"speed": [], "deceleration": [], "offset": []}
-    for load, payload in (("laden", MAX_PAYLOAD), ("empty", 0.0)):
+    for load, payload in (("laden", 36_000.0), ("empty", 0.0)):
         for state in ("stop", "release"):
             rows = drive(route, payload, state == "stop")
             name = f"{state}, {load}"

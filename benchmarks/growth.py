@@ -36,7 +36,7 @@ from iits_mj.commands.bench.clocks import MICROSECONDS, MILLISECONDS, in_turns
 from iits_mj.commands.bench.environments import ENVIRONMENT
 from iits_mj.commands.bench.physics import SPEED, STATION, highway_truck, player
 from iits_mj.core.timing import TIMESTEP
-from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
+from iits_mj.parameters import TruckParameters
 from iits_mj.render.plots import PALETTE, dress, to_png
 from iits_mj.road import RoadMap
 from iits_mj.road.design import Design, build
@@ -69,7 +69,7 @@ def step_by_axles(counts: Sequence[int] = (1, 2, 3, 4, 5)) -> Points:
 def step_by_trucks(counts: Sequence[int] = (1, 2, 4, 8)) -> Points:
     route, trucks = RoadMap.builtin().route(), {}
     for count in counts:
-        fleet = TruckFleet.load([MAX_PAYLOAD] * count, route=route, visuals=False)
+        fleet = TruckFleet.load([36_000.0] * count, route=route, visuals=False)
         fleet.reset([TruckPlacement(station=400.0 - 40.0 * k, speed=SPEED) for k in range(count)])
         trucks[count] = fleet.trucks[0]
     yield from _steps("trucks in one model", trucks)
@@ -93,24 +93,15 @@ def _steps(name: str, trucks: Mapping[int, Truck], rounds: int = 30) -> Points:
 
 def with_trailer_axles(parameters: TruckParameters, count: int) -> TruckParameters:
     """A truck whose semitrailer has so many axles, each like the last one it has now."""
-    trailer, brake = parameters.units[1], parameters.air_brake
+    lead, trailer = parameters.units
     spacing = trailer.axles[-1].position - trailer.axles[-2].position
     axles = []
     for k in range(count):
         like = trailer.axles[min(k, len(trailer.axles) - 1)]
         position = trailer.axles[0].position + k * spacing
         axles.append(dataclasses.replace(like, name=f"trailer_axle{k + 1}", position=position))
-    before, now = len(parameters.axles), len(parameters.lead.axles) + count
-    per_axle: dict[str, Any] = {
-        field.name: (*value, *(now - before) * value[-1:])[:now]
-        for field in dataclasses.fields(brake)
-        if isinstance(value := getattr(brake, field.name), tuple) and len(value) == before
-    }
-    return dataclasses.replace(
-        parameters,
-        semitrailer=dataclasses.replace(trailer, axles=tuple(axles)),
-        air_brake=dataclasses.replace(brake, **per_axle),
-    )
+    longer = dataclasses.replace(trailer, axles=tuple(axles))
+    return dataclasses.replace(parameters, units=(lead, longer))
 
 
 def traffic_by_vehicles(counts: Sequence[int] = (20, 60, 120, 250, 500)) -> Points:

@@ -185,7 +185,7 @@ def record(name: str) -> Callable[[Path], Digests]:
 def replay(folder: Path) -> Digests:
     """A recording replayed, verified and driven in."""
     run("record --duration 15 --density medium r.npz", folder)
-    run("replay r.npz --verify --truck", folder, codes=(0,))
+    run("replay r.npz --verify --drive", folder, codes=(0,))
     run("replay r.npz --no-video --duration 12 --reactive --out out", folder)
     return {"telemetry": sha((folder / "out" / "telemetry.csv").read_bytes())}
 

@@ -1,4 +1,4 @@
-"""Writes the shipped model from `mjcf/truck.toml`: MJCF, meshes, and the README's provenance table.
+"""Writes the default truck's model: MJCF, meshes, and the README's table of provenance.
 
     python tools/export_model.py
 

@@ -103,7 +103,9 @@ def unpack(table: NDArray[Any], axis: int = 0) -> NDArray[np.float64]:
 
 
 _EGO = tuple(
-    f.name for f in dataclasses.fields(EgoState) if f.name not in ("time", "brake_pressures")
+    f.name
+    for f in dataclasses.fields(EgoState)
+    if f.name != "time" and not str(f.type).startswith("tuple")
 )
 _PATH = tuple(f.name for f in dataclasses.fields(Trajectory))[:10]
 

@@ -25,6 +25,7 @@ from controllers.decision.base import DecisionContext, Observation
 from iits_mj.core.checks import in_range, require_positive
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision
+from iits_mj.parameters import AnyTruck, TruckParameters
 
 ACTIONS = (Decision.LEFT, Decision.KEEP, Decision.RIGHT)
 # First seeds of training, validation (choice of a policy) and test trips, with SEEDS_EACH of each.
@@ -105,8 +106,10 @@ class TripConfig(TrafficDemand):
     Attributes:
       length: of the trip [m]; duration: it is cut off (truncated) after this time [s].
       start_station: where it begins on the route [m].
-      payload: of the truck [kg]. With 12 t, 31 t in all, the built-in road's hills alone cost no
-        more speed than the paper's free road; with 36 t a tenth of it.
+      truck: that drives; see `TruckParameters.load`.
+      payload: of the truck [kg], None for its greatest. With 12 t, 31 t in all, the built-in road's
+        hills alone cost the shipped truck no more speed than the paper's free road; with 36 t a
+        tenth of it.
       reference_speed: [m/s], the paper's 60 km/h.
       reward: weights.
 
@@ -117,7 +120,8 @@ class TripConfig(TrafficDemand):
     length: float = 15_000.0
     duration: float = 3_000.0
     start_station: float = 60.0
-    payload: float = 12_000.0
+    truck: AnyTruck | None = None
+    payload: float | None = 12_000.0
     reference_speed: float = 60.0 / 3.6
     reward: RewardConfig = field(default_factory=RewardConfig)
 
@@ -125,7 +129,14 @@ class TripConfig(TrafficDemand):
         in_range("spawn_probability", self.spawn_probability, 0.0, 0.5)
         super().__post_init__()
         require_positive(self, "length", "duration", "reference_speed")
-        require_positive(self, "start_station", "payload", zero=True)
+        require_positive(self, "start_station", zero=True)
+        if self.payload is not None:
+            require_positive(self, "payload", zero=True)
+
+
+def usual_payload(parameters: TruckParameters) -> float:
+    """Returns the payload of a trip [kg], or a truck's greatest where that is less."""
+    return min(TripConfig.payload or 0.0, parameters.payload_max)
 
 
 def cell_trip(density: str, traffic_speed: float, base: TripConfig | None = None) -> TripConfig:

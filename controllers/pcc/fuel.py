@@ -3,7 +3,8 @@
 The map gives the fuel rate over torque and speed. Below its lowest torque the rate falls linearly
 to zero at the drag torque (overrun cut-off); beyond its last row and columns the specific
 consumption of the edge applies. For a wheel force and a speed the gear with the least fuel counts,
-of those whose speed and full-load torque allow it.
+of those whose speed and full-load torque allow it. The engine's torque includes the losses of axle
+and gear, from their maps if the truck has them, the drag of an empty retarder, and the auxiliaries.
 """
 
 from __future__ import annotations
@@ -18,9 +19,11 @@ from numpy.typing import NDArray
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import PlanningError
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.tables import NO_TABLE, Table2D
 
 _SPEEDS = 4000  # samples for the least power of all gears
 _ENGINE_SPEED_MIN = 85.0  # [rad/s], 810 rpm: below it the gearbox shifts down
+_LOSS_STEPS = 6  # of the torque at a stage's input; each reduces the error fifty times
 
 
 @dataclass(frozen=True)
@@ -52,39 +55,57 @@ class Willans:
 
 
 class FuelMap:
-    """The engine's fuel map over wheel force and vehicle speed, with the best gear."""
+    """The engine's fuel map over wheel force and vehicle speed, with the best gear.
+
+    Attributes:
+      efficiency: from engine to wheels; a mean where maps give the losses.
+      gear_speed: of the engine over that of the vehicle [rad/m], by gear.
+    """
 
     def __init__(self, parameters: TruckParameters) -> None:
         engine, gearbox = parameters.engine, parameters.gearbox
-        self._engine = engine
+        self._engine, self._gearbox, self._retarder = engine, gearbox, parameters.retarder
         self.efficiency = gearbox.efficiency * gearbox.driveline_efficiency
-        radius = parameters.tires["drive"].rolling_radius
-        # [rad/s of the engine per m/s], one per gear.
+        radius = parameters.tires[parameters.driven_axles[0].tire].rolling_radius
+        maps = list(gearbox.loss_maps.values())
+        chosen = gearbox.loss_map or (0,) * len(gearbox.ratios)
+        self._losses = [maps[number - 1] if number else NO_TABLE for number in chosen]
+        self._has_maps = bool(gearbox.axle_loss.values.size or maps or self._retarder.drag_speed)
         self.gear_speed = gearbox.ratios * gearbox.final_drive / radius
-        # Torque axis from zero, speed axis, fuel rate [kg/s] of shape (torque, speed).
-        table = engine.fuel_map
-        rate = table.values * table.rows[:, None] * table.columns[None, :]
-        slope = (rate[1] - rate[0]) / (table.rows[1] - table.rows[0])
-        zero = np.maximum(rate[0] - slope * table.rows[0], 0.0)
-        self._torque, self._speed = np.concatenate([[0.0], table.rows]), table.columns
-        self._rate = np.vstack([zero, rate])
+        # Torque axis, speed axis, fuel rate [kg/s] of shape (torque, speed).
+        table = engine.fuel_rate_map
+        self._torque, self._speed, rate = table.columns, table.rows, table.values.T
+        if not table.values.size:
+            table = engine.fuel_map
+            rate = table.values * table.rows[:, None] * table.columns[None, :]
+            slope = (rate[1] - rate[0]) / (table.rows[1] - table.rows[0])
+            zero = np.maximum(rate[0] - slope * table.rows[0], 0.0)
+            self._torque, self._speed = np.concatenate([[0.0], table.rows]), table.columns
+            rate = np.vstack([zero, rate])
+        self._rate = engine.fuel_factor * rate
 
     def engine_rate(self, torque: FloatArray, speed: FloatArray) -> FloatArray:
         """Returns fuel rates [kg/s] for engine torques [N m] and speeds [rad/s] of one shape."""
         drag = np.interp(speed, self._engine.drag_speed, self._engine.drag_torque)
-        top, last = self._torque[-1], self._speed[-1]
+        lowest, top, last = self._torque[0], self._torque[-1], self._speed[-1]
         inside = np.clip(speed, self._speed[0], last)
-        rate = _bilinear(self._torque, self._speed, self._rate, np.clip(torque, 0.0, top), inside)
+        within = np.clip(torque, lowest, top)
+        rate = _bilinear(self._torque, self._speed, self._rate, within, inside)
         # Constant specific consumption beyond the map: the rate grows with power.
         rate = rate * np.maximum(torque / top, 1.0) * np.maximum(speed / last, 1.0)
-        return np.where(torque >= 0.0, rate, rate * np.clip(1.0 + torque / drag, 0.0, 1.0))
+        below = (torque - lowest) / np.maximum(lowest + drag, 1e-9)
+        return np.where(torque >= lowest, rate, rate * np.clip(1.0 + below, 0.0, 1.0))
 
     def power_max(self, speed: FloatArray) -> FloatArray:
-        """Returns the greatest engine power [W] of any gear at vehicle speeds [m/s]."""
+        """Returns the greatest engine power [W] of any gear at vehicle speeds [m/s].
+
+        It is that at the gearbox: the auxiliaries have taken theirs.
+        """
         omega = self.gear_speed[:, None] * np.asarray(speed, dtype=float)[None, :]
         full = np.interp(omega, self._engine.full_load_speed, self._engine.full_load_torque)
         allowed = (omega >= self._engine.idle_speed) & (omega <= self._engine.governed_speed)
-        return np.asarray((np.where(allowed, full * omega, 0.0)).max(axis=0))
+        left = np.maximum(full * omega - self._engine.auxiliary_power, 0.0)
+        return np.asarray((np.where(allowed, left, 0.0)).max(axis=0))
 
     def full_power(self) -> float:
         """Returns the engine power [W] that some gear gives at every speed of the gears.
@@ -99,14 +120,14 @@ class FuelMap:
         return float(self.power_max(np.geomspace(first, last, _SPEEDS)).min())
 
     def rate(self, force: FloatArray, speed: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
-        """Returns fuel rate [kg/s] and gear (1 to 12) for wheel forces [N] at speeds [m/s].
+        """Returns fuel rate [kg/s] and gear (from 1) for wheel forces [N] at speeds [m/s].
 
         The engine's drag takes a negative force first, the brakes the rest. If no gear gives the
         force, the one with the most torque runs at full load.
         """
         omega = self.gear_speed[:, None] * speed[None, :]
-        loss = np.where(force > 0.0, 1.0 / self.efficiency, self.efficiency)
-        torque = (force * loss)[None, :] / self.gear_speed[:, None]
+        torque = self._input_torques(force, speed)
+        torque = torque + self._engine.auxiliary_power / np.maximum(omega, _ENGINE_SPEED_MIN)
         full = np.interp(omega, self._engine.full_load_speed, self._engine.full_load_torque)
         runs = (omega >= _ENGINE_SPEED_MIN) & (omega <= self._engine.governed_speed)
         fits = runs & (torque <= full * 1.001)
@@ -117,6 +138,24 @@ class FuelMap:
         strongest = np.where(runs, full * omega, -1.0).argmax(axis=0)
         gear = np.where(fits.any(axis=0), best, strongest)
         return rate[gear, np.arange(force.size)], gear + 1
+
+    def _input_torques(self, force: FloatArray, speed: FloatArray) -> FloatArray:
+        """Torques at the gearbox input [N m] for wheel forces at speeds, shape (gears, n)."""
+        if not self._has_maps:
+            loss = np.where(force > 0.0, 1.0 / self.efficiency, self.efficiency)
+            return np.asarray((force * loss)[None, :] / self.gear_speed[:, None])
+        box, retarder = self._gearbox, self._retarder
+        per_speed = self.gear_speed / box.ratios  # the propeller shaft's
+        shaft = per_speed[0] * speed
+        torque = _before(box.axle_loss, box.driveline_efficiency, force / per_speed[0], shaft)
+        if retarder.drag_speed:
+            torque = torque + np.interp(shaft, retarder.drag_speed, retarder.drag_torque)
+        return np.array(
+            [
+                _before(table, box.efficiency, torque / ratio, ratio * shaft)
+                for table, ratio in zip(self._losses, box.ratios, strict=True)
+            ]
+        )
 
     def fit(self, v_min: float, v_max: float) -> Willans:
         """Returns the least-squares fit over the engine's powers in a band of speeds [m/s]."""
@@ -132,6 +171,26 @@ class FuelMap:
         error = float(np.sqrt(np.mean((basis @ coefficients - rate) ** 2)) / rate.mean())
         f0, f1, f2 = (float(c) for c in coefficients)
         return Willans(f0, f1 / unit, f2 / unit**2, error)
+
+
+def _before(
+    table: Table2D, efficiency: float, torque: FloatArray, speed: FloatArray
+) -> FloatArray:
+    """Returns the torque at the input of a stage [N m] for that at its output, by input speed.
+
+    Args:
+      table: its losses over input speed and torque; if empty, the efficiency counts.
+      efficiency: of the stage.
+      torque: at the output as if the ratio were 1 [N m], shape (n,).
+      speed: of the input [rad/s], (n,).
+    """
+    if not table.values.size:
+        return np.where(torque > 0.0, torque / efficiency, torque * efficiency)
+    found = torque
+    for _ in range(_LOSS_STEPS):
+        loss = _bilinear(table.rows, table.columns, table.values, speed, found)
+        found = torque + np.maximum(loss, 0.0)
+    return found
 
 
 def nonnegative_fit(basis: FloatArray, value: FloatArray) -> FloatArray:
@@ -153,7 +212,7 @@ def nonnegative_fit(basis: FloatArray, value: FloatArray) -> FloatArray:
 def _bilinear(
     rows: FloatArray, columns: FloatArray, values: FloatArray, x: FloatArray, y: FloatArray
 ) -> FloatArray:
-    """Interpolates inside the table; x over rows, y over columns."""
+    """Interpolates the table, linearly also beyond it; x over rows, y over columns."""
     i = np.clip(np.searchsorted(rows, x) - 1, 0, rows.size - 2)
     j = np.clip(np.searchsorted(columns, y) - 1, 0, columns.size - 2)
     p = (x - rows[i]) / (rows[i + 1] - rows[i])

@@ -1,6 +1,6 @@
 """Vehicles that cross the truck's path or drive towards it in its lane, as leads to brake for.
 
-The ground that tractor and semitrailer will sweep is compared with the predicted boxes of the
+The ground that the truck's units will sweep is compared with the predicted boxes of the
 others over the next seconds. A vehicle counts if it will meet the truck, at the truck's present
 speed or while the truck speeds up, and would have to brake to let the truck pass. The truck stops
 before it enters that vehicle's path.
@@ -75,7 +75,8 @@ def crossing_leads(
     across = (angle > ALONG) & (angle < np.pi - ALONG)
     aside = np.abs(found.offset - path.driven_at(found.station)) - 0.5 * found.width
     wrong_way = (angle >= np.pi - ALONG) & (found.speed > _ONCOMING)
-    wrong_way &= (aside < 0.5 * parameters.units[1].width) & (found.station > ego.station)
+    half_width = 0.5 * max(unit.width for unit in parameters.units)
+    wrong_way &= (aside < half_width) & (found.station > ego.station)
     matters = across | wrong_way
     if not matters.any():
         return []
@@ -89,7 +90,7 @@ def crossing_leads(
     ):
         if chosen.any():
             others = boxes(found.only(chosen))
-            touch[:, :, chosen] = units[0].touch(others, _ROOM) | units[1].touch(others, _ROOM)
+            touch[:, :, chosen] = np.logical_or.reduce([u.touch(others, _ROOM) for u in units])
     leads = []
     for index in np.flatnonzero(matters & touch.any(axis=(0, 1))).tolist():
         judge = _meets_head_on if wrong_way[index] else _crosses

@@ -4,14 +4,15 @@ The prediction of a vehicle keeps its braking and the curvature of its path. For
 a second prediction keeps its offset from the road.
 
 The truck follows its path without slip. Each unit is a bar whose rear axle group moves along the
-bar (a tractrix): the tractor from the steer axle to the middle of its fixed axles, the semitrailer
-from the kingpin to the middle of its axle group. Trucks do this at walking pace; at speed, slip of
-the tires moves the trailer outward, see `controllers.planning.road_preview.off_tracking`.
+bar (a tractrix): the motor vehicle from the steer axle to the middle of its fixed axles, a towed
+unit from its coupling to the middle of its axle group. Trucks do this at walking pace; at speed,
+slip of the tires moves trailers outward, see `controllers.planning.road_preview.off_tracking`.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -27,8 +28,12 @@ from iits_mj.parameters.mass_state import group_center
 
 # A slower vehicle is predicted to drive straight [m/s].
 _TURNS = 0.5
-# Distance after which the trailer has settled on its path [m].
-_RUN_UP = 30.0
+# Distance after which a tractor with a trailer has settled on its path [m], and what each further
+# unit adds, as multiple of its length from coupling to axle group.
+_RUN_UP, _RUN_UP_LENGTHS = 30.0, 4.0
+# The body of a tractor with a trailer counts up to here behind the middle of its fixed axles [m]:
+# the rest of the frame is under the trailer.
+_REAR = 1.0
 
 
 @dataclass(frozen=True)
@@ -129,56 +134,66 @@ class Poses:
 
 
 @dataclass(frozen=True)
-class SweptPath:
-    """Tracks over the points of a path; positions of shape (n, 2) [m], headings (n,) [rad].
+class UnitTrack:
+    """Tracks of one unit over the points of a path; positions of shape (n, 2) [m].
 
     Attributes:
-      kingpin, trailer_axle: of the kingpin and the trailer's axle group.
-      yaw, trailer_yaw: headings of the units.
-      tractor_corners, trailer_corners: front left, front right, rear right, rear left of the
-        bodies, shape (n, 4, 2).
+      origin: of the steer axle or the coupling to the unit ahead; group: of the axle group behind.
+      yaw: heading, (n,) [rad].
+      corners: front left, front right, rear right, rear left of the body, (n, 4, 2).
     """
 
-    kingpin: FloatArray
-    trailer_axle: FloatArray
+    origin: FloatArray
+    group: FloatArray
     yaw: FloatArray
-    trailer_yaw: FloatArray
-    tractor_corners: FloatArray
-    trailer_corners: FloatArray
+    corners: FloatArray
 
 
 def swept_path(
     parameters: TruckParameters,
     path: FloatArray,
     yaw: float,
-    trailer_yaw: float | None = None,
-) -> SweptPath:
-    """Tracks of the truck whose steer axle follows a path.
+    towed_yaws: Sequence[float] = (),
+) -> tuple[UnitTrack, ...]:
+    """Tracks of the truck whose steer axle follows a path, unit by unit.
 
     Args:
       parameters: of the truck.
       path: points, shape (n, 2), some decimeters apart [m].
-      yaw: heading of the tractor at the first point [rad].
-      trailer_yaw: of the semitrailer there [rad]; default: the tractor's.
+      yaw: heading of the motor vehicle at the first point [rad].
+      towed_yaws: of the towed units there [rad]; default: the motor vehicle's.
     """
-    tractor, trailer = parameters.lead, parameters.units[1]
-    wheelbase = group_center(tractor.axles[1:]) - tractor.axles[0].position
-    hitch = parameters.couplings[0].position - tractor.axles[0].position
-    length = group_center(trailer.axles)
-    headings = _towed(path, wheelbase, yaw)
-    kingpin = path - hitch * _unit(headings)
-    followed = _towed(kingpin, length, yaw if trailer_yaw is None else trailer_yaw)
-    front, rear = trailer.front_overhang, trailer.length - trailer.front_overhang
-    return SweptPath(
-        kingpin=kingpin,
-        trailer_axle=kingpin - length * _unit(followed),
-        yaw=headings,
-        trailer_yaw=followed,
-        tractor_corners=_corners(
-            path, headings, tractor.front_overhang, wheelbase + 1.0, tractor.width
-        ),
-        trailer_corners=_corners(kingpin, followed, front, rear, trailer.width),
-    )
+    lead, origin = parameters.lead, path
+    tracks: list[UnitTrack] = []
+    yaws = [yaw, *(towed_yaws or [yaw] * len(parameters.couplings))]
+    steered = lead.axles[0].position
+    lengths = unit_lengths(parameters)
+    for k, (unit, length, start) in enumerate(zip(parameters.units, lengths, yaws, strict=True)):
+        if unit.coupling:
+            ahead = tracks[-1]
+            hitch = unit.coupling.position - (steered if k == 1 else 0.0)
+            origin = ahead.origin - hitch * _unit(ahead.yaw)
+        headings = _towed(origin, length, start)
+        rear = unit.length - unit.front_overhang
+        if unit.kind == "tractor" and parameters.couplings:
+            rear = length + _REAR
+        tracks.append(
+            UnitTrack(
+                origin=origin,
+                group=origin - length * _unit(headings),
+                yaw=headings,
+                corners=_corners(origin, headings, unit.front_overhang, rear, unit.width),
+            )
+        )
+    return tuple(tracks)
+
+
+def unit_lengths(parameters: TruckParameters) -> list[float]:
+    """Distances from the steer axle or a coupling to the unit's fixed axles, middle of them [m]."""
+    lead = parameters.lead
+    fixed = [axle for axle in lead.axles if not axle.steered]
+    towed = [group_center(unit.axles) for unit in parameters.units[1:]]
+    return [group_center(fixed) - lead.axles[0].position, *towed]
 
 
 def bodies_along(
@@ -187,8 +202,8 @@ def bodies_along(
     path: LanePath,
     residual: Quintic | None,
     stations: FloatArray,
-) -> tuple[Boxes, Boxes]:
-    """Boxes of tractor and semitrailer with the steer axle at stations [m], shape (n,) each.
+) -> tuple[Boxes, ...]:
+    """Boxes of the units with the steer axle at stations [m], shape (n,) each.
 
     Args:
       parameters: of the truck.
@@ -198,23 +213,21 @@ def bodies_along(
       stations: of the steer axle, rising [m].
     """
     first = float(stations[0])
-    run_up = np.arange(first - _RUN_UP, first - 0.5, 2.0)
+    before = _RUN_UP + _RUN_UP_LENGTHS * sum(unit_lengths(parameters)[2:])
+    run_up = np.arange(first - before, first - 0.5, 2.0)
     every = np.concatenate([run_up, stations])
     offset = path.driven_at(every)
     if residual is not None:
         offset = offset + residual.evaluate(every)[0]
     point = preview.route.evaluate(every, offset)
     way = np.column_stack([point.x, point.y])
-    swept = swept_path(parameters, way, float(np.asarray(point.heading)[0]))
+    tracks = swept_path(parameters, way, float(np.asarray(point.heading)[0]))
     kept = slice(len(run_up), None)
-    return (
-        _body_boxes(swept.tractor_corners[kept], swept.yaw[kept]),
-        _body_boxes(swept.trailer_corners[kept], swept.trailer_yaw[kept]),
-    )
+    return tuple(_body_boxes(track.corners[kept], track.yaw[kept]) for track in tracks)
 
 
 def _body_boxes(corners: FloatArray, yaw: FloatArray) -> Boxes:
-    """Boxes of one unit from its corners of shape (n, 4, 2), see `SweptPath`."""
+    """Boxes of one unit from its corners of shape (n, 4, 2), see `UnitTrack`."""
     middle = corners.mean(axis=1)
     sides = np.linalg.norm(np.diff(corners[0, :3], axis=0), axis=1)
     return Boxes(middle[:, 0], middle[:, 1], yaw, np.array(sides[1]), np.array(sides[0]))

@@ -3,8 +3,8 @@
 Where a lane appears or ends on the right, the indices of all lanes shift, but the truck's lane
 continues. `RoadPreview.follow` follows the physical lane.
 
-`lane_shift` is the tractor's offset in its lane with which the trailer stays inside it too. In a
-steady turn the trailer's axles run beside the path of the steer axle: at walking pace on the inside
+`lane_shift` is the tractor's offset in its lane with which the last unit stays inside it too. In a
+steady turn its axles run beside the path of the steer axle: at walking pace on the inside
 by `kappa k` with k half of the sum of the squared lengths; at higher speeds more and more to the
 outside, as its tires need slip. The steer axle drives half of that to the other side, so that
 tractor and trailer have the same room at all speeds from standstill to that of the bend.
@@ -312,7 +312,7 @@ def gradient(values: FloatArray, step: float) -> FloatArray:
 
 
 def off_tracking(model: LateralModel, speed: float) -> float:
-    """Distance of the trailer's axle group from the steer axle's path, over its curvature [m2].
+    """Distance of the last unit's axle group from the steer axle's path, over its curvature [m2].
 
     In a steady turn of the linear model; positive to the inside. The distance [m] is this times the
     curvature [1/m], for radii well above the truck's length.
@@ -322,12 +322,16 @@ def off_tracking(model: LateralModel, speed: float) -> float:
       speed: [m/s], positive.
     """
     a, _, _ = model.matrices(speed)
-    # Unit curvature: both yaw rates are v; lateral speed, articulation and steer angle follow.
-    w, articulation, _ = np.linalg.solve(a[:3][:, [0, 3, 6]], -(a[:3, 1] + a[:3, 2]) * speed)
-    trailer = float(np.mean([position for position, _ in model.trailer_axles]))
+    # Unit curvature: all yaw rates are v; lateral speed, articulations and steer angle follow.
+    turning = a[: model.rates, 1 : model.rates].sum(axis=1) * speed
+    w, *articulations, _ = np.linalg.solve(model.held(a), -turning)
     heading = -w / speed
-    beside = -(model.kingpin * heading + trailer * (heading - articulation))
-    return float(beside - 0.5 * (model.kingpin + trailer) ** 2)
+    aside = way = 0.0
+    for unit, articulation in zip(model.units, articulations, strict=False):
+        aside, way = aside + unit.coupling * heading, way + unit.coupling
+        heading = heading - articulation
+    group = model.units[-1].group
+    return float(-(aside + group * heading) - 0.5 * (way + group) ** 2)
 
 
 def lane_shift(
@@ -357,6 +361,7 @@ def lane_shift(
     window = np.full(count, 1.0 / count)
     for _ in range(2):
         shift = np.convolve(np.pad(shift, count // 2, mode="edge"), window, mode="valid")
-    free = preview.half_width - 0.5 * parameters.units[1].width - _LANE_MARGIN
+    width = max(unit.width for unit in parameters.units)
+    free = preview.half_width - 0.5 * width - _LANE_MARGIN
     free = np.maximum(free, 0.0)
     return np.asarray(np.clip(shift[None, :], -free, free))

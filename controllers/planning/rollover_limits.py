@@ -1,10 +1,13 @@
 """Rollover margin of the truck: static threshold and rearward amplification.
 
-The threshold follows from the truck's parameters, its mass and the payload's height. The trailer's
-lateral acceleration exceeds the tractor's by the rearward amplification. Curvature and cross-slope
-use a part of the threshold; lane changes may use the rest.
+The threshold follows from the truck's parameters, its mass and the payload's height. The lateral
+acceleration of towed units exceeds the steer axle's by the rearward amplification. Curvature and
+cross-slope use a part of the threshold; lane changes may use the rest.
 
-Statics in the roll plane: one body rolls by `phi` on the springs of all axles, each of which rolls
+Fifth wheels and turntables join units in roll, drawbars do not: the weakest group of joined units
+counts, with the amplification of the unit that swings most.
+
+Statics of a group in the roll plane: one body rolls by `phi` on the springs of all axles, each of which rolls
 by `phi_u` on its tires until its inner wheels lift (Winkler, Rollover of heavy commercial vehicles,
 UMTRI 1999). With the side force `a` as share of g, sprung load n, roll center h_rc, unsprung weight
 m_u at h_u, load W, track T and the carcass that bends aside by `y = W a sigma / C`,
@@ -14,6 +17,7 @@ m_u at h_u, load W, track T and the carcass that bends aside by `y = W a sigma /
 
 The threshold is the greatest `a` with an equilibrium in which not all axles behind the steer axle
 have lifted. The fifth wheel counts as rigid in roll: where its plate opens the real one is lower.
+The load on a drawbar and its side force act at its height.
 """
 
 from __future__ import annotations
@@ -25,14 +29,16 @@ import numpy as np
 
 from controllers.planning.road_preview import STEERING_LAG
 from controllers.tracking.lateral_model import LateralModel
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import BoolArray, FloatArray
 from iits_mj.core.units import GRAVITY
-from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.mass_state import laden_units, static_axle_loads
+from iits_mj.parameters import Axle, TruckParameters
+from iits_mj.parameters.mass_state import coupling_loads, laden_units, static_axle_loads
 from iits_mj.parameters.tire_law import cornering_stiffness
 
 _ROLLS = np.linspace(0.002, 0.30, 150)
 _SPEEDS = np.array([3.0, 8.0, 12.0, 16.0, 20.0, 25.0, 30.0])
+# Couplings without stiffness in roll.
+_ROLL_FREE = ("drawbar_eye", "pintle")
 # Margins are computed for multiples of this mass [kg], as an estimate of the mass fluctuates.
 _MASS_STEP = 500.0
 
@@ -47,9 +53,37 @@ def roll_threshold(parameters: TruckParameters, payload: float) -> float:
     Raises:
       InputError: the payload is not allowed.
     """
-    trailer, tractor = laden_units(parameters, payload)[1], parameters.lead
-    load = static_axle_loads(parameters, payload)
-    axles = parameters.axles
+    bodies, loads = laden_units(parameters, payload), static_axle_loads(parameters, payload)
+    on_axles = iter(loads.tolist())
+    # Of each group: loaded axles with their loads [N], and the moment of its weight about the ground
+    # [N m], from the rear group forward the load on the drawbar included.
+    groups: list[tuple[list[tuple[Axle, float]], list[float]]] = []
+    for unit, body, on_coupling in zip(
+        parameters.units, bodies, (0.0, *coupling_loads(parameters, payload)), strict=True
+    ):
+        if unit.coupling is None:
+            groups.append(([], []))
+        elif unit.coupling.kind in _ROLL_FREE:
+            carried = on_coupling * unit.coupling.height
+            groups[-1][1].append(carried)
+            groups.append(([], [-carried]))
+        axles, moments = groups[-1]
+        axles += [(axle, load) for axle, load in zip(unit.axles, on_axles, strict=False) if load]
+        moments.append(GRAVITY * (body.mass * body.cg_height))
+    return min(_group_threshold(parameters, axles, sum(moments)) for axles, moments in groups)
+
+
+def _group_threshold(
+    parameters: TruckParameters, loaded: list[tuple[Axle, float]], moment: float
+) -> float:
+    """Threshold of units that roll as one body [m/s2].
+
+    Args:
+      parameters: of the truck.
+      loaded: the axles, and the load of each [N].
+      moment: of the weight about the ground, sum of weight times height [N m].
+    """
+    axles, load = [axle for axle, _ in loaded], np.array([on_axle for _, on_axle in loaded])
     tires = [parameters.tires[axle.tire] for axle in axles]
     common = parameters.tire_common
     vertical = np.array([tire.count * tire.vertical_stiffness for tire in tires])
@@ -68,13 +102,13 @@ def roll_threshold(parameters: TruckParameters, payload: float) -> float:
         stiffness = 2 * tire.count * float(cornering_stiffness(each, tire, common))
         carcass[i] = load[i] ** 2 * lag / stiffness
     sprung = load - unsprung
-    moment = GRAVITY * (tractor.mass * tractor.cg_height + trailer.mass * trailer.cg_height)
     body_height = (moment - float(unsprung @ height)) / float(sprung.sum())
     lever = float(sprung @ (body_height - center))
     arm = sprung * center + unsprung * height
     limit = 0.5 * load * track
     stiff = 0.5 * vertical * track**2
-    return GRAVITY * _greatest(spring, stiff, arm, carcass, limit, lever)
+    fixed = np.array([not axle.steered for axle in axles])
+    return GRAVITY * _greatest(spring, stiff, arm, carcass, limit, lever, fixed)
 
 
 def _greatest(
@@ -84,6 +118,7 @@ def _greatest(
     carcass: FloatArray,
     limit: FloatArray,
     lever: float,
+    fixed_axles: BoolArray,
 ) -> float:
     """Greatest side force in equilibrium, as share of g; arrays of shape (axles,)."""
     best = 0.0
@@ -101,14 +136,16 @@ def _greatest(
             if not more.any():
                 break
             lifted |= more
-        if lifted[1:].all():
+        if lifted[fixed_axles].all():
             break
         best = max(best, side)
     return best
 
 
 def rearward_amplification(model: LateralModel, speed: float, frequency: float) -> float:
-    """Ratio of the trailer's lateral acceleration at its CG to the steer axle's, in a sine.
+    """Greatest ratio of a towed unit's lateral acceleration to the steer axle's, in a sine.
+
+    The accelerations of towed units are those of their CG; 1 for a truck without trailer.
 
     Args:
       model: of the loaded truck.
@@ -116,11 +153,14 @@ def rearward_amplification(model: LateralModel, speed: float, frequency: float) 
       frequency: of the maneuver [Hz]; a lane change of duration T is one sine of 1 / T.
     """
     a, _, _ = model.matrices(speed)
-    s = 2j * math.pi * frequency
-    w, r, r_t, _ = np.linalg.solve(s * np.eye(4) - a[:4, :4], a[:4, 6])
-    own = s * w + speed * r
-    trailer = own - model.kingpin * s * r - model.trailer_cg * s * r_t
-    return float(abs(trailer / own))
+    s, own, delta = 2j * math.pi * frequency, model.motions, model.motions + 2
+    w, *rates = np.linalg.solve(s * np.eye(own) - a[:own, :own], a[:own, delta])[: model.rates]
+    felt = s * w + speed * rates[0]
+    ratios, origin = [], felt
+    for unit, rate in zip(model.units, rates, strict=True):
+        ratios.append(float(abs((origin - unit.cg * s * rate) / felt)))
+        origin = origin - unit.coupling * s * rate
+    return max(ratios[1:], default=1.0)
 
 
 @dataclass(frozen=True)
@@ -129,7 +169,7 @@ class RollMargin:
 
     Attributes:
       threshold: steady lateral acceleration at which it rolls over [m/s2].
-      amplification: of the trailer over the steer axle at seven speeds, shape (7,), 1 at least.
+      amplification: of the towed units over the steer axle at seven speeds, shape (7,), 1 at least.
     """
 
     threshold: float

@@ -33,8 +33,8 @@ BEND_SPEED = 3.0
 # Spacing of the truck's predicted positions [m].
 _STEP = 1.0
 # Swept stretch before and behind the bend: the trailer is back in its lane a little more than the
-# truck's length behind it [m].
-_BEFORE, _AFTER = 15.0, 45.0
+# truck's length behind it [m]; a truck that is longer than `_LENGTH` needs twice the excess more.
+_BEFORE, _AFTER, _LENGTH = 15.0, 45.0, 20.0
 # The truck responds to a bend from this distance [m].
 _SIGHT = 80.0
 # Room to a moving vehicle and to a stopped one [m].
@@ -72,13 +72,13 @@ class Sweep:
     Attributes:
       begin: station of the steer axle at the waiting place [m].
       first, last: stations of the steer axle between which a body is beyond the lane [m].
-      units: boxes of tractor and trailer from `first` on, a meter apart.
+      units: boxes of the units from `first` on, a meter apart.
     """
 
     begin: float
     first: float
     last: float
-    units: tuple[Boxes, Boxes]
+    units: tuple[Boxes, ...]
 
 
 class TightBends:
@@ -87,12 +87,13 @@ class TightBends:
     def __init__(self, preview: RoadPreview, parameters: TruckParameters) -> None:
         self.preview = preview
         self._parameters = parameters
+        self._after = _AFTER + 2.0 * max(parameters.length - _LENGTH, 0.0)
         tight = np.abs(preview.curvature) > 1.0 / _RADIUS
         edges = np.flatnonzero(np.diff(np.concatenate([[0], tight.astype(int), [0]])))
         self._bends: list[tuple[float, float]] = []
         for start, end in edges.reshape(-1, 2):
             begin, over = float(preview.station[start]), float(preview.station[end - 1])
-            if self._bends and begin - self._bends[-1][1] < _AFTER:
+            if self._bends and begin - self._bends[-1][1] < self._after:
                 begin = self._bends.pop()[0]
             self._bends.append((begin, over))
         self._known: dict[tuple[float, int], Sweep | None] = {}
@@ -107,7 +108,7 @@ class TightBends:
     def ahead(self, path: LanePath, ego: EgoState) -> Sweep | None:
         """The present or next bend in which the trailer leaves the lane of a path, or None."""
         for begin, over in self._bends:
-            if begin - _SIGHT < ego.station < over + _AFTER:
+            if begin - _SIGHT < ego.station < over + self._after:
                 key = begin, path.lane
                 if key not in self._known:
                     self._known[key] = self._sweep(path, begin, over)
@@ -238,7 +239,7 @@ class TightBends:
 
     def _sweep(self, path: LanePath, begin: float, over: float) -> Sweep | None:
         """The part of a bend in which the bodies leave the lane of a path, None for none."""
-        first, last = begin - _BEFORE, min(over + _AFTER, self.preview.route.length)
+        first, last = begin - _BEFORE, min(over + self._after, self.preview.route.length)
         stations = np.arange(max(first, 0.0), last, _STEP)
         units = bodies_along(self._parameters, self.preview, path, None, stations)
         middle = np.arange(stations[0] - 40.0, stations[-1] + 10.0, 0.5)
@@ -263,5 +264,5 @@ class TightBends:
             begin=min(begin, start) - 1.5,
             first=start,
             last=float(stations[rows[-1]]),
-            units=(units[0].part(kept), units[1].part(kept)),
+            units=tuple(unit.part(kept) for unit in units),
         )

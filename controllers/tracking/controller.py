@@ -42,10 +42,16 @@ class Tracker:
         self.route = route
         self.parameters = parameters or TruckParameters.load()
         self.config = config or TrackingConfig()
-        tractor, trailer = self.parameters.lead, self.parameters.units[1]
-        behind = self.parameters.couplings[0].position + trailer.cg_position
-        # Mass of the tractor [kg], and way from its steer axle back to both centers of gravity [m].
-        self._units = tractor.mass, tractor.cg_position, behind
+        p, places, origin = self.parameters, [], 0.0
+        for unit in p.units:
+            origin += unit.coupling.position if unit.coupling else 0.0
+            places.append(origin + unit.cg_position)
+        # Way from the steer axle back to the centers of gravity [m], mass of the empty units [kg],
+        # and share of the payload of all but the last unit.
+        self._places, self._empty = tuple(places), p.gross_mass(0.0)
+        most = p.payload_max or 1.0
+        loads = [unit.payload.mass_max / most if unit.payload else 0.0 for unit in p.units]
+        self._masses = tuple((unit.mass, load) for unit, load in zip(p.units[:-1], loads, strict=False))
         self.lateral = LateralController(self.parameters, self.config.lateral)
         self.longitudinal = LongitudinalController(self.parameters, self.config.longitudinal)
 
@@ -65,9 +71,10 @@ class Tracker:
         return self.longitudinal.command(ego, trajectory, self.grade(ego), angle)
 
     def grade(self, ego: EgoState) -> float:
-        """Grade under the combination, rise over run, tractor and trailer weighted by mass."""
-        mass, ahead, behind = self._units
-        share = mass / max(ego.mass, mass)
-        front = float(self.route.smoothed_grade(ego.station - ahead))
-        rear = float(self.route.smoothed_grade(ego.station - behind))
-        return share * front + (1.0 - share) * rear
+        """Grade under the combination, rise over run, its units weighted by mass."""
+        total = max(ego.mass, self._empty)
+        payload = total - self._empty
+        shares = [(mass + load * payload) / total for mass, load in self._masses]
+        shares.append(1.0 - sum(shares))
+        grades = [float(self.route.smoothed_grade(ego.station - place)) for place in self._places]
+        return sum(share * grade for share, grade in zip(shares, grades, strict=True))

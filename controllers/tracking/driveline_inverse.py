@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import rolling_resistance
 
@@ -37,7 +38,7 @@ def pack_powertrain(parameters: TruckParameters) -> bytes:
         radius,
         gearbox.final_drive / radius,
         gearbox.driveline_efficiency,
-        0.0,  # power of the auxiliaries [W]
+        engine.auxiliary_power,
         engine.engine_brake_speed_min,
         engine.engine_brake_speed,
         engine.engine_brake_power / engine.engine_brake_speed,
@@ -54,7 +55,7 @@ def pack_powertrain(parameters: TruckParameters) -> bytes:
     tables = (
         ratios,
         spins,
-        np.full(len(ratios), gearbox.efficiency * gearbox.driveline_efficiency),
+        _efficiencies(parameters),
         engine.drag_speed,
         engine.drag_torque,
         table.rows,
@@ -63,3 +64,16 @@ def pack_powertrain(parameters: TruckParameters) -> bytes:
         np.ravel(table.values),
     )
     return np.concatenate([numbers, *tables], dtype=float).tobytes()
+
+
+def _efficiencies(parameters: TruckParameters) -> FloatArray:
+    """Efficiency from engine to wheels of each gear; of a map of losses, at half torque."""
+    engine, gearbox = parameters.engine, parameters.gearbox
+    most = int(np.argmax(engine.full_load_torque))
+    speed, torque = float(engine.full_load_speed[most]), 0.5 * float(engine.full_load_torque[most])
+    maps = list(gearbox.loss_maps.values())
+    gears = np.full(len(gearbox.ratios), gearbox.efficiency)
+    for gear, number in enumerate(gearbox.loss_map):
+        if number:
+            gears[gear] = 1.0 - maps[number - 1].at(speed, torque) / torque
+    return gears * gearbox.driveline_efficiency

@@ -10,8 +10,8 @@ speed of the steer axle.
 
 The observer estimates the lateral disturbance by wind, cross slope and model error. It compares the
 truck's lateral motion with the prediction of the linear model one step ago. The difference, as
-three accelerations of (lateral speed, yaw rate, trailer yaw rate), passes a first-order filter
-(disturbance observer, Ohnishi 1987). A gust appears in the yaw rates long before the truck leaves
+accelerations of (lateral speed, yaw rate of each unit), passes a first-order filter (disturbance
+observer, Ohnishi 1987). A gust appears in the yaw rates long before the truck leaves
 its path.
 
 The output of the steering gear follows the steering wheel only while one of the two flanks of its
@@ -43,24 +43,20 @@ from iits_mj.parameters import Steering, TruckParameters
 
 # Change of mass at which the gains are computed again [kg].
 _MASS_STEP = 200.0
-# Values of the truck's state that the kernel reads, in its order.
+# Values of the truck's state that the kernel reads, in its order; those of the units follow.
 _TRUCK = (
     "x",
     "y",
     "yaw",
     "speed",
-    "lateral_speed",
-    "yaw_rate",
-    "trailer_yaw_rate",
-    "articulation",
     "steering_wheel_angle",
     "road_wheel_angle",
     "station",
+    "lateral_speed",
 )
-_pack = struct.Struct(f"{len(_TRUCK)}d").pack
 _read = operator.attrgetter(*_TRUCK)
 # Values of the truck's state that steering uses.
-USED = ("time", "mass", *_TRUCK)
+USED = ("time", "mass", *_TRUCK, "yaw_rate", "trailer_yaw_rate", "articulation")
 
 
 class Memory(ctypes.Structure):
@@ -76,15 +72,11 @@ class Memory(ctypes.Structure):
       flank: of the play that is in contact, 1 (left) or -1.
       asked: steering wheel angle that the inverse of the play asks for [rad].
       predicted: 0 while the observer has no prediction.
-      expected: the predicted (w, r, r_t).
-      disturbance: estimate of the disturbing accelerations of (w, r, r_t) [m/s2, rad/s2, rad/s2].
-      lasting: their slow part, after trust and a low-pass filter.
     """
 
     _fields_ = [
         *((name, kernels.Real) for name in ("started", "error", "demand", "integral", "wheel")),
         *((name, kernels.Real) for name in ("output", "flank", "asked", "predicted")),
-        *((name, 3 * kernels.Real) for name in ("expected", "disturbance", "lasting")),
     ]
 
 
@@ -132,6 +124,9 @@ class LateralController:
 
     Attributes:
       memory: see `Memory`.
+      observed: rows of the predicted (w, r of each unit), the estimate of their disturbing
+        accelerations [m/s2, rad/s2], and its slow part, after trust and a low-pass filter; shape
+        (3, units + 1).
     """
 
     def __init__(self, parameters: TruckParameters, config: LateralConfig | None = None) -> None:
@@ -145,6 +140,7 @@ class LateralController:
     def reset(self) -> None:
         """Clears everything but the gains."""
         self.memory = Memory()
+        self.observed = np.zeros((3, 1 + len(self.parameters.units)))
         self._trajectory: Trajectory | None = None
         self._path = b""
 
@@ -163,15 +159,18 @@ class LateralController:
         if trajectory is not self._trajectory:
             self._path, self._trajectory = pack_path(trajectory), trajectory
         gains = self.gains(ego.mass)
+        units = len(self.parameters.units)
         return _steer(
             self._settings,
             self.memory,
+            kernels.address(self.observed),
             gains.table,
             len(gains.gains),
             gains.previews,
             self._path,
             len(trajectory.station),
-            _pack(*_read(ego)),
+            struct.pack(f"{len(_TRUCK) + 2 * units - 1}d", *_read(ego), *unit_motions(ego, units)),
+            units,
             math.hypot(ego.speed, ego.lateral_speed),
         )
 
@@ -184,11 +183,36 @@ class LateralController:
         return self._gains
 
 
+def unit_motions(ego: EgoState, units: int) -> list[float]:
+    """Yaw rates of the units [rad/s], then the articulations between them [rad].
+
+    Raises:
+      InputError: the state has not this number of units.
+    """
+    if units == 1:
+        return [ego.yaw_rate]
+    if len(ego.rear_articulations) != units - 2 or len(ego.rear_articulation_rates) != units - 2:
+        raise InputError(
+            f"state of the truck: rear_articulations are {ego.rear_articulations}, their rates "
+            f"{ego.rear_articulation_rates}: {units - 2} are needed for {units} units"
+        )
+    rates = [ego.yaw_rate]
+    if units > 2:
+        for turning in (ego.articulation_rate, *ego.rear_articulation_rates[:-1]):
+            rates.append(rates[-1] - turning)
+    return [*rates, ego.trailer_yaw_rate, ego.articulation, *ego.rear_articulations]
+
+
 def check_finite(ego: EgoState, names: tuple[str, ...]) -> None:
-    """Raises InputError unless the named values of a state are finite."""
+    """Raises InputError unless the named values of a state, and those behind, are finite."""
+    rear = ego.rear_articulations + ego.rear_articulation_rates
     # A sum is finite only if all its terms are.
-    if math.isfinite(sum(_reader(names)(ego))):
+    if math.isfinite(sum(_reader(names)(ego)) + sum(rear)):
         return
+    if rear and not math.isfinite(sum(rear)):
+        raise InputError(
+            f"state of the truck: articulations behind the first are {rear}: must be finite"
+        )
     for name in names:
         value = getattr(ego, name)
         if not math.isfinite(value):
@@ -205,11 +229,9 @@ _steer = kernels.function(
     kernels.Real,
     kernels.Address,
     ctypes.POINTER(Memory),
-    kernels.Address,
-    kernels.Integer,
-    kernels.Integer,
-    kernels.Address,
-    kernels.Integer,
-    kernels.Address,
+    *(kernels.Address, kernels.Address),  # observed values, gains
+    *(kernels.Integer, kernels.Integer),
+    *(kernels.Address, kernels.Integer),  # the path
+    *(kernels.Address, kernels.Integer),  # the truck
     kernels.Real,
 )

@@ -1,7 +1,7 @@
 """Linear-quadratic preview gains of the steering over speed, and the settings of path tracking.
 
 Linear-quadratic preview control (Tomizuka 1976; Sharp and Valtetsidou 2001): feedback of the full
-state with the articulation, plus feed-forward of the path's curvature over the coming seconds and
+state with the articulations, plus feed-forward of the path's curvature over the coming seconds and
 of the observed disturbance, assumed to last. One Riccati equation per speed gives all three.
 """
 
@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from controllers.tracking.lateral_model import STATES, LateralModel
+from controllers.tracking.lateral_model import LateralModel
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import require_positive
 from iits_mj.core.errors import InputError
@@ -42,7 +42,7 @@ class LateralConfig:
     Attributes:
       offset_weight: on the steer axle's offset [1/m2].
       course_weight: on the speed across the path [s2/m2].
-      articulation_weight: on the articulation rate [s2/rad2].
+      articulation_weight: on the rate of each articulation [s2/rad2].
       integral_weight: on the integral of the offset [1/(m2 s2)].
       rate_weight: on the rate of the road wheel angle [s2/rad2].
       rate_speed: below it `rate_weight` falls with the fourth power of speed, since the path
@@ -98,17 +98,17 @@ class LateralConfig:
 
 
 class Gains(NamedTuple):
-    """Gains and model at one speed, in the kernel's order.
+    """Gains and model of n units at one speed, in the kernel's order.
 
     Attributes:
       speed: [m/s].
       response: steady lateral acceleration by road wheel angle [m/s2 per rad].
-      feedback: of the state, (9,).
-      disturbance: of the three disturbing accelerations, (3,).
-      motion: (w, r, r_t) a step later as a product with (w, r, r_t, articulation, delta), (3, 5).
-      blame: disturbing accelerations from the prediction error of (w, r, r_t), (3, 3).
-      balance: road wheel angle that holds a disturbance on a straight path, (3,).
-      preview: of the curvatures ahead, (n,).
+      feedback: of the state, (2 n + 5,).
+      disturbance: of the disturbing accelerations of (w, r of each unit), (n + 1,).
+      motion: (w, r) a step later as a product with (w, r, articulations, delta), (n + 1, 2 n + 1).
+      blame: disturbing accelerations from the prediction error of (w, r), (n + 1, n + 1).
+      balance: road wheel angle that holds a disturbance on a straight path, (n + 1,).
+      preview: of the curvatures ahead, (previews,).
     """
 
     speed: float
@@ -147,7 +147,7 @@ def _design(model: LateralModel, speed: float, config: LateralConfig) -> Gains:
     a, b, e, disturb = model.discrete(speed, CONTROL_PERIOD)
     share = min(1.0, speed / config.rate_speed) ** 4
     rate = np.array([[max(config.rate_weight * share, config.rate_weight_min)]])
-    riccati = solve_discrete_are(a, b, state_weight(speed, config), rate)
+    riccati = solve_discrete_are(a, b, state_weight(model, speed, config), rate)
     inverse = np.linalg.inv(rate + b.T @ riccati @ b)
     gain = inverse @ b.T @ riccati @ a
     closed = (a - b @ gain).T
@@ -157,32 +157,36 @@ def _design(model: LateralModel, speed: float, config: LateralConfig) -> Gains:
         row.append((inverse @ b.T @ term).item())
         term = closed @ term
     # The last curvature is assumed to last beyond the preview, the disturbance from now on.
-    forever = np.eye(len(STATES)) - closed
+    forever = np.eye(len(a)) - closed
     row[-1] += (inverse @ b.T @ np.linalg.solve(forever, term)).item()
     lasting = inverse @ b.T @ np.linalg.solve(forever, riccati @ disturb)
+    rates, motions = model.rates, model.motions
+    delta = motions + 2
     return Gains(
         speed=speed,
         response=model.steady_acceleration(speed),
         feedback=gain[0],
         disturbance=lasting[0],
         # Over a step the road wheel angle stays at its measured value.
-        motion=np.column_stack([a[:3, :4], a[:3, 6] + a[:3, 7]]),
-        blame=np.asarray(np.linalg.inv(disturb[:3]), dtype=float),
+        motion=np.column_stack([a[:rates, :motions], a[:rates, delta] + a[:rates, delta + 1]]),
+        blame=np.asarray(np.linalg.inv(disturb[:rates]), dtype=float),
         balance=model.balance(speed),
         preview=np.array(row),
     )
 
 
-def state_weight(speed: float, config: LateralConfig) -> FloatArray:
-    """Quadratic weight of the state, shape (9, 9); all of it vanishes in a steady curve."""
-    n = len(STATES)
+def state_weight(model: LateralModel, speed: float, config: LateralConfig) -> FloatArray:
+    """Quadratic weight of the state, square; all of it vanishes in a steady curve."""
+    offset = model.motions
+    n = offset + 5
     weight = np.zeros((n, n))
-    weight[4, 4] = config.offset_weight
+    weight[offset, offset] = config.offset_weight
     course = np.zeros(n)
-    course[0], course[5] = 1.0, speed
-    swing = np.zeros(n)
-    swing[1], swing[2] = 1.0, -1.0
+    course[0], course[offset + 1] = 1.0, speed
     weight += config.course_weight * np.outer(course, course)
-    weight += config.articulation_weight * np.outer(swing, swing)
-    weight[8, 8] = config.integral_weight
+    for unit in range(1, model.rates - 1):
+        swing = np.zeros(n)
+        swing[unit], swing[unit + 1] = 1.0, -1.0
+        weight += config.articulation_weight * np.outer(swing, swing)
+    weight[-1, -1] = config.integral_weight
     return weight

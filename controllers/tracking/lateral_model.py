@@ -1,48 +1,87 @@
-"""Linear lateral model of the tractor-semitrailer for the steering controller.
+"""Linear lateral model of a combination of any number of units for the steering controller.
 
-Small angles, constant speed, linear tires; the reference point is the steer axle centre. With
-lateral speed w there, yaw rates r and r_t and articulation g, virtual work in the coordinates
-(y, psi, psi_t) gives `M x' = f(x, delta)`; see `LateralModel.matrices`.
+Small angles, constant speed, linear tires; the reference point is the steer axle's center. With
+lateral speed w there, yaw rates r of the units and articulations g between them, virtual work in
+the coordinates (y, psi of each unit) gives `M x' = f(x, delta)`; see `LateralModel.matrices`.
+
+A unit's origin is the coupling to the unit ahead. With the couplings at c behind the origins, a
+point at p on unit k moves aside with `q (w, r)`, `q = (1, -c of the units ahead, -p, 0 behind)`,
+and against the unit's own axis with `q (w, r) + v (g of the couplings ahead)`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import Axle, TruckParameters
-from iits_mj.parameters.mass_state import laden_units, payload_of, static_axle_loads
-from iits_mj.parameters.tire_law import cornering_stiffness
+from iits_mj.parameters.mass_state import (
+    group_center,
+    laden_units,
+    payload_of,
+    static_axle_loads,
+)
+from iits_mj.parameters.tire_law import axle_cornering_stiffness
 
-# State: lateral speed, yaw rate, trailer yaw rate, articulation, offset and heading error,
-# road wheel angle, demanded road wheel angle, integral of the offset error.
-STATES = ("w", "r", "r_t", "articulation", "e", "psi", "delta", "demand", "integral")
+# States after those of the units: offset and heading error, road wheel angle, demanded road wheel
+# angle, integral of the offset error.
+_PATH_STATES = 5
+
+
+class LateralAxle(NamedTuple):
+    """An axle on its unit.
+
+    Attributes:
+      position: behind the unit's origin [m]; stiffness: cornering stiffness of the axle [N/rad].
+      steer: angle over that of the first axle; 0 for an axle that is not steered.
+    """
+
+    position: float
+    stiffness: float
+    steer: float = 0.0
 
 
 @dataclass(frozen=True)
-class LateralModel:
-    """Masses, lengths and cornering stiffnesses of a loaded truck.
+class LateralUnit:
+    """A loaded unit.
 
     Attributes:
-      mass, cg, inertia: of the tractor [kg], behind the steer axle [m], yaw about CG [kg m2].
-      trailer_mass, trailer_cg, trailer_inertia: loaded; CG behind the kingpin.
-      kingpin: behind the steer axle [m].
-      axles, trailer_axles: (position [m], cornering stiffness of the axle [N/rad]).
-      lag: of the steering and the tires' relaxation [s].
+      mass, cg, inertia: [kg], behind the unit's origin [m], in yaw about the CG [kg m2].
+      axles: front to rear, without lifted ones.
+      coupling: of the unit behind, behind this one's origin [m]; 0 for the last unit.
     """
 
     mass: float
     cg: float
     inertia: float
-    trailer_mass: float
-    trailer_cg: float
-    trailer_inertia: float
-    kingpin: float
-    axles: tuple[tuple[float, float], ...]
-    trailer_axles: tuple[tuple[float, float], ...]
+    axles: tuple[LateralAxle, ...]
+    coupling: float = 0.0
+
+    @property
+    def group(self) -> float:
+        """Mean position of the axles that are not steered [m]."""
+        return float(np.mean([axle.position for axle in self.axles if not axle.steer]))
+
+
+@dataclass(frozen=True)
+class LateralModel:
+    """Masses, lengths and cornering stiffnesses of a loaded truck of n units.
+
+    The states are the lateral speed w, the yaw rates r of the units, the articulations g of the
+    couplings (yaw ahead minus yaw behind), offset and heading error, road wheel angle, demanded
+    road wheel angle and the integral of the offset: 2 n + 5.
+
+    Attributes:
+      units: front to rear.
+      lag: of the steering and the tires' relaxation [s].
+    """
+
+    units: tuple[LateralUnit, ...]
     lag: float
 
     @classmethod
@@ -50,23 +89,42 @@ class LateralModel:
         """The model of a truck at a gross combination mass [kg]."""
         p = parameters
         load = payload_of(p, gross_mass)
-        trailer = laden_units(p, load)[1]
-        axles = tuple(
-            (axle.position, _axle_stiffness(axle, float(on_axle), p))
-            for axle, on_axle in zip(p.axles, static_axle_loads(p, load), strict=True)
-        )
-        return cls(
-            mass=p.lead.mass,
-            cg=p.lead.cg_position,
-            inertia=p.lead.inertia_z,
-            trailer_mass=trailer.mass,
-            trailer_cg=trailer.cg_position,
-            trailer_inertia=trailer.inertia_z,
-            kingpin=p.couplings[0].position,
-            axles=axles[: len(p.lead.axles)],
-            trailer_axles=axles[len(p.lead.axles) :],
-            lag=lag,
-        )
+        stiffness = iter(axle_cornering_stiffness(p, static_axle_loads(p, load)).tolist())
+        # All steered wheels turn about a center on the line through the rear group's middle.
+        front, rear = p.lead.groups(load)
+        center, first = group_center(rear), front[0].position
+        units, couplings = [], [*(c.position for c in p.couplings), 0.0]
+        for unit, laden, coupling in zip(p.units, laden_units(p, load), couplings, strict=True):
+            axles = tuple(
+                LateralAxle(
+                    position=axle.position,
+                    stiffness=_yielding(axle, own, p),
+                    steer=(center - axle.position) / (center - first) if axle.steered else 0.0,
+                )
+                for axle, own in zip(unit.axles, stiffness, strict=False)
+                if not axle.lifted(load)
+            )
+            body = laden.mass, laden.cg_position, laden.inertia_z
+            units.append(LateralUnit(*body, axles, coupling))
+        return cls(tuple(units), lag)
+
+    @property
+    def rates(self) -> int:
+        """Number of the speeds (w, r of each unit), the first states."""
+        return 1 + len(self.units)
+
+    @property
+    def motions(self) -> int:
+        """Number of the states of the truck alone: the speeds and the articulations."""
+        return 2 * len(self.units)
+
+    def arms(self) -> Iterator[tuple[int, LateralUnit, FloatArray]]:
+        """Each unit's index, the unit, and `q` of its origin, shape (rates,)."""
+        ahead = np.zeros(self.rates)
+        ahead[0] = 1.0
+        for k, unit in enumerate(self.units):
+            yield k, unit, ahead.copy()
+            ahead[1 + k] = -unit.coupling
 
     def matrices(self, speed: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Continuous `x' = A x + B u + E kappa`; u is the rate of the demanded angle [rad/s].
@@ -74,41 +132,43 @@ class LateralModel:
         Args:
           speed: [m/s], positive.
         """
-        v, c, b = speed, self.kingpin, self.trailer_cg
-        m1, m2, a1 = self.mass, self.trailer_mass, self.cg
-        couple = m1 * a1 + m2 * c
-        inertia = np.array(
-            [
-                [m1 + m2, -couple, -m2 * b],
-                [-couple, self.inertia + m1 * a1**2 + m2 * c**2, m2 * b * c],
-                [-m2 * b, m2 * b * c, self.trailer_inertia + m2 * b**2],
-            ]
-        )
-        # Generalized forces over (w, r, r_t, articulation, delta).
-        force = np.zeros((3, 5))
-        for position, stiffness in self.axles:
-            arm = np.array([1.0, -position, 0.0])
-            slip = np.array([1.0 / v, -position / v, 0.0, 0.0, -float(position == 0.0)])
-            force -= stiffness * np.outer(arm, slip)
-        for position, stiffness in self.trailer_axles:
-            arm = np.array([1.0, -c, -position])
-            slip = np.array([1.0 / v, -c / v, -position / v, 1.0, 0.0])
-            force -= stiffness * np.outer(arm, slip)
-        force[:, 1] -= v * np.array([m1 + m2, -couple, -m2 * b])
+        v, rates, motions = speed, self.rates, self.motions
+        inertia = np.zeros((rates, rates))
+        momentum = np.zeros(rates)
+        # Generalized forces over (w, r, g, delta).
+        force = np.zeros((rates, motions + 1))
+        for k, unit, origin in self.arms():
+            arm = origin.copy()
+            arm[1 + k] = -unit.cg
+            inertia += np.triu(np.outer(arm, unit.mass * arm), 1)
+            inertia[np.diag_indices(rates)] += unit.mass * arm**2
+            inertia[1 + k, 1 + k] += unit.inertia
+            momentum += unit.mass * arm
+            for axle in unit.axles:
+                arm = origin.copy()
+                arm[1 + k] = -axle.position
+                slip = np.concatenate([arm / v, np.zeros(len(self.units))])
+                slip[rates : rates + k] = 1.0
+                slip[motions] = -axle.steer
+                force -= axle.stiffness * np.outer(arm, slip)
+        force[:, 1] -= v * momentum
+        inertia += np.triu(inertia, 1).T
         motion = np.linalg.solve(inertia, force)
-        n = len(STATES)
+        n = motions + _PATH_STATES
+        e, psi, delta, demand, integral = range(motions, n)
         a = np.zeros((n, n))
-        a[0:3, 0:4] = motion[:, 0:4]
-        a[0:3, 6] = motion[:, 4]
-        a[3, 1], a[3, 2] = 1.0, -1.0
-        a[4, 0], a[4, 5] = 1.0, v
-        a[5, 1] = 1.0
-        a[6, 6], a[6, 7] = -1.0 / self.lag, 1.0 / self.lag
-        a[8, 4] = 1.0
+        a[:rates, :motions] = motion[:, :motions]
+        a[:rates, delta] = motion[:, motions]
+        for k in range(rates, motions):
+            a[k, k - rates + 1], a[k, k - rates + 2] = 1.0, -1.0
+        a[e, 0], a[e, psi] = 1.0, v
+        a[psi, 1] = 1.0
+        a[delta, delta], a[delta, demand] = -1.0 / self.lag, 1.0 / self.lag
+        a[integral, e] = 1.0
         drive = np.zeros((n, 1))
-        drive[7, 0] = 1.0
+        drive[demand, 0] = 1.0
         road = np.zeros((n, 1))
-        road[5, 0] = -v
+        road[psi, 0] = -v
         return a, drive, road
 
     def discrete(
@@ -117,13 +177,13 @@ class LateralModel:
         """Exact discrete form over one step [s] with inputs held.
 
         Returns:
-          A (9, 9), B (9, 1), E (9, 1) and D (9, 3), the last for disturbing accelerations of
-          (w, r, r_t).
+          A (n, n), B (n, 1), E (n, 1) and D (n, rates), the last for disturbing accelerations of
+          (w, r of each unit).
         """
         a, drive, road = self.matrices(speed)
         n = a.shape[0]
-        inputs = np.hstack([drive, road, np.eye(n)[:, :3]])
-        block = np.zeros((n + 5, n + 5))
+        inputs = np.hstack([drive, road, np.eye(n)[:, : self.rates]])
+        block = np.zeros((n + inputs.shape[1], n + inputs.shape[1]))
         block[:n, :n], block[:n, n:] = a, inputs
         whole = expm(block * step)
         return whole[:n, :n], whole[:n, n : n + 1], whole[:n, n + 1 : n + 2], whole[:n, n + 2 :]
@@ -131,21 +191,35 @@ class LateralModel:
     def steady_acceleration(self, speed: float) -> float:
         """Lateral acceleration in a steady curve by road wheel angle [m/s2 per rad]."""
         a, _, _ = self.matrices(speed)
-        steady = np.linalg.solve(a[:4, :4], -a[:4, 6])
+        own = slice(self.motions)
+        steady = np.linalg.solve(a[own, own], -a[own, self.motions + 2])
         return float(speed * steady[1])
 
     def balance(self, speed: float) -> FloatArray:
-        """Road wheel angle by each disturbing acceleration of (w, r, r_t) on a straight path, (3,).
+        """Road wheel angle by each disturbing acceleration of (w, r) on a straight path, (rates,).
 
-        The truck then moves crabwise: both yaw rates and all three accelerations vanish.
+        The truck then moves crabwise: all yaw rates and all accelerations vanish.
         """
         a, _, _ = self.matrices(speed)
-        held = a[:3][:, [0, 3, 6]]
-        return np.asarray(np.linalg.solve(held, -np.eye(3))[2])
+        return np.asarray(np.linalg.solve(self.held(a), -np.eye(self.rates))[-1])
+
+    def held(self, a: FloatArray) -> FloatArray:
+        """Columns of w, the articulations and the road wheel angle in the rows of the speeds.
+
+        In a steady state of given yaw rates these are the unknowns; shape (rates, rates).
+        """
+        unknown = [0, *range(self.rates, self.motions), self.motions + 2]
+        return np.asarray(a[: self.rates][:, unknown])
 
 
-def _axle_stiffness(axle: Axle, load: float, parameters: TruckParameters) -> float:
-    """Cornering stiffness of a whole axle [N/rad] under its static load [N]."""
-    tire = parameters.tires[axle.tire]
-    tires = 2 * tire.count
-    return tires * float(cornering_stiffness(load / tires, tire, parameters.tire_common))
+def _yielding(axle: Axle, stiffness: float, parameters: TruckParameters) -> float:
+    """Cornering stiffness [N/rad] of an axle whose knuckles may turn by its side force.
+
+    The force of a wheel end acts behind the kingpin by caster and pneumatic trail t, so that a
+    knuckle with centering stiffness k turns by `F t / k` out of the slip.
+    """
+    own = axle.self_steering
+    if own is None:
+        return stiffness
+    lever = own.trail + parameters.tires[axle.tire].pneumatic_trail
+    return stiffness * own.stiffness / (own.stiffness + 0.5 * stiffness * lever)

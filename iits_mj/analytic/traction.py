@@ -102,9 +102,9 @@ def traction_forces(
         on_trailer, alpha = i >= on_tractor, FIRST_AXLE + i
         aside(float(force), bodies.wheels[i], on_trailer=on_trailer)
         unit = 2 if on_trailer else 1
-        angle[unit, alpha] -= rolling * bodies.tire_roll[i]
+        angle[unit, alpha] -= rolling[i] * bodies.tire_roll[i]
         angle[unit, alpha] += drive[i] * bodies.tracks[i] ** 2 / (12.0 * bodies.rolling_radii[i])
-        rate[unit, alpha] -= rolling * bodies.tire_roll_damping[i]
+        rate[unit, alpha] -= rolling[i] * bodies.tire_roll_damping[i]
     for i in range(2):
         aside(float(-drags[i]), bodies.pressure_centers[i], on_trailer=i == 1)
     friction_x = [

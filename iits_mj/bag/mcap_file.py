@@ -31,7 +31,7 @@ from iits_mj.core.output_files import unwritable
 from iits_mj.j1939 import Frame as BusFrame
 from iits_mj.j1939.state import TruckSender
 from iits_mj.simulation.config import DriveConfig
-from iits_mj.simulation.drive_log import FILES, stored_options
+from iits_mj.simulation.drive_log import FILES, stored_options, truck_of
 from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.lock_step import LockStep, Observer
 from iits_mj.simulation.loop import Simulation
@@ -117,6 +117,8 @@ class Bag:
                     f"the bag's drive used the file {self.options[file]!r} for "
                     f"--{file.replace('_', '-')}, which a bag does not hold"
                 )
+        if changes.get("truck") is None:
+            changes["truck"] = truck_of(self.options, "the bag", None)
         return DriveConfig(**{**self.options, "map": map_path, **changes})
 
 

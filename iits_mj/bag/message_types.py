@@ -15,8 +15,8 @@ Definitions and conversions of our own types are derived from the dataclasses:
 | dictionary of floats           | string[] `<field>_names` and float64[] `<field>`       |
 
 Standard messages follow REP 103 and 105: meters and radians, x forward, y left, z up; frames `map`,
-`tractor` (center of the steer axle, on the ground) and `trailer` (kingpin, at the height of
-`tractor`). Roll is positive to the right and pitch nose down, both here and there.
+`tractor` (center of the steer axle, on the ground) and one for each towed unit, with its name
+(`trailer`: kingpin, at the height of `tractor`). Roll is positive to the right and pitch nose down, both here and there.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import functools
+import itertools
 import math
 import types
 import typing
@@ -210,7 +211,8 @@ class StandardMessages:
 
     def __init__(self, make: Make, parameters: TruckParameters) -> None:
         self._make = make
-        self._hitch = parameters.couplings[0].position
+        self._units = [unit.name for unit in parameters.units]
+        self._hitches = [coupling.position for coupling in parameters.couplings]
         self._no_covariance = np.zeros(36)
 
     def odometry(self, ego: EgoState) -> Any:
@@ -231,16 +233,17 @@ class StandardMessages:
         )
 
     def transforms(self, ego: EgoState) -> Any:
-        """`tf2_msgs/TFMessage`: map to tractor, tractor to trailer."""
+        """`tf2_msgs/TFMessage`: map to tractor, and each unit to the one that it tows."""
         place, turn = (ego.x, ego.y, ego.z), (ego.yaw, ego.pitch, ego.roll)
-        hitch, fold = (-self._hitch, 0.0, 0.0), (-ego.articulation, 0.0, 0.0)
-        return self._new(
-            "tf2_msgs/TFMessage",
-            transforms=[
-                self._transform(ego.time, "map", "tractor", place, turn),
-                self._transform(ego.time, "tractor", "trailer", hitch, fold),
-            ],
-        )
+        found = [self._transform(ego.time, "map", "tractor", place, turn)]
+        # A truck without trailer reports an articulation, too.
+        angles = (ego.articulation, *ego.rear_articulations)
+        for (ahead, unit), hitch, angle in zip(
+            itertools.pairwise(self._units), self._hitches, angles, strict=False
+        ):
+            fold = (-angle, 0.0, 0.0)
+            found.append(self._transform(ego.time, ahead, unit, (-hitch, 0.0, 0.0), fold))
+        return self._new("tf2_msgs/TFMessage", transforms=found)
 
     def twist(self, ego: EgoState) -> Any:
         """`geometry_msgs/TwistStamped` of the tractor in its own frame."""

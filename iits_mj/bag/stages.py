@@ -116,7 +116,7 @@ class _RecordedDecisions:
 
 
 def _stack(config: DriveConfig) -> Stack:
-    return make_stack(config, load_map(config.map).route(), TruckParameters.load())
+    return make_stack(config, load_map(config.map).route(), TruckParameters.load(config.truck))
 
 
 def _decision(bag: Bag, config: DriveConfig) -> Comparison:

@@ -149,6 +149,8 @@ def _help(field: dataclasses.Field[Any], rule: options.Option) -> str:
         parts.append(f"one of {', '.join(allowed)}")
     elif rule.bounds():
         parts.append(rule.bounds())
+    if rule.names is not None:
+        parts.append(f"names are {', '.join(rule.names())}")
     default = field.default
     if default is not dataclasses.MISSING and default is not None and default != "":
         parts.append(f"default {_shown(default)}")

@@ -23,6 +23,7 @@ import iits_mj
 from iits_mj import plugin as plugin_library
 from iits_mj.core.errors import Error
 from iits_mj.core.options import option
+from iits_mj.parameters import TruckParameters, shipped_trucks
 
 MUJOCO_WANTED = "3.17.0"
 _GL_PROBE = """
@@ -121,6 +122,17 @@ def truck() -> Finding:
     return Finding("truck", True, f"{standing.observe().mass / 1e3:.1f} t, 0.2 s stepped")
 
 
+def trucks() -> Finding:
+    """Reads every shipped truck and lists their names."""
+    names = shipped_trucks()
+    try:
+        for name in names:
+            TruckParameters.load(name)
+    except Error as error:
+        return Finding("trucks", False, str(error), "reinstall iits-mj")
+    return Finding("trucks", True, ", ".join(names))
+
+
 def opengl() -> Finding:
     """Checks offscreen OpenGL in another process, because a bad driver may abort it."""
     backend = os.environ.get("MUJOCO_GL") or "egl"
@@ -195,6 +207,7 @@ PROBES: tuple[Callable[[], Finding], ...] = (
     engine,
     plugin,
     truck,
+    trucks,
     functools.partial(module, "libsumo", "SUMO (libsumo)", "pip install libsumo==1.28.0"),
     netconvert,
     functools.partial(

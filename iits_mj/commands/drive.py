@@ -24,6 +24,7 @@ from iits_mj.core.options import option
 from iits_mj.core.output_files import write_whole
 from iits_mj.j1939 import CommandReceiver
 from iits_mj.j1939.log_files import WRITTEN
+from iits_mj.parameters import check_truck
 from iits_mj.render import plots
 from iits_mj.render.cameras import CAMERAS
 from iits_mj.render.film_process import FilmProcess, FilmSettings
@@ -241,7 +242,7 @@ def _write(job: Job, outcome: Outcome) -> list[tuple[str, Path]]:
     write_whole(out / "summary.json", f"{content}\n".encode(), "summary")
     summary, road = outcome.summary, job.config.map
     where = road.name if road is not None else "the built-in highway"
-    settings = [*_settings(job.options), ("version", iits_mj.__version__)]
+    settings = [*_settings(job), ("version", iits_mj.__version__)]
     sections = [
         Section(notes=outcome.notes),
         Section("Summary", header=("figure", "value"), rows=outcome.rows()),
@@ -264,12 +265,15 @@ def _write(job: Job, outcome: Outcome) -> list[tuple[str, Path]]:
     return [*pages, ("video", outcome.video)] if outcome.video is not None else pages
 
 
-def _settings(options: Any) -> list[tuple[str, str]]:
+def _settings(job: Job) -> list[tuple[str, str]]:
+    """Returns name and value of every option, with the truck and the load that were driven."""
+    parameters = check_truck(job.config)
+    used = {"truck": parameters.name, "payload": parameters.check_payload(job.config.payload)}
     rows = []
-    for field in dataclasses.fields(options):
+    for field in dataclasses.fields(job.options):
         rule = option_fields.of(field)
         if rule is not None:
-            value = getattr(options, field.name)
+            value = used.get(field.name, getattr(job.options, field.name))
             if isinstance(value, tuple):
                 value = "x".join(str(part) for part in value)
             shown = f"{value:.6g}" if isinstance(value, float) else str(value)
@@ -283,7 +287,7 @@ def _summary_object(job: Job, outcome: Outcome) -> dict[str, object]:
         "version": iits_mj.__version__,
         "seed": job.config.seed,
         "summary": outcome.summary.as_dict(),
-        "settings": dict(_settings(job.options)),
+        "settings": dict(_settings(job)),
         "notes": list(outcome.notes),
     }
     found |= speed_object(outcome.driver)

@@ -16,6 +16,7 @@ from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.core.options import option
 from iits_mj.core.results import Check, Results
 from iits_mj.core.units import KMH
+from iits_mj.parameters import AnyTruck, TruckParameters, truck_option
 from iits_mj.road import RoadMap
 from iits_mj.validation.planning.pcc_accuracy import (
     ELEMENTS_MAX,
@@ -47,7 +48,14 @@ class Options(ResultOptions):
         positional=True,
         metavar="MAP_OR_PROFILE",
     )
-    mass: float = option(55_000.0, help="gross mass", unit="kg", low=5_000.0, high=80_000.0)
+    truck: AnyTruck | None = truck_option("truck to plan for")
+    mass: float | None = option(
+        None,
+        help="gross mass; without it that of the truck with its greatest load",
+        unit="kg",
+        low=5_000.0,
+        high=200_000.0,
+    )
     v_ref: float = option(72.0, help="set speed of the cruise", unit="km/h", low=10.0, high=130.0)
     v_min: float = option(45.0, help="lowest planned speed", unit="km/h", low=4.0, high=130.0)
     v_max: float = option(
@@ -113,7 +121,9 @@ def measure(config: Options) -> Results:
         k_a=config.k_a,
     )
     warm_up(settings)
-    case = solve(road, settings, config.mass)
+    parameters = TruckParameters.load(config.truck)
+    mass = parameters.gross_mass() if config.mass is None else config.mass
+    case = solve(road, settings, mass, parameters)
     elements = Elements(None)
     if config.method != "distance":
         elements = finite_elements(case, ELEMENTS_MAX if config.method == "both" else np.inf)
@@ -129,7 +139,7 @@ def measure(config: Options) -> Results:
     results.notes = [
         f"road {road.name}: {road.length / 1e3:.2f} km, grades {100 * road.grade.min():+.1f} to "
         f"{100 * road.grade.max():+.1f} %, {road.intervals} intervals of {road.step:g} m",
-        f"band {config.v_min:g} to {config.v_max:g} km/h, {config.mass:.0f} kg; the cruise has the "
+        f"band {config.v_min:g} to {config.v_max:g} km/h, {mass:.0f} kg; the cruise has the "
         f"same engine, brakes and limits, set speed {case.solution.v_set / KMH:.1f} km/h",
         f"{PAPER_SAVING_PERCENT} % and 60 s are the paper's figures for its own road and solver; "
         "the saving is the energy that the cruise loses in the brakes: it depends on road and band",

@@ -1,9 +1,9 @@
 """Drive in recorded traffic, which does not react to the truck, or verify a recording.
 
 --reactive adds SUMO traffic, which reacts to the recorded vehicles and the truck. --verify repeats
-the recorded SUMO traffic from its configuration, its seed and the truck's states; --verify --truck
+the recorded SUMO traffic from its configuration, its seed and the truck's states; --verify --drive
 also repeats the truck's drive from its recorded commands. Exit code 1 unless every pose and state
-is equal bit for bit. Another map, version or option than the recorded one is an error.
+is equal bit for bit. Another map, truck, version or option than the recorded one is an error.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Options(drive.Options):
         positional=True,
     )
     verify: bool = option(False, help="repeat the traffic in SUMO and compare, without a drive")
-    truck: bool = option(
+    drive: bool = option(
         False, help="with --verify: repeat the truck's drive from its recorded commands, too"
     )
 
@@ -45,8 +45,8 @@ def run(options: Options) -> int:
     """
     if options.verify:
         return _verify(options)
-    if options.truck:
-        raise InputError("--truck needs --verify: use --verify --truck")
+    if options.drive:
+        raise InputError("--drive needs --verify: use --verify --drive")
     return drive.run(options)
 
 
@@ -58,7 +58,7 @@ def _verify(options: Options) -> int:
             flag = field.name.replace("_", "-")
             raise InputError(f"--{flag} has no effect with --verify, which writes no files")
     try:
-        lines = _drive_again(path, options) if options.truck else _traffic_again(path, options)
+        lines = _drive_again(path, options) if options.drive else _traffic_again(path, options)
     except (TrafficError, RedriveError) as error:
         print(f"{path}: {error}")
         return 1
@@ -78,7 +78,7 @@ def _drive_again(path: Path, options: Options) -> list[str]:
     recording, name = Recording.load(path), f"recording {path}"
     check_options(recording, name, options, options.given)
     with progress_bar(float(recording.time[-1])) as progress:
-        same = redrive(recording, name, options.map, progress)
+        same = redrive(recording, name, options.map, options.truck, progress)
     return [
         f"re-run bit for bit, {same.frames} frames, hash of poses {same.pose_hash[:12]}",
         f"truck driven again bit for bit, {same.commands} commands, "

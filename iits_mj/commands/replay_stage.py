@@ -1,7 +1,7 @@
 """Run one module of a recorded drive on its recorded inputs and compare its outputs.
 
 'iits-mj drive --bag DIR' writes the bag. With the same code and settings the outputs are equal bit
-for bit. --decision and --payload change the module; the table then shows how far its outputs are
+for bit. --decision, --truck and --payload change the module; the table then shows how far its outputs are
 from the recorded ones in the same situations. Exit code 0 when all outputs are equal, else 1.
 """
 
@@ -17,7 +17,7 @@ from iits_mj.bag.stages import STAGES, Comparison, run_stage
 from iits_mj.commands.output import ResultOptions, finish
 from iits_mj.core.options import option
 from iits_mj.core.results import Check, Results
-from iits_mj.parameters import payload_option
+from iits_mj.parameters import AnyTruck, payload_option, truck_option
 
 # Number of differing quantities to show, in alphabetical order.
 _SHOWN = 12
@@ -35,7 +35,10 @@ class Options(ResultOptions):
     decision: str | None = option(
         None, help="decision maker that replaces the recorded one", choices=NAMES
     )
-    payload: float | None = payload_option(None, help="load that replaces the recorded one")
+    truck: AnyTruck | None = truck_option(
+        "truck that replaces the recorded one", "the recorded one"
+    )
+    payload: float | None = payload_option(help="load that replaces the recorded one")
 
 
 def run(options: Options) -> int:
@@ -48,7 +51,7 @@ def compare(options: Options) -> Results:
     bag = read_bag(options.bag)
     changes: dict[str, Any] = {
         name: getattr(options, name)
-        for name in ("decision", "payload")
+        for name in ("decision", "truck", "payload")
         if getattr(options, name) is not None
     }
     stages: tuple[str, ...] = STAGES if options.stage == "all" else (options.stage,)

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import enum
 import functools
+import math
+import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, make_dataclass
 from typing import Any, TypeVar
@@ -246,6 +248,31 @@ class TruckReport:
     trailer_mass: float | None = None
     cargo_mass: float | None = None
     axle_loads: tuple[float, ...] = ()
+
+
+def _getters(kind: type[Any]) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
+    """Returns getters of a message's numbers and of its tuples, two or more of each."""
+    lists = [each.name for each in fields(kind) if isinstance(each.default, tuple)]
+    numbers = [each.name for each in fields(kind) if each.name not in lists]
+    return operator.attrgetter(*numbers), operator.attrgetter(*lists)
+
+
+_GETTERS = {kind: _getters(kind) for kind in (EgoState, TruckReport)}
+
+
+def not_finite(message: EgoState | TruckReport) -> str:
+    """Returns name and value of a message's first number that is not finite; "" without one."""
+    numbers, lists = _GETTERS[type(message)]
+    # A sum is finite only if all its terms are; None and 0 need no term.
+    total = sum(filter(None, numbers(message))) + sum(map(sum, lists(message)))
+    if math.isfinite(total):
+        return ""
+    for each in fields(message):
+        value = getattr(message, each.name)
+        values = value if isinstance(value, tuple) else (value,)
+        if not all(number is None or math.isfinite(number) for number in values):
+            return f"{each.name} = {value!r}"
+    return ""
 
 
 @dataclass(frozen=True, slots=True)

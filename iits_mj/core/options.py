@@ -34,6 +34,8 @@ class Option:
     Attributes:
       help: one sentence; unit: "" for a number without one.
       low, high: inclusive bounds, or None; choices: allowed values, or a function that lists them.
+      names: lists the values that are shipped, for the help; others may be allowed.
+      test: raises InputError for a value that is not allowed.
       metavar: placeholder of the value in the help text.
       positional: True for an argument without a flag.
     """
@@ -43,6 +45,8 @@ class Option:
     low: float | None = None
     high: float | None = None
     choices: Sequence[str] | Callable[[], Sequence[str]] | None = None
+    names: Callable[[], Sequence[str]] | None = None
+    test: Callable[[Any], object] | None = None
     metavar: str | None = None
     positional: bool = False
 
@@ -121,6 +125,8 @@ def check_value(name: str, value: Any, rule: Option) -> None:
     """Checks one value; raises InputError outside the rule's bounds or choices."""
     if value is None or isinstance(value, bool):
         return
+    if rule.test is not None:
+        rule.test(value)
     allowed = rule.allowed()
     if allowed is not None:
         one_of(name, value, allowed)

@@ -11,8 +11,8 @@ import numpy as np
 from iits_mj import suite
 from iits_mj.core.checks import read_action
 from iits_mj.core.errors import InputError
+from iits_mj.envs.family import Family, Trucks
 from iits_mj.envs.picture import RENDER_MODES, Action, Observation, Picture, ScaledObservations
-from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.suite.tasks import DrivingTask
 from iits_mj.truck.truck import without_sensors
 
@@ -31,8 +31,10 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
 
     Args:
       task: name in `iits_mj.suite.TASKS_BY_DOMAIN["truck"]`.
-      payload: on the semitrailer [kg].
-      payload_height: of the load's centre of gravity above the road [m], 1.3 to 3.
+      truck: see `Truck.load`; of several, each episode drives one, drawn with the environment's
+        generator, whose name is in `info` as `truck`.
+      payload: of all units together [kg]; default: the greatest of each truck.
+      payload_height: of the loads' centers of gravity above the road [m].
       time_limit: of an episode [s]; default: the task's.
       render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
       camera: of the pictures: "chase", "side" or "cab".
@@ -40,11 +42,12 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         not step in several threads at the same time.
 
     Attributes:
-      task: of the suite; physics: MuJoCo's model and data with named getters.
+      family: the trucks.
+      task: of the suite; physics: MuJoCo's model and data with named getters, of the episode.
       steps_per_action: time steps of the physics per action.
 
     Raises:
-      InputError: unknown task, camera or render mode, or payload out of range.
+      InputError: unknown task, truck, camera or render mode, or payload out of range.
     """
 
     metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 10}  # noqa: RUF012 - Gymnasium's way
@@ -53,7 +56,8 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         self,
         task: str,
         *,
-        payload: float = MAX_PAYLOAD,
+        truck: Trucks = None,
+        payload: float | None = None,
         payload_height: float | None = None,
         time_limit: float | None = None,
         render_mode: str | None = None,
@@ -62,23 +66,21 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
     ) -> None:
         self.render_mode = render_mode
         self._picture = Picture(render_mode, camera)
-        self._environment: control.Environment = (
-            suite.load(
-                "truck",
-                task,
-                task_kwargs={
-                    "payload": payload,
-                    "payload_height": payload_height,
-                    "time_limit": time_limit,
-                    "visuals": render_mode is not None,
-                    "random": 0,
-                },
-            )
-            if like is None
-            else suite.twin(like._environment)
+        self.family: Family = (
+            Family(truck, payload, payload_height) if like is None else like.family
         )
-        self.task: DrivingTask = self._environment.task
-        self.physics: suite.Physics = self._environment.physics
+        self._like = like
+        self._settings = {
+            "payload": payload,
+            "payload_height": payload_height,
+            "time_limit": time_limit,
+            "visuals": render_mode is not None,
+            "random": 0,
+        }
+        self._name = task
+        # Of each truck that has driven.
+        self._environments: dict[int, control.Environment] = {}
+        self._use(0)
         self.steps_per_action = round(
             self._environment.control_timestep() / self.physics.timestep()
         )
@@ -95,10 +97,11 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Starts an episode; the same seed gives the same episode."""
         super().reset(seed=seed, options=options)
+        self._use(self.family.draw(self.np_random))
         self.task.random.seed(int(self.np_random.integers(2**31)))
         self._environment.reset()
         self._steps_left = self._environment._step_limit
-        return self._seen(), self.task.info(self.physics, self.task.reward_terms(self.physics))
+        return self._seen(), self._info(self.task.reward_terms(self.physics))
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Holds the action for 0.1 s.
@@ -135,7 +138,7 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         with physics.held():
             task.after_step(physics)
             terms = task.reward_terms(physics)
-            observation, info = self._seen(), task.info(physics, terms)
+            observation, info = self._seen(), self._info(terms)
             failed = task.get_termination(physics) is not None
         self._steps_left -= 1.0
         # As in dm_control, an episode that fails in its last step is over by time.
@@ -146,6 +149,30 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         if self.render_mode is not None:
             self._picture.show(physics.model.ptr, physics.data.ptr)
         return observation, math.prod(terms.values()), terminated, truncated, info
+
+    def environment_of(self, number: int) -> control.Environment:
+        """Returns the suite's environment of a truck of the family; the first call compiles it."""
+        if number not in self._environments:
+            self._environments[number] = (
+                suite.load(
+                    "truck",
+                    self._name,
+                    task_kwargs={"truck": self.family.members[number], **self._settings},
+                )
+                if self._like is None
+                else suite.twin(self._like.environment_of(number))
+            )
+        return self._environments[number]
+
+    def _use(self, number: int) -> None:
+        """Makes a truck of the family drive."""
+        self._number = number
+        self._environment = self.environment_of(number)
+        self.task: DrivingTask = self._environment.task
+        self.physics: suite.Physics = self._environment.physics
+
+    def _info(self, terms: dict[str, float]) -> dict[str, Any]:
+        return {**self.task.info(self.physics, terms), **self.family.info(self._number)}
 
     def _seen(self) -> Observation:
         return self._scaled(self.task.values(self.physics))

@@ -18,8 +18,8 @@ from controllers.decision.trip import ACTIONS, SPAWN_PROBABILITY, RewardTerms, T
 from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
 from iits_mj.core.timing import TIMESTEP
+from iits_mj.envs.family import Family, Trucks
 from iits_mj.envs.picture import RENDER_MODES, Observation, Picture
-from iits_mj.parameters import MAX_PAYLOAD
 
 if TYPE_CHECKING:
     from iits_mj.simulation import Simulation
@@ -39,7 +39,9 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
         keeps_right: bool = False,
         speed: float = 60.0 / 3.6,
         duration: float = 120.0,
-        payload: float = MAX_PAYLOAD,
+        truck: Trucks = None,
+        payload: float | None = None,
+        payload_height: float | None = None,
         render_mode: str | None = None,
     ) -> None:
         one_of("density", density, DENSITIES)
@@ -48,6 +50,7 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
             allowed = ", ".join(map(str, modes))
             raise InputError(f"render_mode {render_mode!r} is not known; use one of: {allowed}")
         self.render_mode = render_mode
+        self.family = Family(truck, payload, payload_height)
         self.trip = TripConfig(
             spawn_probability=DENSITIES[density],
             traffic_speed=traffic_speed,
@@ -64,7 +67,9 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Starts an episode; the same seed gives the same traffic."""
         super().reset(seed=seed, options=options)
-        observation = self._open().reset(self.np_random, self.trip)
+        self._number = self.family.draw(self.np_random)
+        trip = dataclasses.replace(self.trip, truck=self.family.members[self._number])
+        observation = self._open().reset(self.np_random, trip)
         return observation, self._info(RewardTerms())
 
     def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -89,7 +94,7 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
 
     def _info(self, terms: RewardTerms) -> dict[str, Any]:
         rewards = {f"reward_{k}": v for k, v in dataclasses.asdict(terms).items()}
-        return {**self._state(), **rewards}
+        return {**self._state(), **rewards, **self.family.info(self._number)}
 
 
 class HighwayEnv(DecisionEnv):
@@ -119,8 +124,10 @@ class HighwayEnv(DecisionEnv):
       keeps_right: whether the traffic keeps right instead of filling both lanes.
       speed: reference speed of the truck [m/s].
       duration: of an episode [s].
-      payload: on the semitrailer [kg].
-      payload_height: of the load's centre of gravity above the road [m], 1.3 to 3.
+      truck: see `Truck.load`; of several, each episode drives one, drawn with the environment's
+        generator, whose name is in `info` as `truck`.
+      payload: of all units together [kg]; default: the greatest of each truck.
+      payload_height: of the loads' centers of gravity above the road [m].
       render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
       camera: of the pictures: "chase", "side" or "cab".
       timestep: of the physics [s]; a drive has 0.002, and 0.005 trains as well in less time.
@@ -139,7 +146,8 @@ class HighwayEnv(DecisionEnv):
         keeps_right: bool = False,
         speed: float = 60.0 / 3.6,
         duration: float = 120.0,
-        payload: float = MAX_PAYLOAD,
+        truck: Trucks = None,
+        payload: float | None = None,
         payload_height: float | None = None,
         render_mode: str | None = None,
         camera: str = "chase",
@@ -152,7 +160,9 @@ class HighwayEnv(DecisionEnv):
             keeps_right=keeps_right,
             speed=speed,
             duration=duration,
+            truck=truck,
             payload=payload,
+            payload_height=payload_height,
             render_mode=render_mode,
         )
         self.payload_height = payload_height
@@ -235,7 +245,9 @@ class HighwayFastEnv(DecisionEnv):
       keeps_right: whether the traffic keeps right instead of filling both lanes.
       speed: reference speed of the truck [m/s].
       duration: of an episode [s].
-      payload: on the semitrailer [kg].
+      truck: see `Truck.load`; of several, each episode drives one, drawn with the environment's
+        generator, whose name is in `info` as `truck`.
+      payload: of all units together [kg]; default: the greatest of each truck.
       render_mode: None; there are no pictures.
 
     Raises:

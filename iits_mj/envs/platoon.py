@@ -23,8 +23,8 @@ from iits_mj.core.checks import in_range, positive, read_action
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError
 from iits_mj.core.timing import CYCLE_PERIOD, TIMESTEP
+from iits_mj.envs.family import Trucks
 from iits_mj.envs.picture import RENDER_MODES, Action, Observation, Picture, ScaledObservations
-from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.suite import scene
 from iits_mj.suite.physics import Physics, add_cameras
 from iits_mj.suite.tasks import Platoon
@@ -51,7 +51,9 @@ class PlatoonEnv(Closing):
     the episode for the others; all are truncated at the time limit. Version history: v0, first.
 
     Args:
-      payloads: on the semitrailers [kg], from the first truck to the last, 2 to 8.
+      payloads: of the trucks [kg], from the first to the last, 2 to 8; None: the truck's greatest.
+      truck: of all, or one for each payload; see `Truck.load`. The trucks share one model, so that
+        a platoon of randomly drawn trucks is another environment.
       time_gap: [s], 0.3 to 3.
       time_limit: of an episode [s], up to 120.
       render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
@@ -72,8 +74,9 @@ class PlatoonEnv(Closing):
 
     def __init__(
         self,
-        payloads: Sequence[float] = (MAX_PAYLOAD,) * 3,
+        payloads: Sequence[float | None] = (None,) * 3,
         *,
+        truck: Trucks = None,
         time_gap: float = 1.0,
         time_limit: float = 40.0,
         render_mode: str | None = None,
@@ -95,6 +98,7 @@ class PlatoonEnv(Closing):
         self.fleet = TruckFleet.load(
             payloads,
             route=scene.winding(),
+            truck=truck,
             timestep=TIMESTEP,
             visuals=render_mode is not None,
             edit_spec=edit_spec,
@@ -154,7 +158,9 @@ class PlatoonEnv(Closing):
             speed = common + random.uniform(-0.5, 0.5)
             if number:
                 gap = self.tasks[number].wanted_gap(speed) + random.uniform(-3.0, 3.0)
-                station -= truck.footprint.length + gap
+                ahead = self.fleet.trucks[number - 1].footprint
+                front = truck.footprint.front_overhang - ahead.front_overhang
+                station -= ahead.length + front + gap
             offset = float(route.lane_offset(0, station)) + random.uniform(-0.2, 0.2)
             places.append(TruckPlacement(station=station, offset=offset, speed=speed))
         self.fleet.reset(places)

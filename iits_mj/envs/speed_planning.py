@@ -13,8 +13,8 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Scene, SpeedProfile
 from iits_mj.core.neighbors import Neighbor
 from iits_mj.core.timing import TIMESTEP
+from iits_mj.envs.family import Family, Trucks
 from iits_mj.envs.picture import RENDER_MODES, Action, Observation, Picture
-from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.simulation import DriveConfig, Simulation
 from iits_mj.simulation.parts import load_map
 from iits_mj.suite.physics import add_cameras
@@ -85,7 +85,9 @@ class SpeedPlanningEnv(gymnasium.Env[Observation, Action]):
     Args:
       speed: reference speed [m/s].
       length: of an episode [m].
-      payload: on the semitrailer [kg].
+      truck: see `Truck.load`; of several, each episode drives one, drawn with the environment's
+        generator, whose name is in `info` as `truck`.
+      payload: of all units together [kg]; default: the greatest of each truck.
       render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
       camera: of the pictures: "chase", "side" or "cab".
       timestep: of the physics [s].
@@ -101,7 +103,8 @@ class SpeedPlanningEnv(gymnasium.Env[Observation, Action]):
         *,
         speed: float = 60.0 / 3.6,
         length: float = 5_000.0,
-        payload: float = MAX_PAYLOAD,
+        truck: Trucks = None,
+        payload: float | None = None,
         render_mode: str | None = None,
         camera: str = "chase",
         timestep: float = TIMESTEP,
@@ -111,6 +114,7 @@ class SpeedPlanningEnv(gymnasium.Env[Observation, Action]):
         self._picture = Picture(render_mode, camera)
         self._speed, self._length = speed, length
         self._payload, self._timestep = payload, timestep
+        self.family, self._number = Family(truck, payload), 0
         self._simulation: Simulation | None = None
         self._reference = SetSpeed(speed)
         size = 5 + len(PREVIEW)
@@ -123,10 +127,12 @@ class SpeedPlanningEnv(gymnasium.Env[Observation, Action]):
         """Starts at a random station, at 0.9 to 1.05 of the reference speed."""
         super().reset(seed=seed, options=options)
         self.close()
+        self._number = self.family.draw(self.np_random)
         last = load_map(None).route().length - _END - self._length
         config = DriveConfig(
             speed=self._speed * FASTEST,
             duration=3_600.0,
+            truck=self.family.members[self._number],
             payload=self._payload,
             start_station=float(self.np_random.uniform(60.0, last)),
             start_speed=self._speed * float(self.np_random.uniform(0.9, 1.05)),
@@ -221,4 +227,5 @@ class SpeedPlanningEnv(gymnasium.Env[Observation, Action]):
             "reward_fuel": fuel,
             "reward_time": time,
             "reward_kinetic": kinetic,
+            **self.family.info(self._number),
         }

@@ -8,6 +8,7 @@ environment drives bit for bit as it does alone; all share the compiled model an
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -33,7 +34,7 @@ class _Member(DrivingEnv):
 
 
 class DrivingVectorEnv(SyncVectorEnv):
-    """`num_envs` environments of one task.
+    """`num_envs` environments of one task, each with its own draws from a family of trucks.
 
     MuJoCo's steps release Python's lock, so that threads step the physics at the same time.
 
@@ -87,8 +88,12 @@ class DrivingVectorEnv(SyncVectorEnv):
             if not (resetting and over):
                 member.begin(action)
                 driven.append(member)
-        # The flag belongs to the model, which all share: no thread may compute sensors meanwhile.
-        with without_sensors(self._members[0].physics.truck.model):
+        # The flag belongs to the model, which equal trucks share: no thread may compute sensors
+        # meanwhile.
+        models = {id(model): model for model in (m.physics.truck.model for m in driven)}
+        with contextlib.ExitStack() as stack:
+            for model in models.values():
+                stack.enter_context(without_sensors(model))
             self._each(_Member.advance, driven)
         self._each(lambda member: member.physics.update_sensors(), driven)
         return super().step(actions)

@@ -22,6 +22,7 @@ from iits_mj.core.messages import Decision
 from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.evaluation import trials
 from iits_mj.evaluation.trials import CLOSE, EMPTY, Task, Trial, weights_digest
+from iits_mj.parameters import AnyTruck, TruckParameters
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation
 from iits_mj.simulation.frame import DivergedError
@@ -42,24 +43,28 @@ def trial_code(world: str) -> str:
     return drive_digest(*drivers, fast_world) if world == "fast" else drive_digest(*drivers)
 
 
-def drive(task: Task, weights: Path | None = None) -> Trial:
+def drive(task: Task, weights: Path | None = None, truck: AnyTruck | None = None) -> Trial:
     """Drives a trial.
 
     Args:
       task: which trial.
       weights: file of the policy of the method "ddqn"; default: the shipped policy.
+      truck: of the task; see `TruckParameters.load`.
 
     Raises:
-      InputError: the weights are not those of the task.
+      InputError: the weights or the truck are not those of the task.
       TrafficError: SUMO failed.
     """
     code = trial_code(task.world)
     if weights_digest(task.method, weights) != task.weights:
         raise InputError("the file of weights has changed since the trials were planned")
+    parameters = TruckParameters.load(truck)
+    if not parameters.has_label(task.truck):
+        raise InputError(f"the trial is of truck {task.truck!r}, not of {parameters.name!r}")
     policy = str(weights) if weights is not None and task.method == "ddqn" else None
     maker = _CountingMaker(decisions.make(task.method, policy))
     began = time.perf_counter()
-    figures = (_drive_full if task.world == "full" else _drive_fast)(task, maker)
+    figures = (_drive_full if task.world == "full" else _drive_fast)(task, maker, parameters)
     wall_time = round(time.perf_counter() - began, 3)
     return Trial(**vars(task), **figures, asked=maker.asked, wall_time=wall_time, code=code)
 
@@ -111,17 +116,21 @@ class _TripObserver(Observer):
         return self._error / self._frames
 
 
-def full_chain(task: Task, maker: DecisionMaker) -> Simulation:
+def full_chain(
+    task: Task, maker: DecisionMaker, parameters: TruckParameters | None = None
+) -> Simulation:
     """The simulation of a trip in the full chain: MuJoCo truck, planner, tracking, SUMO traffic.
 
     Args:
       task: which trial; the trip ends after its duration, not after its length.
       maker: of the decisions.
+      parameters: of the truck; default: the shipped one's.
 
     Raises:
       TrafficError: SUMO failed.
     """
     config = DriveConfig(
+        truck=parameters,
         density=task.density,
         traffic_speed=task.traffic_speed,
         traffic_mode="none" if task.density == EMPTY else "inter",
@@ -144,10 +153,10 @@ def full_chain(task: Task, maker: DecisionMaker) -> Simulation:
     return Simulation(config, driver=driver, visuals=False, timestep=task.timestep)
 
 
-def _drive_full(task: Task, maker: _CountingMaker) -> dict[str, Any]:
+def _drive_full(task: Task, maker: _CountingMaker, parameters: TruckParameters) -> dict[str, Any]:
     """Figures of a trip in the full chain."""
     observer = _TripObserver(task.length_limit)
-    with full_chain(task, maker) as simulation:
+    with full_chain(task, maker, parameters) as simulation:
         try:
             result = simulation.run([observer])
         except DivergedError:
@@ -172,10 +181,11 @@ def _drive_full(task: Task, maker: _CountingMaker) -> dict[str, Any]:
     }
 
 
-def _drive_fast(task: Task, maker: _CountingMaker) -> dict[str, Any]:
+def _drive_fast(task: Task, maker: _CountingMaker, parameters: TruckParameters) -> dict[str, Any]:
     """Figures of a trip in the fast world: a point-mass truck in NumPy traffic."""
     empty = task.density == EMPTY
     trip = TripConfig(
+        truck=parameters,
         spawn_probability=0.0 if empty else SPAWN_PROBABILITY[task.density],
         traffic_speed=task.traffic_speed,
         payload=task.payload,

@@ -10,7 +10,14 @@ from pathlib import Path
 
 from controllers.decision import NAMES
 from controllers.decision.policy import load_policy
-from controllers.decision.trip import CELLS, SEEDS_EACH, TEST_SEEDS, VALIDATION_SEEDS, TripConfig
+from controllers.decision.trip import (
+    CELLS,
+    SEEDS_EACH,
+    TEST_SEEDS,
+    VALIDATION_SEEDS,
+    TripConfig,
+    usual_payload,
+)
 from iits_mj.core import options
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
@@ -18,7 +25,14 @@ from iits_mj.core.process_pool import run_all
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.evaluation import drives, trials
 from iits_mj.evaluation.trials import EMPTY, WORLDS, Task, Trial, weights_digest
-from iits_mj.parameters import payload_option
+from iits_mj.parameters import (
+    AnyTruck,
+    TruckParameters,
+    check_truck,
+    label_of,
+    payload_option,
+    truck_option,
+)
 
 SEEDS = {"test": TEST_SEEDS, "validation": VALIDATION_SEEDS}
 DEFAULT_METHODS = "conservative,neutral,aggressive,mobil,lookahead,ddqn"
@@ -47,7 +61,10 @@ class EvaluateConfig:
         help="full: MuJoCo truck with its stack in SUMO traffic; fast: point mass in NumPy traffic",
         choices=WORLDS,
     )
-    payload: float = payload_option(TripConfig().payload)
+    truck: AnyTruck | None = truck_option("truck of all trips")
+    payload: float | None = payload_option(
+        help=f"load of the truck; without it {TripConfig.payload:g} kg, or the greatest if less"
+    )
     timestep: float = option(
         TIMESTEP, help="time step of the physics", unit="s", low=0.0005, high=0.005
     )
@@ -82,10 +99,17 @@ class EvaluateConfig:
 
     def __post_init__(self) -> None:
         options.check(self)
+        check_truck(self)
         for name in self.names():
             if name not in NAMES:
                 raise InputError(f"method {name!r} is unknown; allowed are: {', '.join(NAMES)}")
         self.chosen_cells()
+
+    def used_payload(self) -> float:
+        """The load of all trips [kg]."""
+        if self.payload is None:
+            return usual_payload(TruckParameters.load(self.truck))
+        return float(self.payload)
 
     def names(self) -> tuple[str, ...]:
         """The methods, each once."""
@@ -117,11 +141,12 @@ def tasks_of(config: EvaluateConfig) -> list[Task]:
     Raises:
       InputError: the policy's file cannot be read.
     """
+    truck, payload = label_of(config.truck), config.used_payload()
     digests = {name: weights_digest(name, config.weights) for name in config.names()}
     cells = config.chosen_cells()
 
     def task(density: str, speed: float, method: str, weights: str, seed: int) -> Task:
-        limits = (config.payload, config.timestep, config.length, config.duration)
+        limits = (truck, payload, config.timestep, config.length, config.duration)
         return Task(config.world, density, speed, method, weights, *limits, seed)
 
     free = [task(EMPTY, speed, "keep", "", 0) for speed in sorted({speed for _, speed in cells})]
@@ -214,5 +239,7 @@ def _run(
 
     if progress is not None:
         progress(done, len(wanted))
-    drive_all(missing, config.jobs, functools.partial(drives.drive, weights=config.weights), keep)
+    truck = TruckParameters.load(config.truck)
+    drive_one = functools.partial(drives.drive, weights=config.weights, truck=truck)
+    drive_all(missing, config.jobs, drive_one, keep)
     return [known[task] for task in wanted]

@@ -222,8 +222,8 @@ def summarize(trials: Sequence[Trial], config: EvaluateConfig) -> tuple[Results,
     cells = figures(trials, config.chosen_cells(), config.names())
     results = Results("evaluate", seed=config.seed)
     results.notes.append(
-        f"{WORLD_TEXT[config.world]}; load {config.payload / 1000.0:g} t, physics in steps of "
-        f"{1000.0 * config.timestep:g} ms; {config.seeds} seeds, the same for all methods"
+        f"{WORLD_TEXT[config.world]}; load {config.used_payload() / 1000.0:g} t, physics in steps "
+        f"of {1000.0 * config.timestep:g} ms; {config.seeds} seeds, the same for all methods"
     )
     for cell in cells:
         _check_cell(results, cell)

@@ -27,6 +27,7 @@ from iits_mj.evaluation.figures import (
 )
 from iits_mj.evaluation.pictures import draw_balance, draw_trips
 from iits_mj.evaluation.trials import CLOSE, Trial, codes_of
+from iits_mj.parameters import TruckParameters, label_of
 from iits_mj.render import plots
 from iits_mj.render.pages import (
     Page,
@@ -104,7 +105,7 @@ def command_of(config: EvaluateConfig) -> str:
         value = getattr(config, field.name)
         if value == field.default or field.name in _NOT_SHOWN:
             continue
-        shown = value.name if isinstance(value, Path) else str(value)
+        shown = value.name if isinstance(value, (Path, TruckParameters)) else str(value)
         words.append(f"--{field.name.replace('_', '-')} {shown}")
     return " ".join(words)
 
@@ -114,7 +115,7 @@ def _origin(trials: Sequence[Trial], config: EvaluateConfig) -> Section:
     versions = codes_of(trials)
     weights = sorted({t.weights for t in trials if t.weights})
     sentences = [
-        f"World: {WORLD_TEXT[config.world]}.",
+        f"World: {WORLD_TEXT[config.world]}. Truck: {label_of(config.truck)}.",
         f"Trips: {config.trials} of each method in each cell, {config.length / 1e3:g} km or to the "
         f"road's end, {config.duration:g} s at most; the {config.seeds} seeds, set {config.seed}, "
         "the same traffic for all methods. "

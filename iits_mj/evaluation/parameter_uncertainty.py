@@ -27,7 +27,15 @@ from iits_mj.core.results import Findings, Line, Results
 from iits_mj.core.tables import write_table
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.core.units import DIESEL_DENSITY, KMH
-from iits_mj.parameters import payload_option, randomization
+from iits_mj.parameters import (
+    AnyTruck,
+    TruckParameters,
+    check_truck,
+    label_of,
+    payload_option,
+    randomization,
+    truck_option,
+)
 from iits_mj.parameters.randomization import Drawn, Spread
 from iits_mj.validation.handling import lane_change, rollover
 from iits_mj.validation.harness import maneuver, recorder
@@ -45,13 +53,15 @@ class SampleTask:
     """A truck to measure.
 
     Attributes:
-      seed: of the draw; `NOMINAL` is the shipped truck.
+      seed: of the draw; `NOMINAL` is the truck itself.
+      truck: see `label_of`.
       payload: [kg].
       timestep: of the physics [s].
       spread: digest of the distributions.
     """
 
     seed: int
+    truck: str
     payload: float
     timestep: float
     spread: str
@@ -97,23 +107,29 @@ def drawn_truck(spread: Spread, seed: int) -> Drawn:
     return spread.nominal() if seed == NOMINAL else spread.draw(np.random.default_rng(seed))
 
 
-def measure(task: SampleTask, spread_file: Path | None = None) -> Sample:
+def measure(
+    task: SampleTask, spread_file: Path | None = None, truck: AnyTruck | None = None
+) -> Sample:
     """Drives one truck through all maneuvers.
 
     Args:
       task: which truck.
       spread_file: distributions of the parameters; default: the shipped file.
+      truck: of the task, a name or file.
 
     Raises:
-      InputError: the truck cannot be built or cannot hold 80 km/h.
+      InputError: the truck is not the task's, cannot be built or cannot hold 80 km/h.
       Error: the physics diverged.
     """
     began = time.perf_counter()
-    drawn = drawn_truck(Spread.load(spread_file), task.seed)
-    payload, timestep, overlay = task.payload, task.timestep, drawn.overlay
-    tilt = rollover.tilt_table(payload, timestep, parameters=overlay)
-    sine = lane_change.sine_steer(payload, SPEED, timestep, parameters=overlay)
-    stop = braking.stop_run(payload, braking.UN_R13.speed, timestep, parameters=overlay)
+    if label_of(truck) != task.truck:
+        raise InputError(f"the sample is of truck {task.truck!r}, not of {label_of(truck)!r}")
+    drawn = drawn_truck(Spread.load(spread_file, truck), task.seed)
+    payload, timestep = task.payload, task.timestep
+    parameters = TruckParameters.load(truck, drawn.overlay)
+    tilt = rollover.tilt_table(payload, timestep, parameters=parameters)
+    sine = lane_change.sine_steer(payload, SPEED, timestep, parameters=parameters)
+    stop = braking.stop_run(payload, braking.UN_R13.speed, timestep, parameters=parameters)
     return Sample(
         **vars(task),
         rollover_threshold=tilt.threshold,
@@ -121,15 +137,15 @@ def measure(task: SampleTask, spread_file: Path | None = None) -> Sample:
         yaw_fit=recorder.fit(sine.recording.yaw_rate, sine.model.yaw_rate),
         stop_distance=braking.distance(stop),
         deceleration=braking.fully_developed(stop),
-        fuel=_steady_fuel(payload, timestep, drawn),
+        fuel=_steady_fuel(payload, timestep, parameters),
         wall_time=round(time.perf_counter() - began, 3),
         code=sample_code(),
     )
 
 
-def _steady_fuel(payload: float, timestep: float, drawn: Drawn) -> float:
+def _steady_fuel(payload: float, timestep: float, parameters: TruckParameters) -> float:
     """Fuel at a steady speed on a level road [l/100 km]."""
-    truck, hold = maneuver.steady_truck(payload, SPEED, timestep, parameters=drawn.overlay)
+    truck, hold = maneuver.steady_truck(payload, SPEED, timestep, parameters=parameters)
     before = truck.observe()
     for _ in range(round(_FUEL_TIME / recorder.PERIOD)):
         truck.command(hold.command(SPEED - truck.observe().speed, 0.0))
@@ -160,7 +176,8 @@ class MonteCarloConfig:
     """Number of trucks, and how they are drawn."""
 
     samples: int = option(200, help="number of trucks to draw", low=2, high=SAMPLES_MAX)
-    payload: float = payload_option()
+    truck: AnyTruck | None = truck_option("truck whose parameters are uncertain")
+    payload: float | None = payload_option()
     timestep: float = option(
         TIMESTEP, help="time step of the physics", unit="s", low=0.0005, high=0.005, metavar="S"
     )
@@ -174,6 +191,7 @@ class MonteCarloConfig:
 
     def __post_init__(self) -> None:
         options.check(self)
+        check_truck(self)
 
     @property
     def spread_file(self) -> Path:
@@ -182,16 +200,17 @@ class MonteCarloConfig:
 
 
 def tasks_of(config: MonteCarloConfig) -> list[SampleTask]:
-    """The shipped truck, then the drawn ones.
+    """The truck itself, then the drawn ones.
 
     Raises:
       InputError: the file of distributions cannot be read, or is not usable.
     """
-    Spread.load(config.spread)
+    Spread.load(config.spread, config.truck)
+    truck, payload = label_of(config.truck), check_truck(config).check_payload(config.payload)
     digest = hashlib.sha256(config.spread_file.read_bytes()).hexdigest()[:12]
     first = SAMPLES_MAX * config.seed
     seeds = [NOMINAL, *range(first, first + config.samples)]
-    return [SampleTask(seed, config.payload, config.timestep, digest) for seed in seeds]
+    return [SampleTask(seed, truck, payload, config.timestep, digest) for seed in seeds]
 
 
 def describe(task: SampleTask) -> str:
@@ -213,7 +232,7 @@ def summarize(config: MonteCarloConfig, rows: Sequence[Sample]) -> Results:
     results = Results("montecarlo", seed=config.seed)
     results.notes += [
         f"{len(drawn)} trucks drawn from {config.spread_file.name}, "
-        f"{config.payload / 1e3:g} t of load, {config.timestep:g} s a step",
+        f"{shipped.payload / 1e3:g} t of load, {config.timestep:g} s a step",
         *_correlations(config, drawn, values),
     ]
     results.add("", _shares(values))
@@ -228,7 +247,7 @@ def write_samples(path: Path, config: MonteCarloConfig, rows: Sequence[Sample]) 
     Raises:
       InputError: the file cannot be written.
     """
-    spread = Spread.load(config.spread)
+    spread = Spread.load(config.spread, config.truck)
     table = []
     for row in sorted(rows, key=lambda row: row.seed):
         factors = drawn_truck(spread, row.seed).factors
@@ -242,7 +261,7 @@ def _correlations(
     """The parameters with the strongest effect on each figure, by Spearman's rank correlation."""
     if len(drawn) < _CORRELATED:
         return [f"fewer than {_CORRELATED} trucks: no correlations"]
-    spread = Spread.load(config.spread)
+    spread = Spread.load(config.spread, config.truck)
     names = [quantity.name for quantity in spread.quantities if quantity.low < quantity.high]
     factors = [drawn_truck(spread, row.seed).factors for row in drawn]
     columns = {name: np.array([row[name] for row in factors]) for name in names}

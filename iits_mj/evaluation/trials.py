@@ -36,7 +36,7 @@ class Task:
       world: one of `WORLDS`; density: "empty" is a road without traffic.
       traffic_speed: speed limit of the traffic, and the truck's speed at the start [m/s].
       method: the decision maker; weights: digest of its policy, "" for a rule.
-      payload: of the truck [kg]; timestep: of the physics in the full chain [s].
+      truck: see `label_of`; payload: [kg]; timestep: of the physics in the full chain [s].
       length_limit, duration_limit: the trip ends after this distance [m] or at the road's end; it
         is cut off after this time [s].
       seed: of the traffic.
@@ -47,6 +47,7 @@ class Task:
     traffic_speed: float
     method: str
     weights: str
+    truck: str
     payload: float
     timestep: float
     length_limit: float
@@ -223,7 +224,14 @@ def _unwritable(path: Path, error: OSError) -> InputError:
 def _order(task: Task) -> tuple[object, ...]:
     """Sort key of the rows: the paper's order of cells, then trial by trial."""
     cell = [*SPAWN_PROBABILITY, EMPTY].index(task.density), task.traffic_speed
-    rest = (task.payload, task.timestep, task.length_limit, task.duration_limit, task.seed)
+    rest = (
+        task.truck,
+        task.payload,
+        task.timestep,
+        task.length_limit,
+        task.duration_limit,
+        task.seed,
+    )
     return (task.world, *cell, *rest, task.method, task.weights)
 
 

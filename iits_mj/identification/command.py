@@ -15,7 +15,7 @@ from iits_mj.identification.identify import Identification, identify, overlay, w
 from iits_mj.identification.log import Log, read, read_grade
 from iits_mj.identification.longitudinal import payload_of
 from iits_mj.identification.replay import replay
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import AnyTruck, TruckParameters, truck_option
 
 # Least accuracy of the truck with identified values: 100 (1 - mean |v - v_rec| / mean v_rec) [%].
 _ACCURACY = 97.0
@@ -40,7 +40,10 @@ class IdentifyConfig:
         help="grade of the road: a number, or a table of station and grade (CSV)",
         metavar="GRADE|FILE.csv",
     )
-    parameters: Path | None = option(None, help="overlay with prior values", metavar="FILE.toml")
+    truck: AnyTruck | None = truck_option("truck with the prior values")
+    parameters: Path | None = option(
+        None, help="overlay of the truck with other prior values", metavar="FILE.toml"
+    )
     mass: float | None = option(
         None,
         help="known gross mass; fits the torque scale instead",
@@ -65,14 +68,14 @@ def run(config: IdentifyConfig) -> Results:
     Raises:
       InputError: the log or the overlay cannot be used, or the log shows no parameter.
     """
-    parameters = TruckParameters.load(overlay=config.parameters)
+    parameters = TruckParameters.load(config.truck, config.parameters)
     log = _load_log(config, parameters)
     found = identify(log, parameters, mass=config.mass)
     report = _results(found)
     if config.output is not None:
         write_toml(found, config.output)
     if config.replay:
-        _add_replay(report, log, found)
+        _add_replay(report, log, found, config)
     return report
 
 
@@ -111,7 +114,7 @@ def _results(found: Identification) -> Results:
     return report
 
 
-def _add_replay(report: Results, log: Log, found: Identification) -> None:
+def _add_replay(report: Results, log: Log, found: Identification, config: IdentifyConfig) -> None:
     """Drives the truck with prior and identified values; adds its speed accuracy and a plot.
 
     With prior values, the truck has the given mass, or half its payload.
@@ -119,7 +122,9 @@ def _add_replay(report: Results, log: Log, found: Identification) -> None:
     given = None if any(e.name == "mass" for e in found.estimates) else found.mass
     p = found.parameters
     before = replay(log, p, payload_of(p, given))
-    after = replay(log, overlay(found), None if found.mass else payload_of(p, None))
+    known = [] if config.parameters is None else [config.parameters]
+    fitted = TruckParameters.load(config.truck, [*known, overlay(found)])
+    after = replay(log, fitted, None if found.mass else payload_of(p, None))
     must = {"before": "", "after": f">= {_ACCURACY:g}"}
     for name, drive in (("before", before), ("after", after)):
         report.checks += [

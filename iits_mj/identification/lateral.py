@@ -24,7 +24,8 @@ from iits_mj.identification.log import Log
 from iits_mj.identification.longitudinal import payload_of
 from iits_mj.parameters import TruckParameters
 
-_GROUPS = ("steer", "drive", "trailer")
+# Units of the linear model: a tractor with a semitrailer.
+_UNITS = 2
 # Outputs that are compared, if the log has them: place among the states.
 _STATES = {"yaw_rate": 1, "trailer_yaw_rate": 2, "articulation": 3}
 _PLANE_STATES = 4
@@ -106,7 +107,7 @@ class _Window:
 def identify_cornering(
     log: Log, parameters: TruckParameters, mass: float | None, ratio: float | None
 ) -> list[Estimate]:
-    """Cornering coefficient of steer, drive and trailer tires.
+    """Cornering coefficient of each kind of tires.
 
     Args:
       log: with speed, yaw rate and the angle of road wheels or steering wheel.
@@ -115,10 +116,13 @@ def identify_cornering(
       ratio: of the steering if identified; for None it is fitted as well, unless the log has the
         angle of the road wheels.
     """
-    tires = parameters.tires
+    used = {axle.tire for axle in parameters.axles}
+    kinds = {
+        name: tire.cornering_coefficient for name, tire in parameters.tires.items() if name in used
+    }
     free = [
-        Free(f"cornering_coefficient_{name}", "1/rad", tires[name].cornering_coefficient, 1.0, 20.0)
-        for name in _GROUPS
+        Free(f"cornering_coefficient_{name}", "1/rad", prior, 1.0, 20.0)
+        for name, prior in kinds.items()
     ]
     lacking = log.missing("speed", "yaw_rate")
     direct = "road_wheel_angle" in log
@@ -129,6 +133,8 @@ def identify_cornering(
         free.append(_ratio(parameters))
     if lacking:
         return unseen(free, f"the log lacks {', '.join(lacking)}")
+    if len(parameters.units) != _UNITS:
+        return unseen(free, f"the truck has {len(parameters.units)} units, the linear model has 2")
     if mass is None:
         return unseen(free, "motion shows it only as a ratio to the mass, which is not known")
     step, windows = _windows(log, parameters)
@@ -142,8 +148,9 @@ def identify_cornering(
     longest = max(len(window.steering) for window in windows)
 
     def residual(values: FloatArray) -> list[FloatArray]:
-        trial = _with_cornering(parameters, dict(zip(_GROUPS, map(float, values[:3]), strict=True)))
-        divisor = 1.0 if direct else float(values[3]) if wants_ratio else float(ratio or 1.0)
+        found = dict(zip(kinds, map(float, values), strict=False))
+        trial = _with_cornering(parameters, found)
+        divisor = 1.0 if direct else float(values[-1]) if wants_ratio else float(ratio or 1.0)
         responses = {}
         for speed in {window.speed for window in windows}:
             model = YawRoll.from_parameters(trial, payload, cruise_speed=speed)
@@ -157,9 +164,10 @@ def identify_cornering(
 def _with_cornering(p: TruckParameters, coefficients: Mapping[str, float]) -> TruckParameters:
     """The truck with these cornering coefficients of its kinds of tires [1/rad]."""
     tires = {
-        kind: dataclasses.replace(tire, cornering_coefficient=coefficients.get(kind, old))
+        kind: dataclasses.replace(
+            tire, cornering_coefficient=coefficients.get(kind, tire.cornering_coefficient)
+        )
         for kind, tire in p.tires.items()
-        if (old := tire.cornering_coefficient) is not None
     }
     return dataclasses.replace(p, tires=tires)
 

@@ -2,11 +2,12 @@
 
     (m + J / r^2) v' = s T i / r - m g (sin(theta) + f cos(theta)) - 0.5 rho A v^2 - sum b_c F_c
 
-with engine torque T, overall ratio i with its efficiency, rotating inertia J of wheels, gearbox and
-engine, brake force F_c of each circuit from its chambers' pressures. theta is the effective slope
-of the combination: by virtual work, the slope under each axle weighted with the axle's load. Tires
-roll on the radius of their load, as in the tire plugin. Beside gravity, only ratios to the mass
-appear: **torque scale s and mass m cannot be found together** from motion.
+with engine torque T less that of the auxiliaries, overall ratio i with its efficiency, rotating
+inertia J of wheels, gearbox and engine, brake force F_c of each circuit from its chambers'
+pressures. theta is the effective slope of the combination: by virtual work, the slope under each
+axle weighted with the axle's load. Tires roll on the radius of their load, as in the tire plugin.
+Beside gravity, only ratios to the mass appear: **torque scale s and mass m cannot be found
+together** from motion.
 
 Output error with free initial speeds: in each window the model's acceleration is integrated from
 the recorded speed, and the window's mean difference is removed, which eliminates its initial speed.
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.units import GRAVITY
-from iits_mj.identification.brakes import CIRCUITS, circuit_forces
+from iits_mj.identification.brakes import CIRCUITS, circuit_forces, circuit_of_axle
 from iits_mj.identification.estimate import Estimate, Free, fit, unseen
 from iits_mj.identification.log import PRESSURES, Log, Series
 from iits_mj.parameters import TruckParameters
@@ -33,7 +34,6 @@ from iits_mj.parameters.mass_state import rolling_resistance, static_axle_loads
 IntArray = NDArray[np.int_]
 
 _NEEDED = ("speed", "grade", "gear", "engine_torque")
-_CIRCUIT_GAINS = tuple(f"brake_gain_{name}" for name in CIRCUITS)
 # Below this speed the clutch may slip, and the wheels' losses are not those of rolling [m/s].
 _SPEED_MIN = 3.0
 # The driveline oscillates after a shift [s].
@@ -76,7 +76,8 @@ def identify_motion(log: Log, parameters: TruckParameters, mass: float | None = 
         none = tuple(unseen(list(free.values()), reason))
         return Motion(none, empty, empty, empty, empty, prior["mass"])
     fixed = "engine_torque_scale" if mass is None else "mass"
-    fitting = [f for name, f in free.items() if name not in (fixed, *_CIRCUIT_GAINS)]
+    gains = [f for name, f in free.items() if name in _circuit_gain_names(parameters)]
+    fitting = [f for f in free.values() if f.name != fixed and f not in gains]
     estimates, fitted = _fit(inputs, fitting, prior)
     if mass is None:
         # The mass changes the loads of axles and tires: fit again with the fitted mass.
@@ -87,7 +88,6 @@ def identify_motion(log: Log, parameters: TruckParameters, mass: float | None = 
         estimates = [e for e in estimates if e.name != "brake_gain"]
         estimates.append(free["brake_gain"].unseen(_NO_PRESSURES))
     others = [f for f in fitting if f.name != "brake_gain"]
-    gains = [free[name] for name in _CIRCUIT_GAINS]
     return Motion(
         estimates=(*estimates, *_circuit_gains(inputs, others, gains, fitted)),
         time=np.concatenate([inputs.time[w] for w in inputs.windows]),
@@ -113,9 +113,15 @@ def _free(parameters: TruckParameters, mass: float | None) -> dict[str, Free]:
         Free("drag_area", "m2", parameters.aerodynamics.drag_area, 0.1, 30.0),
         Free("brake_gain", "1", 1.0, 0.05, 5.0),
         Free("engine_torque_scale", "1", 1.0, 0.2, 3.0),
-        *(Free(name, "1", 1.0, 0.05, 5.0) for name in _CIRCUIT_GAINS),
+        *(Free(name, "1", 1.0, 0.05, 5.0) for name in _circuit_gain_names(parameters)),
     )
     return {f.name: f for f in free}
+
+
+def _circuit_gain_names(parameters: TruckParameters) -> list[str]:
+    """Names of the gains of the circuits that the truck has."""
+    there = circuit_of_axle(parameters)
+    return [f"brake_gain_{name}" for name in CIRCUITS if name in there]
 
 
 def _fit(
@@ -237,6 +243,9 @@ def _inputs(log: Log, parameters: TruckParameters, mass: float | None = None) ->
     forward = np.clip(gear, 1, len(gearbox.ratios)) - 1
     ratio = np.where(gear >= 1, gearbox.ratios[forward] * gearbox.final_drive, 0.0)
     torque = log.at("engine_torque", time)
+    if engine.auxiliary_power:
+        turning = np.maximum(speed.value * ratio / radius, engine.idle_speed)
+        torque = torque - engine.auxiliary_power / turning
     efficiency = gearbox.efficiency * gearbox.driveline_efficiency
     force = torque * ratio / radius * np.where(torque >= 0.0, efficiency, 1.0 / efficiency)
     if "retarder_torque" in log:

@@ -7,7 +7,6 @@ derives it. An unknown quantity is None: "not available".
 from __future__ import annotations
 
 import dataclasses
-import math
 import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from typing import Any, TypeAlias
 
 from iits_mj.core.angles import wrap_angle
 from iits_mj.core.errors import BusError
-from iits_mj.core.messages import EgoState, TransmissionMode, TruckReport, XbrMode
+from iits_mj.core.messages import EgoState, TransmissionMode, TruckReport, XbrMode, not_finite
 from iits_mj.j1939 import network
 from iits_mj.j1939.mapping import FieldOf
 from iits_mj.parameters import TruckParameters
@@ -25,12 +24,11 @@ _PRESSURES = tuple(f"brake_pressure_{place}" for place in _PLACES)
 _WHEELS = ("front_left", "front_right", "rear1_left", "rear1_right", "rear2_left", "rear2_right")
 _RELATIVE_SPEEDS = tuple(f"relative_speed_{wheel}" for wheel in _WHEELS)
 _FIELDS_OF_STATE = tuple(f.name for f in dataclasses.fields(EgoState))
-_TUPLES = ("brake_pressures", "wheel_speeds", "axle_loads")
-_EGO = tuple(name for name in _FIELDS_OF_STATE if name not in _TUPLES)
-_REPORT = tuple(f.name for f in dataclasses.fields(TruckReport) if f.name not in _TUPLES)
+_EGO, _REPORT = (
+    tuple(f.name for f in dataclasses.fields(kind) if not isinstance(f.default, tuple))
+    for kind in (EgoState, TruckReport)
+)
 _all_of_state = operator.attrgetter(*_FIELDS_OF_STATE)
-_numbers_of_state = operator.attrgetter(*_EGO)
-_numbers_of_report = operator.attrgetter(*_REPORT)
 # Travel above which a pedal counts as pressed.
 _PRESSED = 1e-3
 # Fuel economy in overrun [m/kg]: beyond the range of every signal.
@@ -159,18 +157,9 @@ def _retarder(name: str, address: int) -> dict[str, Quantity]:
 
 def check_finite(state: EgoState, report: TruckReport) -> None:
     """Raises BusError if a number of state or report is not finite."""
-    # A sum is finite only if all its terms are; None and 0 need no term.
-    total = sum(_numbers_of_state(state)) + sum(state.brake_pressures)
-    total += sum(filter(None, _numbers_of_report(report)))
-    total += sum(report.wheel_speeds) + sum(report.axle_loads)
-    if math.isfinite(total):
-        return
-    for message in (state, report):
-        for name in message.__slots__:
-            value = getattr(message, name)
-            for number in value if isinstance(value, tuple) else (value,):
-                if number is not None and not math.isfinite(number):
-                    raise BusError(f"state {name} = {number!r}: a finite number is needed")
+    found = not_finite(state) or not_finite(report)
+    if found:
+        raise BusError(f"state {found}: a finite number is needed")
 
 
 def to_state(found: Mapping[str, float], references: ReferenceTorques, base: EgoState) -> EgoState:
@@ -210,9 +199,11 @@ def to_report(
     for mode, letters in _RANGES.items():
         if found.get("requested_range") == letters:
             values["transmission_mode"] = float(mode)
-    relative = [found[name] for name in _RELATIVE_SPEEDS if name in found]
-    if "front_axle_speed" in found and len(relative) == len(_WHEELS):
-        values["wheel_speeds"] = tuple(found["front_axle_speed"] + speed for speed in relative)
+    # A truck with fewer axles sends those of its own, front to rear.
+    known = [name for name in _RELATIVE_SPEEDS if name in found]
+    whole = known == list(_RELATIVE_SPEEDS[: len(known)]) and len(known) % 2 == 0
+    if "front_axle_speed" in found and whole:
+        values["wheel_speeds"] = tuple(found["front_axle_speed"] + found[name] for name in known)
     return TruckReport(**values, axle_loads=axle_loads)
 
 

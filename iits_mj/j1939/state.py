@@ -27,8 +27,7 @@ from iits_mj.parameters import TruckParameters
 
 _NO_STATE, _NO_REPORT = EgoState(), TruckReport()
 _REFERENCES = ReferenceTorques()
-# Number of VW frames in one report.
-_AXLES = 6
+_AXLES = 6  # of the shipped truck
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,12 +75,13 @@ class StateSender:
 
     Args:
       references: of the percent torques.
+      axles: of the truck; VW has a frame for each.
     """
 
-    def __init__(self, references: ReferenceTorques = _REFERENCES) -> None:
+    def __init__(self, references: ReferenceTorques = _REFERENCES, axles: int = _AXLES) -> None:
         self._references = references
         periods = [cycle_time(sent.message) for sent in _reports()]
-        self._schedule = Schedule(periods, _offsets())
+        self._schedule = Schedule(periods, _offsets(axles))
 
     def frames(self, state: EgoState, report: TruckReport = _NO_REPORT) -> list[Frame]:
         """The frames that have become due at the state's time.
@@ -131,11 +131,11 @@ def _reports() -> tuple[_Report, ...]:
 
 
 @functools.cache
-def _offsets() -> tuple[float, ...]:
-    """Offsets of the reports [s]; our own messages share one offset."""
+def _offsets(axles: int) -> tuple[float, ...]:
+    """Offsets of the reports of a truck [s]; our own messages share one offset."""
     own = [sent.message for sent in _reports() if sent.message.startswith("IITS_")]
     others = [sent.message for sent in _reports() if sent.message not in own]
-    weights = [len(own), *(_AXLES if message == "VW" else 1 for message in others)]
+    weights = [len(own), *(axles if message == "VW" else 1 for message in others)]
     first, *rest = spread([cycle_time(message) for message in (own[0], *others)], weights)
     offsets = iter(rest)
     return tuple(first if sent.message in own else next(offsets) for sent in _reports())
@@ -169,7 +169,7 @@ class TruckSender:
     """
 
     def __init__(self, parameters: TruckParameters) -> None:
-        self._reports = StateSender(ReferenceTorques.of(parameters))
+        self._reports = StateSender(ReferenceTorques.of(parameters), len(parameters.axles))
         self._configurations = ConfigurationSender(parameters)
 
     def frames(self, state: EgoState, report: TruckReport) -> list[Frame]:

@@ -23,23 +23,50 @@ struct Settings {
   double missing_angle, missing_acceleration, crossing_reach;
 };
 
+// The units' yaw rates follow, and the articulations between them.
 struct Truck {
-  double x, y, yaw, speed, lateral_speed, yaw_rate, trailer_yaw_rate, articulation;
-  double steering_wheel_angle, road_wheel_angle, station;
+  double x, y, yaw, speed, steering_wheel_angle, road_wheel_angle, station, lateral_speed;
 };
 
 struct Memory {
   double started, error, demand, integral, wheel;
   double output, flank, asked;  // Of the play.
-  double predicted, expected[3], disturbance[3];
-  double lasting[3];
+  double predicted;
 };
 
-// Gains at one speed; those of the curvatures ahead follow.
-struct Gains {
-  double speed, response, feedback[9], disturbance[3], motion[15], blame[9], balance[3];
+// What the observer remembers of the speeds (w, r of each unit).
+struct Observed {
+  Observed(double* values, std::ptrdiff_t speeds)
+      : expected(values), disturbance(values + speeds), lasting(values + 2 * speeds) {}
+
+  double *expected, *disturbance, *lasting;
 };
-constexpr std::ptrdiff_t kGains = sizeof(Gains) / sizeof(double);
+
+// Gains at one speed: numbers of a row of the table.
+struct Gains {
+  // Numbers of states: the speeds, the motion with articulations and road wheel angle, all.
+  explicit Gains(std::ptrdiff_t units) : speeds(units + 1), motions(2 * units + 1) {}
+
+  std::ptrdiff_t States() const { return motions + 4; }
+
+  std::ptrdiff_t Width(std::ptrdiff_t previews) const {
+    return 2 + States() + speeds * (2 + motions + speeds) + previews;
+  }
+
+  void Read(const double* row) {
+    response = row[1];
+    feedback = row + 2;
+    disturbance = feedback + States();
+    motion = disturbance + speeds;
+    blame = motion + speeds * motions;
+    balance = blame + speeds * speeds;
+    preview = balance + speeds;
+  }
+
+  const std::ptrdiff_t speeds, motions;
+  double response;
+  const double *feedback, *disturbance, *motion, *blame, *balance, *preview;
+};
 
 constexpr double kPi = 3.141592653589793;
 
@@ -144,24 +171,28 @@ std::vector<double> Interpolate(const double* table, std::ptrdiff_t rows, std::p
   return all;
 }
 
-// Updates the estimate of the disturbing accelerations of (w, r, r_t).
-void Observe(const Settings& s, const Gains& gains, const double (&motion)[5], Memory* m) {
+// Updates the estimate of the disturbing accelerations of the speeds.
+void Observe(const Settings& s, const Gains& gains, const double* motion, Memory* m,
+             const Observed& seen) {
+  const std::ptrdiff_t n = gains.speeds;
   if (m->predicted) {
-    double difference[3];
-    for (int i = 0; i < 3; ++i) difference[i] = motion[i] - m->expected[i];
-    for (int i = 0; i < 3; ++i) {
-      const double seen = Row3(gains.blame + 3 * i, difference);
-      m->disturbance[i] += s.observer_share * (seen - m->disturbance[i]);
+    std::vector<double> difference(n);
+    for (std::ptrdiff_t i = 0; i < n; ++i) difference[i] = motion[i] - seen.expected[i];
+    for (std::ptrdiff_t i = 0; i < n; ++i) {
+      const double now = RowProduct(gains.blame + n * i, difference.data(), n);
+      seen.disturbance[i] += s.observer_share * (now - seen.disturbance[i]);
     }
   }
-  for (int i = 0; i < 3; ++i) m->expected[i] = Row5(gains.motion + 5 * i, motion);
+  for (std::ptrdiff_t i = 0; i < n; ++i) {
+    seen.expected[i] = RowProduct(gains.motion + gains.motions * i, motion, gains.motions);
+  }
   m->predicted = 1.0;
 }
 
 // Without steering there is no prediction, and the estimate decays.
-void Rest(const Settings& s, Memory* m) {
+void Rest(const Settings& s, std::ptrdiff_t speeds, Memory* m, const Observed& seen) {
   m->predicted = 0.0;
-  for (double& value : m->disturbance) value *= 1.0 - s.observer_share;
+  for (std::ptrdiff_t i = 0; i < speeds; ++i) seen.disturbance[i] *= 1.0 - s.observer_share;
 }
 
 // Follows the output of the gear, which moves only while one flank of its play is in contact.
@@ -213,15 +244,20 @@ double Quieted(const Settings& s, double steady, double response, const Memory& 
 
 // Steering wheel angle [rad] of the next step.
 //
-// Args: `table` has the gains at the speeds of a grid, a row each; `columns` are those of the
-// path; `course_speed` is the steer axle's speed in any direction.
+// Args: `observed` has three values of each speed; `table` has the gains at the speeds of a grid, a
+// row each; `columns` are those of the path; `course_speed` is the steer axle's speed in any
+// direction.
 IITS_KERNEL double iits_steer(const iits::Settings* settings, iits::Memory* memory,
-                              const double* table, std::ptrdiff_t rows, std::ptrdiff_t previews,
-                              const double* columns, std::ptrdiff_t points,
-                              const iits::Truck* truck, double course_speed) {
+                              double* observed, const double* table, std::ptrdiff_t rows,
+                              std::ptrdiff_t previews, const double* columns,
+                              std::ptrdiff_t points, const iits::Truck* truck,
+                              std::ptrdiff_t units, double course_speed) {
   const iits::Settings& s = *settings;
   const iits::Truck& t = *truck;
   iits::Memory* m = memory;
+  iits::Gains gains(units);
+  const std::ptrdiff_t speeds = gains.speeds;
+  const iits::Observed seen(observed, speeds);
   const iits::Path path(columns, points);
   double heading;
   path.Errors(t, &m->error, &heading);
@@ -232,37 +268,42 @@ IITS_KERNEL double iits_steer(const iits::Settings* settings, iits::Memory* memo
     m->wheel = t.steering_wheel_angle;
   }
   if (t.speed < s.speed_min) {
-    iits::Rest(s, m);
+    iits::Rest(s, speeds, m, seen);
     return m->wheel;
   }
   const std::vector<double> numbers =
-      iits::Interpolate(table, rows, iits::kGains + previews, course_speed);
-  const iits::Gains& gains = *reinterpret_cast<const iits::Gains*>(numbers.data());
-  const double* preview = numbers.data() + iits::kGains;
-  const double angle = std::sin(t.road_wheel_angle), swing = std::sin(t.articulation);
-  const double motion[] = {t.lateral_speed, t.yaw_rate, t.trailer_yaw_rate, swing, angle};
+      iits::Interpolate(table, rows, gains.Width(previews), course_speed);
+  gains.Read(numbers.data());
+  const double angle = std::sin(t.road_wheel_angle);
+  // Lateral speed, yaw rates and sines of the articulations, then the road wheel angle.
+  const double* own = &t.lateral_speed;
+  std::vector<double> motion(own, own + gains.motions - 1);
+  for (std::ptrdiff_t i = speeds; i < gains.motions - 1; ++i) motion[i] = std::sin(motion[i]);
   // Without tire slip the course psi + asin(w / V) is exact in a steady turn.
   const double drift = t.lateral_speed / course_speed;
   heading += std::asin(drift) - drift;
   const double error = iits::Clip(m->error, -s.error_max, s.error_max);
-  const double state[] = {motion[0], motion[1], motion[2], swing,      error,
-                          heading,   angle,     m->demand, m->integral};
+  std::vector<double> state = motion;
+  for (double value : {error, heading, angle, m->demand, m->integral}) state.push_back(value);
+  motion.push_back(angle);
   std::vector<double> ahead(previews);
   path.Curvatures(t.station, course_speed, s.preview_step, &ahead);
-  double rate = -iits::Dot(gains.feedback, state, 9);
-  rate -= iits::Dot(preview, ahead.data(), previews);
-  iits::Observe(s, gains, motion, m);
+  double rate = -iits::Dot(gains.feedback, state.data(), state.size());
+  rate -= iits::Dot(gains.preview, ahead.data(), previews);
+  iits::Observe(s, gains, motion.data(), m, seen);
   // At walking pace the disturbance is mostly model error.
   const double trust =
       iits::Clip((course_speed - s.trust_low) / (s.trust_high - s.trust_low), 0.0, 1.0);
-  double push[3];
-  for (int i = 0; i < 3; ++i) push[i] = trust * m->disturbance[i];
-  rate -= iits::Dot(gains.disturbance, push, 3);
+  std::vector<double> push(seen.disturbance, seen.disturbance + speeds);
+  for (double& value : push) value *= trust;
+  rate -= iits::Dot(gains.disturbance, push.data(), speeds);
   iits::Move(s, rate, error, course_speed, m);
-  for (int i = 0; i < 3; ++i) m->lasting[i] += s.steady_share * (push[i] - m->lasting[i]);
+  for (std::ptrdiff_t i = 0; i < speeds; ++i) {
+    seen.lasting[i] += s.steady_share * (push[i] - seen.lasting[i]);
+  }
   const double near = iits::Sum(ahead.data(), std::min<std::ptrdiff_t>(s.near_count, previews));
   double steady = iits::Square(course_speed) * (near / s.near_count) / gains.response;
-  steady += iits::Dot(gains.balance, m->lasting, 3);
+  steady += iits::Dot(gains.balance, seen.lasting, speeds);
   const double demand = std::asin(iits::Quieted(s, steady, gains.response, *m));
   m->wheel = iits::TurnWheel(s, demand, gains.response, m);
   return m->wheel;

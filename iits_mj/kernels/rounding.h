@@ -33,6 +33,11 @@ inline double Row5(const double* a, const double* b) {
   return std::fma(a[4], b[4], (a[0] * b[0] + a[2] * b[2]) + (a[1] * b[1] + a[3] * b[3]));
 }
 
+// Product of a row of a matrix with a vector; longer rows are summed one after the other.
+inline double RowProduct(const double* a, const double* b, std::ptrdiff_t count) {
+  return count == 3 ? Row3(a, b) : count == 5 ? Row5(a, b) : Dot(a, b, count);
+}
+
 // Order of NumPy's `add.reduce`: eight partial sums, and the rest one after the other.
 inline double Sum(const double* a, std::ptrdiff_t count) {
   double sum = 0.0;

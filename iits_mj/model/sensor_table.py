@@ -28,7 +28,7 @@ class SensorUnit:
 
 # Patterns of whole names; the first match applies.
 _TABLE: tuple[tuple[str, SensorUnit], ...] = (
-    (r"gear", SensorUnit("1", (), "1 to 12, 0 in neutral, -1 in reverse")),
+    (r"gear", SensorUnit("1", (), "from 1, 0 in neutral, -1 in reverse")),
     (r"shift_in_process|clutch_engagement", SensorUnit("1")),
     (r"engine_speed|propeller_shaft_speed", SensorUnit("rad/s")),
     (r".*_torque_percent.*|engine_torque_percent|torque_loss_percent", SensorUnit(_PERCENT)),
@@ -69,10 +69,10 @@ _TABLE: tuple[tuple[str, SensorUnit], ...] = (
     (r"xbr_active|abs_active|compressor_active", SensorUnit("1", (), "0 or 1")),
     (r"steering_wheel_position|steer_angle_.*", SensorUnit("rad", (), "left positive")),
     (
-        r"articulation_(yaw|pitch|roll)",
-        SensorUnit("rad", (), "of the semitrailer against the tractor"),
+        r"articulation\d*_(yaw|pitch|roll)",
+        SensorUnit("rad", (), "of a towed unit against the unit ahead"),
     ),
-    (r"articulation_rate", SensorUnit("rad/s", (), "of articulation_yaw")),
+    (r"articulation\d*_rate", SensorUnit("rad/s", (), "of the yaw")),
     (r"tractor_position", SensorUnit("m", _XYZ, "steer axle's middle on the ground")),
     (r"tractor_orientation", SensorUnit("1", ("w", "x", "y", "z"), "quaternion")),
     (r".*_velocity", SensorUnit("m/s", _XYZ, "in the unit's own frame")),

@@ -14,7 +14,7 @@ from iits_mj.parameters.mass_state import (
 # Tread width of one tire, and radius of gyration of an axle casing about its own axis [m].
 _TIRE_WIDTH = 0.30
 _CASING_RADIUS = 0.15
-_LIFT = 0.10  # [m], of a lifted axle's tires above the road
+LIFT = 0.10  # [m], of a lifted axle's tires above the road
 
 
 def wheel_height(parameters: TruckParameters, axle: Axle, load: float) -> float:
@@ -24,7 +24,7 @@ def wheel_height(parameters: TruckParameters, axle: Axle, load: float) -> float:
     """
     tire = parameters.tires[axle.tire]
     if load == 0.0:
-        return tire.free_radius + _LIFT
+        return tire.free_radius + LIFT
     return tire.free_radius - load / (2 * tire.count * tire.vertical_stiffness)
 
 

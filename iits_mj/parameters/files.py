@@ -21,8 +21,9 @@ from iits_mj.core.assets import DEFAULT_TRUCK, mjcf_dir
 from iits_mj.core.checks import is_number, shown
 from iits_mj.core.errors import InputError
 from iits_mj.core.input_files import read_toml
-from iits_mj.parameters.quantity import Quantity, quantity_of
-from iits_mj.parameters.tables import REPLACED, TABLES, read_tables
+from iits_mj.parameters.powertrain import EXTENSIVE, EXTENSIVE_TABLES
+from iits_mj.parameters.quantity import Quantity, Watts, quantity_of
+from iits_mj.parameters.tables import REPLACED, Table2D, read_tables
 
 MAGNITUDE_MAX = 1e9  # of a parameter in SI units; the greatest are stiffnesses
 TRUCK_FILE = "truck.toml"
@@ -31,6 +32,7 @@ _PROVENANCE = ("value", "unit", "grade", "source")
 GRADES = "PRDLJ"
 
 Tree = dict[str, Any]
+Overlay = str | Path | Mapping[str, Any]
 
 
 def shipped_trucks() -> tuple[str, ...]:
@@ -67,9 +69,7 @@ def truck_file(truck: str | Path | None, base: Path | None = None) -> Path:
     )
 
 
-def read_truck(
-    truck: str | Path | None = None, overlay: str | Path | Mapping[str, Any] | None = None
-) -> Tree:
+def read_truck(truck: str | Path | None = None, overlays: Sequence[Overlay] = ()) -> Tree:
     """Returns a truck's merged tree with its tables in SI units; see `TruckParameters.load`.
 
     Leaves are plain values or `{ value, unit, grade, source }`.
@@ -79,15 +79,15 @@ def read_truck(
     """
     file = truck_file(truck)
     tree = _read_file(file, ())
-    if overlay is not None:
+    for overlay in overlays:
         if isinstance(overlay, Mapping):
             extra, folder = dict(overlay), Path()
         else:
             extra, folder = read_toml(overlay, "parameter file"), Path(overlay).parent
-        tree = _changed(tree, _with_paths(extra, folder))
+        tree = _changed(tree, extra, folder)
     tree["name"] = file.resolve().parent.name if file.name == TRUCK_FILE else file.stem
     tree["units"] = _towing_order(_table(tree, "units"))
-    return read_tables(tree)
+    return tree
 
 
 def provenance(truck: str | Path | None = None) -> list[tuple[str, str, str, str, str]]:
@@ -122,26 +122,21 @@ def _read_file(file: Path, chain: tuple[Path, ...]) -> Tree:
         raise InputError(f"truck files extend each other without end: {names}")
     tree = read_toml(file, "truck file")
     base = tree.pop("extends", None)
-    tree = _with_paths(tree, file.parent)
     if base is None:
-        return _changed({}, tree)
+        return _changed({}, tree, file.parent)
     if not isinstance(base, str):
         raise InputError(f"truck file {str(file)!r}: extends = {base!r}: a name or path is needed")
-    return _changed(_read_file(truck_file(base, file.parent), (*chain, file)), tree)
+    return _changed(_read_file(truck_file(base, file.parent), (*chain, file)), tree, file.parent)
 
 
-def _with_paths(tree: Mapping[str, Any], folder: Path) -> Tree:
-    """Returns a tree whose CSV tables are given by paths that hold from any working directory."""
-    found = dict(tree)
-    for name, key in TABLES:
-        section = found.get(name)
-        if isinstance(section, Mapping) and isinstance(plain(section.get(key)), str):
-            found[name] = {**section, key: str(folder.resolve() / plain(section[key]))}
-    return found
+def _changed(base: Tree, extra: Tree, folder: Path) -> Tree:
+    """Returns `base` without what `extra` removes, overlaid with its values and tables.
 
-
-def _changed(base: Tree, extra: Tree) -> Tree:
-    """Returns `base` without what `extra` removes, overlaid with its values."""
+    Args:
+      base: a truck's tree.
+      extra: the content of a file, without `extends`.
+      folder: of the CSV tables of `extra`.
+    """
     extra = dict(extra)
     removed = extra.pop("remove", [])
     if not isinstance(removed, list):
@@ -153,8 +148,45 @@ def _changed(base: Tree, extra: Tree) -> Tree:
         if _is_table(given) and key in given and _is_table(old):
             kept = {name: value for name, value in old.items() if name not in others}
             base = {**base, section: kept}
-    merged = merge(base, extra, "")
-    return _copied(merged, "")
+    merged = _copied(merge(base, read_tables(extra, folder), ""), "")
+    engine = merged.get("engine")
+    if _is_table(engine) and "power" in engine:
+        merged["engine"] = _of_power(engine)
+    return merged
+
+
+def _of_power(engine: Mapping[str, Any]) -> Tree:
+    """Returns the section of an engine with the full-load curve scaled to its `power`.
+
+    The displacement is in proportion, and with it all torques, the inertia and the fuel.
+    """
+    found = dict(engine)
+    power = build(Watts, found.pop("power"), "engine.power")
+    names = [name for name in ("full_load_speed", "full_load_torque") if name in found]
+    curve = [_array(plain(found[name]), f"engine.{name}") for name in names]
+    whole = len(curve) == 2 and curve[0].shape == curve[1].shape
+    given = float((curve[0] * curve[1]).max()) if whole else 0.0
+    if not 0.2 * given <= power <= 5.0 * given or power <= 0.0:
+        raise InputError(
+            f"parameter engine.power = {power:g} W: allowed is a fifth to five times the "
+            f"{given:g} W of the full-load curve"
+        )
+
+    def scaled(node: Any) -> Any:
+        if is_leaf(node):
+            return {**node, "value": scaled(node["value"])}
+        if isinstance(node, (list, tuple)):
+            return [scaled(item) for item in node]
+        # `build` refuses anything else.
+        return node * (power / given) if is_number(node) or isinstance(node, np.ndarray) else node
+
+    found |= {name: scaled(found[name]) for name in EXTENSIVE if name in found}
+    for name, parts in EXTENSIVE_TABLES.items():
+        if name in found:
+            table = build(Table2D, found[name], f"engine.{name}")
+            changed = {part: power / given * getattr(table, part) for part in parts}
+            found[name] = dataclasses.replace(table, **changed)
+    return found
 
 
 def _without(tree: Tree, keys: list[str], name: str) -> Tree:
@@ -164,7 +196,7 @@ def _without(tree: Tree, keys: list[str], name: str) -> Tree:
         there = list(tree) if isinstance(tree, Mapping) else "no table"
         raise InputError(f"remove {name!r}: there is no {first!r}; there is {there}")
     if not rest:
-        return {key: child for key, child in tree.items() if key != first}
+        return {key: child for key, child in tree.items() if first not in (key, "*")}
     chosen = list(tree) if first == "*" else [first]
     return {
         key: _without(child, rest, name) if key in chosen else child for key, child in tree.items()

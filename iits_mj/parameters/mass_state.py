@@ -8,25 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.options import option
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters.truck import TruckParameters
 from iits_mj.parameters.units import Axle, Payload, Unit
-
-# Greatest payload of the default truck [kg].
-MAX_PAYLOAD = 36_000.0
-
-
-def payload_option(
-    default: float | None = MAX_PAYLOAD, help: str = "load on the semitrailer"
-) -> Any:
-    """Returns a dataclass field for the payload [kg], bounded by the shipped truck's maximum."""
-    return option(default, help=help, unit="kg", low=0.0, high=MAX_PAYLOAD, metavar="KG")
 
 
 @dataclass(frozen=True, slots=True)

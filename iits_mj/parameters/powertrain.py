@@ -32,8 +32,10 @@ from iits_mj.parameters.quantity import (
 from iits_mj.parameters.tables import NO_TABLE, Table2D
 
 SHIFT_STRATEGIES = ("tables", "adaptive")
-# Figures of an engine in proportion to its displacement.
-_EXTENSIVE = (
+# Figures of an engine in proportion to its displacement, and axes and values of its tables.
+EXTENSIVE = (
+    "full_load_torque",
+    "drag_torque",
     "reference_torque",
     "inertia",
     "torque_rise_rate",
@@ -49,11 +51,19 @@ _EXTENSIVE = (
     "engine_brake_power",
     "idle_fuel_rate",
 )
+EXTENSIVE_TABLES = {
+    "pedal_map": ("values",),
+    "fuel_map": ("rows",),
+    "fuel_rate_map": ("columns", "values"),
+}
 
 
 @dataclass(frozen=True)
 class Engine:
     """The engine. Its torque includes what the auxiliaries take.
+
+    A file may give the rated `power` instead of figures of its own: the engine is then one of the
+    same family as that of the file it extends, with all torques, inertia and fuel in proportion.
 
     Attributes:
       full_load_speed, full_load_torque: [rad/s], [N m], shape (n,).
@@ -62,8 +72,6 @@ class Engine:
       fuel_map: BSFC [kg/J] over torque [N m] (rows) and engine speed [rad/s] (columns), or
       fuel_rate_map: fuel rate [kg/s] over engine speed [rad/s] (rows) and torque [N m] (columns).
       fuel_factor: on the fuel of the map.
-      power: rated power. A file may give another one than its full-load curve has: the engine is
-        then one of the same family, all its torques, its inertia and its fuel in proportion.
       auxiliaries: mean power of each, at the crankshaft.
     """
 
@@ -109,7 +117,6 @@ class Engine:
     fuel_map: Table2D = NO_TABLE
     fuel_rate_map: Table2D = NO_TABLE
     fuel_factor: Pure = 1.0
-    power: Watts = 0.0
     auxiliaries: dict[str, Watts] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -129,35 +136,13 @@ class Engine:
         return float((self.full_load_torque * self.full_load_speed).max())
 
     def completed(self) -> Engine:
-        """Returns the engine with its rated power, and with a pedal map if it has none."""
-        engine = self
-        if self.power not in (0.0, self.full_load_power):
-            engine = engine._enlarged(self.power / self.full_load_power)
-        if not engine.pedal_map.values.size:
-            pedal = np.linspace(0.0, 1.0, 11)
-            torque = np.outer(engine.full_load_torque, pedal)
-            table = Table2D(engine.full_load_speed, pedal, torque)
-            engine = dataclasses.replace(engine, pedal_map=table)
-        return dataclasses.replace(engine, power=engine.full_load_power)
-
-    def _enlarged(self, factor: float) -> Engine:
-        """An engine of the same family with `factor` times the displacement."""
-        if not 0.2 <= factor <= 5.0:
-            raise InputError(
-                f"parameter engine.power = {self.power:g} W: allowed is a fifth to five times the "
-                f"{self.full_load_power:g} W of the full-load curve"
-            )
-        pedal, fuel, rate = self.pedal_map, self.fuel_map, self.fuel_rate_map
-        scaled = {name: factor * getattr(self, name) for name in _EXTENSIVE}
-        return dataclasses.replace(
-            self,
-            **scaled,
-            drag_torque=tuple(factor * torque for torque in self.drag_torque),
-            full_load_torque=factor * self.full_load_torque,
-            pedal_map=Table2D(pedal.rows, pedal.columns, factor * pedal.values),
-            fuel_map=Table2D(factor * fuel.rows, fuel.columns, fuel.values),
-            fuel_rate_map=Table2D(rate.rows, factor * rate.columns, factor * rate.values),
-        )
+        """Returns the engine with a pedal map, in proportion to the full load if it has none."""
+        if self.pedal_map.values.size:
+            return self
+        pedal = np.linspace(0.0, 1.0, 11)
+        torque = np.outer(self.full_load_torque, pedal)
+        table = Table2D(self.full_load_speed, pedal, torque)
+        return dataclasses.replace(self, pedal_map=table)
 
 
 @dataclass(frozen=True)
@@ -316,8 +301,8 @@ class Gearbox:
         up = 1.25 * full_torque + pedal * max(full_power - 1.25 * full_torque, 0.0)
         steps = self.ratios[:-1] / self.ratios[1:]
         lowest = 1.15 * self.shifting.lowest_speed * engine.idle_speed
-        up_speeds = np.maximum(up, lowest * steps[:, None])
-        down_speeds = np.maximum(0.85 * up_speeds / steps[:, None], lowest)
+        up_speeds = np.maximum(up, lowest * steps[:, None] / 0.85)
+        down_speeds = 0.85 * up_speeds / steps[:, None]
         meters = radius / self.final_drive
         gears = np.arange(1.0, len(self.ratios) + 1.0)
         upshift = Table2D(gears[:-1], pedal, up_speeds * meters / self.ratios[:-1, None])

@@ -11,7 +11,8 @@ The uncertainties are in `mjcf/spread.toml`, or in a file of the same form.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+import fnmatch
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from iits_mj.core.assets import mjcf_path
 from iits_mj.core.checks import is_number
 from iits_mj.core.errors import InputError
 from iits_mj.core.input_files import read_toml
-from iits_mj.parameters.truck import TruckParameters
+from iits_mj.parameters.truck import AnyTruck, TruckParameters
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Quantity:
 
     Attributes:
       name: of the quantity.
-      parameters: that are multiplied by the same factor; `*` means every axle.
+      parameters: that are multiplied by the same factor; `*` stands for any part of a name.
       low, high: bounds of the factor, which is distributed uniformly.
       grade, source: as in the truck's TOML.
     """
@@ -91,32 +92,43 @@ class Spread:
     """The uncertain quantities of a truck.
 
     Args:
-      quantities: of different names; their factors multiply the shipped truck's parameters.
+      quantities: of different names; their factors multiply the truck's parameters. Those that it
+        lacks, but the shipped truck has, such as a trailer's, change nothing.
+      truck: see `TruckParameters.load`.
 
     Raises:
       InputError: a parameter does not exist or is not a number, or two quantities share one.
     """
 
-    def __init__(self, quantities: tuple[Quantity, ...]) -> None:
+    def __init__(self, quantities: tuple[Quantity, ...], truck: AnyTruck | None = None) -> None:
         self.quantities = quantities
-        self._tree = dataclasses.asdict(TruckParameters.load())
-        taken: set[str] = set()
+        self._tree = _tree_of(TruckParameters.load(truck))
+        shipped = self._tree if truck is None else _tree_of(TruckParameters.load())
+        # Places of each quantity's parameters in the tree.
+        self._places: dict[str, list[tuple[str, ...]]] = {}
+        taken: set[tuple[str, ...]] = set()
         for quantity in quantities:
+            places = self._places[quantity.name] = []
             for path in quantity.parameters:
-                if path in taken:
+                keys = path.split(".")
+                found = list(_matches(self._tree, keys))
+                if not found and not list(_matches(shipped, keys)):
+                    raise InputError(f"spread of {path}: there is no such parameter")
+                if taken.intersection(found):
                     raise InputError(f"spread of {quantity.name}: {path} is drawn already")
-                taken.add(path)
+                taken.update(found)
+                places.extend(found)
         self._overlay({quantity.name: 1.0 for quantity in quantities})
 
     @classmethod
-    def load(cls, path: str | Path | None = None) -> Spread:
+    def load(cls, path: str | Path | None = None, truck: AnyTruck | None = None) -> Spread:
         """Reads a TOML file; default: `mjcf/spread.toml`.
 
         Raises:
           InputError: unreadable file, unknown key, or see `Spread`.
         """
         tables = read_toml(mjcf_path("spread.toml") if path is None else path, "spread file")
-        return cls(tuple(Quantity.from_table(*entry) for entry in tables.items()))
+        return cls(tuple(Quantity.from_table(*entry) for entry in tables.items()), truck)
 
     def draw(self, generator: np.random.Generator) -> Drawn:
         """Draws a truck at random."""
@@ -129,28 +141,34 @@ class Spread:
 
     def _overlay(self, factors: Mapping[str, float]) -> dict[str, Any]:
         overlay: dict[str, Any] = {}
-        for quantity in self.quantities:
-            for path in quantity.parameters:
-                _multiply(overlay, self._tree, path.split("."), factors[quantity.name], path)
+        for name, places in self._places.items():
+            for *tables, last in places:
+                part, tree = overlay, self._tree
+                for key in tables:
+                    part, tree = part.setdefault(key, {}), tree[key]
+                values = np.asarray(tree[last])
+                if values.dtype.kind not in "fi":
+                    raise InputError(f"spread of {name}: {tree[last]!r} is not a number")
+                part[last] = (values * factors[name]).tolist()
         return overlay
 
 
-def _multiply(
-    overlay: dict[str, Any], tree: Any, keys: list[str], factor: float, path: str
-) -> None:
-    """Writes the parameter at `keys` of a tree, multiplied, into an overlay."""
+def _tree_of(parameters: TruckParameters) -> dict[str, Any]:
+    """Returns a truck's parameters as the tables of its file."""
+    tree = dataclasses.asdict(parameters)
+    tree["units"] = {unit["name"]: unit for unit in tree["units"]}
+    for name, unit in tree["units"].items():
+        unit["axles"] = {axle["name"].removeprefix(f"{name}_"): axle for axle in unit["axles"]}
+    return tree
+
+
+def _matches(tree: Any, keys: list[str]) -> Iterator[tuple[str, ...]]:
+    """Yields the places in a tree that keys with wildcards name."""
     first, *rest = keys
-    if not isinstance(tree, Mapping) or first not in tree:
-        raise InputError(f"spread of {path}: there is no such parameter")
-    part = tree[first]
-    if rest[:1] == ["*"] and isinstance(part, (list, tuple)):
-        rows = overlay.setdefault(first, [{"name": row["name"]} for row in part])
-        for row, original in zip(rows, part, strict=True):
-            _multiply(row, original, rest[1:], factor, path)
-    elif rest:
-        _multiply(overlay.setdefault(first, {}), part, rest, factor, path)
-    else:
-        values = np.asarray(part)
-        if values.dtype.kind not in "fi":
-            raise InputError(f"spread of {path}: {part!r} is not a number")
-        overlay[first] = (values * factor).tolist()
+    if not isinstance(tree, Mapping):
+        return
+    for name in fnmatch.filter(tree, first):
+        if rest:
+            yield from ((name, *place) for place in _matches(tree[name], rest))
+        elif tree[name] is not None:
+            yield (name,)

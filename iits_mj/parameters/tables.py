@@ -49,10 +49,14 @@ def no_numbers() -> FloatArray:
 NO_TABLE = Table2D(no_numbers(), no_numbers(), np.zeros((0, 0)))
 
 
-def read_tables(tree: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns a truck's tree with the numbers of its CSV tables in place of their paths.
+def read_tables(tree: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Returns the content of a file with the numbers of its CSV tables in place of their paths.
 
-    Numbers that an overlay gives for a table's fields replace those of the file.
+    Numbers that the file itself gives for a table's fields replace those of the table.
+
+    Args:
+      tree: content of the file.
+      folder: in which the tables are.
 
     Raises:
       InputError: a table cannot be read; the message names the file.
@@ -61,9 +65,10 @@ def read_tables(tree: Mapping[str, Any]) -> dict[str, Any]:
     for (name, key), read in TABLES.items():
         section = found.get(name)
         path = section.get(key) if isinstance(section, Mapping) else None
+        path = path.get("value") if isinstance(path, Mapping) else path
         if isinstance(path, str):
             rest = {other: value for other, value in section.items() if other != key}  # type: ignore[union-attr]
-            found[name] = {**read(Path(path), key), **rest}
+            found[name] = {**read(folder / path, key), **rest}
     return found
 
 
@@ -232,12 +237,12 @@ def _pressure_table(path: Path, _: str) -> dict[str, Any]:
 
 
 # What a file that gives the first of these keys no longer has from the file that it extends, unless
-# it gives that, too: a pedal map and shift speeds belong to their engine and gears.
+# it gives that, too: a pedal map belongs to its engine, shift speeds and losses to their gears.
 REPLACED: dict[tuple[str, str], tuple[str, ...]] = {
     ("engine", "full_load"): ("pedal_map",),
     ("engine", "fuel_map"): ("fuel_rate_map",),
     ("engine", "fuel_rate_map"): ("fuel_map",),
-    ("gearbox", "gears"): ("upshift", "downshift"),
+    ("gearbox", "gears"): ("upshift", "downshift", "loss_maps"),
 }
 # Readers by section and key of the TOML; each returns fields of the section.
 TABLES: dict[tuple[str, str], Callable[[Path, str], dict[str, Any]]] = {

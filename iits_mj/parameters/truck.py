@@ -7,18 +7,21 @@ identified parameters) may give plain values. `docs/trucks.md` describes the for
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import json
 import typing
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from iits_mj.core.checks import in_range
 from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoFootprint
 from iits_mj.parameters.brakes import AirBrake
-from iits_mj.parameters.files import build, read_truck
+from iits_mj.parameters.files import Overlay, build, read_truck, shipped_trucks
 from iits_mj.parameters.powertrain import Clutch, Engine, Gearbox, Retarder
 from iits_mj.parameters.quantity import (
     Count,
@@ -160,22 +163,32 @@ class TruckParameters:
     @classmethod
     def load(
         cls,
-        truck: str | Path | None = None,
-        overlay: str | Path | Mapping[str, Any] | None = None,
+        truck: AnyTruck | None = None,
+        overlay: Overlay | Sequence[Overlay] | None = None,
     ) -> TruckParameters:
         """Reads a truck.
 
         Args:
-          truck: name of a shipped truck, a `truck.toml`, or a folder with one; default: the 6x4
-            tractor with semitrailer.
+          truck: name of a shipped truck, a `truck.toml`, a folder with one, or parameters, which
+            are returned unchanged; default: the 6x4 tractor with semitrailer.
           overlay: a TOML file or a nested mapping with the values to change, for instance
-            `{"engine": {"boost_lag": 0.5}, "tires": {"steer": {"free_radius": 0.54}}}`.
+            `{"engine": {"boost_lag": 0.5}, "tires": {"steer": {"free_radius": 0.54}}}`; or several,
+            of which a later one has the last word.
 
         Raises:
           InputError: unreadable file, unknown or missing key, wrong type or unit, value that is not
-            finite or out of its bounds, no possible truck.
+            finite or out of its bounds, no possible truck; parameters with an overlay.
         """
-        found = typing.cast(TruckParameters, build(cls, read_truck(truck, overlay), ""))
+        if isinstance(truck, TruckParameters):
+            if overlay is not None:
+                raise InputError("an overlay changes a truck's file: name it instead of parameters")
+            return truck
+        overlays: Sequence[Overlay] = ()
+        if isinstance(overlay, (str, Path, Mapping)):
+            overlays = (overlay,)
+        elif overlay is not None:
+            overlays = overlay
+        found = typing.cast(TruckParameters, build(cls, read_truck(truck, overlays), ""))
         engine = found.engine.completed()
         radius = found.tires[found.driven_axles[0].tire].rolling_radius
         gearbox = found.gearbox.completed(engine, radius)
@@ -240,7 +253,7 @@ class TruckParameters:
     @property
     def payload_max(self) -> float:
         """The greatest payload of all units together [kg]."""
-        return sum(unit.payload.mass_max for unit in self.units if unit.payload)
+        return sum((unit.payload.mass_max for unit in self.units if unit.payload), 0.0)
 
     @property
     def length(self) -> float:
@@ -257,15 +270,42 @@ class TruckParameters:
             ends = max(ends, origin + unit.length - unit.front_overhang)
         return ends
 
-    def gross_mass(self, payload: float) -> float:
-        """Returns the mass of the combination [kg] with a payload [kg]."""
+    @property
+    def footprint(self) -> EgoFootprint:
+        """Size of the straight combination."""
+        return EgoFootprint(
+            front_overhang=self.lead.front_overhang,
+            length=self.length,
+            width=max(unit.width for unit in self.units),
+            height=max(unit.height for unit in self.units),
+        )
+
+    def digest(self) -> str:
+        """Returns the SHA-256 of all parameters to their last digit, in hex."""
+        text = json.dumps(dataclasses.asdict(self), sort_keys=True, default=_json_value)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def has_label(self, label: str) -> bool:
+        """Returns whether `label_of` may have given this truck the label."""
+        name, _, digits = label.partition(":")
+        return name == self.name and self.digest().startswith(digits)
+
+    def gross_mass(self, payload: float | None = None) -> float:
+        """Returns the mass of the combination [kg] with a payload [kg]; default: the greatest."""
         return sum(unit.mass for unit in self.units) + self.check_payload(payload)
 
-    def check_payload(self, payload: float) -> float:
-        """Returns the payload [kg] as float; raises InputError outside [0, payload_max]."""
-        return in_range("payload", payload, 0.0, self.payload_max, "kg")
+    def check_payload(self, payload: float | None = None) -> float:
+        """Returns the payload [kg] as float; default: the greatest.
 
-    def unit_payloads(self, payload: float) -> tuple[float, ...]:
+        Raises:
+          InputError: it is outside [0, payload_max].
+        """
+        if payload is None:
+            return self.payload_max
+        name = f"truck {self.name!r}: payload"
+        return in_range(name, payload, 0.0, self.payload_max, "kg")
+
+    def unit_payloads(self, payload: float | None) -> tuple[float, ...]:
         """Returns the load of each unit [kg]: the payload, in proportion to what each may carry."""
         payload, most = self.check_payload(payload), self.payload_max
         return tuple(
@@ -298,3 +338,24 @@ class TruckParameters:
             return dataclasses.replace(unit, payload=dataclasses.replace(load, cg_height=value))
 
         return dataclasses.replace(self, units=tuple(raised(unit) for unit in self.units))
+
+
+# A truck in Python's interfaces: name of a shipped one, its `truck.toml` or folder, or parameters.
+AnyTruck: TypeAlias = str | Path | TruckParameters
+
+
+def label_of(truck: AnyTruck | None) -> str:
+    """Returns a short name that tells trucks apart in tables of results.
+
+    It is the name of a shipped truck, whose figures belong to the version of the package, and name
+    and digest of any other one.
+    """
+    shipped = shipped_trucks()
+    if truck is None or (isinstance(truck, str) and truck in shipped):
+        return truck or shipped[0]
+    parameters = TruckParameters.load(truck)
+    return f"{parameters.name}:{parameters.digest()[:12]}"
+
+
+def _json_value(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else str(value)

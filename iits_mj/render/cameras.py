@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -11,20 +11,24 @@ import numpy as np
 from iits_mj.core.angles import wrap_angle
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import one_of
+from iits_mj.parameters import TruckParameters
 
 
 @dataclass(frozen=True)
 class View:
     """Position of a camera relative to the smoothed heading of the unit that it follows.
 
+    Distance and `ahead` are those for the combination, or the last unit, of `_LENGTH`.
+
     Attributes:
       distance: from the point looked at [m]; azimuth, elevation: viewing direction [deg].
       ahead, left, up: point looked at, in the frame of the unit [m].
       time_constant: of the smoothing of the heading [s].
-      follows: "tractor" or "trailer".
+      follows: "lead", the motor vehicle, or "last", the last unit.
       tunnel: view inside a tunnel, whose roof and walls would hide the truck: "behind" or
         "ahead"; "" to keep the view.
       slopes: whether the elevation follows the grade of the road.
+      scales: whether distance and `ahead` grow with the length of what the view shows.
     """
 
     distance: float
@@ -34,9 +38,10 @@ class View:
     left: float
     up: float
     time_constant: float
-    follows: str = "tractor"
+    follows: str = "lead"
     tunnel: str = "behind"
     slopes: bool = True
+    scales: bool = True
 
 
 VIEWS = {
@@ -44,11 +49,13 @@ VIEWS = {
     "side": View(21.0, -76.0, -9.0, -6.5, 0.0, 1.7, 0.5),
     "front": View(17.0, 157.0, -7.0, -2.0, 0.0, 1.8, 0.5, tunnel="ahead"),
     "top": View(62.0, 0.0, -89.0, 2.0, 0.0, 0.0, 0.9, slopes=False),
-    "cab": View(1.0, 0.0, -3.0, 1.72, 0.45, 2.42, 0.0, tunnel=""),
-    "trailer": View(13.0, 24.0, -9.0, -6.5, 0.0, 1.2, 0.3, follows="trailer"),
-    "aerial": View(115.0, -28.0, -27.0, 25.0, 0.0, 0.0, 1.2, slopes=False),
+    "cab": View(1.0, 0.0, -3.0, 1.72, 0.45, 2.42, 0.0, tunnel="", scales=False),
+    "trailer": View(13.0, 24.0, -9.0, -6.5, 0.0, 1.2, 0.3, follows="last"),
+    "aerial": View(115.0, -28.0, -27.0, 25.0, 0.0, 0.0, 1.2, slopes=False, scales=False),
 }
 CAMERAS = tuple(VIEWS)
+# Lengths [m] of the combination and of its last unit for which the views are defined.
+_LENGTH = {"lead": 16.5, "last": 12.7}
 # These views are nearly along the truck, which may drive close to either wall.
 _TUNNEL_VIEWS = {
     "behind": View(27.0, -0.5, -5.5, 2.0, 0.2, 2.9, 0.7),
@@ -63,13 +70,26 @@ class FollowCamera:
     Args:
       name: of the view.
       tunnels: first and last station of each tunnel [m].
+      truck: that the camera follows; None: a tractor with a semitrailer of 16.5 m.
 
     Raises:
       InputError: unknown name.
     """
 
-    def __init__(self, name: str, tunnels: tuple[tuple[float, float], ...] = ()) -> None:
+    def __init__(
+        self,
+        name: str,
+        tunnels: tuple[tuple[float, float], ...] = (),
+        truck: TruckParameters | None = None,
+    ) -> None:
         self.view = VIEWS[one_of("camera", name, CAMERAS)]
+        self._body, scale = _followed(self.view, truck)
+        self._outside = _scaled(self.view, scale)
+        inside = _TUNNEL_VIEWS.get(self.view.tunnel, self.view)
+        # A camera that is farther away in a tunnel is not higher.
+        rise = math.sin(math.radians(inside.elevation)) / max(scale, 1.0)
+        inside = replace(inside, elevation=math.degrees(math.asin(rise)))
+        self._inside = _scaled(inside, scale)
         self.camera = mujoco.MjvCamera()
         self.camera.type = mujoco.mjtCamera.mjCAMERA_FREE
         self._tunnels = tunnels
@@ -80,11 +100,11 @@ class FollowCamera:
         """Moves the camera to this instant and returns it.
 
         Args:
-          data: of a model with the bodies `tractor` and `trailer`, with current positions.
+          data: of a model with the truck's units, with current positions.
           station: of the truck on its route [m], for the view in tunnels.
         """
         view = self.view
-        body = data.body(view.follows)
+        body = data.body(self._body)
         forward = np.array(body.xmat).reshape(3, 3)[:, 0]
         heading = math.atan2(forward[1], forward[0])
         slope = math.asin(max(-1.0, min(1.0, float(forward[2])))) if view.slopes else 0.0
@@ -107,11 +127,11 @@ class FollowCamera:
         )
 
     def _place(self, position: FloatArray) -> None:
-        view, share = self.view, self._cover
-        inside_view = _TUNNEL_VIEWS.get(view.tunnel, view)
+        share = self._cover
 
         def blend(name: str) -> float:
-            outside, inside = float(getattr(view, name)), float(getattr(inside_view, name))
+            outside = float(getattr(self._outside, name))
+            inside = float(getattr(self._inside, name))
             return outside + share * (inside - outside)
 
         c, s = math.cos(self._heading), math.sin(self._heading)
@@ -127,6 +147,19 @@ class FollowCamera:
         # A camera that looks along the road tilts with it.
         tilt = math.degrees(self._slope) * math.cos(math.radians(azimuth))
         camera.elevation = max(blend("elevation") + tilt, -89.0)
+
+
+def _followed(view: View, truck: TruckParameters | None) -> tuple[str, float]:
+    """Returns the body that a view follows, and the scale of its distances."""
+    if truck is None:
+        return {"lead": "tractor", "last": "trailer"}[view.follows], 1.0
+    body = truck.lead.name if view.follows == "lead" else truck.last.name
+    length = truck.length if view.follows == "lead" else truck.last.length
+    return body, length / _LENGTH[view.follows] if view.scales else 1.0
+
+
+def _scaled(view: View, scale: float) -> View:
+    return replace(view, distance=scale * view.distance, ahead=scale * view.ahead)
 
 
 def _share(elapsed: float, time_constant: float) -> float:

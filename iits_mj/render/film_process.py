@@ -235,9 +235,9 @@ def _draw(messages: BinaryIO, answer: Any) -> None:
     with encoder:
         answer("ready")
         route = load_map(settings.config.map).route()
-        model = load_truck(settings.config, route, Mirror()).model
-        data = mujoco.MjData(model)
-        with Film(Offscreen(model, settings.size), encoder, route, settings.camera) as film:
+        truck = load_truck(settings.config, route, Mirror())
+        model, data = truck.model, mujoco.MjData(truck.model)
+        with Film(Offscreen(model, settings.size), encoder, truck, settings.camera) as film:
             answer("loaded")
             while (message := pickle.load(messages)) is not None:
                 state, frame = message

@@ -32,9 +32,9 @@ def check_display() -> None:
 
 
 def follow(window: Any, model: mujoco.MjModel, prefix: str = "") -> None:
-    """Makes a viewer's camera follow the semitrailer with this prefix."""
+    """Makes a viewer's camera follow the center of mass of the truck with this prefix."""
     window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
-    window.cam.trackbodyid = model.body(f"{prefix}trailer").id
+    window.cam.trackbodyid = model.body(f"{prefix}tractor").id
     window.cam.distance, window.cam.elevation = 28.0, -18.0
     window.cam.azimuth = 180.0
 

@@ -27,7 +27,6 @@ from iits_mj.render.overlay import Overlay
 from iits_mj.simulation.lock_step import LockStep, Observer
 
 if TYPE_CHECKING:
-    from iits_mj.road import Route
     from iits_mj.simulation import DriveFrame
     from iits_mj.truck import Truck
 
@@ -152,7 +151,7 @@ class Film(Finishing):
 
     Args:
       offscreen, encoder: for pictures of the same size; closed with the film.
-      route: of the truck; camera: one of `iits_mj.render.cameras.CAMERAS`.
+      truck: to follow on its route; camera: one of `iits_mj.render.cameras.CAMERAS`.
       overlay: whether to draw the instruments.
 
     Raises:
@@ -163,14 +162,14 @@ class Film(Finishing):
         self,
         offscreen: Offscreen,
         encoder: Mp4Encoder,
-        route: Route,
+        truck: Truck,
         camera: str,
         *,
         overlay: bool = True,
     ) -> None:
         self.offscreen, self.encoder = offscreen, encoder
-        self._camera = FollowCamera(camera, route.tunnels)
-        self._overlay = Overlay(encoder.size, route) if overlay else None
+        self._camera = FollowCamera(camera, truck.route.tunnels, truck.parameters)
+        self._overlay = Overlay(encoder.size, truck.route) if overlay else None
 
     def add(self, data: mujoco.MjData, frame: DriveFrame) -> None:
         """Adds a picture of the state of `data`.
@@ -237,7 +236,7 @@ class VideoObserver(Finishing, Observer):
             offscreen.close()
             raise
         self.path = encoder.path
-        self._film = Film(offscreen, encoder, truck.route, camera, overlay=overlay)
+        self._film = Film(offscreen, encoder, truck, camera, overlay=overlay)
 
     @property
     def frames(self) -> int:

@@ -11,7 +11,7 @@ from iits_mj.core import options
 from iits_mj.core.options import option
 from iits_mj.j1939.bus import REACHES
 from iits_mj.j1939.network import CONTROLLER, LAST_ADDRESS
-from iits_mj.parameters import payload_option
+from iits_mj.parameters import AnyTruck, check_truck, payload_option, truck_option
 
 DENSITIES = ("dense", "medium", "sparse", "empty")
 TRAFFIC_MODES = ("inter", "pure", "none")
@@ -33,19 +33,19 @@ class TruckStart:
     """Truck and start of a drive; every field is checked when an instance is made.
 
     Raises:
-      InputError: a value is out of its bounds, unknown, or not finite.
+      InputError: a value is out of its bounds, unknown, or not finite, or the truck is not usable.
     """
 
+    truck: AnyTruck | None = truck_option("truck to drive")
     map: Path | None = option(
         None, help="OpenDRIVE map; without it the built-in 15 km highway", metavar="FILE.xodr"
     )
-    payload: float = payload_option()
+    payload: float | None = payload_option()
     payload_height: float | None = option(
         None,
-        help="height of the load's centre of gravity above the road; without it 2.23 m",
+        help="height of the load's centre of gravity above the road; without it the truck's own",
         unit="m",
-        low=1.3,
-        high=3.0,
+        low=0.0,
     )
     start_station: float = option(
         60.0, help="station of the steer axle at the start", unit="m", low=0.0, high=1e6
@@ -60,6 +60,7 @@ class TruckStart:
 
     def __post_init__(self) -> None:
         options.check(self)
+        check_truck(self).with_payload_height(self.payload_height)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import json
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Scene, Trajectory, VehicleCommand
 from iits_mj.j1939 import Frame, LogWriter
 from iits_mj.j1939.state import TruckSender
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import AnyTruck, TruckParameters, shipped_trucks
 from iits_mj.plugin import library_path
 from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.frame import DriveFrame
@@ -43,24 +42,45 @@ _MODES = {"InterSim": "inter", "PureSim": "pure"}
 
 def truck_versions(parameters: TruckParameters) -> dict[str, str]:
     """Returns the versions and hashes that determine the truck's physics."""
-    figures = json.dumps(dataclasses.asdict(parameters), sort_keys=True, default=_json_value)
     return {
         "mujoco": mujoco.__version__,
         "engine plugin of hash": hashlib.sha256(library_path().read_bytes()).hexdigest(),
-        "truck parameters of hash": hashlib.sha256(figures.encode()).hexdigest(),
+        "truck parameters of hash": parameters.digest(),
     }
-
-
-def _json_value(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray) else str(value)
 
 
 def stored_options(config: DriveConfig) -> dict[str, Any]:
-    """Returns the options of a drive as plain values; files are stored by name."""
+    """Returns the options of a drive as plain values: files and the truck by name."""
     values = {field.name: getattr(config, field.name) for field in dataclasses.fields(DriveConfig)}
+    parameters = TruckParameters.load(config.truck)
+    values |= {"truck": parameters.name, "payload": parameters.check_payload(config.payload)}
     return {
         name: value.name if isinstance(value, Path) else value for name, value in values.items()
     }
+
+
+def truck_of(options: Mapping[str, Any], name: str, given: AnyTruck | None) -> AnyTruck:
+    """Returns the truck of a stored drive.
+
+    Args:
+      options: of the drive, from `stored_options`.
+      name: of the recording or bag in messages.
+      given: the truck that the user names; None: the shipped one of the stored name.
+
+    Raises:
+      InputError: another truck is given, or none although the stored one is not shipped.
+    """
+    stored = options["truck"]
+    if given is not None:
+        found = TruckParameters.load(given)
+        if found.name != stored:
+            raise InputError(f"{name}: made with truck {stored!r}, not {found.name!r}")
+        return found
+    if stored not in shipped_trucks():
+        raise InputError(
+            f"{name}: made with truck {stored!r}, which is not shipped: name its file by --truck"
+        )
+    return str(stored)
 
 
 class StateHash:
@@ -211,7 +231,7 @@ def options_of(recording: Recording, name: str) -> dict[str, Any]:
     drive = recording.meta.get("drive")
     if not isinstance(drive, dict) or not isinstance(drive.get("options"), dict):
         raise InputError(
-            f"{name}: traffic without a drive, so no truck can drive again; leave --truck out"
+            f"{name}: traffic without a drive, so no truck can drive again; leave --drive out"
         )
     return dict(drive["options"])
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-import operator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,6 +18,7 @@ from iits_mj.core.messages import (
     TrafficLight,
     Trajectory,
     VehicleCommand,
+    not_finite,
 )
 from iits_mj.road import Route
 from traffic_bridge import LightAhead, Traffic
@@ -41,10 +40,6 @@ SAME_LINE = 15.0
 BEHIND = 4.0
 # Below this speed a time gap has no meaning [m/s].
 _SLOWEST = 1.0
-
-_numbers = operator.attrgetter(
-    *(field.name for field in dataclasses.fields(EgoState) if field.name != "brake_pressures")
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,16 +102,9 @@ def check_finite(ego: EgoState) -> None:
     Raises:
       DivergedError: a number is not finite; names it.
     """
-    # A sum is finite only if all its terms are.
-    if math.isfinite(sum(_numbers(ego)) + sum(ego.brake_pressures)):
-        return
-    for field in dataclasses.fields(ego):
-        value = getattr(ego, field.name)
-        values = value if isinstance(value, tuple) else (value,)
-        if not all(map(math.isfinite, values)):
-            raise DivergedError(
-                f"the simulation diverged: {field.name} = {value!r} at t = {ego.time:.2f} s"
-            )
+    found = not_finite(ego)
+    if found:
+        raise DivergedError(f"the simulation diverged: {found} at t = {ego.time:.2f} s")
 
 
 def find_ending(ego: EgoState, route: Route, footprint: EgoFootprint) -> Ending | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import struct
 from collections.abc import Iterable
@@ -26,13 +27,14 @@ _nearest_box = kernels.function(
 )
 _PLACES = np.array([COLUMNS.index(name) for name in ("x", "y", "z", "yaw", "length", "width")])
 _PLACES_ADDRESS = kernels.address(_PLACES)
-_pack_units = struct.Struct("12d").pack
+# The body of a tractor with a trailer counts up to here behind its last axle [m]: the rest of the
+# frame is under the trailer.
+_BEHIND_AXLE = 0.6
 
 
-def truck_boxes(ego: EgoState, parameters: TruckParameters) -> tuple[FloatArray, FloatArray]:
-    """Returns corners of tractor and semitrailer in the map frame, each of shape (4, 2) [m]."""
-    tractor, trailer = (box_corners(*unit) for unit in _units(ego, parameters))
-    return np.array(tractor), np.array(trailer)
+def truck_boxes(ego: EgoState, parameters: TruckParameters) -> tuple[FloatArray, ...]:
+    """Returns the corners of each unit in the map frame, of shape (4, 2) [m]."""
+    return tuple(np.array(box_corners(*unit)) for unit in _units(ego, parameters))
 
 
 def nearest_box_distance(
@@ -50,29 +52,29 @@ def nearest_box_distance(
     if not frame:
         return math.inf
     columns, lanes = frame.addresses
-    tractor, trailer = _units(ego, parameters)
+    units = _units(ego, parameters)
     return float(
         _nearest_box(
-            *(_pack_units(*tractor, *trailer), 2),
+            *(struct.pack(f"{6 * len(units)}d", *itertools.chain(*units)), len(units)),
             *(columns, _PLACES_ADDRESS, lanes, len(frame)),
             *(ego.x, ego.y, horizon, ego.z, LEVEL_OVER_TRUCK),
         )
     )
 
 
-def _units(ego: EgoState, parameters: TruckParameters) -> tuple[tuple[float, ...], ...]:
-    """Origin, heading, reach ahead and behind, and width of tractor and semitrailer."""
-    tractor, trailer = parameters.lead, parameters.units[1]
-    rear = tractor.axles[-1].position + 0.6
-    hitch = parameters.couplings[0].position
-    return (
-        (ego.x, ego.y, ego.yaw, tractor.front_overhang, rear, tractor.width),
-        (
-            ego.x - hitch * math.cos(ego.yaw),
-            ego.y - hitch * math.sin(ego.yaw),
-            ego.yaw - ego.articulation,
-            trailer.front_overhang,
-            trailer.length - trailer.front_overhang,
-            trailer.width,
-        ),
-    )
+def _units(ego: EgoState, parameters: TruckParameters) -> list[tuple[float, ...]]:
+    """Origin, heading, reach ahead and behind, and width of each unit."""
+    x, y, yaw = ego.x, ego.y, ego.yaw
+    found: list[tuple[float, ...]] = []
+    articulations = iter((ego.articulation, *ego.rear_articulations))
+    for unit in parameters.units:
+        rear = unit.length - unit.front_overhang
+        if unit.coupling is None:
+            if unit.kind == "tractor" and parameters.couplings:
+                rear = unit.axles[-1].position + _BEHIND_AXLE
+        else:
+            hitch = unit.coupling.position
+            x, y = x - hitch * math.cos(yaw), y - hitch * math.sin(yaw)
+            yaw = yaw - next(articulations)
+        found.append((x, y, yaw, unit.front_overhang, rear, unit.width))
+    return found

@@ -104,7 +104,7 @@ class Simulation(LockStep):
         else:
             made = driver(self.route, truck)
             planner = Planner(self.route, parameters=truck.parameters)
-        mass = truck.parameters.gross_mass(config.payload)
+        mass = truck.parameters.gross_mass(truck.payload)
         self._safe_speed = planner.bearable_speed(config.start_station, mass)
         path = CommandPath(
             over_bytes=config.commands == "j1939",

@@ -108,6 +108,7 @@ def load_truck(
 
     return Truck.load(
         config.payload,
+        truck=config.truck,
         payload_height=config.payload_height,
         route=route,
         timestep=timestep,

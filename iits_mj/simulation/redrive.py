@@ -12,9 +12,10 @@ import numpy as np
 
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import EgoState, VehicleCommand
+from iits_mj.parameters import AnyTruck
 from iits_mj.road import Route
 from iits_mj.simulation.config import DriveConfig
-from iits_mj.simulation.drive_log import FILES, StateHash, options_of, truck_versions
+from iits_mj.simulation.drive_log import FILES, StateHash, options_of, truck_of, truck_versions
 from iits_mj.simulation.driver import CommandPlayer
 from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.loop import Simulation
@@ -23,7 +24,7 @@ from iits_mj.truck import Truck
 from traffic_bridge import PoseDigest, Recording, VehicleFrame
 from traffic_bridge.modes.resim import difference, traffic_of
 from traffic_bridge.recording.provenance import demand_same
-from traffic_bridge.recording.rows import EGO_COLUMNS, ego_row
+from traffic_bridge.recording.rows import ego_columns, ego_row
 
 
 class RedriveError(Error):
@@ -48,6 +49,7 @@ def redrive(
     recording: Recording,
     name: str,
     map_path: Path | None,
+    truck: AnyTruck | None = None,
     progress: Callable[[DriveFrame], None] | None = None,
 ) -> Redriven:
     """Repeats a recorded drive.
@@ -56,20 +58,21 @@ def redrive(
       recording: of a drive, with its commands.
       name: of the recording in messages.
       map_path: the map's file; None: the built-in one.
+      truck: of the drive; None: the shipped one of the recorded name.
       progress: called after each 100 ms.
 
     Raises:
-      InputError: another map, version or parameter made it, or it has no drive.
+      InputError: another map, version, truck or parameter made it, or it has no drive.
       RedriveError: a pose or a state is not bit-identical; names it and its time.
       TrafficError: SUMO failed.
     """
-    config = _config(recording, name, map_path)
+    config = _config(recording, name, map_path, truck)
     route = load_map(map_path).route()
     traffic = traffic_of(recording, name, route)
 
-    def driver(_: Route, truck: Truck) -> CommandPlayer:
+    def driver(_: Route, made: Truck) -> CommandPlayer:
         found = recording.meta["drive"].get("versions")
-        demand_same(found, truck_versions(truck.parameters), name)
+        demand_same(found, truck_versions(made.parameters), name)
         return CommandPlayer(functools.partial(_recorded, recording))
 
     with Simulation(config, driver=driver, traffic=lambda *_: traffic, visuals=False) as again:
@@ -93,11 +96,14 @@ def redrive(
 
 def _compare_truck(recording: Recording, k: int, ego: EgoState, state_hash: int) -> None:
     now, then = np.array(ego_row(ego)), np.ascontiguousarray(recording.ego[k])
+    if now.shape != then.shape:
+        raise RedriveError(f"the truck has {len(now)} numbers of its state, recorded {len(then)}")
     apart = now.view(np.uint64) != then.view(np.uint64)
     if apart.any():
         place = int(np.argmax(apart))
+        name = ego_columns(len(now))[place]
         raise RedriveError(
-            f"the truck differs first at t = {recording.time[k]:.2f} s: {EGO_COLUMNS[place]} is "
+            f"the truck differs first at t = {recording.time[k]:.2f} s: {name} is "
             f"{float(now[place])!r}, recorded {float(then[place])!r}"
         )
     if k < len(recording.truck_hash) and int(recording.truck_hash[k]) != state_hash:
@@ -107,7 +113,9 @@ def _compare_truck(recording: Recording, k: int, ego: EgoState, state_hash: int)
         )
 
 
-def _config(recording: Recording, name: str, map_path: Path | None) -> DriveConfig:
+def _config(
+    recording: Recording, name: str, map_path: Path | None, truck: AnyTruck | None
+) -> DriveConfig:
     """Returns the recorded options; the recorded commands pass directly to the truck."""
     options = options_of(recording, name)
     known = {field.name for field in dataclasses.fields(DriveConfig)}
@@ -117,8 +125,9 @@ def _config(recording: Recording, name: str, map_path: Path | None) -> DriveConf
     if len(recording) == 0 or len(recording.truck_hash) == 0:
         raise InputError(f"{name}: has no states of the truck, so that nothing can be compared")
     files = dict.fromkeys(known.intersection(FILES))
+    changed = {"map": map_path, "truck": truck_of(options, name, truck), "commands": "direct"}
     try:
-        return DriveConfig(**{**options, **files, "map": map_path, "commands": "direct"})
+        return DriveConfig(**{**options, **files, **changed})
     except (TypeError, InputError) as error:
         raise InputError(f"{name}: a stored option is not usable: {error}") from error
 

@@ -223,6 +223,7 @@ class Server(Closing):
         self.route = load_map(config.map).route()
         self.truck = Truck.load(
             config.payload,
+            truck=config.truck,
             payload_height=config.payload_height,
             route=self.route,
             timestep=TIMESTEP,

@@ -182,7 +182,8 @@ class SummaryBuilder:
         self.max_lateral_acceleration = max(
             self.max_lateral_acceleration, abs(ego.lateral_acceleration)
         )
-        self.max_articulation = max(self.max_articulation, abs(ego.articulation))
+        articulations = map(abs, (ego.articulation, *ego.rear_articulations))
+        self.max_articulation = max(self.max_articulation, *articulations)
 
     def _add_red_light(self, frame: DriveFrame) -> None:
         """Counts a stop line that the front bumper has crossed at red since the last frame."""

@@ -108,7 +108,8 @@ class Telemetry(Closing, Observer):
     """Observer that writes the table and keeps its columns for plots; a context manager.
 
     The table appears at `path` when the context ends; with None there is no file. A cell without a
-    finite value, such as the gap to a missing vehicle, is empty.
+    finite value, such as the gap to a missing vehicle, is empty. Each coupling behind the first one
+    adds a column: "articulation2 [rad]" and so on.
 
     Raises:
       InputError: the table cannot be written.
@@ -116,6 +117,7 @@ class Telemetry(Closing, Observer):
 
     def __init__(self, path: Path | None) -> None:
         self.path = path
+        self._columns = COLUMNS
         self._count = 0
         # Rows of float64 in full precision; text is nan.
         self._numbers = tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY)  # noqa: SIM115
@@ -126,12 +128,13 @@ class Telemetry(Closing, Observer):
         with self._output.errors():
             self._file = self._output.partial.open("w", newline="", encoding="utf-8")
         self._writer = csv.writer(self._file, lineterminator="\n")
-        self._writer.writerow(COLUMNS)
 
     def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         """Adds one row."""
         del simulation
-        row = [value(frame) for value in COLUMNS.values()]
+        if not self._count:
+            self._begin(frame)
+        row = [value(frame) for value in self._columns.values()]
         numbers = [math.nan if isinstance(value, str) else value for value in row]
         try:
             self._numbers.write(np.array(numbers, dtype=float).tobytes())
@@ -144,6 +147,21 @@ class Telemetry(Closing, Observer):
         if self._file is not None:
             with self._whole():
                 self._writer.writerow([_cell(value) for value in row])
+
+    def _begin(self, frame: DriveFrame) -> None:
+        """Adds the columns of this truck, and writes the header."""
+        self._columns = COLUMNS | {
+            f"articulation{i + 2} [rad]": lambda f, i=i: f.ego.rear_articulations[i]
+            for i in range(len(frame.ego.rear_articulations))
+        }
+        if self._file is not None:
+            with self._whole():
+                self._writer.writerow(self._columns)
+
+    @property
+    def articulations(self) -> tuple[str, ...]:
+        """Names of the columns with the yaw angles of the couplings, front to rear."""
+        return tuple(name for name in self._columns if name.startswith("articulation"))
 
     def close(self) -> None:
         """Moves the finished table to its path; a second call does nothing."""
@@ -180,7 +198,7 @@ class Telemetry(Closing, Observer):
         Raises:
           InputError: the column is unknown.
         """
-        names = list(COLUMNS)
+        names = list(self._columns)
         if name not in names:
             raise InputError(f"telemetry has no column {name!r}; use one of: {', '.join(names)}")
         index, width = names.index(name), len(names)
@@ -238,7 +256,7 @@ def longitudinal(telemetry: Telemetry) -> list[Panel]:
     pressures = (
         axle("steer axle", "front"),
         axle("drive axles", "rear"),
-        line("trailer", "brake_pressure_trailer [kPa]"),
+        line("towed units", "brake_pressure_trailer [kPa]"),
     )
     return [
         Panel("Speed", STATION, "speed [km/h]", speeds),
@@ -255,19 +273,22 @@ def lateral(telemetry: Telemetry) -> list[Panel]:
     path = (
         line("planned", "planned_offset [m]", 1.0, "reference"),
         line("steer axle", "offset [m]", 1.0, "simulation"),
-        line("trailer axles", "trailer_offset [m]"),
+        line("axles of the last unit", "trailer_offset [m]"),
     )
     wheel = (
         line("command", "command_steering_wheel_angle [rad]", degrees, "reference"),
         line("actual", "steering_wheel_angle [rad]", degrees, "simulation"),
     )
-    acceleration = (line("tractor", "lateral_acceleration [m/s2]"),)
-    articulation = (line("articulation", "articulation [rad]", degrees),)
+    acceleration = (line("motor vehicle", "lateral_acceleration [m/s2]"),)
+    articulation = tuple(
+        line(f"coupling {number}", name, degrees)
+        for number, name in enumerate(telemetry.articulations, 1)
+    )
     across = "Path across the road, positive to the left of the reference line"
     return [
         Panel(across, STATION, "offset [m]", path),
-        Panel("Lateral acceleration of the tractor", STATION, "acceleration [m/s²]", acceleration),
-        Panel("Articulation, tractor against semitrailer", STATION, "angle [deg]", articulation),
+        Panel("Lateral acceleration", STATION, "acceleration [m/s²]", acceleration),
+        Panel("Articulation, unit ahead against unit behind", STATION, "angle [deg]", articulation),
         Panel("Steering wheel", STATION, "angle [deg]", wheel),
     ]
 

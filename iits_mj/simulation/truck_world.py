@@ -97,6 +97,7 @@ class TruckWorld(Closing):
         config = DriveConfig(
             speed=trip.reference_speed,
             duration=trip.duration,
+            truck=trip.truck,
             payload=trip.payload,
             payload_height=self.payload_height,
             start_station=trip.start_station,

@@ -52,10 +52,10 @@ def build_environment(
     Args:
       domain_name: "truck".
       task_name: see `TASKS_BY_DOMAIN`.
-      task_kwargs: `random` (seed), `time_limit` [s], `payload` [kg], `payload_height` [m] and
-        `visuals`.
+      task_kwargs: `random` (seed), `time_limit` [s], `truck`, `payload` [kg], `payload_height` [m]
+        and `visuals`.
       environment_kwargs: of `dm_control.rl.control.Environment`.
-      visualize_reward: colors cab and trailer according to the reward.
+      visualize_reward: colors cab and trailers according to the reward.
 
     Raises:
       InputError: unknown domain or task.

@@ -21,27 +21,28 @@ from dm_control.composer.observation import observable
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.core.units import GRAVITY
 from iits_mj.model.builder import truck_spec, truck_xml
-from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
+from iits_mj.parameters import AnyTruck, TruckParameters
 from iits_mj.plugin import register
 from iits_mj.truck import COMMAND_FIELDS
 
 
 def truck_mjcf(
-    payload: float, parameters: TruckParameters | None = None, *, visuals: bool = True
+    payload: float | None = None, truck: AnyTruck | None = None, *, visuals: bool = True
 ) -> mjcf.RootElement:
     """Returns the truck without its free joint, for `add_free_entity`.
 
     Args:
-      payload: [kg].
-      parameters: default: the shipped ones.
+      payload: of all units together [kg]; default: the greatest.
+      truck: see `Truck.load`.
       visuals: adds the visual geoms.
 
     Raises:
-      InputError: the payload is not allowed.
+      InputError: there is no such truck, or it may not carry the payload.
       PluginError: the engine plugin is missing.
     """
     register()
-    parameters = parameters or TruckParameters.load()
+    parameters = TruckParameters.load(truck)
+    payload = parameters.check_payload(payload)
     root = ET.fromstring(truck_xml(parameters, payload))
     if visuals:
         _add_visuals(root, parameters, payload)
@@ -70,13 +71,13 @@ class TruckEntity(composer.Entity):
 
     def _build(
         self,
-        payload: float = MAX_PAYLOAD,
-        parameters: TruckParameters | None = None,
+        payload: float | None = None,
+        truck: AnyTruck | None = None,
         *,
         visuals: bool = True,
         name: str = "truck",
     ) -> None:
-        self._model = truck_mjcf(payload, parameters, visuals=visuals)
+        self._model = truck_mjcf(payload, truck, visuals=visuals)
         self._model.model = name
 
     def _build_observables(self) -> composer.Observables:
@@ -94,12 +95,12 @@ class TruckEntity(composer.Entity):
 
     @property
     def tractor(self) -> Any:
-        """Body of the tractor; its origin is the middle of the steer axle on the ground."""
+        """Body of the motor vehicle; its origin is the middle of the steer axle on the ground."""
         return self._model.find("body", "tractor")
 
     @property
     def trailer(self) -> Any:
-        """Body of the semitrailer; its origin is the kingpin."""
+        """Body of the trailer; its origin is its coupling. None without one of this name."""
         return self._model.find("body", "trailer")
 
 

@@ -155,9 +155,6 @@ class Physics(BasePhysics):
         self._key: tuple[float, bytes, bytes] | None = None
         self._sensors_key: tuple[float, bytes, bytes] | None = None
         self._held = False
-        parameters = truck.parameters
-        group = np.mean([axle.position for axle in parameters.units[1].axles])
-        self._behind = parameters.couplings[0].position + float(group)
 
     def __getstate__(self) -> tuple[wrapper.MjData, Truck]:
         return self.data, self.truck
@@ -230,18 +227,18 @@ class Physics(BasePhysics):
         return self.truck.trailer_station
 
     def trailer_rear(self) -> tuple[float, float, float]:
-        """Returns x, y of the middle of the trailer's rear end [m], and its yaw [rad]."""
+        """Returns x, y of the middle of the last unit's rear end [m], and its yaw [rad]."""
         ego = self.ego()
-        corners = truck_boxes(ego, self.truck.parameters)[1]
+        corners = truck_boxes(ego, self.truck.parameters)[-1]
         x, y = corners[2:].mean(axis=0).tolist()
-        return x, y, ego.yaw - ego.articulation
+        return x, y, ego.yaw - ego.articulation - sum(ego.rear_articulations)
 
     def outline_offsets(self) -> FloatArray:
-        """Returns offsets of points around tractor and trailer from the road's line [m], (n,)."""
+        """Returns offsets of points around all units from the road's line [m], (n,)."""
         ego = self.ego()
-        tractor, trailer = truck_boxes(ego, self.truck.parameters)
-        points = np.concatenate([_around(tractor, 4), _around(trailer, 16)])
-        near = self.station() - 0.5 * self._behind
+        lead, *towed = truck_boxes(ego, self.truck.parameters)
+        points = np.concatenate([_around(lead, 4), *(_around(unit, 16) for unit in towed)])
+        near = self.station() - 0.5 * self.truck.behind
         return np.array([self.route.locate(x, y, near)[1] for x, y in points.tolist()])
 
     def heading_error(self) -> float:

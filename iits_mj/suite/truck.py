@@ -9,10 +9,10 @@ import mujoco
 from dm_control.rl import control
 from dm_control.utils import containers
 
-from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig
+from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig, usual_payload
 from iits_mj.core.checks import one_of
 from iits_mj.core.timing import CYCLE_PERIOD, TIMESTEP
-from iits_mj.parameters import MAX_PAYLOAD
+from iits_mj.parameters import AnyTruck, TruckParameters
 from iits_mj.simulation.truck_world import TruckWorld
 from iits_mj.suite import scene
 from iits_mj.suite.physics import Physics, add_cameras
@@ -32,7 +32,8 @@ def _factory(name: str, kind: type[DrivingTask]) -> Callable[..., control.Enviro
         *,
         time_limit: float | None = None,
         random: Any = None,
-        payload: float = MAX_PAYLOAD,
+        truck: AnyTruck | None = None,
+        payload: float | None = None,
         payload_height: float | None = None,
         visuals: bool = True,
         environment_kwargs: Mapping[str, Any] | None = None,
@@ -41,8 +42,9 @@ def _factory(name: str, kind: type[DrivingTask]) -> Callable[..., control.Enviro
             _add_common(spec)
             kind.edit_spec(spec)
 
-        truck = Truck.load(
+        made = Truck.load(
             payload,
+            truck=truck,
             payload_height=payload_height,
             route=kind.road(),
             timestep=TIMESTEP,
@@ -51,7 +53,7 @@ def _factory(name: str, kind: type[DrivingTask]) -> Callable[..., control.Enviro
         )
         options = {"control_timestep": CYCLE_PERIOD, "legacy_step": False}
         return control.Environment(
-            Physics.from_truck(truck),
+            Physics.from_truck(made),
             kind(random=random),
             time_limit=kind.time_limit if time_limit is None else time_limit,
             **{**options, **(environment_kwargs or {})},
@@ -63,8 +65,9 @@ def _factory(name: str, kind: type[DrivingTask]) -> Callable[..., control.Enviro
     Args:
       time_limit: end of an episode [s]; default: {kind.time_limit:g} s.
       random: seed or `numpy.random.RandomState` of the task.
-      payload: on the semitrailer [kg].
-      payload_height: of the load's centre of gravity above the road [m], 1.3 to 3.
+      truck: see `Truck.load`.
+      payload: of all units together [kg]; default: the greatest.
+      payload_height: of the loads' centers of gravity above the road [m].
       visuals: adds road and landscape for pictures; the physics is the same without.
       environment_kwargs: further arguments of `control.Environment`.
     """
@@ -82,7 +85,8 @@ def highway(
     random: Any = None,
     density: str = "dense",
     traffic_speed: float = 12.5,
-    payload: float = 12_000.0,
+    truck: AnyTruck | None = None,
+    payload: float | None = None,
     payload_height: float | None = None,
     visuals: bool = True,
     environment_kwargs: Mapping[str, Any] | None = None,
@@ -94,8 +98,9 @@ def highway(
       random: seed or `numpy.random.RandomState` of the task.
       density: of the traffic, "dense", "medium" or "sparse".
       traffic_speed: speed limit of the traffic [m/s].
-      payload: on the semitrailer [kg].
-      payload_height: of the load's centre of gravity above the road [m], 1.3 to 3.
+      truck: see `Truck.load`.
+      payload: of all units together [kg]; default: 12 t, or the truck's greatest if that is less.
+      payload_height: of the loads' centers of gravity above the road [m].
       visuals: adds the visual geoms.
       environment_kwargs: further arguments of `control.Environment`.
 
@@ -103,11 +108,13 @@ def highway(
       InputError: an argument is not allowed. TrafficError: SUMO is not usable.
     """
     one_of("density", density, SPAWN_PROBABILITY)
+    parameters = TruckParameters.load(truck)
     trip = TripConfig(
+        truck=parameters,
         spawn_probability=SPAWN_PROBABILITY[density],
         traffic_speed=traffic_speed,
         duration=time_limit + 10.0,
-        payload=payload,
+        payload=usual_payload(parameters) if payload is None else payload,
     )
     world = TruckWorld(payload_height=payload_height, visuals=visuals, edit_spec=_add_common)
     options = {"control_timestep": DECISION_TIMESTEP, "legacy_step": False}

@@ -1,8 +1,9 @@
-"""Several trucks on one road in one MuJoCo model: platoons, oncoming trucks, collisions."""
+"""Several trucks, equal or not, on one road in one MuJoCo model: platoons, collisions."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import mujoco
 
@@ -11,7 +12,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.model.builder import truck_spec
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import AnyTruck, TruckParameters
 from iits_mj.plugin import register
 from iits_mj.road import Route
 from iits_mj.truck.placement import TruckPlacement
@@ -43,10 +44,10 @@ class TruckFleet:
     @classmethod
     def load(
         cls,
-        payloads: Sequence[float],
+        payloads: Sequence[float | None],
         *,
         route: Route,
-        parameters: TruckParameters | None = None,
+        truck: AnyTruck | Sequence[AnyTruck] | None = None,
         timestep: float = TIMESTEP,
         visuals: bool = True,
         edit_spec: Callable[[mujoco.MjSpec], None] | None = None,
@@ -54,37 +55,37 @@ class TruckFleet:
         """Builds the trucks on their road and compiles them.
 
         Args:
-          payloads: of each truck [kg], 1 to 28 of them.
+          payloads: of each truck [kg], 1 to 28 of them; None: the truck's greatest.
           route: the road.
-          parameters: of every truck; default: the shipped ones.
+          truck: of all, or one for each payload; see `Truck.load`.
           timestep: of the physics [s], 0.0005 to 0.005.
           visuals: adds the visual geoms.
           edit_spec: called with the specification before it is compiled.
 
         Raises:
-          InputError: number of trucks, a payload or the time step is not allowed.
+          InputError: number of trucks, a truck, a payload or the time step is not allowed.
           PluginError: the engine plugin is missing.
         """
         in_range("number of trucks", len(payloads), 1, TRUCKS_MAX)
         register()
-        parameters = parameters or TruckParameters.load()
-        loads = [parameters.check_payload(payload) for payload in payloads]
+        each = [TruckParameters.load(one) for one in trucks_of(truck, len(payloads))]
+        loads = [p.check_payload(load) for p, load in zip(each, payloads, strict=True)]
         spec = mujoco.MjSpec()
-        for number, payload in enumerate(loads):
-            truck = truck_spec(parameters, payload, visuals=visuals)
-            _set_contacts(truck, number, len(loads))
+        for number, (parameters, payload) in enumerate(zip(each, loads, strict=True)):
+            part = truck_spec(parameters, payload, visuals=visuals)
+            _set_contacts(part, number, len(loads))
             if number == 0:
-                spec.option = truck.option
-            spec.attach(truck, prefix=prefix(number), frame=spec.worldbody.add_frame())
+                spec.option = part.option
+            spec.attach(part, prefix=prefix(number), frame=spec.worldbody.add_frame())
         model = compile_scene(spec, route, timestep, visuals=visuals, edit_spec=edit_spec)
         data = mujoco.MjData(model)
         fleet = cls(
             [
                 Truck(model, parameters, load, route, prefix=prefix(number), data=data)
-                for number, load in enumerate(loads)
+                for number, (parameters, load) in enumerate(zip(each, loads, strict=True))
             ]
         )
-        length = fleet.trucks[0].footprint.length
+        length = max(one.footprint.length for one in fleet.trucks)
         fleet.reset(
             [TruckPlacement(station=20.0 + 2.0 * length * k) for k in range(len(loads))][::-1]
         )
@@ -137,6 +138,19 @@ class TruckFleet:
         return next(
             (k for k, truck in enumerate(self.trucks) if name.startswith(truck.prefix)), None
         )
+
+
+def trucks_of(truck: AnyTruck | Sequence[AnyTruck] | None, count: int) -> Sequence[AnyTruck | None]:
+    """Returns a truck for each of `count` places, from one for all or one for each.
+
+    Raises:
+      InputError: there are several, but not `count`.
+    """
+    if truck is None or isinstance(truck, (str, Path, TruckParameters)):
+        return [truck] * count
+    if len(truck) != count:
+        raise InputError(f"{len(truck)} trucks for {count} places: name one, or one for each place")
+    return truck
 
 
 def prefix(number: int) -> str:

@@ -18,8 +18,6 @@ _SENSORS = {
     "accelerator_pedal": ("accelerator_pedal_position", 0),
     "asr_engine_active": ("slip_control_active", 0),
     "asr_brake_active": ("slip_control_active", 1),
-    "brake_pressure_rear2_left": ("brake_pressures", 4),
-    "brake_pressure_rear2_right": ("brake_pressures", 5),
     "gear_engaged": ("powertrain_report", 0),
     "input_shaft_speed": ("powertrain_report", 1),
     "engine_torque_mode": ("powertrain_report", 2),
@@ -63,11 +61,12 @@ class Reporter:
         controls = {name: int(model.actuator_ctrladr[i]) for name, i in actuators.items()}
         # The sensor `wheel_speeds` holds angular speeds of all wheels, the field speeds in m/s.
         places = {n: _SENSORS.get(n, (n, 0)) for n in _FIELDS if n != "wheel_speeds"}
+        lead, gearbox = parameters.lead, parameters.gearbox
+        rear = [i for i, axle in enumerate(lead.axles) if not axle.steered]
+        for k, side in enumerate(_SIDES if len(rear) > 1 else ()):
+            places[f"brake_pressure_rear2_{side}"] = ("brake_pressures", 2 * rear[1] + k)
         sensed = {name: address[s] + i for name, (s, i) in places.items() if s in address}
         commanded = {n: controls[n] for n in _FIELDS if n in controls and n not in sensed}
-        lead, gearbox = parameters.lead, parameters.gearbox
-        if len(lead.axles) < 3:
-            sensed = {name: i for name, i in sensed.items() if "rear2" not in name}
         self._names = (*sensed, *commanded)
         self._sensed = np.array(list(sensed.values()))
         self._commanded = np.array(list(commanded.values()))

@@ -30,7 +30,7 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.model.sensor_table import sensor_unit
-from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
+from iits_mj.parameters import AnyTruck, TruckParameters
 from iits_mj.road import Route
 from iits_mj.truck.placement import TruckPlacement
 from iits_mj.truck.truck import COMMAND_FIELDS, Truck
@@ -57,13 +57,15 @@ class Scenario:
     Attributes:
       route: the road, with its friction.
       place: of the truck on it.
-      payload: [kg].
-      parameters: overlay of the shipped parameters; see `TruckParameters.load`.
+      payload: [kg]; default: the truck's greatest.
+      truck: see `Truck.load`; the drives may be of different ones.
+      parameters: overlay of the truck's parameters; see `TruckParameters.load`.
     """
 
     route: Route
     place: TruckPlacement = field(default_factory=TruckPlacement)
-    payload: float = MAX_PAYLOAD
+    payload: float | None = None
+    truck: AnyTruck | None = None
     parameters: Mapping[str, Any] | None = None
 
 
@@ -101,66 +103,66 @@ def roll_out(
     *,
     duration: float,
     period: float = 0.1,
-    signals: Sequence[str] = SIGNALS,
+    signals: Sequence[str] | None = None,
     threads: int = 0,
     timestep: float = TIMESTEP,
 ) -> Rollouts:
     """Drives all scenarios with open-loop commands.
 
     Args:
-      scenarios: one per drive; those of equal road, load and parameters share a model.
+      scenarios: one per drive; those of equal road, truck, load and parameters share a model.
       controls: command names to values that broadcast to (scenarios, instants); each is held from
         one instant to the next. Commands that are not given are 0.
       duration: of a drive [s], whole periods.
       period: between two instants [s], whole time steps.
-      signals: names of sensors of the truck's model.
+      signals: names of sensors that every truck has; default: those of `SIGNALS`.
       threads: 0 uses all cores.
       timestep: of the physics [s], 0.0005 to 0.005.
 
     Raises:
-      InputError: no scenario, an unknown command or sensor, a value that is not finite or outside
-        the command's range, a shape that does not fit, or times that are not whole multiples.
+      InputError: no scenario, an unknown truck, command or sensor, a sensor of different size on
+        two trucks, a value that is not finite or outside the command's range, a shape that does not
+        fit, or times that are not whole multiples.
     """
     if not scenarios:
         raise InputError("roll_out: at least one scenario is needed")
     steps = _whole(period, timestep, "period", "time steps")
     instants = _whole(duration, period, "duration", "periods")
     groups = _groups(scenarios, timestep)
-    model = groups[0].truck.model
-    commands = _commands(model, controls, (len(scenarios), instants))
-    columns = _columns(model, signals)
+    commands = _commands(groups, controls, (len(scenarios), instants))
+    columns = _columns(groups, signals)
     values = {
         name: np.zeros((len(scenarios), instants, stop - start))
-        for name, (start, stop) in columns.items()
+        for name, (start, stop) in columns[0].items()
     }
     diverged = np.zeros(len(scenarios), dtype=bool)
     cores = threads or os.cpu_count() or 1
     # Either the drives of a group are shared among the threads, or the groups are.
     spread = len(groups) >= cores
 
-    def drive(group: _Group) -> None:
+    def drive(group: _Group, places: Mapping[str, tuple[int, int]]) -> None:
         chosen = group.numbers
         found, alive = _drive(
-            group, [scenarios[k].place for k in chosen], commands[chosen], columns, steps,
+            group, [scenarios[k].place for k in chosen], commands[chosen], places, steps,
             threads=1 if spread else cores,
         )  # fmt: skip
         diverged[chosen] = ~alive
-        for name in columns:
+        for name in places:
             values[name][chosen] = found[name]
 
     with ThreadPoolExecutor(cores if spread else 1) as pool:
-        list(pool.map(drive, groups))
+        list(pool.map(drive, groups, columns))
     return Rollouts(
         time=np.arange(1, instants + 1, dtype=float) * period,
         values={n: v[:, :, 0] if v.shape[2] == 1 else v for n, v in values.items()},
-        units={name: sensor_unit(name).unit for name in signals},
+        units={name: sensor_unit(name).unit for name in values},
         diverged=diverged,
     )
 
 
 @dataclass(frozen=True)
 class _Group:
-    """Scenarios of one road, load and set of parameters.
+    """Scenarios of one road, truck, load and set of parameters.
 
     Each has its own batch: MuJoCo reads the plugin's constants when it makes data for a model, so
     that data of one model would keep its tires in another model.
@@ -215,27 +217,30 @@ def _drive(
 
 
 def _groups(scenarios: Sequence[Scenario], timestep: float) -> list[_Group]:
-    made: dict[tuple[int, float, str], _Group] = {}
+    made: dict[tuple[Any, ...], _Group] = {}
     for number, scenario in enumerate(scenarios):
-        overlay = scenario.parameters or {}
-        key = (id(scenario.route), scenario.payload, json.dumps(overlay, sort_keys=True))
+        overlay, truck = scenario.parameters or {}, scenario.truck
+        named = id(truck) if isinstance(truck, TruckParameters) else truck
+        changes = json.dumps(overlay, sort_keys=True)
+        key = (id(scenario.route), named, scenario.payload, changes)
         if key not in made:
-            truck = Truck.load(
+            loaded = Truck.load(
                 scenario.payload,
-                parameters=TruckParameters.load(overlay=overlay or None),
+                truck=truck,
+                parameters=overlay or None,
                 route=scenario.route,
                 timestep=timestep,
                 visuals=False,
             )
-            made[key] = _Group(truck, [])
+            made[key] = _Group(loaded, [])
         made[key].numbers.append(number)
     return list(made.values())
 
 
 def _commands(
-    model: mujoco.MjModel, controls: Mapping[str, ArrayLike], shape: tuple[int, int]
+    groups: Sequence[_Group], controls: Mapping[str, ArrayLike], shape: tuple[int, int]
 ) -> FloatArray:
-    """Commands (scenarios, instants, 10)."""
+    """Commands (scenarios, instants, 10), each within its range on its truck."""
     found = np.zeros((*shape, len(COMMAND_FIELDS)))
     for name, given in controls.items():
         if name not in COMMAND_FIELDS:
@@ -247,26 +252,43 @@ def _commands(
             raise InputError(
                 f"command {name} of shape {values.shape} does not fit (scenarios, instants) {shape}"
             ) from None
-        low, high = model.actuator(name).ctrlrange
-        wrong = ~((values >= low) & (values <= high))
-        if wrong.any():
-            raise InputError(
-                f"command {name} = {values[wrong][0]!r} is outside [{low:g}, {high:g}]"
-            )
+        for group in groups:
+            low, high = group.truck.model.actuator(name).ctrlrange
+            own = values[group.numbers]
+            wrong = ~((own >= low) & (own <= high))
+            if wrong.any():
+                raise InputError(
+                    f"command {name} = {own[wrong][0]!r} is outside [{low:g}, {high:g}]"
+                )
         found[:, :, COMMAND_FIELDS.index(name)] = values
     return found
 
 
-def _columns(model: mujoco.MjModel, signals: Sequence[str]) -> dict[str, tuple[int, int]]:
-    """Places of each sensor in `sensordata`."""
-    known = {model.sensor(i).name: i for i in range(model.nsensor)}
-    found = {}
+def _columns(
+    groups: Sequence[_Group], signals: Sequence[str] | None
+) -> list[dict[str, tuple[int, int]]]:
+    """Places of each sensor in each group's `sensordata`."""
+    places = []
+    for group in groups:
+        model = group.truck.model
+        sensors = [model.sensor(i) for i in range(model.nsensor)]
+        places.append({s.name: (int(s.adr[0]), int(s.adr[0] + s.dim[0])) for s in sensors})
+    if signals is None:
+        signals = [name for name in SIGNALS if all(name in known for known in places)]
     for name in signals:
-        if name not in known:
-            raise InputError(f"sensor {name!r} is unknown; there are {', '.join(known)}")
-        start = int(model.sensor_adr[known[name]])
-        found[name] = (start, start + int(model.sensor_dim[known[name]]))
-    return found
+        sizes = set()
+        for group, known in zip(groups, places, strict=True):
+            if name not in known:
+                raise InputError(
+                    f"sensor {name!r} is unknown on truck {group.truck.parameters.name!r}; there "
+                    f"are {', '.join(known)}"
+                )
+            sizes.add(known[name][1] - known[name][0])
+        if len(sizes) > 1:
+            raise InputError(
+                f"sensor {name!r} has {sorted(sizes)} numbers on these trucks: roll them out apart"
+            )
+    return [{name: known[name] for name in signals} for known in places]
 
 
 def _whole(length: float, part: float, name: str, parts: str) -> int:

@@ -92,7 +92,6 @@ class StateReader:
             *((f"{name}_{part}", 0) for part in ("yaw", "rate") for name in couplings),
         )
         self._readings = np.array([address[name] + i for name, i in read], dtype=np.int64)
-        self._row = Real * (12 + len(read))
         self._tractor = model.body(f"{prefix}tractor").id
         self._trailer = model.site(f"{prefix}{last}_axle_center").id
         self._mass = parameters.gross_mass(payload)
@@ -100,10 +99,11 @@ class StateReader:
         self._model: mujoco.MjModel | None = None
         self._data: mujoco.MjData | None = None
         self._sources: _Sources | None = None
+        self._row: Any = None  # type of the array of results, which pickle does not find by name
 
     def __getstate__(self) -> dict[str, Any]:
         # A copy takes the addresses of its own model and data when it first reads them.
-        return vars(self) | {"_model": None, "_data": None, "_sources": None}
+        return vars(self) | dict.fromkeys(("_model", "_data", "_sources", "_row"))
 
     def read(
         self, model: mujoco.MjModel, data: mujoco.MjData, near: float, trailer_near: float
@@ -199,6 +199,7 @@ class StateReader:
         """Takes the addresses of arrays of a model and its data, which last as long as these."""
         address = kernels.address
         self._model, self._data = model, data
+        self._row = Real * (12 + self._readings.size)
         self._sources = _Sources(
             position=address(data.xpos[self._tractor]),
             axes=address(data.xmat[self._tractor]),

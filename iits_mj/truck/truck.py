@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from iits_mj.core.checks import in_range, is_whole, shown
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import (
-    EgoFootprint,
     EgoState,
     TransmissionMode,
     TruckReport,
@@ -29,7 +28,7 @@ from iits_mj.core.timing import TIMESTEP
 from iits_mj.model.builder import truck_spec
 from iits_mj.model.road_table import add_road_table
 from iits_mj.model.scenery.road_scene import add_road
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import AnyTruck, TruckParameters
 from iits_mj.plugin import register
 from iits_mj.road import Route
 from iits_mj.truck.faults import Faults
@@ -167,12 +166,7 @@ class Truck:
         self.payload = payload
         self.route = route
         self.prefix = prefix
-        self.footprint = EgoFootprint(
-            front_overhang=parameters.lead.front_overhang,
-            length=parameters.length,
-            width=max(unit.width for unit in parameters.units),
-            height=max(unit.height for unit in parameters.units),
-        )
+        self.footprint = parameters.footprint
         names = tuple(
             name.removeprefix(prefix)
             for name in (model.actuator(i).name for i in range(model.nactuator))
@@ -201,7 +195,7 @@ class Truck:
         cls,
         payload: float | None = None,
         *,
-        truck: str | Path | None = None,
+        truck: AnyTruck | None = None,
         payload_height: float | None = None,
         parameters: TruckParameters | Mapping[str, Any] | str | Path | None = None,
         route: Route | None = None,
@@ -213,8 +207,8 @@ class Truck:
 
         Args:
           payload: of all units together [kg]; default: the greatest.
-          truck: name of a shipped truck, a `truck.toml`, or a folder with one; default: the 6x4
-            tractor with semitrailer, which weighs 55 t laden.
+          truck: name of a shipped truck, a `truck.toml`, a folder with one, or parameters;
+            default: the 6x4 tractor with semitrailer, which weighs 55 t laden.
           payload_height: of the loads' centers of gravity above the road [m]; default: the
             parameters'.
           parameters: of the truck, or an overlay (TOML file or mapping) over the figures of
@@ -235,7 +229,6 @@ class Truck:
         elif truck is not None:
             raise InputError("truck and complete parameters cannot both be given")
         parameters = parameters.with_payload_height(payload_height)
-        payload = parameters.payload_max if payload is None else payload
         payload = parameters.check_payload(payload)
         shown = route if route is not None else Route.straight()
         model = compile_scene(
@@ -252,6 +245,11 @@ class Truck:
     def time(self) -> float:
         """Simulation time [s]."""
         return float(self.data.time)
+
+    @property
+    def behind(self) -> float:
+        """Distance of the last unit's rear axle group behind the steer axle [m]."""
+        return self._poser.behind
 
     @property
     def trailer_station(self) -> float:

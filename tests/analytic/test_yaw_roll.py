@@ -123,7 +123,7 @@ def _stiff_truck(roll_center):
         return dataclasses.replace(figures, axles=tuple(axles))
 
     tractor, trailer = unit(PARAMETERS.lead), unit(PARAMETERS.units[1])
-    return dataclasses.replace(PARAMETERS, tires=tires, tractor=tractor, semitrailer=trailer)
+    return dataclasses.replace(PARAMETERS, tires=tires, units=(tractor, trailer))
 
 
 @pytest.mark.parametrize("payload", PAYLOADS)
@@ -169,8 +169,8 @@ def test_roll_mode_lies_in_the_band_of_real_trucks(payload, band):
 
 
 def test_truck_with_a_high_payload_rolls_more():
-    high = PARAMETERS.with_payload_height(PARAMETERS.payload.cg_height_max)
-    low = PARAMETERS.with_payload_height(PARAMETERS.payload.cg_height_min)
+    high = PARAMETERS.with_payload_height(PARAMETERS.last.payload.cg_height_max)
+    low = PARAMETERS.with_payload_height(PARAMETERS.last.payload.cg_height_min)
     gains = []
     for parameters in (low, high):
         system = YawRoll.from_parameters(parameters, 36_000.0).at(V80)
@@ -231,7 +231,7 @@ def test_rolling_resistance_of_the_outer_wheels_turns_out_of_the_bend():
         PARAMETERS, aerodynamics=dataclasses.replace(PARAMETERS.aerodynamics, drag_area=0.0)
     )
     held = _model(36_000.0, "roll", "traction", parameters=parameters).traction
-    resistance = parameters.tire_common.rolling_resistance
+    resistance = parameters.tires["trailer"].rolling_resistance
     bodies = roll_bodies(parameters, 36_000.0, 0.0, 0.0)
     last = FIRST_AXLE + 5
     load = static_axle_loads(parameters, 36_000.0)[-1]

@@ -24,6 +24,7 @@ from iits_mj.core.messages import (
 )
 from iits_mj.simulation import DriveConfig, Observer, Simulation
 from iits_mj.simulation.drive_log import BusLog
+from tests.combinations import load
 
 pytest.importorskip("rosbags")
 pytest.importorskip("libsumo")
@@ -125,6 +126,30 @@ def test_rotations_are_those_of_a_rotation_matrix():
     left = 2.0 * (turn.y * turn.z + turn.w * turn.x)
     assert left == pytest.approx(math.cos(0.1) * math.sin(-0.2))
     assert turn.x**2 + turn.y**2 + turn.z**2 + turn.w**2 == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "hitches"),
+    [
+        ("alone", ["tractor"], []),
+        ("b_double", ["tractor", "trailer", "second"], [3.6, 7.9]),
+        ("dolly", ["tractor", "trailer", "dolly", "second"], [3.6, 11.0, 4.6]),
+    ],
+)
+def test_every_unit_has_its_transform_from_the_one_ahead(name, frames, hitches):
+    from iits_mj.bag.message_types import StandardMessages
+
+    angles = (0.1, 0.2, 0.3)[: len(hitches)]
+    ego = dataclasses.replace(
+        _ego(), yaw=0.5, articulation=sum(angles[:1]), rear_articulations=angles[1:]
+    )
+    standard = StandardMessages(typestore().types.__getitem__, load(name))
+    found = standard.transforms(ego).transforms
+    assert [each.child_frame_id for each in found] == frames
+    assert [each.header.frame_id for each in found] == ["map", *frames[:-1]]
+    assert [-each.transform.translation.x for each in found[1:]] == pytest.approx(hitches)
+    turned = [_yaw(each.transform.rotation) for each in found]
+    assert turned == pytest.approx([0.5, *(-angle for angle in angles)])
 
 
 def test_markers_are_the_vehicles_and_the_path_is_the_plan(drive, read):

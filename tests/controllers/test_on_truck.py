@@ -6,7 +6,6 @@ import pytest
 from controllers.planning.config import PlannerConfig, SpeedConfig
 from controllers.stack import Stack
 from iits_mj.core.messages import Decision, Scene, SpeedProfile
-from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.road import RoadMap, Route
 from iits_mj.truck import Truck
 from tests.controllers.scenes import Script, car
@@ -63,7 +62,7 @@ LEFT_AT_2_S = Script(at2=Decision.LEFT)
 
 
 @pytest.mark.parametrize(
-    ("payload", "speed", "station"), [(MAX_PAYLOAD, 16.67, 2700.0), (0.0, 22.2, 6000.0)]
+    ("payload", "speed", "station"), [(36_000.0, 16.67, 2700.0), (0.0, 22.2, 6000.0)]
 )
 def test_the_lane_is_kept_within_0_15_m_rms_and_0_4_m_peak(payload, speed, station):
     route = RoadMap.builtin().route()
@@ -75,7 +74,7 @@ def test_the_lane_is_kept_within_0_15_m_rms_and_0_4_m_peak(payload, speed, stati
 
 def test_a_lane_change_of_the_laden_truck_is_tracked_and_completed():
     route = RoadMap.builtin().route()
-    rows, stack = drive(route, MAX_PAYLOAD, 16.67, 13.0, 1000.0, 16.67, maker=LEFT_AT_2_S)
+    rows, stack = drive(route, 36_000.0, 16.67, 13.0, 1000.0, 16.67, maker=LEFT_AT_2_S)
     assert stack.lane_changes == 1
     assert np.abs(rows[:, 4]).max() <= 0.4
 
@@ -87,7 +86,7 @@ def test_the_laden_truck_stops_holds_and_restarts_on_a_5_percent_grade():
         gone = max(time - 22.0, 0.0)
         return (car(route, "block", 150.0 + 6.0 * gone, 0, 6.0 if gone else 0.0),)
 
-    rows, stack = drive(route, MAX_PAYLOAD, 13.0, 32.0, 50.0, 9.0, vehicles)
+    rows, stack = drive(route, 36_000.0, 13.0, 32.0, 50.0, 9.0, vehicles)
     standing = (rows[:, 0] > 19.0) & (rows[:, 0] < 22.0)
     assert np.abs(rows[standing, 2]).max() < 0.01
     assert np.ptp(rows[standing, 1]) < 0.005
@@ -100,7 +99,7 @@ def test_the_laden_truck_stops_holds_and_restarts_on_a_5_percent_grade():
 
 def test_speed_is_held_down_a_4_percent_grade_without_chatter():
     route = Route.straight(length=3000.0, grade=-0.04)
-    rows, _ = drive(route, MAX_PAYLOAD, 16.67, 25.0, 100.0, 16.67)
+    rows, _ = drive(route, 36_000.0, 16.67, 25.0, 100.0, 16.67)
     error = rows[250:, 2] - rows[250:, 3]
     assert np.sqrt(np.mean(error**2)) <= 0.3
     assert np.sum(np.diff((rows[:, 6] < 0.0).astype(int)) != 0) <= 4
@@ -117,7 +116,7 @@ def smooth(acceleration):
 def test_55_t_hold_their_speed_down_6_percent_by_engine_brake_and_retarder(speed):
     # The truck starts on the descent without braking: the first seconds are its response.
     route = Route.straight(length=3000.0, grade=-0.06)
-    rows, _ = drive(route, MAX_PAYLOAD, speed, 25.0, 100.0, speed)
+    rows, _ = drive(route, 36_000.0, speed, 25.0, 100.0, speed)
     assert np.abs(rows[:, 2] - speed).max() <= 2.0 / 3.6
     settled = rows[rows[:, 0] > 8.0]
     assert np.abs(settled[:, 2] - speed).max() <= 0.5 / 3.6
@@ -129,7 +128,7 @@ def test_55_t_hold_their_speed_down_6_percent_by_engine_brake_and_retarder(speed
 
 def test_friction_adds_the_missing_braking_down_9_percent():
     route = Route.straight(length=3000.0, grade=-0.09)
-    rows, _ = drive(route, MAX_PAYLOAD, 60.0 / 3.6, 30.0, 100.0, 60.0 / 3.6)
+    rows, _ = drive(route, 36_000.0, 60.0 / 3.6, 30.0, 100.0, 60.0 / 3.6)
     assert np.abs(rows[:, 2] - 60.0 / 3.6).max() <= 2.0 / 3.6
     braking = rows[rows[:, 6] < 0.0]
     assert len(braking) > 100
@@ -143,7 +142,7 @@ def test_without_a_retarder_friction_holds_the_truck_and_does_not_chatter():
     route = Route.straight(length=3000.0, grade=-0.06)
     without = {"retarder": {"torque_max": 0.0}}
     speed = 60.0 / 3.6
-    rows, _ = drive(route, MAX_PAYLOAD, speed, 20.0, 100.0, speed, parameters=without)
+    rows, _ = drive(route, 36_000.0, speed, 20.0, 100.0, speed, parameters=without)
     settled = rows[rows[:, 0] > 8.0]
     assert np.abs(settled[:, 2] - speed).max() <= 0.5 / 3.6
     assert np.all(settled[:, 6] < 0.0)
@@ -158,7 +157,7 @@ def test_a_planned_deceleration_needs_no_friction_and_the_truck_pulls_again_smoo
         np.array([0.0, 400.0, 401.0, 600.0, 601.0, 3000.0]),
         np.array([20.0, 20.0, 12.0, 12.0, 20.0, 20.0]),
     )
-    rows, _ = drive(route, MAX_PAYLOAD, 30.0, 50.0, 100.0, 20.0, profile=profile)
+    rows, _ = drive(route, 36_000.0, 30.0, 50.0, 100.0, 20.0, profile=profile)
     slow = int(np.argmax(rows[:, 3] < 12.05))
     slowing = rows[rows[:, 3].argmax() + 100 : slow]
     assert np.abs(slowing[:, 2] - slowing[:, 3]).max() < 0.2
@@ -177,7 +176,7 @@ def test_a_planned_deceleration_needs_no_friction_and_the_truck_pulls_again_smoo
 @pytest.mark.parametrize("speed", [60.0 / 3.6, 80.0 / 3.6])
 def test_6_km_down_6_percent_need_hardly_any_friction(speed):
     route = Route.straight(length=8000.0, grade=-0.06)
-    rows, _ = drive(route, MAX_PAYLOAD, speed, 6000.0 / speed, 100.0, speed)
+    rows, _ = drive(route, 36_000.0, speed, 6000.0 / speed, 100.0, speed)
     assert np.abs(rows[:, 2] - speed).max() <= 2.0 / 3.6
     fallen = 0.06 * (rows[-1, 1] - rows[0, 1])
     assert fallen > 355.0

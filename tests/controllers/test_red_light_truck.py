@@ -4,13 +4,12 @@ import math
 
 import pytest
 
-from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.validation.planning.stops import cases, drive_to_red
 
 QUICK = [
-    (16.67, MAX_PAYLOAD, -0.06, False),
+    (16.67, 36_000.0, -0.06, False),
     (16.67, 0.0, -0.06, False),
-    (16.67, MAX_PAYLOAD, 0.0, True),
+    (16.67, 36_000.0, 0.0, True),
 ]
 
 

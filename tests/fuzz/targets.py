@@ -48,10 +48,14 @@ end = 1100.0
 at_time = 20.0
 until = 120.0
 """
-OVERLAY = b"""[tractor]
-mass = 7500.0
-[payload]
-cg_height = 2.1
+OVERLAY = b"""remove = ["units.trailer.axles.axle3"]
+[units.tractor]
+mass = { value = 7.5, unit = "t" }
+[units.trailer.axles.axle4]
+like = "axle2"
+position = 9.5
+[tires."*"]
+rolling_resistance = 0.005
 """
 TYPES = b"""[bus]
 like = "truck"

@@ -36,7 +36,8 @@ def _force_per_pascal(radii):
     """Brake force of a circuit per pressure above push-out [N/Pa], shape (3,)."""
     brake = PARAMETERS.air_brake
     secant = 150e3 / (150e3 - brake.push_out_pressure)
-    slope = 2.0 * secant * np.array(brake.torque_per_pressure) / radii
+    per_pressure = np.array([axle.brake.torque_per_pressure for axle in PARAMETERS.axles])
+    slope = 2.0 * secant * per_pressure / radii
     return np.array([slope[0], slope[1:3].sum(), slope[3:].sum()])
 
 

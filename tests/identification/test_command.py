@@ -47,10 +47,10 @@ def test_table_with_customary_units_identifies_the_truck_and_writes_its_overlay(
     loaded = TruckParameters.load(overlay=output)
     assert loaded.gross_mass(loaded.payload_max) == pytest.approx(mass.value, rel=1e-6)
     gain = next(check.value for check in report.checks if check.name == "brake_gain")
-    slope = gain * PARAMETERS.air_brake.torque_per_pressure[3]
-    assert loaded.air_brake.torque_per_pressure[3] == pytest.approx(slope, rel=1e-6)
+    slope = gain * PARAMETERS.axles[3].brake.torque_per_pressure
+    assert loaded.axles[3].brake.torque_per_pressure == pytest.approx(slope, rel=1e-6)
     share = loaded.payload_max / PARAMETERS.payload_max
-    assert loaded.payload.inertia_z == pytest.approx(share * PARAMETERS.payload.inertia_z)
+    assert loaded.last.payload.inertia_z == pytest.approx(share * PARAMETERS.last.payload.inertia_z)
 
 
 def test_left_out_signals_are_not_used(table):

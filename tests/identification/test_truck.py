@@ -24,13 +24,25 @@ from tests.identification.truck_drives import (
 
 PARAMETERS = TruckParameters.load()
 PAYLOAD = 11_000.0
+_DEAD_TIMES = {"steer": 0.15, "drive": 0.2, "trailer": 0.25}
 HIDDEN = {
-    "tire_common": {"rolling_resistance": 0.0075},
+    "tires": {"*": {"rolling_resistance": 0.0075}},
     "aerodynamics": {"drag_area": 5.2},
-    "air_brake": {
-        "torque_per_pressure": [0.85 * g for g in PARAMETERS.air_brake.torque_per_pressure],
-        "dead_time": [0.15, 0.2, 0.2, 0.25, 0.25, 0.25],
-        "build_up_time_constant": [0.25, 0.3, 0.3, 0.35, 0.35, 0.35],
+    "units": {
+        unit.name: {
+            "axles": {
+                axle.name.removeprefix(f"{unit.name}_"): {
+                    "brake": {
+                        "torque_per_pressure": 0.85 * axle.brake.torque_per_pressure,
+                        "dead_time": dead_time,
+                        "build_up_time_constant": dead_time + 0.1,
+                    }
+                }
+                for axle in unit.axles
+                for dead_time in [_DEAD_TIMES[axle.tire]]
+            }
+        }
+        for unit in PARAMETERS.units
     },
 }
 LINE = PARAMETERS.air_brake.trailer_line_delay
@@ -103,14 +115,11 @@ def test_truck_with_half_its_payload_and_shipped_values_does_not_repeat_the_driv
 
 def test_overlay_has_only_the_identified_parameters(found):
     tree = overlay(found)
-    assert set(tree["air_brake"]) == {
-        "torque_per_pressure",
-        "dead_time",
-        "build_up_time_constant",
-    }
+    brake = tree["units"]["trailer"]["axles"]["axle3"]["brake"]
+    assert set(brake) == {"torque_per_pressure", "dead_time", "build_up_time_constant"}
     # The control line's delay is a parameter of its own.
-    assert tree["air_brake"]["dead_time"][5] == pytest.approx(0.25, abs=0.02)
-    assert "tires" not in tree
+    assert brake["dead_time"] == pytest.approx(0.25, abs=0.02)
+    assert all(set(tire) == {"rolling_resistance"} for tire in tree["tires"].values())
     loaded = TruckParameters.load(overlay=tree)
     assert loaded.engine.pedal_map.values.shape == PARAMETERS.engine.pedal_map.values.shape
 

@@ -102,6 +102,8 @@ def test_every_reported_quantity_is_computed_and_every_field_of_the_truck_is_sen
     other = {"time", "yaw", "engine_torque", "brake_pressures", "wheel_speeds", "axle_loads"}
     other |= {"clutch_engagement", "xbr_mode", "xbr_active", "transmission_mode"}
     other |= {"engine_brake_torque", "retarder_torque"}
+    # The bus describes the first coupling only.
+    other |= {"rear_articulations", "rear_articulation_rates"}
     fields = {*EgoState.__slots__, *TruckReport.__slots__}
     assert fields - sent == other
     assert [row.quantity for row in commands()] == list(VehicleCommand.__slots__)

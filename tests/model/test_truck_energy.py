@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from iits_mj.core.units import GRAVITY
+from iits_mj.parameters.mass_state import air_shares
 from iits_mj.truck import Truck
 
 NEUTRAL = 1.0
@@ -49,9 +50,8 @@ class Losses:
 
     def air(self):
         figures, power = self.p.aerodynamics, 0.0
-        share = figures.tractor_share
-        for unit, part in (("tractor", share), ("trailer", 1.0 - share)):
-            v = self.velocity(f"{unit}_pressure_center", local=True)
+        for unit, part in zip(self.p.units, air_shares(self.p), strict=True):
+            v = self.velocity(f"{unit.name}_pressure_center", local=True)
             area = figures.drag_area * v[0] ** 2 + figures.side_area * v[1] ** 2
             power += 0.5 * figures.density * part * area * np.linalg.norm(v)
         return power
@@ -66,7 +66,7 @@ class Losses:
                 slip, angle = self.data.sensor(f"{name}_tire_slip").data
                 speed = np.linalg.norm(self.velocity(f"{name}_hub", local=False)[:2])
                 rolling = tire.rolling_radius * abs(self.data.joint(f"{name}_spin").qvel[0])
-                power += self.p.tire_common.rolling_resistance * load * rolling
+                power += tire.rolling_resistance * load * rolling
                 power += (fx * slip + fy * np.sin(angle)) * speed
         return power
 

@@ -236,7 +236,7 @@ def test_payload_lies_at_the_requested_height(height):
     body, site = model.body("payload"), data.site("payload_cg")
     assert data.xipos[body.id][2] == pytest.approx(height, abs=1e-6)
     np.testing.assert_allclose(site.xpos, data.xipos[body.id], atol=1e-9)
-    assert truck.parameters.payload.cg_height == height
+    assert truck.parameters.last.payload.cg_height == height
     # On a level road the height does not matter: same loads, still in equilibrium.
     for _ in range(500):
         mujoco.mj_step(model, data)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from iits_mj.core.errors import InputError
-from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
+from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.files import provenance
 
 
@@ -37,14 +37,14 @@ def test_overlay_changes_only_what_it_names():
     overlay = {
         "engine": {"boost_lag": 0.5},
         "tires": {"steer": {"pneumatic_trail": 0.05}},
-        "tractor": {"axles": [{"name": "tractor_axle2", "damping": 20e3}]},
+        "units": {"tractor": {"axles": {"axle2": {"damping": 20e3}}}},
     }
     base, changed = TruckParameters.load(), TruckParameters.load(overlay=overlay)
     assert changed.engine.boost_lag == 0.5
     assert changed.tires["steer"].pneumatic_trail == 0.05
     assert changed.lead.axles[1].damping == 20e3
     assert changed.lead.axles[0] == base.lead.axles[0]
-    assert changed.payload == base.payload
+    assert changed.last == base.last
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_overlay_changes_only_what_it_names():
         ({"engine": {"boost_lag": float("nan")}}, "boost_lag"),
         ({"gearbox": {"start_gear": 1.5}}, "start_gear"),
         ({"engine": 7}, "engine"),
-        ({"tractor": {"axles": [{"name": "tractor_axle9"}]}}, "tractor_axle9"),
+        ({"units": {"tractor": {"axles": {"axle9": {"track": 2.0}}}}}, r"axles\.axle9\."),
     ],
 )
 def test_wrong_overlay_is_refused_and_named(overlay, named):
@@ -63,7 +63,9 @@ def test_wrong_overlay_is_refused_and_named(overlay, named):
         TruckParameters.load(overlay=overlay)
 
 
-@pytest.mark.parametrize("content", [b"", b"not toml [", b"\xff\xfe", b"[tractor]\nmass = 1\n"])
+@pytest.mark.parametrize(
+    "content", [b"", b"not toml [", b"\xff\xfe", b"[units.tractor]\nmass = 1\n"]
+)
 def test_wrong_file_is_refused(tmp_path, content):
     file = tmp_path / "truck.toml"
     file.write_bytes(content)
@@ -79,9 +81,9 @@ def test_missing_file_is_named():
 def test_payload_height_changes_only_the_payload():
     p = TruckParameters.load()
     high = p.with_payload_height(2.8)
-    assert high.payload.cg_height == 2.8
+    assert high.last.payload.cg_height == 2.8
     assert p.with_payload_height(None) is p
-    assert high.with_payload_height(p.payload.cg_height) == p
+    assert high.with_payload_height(p.last.payload.cg_height) == p
 
 
 @pytest.mark.parametrize("height", [1.29, 3.01, float("nan"), float("inf")])
@@ -91,4 +93,4 @@ def test_payload_below_the_floor_or_above_the_roof_is_refused(height):
 
 
 def test_greatest_payload_is_that_of_the_shipped_truck():
-    assert TruckParameters.load().payload_max == MAX_PAYLOAD
+    assert TruckParameters.load().payload_max == 36_000.0

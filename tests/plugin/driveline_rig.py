@@ -66,7 +66,7 @@ def rig_xml(case: Case, timestep: float, changes: dict[str, str]) -> str:
     air = p.aerodynamics
     drag = 0.5 * air.density * air.drag_area * SPEED_OF_DRAG
     angle = math.atan(case.grade)
-    force = case.mass * GRAVITY * (math.sin(angle) + p.tire_common.rolling_resistance)
+    force = case.mass * GRAVITY * (math.sin(angle) + p.tires["steer"].rolling_resistance)
     spin = 12 * 30.0
     actuators = "".join(
         f'<plugin name="{name}" plugin="iits.powertrain" instance="powertrain" tendon="shaft"/>'

@@ -6,7 +6,7 @@ import pytest
 
 import iits_mj
 from iits_mj.core.units import GRAVITY
-from tests.plugin.vehicle_sled import KMH, PARAMETERS, Sled, sled_xml
+from tests.plugin.vehicle_sled import KMH, PARAMETERS, Sled, axle_brakes, sled_xml
 
 FULL_PHYSICS = mujoco.mjtState.mjSTATE_FULLPHYSICS
 BRAKE = PARAMETERS.air_brake
@@ -37,13 +37,13 @@ def test_build_up_has_its_dead_time_then_its_time_constant():
     sled = Sled(50_000.0, speed=60 * KMH, timestep=0.001).run(0.5)
     names = ("brake_pressure_front_left", "brake_pressure_rear_left", TRAILER)
     rows = sled.record(3.0, *names, xbr_demand=-1.0, **XBR)
-    dead_time = np.array(BRAKE.dead_time)[[0, 1, 3]] + [0.0, 0.0, BRAKE.trailer_line_delay]
+    dead_time = axle_brakes("dead_time")[[0, 1, 3]] + [0.0, 0.0, BRAKE.trailer_line_delay]
     # Pressure rises two steps after its cause: first the supply responds, then the chamber.
     first = np.argmax(rows > 0, axis=0) * 1e-3
     np.testing.assert_allclose(first, dead_time, atol=0.004)
     level = rows[400:600].mean(axis=0)
     to_63_percent = np.argmax(rows > 0.632 * level, axis=0) * 1e-3
-    build_up = np.array(BRAKE.build_up_time_constant)[[0, 1, 3]]
+    build_up = axle_brakes("build_up_time_constant")[[0, 1, 3]]
     np.testing.assert_allclose(to_63_percent, dead_time + build_up, atol=0.07)
 
 
@@ -53,7 +53,7 @@ def test_lines_without_dead_time_fill_the_chambers_from_the_first_step_on():
     sled.run(0.002, brake_pedal=1.0)
     mujoco.mj_forward(sled.model, sled.data)
     first = sled.wheels("brake_pressures")
-    filled = -np.expm1(-0.002 / np.repeat(BRAKE.build_up_time_constant, 2))
+    filled = -np.expm1(-0.002 / np.repeat(axle_brakes("build_up_time_constant"), 2))
     assert first == pytest.approx(filled * BRAKE.supply_rise_rate * 0.002, rel=1e-3)
 
 
@@ -143,7 +143,7 @@ def test_holding_at_standstill_does_not_wind_up_the_integral():
 def test_pressure_falls_gradually_after_the_dead_time():
     sled = Sled(55_000.0, speed=20.0).run(4.0, xbr_demand=-2.0, **XBR)
     rows = sled.record(3.0, TRAILER, xbr_demand=0.0)[:, 0]
-    dead = round((BRAKE.dead_time[3] + BRAKE.trailer_line_delay) / 0.002) + 5
+    dead = round((PARAMETERS.axles[3].brake.dead_time + BRAKE.trailer_line_delay) / 0.002) + 5
     assert rows[dead] > 0.9 * rows[0]
     assert np.all(np.diff(rows[dead:]) <= 0)
     assert rows[-1] < 0.01 * rows[0]

@@ -10,7 +10,7 @@ from iits_mj.model import air_brake
 from iits_mj.parameters import TruckParameters
 
 assert iits_mj.__version__
-CONFIG = air_brake.config(TruckParameters.load())
+CONFIG = air_brake.config(TruckParameters.load(), 36_000.0)
 PER_AXLE = (
     *("dead_time", "build_up_time_constant", "release_time_constant", "torque_per_pressure"),
     *("parking_torque", "wheel_radius", "chamber_volume"),

@@ -35,7 +35,8 @@ def test_pressure_builds_up_equally_fast_at_any_time_step(demand):
         level = pressure[round(0.8 / timestep)]
         rises.append(np.argmax(pressure > 0.632 * level) * timestep)
     assert np.ptp(rises) < 0.008
-    ideal = BRAKE.dead_time[3] + BRAKE.trailer_line_delay + BRAKE.build_up_time_constant[3]
+    own = PARAMETERS.axles[3].brake
+    ideal = own.dead_time + BRAKE.trailer_line_delay + own.build_up_time_constant
     assert ideal - 0.02 < rises[0] < ideal + 0.1
 
 

@@ -7,7 +7,7 @@ from hypothesis.stateful import initialize, rule
 from numpy.lib.stride_tricks import sliding_window_view
 
 from tests.plugin.sled_states import HEAVY, LIGHT, SledMachine
-from tests.plugin.vehicle_sled import PARAMETERS, Sled
+from tests.plugin.vehicle_sled import PARAMETERS, Sled, axle_brakes
 from tests.stateful import SLOW, explore
 
 BRAKE = PARAMETERS.air_brake
@@ -15,7 +15,7 @@ ATMOSPHERE = 101_325.0
 CIRCUIT = np.repeat([0, 1, 1, 2, 2, 2], 2)  # of each wheel: front, drive, trailer
 RESERVOIRS = tuple(f"reservoir_pressure_{circuit}" for circuit in ("front", "rear", "trailer"))
 SLACK = 1.0  # [Pa]
-DEAD_TIME = max(BRAKE.dead_time) + BRAKE.trailer_line_delay
+DEAD_TIME = max(axle_brakes("dead_time")) + BRAKE.trailer_line_delay
 # The spring brakes are on this time after the air is lost [s].
 SPRINGS_ON = 8 * BRAKE.parking_time_constant
 # A wheel that turns faster is not rocking on its tire and its elastic brake [rad/s].
@@ -95,7 +95,7 @@ class Brakes(SledMachine):
         was_off = np.append(self.last["compressor_active"], named["compressor_active"][:-1]) == 0.0
         assert np.all((reservoirs <= before["reservoirs"])[off & was_off])
         # Chambers and reservoirs together never gain more air than that.
-        volumes = np.repeat(BRAKE.chamber_volume, 2)
+        volumes = np.repeat(axle_brakes("chamber_volume"), 2)
         stored = gained + (chambers - before["brake_pressures"]) @ volumes
         assert np.all(stored <= delivered * (1.0 + 1e-6) + 1e-3)
 
@@ -116,7 +116,7 @@ class Brakes(SledMachine):
         """More than the greatest energy that the elastic brakes hold [J]."""
         inertias = np.repeat([axle.wheel_inertia_spin for axle in PARAMETERS.axles], 2)
         stiffness = np.minimum(BRAKE.stiffness, 0.4 * inertias / self.sled.model.opt.timestep**2)
-        torque = np.repeat(BRAKE.torque_per_pressure, 2) * BRAKE.pressure_max
+        torque = np.repeat(axle_brakes("torque_per_pressure"), 2) * BRAKE.pressure_max
         return 1.3 * float(np.sum(0.5 * torque**2 / stiffness))
 
     def check_springs(self, named):

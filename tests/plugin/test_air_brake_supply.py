@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from iits_mj.truck.faults import CIRCUITS, WHEELS_MAX
-from tests.plugin.vehicle_sled import KMH, PARAMETERS, Sled
+from tests.plugin.vehicle_sled import KMH, PARAMETERS, Sled, axle_brakes
 
 BRAKE = PARAMETERS.air_brake
 RESERVOIRS = tuple(f"reservoir_pressure_{circuit}" for circuit in ("front", "rear", "trailer"))
@@ -38,7 +38,7 @@ def test_reservoirs_start_full():
 def test_a_brake_application_consumes_the_air_of_its_chambers():
     sled = Sled(55_000.0, changes=DRY).run(0.01)
     sled.run(1.5, brake_pedal=1.0)
-    wheels = np.array([2, 4, 6]) * np.array(BRAKE.chamber_volume)[[0, 1, 3]]
+    wheels = np.array([2, 4, 6]) * axle_brakes("chamber_volume")[[0, 1, 3]]
     filled = [
         sled[f"brake_pressure_{name}"] + ATMOSPHERE
         for name in ("front_left", "rear_left", "trailer")
@@ -100,7 +100,7 @@ def test_abs_cycles_consume_air():
         sled.run(4.0, brake_pedal=0.3)
         chambers = sled["brake_pressure_rear_left"] + ATMOSPHERE
         taken = (BRAKE.governor_cut_out - sled[RESERVOIRS[1]]) * BRAKE.reservoir_volume[1]
-        used.append(taken / (chambers * 4 * BRAKE.chamber_volume[1]))
+        used.append(taken / (chambers * 4 * axle_brakes("chamber_volume")[1]))
     cycling, steady = used
     assert steady == pytest.approx(1.0, rel=0.1)
     assert cycling > 1.2

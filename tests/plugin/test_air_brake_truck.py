@@ -10,7 +10,7 @@ import iits_mj
 from iits_mj.core.assets import mjcf_dir
 from iits_mj.core.messages import XbrEbiMode, XbrMode
 from iits_mj.core.units import KMH
-from iits_mj.model.air_brake import distribution, group_loads
+from iits_mj.model.air_brake import circuit_loads, distribution
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.validation.harness.recorder import wheel_slips
@@ -147,7 +147,7 @@ def test_all_axles_use_the_same_share_of_friction(payload):
 
 def test_axle_group_loads_carry_the_truck_and_shift_forward_in_braking():
     for payload in (EMPTY, LADEN):
-        still, braked = (group_loads(PARAMETERS, payload, a) for a in (0.0, 5.0))
+        still, braked = (circuit_loads(PARAMETERS, payload, a) for a in (0.0, 5.0))
         weight = PARAMETERS.gross_mass(payload) * 9.80665
         assert still.sum() == pytest.approx(weight, rel=1e-3)
         assert braked.sum() == pytest.approx(weight, rel=1e-3)

@@ -22,14 +22,16 @@ def passive_torque(truck, joint, angle, rate=0.0):
     return truck.data.qfrc_passive[handle.dofadr[0]]
 
 
+def with_coupling(**values):
+    """Returns an empty truck whose fifth wheel has other parameters."""
+    overlay = {"units": {"trailer": {"coupling": values}}}
+    return Truck.load(payload=0, parameters=overlay, visuals=False)
+
+
 def roll_torque(angle, **fifth_wheel):
     """Returns the coupling's torque [N m], without that of the tires on the tilted trailer."""
     torques = [
-        passive_torque(
-            Truck.load(payload=0, parameters={"fifth_wheel": values}, visuals=False),
-            "fifth_wheel_roll",
-            angle,
-        )
+        passive_torque(with_coupling(**values), "fifth_wheel_roll", angle)
         for values in (fifth_wheel, {**fifth_wheel, "roll_stiffness": 0.0})
     ]
     return torques[0] - torques[1]
@@ -71,7 +73,7 @@ def test_locked_kingpin_transmits_roll_torque_beyond_the_lash(truck):
 def test_friction_of_the_plate_opposes_yaw(truck):
     truck.reset()
     dof = truck.model.joint("fifth_wheel_yaw").dofadr[0]
-    other = Truck.load(payload=0, parameters={"fifth_wheel": {"yaw_friction": 0.0}}, visuals=False)
+    other = with_coupling(yaw_friction=0.0)
     torques = []
     for each in (truck, other):
         each.reset()
@@ -100,13 +102,13 @@ def coupled(turntable, stiffness, load, plate_width):
     return mujoco.MjModel.from_xml_string(f"""
     <mujoco>
       <option timestep="0.002" integrator="implicitfast" gravity="0 0 0"/>
-      <extension><plugin plugin="iits.couplings[0]">
+      <extension><plugin plugin="iits.fifth_wheel">
         <instance name="coupling">{keys}</instance></plugin></extension>
       <worldbody><body name="unit">
         <joint name="yaw" axis="0 0 1"/><joint name="pitch" axis="0 1 0"/>
         <joint name="roll" axis="1 0 0"/>
         <inertial pos="0 0 0" mass="3000" diaginertia="4e3 9e3 9e3"/>
-        <plugin plugin="iits.couplings[0]" instance="coupling"/>
+        <plugin plugin="iits.fifth_wheel" instance="coupling"/>
       </body></worldbody>
     </mujoco>""")
 

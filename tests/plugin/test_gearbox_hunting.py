@@ -109,7 +109,7 @@ def ideal_speed(mass, grade):
     pedal = ENGINE.pedal_map
     air = PARAMETERS.aerodynamics
     efficiency = GEARBOX.efficiency * GEARBOX.driveline_efficiency
-    resistance = mass * GRAVITY * (grade + PARAMETERS.tire_common.rolling_resistance)
+    resistance = mass * GRAVITY * (grade + PARAMETERS.tires["steer"].rolling_resistance)
     reached = 0.0
     for v in np.arange(1.0, 40.0, 0.05):
         turns = v / RADIUS * GEARBOX.final_drive * GEARBOX.ratios

@@ -74,7 +74,7 @@ def test_free_rolling_wheel_slows_down_by_rolling_resistance():
         mujoco.mj_step(model, data)
     deceleration = (10.0 - data.qvel[0]) / 2.0
     rotating = 34 / radius**2
-    expected = COMMON.rolling_resistance * 9.81 * 700 / (700 + rotating)
+    expected = tire.rolling_resistance * 9.81 * 700 / (700 + rotating)
     assert deceleration == pytest.approx(expected, rel=0.03)
 
 

@@ -124,10 +124,10 @@ def test_sideways_deflection_of_the_carcass_adds_an_overturning_moment(load):
 
 @pytest.mark.parametrize(("share", "holds"), [(0.9, True), (1.2, False)])
 def test_rolling_resistance_holds_an_unbraked_wheel_up_to_its_own_grade(share, holds):
-    slope = share * COMMON.rolling_resistance
+    tire = PARAMETERS.tires["drive"]
+    slope = share * tire.rolling_resistance
     model, data = rig()
     model.dof_damping[2] = 5e4
-    tire = PARAMETERS.tires["drive"]
     data.qpos[2] = -700 * 9.81 / (2 * tire.vertical_stiffness)
     model.opt.gravity[:] = -9.81 * np.sin(slope), 0.0, -9.81 * np.cos(slope)
     means = []
@@ -141,7 +141,7 @@ def test_rolling_resistance_holds_an_unbraked_wheel_up_to_its_own_grade(share, h
         assert abs(means[-1]) < 0.05
         assert means[-1] == pytest.approx(means[-2], abs=1e-4)
     else:
-        expected = 0.5 * 9.81 * (share - 1.0) * COMMON.rolling_resistance * 40.0**2
+        expected = 0.5 * 9.81 * (share - 1.0) * tire.rolling_resistance * 40.0**2
         assert -data.qpos[0] == pytest.approx(expected * 700 / (700 + 34 / 0.54**2), rel=0.1)
 
 

@@ -21,12 +21,17 @@ SIDES = ("left", "right")
 assert iits_mj.__version__
 
 
+def axle_brakes(name):
+    """Returns a parameter of the brake of every axle, (axles,)."""
+    return np.array([getattr(axle.brake, name) for axle in PARAMETERS.axles])
+
+
 def sled_xml(mass, *, timestep=0.002, grade=0.0, grip=None, rolling=True, changes=None, sensors=()):
     """Returns the MJCF of a sled of `mass` [kg]; `changes` has attributes by (plugin, name)."""
     p = PARAMETERS
     configs = {
         "powertrain": powertrain.config(p),
-        "air_brake": air_brake.config(p),
+        "air_brake": air_brake.config(p, p.payload_max),
     }
     for (plugin, name), value in (changes or {}).items():
         configs[plugin][name] = value
@@ -56,10 +61,10 @@ def sled_xml(mass, *, timestep=0.002, grade=0.0, grip=None, rolling=True, change
                 f'<fixed name="{name}_tire" {tire}><joint joint="slide" coef="1"/>'
                 f'<joint joint="{name}_spin" coef="{-radius}"/></fixed>'
             )
-            if axle.tire == "drive":
+            if axle.driven:
                 coefficient = p.gearbox.final_drive / 4
                 shaft.append(f'<joint joint="{name}_spin" coef="{coefficient}"/>')
-    resistance = mass * GRAVITY * p.tire_common.rolling_resistance if rolling else 0.0
+    resistance = mass * GRAVITY * p.tires["steer"].rolling_resistance if rolling else 0.0
     actuators = "".join(
         f'<plugin name="{name}" plugin="iits.{plugin}" instance="{plugin}"'
         ' tendon="propeller_shaft"/>'

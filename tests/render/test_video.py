@@ -11,6 +11,7 @@ import pytest
 from iits_mj.core.errors import InputError, RenderError
 from iits_mj.core.messages import PlanMode, Trajectory
 from iits_mj.model.scenery.structures import TUNNEL_ROOF, WALL_GAP
+from iits_mj.parameters import TruckParameters
 from iits_mj.render import offscreen
 from iits_mj.render.cameras import CAMERAS, FollowCamera
 from iits_mj.render.lane_sketch import trajectory_boxes
@@ -111,6 +112,60 @@ def test_camera_heading_follows_smoothly(scene):
 def test_every_camera_stays_below_a_tunnel_roof(scene, name):
     _, data = scene
     eye, _ = camera_pose(FollowCamera(name, ((0.0, 500.0),)).follow(data, 250.0))
+    assert 0.5 < eye[2] < 6.8
+
+
+LONG = TruckParameters.load(
+    overlay={
+        "units": {
+            "rear": {"like": "trailer", "coupling": {"position": 11.0}},
+            "last": {"like": "trailer", "coupling": {"position": 11.0}},
+        }
+    }
+)
+ALONE = TruckParameters.load(overlay={"remove": ["units.trailer"]})
+
+
+@pytest.fixture
+def long_scene():
+    model = mujoco.MjModel.from_xml_string(
+        XML.replace("trailer", "last").replace("-3.6 0 1.1", "-25.6 0 1.1")
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def test_views_of_a_longer_truck_are_from_farther_away(scene, long_scene):
+    _, data = scene
+    for name in ("chase", "side", "front", "top"):
+        near = FollowCamera(name).follow(data).distance
+        far = FollowCamera(name, truck=LONG).follow(long_scene).distance
+        assert far == pytest.approx(near * LONG.length / 16.5)
+    assert FollowCamera("cab", truck=LONG).follow(long_scene).distance == 1.0
+
+
+def test_camera_behind_a_long_truck_is_behind_its_rear(long_scene):
+    eye, _ = camera_pose(FollowCamera("chase", truck=LONG).follow(long_scene))
+    assert eye[0] < -LONG.rear - 5.0
+
+
+def test_camera_of_the_trailer_shows_the_last_unit(long_scene):
+    shown = FollowCamera("trailer", truck=LONG).follow(long_scene).lookat
+    assert shown[0] == pytest.approx(-25.6 - 6.5)
+
+
+def test_camera_of_the_trailer_shows_a_truck_without_one(scene):
+    _, data = scene
+    assert FollowCamera("trailer", truck=ALONE).follow(data).distance == pytest.approx(
+        13.0 * ALONE.length / 12.7
+    )
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_camera_of_a_long_truck_stays_below_a_tunnel_roof(long_scene, name):
+    follower = FollowCamera(name, ((0.0, 500.0),), LONG)
+    eye, _ = camera_pose(follower.follow(long_scene, 250.0))
     assert 0.5 < eye[2] < 6.8
 
 
@@ -300,7 +355,8 @@ def test_pictures_look_like_mujocos(azimuth, elevation):
 def test_video_shows_a_moving_model(scene, tmp_path):
     model, data = scene
     path = tmp_path / "film.mp4"
-    truck = SimpleNamespace(model=model, data=data, route=SimpleNamespace(tunnels=()))
+    route = SimpleNamespace(tunnels=())
+    truck = SimpleNamespace(model=model, data=data, route=route, parameters=None)
     frame = SimpleNamespace(trajectory=plan(), ego=SimpleNamespace(station=0.0))
     with VideoObserver(path, truck, (161, 121), "side", 10, overlay=False) as video:
         for i in range(3):

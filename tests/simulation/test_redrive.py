@@ -57,7 +57,7 @@ def test_recording_holds_every_command_and_the_truck_at_every_frame(recorded: Pa
 
 def test_drive_is_repeated_bit_for_bit_in_another_process(recorded: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "iits_mj.cli", "replay", str(recorded), "--verify", "--truck"],
+        [sys.executable, "-m", "iits_mj.cli", "replay", str(recorded), "--verify", "--drive"],
         env=dict(os.environ, PYTHONHASHSEED="11"),
         capture_output=True,
         text=True,
@@ -116,8 +116,10 @@ def test_truck_parameters_are_hashed_to_the_last_digit() -> None:
     from iits_mj.parameters import TruckParameters
 
     shipped = TruckParameters.load()
-    mass = shipped.tractor.mass
-    heavier = TruckParameters.load(overlay={"tractor": {"mass": float(np.nextafter(mass, 1e9))}})
+    mass = shipped.lead.mass
+    heavier = TruckParameters.load(
+        overlay={"units": {"tractor": {"mass": float(np.nextafter(mass, 1e9))}}}
+    )
     one, two = (drive_log_module.truck_versions(p) for p in (shipped, heavier))
     assert one["truck parameters of hash"] != two["truck parameters of hash"]
     assert one["mujoco"] == two["mujoco"]
@@ -200,7 +202,7 @@ def test_a_stored_option_of_another_type_is_one_clear_error(
     drive = Recording.load(recorded).meta["drive"]
     drive = drive | {"options": drive["options"] | {option: value}}
     path = edited(recorded, meta={"drive": drive}).save(tmp_path / "edited.npz")
-    assert cli.main(["replay", str(path), "--verify", "--truck"]) == 2
+    assert cli.main(["replay", str(path), "--verify", "--drive"]) == 2
     said = capsys.readouterr().err
     assert "edited.npz: a stored option is not usable: " + option.replace("_", "-") in said
 
@@ -291,15 +293,15 @@ def test_reactive_adds_sumo_traffic_to_the_recorded_traffic(recorded: Path) -> N
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
-        (["--truck"], "--verify --truck"),
+        (["--drive"], "--verify --drive"),
         (["--reactive", "--traffic-mode", "none", "--out", "out"], "use traffic-mode inter"),
         (["--verify", "--density", "sparse"], "made with density dense"),
-        (["--verify", "--truck", "--payload", "1000"], "made with payload 36000.0, not 1000.0"),
+        (["--verify", "--drive", "--payload", "1000"], "made with payload 36000.0, not 1000.0"),
         # Flags with their default values.
         (["--verify", "--seed", "0"], "made with seed 3, not 0"),
-        (["--verify", "--truck", "--duration", "120"], "made with duration 4.0, not 120"),
+        (["--verify", "--drive", "--duration", "120"], "made with duration 4.0, not 120"),
         (["--verify", "--events", "missing.toml"], "missing.toml' cannot be read"),
-        (["--verify", "--truck", "--events", "missing.toml"], "missing.toml' cannot be read"),
+        (["--verify", "--drive", "--events", "missing.toml"], "missing.toml' cannot be read"),
         (["--verify", "--reactive"], "made with reactive False"),
         (["--verify", "--out", "out"], "--out has no effect with --verify"),
         (["--density", "dense"], "--density has no effect on recorded traffic"),

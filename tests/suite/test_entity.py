@@ -48,7 +48,7 @@ def test_two_trucks_drive_in_one_arena(drive):
     action[COMMAND_FIELDS.index("accelerator_pedal")] = 0.8
     for _ in range(40):
         step = drive.step(action)
-    laden, empty = (drive.physics.bind(truck.lead).xpos for truck in drive.task.trucks)
+    laden, empty = (drive.physics.bind(truck.tractor).xpos for truck in drive.task.trucks)
     assert laden[0] > 2.0
     assert empty[0] == pytest.approx(40.0, abs=0.01)
     assert step.observation["laden/velocity"][0, 0] > 1.0

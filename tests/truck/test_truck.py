@@ -230,7 +230,7 @@ def test_wrong_time_step_is_refused():
 
 
 def test_overlay_of_parameters_changes_the_truck():
-    overlay = {"aerodynamics": {"drag_area": 0.0}, "tire_common": {"rolling_resistance": 0.0}}
+    overlay = {"aerodynamics": {"drag_area": 0.0}, "tires": {"*": {"rolling_resistance": 0.0}}}
     truck = iits_mj.Truck.load(parameters=overlay, visuals=False)
     truck.reset(speed=20.0)
     truck.command(transmission_mode=1)
@@ -306,9 +306,12 @@ for number in (3.7e6, -3.7e6, np.nan):
 @pytest.mark.parametrize(
     ("overlay", "words"),
     [
-        ({"semitrailer": {"length": 1e18}}, r"semitrailer.length = .*: more than 1e\+09"),
-        ({"semitrailer": {"length": 1e8}}, "semitrailer.length = .*allowed is 1 to 100 m"),
-        ({"payload": {"cg_position": 1e308}}, "payload.cg_position = 1e\\+308: more than"),
+        ({"units": {"trailer": {"length": 1e18}}}, r"units.trailer.length = .*: more than 1e\+09"),
+        ({"units": {"trailer": {"length": 1e8}}}, "trailer.length = .*allowed is 1e-09 to 100 m"),
+        (
+            {"units": {"trailer": {"payload": {"cg_position": 1e308}}}},
+            "payload.cg_position = 1e\\+308: more than",
+        ),
         ({"tires": {"steer": {"count": 0}}}, "no truck can be built from these parameters: Zero"),
         ({"steering": {"knuckle_inertia": 1e-320}}, "no truck can be built .*armature"),
     ],

@@ -21,6 +21,7 @@ from traffic_bridge.recording.rows import (
     EGO_COLUMNS,
     PRESSURES,
     SCHEMA,
+    ego_columns,
 )
 
 SIZE_MAX = 2**30  # bytes unpacked; an hour among 100 vehicles has a quarter of it
@@ -54,7 +55,7 @@ def write(fields: Mapping[str, Any], path: Path) -> Path:
         "meta": np.array(json.dumps(fields["meta"])),
         "time": fields["time"],
         "ego": fields["ego"],
-        "ego_columns": np.array(EGO_COLUMNS),
+        "ego_columns": np.array(ego_columns(fields["ego"].shape[1])),
         "vehicle_id": np.array(fields["ids"], dtype=np.str_),
         "vehicle_kind": np.array(fields["kinds"], dtype=np.str_),
         "vehicle_size": fields["sizes"],
@@ -131,8 +132,10 @@ def _ego(
     if stored.shape[1:] != (len(names),):
         raise InputError(f"{label}: ego does not have the {len(names)} columns of ego_columns")
     place = {name: k for k, name in enumerate(names)}
-    ego = np.zeros((len(stored), len(EGO_COLUMNS)))
-    for k, name in enumerate(EGO_COLUMNS):
+    # Version 1 has no brake pressures, and no version has fewer other columns.
+    columns = EGO_COLUMNS if schema != SCHEMA else ego_columns(max(len(names), len(EGO_COLUMNS)))
+    ego = np.zeros((len(stored), len(columns)))
+    for k, name in enumerate(columns):
         if name in place:
             ego[:, k] = stored[:, place[name]]
         elif schema == SCHEMA or name not in PRESSURES:

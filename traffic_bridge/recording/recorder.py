@@ -29,7 +29,6 @@ from traffic_bridge.signals.controller import TrafficController
 
 PIECE = 1 << 20  # bytes of a table that are held in memory
 GROWTH = 256  # number of vehicles by which the tables of vehicles grow
-_FRAME = np.dtype([("time", "f8"), ("count", "i8"), ("ego", "f8", (len(EGO_COLUMNS),))])
 _ROW = np.dtype([("vehicle", "i4"), ("lane", "i2"), ("figures", "f8", (len(COLUMNS),))])
 _COMMAND = np.dtype([("time", "f8"), ("figures", "f8", (len(COMMAND_COLUMNS),))])
 _HASH = np.dtype([("hash", "u8")])
@@ -103,6 +102,11 @@ class SpillTable:
         self._used = 0
 
 
+def _frame_type(width: int) -> np.dtype[Any]:
+    """Type of a frame's row with this number of columns of the truck's state."""
+    return np.dtype([("time", "f8"), ("count", "i8"), ("ego", "f8", (width,))])
+
+
 class Recorder(Mode):
     """Runs another mode and records it, with the truck's states and commands.
 
@@ -121,7 +125,7 @@ class Recorder(Mode):
         self.drive: dict[str, Any] | None = None
         self._net = ""
         self._tables = {
-            "frame": SpillTable(_FRAME),
+            "frame": SpillTable(_frame_type(len(EGO_COLUMNS))),
             "row": SpillTable(_ROW),
             "command": SpillTable(_COMMAND),
             "truck": SpillTable(_HASH),
@@ -148,6 +152,7 @@ class Recorder(Mode):
         """Resets the traffic and drops the recorded data."""
         self._clear()
         truck = ego_row(ego)
+        self._tables["frame"] = SpillTable(_frame_type(len(truck)))
         frame = self._note(truck, self.traffic.reset(ego))
         self._net = self._net or net_hash(build_network(self.route).path)
         return frame
@@ -178,13 +183,16 @@ class Recorder(Mode):
         self._tables["truck"].append((state_hash,))
 
     def _note(self, truck: tuple[float, ...], vehicles: VehicleFrame) -> VehicleFrame:
+        table = self._tables["frame"]
+        if table.dtype["ego"].shape != (len(truck),):
+            raise InputError("a truck of several couplings must be given from the reset on")
         frame = VehicleFrame.of(vehicles)
         rows = self._tables["row"].room(len(frame))
         rows["vehicle"] = self._indices(frame)
         rows["lane"] = frame.lanes
         rows["figures"] = frame.values[:, : len(COLUMNS)]
         self._digest.add(frame)
-        self._tables["frame"].append((self.traffic.time, len(frame), truck))
+        table.append((self.traffic.time, len(frame), truck))
         return frame
 
     def _indices(self, frame: VehicleFrame) -> NDArray[np.intp]:

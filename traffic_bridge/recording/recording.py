@@ -34,6 +34,7 @@ from traffic_bridge.recording.rows import (
     SCHEMA,
     SIZE_COLUMNS,
     command_of,
+    ego_columns,
     ego_of,
 )
 from traffic_bridge.vehicles.types import KINDS
@@ -53,7 +54,7 @@ class Recording:
       vehicle: index of the vehicle of each row, shape (k,).
       lane: of each row, shape (k,).
       columns: the values named by `COLUMNS`, shape (len(COLUMNS), k).
-      ego: the truck's values named by `EGO_COLUMNS`, shape (n, len(EGO_COLUMNS)); NaN: no truck.
+      ego: the truck's values named by `ego_columns`, shape (n, columns); NaN: no truck.
       command_time: [s], shape (c,); commands: shape (c, len(COMMAND_COLUMNS)).
       truck_hash: of the truck's physics at the frames, shape (h,), h at most n.
 
@@ -197,12 +198,16 @@ class Recording:
             (self.vehicle, (k,), "vehicle"),
             (self.lane, (k,), "lane"),
             (self.columns, (len(COLUMNS), k), "columns"),
-            (self.ego, (n, len(EGO_COLUMNS)), "ego"),
+            (self.ego, (n, *np.shape(self.ego)[1:2]), "ego"),
             (self.commands, (len(self.command_time), len(COMMAND_COLUMNS)), "command"),
         ):
             found = np.shape(array)
             if found != shape:
                 raise InputError(f"{name}: {what} has the shape {found}, must be {shape}")
+        try:
+            ego_columns(self.ego.shape[1])
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from None
         for array, what in (
             (self.time, "time"),
             (self.sizes, "vehicle_size"),

@@ -21,15 +21,33 @@ PRESSURES = tuple(
     for place in ("front_left", "front_right", "rear_left", "rear_right", "trailer")
 )
 _SCALARS = tuple(
-    field.name for field in dataclasses.fields(EgoState) if field.name != "brake_pressures"
+    field.name for field in dataclasses.fields(EgoState) if not isinstance(field.default, tuple)
 )
+# Of a truck with one coupling or none; `ego_columns` has those of the couplings behind the first.
 EGO_COLUMNS = (*_SCALARS, *PRESSURES)
+_REAR = ("rear_articulation", "rear_articulation_rate")
 COMMAND_COLUMNS = tuple(field.name for field in dataclasses.fields(VehicleCommand))
 _ABSENT = (math.nan,) * len(EGO_COLUMNS)
 
 
+def ego_columns(width: int) -> tuple[str, ...]:
+    """Names of a state's columns by their number.
+
+    Raises:
+      InputError: no truck has this number of columns.
+    """
+    couplings, odd = divmod(width - len(EGO_COLUMNS), 2)
+    if couplings < 0 or odd:
+        raise InputError(
+            f"ego has {width} columns: must be {len(EGO_COLUMNS)}, and two more for each coupling "
+            "behind the first"
+        )
+    rear = (f"{name}{number}" for name in _REAR for number in range(2, couplings + 2))
+    return (*EGO_COLUMNS, *rear)
+
+
 def ego_row(ego: EgoState | None) -> tuple[float, ...]:
-    """A truck's state in the order of `EGO_COLUMNS`; NaN without a truck.
+    """A truck's state in the order of `ego_columns`; NaN without a truck.
 
     Raises:
       InputError: a value is not finite.
@@ -37,9 +55,11 @@ def ego_row(ego: EgoState | None) -> tuple[float, ...]:
     if ego is None:
         return _ABSENT
     row = (*(float(getattr(ego, name)) for name in _SCALARS), *ego.brake_pressures)
+    row += (*ego.rear_articulations, *ego.rear_articulation_rates)
     if not all(map(math.isfinite, row)):
+        names = ego_columns(len(row))
         name, value = next(
-            pair for pair in zip(EGO_COLUMNS, row, strict=True) if not math.isfinite(pair[1])
+            pair for pair in zip(names, row, strict=True) if not math.isfinite(pair[1])
         )
         raise InputError(f"ego.{name} = {value!r}: must be finite to be recorded")
     return row
@@ -49,11 +69,17 @@ def ego_of(row: FloatArray) -> EgoState | None:
     """The truck's state of a row; the inverse of `ego_row`."""
     if np.isnan(row).any():
         return None
-    values: dict[str, Any] = dict(zip(EGO_COLUMNS, row.tolist(), strict=True))
+    values: dict[str, Any] = dict(zip(EGO_COLUMNS, row.tolist(), strict=False))
     pressures = tuple(values.pop(name) for name in PRESSURES)
     values["gear"] = int(values["gear"])
     values["shift_in_process"] = bool(values["shift_in_process"])
-    return EgoState(**values, brake_pressures=pressures)
+    angles, rates = row[len(EGO_COLUMNS) :].reshape(2, -1).tolist()
+    return EgoState(
+        **values,
+        brake_pressures=pressures,
+        rear_articulations=tuple(angles),
+        rear_articulation_rates=tuple(rates),
+    )
 
 
 def command_row(command: VehicleCommand) -> tuple[float, ...]:

@@ -23,9 +23,9 @@ from controllers.planning.config import FollowingConfig, LaneChangeConfig, Safet
 from controllers.planning.following import follow_acceleration
 from controllers.planning.safety import front_gap_needed, rear_gap_needed
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import Decision, EgoFootprint, EgoState, Scene
+from iits_mj.core.messages import Decision, EgoState, Scene
 from iits_mj.core.units import GRAVITY
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import AnyTruck, TruckParameters
 from iits_mj.parameters.mass_state import rolling_resistance
 
 if TYPE_CHECKING:
@@ -46,13 +46,13 @@ class HighwayTruck:
     engine's power after driveline, rolling resistance, air drag and grade. No gears, no brake lag.
     """
 
-    def __init__(self, parameters: TruckParameters, payload: float) -> None:
+    def __init__(self, parameters: TruckParameters, payload: float | None) -> None:
         engine, gearbox, air = parameters.engine, parameters.gearbox, parameters.aerodynamics
         self.mass = parameters.gross_mass(payload)
         efficiency = gearbox.efficiency * gearbox.driveline_efficiency
         self._power = float((engine.full_load_speed * engine.full_load_torque).max()) * efficiency
         self._drag = 0.5 * air.density * air.mean_drag_area()
-        self._rolling = rolling_resistance(parameters, payload)
+        self._rolling = rolling_resistance(parameters, parameters.check_payload(payload))
         self.front = 0.0
         self.speed = 0.0
         self.acceleration = 0.0
@@ -81,13 +81,12 @@ class HighwayEnv:
     """The fast world as a `World`. All randomness comes from the generator given to `reset`.
 
     Args:
-      parameters: of the truck; default: the shipped ones.
       grade_max: greatest grade of the hills; 0 for a flat road.
     """
 
-    def __init__(self, parameters: TruckParameters | None = None, grade_max: float = 0.045) -> None:
-        self._parameters, self._grade_max = parameters or TruckParameters.load(), grade_max
-        self._footprint = EgoFootprint()
+    def __init__(self, grade_max: float = 0.045) -> None:
+        self._grade_max = grade_max
+        self._load(None)
         self._history = ObservationHistory()
         self.summary = TripSummary()
         self._ready = False
@@ -95,6 +94,8 @@ class HighwayEnv:
     def reset(self, generator: np.random.Generator, trip: TripConfig | None = None) -> Observation:
         """Starts a trip at the traffic's speed in the right lane; returns the observation."""
         trip = trip or TripConfig()
+        if trip.truck is not self._truck:
+            self._load(trip.truck)
         self.log = TripLog(trip)
         self.summary = self.log.summary
         self._end = trip.start_station + trip.length
@@ -114,6 +115,11 @@ class HighwayEnv:
         self._ready = True
         self._observe()
         return self._history.observation()
+
+    def _load(self, truck: AnyTruck | None) -> None:
+        self._truck = truck
+        self._parameters = TruckParameters.load(truck)
+        self._footprint = self._parameters.footprint
 
     def close(self) -> None:
         """Does nothing."""

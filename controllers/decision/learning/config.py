@@ -13,6 +13,7 @@ from controllers.decision.trip import RewardConfig
 from iits_mj.core import options as option_fields
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
+from iits_mj.parameters import AnyTruck, label_of, truck_option
 
 # Settings that may differ when a training is resumed.
 CHANGEABLE = frozenset(
@@ -96,6 +97,7 @@ class TrainConfig(LearnerConfig):
       InputError: a value is out of bounds, or two do not fit; the message names it.
     """
 
+    truck: AnyTruck | None = truck_option("truck of all trips")
     decisions: int = _decisions(1_200_000, "decisions of the truck, one per second")
     fast_decisions: int = option(
         150_000, help="decisions in the fast world, before the other one", low=0, high=10**9
@@ -184,4 +186,5 @@ class TrainConfig(LearnerConfig):
     def identity(self) -> dict[str, Any]:
         """Returns all settings but `resume`, for weights files and checkpoints."""
         names = (field.name for field in dataclasses.fields(TrainConfig))
-        return {name: getattr(self, name) for name in names if name != "resume"}
+        found = {name: getattr(self, name) for name in names if name != "resume"}
+        return {**found, "truck": label_of(self.truck)}

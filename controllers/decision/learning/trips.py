@@ -12,7 +12,15 @@ from controllers.decision.learning.collection import Drive, Interruption, TripDr
 from controllers.decision.learning.config import TrainConfig
 from controllers.decision.learning.log import trip_figures
 from controllers.decision.policy import QNetwork
-from controllers.decision.trip import CELLS, TRAINING_SEEDS, VALIDATION_SEEDS, TripConfig, cell_trip
+from controllers.decision.trip import (
+    CELLS,
+    TRAINING_SEEDS,
+    VALIDATION_SEEDS,
+    TripConfig,
+    cell_trip,
+    usual_payload,
+)
+from iits_mj.parameters import TruckParameters
 
 ROAD_LENGTH = TripConfig.length
 _MARGIN = 200.0  # [m] beyond the distance at reference speed, so that time ends a trip
@@ -25,18 +33,24 @@ _KEEPS_RIGHT = 0.3
 def sample_trip(config: TrainConfig, generator: np.random.Generator) -> TripConfig:
     """Draws a training trip: one of the six cells, or one with randomized traffic and load."""
     density, speed = CELLS[int(generator.integers(len(CELLS)))]
-    base = TripConfig(duration=config.trip_duration, reward=config.reward)
+    base = _base(config, config.trip_duration)
     trip = cell_trip(density, speed, base)
     if generator.random() < config.random_share:
         trip = replace(
             trip,
             spawn_probability=math.exp(generator.uniform(math.log(0.005), math.log(0.12))),
             traffic_speed=float(generator.uniform(11.0, 16.0)),
-            payload=float(generator.uniform(0.0, 36_000.0)),
+            payload=float(generator.uniform(0.0, TruckParameters.load(config.truck).payload_max)),
             reference_speed=float(generator.uniform(*_REFERENCES)),
             keeps_right=bool(generator.random() < _KEEPS_RIGHT),
         )
     return start_anywhere(trip, generator)
+
+
+def _base(config: TrainConfig, duration: float) -> TripConfig:
+    """Returns a trip of the truck, with its usual load, for a time [s]."""
+    payload = usual_payload(TruckParameters.load(config.truck))
+    return TripConfig(truck=config.truck, payload=payload, duration=duration, reward=config.reward)
 
 
 def start_anywhere(trip: TripConfig, generator: np.random.Generator) -> TripConfig:
@@ -59,7 +73,7 @@ def validation_trips(
     for cell, (density, speed) in enumerate(CELLS):
         for trip in range(count):
             generator = np.random.default_rng(VALIDATION_SEEDS + 1000 * cell + trip)
-            base = TripConfig(duration=config.validation_duration, reward=config.reward)
+            base = _base(config, config.validation_duration)
             name = f"validation trip {trip} in {density} traffic at {speed:g} m/s"
             yield name, start_anywhere(cell_trip(density, speed, base), generator), generator
 

@@ -13,14 +13,15 @@ from iits_mj.commands.output import ResultOptions, finish
 from iits_mj.core import options as option_fields
 from iits_mj.core.options import option
 from iits_mj.core.results import Results
-from iits_mj.parameters import payload_option
+from iits_mj.parameters import AnyTruck, check_truck, payload_option, truck_option
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options(ResultOptions):
     """Flags of `iits-mj bench`."""
 
-    payload: float = payload_option()
+    truck: AnyTruck | None = truck_option("truck of the physics and the bus")
+    payload: float | None = payload_option()
     threads: int = option(2, help="number of threads of the rollout", low=1, high=256)
     traffic: bool = option(True, help="measure SUMO traffic and whole drives, too")
     film: bool = option(True, help="measure the film of a drive, too; needs OpenGL")
@@ -29,6 +30,7 @@ class Options(ResultOptions):
 
     def __post_init__(self) -> None:
         option_fields.check(self)
+        check_truck(self)
 
 
 def run(options: Options) -> int:
@@ -40,8 +42,9 @@ def measure(options: Options) -> Results:
     """Returns all figures."""
     results = Results("bench", options.seed)
     rounds = 3 if options.quick else 10
-    results.add("", physics.physics(options.payload, options.threads, rounds))
-    results.add("", interface.interface(2 * rounds))
+    truck = physics.highway_truck(options.payload, options.truck)
+    results.add("", physics.physics(truck, options.threads, rounds))
+    results.add("", interface.interface(2 * rounds, options.truck))
     if options.traffic:
         results.add("", traffic.traffic(2 * rounds))
         results.add("", drive.drives(options.quick))

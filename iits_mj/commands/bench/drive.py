@@ -166,6 +166,7 @@ def decision_trip() -> Simulation:
         traffic_speed=12.5,
         method="lookahead",
         weights="",
+        truck="",
         payload=36_000.0,
         timestep=FAST_TIMESTEP,
         length_limit=15_000.0,

@@ -25,6 +25,7 @@ from iits_mj.j1939 import (
     encode,
 )
 from iits_mj.j1939.bus import to_can
+from iits_mj.parameters import AnyTruck
 from iits_mj.simulation.server import TICK
 from iits_mj.truck import Truck
 
@@ -33,14 +34,14 @@ CYCLE_TICKS = round(CONTROL_PERIOD / TICK)
 CYCLES = 50
 
 
-def interface(rounds: int) -> Findings:
-    """Returns processor times of frames and of a control cycle over the virtual bus.
+def interface(rounds: int, truck: AnyTruck | None = None) -> Findings:
+    """Returns processor times of a truck's frames and of a control cycle over the virtual bus.
 
     In a control cycle the controller's commands are sent and obeyed, the truck's reports of that
     instant are sent back, and the controller updates its state. Reports between two cycles are
     measured separately.
     """
-    states = _drive(CYCLES * CYCLE_TICKS)
+    states = _drive(CYCLES * CYCLE_TICKS, truck)
     frames = _second(states)
     groups = [decoded.group for frame in frames if (decoded := decode(frame)) is not None]
 
@@ -63,15 +64,15 @@ def interface(rounds: int) -> Findings:
     return found
 
 
-def _drive(ticks: int) -> list[tuple[EgoState, TruckReport]]:
-    """Returns states and reports of the truck every 10 ms, with changing commands."""
-    truck = Truck.load(visuals=False)
-    truck.reset(speed=15.0)
+def _drive(ticks: int, truck: AnyTruck | None) -> list[tuple[EgoState, TruckReport]]:
+    """Returns states and reports of a truck every 10 ms, with changing commands."""
+    driven = Truck.load(truck=truck, visuals=False)
+    driven.reset(speed=15.0)
     found = []
     for tick in range(ticks):
-        truck.command(_command(tick))
-        truck.step(round(TICK / truck.model.opt.timestep))
-        found.append((truck.observe(), truck.report()))
+        driven.command(_command(tick))
+        driven.step(round(TICK / driven.model.opt.timestep))
+        found.append((driven.observe(), driven.report()))
     return found
 
 

@@ -25,7 +25,7 @@ from iits_mj.core.results import Findings
 from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.model.builder import truck_spec
 from iits_mj.model.road_table import add_road_table
-from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
+from iits_mj.parameters import AnyTruck, TruckParameters
 from iits_mj.road import RoadMap
 from iits_mj.truck import Truck
 
@@ -35,21 +35,20 @@ _WHEEL_STATE, _PUNCTURE = 17, 16
 _FLAT_FRICTION = 0.8
 
 
-def physics(payload: float = MAX_PAYLOAD, threads: int = 2, rounds: int = 10) -> Findings:
+def physics(truck: Truck, threads: int = 2, rounds: int = 10) -> Findings:
     """Returns the figures of a step of the truck on the highway, and of roll-outs.
 
     Args:
-      payload: [kg].
+      truck: of `highway_truck`.
       threads: of the roll-outs.
       rounds: of each measurement.
     """
     found = Findings()
-    truck = highway_truck(payload)
     timestep = float(truck.model.opt.timestep)
     shipped = truck_model(truck, visuals=True)
-    shipped_tree = bare_model(truck.parameters, payload, timestep, visuals=True)
-    tree = bare_model(truck.parameters, payload, timestep)
-    frame = bare_model(truck.parameters, payload, timestep, sensors=False)
+    shipped_tree = bare_model(truck.parameters, truck.payload, timestep, visuals=True)
+    tree = bare_model(truck.parameters, truck.payload, timestep)
+    frame = bare_model(truck.parameters, truck.payload, timestep, sensors=False)
     runs = {
         "shipped": player(shipped, truck.data),
         "shipped tree": player(shipped_tree),
@@ -97,12 +96,12 @@ _STEPS = 500  # of a round
 _CYCLE = round(CONTROL_PERIOD / 0.002)
 
 
-def highway_truck(payload: float = MAX_PAYLOAD) -> Truck:
+def highway_truck(payload: float | None = None, truck: AnyTruck | None = None) -> Truck:
     """Returns a truck that drives on the built-in highway, loaded as headless drives do."""
-    truck = Truck.load(payload, route=RoadMap.builtin().route(), visuals=False)
-    truck.reset(station=STATION, speed=SPEED)
-    truck.command(accelerator_pedal=PEDAL)
-    return truck
+    made = Truck.load(payload, truck=truck, route=RoadMap.builtin().route(), visuals=False)
+    made.reset(station=STATION, speed=SPEED)
+    made.command(accelerator_pedal=PEDAL)
+    return made
 
 
 def player(model: mujoco.MjModel, source: mujoco.MjData | None = None, steps: int = _STEPS) -> Play:

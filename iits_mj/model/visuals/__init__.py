@@ -1,7 +1,8 @@
 """Visual geoms of the truck, without mass or contact, all in geom group 1.
 
-Those of tractor and semitrailer belong to bodies of their own, welded to them: MuJoCo's search for
-contacts computes the box around all geoms of a body that has a hull, in every step.
+They follow the dimensions, axles and couplings of the parameters. Those of a unit belong to a body
+of their own, welded to it: MuJoCo's search for contacts computes the box around all geoms of a body
+that has a hull, in every step.
 """
 
 from __future__ import annotations
@@ -9,8 +10,9 @@ from __future__ import annotations
 import mujoco
 
 from iits_mj.core.errors import InputError
-from iits_mj.model.visuals.tractor import draw_tractor
-from iits_mj.model.visuals.trailer import draw_trailer
+from iits_mj.model.visuals.layout import layouts
+from iits_mj.model.visuals.motor_vehicle import draw_motor_vehicle
+from iits_mj.model.visuals.towed import draw_towed
 from iits_mj.model.visuals.wheels import draw_axles
 from iits_mj.parameters import TruckParameters
 
@@ -40,21 +42,24 @@ def decorate(spec: mujoco.MjSpec, parameters: TruckParameters, payload: float) -
     """Adds the truck's visual geoms to its bodies.
 
     Args:
-      spec: with the bodies `tractor` (origin on the ground below the steer axle), `trailer` (origin
-        at the kingpin), the axles and the wheels, as `iits_mj.model.builder` names them.
+      spec: with a body for each unit (the motor vehicle's origin on the ground below its first
+        axle, a towed unit's at its coupling point), axle and wheel, as `iits_mj.model.builder`
+        names them.
       parameters: give the dimensions of the physics; the styling scales with them.
-      payload: [kg]; a laden trailer has buckled curtains, an empty one open straps.
+      payload: of the combination [kg]; a laden body has buckled curtains, an empty one open straps,
+        and axles that are lifted at this payload hang higher.
 
     Raises:
       InputError: a body is missing.
     """
-    for name in ("tractor", "trailer"):
-        if spec.body(name) is None:
-            raise InputError(f"the specification has no body {name!r} to decorate")
+    for unit in parameters.units:
+        if spec.body(unit.name) is None:
+            raise InputError(f"the specification has no body {unit.name!r} to decorate")
     for name, (rgba, specular, shininess, emission) in TRUCK_MATERIALS.items():
         spec.add_material(
             name=name, rgba=rgba, specular=specular, shininess=shininess, emission=emission
         )
-    draw_tractor(spec, parameters)
-    draw_trailer(spec, parameters, laden=payload > 0)
+    for layout in layouts(parameters, payload):
+        draw = draw_motor_vehicle if layout.unit.coupling is None else draw_towed
+        draw(spec, layout, laden=payload > 0 and layout.unit.payload is not None)
     draw_axles(spec, parameters)

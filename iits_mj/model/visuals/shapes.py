@@ -92,6 +92,19 @@ def boxes(items: Iterable[tuple[Point, Point]]) -> Shape:
     )
 
 
+def beam(start: Point, end: Point, width: float, height: float) -> Shape:
+    """Returns a straight box between two points; its width is horizontal [m]."""
+    first, last = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
+    along = last - first
+    length = float(np.linalg.norm(along))
+    x = along / length
+    y = np.cross([0.0, 0.0, 1.0], x)
+    y /= np.linalg.norm(y)
+    straight = boxes([((0.0, 0.0, 0.0), (length, width, height))])
+    axes = np.stack([x, y, np.cross(x, y)])
+    return Shape(straight.vertices @ axes + 0.5 * (first + last), straight.faces)
+
+
 def prism(outline: ArrayLike, y: float, thickness: float) -> Shape:
     """A flat plate: a convex outline (n, 2) in x and z, from `y` to `y + thickness`."""
     points = np.asarray(outline, dtype=float)

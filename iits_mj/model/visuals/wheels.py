@@ -11,7 +11,9 @@ from iits_mj.parameters import Axle, Tire, TruckParameters
 
 DUAL_SPACING = 0.310  # [m], between the tires of a pair
 TIRE_WIDTH = {1: 0.315, 2: 0.280}  # [m], by number of tires at the wheel end
-RIM_RADIUS = 0.295
+_WIDE_TIRE = 0.385  # [m], a single tire of a towed unit
+RIM_RADIUS = 0.295  # of a rim of 22.5 inches
+_RADIUS_MIN = 0.445  # [m], of a tire on such a rim; a smaller wheel is a scaled one
 BOLTS = 10
 
 
@@ -21,9 +23,13 @@ def draw_axles(spec: mujoco.MjSpec, parameters: TruckParameters) -> None:
     Raises:
       InputError: a wheel's body is missing.
     """
+    used = {axle.tire for axle in parameters.axles}
+    narrow = {axle.tire for axle in parameters.lead.axles}
     for kind, tire in parameters.tires.items():
-        for part, shape in _wheel_parts(tire).items():
-            add_mesh(spec, f"wheel_{kind}_{part}", shape)
+        if kind in used:
+            width = TIRE_WIDTH[tire.count] if tire.count > 1 or kind in narrow else _WIDE_TIRE
+            for part, shape in _wheel_parts(tire, width).items():
+                add_mesh(spec, f"wheel_{kind}_{part}", shape)
     for axle in parameters.axles:
         for side in ("left", "right"):
             name = f"{axle.name}_{side}_wheel"
@@ -35,7 +41,7 @@ def draw_axles(spec: mujoco.MjSpec, parameters: TruckParameters) -> None:
             painter = Painter(spec, body, name)
             for part, material in _MATERIALS.items():
                 painter.reuse(part, f"wheel_{axle.tire}_{part}", material, quat)
-        _beam(spec, axle, driven=axle.tire == "drive")
+        _beam(spec, axle, driven=axle.driven)
 
 
 _MATERIALS = {
@@ -46,10 +52,10 @@ _MATERIALS = {
 }
 
 
-def _wheel_parts(tire: Tire) -> dict[str, Shape]:
-    width = TIRE_WIDTH[tire.count]
+def _wheel_parts(tire: Tire, width: float) -> dict[str, Shape]:
     centers = [0.0] if tire.count == 1 else [-0.5 * DUAL_SPACING, 0.5 * DUAL_SPACING]
-    one = _tire(tire.free_radius, width)
+    radius = max(tire.free_radius, _RADIUS_MIN)
+    one = _tire(radius, width)
     tires = merge(one.moved((0.0, y, 0.0)) for y in centers)
     face = centers[-1] + 0.5 * width
     inner = centers[0] - 0.5 * width + 0.03
@@ -77,11 +83,15 @@ def _wheel_parts(tire: Tire) -> dict[str, Shape]:
     drum = lathe(
         [(0.0, disc[0][1] - 0.06), (0.28, disc[0][1] - 0.06), (0.28, inner), (0.0, inner)], 24
     )
-    return {
+    parts = {
         "tire": tires,
         "rim": rim,
         "bolts": ring(nut.moved((0.0, disc[2][1], 0.0)), BOLTS, 0.168),
         "holes": merge([ring(hole, BOLTS, 0.242), drum]),
+    }
+    scale = tire.free_radius / radius
+    return {
+        name: Shape(part.vertices * [scale, 1.0, scale], part.faces) for name, part in parts.items()
     }
 
 

@@ -99,7 +99,10 @@ class LaneChange:
 
 
 def sine_steer(
-    payload: float, speed: float, timestep: float, parameters: Mapping[str, Any] | None = None
+    payload: float,
+    speed: float,
+    timestep: float,
+    parameters: TruckParameters | Mapping[str, Any] | None = None,
 ) -> LaneChange:
     """One sine at this speed [m/s]; the linear model sets its size for `SINE_PEAK`."""
     truck, hold = steady_truck(payload, speed, timestep, parameters=parameters)

@@ -65,11 +65,12 @@ def tilt_table(
     payload: float,
     timestep: float = TIMESTEP,
     height: float | None = None,
-    parameters: Mapping[str, Any] | None = None,
+    parameters: TruckParameters | Mapping[str, Any] | None = None,
 ) -> Tilt:
     """Tilts the standing truck to the right until it falls.
 
-    The height [m] is that of the payload's CG, `parameters` an overlay; default: the shipped truck.
+    The height [m] is that of the payload's CG, `parameters` the truck's, or an overlay; default:
+    the shipped ones.
     """
     truck = Truck.load(
         payload, payload_height=height, parameters=parameters, timestep=timestep, visuals=False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from iits_mj.core import options
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
 from iits_mj.core.timing import TIMESTEP
-from iits_mj.parameters import MAX_PAYLOAD, payload_option
+from iits_mj.parameters import TruckParameters, payload_option
 
 PAPER_ROAD = "jinan_altimap_pcc.csv"
 PAPER_PLAN_VIEW = "jinan_trucksim_road_10m.csv"
@@ -19,6 +20,12 @@ NAMES = (PAPER_ROAD, PAPER_PLAN_VIEW, CYCLE_55, CYCLE_65)
 _SUBFOLDERS = ("", "road", "cycles")
 # Time step of the physics where none is chosen [s]; the quick form uses TIMESTEP.
 FINE_TIMESTEP = 0.001
+
+
+@functools.cache
+def laden() -> float:
+    """Greatest payload of the validated truck [kg]."""
+    return TruckParameters.load().payload_max
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +62,7 @@ class ValidateConfig:
 
     def __post_init__(self) -> None:
         options.check(self)
+        TruckParameters.load().check_payload(self.payload)
 
     @property
     def step(self) -> float:
@@ -65,7 +73,7 @@ class ValidateConfig:
 
     def payloads(self) -> tuple[float, ...]:
         """Payloads to test [kg], the greatest first."""
-        return (MAX_PAYLOAD, 0.0) if self.payload is None else (self.payload,)
+        return (laden(), 0.0) if self.payload is None else (self.payload,)
 
 
 def find_road(config: ValidateConfig, name: str) -> Path | None:

@@ -257,7 +257,10 @@ R13_DECELERATION = 5.0
 
 
 def stop_run(
-    payload: float, speed: float, timestep: float, parameters: Mapping[str, Any] | None = None
+    payload: float,
+    speed: float,
+    timestep: float,
+    parameters: TruckParameters | Mapping[str, Any] | None = None,
 ) -> Run:
     """Full pedal from a speed [m/s] to standstill."""
     truck = Truck.load(payload, parameters=parameters, timestep=timestep, visuals=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +17,11 @@ from iits_mj.core.input_files import read_npz
 from iits_mj.core.messages import EgoState, Scene, SpeedProfile, VehicleCommand, XbrMode
 from iits_mj.core.output_files import OutputFile
 from iits_mj.core.timing import TIMESTEP
-from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
+from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.simulation.lock_step import DrivenTruck, Driver, LockStep, Observer
 from iits_mj.truck import Truck
+from iits_mj.validation.harness.config import laden
 
 # Time in which the brakes of a standing truck build up before it starts [s].
 _BUILD_UP = 2.0
@@ -171,7 +172,7 @@ class DriveTask:
     speed: float
     cruise_speed: float
     profile: SpeedProfile | None = None
-    payload: float = MAX_PAYLOAD
+    payload: float = field(default_factory=laden)
     timestep: float = TIMESTEP
     time_limit: float = 3600.0
 

@@ -21,7 +21,6 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line, Panel, Results
 from iits_mj.core.timing import CONTROL_PERIOD, TIMESTEP
 from iits_mj.core.units import KMH
-from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.road import RoadMap
 from iits_mj.road.measured import Lanes, measured_route
 from iits_mj.validation.harness.config import (
@@ -30,6 +29,7 @@ from iits_mj.validation.harness.config import (
     PAPER_ROAD,
     ValidateConfig,
     find_road,
+    laden,
 )
 from iits_mj.validation.harness.run_cache import runs_folder
 from iits_mj.validation.planning import closed_loop, replay_drives, speed_tracking
@@ -120,7 +120,7 @@ def full_cases(config: ValidateConfig) -> list[ReplayCase]:
 def paper_case(
     config: ValidateConfig,
     settings: PccConfig = BAND,
-    payload: float = MAX_PAYLOAD,
+    payload: float | None = None,
     by_load: bool = False,
     must: bool = False,
 ) -> ReplayCase | None:
@@ -129,7 +129,7 @@ def paper_case(
     Args:
       config: with the folder of roads.
       settings: speeds and band.
-      payload: [kg].
+      payload: [kg]; default: the greatest.
       by_load: gears by load and fuel, not by the published shift speeds.
       must: whether the paper's saving must be reached.
     """
@@ -142,7 +142,7 @@ def paper_case(
     kind = "mean" if settings.mean_speed else "set"
     speeds = f"{settings.v_ref / KMH:.0f} km/h {kind}, up to {settings.v_max / KMH:.0f}"
     name = f"the paper's road, {speeds}" + (", gears by load" if by_load else "")
-    case = _bare(name, road, fine, settings, payload)
+    case = _bare(name, road, fine, settings, laden() if payload is None else payload)
     return dataclasses.replace(case, overlay=_BY_LOAD if by_load else {}, paper=must)
 
 
@@ -154,7 +154,7 @@ def cycle_case(config: ValidateConfig, name: str) -> ReplayCase | None:
     cycle = read_cycle(path, STEP)
     settings = PccConfig(v_ref=cycle.speed, v_min=cycle.speed - _BELOW, v_max=cycle.speed + _ABOVE)
     words = {CYCLE_55: "EPA GEM 55 mph", CYCLE_65: "EPA GEM 65 mph"}.get(name, name)
-    return _bare(words, cycle.road, cycle.road, settings, MAX_PAYLOAD)
+    return _bare(words, cycle.road, cycle.road, settings, laden())
 
 
 def highway_case(length: float | None = None) -> ReplayCase:
@@ -164,7 +164,7 @@ def highway_case(length: float | None = None) -> ReplayCase:
     road = RoadProfile.from_route(
         route, RUN_IN, wanted, STEP, lateral_acceleration=SpeedConfig.curve_acceleration
     )
-    return ReplayCase("our highway", route, road, 0.0, BAND, MAX_PAYLOAD)
+    return ReplayCase("our highway", route, road, 0.0, BAND, laden())
 
 
 def valley_case(length: float, timestep: float, depth: float = 0.04) -> ReplayCase:

@@ -30,8 +30,9 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.core.messages import SpeedProfile
 from iits_mj.core.timing import CONTROL_PERIOD, TIMESTEP
-from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
+from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
+from iits_mj.validation.harness.config import laden
 from iits_mj.validation.planning.closed_loop import DriveTask, Record, drive
 from iits_mj.validation.planning.pcc_roads import on_finer_road
 from iits_mj.validation.planning.speed_tracking import FLOORED
@@ -74,7 +75,7 @@ class ReplayCase:
     road: RoadProfile
     origin: float
     config: PccConfig
-    payload: float = MAX_PAYLOAD
+    payload: float = dataclasses.field(default_factory=laden)
     timestep: float = TIMESTEP
     overlay: dict[str, dict[str, str]] = dataclasses.field(default_factory=dict)
     paper: bool = False

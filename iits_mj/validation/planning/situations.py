@@ -26,10 +26,10 @@ from iits_mj.core.messages import (
 )
 from iits_mj.core.results import Findings, Line, Panel, Results
 from iits_mj.core.timing import CYCLE_PERIOD, TIMESTEP
-from iits_mj.parameters import MAX_PAYLOAD, TruckParameters
+from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.measured import Lanes, measured_route
-from iits_mj.validation.harness.config import ValidateConfig
+from iits_mj.validation.harness.config import ValidateConfig, laden
 from iits_mj.validation.planning.ideal_drive import IdealDrive, Vehicles, car, once
 from iits_mj.validation.planning.planner_limits import ordinary_drive, random_breaches
 from iits_mj.validation.planning.stops import red_light_on_truck, wall_stop
@@ -163,7 +163,7 @@ def _red_light(quick: bool) -> Findings:
 def _wall(config: ValidateConfig) -> Findings:
     """A wall 70 m before the bumper at 90 km/h, on the MuJoCo truck."""
     found, lines, sight = Findings(), [], 70.0
-    for payload in (MAX_PAYLOAD,) if config.quick else config.payloads():
+    for payload in (laden(),) if config.quick else config.payloads():
         record = wall_stop(25.0, sight, payload, TIMESTEP).record
         label = f"wall {sight:g} m ahead at 90 km/h, {payload / 1e3:g} t of load: room left"
         found.check(label, record["left"][-1], "m", must=">= 0")
@@ -208,11 +208,11 @@ def _ramp() -> Findings:
         swept = swept_path(parameters, np.column_stack([point.x, point.y]), float(point.heading[0]))
         places = [
             route.locate(float(x), float(y), float(s))
-            for s, (x, y) in zip(along, swept.trailer_axle, strict=True)
+            for s, (x, y) in zip(along, swept[-1].group, strict=True)
         ]
         at, offset = np.array(places).T
         beside = offset - lane.offset_at(at)
-        room = 0.5 * (_RAMP_LANE - parameters.units[1].width) - np.abs(beside[at > 100.0])
+        room = 0.5 * (_RAMP_LANE - parameters.last.width) - np.abs(beside[at > 100.0])
         must = ">= 0.2" if shifted else ""
         label = f"R = {_RADIUS:g} m, lane of {_RAMP_LANE:g} m, {name}: trailer's room"
         found.check(label, room.min(), "m", must=must)
@@ -265,9 +265,9 @@ def seen_from_above(
             box = center + np.array([[half, side], [half, -side], [-half, -side], [-half, side]])
             lines.append(_closed(box, "", "vehicle"))
         last = number == len(moments) - 1
-        trailer, tractor = swept.trailer_corners[row], swept.tractor_corners[row]
-        lines.append(_closed(trailer, "trailer" if last else "", "trailer"))
-        lines.append(_closed(tractor, "tractor" if last else "", "tractor"))
+        for track in reversed(swept):
+            role = "tractor" if track is swept[0] else "trailer"
+            lines.append(_closed(track.corners[row], role if last else "", role))
     when = ", ".join(f"{moment:g}" for moment in moments)
     title = f"{title}; at {when} s" if len(moments) > 1 else title
     inside = tuple(line for line in lines if _within(line, reach))

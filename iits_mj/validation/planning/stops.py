@@ -24,10 +24,10 @@ from iits_mj.core.messages import (
 )
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.timing import CONTROL_PERIOD, TIMESTEP
-from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.road import Route
 from iits_mj.simulation.frame import BEHIND
 from iits_mj.truck import Truck
+from iits_mj.validation.harness.config import laden
 from iits_mj.validation.planning.closed_loop import Record, Recorder, run_recorded
 from iits_mj.validation.planning.ideal_drive import car
 
@@ -185,8 +185,8 @@ def wall_stop(speed: float, sight: float, payload: float, timestep: float) -> St
 def cases(quick: bool) -> list[tuple[float, float, float, bool]]:
     """Returns speed [m/s], payload [kg], grade, and whether the change is known, of all drives."""
     if quick:
-        return [(16.67, MAX_PAYLOAD, -0.06, False)]
-    return list(itertools.product(SPEEDS, (0.0, MAX_PAYLOAD), GRADES, (False, True)))
+        return [(16.67, laden(), -0.06, False)]
+    return list(itertools.product(SPEEDS, (0.0, laden()), GRADES, (False, True)))
 
 
 def _quick_green(speed: float) -> float:

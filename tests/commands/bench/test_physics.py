@@ -39,7 +39,7 @@ def test_the_smallest_time_of_functions_in_turns_counts():
 
 
 def test_every_figure_is_finite():
-    found = bench_physics.physics(payload=0.0, rounds=1)
+    found = bench_physics.physics(bench_physics.highway_truck(0.0), rounds=1)
     values = [check.value for check in found.checks]
     assert len(values) > 15
     assert np.isfinite(values).all()

@@ -32,7 +32,7 @@ UNSEEN = np.zeros(OBSERVATION_SIZE, np.float32)
 
 
 def trip(decision_name, density="dense", speed=12.5, seed=0, duration=240.0):
-    env = HighwayEnv(parameters=PARAMETERS)
+    env = HighwayEnv()
     maker = make(decision_name)
     maker.reset()
     env.reset(np.random.default_rng(seed), cell_trip(density, speed, TripConfig(duration=duration)))
@@ -209,7 +209,7 @@ def test_overtaking_halves_the_speed_loss_in_medium_traffic():
 
 
 def test_a_change_takes_six_to_nine_seconds_and_costs_ten():
-    env = HighwayEnv(parameters=PARAMETERS)
+    env = HighwayEnv()
     env.reset(np.random.default_rng(0), TripConfig(spawn_probability=0.0))
     step = env.step(Decision.LEFT)
     assert 6.0 <= step.seconds <= 9.0
@@ -219,7 +219,7 @@ def test_a_change_takes_six_to_nine_seconds_and_costs_ten():
 
 
 def test_a_change_to_a_missing_lane_is_refused_and_still_costs_ten():
-    env = HighwayEnv(parameters=PARAMETERS)
+    env = HighwayEnv()
     env.reset(np.random.default_rng(0), TripConfig(spawn_probability=0.0))
     step = env.step(Decision.RIGHT)
     assert (step.seconds, step.reward.change, step.reward.danger) == (1.0, -10.0, 0.0)
@@ -227,7 +227,7 @@ def test_a_change_to_a_missing_lane_is_refused_and_still_costs_ten():
 
 
 def test_after_a_change_the_next_one_is_refused_for_three_seconds():
-    env = HighwayEnv(parameters=PARAMETERS)
+    env = HighwayEnv()
     env.reset(np.random.default_rng(0), TripConfig(spawn_probability=0.0))
     env.step(Decision.LEFT)
     steps = [env.step(Decision.RIGHT) for _ in range(4)]
@@ -237,7 +237,7 @@ def test_after_a_change_the_next_one_is_refused_for_three_seconds():
 
 
 def test_a_change_beside_a_vehicle_is_refused_and_costs_thirty():
-    env = HighwayEnv(parameters=PARAMETERS)
+    env = HighwayEnv()
     env.reset(np.random.default_rng(0), TripConfig(spawn_probability=0.0))
     env.traffic.spawn(1, env.truck.front - 5.0)
     step = env.step(Decision.LEFT)
@@ -246,7 +246,7 @@ def test_a_change_beside_a_vehicle_is_refused_and_costs_thirty():
 
 
 def test_a_trip_is_truncated_after_its_duration():
-    env = HighwayEnv(parameters=PARAMETERS)
+    env = HighwayEnv()
     env.reset(np.random.default_rng(0), TripConfig(duration=5.0))
     for _ in range(4):
         step = env.step(Decision.KEEP)
@@ -260,7 +260,7 @@ def test_a_trip_is_truncated_after_its_duration():
 
 
 def test_a_collision_terminates_the_trip_and_costs_300():
-    env = HighwayEnv(parameters=PARAMETERS)
+    env = HighwayEnv()
     env.reset(np.random.default_rng(0), TripConfig(spawn_probability=0.0))
     env.traffic.spawn(0, env.truck.front + 1.0)
     env.traffic.change_time[0] = 0.0  # it has just changed lanes and does not change again

@@ -7,7 +7,6 @@ import pytest
 
 from controllers.planning.config import PlannerConfig, SpeedConfig
 from iits_mj.core.messages import PlanMode
-from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.road import Route
 from iits_mj.validation.planning.planner_limits import ordinary_drive
 from iits_mj.validation.planning.stops import wall_stop
@@ -93,7 +92,7 @@ def test_emergency_braking_ends_at_once_when_the_obstacle_is_gone():
     assert min(released) >= -PlannerConfig().speed.following.deceleration_max
 
 
-@pytest.mark.parametrize("payload", [MAX_PAYLOAD, 0.0])
+@pytest.mark.parametrize("payload", [36_000.0, 0.0])
 def test_the_mujoco_truck_stands_before_a_wall_seen_70_m_ahead_at_90_km_h(payload):
     stop = wall_stop(25.0, 70.0, payload, 0.002)
     assert stop.record["left"][-1] > 2.0

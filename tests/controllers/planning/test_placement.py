@@ -34,10 +34,10 @@ def margins(route, shifted):
     station = np.arange(200.0, route.length - 200.0, 0.25)
     point = route.evaluate(station, lane.driven_at(station))
     path = np.column_stack([point.x, point.y])
-    swept = swept_path(PARAMETERS, path, float(point.heading[0]))
+    tractor, trailer = swept_path(PARAMETERS, path, float(point.heading[0]))
     inside = (station > 250.0) & (station < route.length - 250.0)
     room = []
-    for corners in (swept.tractor_corners, swept.trailer_corners, sides(swept)):
+    for corners in (tractor.corners, trailer.corners, sides(trailer)):
         places = [
             route.locate(float(x), float(y), float(s))
             for s, quad in zip(station[inside][::8], corners[inside][::8], strict=True)
@@ -47,11 +47,11 @@ def margins(route, shifted):
     return room[0], min(room[1:])
 
 
-def sides(swept):
+def sides(trailer):
     """Points of the trailer's sides over its axle group, which run innermost."""
-    left = np.column_stack([-np.sin(swept.trailer_yaw), np.cos(swept.trailer_yaw)])
+    left = np.column_stack([-np.sin(trailer.yaw), np.cos(trailer.yaw)])
     half = 0.5 * PARAMETERS.units[1].width
-    return np.stack([swept.trailer_axle + half * left, swept.trailer_axle - half * left], axis=1)
+    return np.stack([trailer.group + half * left, trailer.group - half * left], axis=1)
 
 
 def _room(lane, station, offset):
@@ -120,7 +120,7 @@ def test_swept_path_of_a_circle_settles_at_the_kinematic_radii():
     radius, kinematic = 40.0, Kinematic.from_parameters(PARAMETERS)
     angle = np.arange(0.0, 6.0, 0.1 / radius)
     path = radius * np.column_stack([np.cos(angle), np.sin(angle)])
-    swept = swept_path(PARAMETERS, path, 0.5 * np.pi)
-    settled = float(np.hypot(*swept.trailer_axle[-1]))
+    _, trailer = swept_path(PARAMETERS, path, 0.5 * np.pi)
+    settled = float(np.hypot(*trailer.group[-1]))
     assert settled - radius == pytest.approx(kinematic.off_tracking(radius), abs=0.01)
-    assert np.allclose(np.hypot(*(swept.kingpin - path).T), 3.6)
+    assert np.allclose(np.hypot(*(trailer.origin - path).T), 3.6)

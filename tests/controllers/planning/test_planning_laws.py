@@ -226,7 +226,7 @@ def test_off_tracking_at_walking_pace_is_half_the_sum_of_the_squared_lengths():
     model = LateralModel.of(PARAMETERS, 55_000.0, 0.1)
     slow, fast = off_tracking(model, 0.3), off_tracking(model, 30.0)
     base = group_center(PARAMETERS.lead.axles[1:]) - PARAMETERS.lead.axles[0].position
-    hitch = PARAMETERS.fifth_wheel.position - PARAMETERS.lead.axles[0].position
+    hitch = PARAMETERS.couplings[0].position - PARAMETERS.lead.axles[0].position
     trailer = group_center(PARAMETERS.units[1].axles)
     expected = 0.5 * (base**2 - (base - hitch) ** 2 + trailer**2)
     assert slow == pytest.approx(expected, rel=0.15)
@@ -410,35 +410,35 @@ def test_an_oncoming_vehicle_is_predicted_along_the_road_against_its_direction()
 def test_the_towed_units_settle_on_their_circles():
     radius, angles = 30.0, np.linspace(0.0, 8.0, 1600)
     path = radius * np.column_stack([np.sin(angles), 1.0 - np.cos(angles)])
-    swept = swept_path(PARAMETERS, path, 0.0)
+    lead, towed = swept_path(PARAMETERS, path, 0.0)
     tractor, trailer = PARAMETERS.lead, PARAMETERS.units[1]
     base = group_center(tractor.axles[1:]) - tractor.axles[0].position
-    hitch = PARAMETERS.fifth_wheel.position - tractor.axles[0].position
+    hitch = PARAMETERS.couplings[0].position - tractor.axles[0].position
     length = group_center(trailer.axles)
     center = np.array([0.0, radius])
-    kingpin = float(np.hypot(*(swept.kingpin[-1] - center)))
+    kingpin = float(np.hypot(*(towed.origin[-1] - center)))
     assert kingpin == pytest.approx(math.sqrt(radius**2 - base**2 + (base - hitch) ** 2), abs=0.01)
-    axle = float(np.hypot(*(swept.trailer_axle[-1] - center)))
+    axle = float(np.hypot(*(towed.group[-1] - center)))
     assert axle == pytest.approx(math.sqrt(kingpin**2 - length**2), abs=0.02)
-    corners = swept.tractor_corners[-1]
+    corners = lead.corners[-1]
     assert np.hypot(*(corners[0] - corners[1])) == pytest.approx(tractor.width)
     assert np.hypot(*(corners[1] - corners[2])) == pytest.approx(
         tractor.front_overhang + base + 1.0
     )
-    sides = swept.trailer_corners[-1]
+    sides = towed.corners[-1]
     assert np.hypot(*(sides[0] - sides[1])) == pytest.approx(trailer.width)
     assert np.hypot(*(sides[1] - sides[2])) == pytest.approx(trailer.length)
-    nose = 0.5 * (sides[0] + sides[1]) - swept.kingpin[-1]
+    nose = 0.5 * (sides[0] + sides[1]) - towed.origin[-1]
     assert np.hypot(*nose) == pytest.approx(trailer.front_overhang)
 
 
 def test_on_a_straight_path_the_bar_decays_exponentially_to_the_course():
     path = np.column_stack([np.linspace(0.0, 60.0, 121), np.zeros(121)])
-    swept = swept_path(PARAMETERS, path, 0.3)
+    lead, _ = swept_path(PARAMETERS, path, 0.3)
     tractor = PARAMETERS.lead
     base = group_center(tractor.axles[1:]) - tractor.axles[0].position
     expected = 2.0 * np.arctan(math.tan(0.15) * np.exp(-path[:, 0] / base))
-    assert swept.yaw == pytest.approx(expected)
+    assert lead.yaw == pytest.approx(expected)
 
 
 def test_the_lead_at_a_meeting_point_is_where_both_arrive_together():

@@ -67,29 +67,29 @@ def test_an_oncoming_vehicle_is_also_predicted_along_the_road():
 def test_the_bodies_lie_about_steer_axle_and_kingpin():
     angle = np.arange(0.0, 3.0 * math.pi, 0.005)
     path = 20.0 * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)])
-    swept = swept_path(PARAMETERS, path, 0.0)
+    lead, towed = swept_path(PARAMETERS, path, 0.0)
     tractor, trailer = PARAMETERS.lead, PARAMETERS.units[1]
     wheelbase = group_center(tractor.axles[1:]) - tractor.axles[0].position
-    assert angle[-1] - swept.yaw[-1] == pytest.approx(math.asin(wheelbase / 20.0), abs=3e-3)
-    corners = swept.tractor_corners[-1]
-    forward = np.array([math.cos(swept.yaw[-1]), math.sin(swept.yaw[-1])])
+    assert angle[-1] - lead.yaw[-1] == pytest.approx(math.asin(wheelbase / 20.0), abs=3e-3)
+    corners = lead.corners[-1]
+    forward = np.array([math.cos(lead.yaw[-1]), math.sin(lead.yaw[-1])])
     left = np.array([-forward[1], forward[0]])
     ahead, half = tractor.front_overhang, 0.5 * tractor.width
     assert (corners - path[-1]) @ forward == pytest.approx(
         [ahead, ahead, -wheelbase - 1.0, -wheelbase - 1.0]
     )
     assert (corners - path[-1]) @ left == pytest.approx([half, -half, -half, half])
-    along = np.array([math.cos(swept.trailer_yaw[-1]), math.sin(swept.trailer_yaw[-1])])
-    reach = (swept.trailer_corners[-1] - swept.kingpin[-1]) @ along
+    along = np.array([math.cos(towed.yaw[-1]), math.sin(towed.yaw[-1])])
+    reach = (towed.corners[-1] - towed.origin[-1]) @ along
     front = trailer.front_overhang
     assert reach == pytest.approx([front, front, front - trailer.length, front - trailer.length])
 
 
 def test_the_units_begin_with_the_headings_given():
     path = np.column_stack([np.linspace(0.0, 12.0, 400), np.zeros(400)])
-    swept = swept_path(PARAMETERS, path, 0.4, trailer_yaw=-0.2)
-    assert (swept.yaw[0], swept.trailer_yaw[0]) == (0.4, -0.2)
-    assert -0.2 < swept.trailer_yaw[-1] < 0.3
+    lead, towed = swept_path(PARAMETERS, path, 0.4, [-0.2])
+    assert (lead.yaw[0], towed.yaw[0]) == (0.4, -0.2)
+    assert -0.2 < towed.yaw[-1] < 0.3
 
 
 def test_the_bodies_on_a_straight_road_stand_behind_each_other():

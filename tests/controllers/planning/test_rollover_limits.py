@@ -66,6 +66,7 @@ def test_a_planned_change_leaves_the_trailer_its_share_of_the_threshold(mass, sp
 def trailer_peak(model, change, speed):
     """Greatest lateral acceleration of the trailer's CG when the steer axle follows a change."""
     step = 0.005
+    tractor, behind = model.units
     a, _, _ = model.matrices(speed)
     state, greatest = np.zeros(4), 0.0
     for time in np.arange(0.0, change.length / speed + 4.0, step):
@@ -74,7 +75,7 @@ def trailer_peak(model, change, speed):
         free = a[:4, :4] @ state
         steer = (wanted - free[0] - speed * state[1]) / a[0, 6]
         rate = free + a[:4, 6] * steer
-        trailer = rate[0] + speed * state[1] - model.kingpin * rate[1] - model.trailer_cg * rate[2]
+        trailer = rate[0] + speed * state[1] - tractor.coupling * rate[1] - behind.cg * rate[2]
         greatest = max(greatest, abs(float(trailer)))
         state = state + step * rate
     return greatest

@@ -19,7 +19,6 @@ from iits_mj.core.messages import (
     VehicleCommand,
     XbrMode,
 )
-from iits_mj.parameters import MAX_PAYLOAD
 from iits_mj.road import RoadMap, Route
 from iits_mj.truck import Truck
 from tests.controllers.scenes import Script
@@ -62,7 +61,7 @@ def braking(rows, cut):
 
 
 @pytest.mark.parametrize(
-    "payload", [MAX_PAYLOAD, pytest.param(0.0, marks=pytest.mark.slow)], ids=["laden", "empty"]
+    "payload", [36_000.0, pytest.param(0.0, marks=pytest.mark.slow)], ids=["laden", "empty"]
 )
 def test_bus_cut_at_80_km_h_in_a_bend_ends_parked_in_the_lane(payload):
     # Left-hand bend of 620 m.
@@ -93,7 +92,7 @@ def test_the_empty_truck_stays_in_its_lane_on_packed_snow():
 @pytest.mark.parametrize("grade", [-0.08, 0.08])
 def test_the_laden_truck_stops_and_stays_on_8_percent(grade):
     route = Route.straight(length=1500.0, grade=grade)
-    rows, stop = stopped(route, MAX_PAYLOAD, 100.0, 10.0, cut=0.5)
+    rows, stop = stopped(route, 36_000.0, 100.0, 10.0, cut=0.5)
     assert stop.phase is StopPhase.PARKED
     assert braking(rows, 0.5)[0].max() < 2.2
     standing = rows[(np.abs(rows[:, SPEED]) < 0.05) & (rows[:, TIME] > 1.0)]
@@ -102,14 +101,14 @@ def test_the_laden_truck_stops_and_stays_on_8_percent(grade):
 
 def test_the_stop_reverts_a_lane_change_that_has_hardly_begun():
     route = RoadMap.builtin().route()
-    rows, stop = stopped(route, MAX_PAYLOAD, 4700.0, 16.67, cut=3.5, maker=LEFT_AT_2_S)
+    rows, stop = stopped(route, 36_000.0, 4700.0, 16.67, cut=3.5, maker=LEFT_AT_2_S)
     assert stop.lane == 0
     assert abs(rows[-1, ERROR]) < 0.2
 
 
 def test_the_stop_finishes_a_lane_change_that_is_half_done():
     route = RoadMap.builtin().route()
-    rows, stop = stopped(route, MAX_PAYLOAD, 4700.0, 16.67, cut=5.5, maker=LEFT_AT_2_S)
+    rows, stop = stopped(route, 36_000.0, 4700.0, 16.67, cut=5.5, maker=LEFT_AT_2_S)
     assert stop.lane == 1
     assert abs(rows[-1, ERROR]) < 0.2
     after = rows[rows[:, TIME] >= 5.5]
@@ -126,7 +125,7 @@ def test_the_stop_is_not_weaker_than_the_last_demand():
 
 def test_the_truck_stops_before_the_road_ends():
     route = Route.straight(length=250.0)
-    rows, stop = stopped(route, MAX_PAYLOAD, 100.0, 20.0, cut=0.0)
+    rows, stop = stopped(route, 36_000.0, 100.0, 20.0, cut=0.0)
     assert stop.phase is StopPhase.PARKED
     assert rows[-1, STATION] + 1.4 < 250.0
     assert braking(rows, 0.0)[0].max() < 4.5

@@ -1,6 +1,6 @@
 """A small planar truck for the tests of tracking: no MuJoCo, and not the controller's own model.
 
-Lateral: the single-track tractor-semitrailer with stiffnesses scaled away from the controller's,
+Lateral: the single-track model of the units with stiffnesses scaled away from the controller's,
 steering play and lag, and a cross-slope. Longitudinal: pedal map, torque ramp, gear by speed,
 engine brake, retarder, brakes with lag that follow XBR as brake control does.
 """
@@ -22,6 +22,19 @@ STEP = 0.005
 _GEAR_SPEED = np.array([0.0, 1.0, 2.0, 2.8, 3.8, 5.0, 6.5, 8.5, 11.0, 14.0, 17.0, 21.0])
 
 
+def softened(model: LateralModel, factor: float) -> LateralModel:
+    """The model with a multiple of all cornering stiffnesses."""
+    return dataclasses.replace(
+        model,
+        units=tuple(
+            dataclasses.replace(
+                unit, axles=tuple(a._replace(stiffness=factor * a.stiffness) for a in unit.axles)
+            )
+            for unit in model.units
+        ),
+    )
+
+
 class PlanarTruck:
     """Steps 20 ms at a time; `ego` is its state."""
 
@@ -32,11 +45,7 @@ class PlanarTruck:
         self.parameters = TruckParameters.load()
         self.inverse = Powertrain(self.parameters)
         model = LateralModel.of(self.parameters, mass, 0.1)
-        self.model = dataclasses.replace(
-            model,
-            axles=tuple((x, stiffness * c) for x, c in model.axles),
-            trailer_axles=tuple((x, stiffness * c) for x, c in model.trailer_axles),
-        )
+        self.model = softened(model, stiffness)
         point = route.evaluate(station, offset)
         self.x, self.y, self.yaw = float(point.x), float(point.y), float(point.heading)
         self.w = self.r = self.r_t = self.articulation = 0.0

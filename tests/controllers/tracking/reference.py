@@ -14,6 +14,7 @@ from controllers.tracking.lateral import LateralController
 from controllers.tracking.lateral_gains import Gains
 from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.core.units import GRAVITY
+from iits_mj.parameters.mass_state import rolling_resistance
 
 # --- sums -----------------------------------------------------------------------------------
 
@@ -42,15 +43,17 @@ def dot(a, b):
 
 
 def product(matrix, vector):
-    """Product of a matrix with rows of 3 or 5, in the order of OpenBLAS's `dgemv`."""
+    """Product of a matrix with a vector, rows of 3 or 5 in the order of OpenBLAS's `dgemv`."""
     x = vector.tolist()
     if len(x) == 3:
         rows = [fma(a[2], x[2], fma(a[0], x[0], a[1] * x[1])) for a in matrix.tolist()]
-    else:
+    elif len(x) == 5:
         rows = [
             fma(a[4], x[4], (a[0] * x[0] + a[2] * x[2]) + (a[1] * x[1] + a[3] * x[3]))
             for a in matrix.tolist()
         ]
+    else:
+        rows = [dot(a, x) for a in matrix.tolist()]
     return np.array(rows)
 
 
@@ -99,19 +102,20 @@ class PathView:
 
 
 class DisturbanceObserver:
-    """Estimate `value` of the disturbing accelerations of (w, r, r_t), (3,)."""
+    """Estimate `value` of the disturbing accelerations of (w, r of each unit), (units + 1,)."""
 
-    def __init__(self, time):
+    def __init__(self, time, units=2):
         self._share = 1.0 - float(np.exp(-CONTROL_PERIOD / time))
+        self._speeds = units + 1
         self.reset()
 
     def reset(self):
-        self.value, self._expected = np.zeros(3), None
+        self.value, self._expected = np.zeros(self._speeds), None
 
     def update(self, state, gains):
-        """The estimate after a step; the state is (w, r, r_t, articulation, road wheel angle)."""
+        """The estimate after a step; the state is (w, r, articulations, road wheel angle)."""
         if self._expected is not None:
-            seen = product(gains.blame, state[:3] - self._expected)
+            seen = product(gains.blame, state[: self._speeds] - self._expected)
             self.value = self.value + self._share * (seen - self.value)
         self._expected = product(gains.motion, state)
         return self.value
@@ -167,9 +171,11 @@ class Steering(LateralController):
         config, steering = self.config, self.parameters.steering
         self.most = math.sin(steering.angle_max / steering.ratio)
         self.near = max(1, round(2.0 * config.lag / CONTROL_PERIOD))
-        self.demand, self.integral, self.wheel, self.lasting = None, 0.0, 0.0, np.zeros(3)
+        units = len(self.parameters.units)
+        self.demand, self.integral, self.wheel = None, 0.0, 0.0
+        self.lasting = np.zeros(units + 1)
         self.play = SteeringPlay(steering, config.play)
-        self.observer = DisturbanceObserver(config.disturbance_time)
+        self.observer = DisturbanceObserver(config.disturbance_time, units)
 
     def steer(self, ego, trajectory):
         config, view = self.config, PathView(trajectory)
@@ -182,17 +188,23 @@ class Steering(LateralController):
             return self.wheel
         speed = math.hypot(ego.speed, ego.lateral_speed)
         gains = gains_at(self.gains(ego.mass), speed)
-        angle, swing = math.sin(ego.road_wheel_angle), math.sin(ego.articulation)
-        rates = ego.lateral_speed, ego.yaw_rate, ego.trailer_yaw_rate
+        angle, units = math.sin(ego.road_wheel_angle), len(self.parameters.units)
+        turning = [ego.articulation_rate, *ego.rear_articulation_rates]
+        rates = [ego.lateral_speed, ego.yaw_rate]
+        for k in range(units - 2):
+            rates.append(rates[-1] - turning[k])
+        rates += [ego.trailer_yaw_rate] * (units > 1)
+        folds = [ego.articulation, *ego.rear_articulations][: units - 1]
+        swings = [math.sin(fold) for fold in folds]
         drift = ego.lateral_speed / speed
         heading += math.asin(drift) - drift
         error = min(max(offset, -config.error_max), config.error_max)
-        state = [*rates, swing, error, heading, angle, self.demand, self.integral]
+        state = [*rates, *swings, error, heading, angle, self.demand, self.integral]
         count = round(config.preview_time / CONTROL_PERIOD)
         ages = np.linspace(0.0, config.preview_time, count + 1)
         ahead = view.curvature(ego.station + speed * ages)
         rate = -dot(gains.feedback, state) - dot(gains.preview, ahead)
-        push = self.trust(speed) * self.observer.update(np.array([*rates, swing, angle]), gains)
+        push = self.trust(speed) * self.observer.update(np.array([*rates, *swings, angle]), gains)
         rate -= dot(gains.disturbance, push)
         self.move(rate, offset, speed)
         near = float(np.add.reduce(ahead[: self.near])) / self.near
@@ -285,7 +297,7 @@ class Powertrain:
         self.parameters = parameters
         tires, air, gearbox = parameters.tires, parameters.aerodynamics, parameters.gearbox
         self.radius = tires[parameters.lead.axles[-1].tire].rolling_radius
-        self.rolling = parameters.tire_common.rolling_resistance
+        self.rolling = rolling_resistance(parameters, parameters.payload_max)
         self.drag = 0.5 * air.density * air.drag_area
         self.wheel_mass = sum(
             2.0 * axle.wheel_inertia_spin / tires[axle.tire].rolling_radius ** 2

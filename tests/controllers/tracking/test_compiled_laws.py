@@ -74,8 +74,8 @@ def test_steering_equals_its_python_form_to_the_bit(lag):
             assert compiled.steer(ego, path) == python.steer(ego, path)
         memory = compiled.memory
         assert (memory.demand, memory.integral) == (python.demand, python.integral)
-        assert list(memory.disturbance) == python.observer.value.tolist()
-        assert list(memory.lasting) == python.lasting.tolist()
+        _, disturbance, lasting = compiled.observed.tolist()
+        assert (disturbance, lasting) == (python.observer.value.tolist(), python.lasting.tolist())
 
 
 @pytest.mark.parametrize("left", [1.0, -1.0])

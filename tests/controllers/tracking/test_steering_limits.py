@@ -233,16 +233,16 @@ def test_a_lasting_push_is_balanced_after_the_steady_time(controller):
     share = 1.0 - math.exp(-CONTROL_PERIOD / CONFIG.steady_time)
     for _ in range(20):
         controller.steer(ego, path)
-        values.append(np.array(controller.memory.disturbance))
+        values.append(controller.observed[1].copy())
         lasting = lasting + share * (values[-1] - lasting)
     assert np.abs(values[-1]).max() > 0.0
-    assert list(controller.memory.lasting) == pytest.approx(lasting)
+    assert controller.observed[2] == pytest.approx(lasting)
     slow = beside(0.0, speed=4.5, yaw_rate=0.01)
     controller.reset()
     for _ in range(2):
         controller.steer(slow, path)
-    estimate = np.array(controller.memory.disturbance)
-    assert list(controller.memory.lasting) == pytest.approx(share * 0.5 * estimate)
+    estimate = controller.observed[1].copy()
+    assert controller.observed[2] == pytest.approx(share * 0.5 * estimate)
 
 
 # --- the path -------------------------------------------------------------------------------
@@ -380,7 +380,8 @@ def test_gains_are_interpolated_between_the_speeds_and_held_beyond(made):
 
 def test_a_steady_curve_has_no_cost():
     speed = 15.0
-    weight = state_weight(speed, CONFIG)
+    model = LateralModel.of(PARAMETERS, 55_000.0, CONFIG.lag)
+    weight = state_weight(model, speed, CONFIG)
     steady = np.array([-0.3, 0.15, 0.15, 0.1, 0.0, 0.3 / speed, 0.02, 0.02, 0.0])
     assert steady @ weight @ steady == pytest.approx(0.0, abs=1e-12)
     # Each deviation costs its weight: offset, speed across the path, articulation rate, integral.
@@ -446,7 +447,7 @@ def test_the_models_payload_is_between_none_and_the_greatest(load, share):
     empty = PARAMETERS.gross_mass(0.0)
     model = LateralModel.of(PARAMETERS, empty + load, 0.1)
     expected = PARAMETERS.gross_mass(share * PARAMETERS.payload_max)
-    assert model.mass + model.trailer_mass == pytest.approx(expected)
+    assert sum(unit.mass for unit in model.units) == pytest.approx(expected)
 
 
 def test_a_state_names_its_first_value_that_is_not_finite():

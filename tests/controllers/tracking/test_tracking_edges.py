@@ -82,14 +82,15 @@ def test_at_standstill_the_endurance_brakes_are_released():
 @pytest.mark.parametrize("load", [0.0, 20_000.0])
 def test_an_axle_has_the_cornering_stiffness_of_all_its_tires(load):
     model = LateralModel.of(PARAMETERS, PARAMETERS.gross_mass(load), 0.1)
-    found = [*model.axles, *model.trailer_axles]
+    found = [axle for unit in model.units for axle in unit.axles]
     loads = static_axle_loads(PARAMETERS, load)
-    for axle, on_axle, (position, stiffness) in zip(PARAMETERS.axles, loads, found, strict=True):
+    for axle, on_axle, (position, stiffness, steer) in zip(PARAMETERS.axles, loads, found, strict=True):
         tire = PARAMETERS.tires[axle.tire]
         count = 2 * tire.count
         each = cornering_stiffness(float(on_axle) / count, tire, PARAMETERS.tire_common)
         assert stiffness == pytest.approx(count * float(each))
         assert position == axle.position
+        assert steer == float(axle.steered)
 
 
 def test_the_preview_begins_at_the_truck_and_covers_its_time():
@@ -114,16 +115,17 @@ def test_the_preview_begins_at_the_truck_and_covers_its_time():
 def test_the_models_matrices_are_those_of_virtual_work(speed):
     """Newton's law for (w, r, r_t): each mass and axle acts by its own lateral velocity."""
     model = LateralModel.of(PARAMETERS, 45_000.0, 0.1)
-    m1, m2, c = model.mass, model.trailer_mass, model.kingpin
-    tractor, trailer = np.array([1.0, -model.cg, 0.0]), np.array([1.0, -c, -model.trailer_cg])
+    first, second = model.units
+    m1, m2, c = first.mass, second.mass, first.coupling
+    tractor, trailer = np.array([1.0, -first.cg, 0.0]), np.array([1.0, -c, -second.cg])
     inertia = m1 * np.outer(tractor, tractor) + m2 * np.outer(trailer, trailer)
-    inertia += np.diag([0.0, model.inertia, model.trailer_inertia])
+    inertia += np.diag([0.0, first.inertia, second.inertia])
     rates, articulation, steer = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
-    for place, stiffness in model.axles:
+    for place, stiffness, _ in first.axles:
         velocity = np.array([1.0, -place, 0.0])
         rates -= stiffness / speed * np.outer(velocity, velocity)
         steer += stiffness * velocity * (place == 0.0)
-    for place, stiffness in model.trailer_axles:
+    for place, stiffness, _ in second.axles:
         velocity = np.array([1.0, -c, -place])
         rates -= stiffness / speed * np.outer(velocity, velocity)
         articulation -= stiffness * velocity

@@ -106,9 +106,11 @@ def test_a_missing_truck_is_recorded_as_none(straight, tmp_path):
     assert second.brake_pressures == (1.0, 2.0, 3.0, 4.0, 5.0)
 
 
-def test_a_truck_state_equals_the_state_of_its_row():
+@pytest.mark.parametrize("rear", [((), ()), ((0.1, -0.2), (0.3, 0.4))])
+def test_a_truck_state_equals_the_state_of_its_row(rear):
     rng = np.random.default_rng(1)
     values = {f.name: float(rng.normal()) for f in dataclasses.fields(EgoState)}
+    values |= {"rear_articulations": rear[0], "rear_articulation_rates": rear[1]}
     values |= {"gear": 7, "shift_in_process": True, "brake_pressures": (1.0, 2.0, 0.1, 4.0, 5.0)}
     state = EgoState(**values)
     assert ego_of(np.array(ego_row(state))) == state

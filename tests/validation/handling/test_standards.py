@@ -117,7 +117,7 @@ def test_stiff_truck_tips_near_the_rigid_bound():
     def stiff(supports):
         return tuple(replace(s, suspension=1e9, tire=1e9) for s in supports)
 
-    fifth_wheel = replace(plane.couplings[0], roll_stiffness=1e9, roll_lash=0.0)
+    fifth_wheel = replace(plane.fifth_wheel, roll_stiffness=1e9, roll_lash=0.0)
     rigid = replace(
         plane, tractor=stiff(plane.tractor), trailer=stiff(plane.trailer), fifth_wheel=fifth_wheel
     )

@@ -115,7 +115,7 @@ def test_obeyed_demand_is_late_by_dead_time_and_lag():
     run = drive(7.0)
     speed = speed_accuracy.braked_speed(run, parameters)
     dead = max(braking.dead_times(parameters))
-    late = dead + max(parameters.air_brake.build_up_time_constant)
+    late = dead + max(axle.brake.build_up_time_constant for axle in parameters.axles)
     assert speed[-1] == pytest.approx(20.0 - 1.5 * (7.0 - late), abs=0.01)
     assert np.all(speed[run.time <= dead] == 20.0)
 

@@ -15,7 +15,7 @@ LADEN = ForceBalance(PARAMETERS, 36_000.0)
 
 
 def test_resistances_are_rolling_grade_and_air():
-    rolling = PARAMETERS.tire_common.rolling_resistance
+    rolling = PARAMETERS.tires["steer"].rolling_resistance
     weight = 55_000.0 * GRAVITY
     assert LADEN.resistance(0.0) == pytest.approx(weight * rolling)
     slope = np.arctan(0.05)
@@ -35,7 +35,7 @@ def test_losses_of_the_gears_reduce_pull_and_increase_overrun():
 
 
 def test_drive_axles_carry_their_static_load_on_the_level_and_more_uphill():
-    rolling = {"tire_common": {"rolling_resistance": 0.0}}
+    rolling = {"tires": {"*": {"rolling_resistance": 0.0}}}
     free = ForceBalance(TruckParameters.load(overlay=rolling), 36_000.0)
     static = static_axle_loads(PARAMETERS, 36_000.0)[1:3].sum()
     assert free.drive_axle_load(0.0) == pytest.approx(static)

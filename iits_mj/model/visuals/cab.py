@@ -1,18 +1,18 @@
-"""The cab-over 6x4 tractor: a lofted cab with patches of glass, grille and lights on it."""
+"""The cab of a motor vehicle: a lofted shell with patches of glass, grille and lights on it."""
 
 from __future__ import annotations
 
 import math
 
-import mujoco
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.model.visuals.shapes import Painter, Shape, arch, boxes, merge, prism, surface
-from iits_mj.parameters import TruckParameters
+from iits_mj.model.visuals.layout import CAB_FLOOR, WHEEL_SPACE, Layout
+from iits_mj.model.visuals.shapes import Painter, Shape, boxes, merge, prism, surface
 
 # The cab's front seen from the side and from ahead: height, set-back behind the bumper's foremost
-# point, half width, all for a cab 3.70 m high and 2.50 m wide; scaled to the parameters.
+# point, half width, all for a cab 3.70 m high and 2.50 m wide; what is above the cab's floor is
+# scaled to the height.
 _PROFILE = np.array(
     [
         (0.34, 0.120, 1.190),
@@ -33,23 +33,28 @@ _PROFILE = np.array(
         (3.70, 1.800, 0.940),
     ]
 )
-_CAB_REAR = -0.98
-_CAB_FLOOR = 1.16
-_BUMPER_REAR = 0.64
+_HEIGHT, _WIDTH = 3.70, 2.50
 _CORNER = 6.5  # exponent of the superellipse of the front corners
-# Start and end of a rear fender about the wheel [rad], from ahead over the top to behind.
-_FENDER = (math.radians(12.0), math.radians(168.0))
+_EXTENDERS = 0.44  # [m], behind the cab
 
 
 class _Cab:
-    """The cab's outer surface, by height and by arc length from the middle of the front."""
+    """The cab's outer surface, by height and by arc length from the middle of the front.
 
-    def __init__(self, parameters: TruckParameters, rear: float) -> None:
-        tractor = parameters.lead
-        self.z = _PROFILE[:, 0] * tractor.height / 3.70
-        self.front = tractor.front_overhang - _PROFILE[:, 1]
-        self.half_width = _PROFILE[:, 2] * tractor.width / 2.50
+    Heights are those of a cab 3.70 m high.
+    """
+
+    def __init__(self, layout: Layout, rear: float) -> None:
+        unit = layout.unit
+        self.z = _PROFILE[:, 0]
+        self.scale = (layout.cab_height - CAB_FLOOR) / (_HEIGHT - CAB_FLOOR)
+        self.front = unit.front_overhang - _PROFILE[:, 1]
+        self.half_width = _PROFILE[:, 2] * unit.width / _WIDTH
         self.rear = rear
+
+    def height(self, z: float) -> float:
+        """Returns the height above the road [m] of a height of the profile."""
+        return CAB_FLOOR + self.scale * (z - CAB_FLOOR) if z > CAB_FLOOR else z
 
     def line(self, z: float, inflate: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Horizontal section: arc length (n,), points (n, 3), from the right rear to the left."""
@@ -59,7 +64,7 @@ class _Cab:
         power = 2.0 / _CORNER
         x = self.rear + (front - self.rear) * np.cos(t).clip(0.0) ** power
         y = half * np.sign(t) * np.abs(np.sin(t)) ** power
-        points = np.stack([x, y, np.full_like(x, z)], axis=-1)
+        points = np.stack([x, y, np.full_like(x, self.height(z))], axis=-1)
         length = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
         return length - length[120], points
 
@@ -110,28 +115,31 @@ def _cap(points: FloatArray) -> Shape:
     return Shape(points.copy(), fan)
 
 
-def draw_tractor(spec: mujoco.MjSpec, parameters: TruckParameters) -> None:
-    """Adds cab, chassis and fittings in a body welded to `tractor`."""
-    body = spec.body("tractor").add_body(name="tractor_visuals")
-    painter = Painter(spec, body, "tractor")
-    cab, bumper = _Cab(parameters, _CAB_REAR), _Cab(parameters, _BUMPER_REAR)
-    _cab_shell(painter, cab, bumper)
+def draw_cab(painter: Painter, layout: Layout) -> None:
+    """Adds the cab with bumper and mirrors."""
+    steer = layout.unit.axles[0]
+    ahead_of_wheels = layout.radius(steer) + WHEEL_SPACE - steer.position
+    cab = _Cab(layout, layout.cab_rear)
+    bumper = _Cab(layout, min(ahead_of_wheels, layout.unit.front_overhang - 0.3))
+    _shell(painter, layout, cab, bumper)
     _front(painter, cab, bumper)
     _sides(painter, cab)
     _mirrors(painter, cab)
-    _chassis(painter, parameters)
-    _fenders(painter, parameters)
-    _rear(painter, parameters)
 
 
-def _cab_shell(painter: Painter, cab: _Cab, bumper: _Cab) -> None:
-    top = float(cab.z[-1])
-    painter.mesh("cab", cab.body(_CAB_FLOOR, top), "truck_paint")
-    painter.mesh("bumper", bumper.body(float(cab.z[0]), _CAB_FLOOR - 0.012), "truck_paint")
-    # Extenders close the gap to the trailer; they end ahead of its swinging corners.
-    panel = prism([(-0.96, 1.25), (-1.42, 1.25), (-1.42, 3.02), (-0.96, 3.38)], 1.165, 0.035)
-    painter.pair("extenders", panel, "truck_paint")
-    painter.box("cab_back", (-0.985, 0, 2.2), (0.02, 2.2, 1.9), "truck_black")
+def _shell(painter: Painter, layout: Layout, cab: _Cab, bumper: _Cab) -> None:
+    top, rear = float(cab.z[-1]), cab.rear
+    painter.mesh("cab", cab.body(CAB_FLOOR, top), "truck_paint")
+    painter.mesh("bumper", bumper.body(float(cab.z[0]), CAB_FLOOR - 0.012), "truck_paint")
+    # Extenders close the gap to a semitrailer; they end ahead of its swinging corners.
+    end = max(rear - _EXTENDERS, layout.clear_of_towed + 0.1)
+    if layout.unit.kind == "tractor" and end < rear - 0.1:
+        low, high = cab.height(1.25), (cab.height(3.02), cab.height(3.38))
+        y = (1.20 - 0.035) * layout.unit.width / _WIDTH
+        panel = [(rear + 0.02, low), (end, low), (end, high[0]), (rear + 0.02, high[1])]
+        painter.pair("extenders", prism(panel, y, 0.035), "truck_paint")
+    size = (0.02, layout.unit.width - 0.3, 1.9 * cab.scale)
+    painter.box("cab_back", (rear - 0.005, 0, cab.height(2.2)), size, "truck_black")
     painter.box("engine", (0.0, 0, 0.85), (1.5, 0.86, 0.62), "truck_chassis")
 
 
@@ -159,12 +167,16 @@ def _front(painter: Painter, cab: _Cab, bumper: _Cab) -> None:
         bumper.patch(0.965, 0.99, (0.88, 0.88), (1.40, 1.40), 0.018),
     )
     painter.pair("headlights", beams, "truck_headlight")
-    on_roof = [((0.42, 0.34, 3.44), (0.10, 0.16, 0.05)), ((0.34, 0.80, 3.40), (0.10, 0.16, 0.05))]
+    front = float(bumper.front.max())
+    on_roof = [
+        ((front - 0.98, 0.34, cab.height(3.44)), (0.10, 0.16, 0.05)),
+        ((front - 1.06, 0.80, cab.height(3.40)), (0.10, 0.16, 0.05)),
+    ]
     blinker = bumper.patch(0.70, 0.92, (1.19, 1.19), (1.36, 1.36), 0.018)
     painter.pair("turn_lights", (blinker, boxes(on_roof)), "truck_amber")
-    front = float(bumper.front.max())
     painter.box("plate", (front + 0.012, 0, 0.56), (0.02, 0.44, 0.14), "truck_plate")
-    wipers = [((front - 0.085, s, 2.06), (0.03, 0.72, 0.03)) for s in (-0.5, 0.35)]
+    sill = cab.height(2.06)
+    wipers = [((front - 0.085, s, sill), (0.03, 0.72, 0.03)) for s in (-0.5, 0.35)]
     painter.mesh("wipers", boxes(wipers), "truck_black")
 
 
@@ -187,72 +199,13 @@ def _sides(painter: Painter, cab: _Cab) -> None:
 
 
 def _mirrors(painter: Painter, cab: _Cab) -> None:
-    x = float(cab.front[8]) - 0.02
+    x, side = float(cab.front[8]) - 0.02, float(cab.half_width.max()) - 1.245
     parts = [
-        ((x + 0.02, 1.46, 2.44), (0.16, 0.24, 0.62)),
-        ((x + 0.02, 1.46, 2.02), (0.16, 0.24, 0.16)),
-        ((x, 1.32, 2.72), (0.05, 0.34, 0.05)),
-        ((x, 1.32, 2.10), (0.05, 0.34, 0.05)),
+        ((x + 0.02, side + 1.46, cab.height(2.44)), (0.16, 0.24, 0.62)),
+        ((x + 0.02, side + 1.46, cab.height(2.02)), (0.16, 0.24, 0.16)),
+        ((x, side + 1.32, cab.height(2.72)), (0.05, 0.34, 0.05)),
+        ((x, side + 1.32, cab.height(2.10)), (0.05, 0.34, 0.05)),
     ]
     painter.pair("mirrors", boxes(parts), "truck_black")
-    painter.pair(
-        "mirror_glass", boxes([((x - 0.065, 1.46, 2.44), (0.012, 0.20, 0.56))]), "truck_chrome"
-    )
-
-
-def _chassis(painter: Painter, p: TruckParameters) -> None:
-    end = -p.lead.axles[-1].position - 0.86
-    length = 0.6 - end
-    rails = boxes([((0.6 - 0.5 * length, 0.40, 0.83), (length, 0.09, 0.28))]).with_mirror()
-    crossbars = boxes([((x, 0, 0.86), (0.16, 0.8, 0.2)) for x in (-1.3, -2.4, -3.9, end + 0.1)])
-    painter.mesh("rails", merge([rails, crossbars]), "truck_chassis")
-    x, seat = -p.couplings[0].position, p.couplings[0].height
-    low, high = (x, 0.0, seat - 0.075), (x, 0.0, seat - 0.015)
-    painter.cylinder("fifth_wheel", low, high, 0.46, "truck_black")
-    foot = boxes([((x, 0.36, seat - 0.11), (0.5, 0.14, 0.10))]).with_mirror()
-    profile = [(0.3, 0.03), (0.95, 0.17), (0.95, 0.21), (0.3, 0.09)]
-    ramps = prism([(x - back, seat - down) for back, down in profile], 0.14, 0.2).with_mirror()
-    painter.mesh("fifth_wheel_foot", merge([foot, ramps]), "truck_black")
-    # Between the axles: fuel tank left, air tanks and battery box right, skirts below the cab.
-    a, b = -1.12, -p.lead.axles[1].position + 0.64
-    painter.cylinder("fuel_tank", (a, 0.86, 0.70), (b, 0.86, 0.70), 0.33, "truck_aluminum")
-    bands = [((a + (b - a) * f, 0.86, 0.70), (0.05, 0.675, 0.675)) for f in (0.25, 0.75)]
-    painter.mesh("tank_bands", boxes(bands), "truck_chassis")
-    painter.box("battery_box", (a - 0.32, -0.88, 0.70), (0.64, 0.62, 0.62), "truck_chassis")
-    for index, z in enumerate((0.56, 0.88)):
-        name = f"air_tank{index + 1}"
-        painter.cylinder(name, (a - 0.74, -0.95, z), (b, -0.95, z), 0.135, "truck_aluminum")
-    middle = 0.5 * (a - 0.7 + b)
-    painter.box("catwalk", (middle, 0, 1.0), (abs(b - a) - 0.3, 0.9, 0.03), "truck_aluminum")
-    lines = ((-0.25, "truck_tail_light"), (0.0, "truck_black"), (0.25, "truck_plate"))
-    for index, (y, material) in enumerate(lines):
-        name, low, high = f"air_line{index + 1}", (-1.0, y, 1.75), (-1.5, y * 0.8, 1.02)
-        painter.cylinder(name, low, high, 0.022, material, round_ends=True)
-
-
-def _fenders(painter: Painter, parameters: TruckParameters) -> None:
-    steer, *drive = parameters.lead.axles
-    radius = parameters.tires[steer.tire].free_radius
-    outside = 0.5 * parameters.lead.width
-    front = arch(radius + 0.055, 0.05, 0.06, math.pi - 0.06, outside - 0.40, 0.40)
-    front = front.moved((-steer.position, 0.0, radius - 0.015))
-    painter.pair("front_fenders", front, "truck_black")
-    steps = boxes([((-0.82, outside - 0.20, 0.83), (0.32, 0.39, 0.66))])
-    painter.pair("steps", steps, "truck_paint")
-    skirt = prism([(-1.0, 0.42), (-1.0, 1.12), (-1.75, 1.12), (-1.55, 0.42)], 1.20, 0.035)
-    painter.pair("skirts", skirt, "truck_paint")
-    rear = []
-    for axle in drive:
-        tire = parameters.tires[axle.tire]
-        shape = arch(tire.free_radius + 0.06, 0.03, *_FENDER, 0.5 * axle.track - 0.30, 0.60)
-        rear.append(shape.moved((-axle.position, 0.0, tire.free_radius - 0.015)))
-    painter.pair("rear_fenders", rear, "truck_black")
-
-
-def _rear(painter: Painter, parameters: TruckParameters) -> None:
-    x = -parameters.lead.axles[-1].position - 0.92
-    painter.box("rear_bar", (x, 0, 0.80), (0.08, 2.30, 0.16), "truck_chassis")
-    red = boxes([((x - 0.05, 0.86, 0.80), (0.03, 0.36, 0.12))])
-    painter.pair("tail_lights", red, "truck_tail_light")
-    flaps = boxes([((x + 0.06, 0.92, 0.46), (0.02, 0.56, 0.52))])
-    painter.pair("mud_flaps", flaps, "truck_black")
+    glass = boxes([((x - 0.065, side + 1.46, cab.height(2.44)), (0.012, 0.20, 0.56))])
+    painter.pair("mirror_glass", glass, "truck_chrome")
