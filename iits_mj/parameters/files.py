@@ -418,5 +418,7 @@ def _array(node: Any, where: str) -> FloatArray:
 def ungraded(truck: str | Path | None) -> Sequence[str]:
     """Returns the quantities of a truck that lack a unit or a grade of `GRADES`."""
     return [
-        name for name, _, unit, grade, _ in provenance(truck) if not unit or grade not in GRADES
+        name
+        for name, _, unit, grade, _ in provenance(truck)
+        if not (unit and grade in tuple(GRADES))
     ]

@@ -18,7 +18,7 @@ import numpy as np
 
 from iits_mj.parameters.files import GRADES
 from iits_mj.parameters.powertrain import SHIFT_STRATEGIES
-from iits_mj.parameters.quantity import CONVERSIONS, Quantity, quantity_of
+from iits_mj.parameters.quantity import CONVERSIONS, Quantity, Watts, quantity_of
 from iits_mj.parameters.tables import TABLES
 from iits_mj.parameters.truck import TruckParameters
 from iits_mj.parameters.units import COUPLINGS, MOTOR_VEHICLES, TOWED_UNITS
@@ -32,11 +32,16 @@ _CHOICES: dict[tuple[str, str], tuple[str, ...]] = {
     ("Gearbox", "shift_strategy"): SHIFT_STRATEGIES,
 }
 # Keys of the files that are no fields of a dataclass.
-_FILE_KEYS: dict[str, dict[str, str]] = {
+_FILE_KEYS: dict[str, dict[str, tuple[Any, str]]] = {
     "TruckParameters": {
-        "extends": "name of a shipped truck, or path of a file that this one changes"
+        "extends": (str, "name of a shipped truck, or path of a file that this one changes")
     },
-    "Unit": {"behind": "the unit that tows this one; default: the one before it in the file"},
+    "Unit": {
+        "behind": (str, "the unit that tows this one; default: the one before it in the file")
+    },
+    "Engine": {
+        "power": (Watts, "rated power: an engine of the same family as the full-load curve's")
+    },
 }
 # What the CSV table of a key holds; a header names the columns in this order.
 CSV: dict[str, str] = {
@@ -104,8 +109,8 @@ def _define(kind: type[Any], definitions: Schema) -> Schema:
     hints = typing.get_type_hints(kind, include_extras=True)
     meaning, attributes = _described(kind)
     properties: Schema = {
-        key: {"type": "string", "description": text}
-        for key, text in (_FILE_KEYS.get(name, {}) | {"like": _LIKE}).items()
+        key: {**_node(hint, definitions), "description": text}
+        for key, (hint, text) in (_FILE_KEYS.get(name, {}) | {"like": (str, _LIKE)}).items()
     }
     for field in dataclasses.fields(kind):
         if field.name == "name":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter
 from collections.abc import Iterator
@@ -27,6 +28,7 @@ SINGLE, SINGLE_DRIVEN = 10.0, 11.5
 TANDEM = ((1.0, 11.5), (1.3, 16.0), (1.8, 19.0))
 TRAILER_TANDEM = ((1.0, 11.0), (1.3, 16.0), (1.8, 18.0), (math.inf, 20.0))
 TRIDEM = ((1.3, 21.0), (math.inf, 24.0))
+SPACING_TOLERANCE = 1e-6  # [m], of rounding
 STEER_SHARE_MIN = 0.20  # of the motor vehicle's load, UN R79 5.1 and Regulation (EU) 1230/2012
 DRAWBAR_MAX = 1.0  # [t] on the eye of a center-axle trailer, Regulation (EU) 1230/2012
 KINGPIN_MAX = 20.0  # [t], the usual rating of a 2 inch fifth wheel (UN R55, class G50)
@@ -35,8 +37,8 @@ _NAMED = 4  # names in a warning
 
 
 @dataclass(frozen=True, slots=True)
-class TruckCheck:
-    """What `check_truck` found.
+class Inspection:
+    """What `inspect_truck` found.
 
     Attributes:
       name: of the truck.
@@ -55,7 +57,7 @@ class TruckCheck:
         return "\n".join([*lines, *(f"warning: {text}" for text in self.warnings)])
 
 
-def check_truck(truck: str | Path) -> TruckCheck:
+def inspect_truck(truck: str | Path) -> Inspection:
     """Reads a truck, computes its loads, builds its model and lets it rest on a level road.
 
     Raises:
@@ -75,7 +77,7 @@ def check_truck(truck: str | Path) -> TruckCheck:
         ]
     except InputError as error:
         raise InputError(f"{file}: {error}") from error
-    return TruckCheck(p.name, summary(p, file), warnings)
+    return Inspection(p.name, summary(p, file), warnings)
 
 
 def summary(p: TruckParameters, file: str | Path) -> list[tuple[str, str]]:
@@ -93,7 +95,10 @@ def summary(p: TruckParameters, file: str | Path) -> list[tuple[str, str]]:
         ("mass laden", f"{p.gross_mass(p.payload_max) / 1e3:.2f} t"),
         ("payload", f"{p.payload_max / 1e3:.2f} t"),
         ("length", f"{p.length:.2f} m"),
-        ("engine", f"{p.engine.power / 1e3:.0f} kW, {max(p.engine.full_load_torque):.0f} N m"),
+        (
+            "engine",
+            f"{p.engine.full_load_power / 1e3:.0f} kW, {max(p.engine.full_load_torque):.0f} N m",
+        ),
         ("gearbox", f"{gears}, final drive {p.gearbox.final_drive:g}"),
         ("at 85 km/h", f"{cruise:.0f} rpm in the highest gear; governed at {top / KMH:.0f} km/h"),
     ]
@@ -154,18 +159,14 @@ def load_warnings(p: TruckParameters) -> list[str]:
 
 def legal_load(unit: Unit, axles: tuple[Axle, ...]) -> float:
     """Returns the load that 96/53/EC allows an axle group [t]; infinite if it says nothing."""
-    spacing = min(
-        (b.position - a.position for a, b in zip(axles, axles[1:], strict=False)), default=0.0
-    )
+    spacing = min((b.position - a.position for a, b in itertools.pairwise(axles)), default=0.0)
     if len(axles) == 1:
         return SINGLE_DRIVEN if axles[0].driven else SINGLE
     if axles[0].steered:
         return SINGLE * len(axles)
-    if unit.coupling is None:
-        table = TANDEM if len(axles) == 2 else ()
-    else:
-        table = {2: TRAILER_TANDEM, 3: TRIDEM}.get(len(axles), ())
-    return next((load for limit, load in table if spacing <= limit), math.inf)
+    tables = {2: TANDEM} if unit.coupling is None else {2: TRAILER_TANDEM, 3: TRIDEM}
+    table: tuple[tuple[float, float], ...] = tables.get(len(axles), ())
+    return next((load for limit, load in table if spacing <= limit + SPACING_TOLERANCE), math.inf)
 
 
 def _group_warning(unit: Unit, axles: tuple[Axle, ...], load: float) -> str:
