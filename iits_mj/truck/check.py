@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from iits_mj.analytic.wheel_force import overall_ratio
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.units import GRAVITY, KMH, RPM
@@ -117,12 +118,6 @@ def summary(p: TruckParameters, file: str | Path) -> list[tuple[str, str]]:
     ]
     counts = ", ".join(f"{grade} {count}" for grade, count in sorted(grades.items()))
     return [*rows, ("provenance", f"grades {counts}; {unsourced} without source")]
-
-
-def overall_ratio(p: TruckParameters, gear: int) -> float:
-    """Returns the engine's speed over the vehicle's [rad/m] in a gear, from 1."""
-    radius = p.tires[p.driven_axles[0].tire].rolling_radius
-    return float(p.gearbox.ratios[gear - 1]) * p.gearbox.final_drive / radius
 
 
 def load_warnings(p: TruckParameters) -> list[str]:
