@@ -103,19 +103,12 @@ def summary(p: TruckParameters, file: str | Path) -> list[tuple[str, str]]:
         ("gearbox", f"{gears}, final drive {p.gearbox.final_drive:g}"),
         ("at 85 km/h", f"{cruise:.0f} rpm in the highest gear; governed at {top / KMH:.0f} km/h"),
     ]
-    rows += [
-        (f"{what} [kN]", ", ".join(f"{name} {load / 1e3:.1f}" for name, load in loads))
-        for what, loads in (
-            (f"axle loads {state}", zip(names, static_axle_loads(p, payload), strict=True))
-            for state, payload in (("empty", 0.0), ("laden", p.payload_max))
-            for names in [[axle.name for axle in p.axles]]
-        )
-    ]
-    rows += [
-        (f"coupling loads {state} [kN]", ", ".join(f"{load / 1e3:.1f}" for load in loads))
-        for state, payload in (("empty", 0.0), ("laden", p.payload_max))
-        if (loads := coupling_loads(p, payload))
-    ]
+    for state, payload in (("empty", 0.0), ("laden", p.payload_max)):
+        loads = iter(static_axle_loads(p, payload) / 1e3)
+        parts = (" ".join(f"{next(loads):.1f}" for _ in unit.axles) for unit in p.units)
+        rows.append((f"axle loads {state} [kN]", " | ".join(parts)))
+        couplings = " ".join(f"{load / 1e3:.1f}" for load in coupling_loads(p, payload))
+        rows += [(f"coupling loads {state} [kN]", couplings)] if couplings else []
     counts = ", ".join(f"{grade} {count}" for grade, count in sorted(grades.items()))
     return [*rows, ("provenance", f"grades {counts}; {unsourced} without source")]
 
