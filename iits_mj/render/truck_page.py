@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import mujoco
 import numpy as np
+from PIL import Image
 
 from iits_mj.analytic.swept_path import Outline, TurningCircle, swept_width, turn, turning_circle
 from iits_mj.analytic.wheel_force import full_load_force, resistance
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import TransmissionMode
 from iits_mj.core.results import Line, Panel
-from iits_mj.core.units import KMH
+from iits_mj.core.units import GRAVITY, KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.files import provenance
 from iits_mj.parameters.mass_state import static_axle_loads
 from iits_mj.render import plots, truck_drawings
+from iits_mj.render.offscreen import Offscreen
 from iits_mj.render.pages import Page, Section, picture_section
 from iits_mj.truck import Truck
 from iits_mj.truck.check import Inspection, inspect_truck
@@ -159,6 +163,25 @@ def compare_page(trucks: Sequence[str | Path], version: str) -> tuple[Page, str]
     return page, _text((header, *rows))
 
 
+def photo(p: TruckParameters, size: tuple[int, int] = (1280, 720)) -> bytes:
+    """Returns a PNG picture of the laden truck on a straight road.
+
+    Raises:
+      RenderError: OpenGL is missing.
+    """
+    truck = Truck.load(parameters=p)
+    camera = mujoco.MjvCamera()
+    camera.lookat[:] = -0.5 * (p.rear - p.lead.front_overhang), 0.0, 1.4
+    camera.lookat += truck.data.body("tractor").xpos
+    camera.distance, camera.azimuth, camera.elevation = 0.8 * p.length + 4.0, 128.0, -12.0
+    with Offscreen(truck.model, size) as renderer:
+        renderer.update(truck.data, camera)
+        picture = renderer.draw()
+    buffer = io.BytesIO()
+    Image.fromarray(picture).quantize(128).save(buffer, "png", optimize=True)
+    return buffer.getvalue()
+
+
 def full_pedal(p: TruckParameters) -> tuple[FloatArray, FloatArray]:
     """Returns time [s] and speed [m/s] of the laden truck from a standstill at full pedal."""
     truck = Truck.load(parameters=p, visuals=False)
@@ -225,28 +248,22 @@ def _rows(
 
 
 def _traction_panels(trucks: dict[str, TruckParameters]) -> list[Panel]:
-    """Greatest wheel force and power of all gears over speed, and what climbs need."""
+    """Greatest wheel force and power of all gears over speed, and the climb that it allows."""
     speed = np.linspace(3.0, 110.0, 215) * KMH
-    forces, powers = [], []
+    forces, powers, climbs = [], [], []
     for name, p in trucks.items():
         gears = [full_load_force(p, gear) for gear in range(1, len(p.gearbox.ratios) + 1)]
         best = np.max([np.interp(speed, *gear, left=0.0, right=0.0) for gear in gears], axis=0)
         forces.append(Line(name, speed / KMH, best / 1e3))
         powers.append(Line(name, speed / KMH, best * speed / 1e3))
-    slopes = [
-        Line(
-            f"{name}, {100 * grade:.0f} %",
-            speed / KMH,
-            resistance(p, p.payload_max, speed, grade) / 1e3,
-            "reference",
-        )
-        for name, p in trucks.items()
-        for grade in (0.0, 0.03)
-    ]
+        needed = resistance(p, p.payload_max, speed)
+        weight = p.gross_mass(p.payload_max) * GRAVITY
+        climbs.append(Line(name, speed / KMH, 100.0 * np.maximum(best - needed, 0.0) / weight))
     label = "speed [km/h]"
     return [
-        Panel("greatest wheel force; dashed: needed", label, "[kN]", (*forces, *slopes)),
+        Panel("greatest wheel force", label, "[kN]", tuple(forces)),
         Panel("power at the wheels", label, "[kW]", tuple(powers)),
+        Panel("steepest climb at constant speed, laden", label, "[%]", tuple(climbs)),
     ]
 
 

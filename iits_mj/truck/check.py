@@ -85,13 +85,13 @@ def summary(p: TruckParameters, file: str | Path) -> list[tuple[str, str]]:
     """Returns the truck's main quantities as pairs of text."""
     grades = Counter(grade or "none" for *_, grade, _ in provenance(file))
     unsourced = sum(not source for *_, source in provenance(file))
-    units = ", ".join(f"{u.name} ({u.kind}, {len(u.axles)} axles)" for u in p.units)
+    units = ", ".join(f"{u.name} ({u.kind}, {len(u.axles)})" for u in p.units)
     top = p.engine.governed_speed / overall_ratio(p, len(p.gearbox.ratios))
     cruise = 85.0 * KMH * overall_ratio(p, len(p.gearbox.ratios)) / RPM
     gears = f"{len(p.gearbox.ratios)} gears {p.gearbox.ratios[0]:g} to {p.gearbox.ratios[-1]:g}"
     rows = [
         ("truck", p.description or p.name),
-        ("units", units),
+        ("units (axles)", units),
         ("mass empty", f"{p.gross_mass(0.0) / 1e3:.2f} t"),
         ("mass laden", f"{p.gross_mass(p.payload_max) / 1e3:.2f} t"),
         ("payload", f"{p.payload_max / 1e3:.2f} t"),
