@@ -93,6 +93,7 @@ def section_rows(schema: Schema, name: str) -> list[tuple[str, str, str, str]]:
         number = plain.get("items", plain)
         low, high = number.get("minimum"), number.get("maximum")
         allowed = "" if low is None or -low == high else f"{low:.4g} to {high:.4g}"
+        allowed = allowed.replace("1e-09", "above 0")
         allowed = ", ".join(plain.get("enum", ())) or allowed
         units = [] if low is None else leaf["properties"]["unit"]["enum"]
         rows.append((key, ", ".join(units), allowed, node.get("description", "")))

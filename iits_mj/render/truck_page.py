@@ -173,7 +173,7 @@ def photo(p: TruckParameters, size: tuple[int, int] = (1280, 720)) -> bytes:
     camera = mujoco.MjvCamera()
     camera.lookat[:] = -0.5 * (p.rear - p.lead.front_overhang), 0.0, 1.4
     camera.lookat += truck.data.body("tractor").xpos
-    camera.distance, camera.azimuth, camera.elevation = 0.8 * p.length + 4.0, 128.0, -12.0
+    camera.distance, camera.azimuth, camera.elevation = 0.8 * p.length + 4.0, -128.0, -12.0
     with Offscreen(truck.model, size) as renderer:
         renderer.update(truck.data, camera)
         picture = renderer.draw()

@@ -24,8 +24,8 @@ _NOT_FOUND = "plugin iits.tire not found"  # MuJoCo's message without the plugin
 _HINT = (
     f'  <!-- If MuJoCo says "{_NOT_FOUND}": this model needs the engine plugin of the Python '
     "package iits-mj. Use load.py beside this file, or `import iits_mj` before you load the model; "
-    "in C or C++ call mj_loadPluginLibrary with the path that `python -c 'from iits_mj.plugin import "
-    "library_path; print(library_path())'` prints. -->\n"
+    "in C or C++ call mj_loadPluginLibrary with the path that `python -c 'from iits_mj.plugin "
+    "import library_path; print(library_path())'` prints. -->\n"
 )
 _EXTENSION = "  <extension>\n"
 _LOADER = '''"""Loads this truck into plain MuJoCo; `python load.py` shows it in the viewer."""
