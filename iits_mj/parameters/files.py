@@ -99,6 +99,8 @@ def _provenance_rows(node: Any, prefix: str) -> Iterator[tuple[str, str, str, st
     if is_leaf(node):
         rest = (str(node.get(key, "")) for key in _PROVENANCE[1:])
         yield (prefix, str(node["value"]), *rest)  # type: ignore[misc]
+    elif is_number(node):
+        yield (prefix, str(node), "", "", "")
     elif isinstance(node, Mapping):
         for key, child in node.items():
             yield from _provenance_rows(child, f"{prefix}.{key}" if prefix else key)

@@ -84,7 +84,9 @@ def test_an_axle_has_the_cornering_stiffness_of_all_its_tires(load):
     model = LateralModel.of(PARAMETERS, PARAMETERS.gross_mass(load), 0.1)
     found = [axle for unit in model.units for axle in unit.axles]
     loads = static_axle_loads(PARAMETERS, load)
-    for axle, on_axle, (position, stiffness, steer) in zip(PARAMETERS.axles, loads, found, strict=True):
+    for axle, on_axle, (position, stiffness, steer) in zip(
+        PARAMETERS.axles, loads, found, strict=True
+    ):
         tire = PARAMETERS.tires[axle.tire]
         count = 2 * tire.count
         each = cornering_stiffness(float(on_axle) / count, tire, PARAMETERS.tire_common)
