@@ -94,7 +94,8 @@ class FuelMap:
         # Constant specific consumption beyond the map: the rate grows with power.
         rate = rate * np.maximum(torque / top, 1.0) * np.maximum(speed / last, 1.0)
         below = (torque - lowest) / np.maximum(lowest + drag, 1e-9)
-        return np.where(torque >= lowest, rate, rate * np.clip(1.0 + below, 0.0, 1.0))
+        rate = np.where(torque >= lowest, rate, rate * np.clip(1.0 + below, 0.0, 1.0))
+        return np.where(torque + drag > 0.0, rate, 0.0)
 
     def power_max(self, speed: FloatArray) -> FloatArray:
         """Returns the greatest engine power [W] of any gear at vehicle speeds [m/s].
@@ -173,9 +174,7 @@ class FuelMap:
         return Willans(f0, f1 / unit, f2 / unit**2, error)
 
 
-def _before(
-    table: Table2D, efficiency: float, torque: FloatArray, speed: FloatArray
-) -> FloatArray:
+def _before(table: Table2D, efficiency: float, torque: FloatArray, speed: FloatArray) -> FloatArray:
     """Returns the torque at the input of a stage [N m] for that at its output, by input speed.
 
     Args:

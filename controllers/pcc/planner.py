@@ -64,7 +64,7 @@ class Drive:
 
     Attributes:
       speed: [m/s]; power: of the engine [W]; fuel: by the convex model [kg].
-      map_fuel: by the engine's map with the best gear and overrun cut-off [kg]; gear: 1 to 12.
+      map_fuel: by the engine's map with the best gear and overrun cut-off [kg]; gear: from 1.
       clock: time since the start at the nodes, shape (n + 1,) [s].
     """
 
@@ -176,7 +176,8 @@ def make_vehicle(
       InputError: the mass is not that of a truck.
       PlanningError: no gear covers some speed of the band.
     """
-    in_range("mass [kg]", mass, 5_000.0, 80_000.0)
+    most = max(80_000.0, 1.5 * parameters.gross_mass(parameters.payload_max))
+    in_range("mass [kg]", mass, 5_000.0, most)
     tires, air = parameters.tires, parameters.aerodynamics
     turning = sum(
         2.0 * axle.wheel_inertia_spin / tires[axle.tire].rolling_radius ** 2

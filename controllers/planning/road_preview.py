@@ -327,10 +327,10 @@ def off_tracking(model: LateralModel, speed: float) -> float:
     w, *articulations, _ = np.linalg.solve(model.held(a), -turning)
     heading = -w / speed
     aside = way = 0.0
-    for unit, articulation in zip(model.units, articulations, strict=False):
-        aside, way = aside + unit.coupling * heading, way + unit.coupling
+    for coupling, articulation in zip(model.plane.couplings, articulations, strict=True):
+        aside, way = aside + coupling * heading, way + coupling
         heading = heading - articulation
-    group = model.units[-1].group
+    group = model.plane.group(model.plane.units - 1)
     return float(-(aside + group * heading) - 0.5 * (way + group) ** 2)
 
 

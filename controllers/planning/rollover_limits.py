@@ -7,10 +7,11 @@ cross-slope use a part of the threshold; lane changes may use the rest.
 Fifth wheels and turntables join units in roll, drawbars do not: the weakest group of joined units
 counts, with the amplification of the unit that swings most.
 
-Statics of a group in the roll plane: one body rolls by `phi` on the springs of all axles, each of which rolls
-by `phi_u` on its tires until its inner wheels lift (Winkler, Rollover of heavy commercial vehicles,
-UMTRI 1999). With the side force `a` as share of g, sprung load n, roll center h_rc, unsprung weight
-m_u at h_u, load W, track T and the carcass that bends aside by `y = W a sigma / C`,
+Statics of a group in the roll plane: one body rolls by `phi` on the springs of all axles, each of
+which rolls by `phi_u` on its tires until its inner wheels lift (Winkler, Rollover of heavy
+commercial vehicles, UMTRI 1999). With the side force `a` as share of g, sprung load n, roll center
+h_rc, unsprung weight m_u at h_u, load W, track T and the carcass that bends aside by
+`y = W a sigma / C`,
 
     axle:    min(K_t phi_u, W T / 2) = K_s (phi - phi_u) + (n h_rc + m_u h_u) (a + phi_u) + W y
     body:    sum K_s (phi - phi_u) = sum n (h - h_rc) (a + phi).
@@ -55,8 +56,8 @@ def roll_threshold(parameters: TruckParameters, payload: float) -> float:
     """
     bodies, loads = laden_units(parameters, payload), static_axle_loads(parameters, payload)
     on_axles = iter(loads.tolist())
-    # Of each group: loaded axles with their loads [N], and the moment of its weight about the ground
-    # [N m], from the rear group forward the load on the drawbar included.
+    # Of each group: loaded axles with their loads [N], and moments of weights and of the load on a
+    # drawbar about the ground [N m].
     groups: list[tuple[list[tuple[Axle, float]], list[float]]] = []
     for unit, body, on_coupling in zip(
         parameters.units, bodies, (0.0, *coupling_loads(parameters, payload)), strict=True
@@ -156,10 +157,10 @@ def rearward_amplification(model: LateralModel, speed: float, frequency: float) 
     s, own, delta = 2j * math.pi * frequency, model.motions, model.motions + 2
     w, *rates = np.linalg.solve(s * np.eye(own) - a[:own, :own], a[:own, delta])[: model.rates]
     felt = s * w + speed * rates[0]
-    ratios, origin = [], felt
-    for unit, rate in zip(model.units, rates, strict=True):
-        ratios.append(float(abs((origin - unit.cg * s * rate) / felt)))
-        origin = origin - unit.coupling * s * rate
+    ratios, origin, plane = [], felt, model.plane
+    for cg, coupling, rate in zip(plane.cg, [*plane.couplings, 0.0], rates, strict=True):
+        ratios.append(float(abs((origin - cg * s * rate) / felt)))
+        origin = origin - coupling * s * rate
     return max(ratios[1:], default=1.0)
 
 

@@ -50,8 +50,10 @@ class Tracker:
         # and share of the payload of all but the last unit.
         self._places, self._empty = tuple(places), p.gross_mass(0.0)
         most = p.payload_max or 1.0
-        loads = [unit.payload.mass_max / most if unit.payload else 0.0 for unit in p.units]
-        self._masses = tuple((unit.mass, load) for unit, load in zip(p.units[:-1], loads, strict=False))
+        self._masses = tuple(
+            (unit.mass, unit.payload.mass_max / most if unit.payload else 0.0)
+            for unit in p.units[:-1]
+        )
         self.lateral = LateralController(self.parameters, self.config.lateral)
         self.longitudinal = LongitudinalController(self.parameters, self.config.longitudinal)
 

@@ -1,130 +1,60 @@
 """Linear lateral model of a combination of any number of units for the steering controller.
 
-Small angles, constant speed, linear tires; the reference point is the steer axle's center. With
-lateral speed w there, yaw rates r of the units and articulations g between them, virtual work in
-the coordinates (y, psi of each unit) gives `M x' = f(x, delta)`; see `LateralModel.matrices`.
-
-A unit's origin is the coupling to the unit ahead. With the couplings at c behind the origins, a
-point at p on unit k moves aside with `q (w, r)`, `q = (1, -c of the units ahead, -p, 0 behind)`,
-and against the unit's own axis with `q (w, r) + v (g of the couplings ahead)`.
+The truck is a `YawPlane` whose reference point is the steer axle's center and whose forces act at
+the axles' centers; the states of the path and of the steering follow its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import dataclasses
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
 
+from iits_mj.analytic.yaw_plane import YawPlane
 from iits_mj.core.arrays import FloatArray
-from iits_mj.parameters import Axle, TruckParameters
-from iits_mj.parameters.mass_state import (
-    group_center,
-    laden_units,
-    payload_of,
-    static_axle_loads,
-)
-from iits_mj.parameters.tire_law import axle_cornering_stiffness
+from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import payload_of
 
 # States after those of the units: offset and heading error, road wheel angle, demanded road wheel
 # angle, integral of the offset error.
 _PATH_STATES = 5
 
 
-class LateralAxle(NamedTuple):
-    """An axle on its unit.
-
-    Attributes:
-      position: behind the unit's origin [m]; stiffness: cornering stiffness of the axle [N/rad].
-      steer: angle over that of the first axle; 0 for an axle that is not steered.
-    """
-
-    position: float
-    stiffness: float
-    steer: float = 0.0
-
-
-@dataclass(frozen=True)
-class LateralUnit:
-    """A loaded unit.
-
-    Attributes:
-      mass, cg, inertia: [kg], behind the unit's origin [m], in yaw about the CG [kg m2].
-      axles: front to rear, without lifted ones.
-      coupling: of the unit behind, behind this one's origin [m]; 0 for the last unit.
-    """
-
-    mass: float
-    cg: float
-    inertia: float
-    axles: tuple[LateralAxle, ...]
-    coupling: float = 0.0
-
-    @property
-    def group(self) -> float:
-        """Mean position of the axles that are not steered [m]."""
-        return float(np.mean([axle.position for axle in self.axles if not axle.steer]))
-
-
 @dataclass(frozen=True)
 class LateralModel:
-    """Masses, lengths and cornering stiffnesses of a loaded truck of n units.
+    """A loaded truck of n units on a path.
 
     The states are the lateral speed w, the yaw rates r of the units, the articulations g of the
     couplings (yaw ahead minus yaw behind), offset and heading error, road wheel angle, demanded
     road wheel angle and the integral of the offset: 2 n + 5.
 
     Attributes:
-      units: front to rear.
+      plane: masses, lengths and cornering stiffnesses.
       lag: of the steering and the tires' relaxation [s].
     """
 
-    units: tuple[LateralUnit, ...]
+    plane: YawPlane
     lag: float
 
     @classmethod
     def of(cls, parameters: TruckParameters, gross_mass: float, lag: float) -> LateralModel:
         """The model of a truck at a gross combination mass [kg]."""
-        p = parameters
-        load = payload_of(p, gross_mass)
-        stiffness = iter(axle_cornering_stiffness(p, static_axle_loads(p, load)).tolist())
-        # All steered wheels turn about a center on the line through the rear group's middle.
-        front, rear = p.lead.groups(load)
-        center, first = group_center(rear), front[0].position
-        units, couplings = [], [*(c.position for c in p.couplings), 0.0]
-        for unit, laden, coupling in zip(p.units, laden_units(p, load), couplings, strict=True):
-            axles = tuple(
-                LateralAxle(
-                    position=axle.position,
-                    stiffness=_yielding(axle, own, p),
-                    steer=(center - axle.position) / (center - first) if axle.steered else 0.0,
-                )
-                for axle, own in zip(unit.axles, stiffness, strict=False)
-                if not axle.lifted(load)
-            )
-            body = laden.mass, laden.cg_position, laden.inertia_z
-            units.append(LateralUnit(*body, axles, coupling))
-        return cls(tuple(units), lag)
+        plane = YawPlane.from_parameters(
+            parameters, payload_of(parameters, gross_mass), pneumatic_trail=False
+        )
+        return cls(dataclasses.replace(plane, reference=float(plane.position[0])), lag)
 
     @property
     def rates(self) -> int:
         """Number of the speeds (w, r of each unit), the first states."""
-        return 1 + len(self.units)
+        return 1 + self.plane.units
 
     @property
     def motions(self) -> int:
         """Number of the states of the truck alone: the speeds and the articulations."""
-        return 2 * len(self.units)
-
-    def arms(self) -> Iterator[tuple[int, LateralUnit, FloatArray]]:
-        """Each unit's index, the unit, and `q` of its origin, shape (rates,)."""
-        ahead = np.zeros(self.rates)
-        ahead[0] = 1.0
-        for k, unit in enumerate(self.units):
-            yield k, unit, ahead.copy()
-            ahead[1 + k] = -unit.coupling
+        return 2 * self.plane.units
 
     def matrices(self, speed: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Continuous `x' = A x + B u + E kappa`; u is the rate of the demanded angle [rad/s].
@@ -132,43 +62,19 @@ class LateralModel:
         Args:
           speed: [m/s], positive.
         """
-        v, rates, motions = speed, self.rates, self.motions
-        inertia = np.zeros((rates, rates))
-        momentum = np.zeros(rates)
-        # Generalized forces over (w, r, g, delta).
-        force = np.zeros((rates, motions + 1))
-        for k, unit, origin in self.arms():
-            arm = origin.copy()
-            arm[1 + k] = -unit.cg
-            inertia += np.triu(np.outer(arm, unit.mass * arm), 1)
-            inertia[np.diag_indices(rates)] += unit.mass * arm**2
-            inertia[1 + k, 1 + k] += unit.inertia
-            momentum += unit.mass * arm
-            for axle in unit.axles:
-                arm = origin.copy()
-                arm[1 + k] = -axle.position
-                slip = np.concatenate([arm / v, np.zeros(len(self.units))])
-                slip[rates : rates + k] = 1.0
-                slip[motions] = -axle.steer
-                force -= axle.stiffness * np.outer(arm, slip)
-        force[:, 1] -= v * momentum
-        inertia += np.triu(inertia, 1).T
-        motion = np.linalg.solve(inertia, force)
+        motions, system = self.motions, self.plane.at(speed)
         n = motions + _PATH_STATES
         e, psi, delta, demand, integral = range(motions, n)
         a = np.zeros((n, n))
-        a[:rates, :motions] = motion[:, :motions]
-        a[:rates, delta] = motion[:, motions]
-        for k in range(rates, motions):
-            a[k, k - rates + 1], a[k, k - rates + 2] = 1.0, -1.0
-        a[e, 0], a[e, psi] = 1.0, v
+        a[:motions, :motions], a[:motions, delta] = system.A, system.B
+        a[e, 0], a[e, psi] = 1.0, speed
         a[psi, 1] = 1.0
         a[delta, delta], a[delta, demand] = -1.0 / self.lag, 1.0 / self.lag
         a[integral, e] = 1.0
         drive = np.zeros((n, 1))
         drive[demand, 0] = 1.0
         road = np.zeros((n, 1))
-        road[psi, 0] = -v
+        road[psi, 0] = -speed
         return a, drive, road
 
     def discrete(
@@ -210,16 +116,3 @@ class LateralModel:
         """
         unknown = [0, *range(self.rates, self.motions), self.motions + 2]
         return np.asarray(a[: self.rates][:, unknown])
-
-
-def _yielding(axle: Axle, stiffness: float, parameters: TruckParameters) -> float:
-    """Cornering stiffness [N/rad] of an axle whose knuckles may turn by its side force.
-
-    The force of a wheel end acts behind the kingpin by caster and pneumatic trail t, so that a
-    knuckle with centering stiffness k turns by `F t / k` out of the slip.
-    """
-    own = axle.self_steering
-    if own is None:
-        return stiffness
-    lever = own.trail + parameters.tires[axle.tire].pneumatic_trail
-    return stiffness * own.stiffness / (own.stiffness + 0.5 * stiffness * lever)

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from printed_model import CORRECTED, PRINTED
 from yaw_sideslip import STEP, V80, system
 
-from iits_mj.analytic import YawSideslip, simulate
+from iits_mj.analytic import YawPlane, simulate
 from iits_mj.parameters import TruckParameters
 
 # The independent multibody model is part of the tests.
@@ -34,13 +34,13 @@ def write(folder: Path, parameters: TruckParameters) -> None:
     """Writes `analytic_eigenvalues.png` and `analytic_step.png` into the folder."""
     matplotlib.use("Agg")
     folder.mkdir(parents=True, exist_ok=True)
-    model = YawSideslip.from_parameters(parameters, parameters.payload_max, pneumatic_trail=False)
+    model = YawPlane.from_parameters(parameters, parameters.payload_max, pneumatic_trail=False)
     with plt.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
         _eigenvalues(folder / "analytic_eigenvalues.png", model)
         _step(folder / "analytic_step.png", model, STEP / parameters.steering.ratio)
 
 
-def _eigenvalues(path: Path, model: YawSideslip) -> None:
+def _eigenvalues(path: Path, model: YawPlane) -> None:
     figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
     speeds = np.arange(40.0, 121.0, 2.0)
     for reading, color, label in ((CORRECTED, _RIGHT, "corrected"), (PRINTED, _WRONG, "printed")):
@@ -64,7 +64,7 @@ def _eigenvalues(path: Path, model: YawSideslip) -> None:
     plt.close(figure)
 
 
-def _step(path: Path, model: YawSideslip, steer: float) -> None:
+def _step(path: Path, model: YawPlane, steer: float) -> None:
     time = np.linspace(0.0, 10.0, 1001)
     step = ramp_step(steer)
     samples = np.array([step(now) for now in time])

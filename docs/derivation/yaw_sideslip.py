@@ -23,7 +23,7 @@ import sympy as sp
 from lagrange_model import FORCES, STATES, STIFFNESSES, TRAILS, Matrices, derive
 from printed_model import CORRECTED, PRINTED, READINGS, Reading, matrices
 
-from iits_mj.analytic import LateralSystem, YawSideslip, step_response
+from iits_mj.analytic import LateralSystem, YawPlane, step_response
 from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TruckParameters
 
@@ -32,27 +32,31 @@ V80 = 80.0 / 3.6
 STEP = np.deg2rad(15.0)
 
 
-def numbers(model: YawSideslip, speed: float) -> dict[sp.Symbol, float]:
+def numbers(model: YawPlane, speed: float) -> dict[sp.Symbol, float]:
     """The model's numbers and the speed [m/s] by the paper's symbols."""
-    tandem, triaxle = model.tractor_arms, model.trailer_arms
-    if len(tandem) != 2 or len(triaxle) != 3 or not np.isclose(*np.diff(triaxle)):
-        raise ValueError("the paper's symbols want a tandem and an evenly spaced tri-axle")
-    values = {
-        getattr(symbols, name): getattr(model, name)
-        for name in ("m_c", "m_t", "I_c", "I_t", "L_c1", "L_h", "L_t1", "t_1", "t_2", "t_3")
-    }
+    if model.unit.tolist() != [0, 0, 0, 1, 1, 1]:
+        raise ValueError("the paper's symbols want a tandem and a tri-axle")
+    tandem, triaxle = model.position[1:3] - model.reference, model.position[3:]
+    values = dict(zip((symbols.m_c, symbols.m_t), model.mass, strict=True))
+    values |= dict(zip((symbols.I_c, symbols.I_t), model.inertia, strict=True))
+    values |= dict(
+        zip((symbols.t_1, symbols.t_2, symbols.t_3), model.trail[[0, 1, 3]], strict=True)
+    )
     values |= {
         symbols.v: speed,
+        symbols.L_c1: model.reference - model.position[0],
+        symbols.L_h: model.couplings[0] - model.reference,
+        symbols.L_t1: model.cg[1],
         symbols.L_c2: float(tandem.mean()),
         symbols.i_2: float(np.diff(tandem)[0]) / 2.0,
-        symbols.L_t2: float(triaxle.mean()) - model.L_t1,
+        symbols.L_t2: float(triaxle.mean() - model.cg[1]),
         symbols.i_3: float(np.diff(triaxle)[0]),
     }
-    return values | dict(zip(STIFFNESSES, [model.C_1, *model.C_2, *model.C_3], strict=True))
+    return values | dict(zip(STIFFNESSES, model.cornering, strict=True))
 
 
 def numeric(
-    derived: Matrices, model: YawSideslip, speed: float
+    derived: Matrices, model: YawPlane, speed: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """H (4, 4), A_h (4, 4) and B_h (4,) with the model's numbers."""
     values = numbers(model, speed)
@@ -65,16 +69,19 @@ def _compiled(derived: Matrices, names: tuple[sp.Symbol, ...]) -> Callable[..., 
     return sp.lambdify(names, [derived.H, derived.A_h, derived.B_h], "numpy")
 
 
-def greatest_difference(model: YawSideslip, speed: float) -> float:
+def greatest_difference(model: YawPlane, speed: float) -> float:
     """Difference of derived and package matrices, relative to each matrix's greatest element."""
     derived = numeric(derive().matrices, model, speed)
-    ours = (model.H(), model.A_h(speed), model.B_h())
+    forces, H = model.forces(speed), np.eye(4)
+    H[:3, :3] = model.inertia_matrix()
+    A_h = np.vstack([forces[:, :4], [0.0, 1.0, -1.0, 0.0]])
+    ours = (H, A_h, np.append(forces[:, 4], 0.0))
     return max(
         float(np.max(np.abs(a - b)) / np.max(np.abs(b))) for a, b in zip(derived, ours, strict=True)
     )
 
 
-def system(reading: Reading, model: YawSideslip, speed: float) -> LateralSystem:
+def system(reading: Reading, model: YawPlane, speed: float) -> LateralSystem:
     """State space of a reading of the printed equations, with the model's numbers."""
     H, A_h, B_h = numeric(matrices(reading), model, speed)
     return replace(model.at(speed), A=np.linalg.solve(H, A_h), B=np.linalg.solve(H, B_h))
@@ -104,7 +111,7 @@ def _growth(found: LateralSystem) -> float:
     return float(found.eigenvalues()[0].real)
 
 
-def unstable_from(reading: Reading, model: YawSideslip) -> float:
+def unstable_from(reading: Reading, model: YawPlane) -> float:
     """Lowest speed to 60 m/s at which an eigenvalue's real part is positive [m/s], to 0.1 m/s."""
     speeds = np.arange(2.0, 60.0, 0.1)
     # A zero eigenvalue means drift, not growth.
@@ -116,7 +123,7 @@ def effects(parameters: TruckParameters, speed: float = V80) -> list[Effect]:
     """Effects of every reading, laden and empty, without pneumatic trail as in the paper."""
     rows = []
     for payload in (parameters.payload_max, 0.0):
-        model = YawSideslip.from_parameters(parameters, payload, pneumatic_trail=False)
+        model = YawPlane.from_parameters(parameters, payload, pneumatic_trail=False)
         steer = STEP / parameters.steering.ratio
         right = step_response(system(CORRECTED, model, speed), steer)
         for reading in READINGS:
@@ -207,7 +214,7 @@ def check_package(parameters: TruckParameters) -> float:
     """Greatest difference to the package over payloads, speeds and both trail settings."""
     worst = max(
         greatest_difference(
-            YawSideslip.from_parameters(parameters, payload, pneumatic_trail=trail), speed
+            YawPlane.from_parameters(parameters, payload, pneumatic_trail=trail), speed
         )
         for payload in (0.0, parameters.payload_max / 3.0, parameters.payload_max)
         for speed in (5.0, V80, 30.0)
@@ -235,7 +242,7 @@ def main() -> None:
     parameters = TruckParameters.load()
     show_derivation()
     worst = check_package(parameters)
-    print(f"\nDerived matrices equal iits_mj.analytic.YawSideslip: at most {worst:.1e} apart.")
+    print(f"\nDerived matrices equal iits_mj.analytic.YawPlane: at most {worst:.1e} apart.")
     rows = effects(parameters)
     growth = {(row.label, row.payload): row.growth for row in rows}
     laden = parameters.payload_max

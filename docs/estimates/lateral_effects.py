@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from iits_mj.analytic import YawRoll, YawSideslip, simulate
+from iits_mj.analytic import YawPlane, YawRoll, simulate
 from iits_mj.parameters import TruckParameters
 from iits_mj.validation.handling.step_steer import step_steers
 from iits_mj.validation.harness.recorder import SteeringRecord, fit
@@ -25,7 +25,7 @@ SIGNALS = ("yaw_rate", "trailer_yaw_rate", "articulation", "y")
 TIMESTEP = 0.001
 
 
-def row(name: str, recording: SteeringRecord, model: YawSideslip | YawRoll) -> str:
+def row(name: str, recording: SteeringRecord, model: YawPlane | YawRoll) -> str:
     """One line of the table: the fits with one model."""
     answer = simulate(model.at(float(recording.speed.mean())), recording.time, recording.road_wheel)
     fits = [
@@ -47,7 +47,7 @@ def main() -> None:
                 f"\n| fit [%], {degrees:g} deg, {payload / 1e3:g} t | yaw rate | trailer's yaw "
                 "rate | hitch angle | lateral position |\n|---|---|---|---|---|"
             )
-            plane = YawSideslip.from_parameters(parameters, payload, cruise_speed=speed)
+            plane = YawPlane.from_parameters(parameters, payload, cruise_speed=speed)
             print(row("yaw-sideslip model", recording, plane))
             full = YawRoll.from_parameters(parameters, payload, cruise_speed=speed)
             print(row("yaw-roll model", recording, full))

@@ -1,6 +1,6 @@
-"""The paper's analytic models of the truck, corrected, as pure functions of its parameters.
+"""Analytic models of any combination of units as pure functions of its parameters.
 
-`Kinematic` is the slip-free model, `YawSideslip` the linear lateral model, `YawRoll` the same with
+`Kinematic` is the slip-free model, `YawPlane` the linear lateral model, `YawRoll` the same with
 roll, tire lag, side wind and traction; `measures` computes what they predict. They do not use
 MuJoCo, and nothing is fitted to the simulation.
 """
@@ -8,6 +8,7 @@ MuJoCo, and nothing is fitted to the simulation.
 from iits_mj.analytic.kinematic import Kinematic
 from iits_mj.analytic.measures import (
     Response,
+    amplification,
     critical_speed,
     rearward_amplification,
     simulate,
@@ -16,11 +17,12 @@ from iits_mj.analytic.measures import (
     step_response,
     understeer_gradient,
     understeer_gradient_by_loads,
+    unit_track,
     worst_rearward_amplification,
     yaw_rate_gain,
 )
+from iits_mj.analytic.yaw_plane import LateralSystem, YawPlane
 from iits_mj.analytic.yaw_roll import RollSystem, YawRoll
-from iits_mj.analytic.yaw_sideslip import LateralSystem, YawSideslip
 from iits_mj.parameters.mass_state import (
     coupling_loads,
     cruise_axle_loads,
@@ -34,8 +36,9 @@ __all__ = [
     "LateralSystem",
     "Response",
     "RollSystem",
+    "YawPlane",
     "YawRoll",
-    "YawSideslip",
+    "amplification",
     "axle_cornering_stiffness",
     "coupling_loads",
     "critical_speed",
@@ -49,6 +52,7 @@ __all__ = [
     "step_response",
     "understeer_gradient",
     "understeer_gradient_by_loads",
+    "unit_track",
     "worst_rearward_amplification",
     "yaw_rate_gain",
 ]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
+from scipy.linalg import expm
 
-from iits_mj.analytic.yaw_sideslip import LateralSystem, YawSideslip
+from iits_mj.analytic.yaw_plane import LateralSystem, YawPlane
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import positive
 from iits_mj.core.errors import InputError
@@ -19,33 +19,65 @@ from iits_mj.parameters.tire_law import axle_cornering_stiffness
 
 @dataclass(frozen=True)
 class Response:
-    """Time histories, all of shape (n,).
+    """Time histories of a combination of n units, of shape (m,) where not noted.
 
     Attributes:
       time: [s]; steer: road-wheel angle [rad].
-      lateral_velocity: of the tractor's CG, tractor's frame [m/s].
-      yaw_rate, trailer_yaw_rate: [rad/s]; articulation: tractor minus trailer yaw [rad].
-      yaw: of the tractor [rad]; x, y: steer axle center in the ground frame [m].
-      lateral_acceleration: of the tractor's CG [m/s2].
-      trailer_lateral_acceleration: of the trailer's CG [m/s2].
-      steer_axle_acceleration: lateral, of the steer axle's center at the road [m/s2].
-      roll, trailer_roll: [rad]; zero in a model without roll.
+      lateral_velocity: of the model's reference point, lead unit's frame [m/s].
+      yaw_rates: of the units [rad/s], shape (m, n).
+      articulations: yaw ahead minus yaw behind [rad], shape (m, n - 1).
+      yaw: of the lead unit [rad]; x, y: first axle's center in the ground frame [m].
+      lateral_accelerations: of the units' CGs [m/s2], shape (m, n).
+      steer_axle_acceleration: lateral, of the first axle's center at the road [m/s2].
+      rolls: of the units [rad], shape (m, n); zero in a model without roll.
     """
 
     time: FloatArray
     steer: FloatArray
     lateral_velocity: FloatArray
-    yaw_rate: FloatArray
-    trailer_yaw_rate: FloatArray
-    articulation: FloatArray
+    yaw_rates: FloatArray
+    articulations: FloatArray
     yaw: FloatArray
     x: FloatArray
     y: FloatArray
-    lateral_acceleration: FloatArray
-    trailer_lateral_acceleration: FloatArray
+    lateral_accelerations: FloatArray
     steer_axle_acceleration: FloatArray
-    roll: FloatArray
-    trailer_roll: FloatArray
+    rolls: FloatArray
+
+    @property
+    def yaw_rate(self) -> FloatArray:
+        """Of the lead unit [rad/s]."""
+        return self.yaw_rates[:, 0]
+
+    @property
+    def lateral_acceleration(self) -> FloatArray:
+        """Of the lead unit's CG [m/s2]."""
+        return self.lateral_accelerations[:, 0]
+
+    @property
+    def roll(self) -> FloatArray:
+        """Of the lead unit [rad]."""
+        return self.rolls[:, 0]
+
+    @property
+    def articulation(self) -> FloatArray:
+        """Of the first coupling [rad]."""
+        return self.articulations[:, 0]
+
+    @property
+    def trailer_yaw_rate(self) -> FloatArray:
+        """Of the last unit [rad/s]."""
+        return self.yaw_rates[:, -1]
+
+    @property
+    def trailer_lateral_acceleration(self) -> FloatArray:
+        """Of the last unit's CG [m/s2]."""
+        return self.lateral_accelerations[:, -1]
+
+    @property
+    def trailer_roll(self) -> FloatArray:
+        """Of the last unit [rad]."""
+        return self.rolls[:, -1]
 
 
 def simulate(system: LateralSystem, time: FloatArray, steer: FloatArray) -> Response:
@@ -70,32 +102,59 @@ def simulate(system: LateralSystem, time: FloatArray, steer: FloatArray) -> Resp
         raise InputError("time must increase in finite, uniform steps")
     if not np.all(np.isfinite(steer)):
         raise InputError("steer holds a value that is not finite")
-    count = len(system.B)
-    plant = (system.A, system.B[:, None], np.eye(count), np.zeros((count, 1)))
-    outputs = signal.lsim(plant, steer, time)
-    states = np.asarray(outputs[2])
+    states = _states(system, steer, float(steps[0]))
     rates = states @ system.A.T + np.outer(steer, system.B)
-    model, v = system.model, system.speed
+    model, v, units = system.model, system.speed, system.model.units
     yaw = _integrate(time, states[:, 1])
-    lateral = states[:, 0] + model.L_c1 * states[:, 1]
-    acceleration, trailer_acceleration = system.cg_accelerations(states, rates)
-    roll, trailer_roll = system.roll_angles(states)
+    lateral = states[:, 0] + (model.reference - model.position[0]) * states[:, 1]
     return Response(
         time=time,
         steer=steer,
         lateral_velocity=states[:, 0],
-        yaw_rate=states[:, 1],
-        trailer_yaw_rate=states[:, 2],
-        articulation=states[:, 3],
+        yaw_rates=states[:, 1 : 1 + units],
+        articulations=states[:, 1 + units : 2 * units],
         yaw=yaw,
         x=_integrate(time, v * np.cos(yaw) - lateral * np.sin(yaw)),
         y=_integrate(time, v * np.sin(yaw) + lateral * np.cos(yaw)),
-        lateral_acceleration=acceleration,
-        trailer_lateral_acceleration=trailer_acceleration,
+        lateral_accelerations=system.cg_accelerations(states, rates),
         steer_axle_acceleration=system.steer_axle_acceleration(states, rates),
-        roll=roll,
-        trailer_roll=trailer_roll,
+        rolls=system.roll_angles(states),
     )
+
+
+def _states(system: LateralSystem, steer: FloatArray, step: float) -> FloatArray:
+    """States at uniform samples from rest; exact for an input linear between them."""
+    n = len(system.B)
+    block = np.zeros((n + 2, n + 2))
+    block[:n, :n], block[:n, n] = system.A * step, system.B * step
+    block[n, n + 1] = 1.0
+    whole = expm(block)
+    held, ramp = whole[:n, n], whole[:n, n + 1]
+    pushes = np.outer(steer[:-1], held) + np.outer(np.diff(steer), ramp)
+    advance, states = whole[:n, :n].T, np.zeros((len(steer), n))
+    for i, push in enumerate(pushes):
+        states[i + 1] = states[i] @ advance + push
+    return states
+
+
+def unit_track(answer: Response, system: LateralSystem, unit: int, position: float) -> FloatArray:
+    """Returns the track of a point of a unit in the ground frame of a response [m], shape (m, 2).
+
+    Args:
+      answer: of the model.
+      system: that gave it.
+      unit: index of the unit; -1 is the last one.
+      position: of the point behind the unit's origin [m].
+    """
+    model, unit = system.model, unit % system.model.units
+    lengths = [*model.couplings[:unit], position]
+    lengths[0] -= model.position[0]
+    track, heading = np.column_stack([answer.x, answer.y]), answer.yaw
+    for k, length in enumerate(lengths):
+        if k:
+            heading = heading - answer.articulations[:, k - 1]
+        track = track - length * np.column_stack([np.cos(heading), np.sin(heading)])
+    return track
 
 
 def step_response(system: LateralSystem, steer: float, duration: float = 10.0) -> Response:
@@ -109,7 +168,7 @@ def yaw_rate_gain(system: LateralSystem) -> float:
     return float(system.steady_state()[1])
 
 
-def understeer_gradient(model: YawSideslip, speed: float = 20.0) -> float:
+def understeer_gradient(model: YawPlane, speed: float = 20.0) -> float:
     """Understeer gradient [rad s2/m] of the linear model: d(delta - L/R) / d(lateral acceleration).
 
     The model's steer angle is exactly `delta = L' / R + K a_y`, where L' is the wheelbase with
@@ -124,12 +183,16 @@ def understeer_gradient_by_loads(parameters: TruckParameters, payload: float) ->
     """Returns `K = (W_f / C_f - W_r / C_r) / g` [rad s2/m] from static axle loads (textbook)."""
     loads = static_axle_loads(parameters, payload)
     stiffness = axle_cornering_stiffness(parameters, loads)
-    rear = slice(1, len(parameters.lead.axles))
-    front_ratio = loads[0] / stiffness[0]
-    return float(front_ratio - loads[rear].sum() / stiffness[rear].sum()) / GRAVITY
+    front, rear = parameters.lead.groups(payload)
+    names = [axle.name for axle in parameters.axles]
+    ratios = []
+    for group in (front, rear):
+        places = [names.index(axle.name) for axle in group]
+        ratios.append(loads[places].sum() / stiffness[places].sum())
+    return float(ratios[0] - ratios[1]) / GRAVITY
 
 
-def critical_speed(model: YawSideslip, limit: float = 100.0) -> float:
+def critical_speed(model: YawPlane, limit: float = 100.0) -> float:
     """Lowest speed [m/s] at which the linear model is not stable; `inf` when stable to `limit`.
 
     Any instability counts: the oversteering tractor's, which grows without swinging and is the
@@ -174,7 +237,7 @@ def single_sine(
 
 
 def rearward_amplification(system: LateralSystem, frequency: float = 0.4) -> float:
-    """Peak lateral acceleration of the trailer's CG over the steer axle's, for a single-sine steer.
+    """Peak lateral acceleration of the last unit's CG over the steer axle's, for a single sine.
 
     Args:
       system: the model at one speed; InputError if it is not stable.
@@ -182,38 +245,52 @@ def rearward_amplification(system: LateralSystem, frequency: float = 0.4) -> flo
     """
     _require_stable(system, "rearward amplification")
     positive("frequency", frequency, "Hz")
-    # Both peaks occur during the sine or in the first swing after it.
+    # Both peaks occur during the sine or in the first swings after it.
     time, steer = single_sine(1.0 / frequency, 2.0 / frequency + 8.0)
     response = simulate(system, time, 1e-2 * steer)
     peak = np.max(np.abs(response.steer_axle_acceleration))
     return float(np.max(np.abs(response.trailer_lateral_acceleration)) / peak)
 
 
-def worst_rearward_amplification(system: LateralSystem) -> tuple[float, float]:
-    """(gain, frequency [Hz]) of the greatest acceleration ratio under steady sine steering.
+def amplification(system: LateralSystem, frequency: FloatArray) -> FloatArray:
+    """Lateral acceleration of each unit's CG over the steer axle's in steady sine steering.
 
-    The trailer's CG over the steer axle, searched from 0.05 to 2 Hz. The ratio is 1 in the limit of
-    slow steering; without a resonance the greatest value is at the search's lower end.
+    Args:
+      system: the model at one speed; InputError if it is not stable.
+      frequency: [Hz], shape (m,).
+
+    Returns:
+      Shape (m, n) of the n units.
+    """
+    _require_stable(system, "rearward amplification")
+    frequency = np.atleast_1d(frequency)
+    states = system.frequency_response(frequency)
+    rates = 2j * np.pi * frequency[:, None] * states
+    front = system.steer_axle_acceleration(states, rates)
+    return np.abs(system.cg_accelerations(states, rates) / front[:, None])
+
+
+def worst_rearward_amplification(system: LateralSystem) -> tuple[float, float]:
+    """(gain, frequency [Hz]) of the last unit's greatest amplification from 0.05 to 2 Hz.
+
+    The ratio is 1 in the limit of slow steering; without a resonance the greatest value is at the
+    search's lower end.
 
     Args:
       system: the model at one speed; InputError if it is not stable.
     """
-    _require_stable(system, "rearward amplification")
     frequency = np.geomspace(0.05, 2.0, 200)
-    states = system.frequency_response(frequency)
-    rates = 2j * np.pi * frequency[:, None] * states
-    _, trailer = system.cg_accelerations(states, rates)
-    gain = np.abs(trailer / system.steer_axle_acceleration(states, rates))
+    gain = amplification(system, frequency)[:, -1]
     best = int(np.argmax(gain))
     return float(gain[best]), float(frequency[best])
 
 
 def steady_off_tracking(system: LateralSystem, radius: float) -> float:
-    """Path radius of the trailer's rear group minus the steer axle's [m], in a steady turn.
+    """Path radius of the last unit's axle group minus the steer axle's [m], in a steady turn.
 
-    Negative: the trailer runs inside (low speed); positive: outside (high speed).
+    Negative: the last unit runs inside (low speed); positive: outside (high speed).
 
-    The hitch angle is the linear model's: the radius must be several times the truck's length.
+    The articulations are the linear model's: the radius must be several times the truck's length.
 
     Args:
       system: the model at one speed; InputError if it is not stable.
@@ -221,15 +298,19 @@ def steady_off_tracking(system: LateralSystem, radius: float) -> float:
     """
     _require_stable(system, "steady off-tracking")
     model, v = system.model, system.speed
-    # Per yaw rate; the steer axle's lateral velocity gives its distance ahead of the turn's center.
+    # Per yaw rate; the reference's lateral velocity gives its distance ahead of the turn's center.
     state = system.steady_state() / yaw_rate_gain(system)
-    ahead = model.L_c1 + state[0]
+    ahead = model.reference - float(model.position[0]) + state[0]
     if not (np.isfinite(radius) and radius > abs(ahead)):
         raise InputError(f"radius {radius!r} m must be greater than {abs(ahead):.2f} m")
     across = np.sqrt(radius**2 - ahead**2)
-    arm, angle = float(np.mean(model.trailer_arms)), state[3] * v / across
+    # Headings of the units against the lead unit's, to the outside of the turn.
+    headings = np.concatenate([[0.0], np.cumsum(state[1 + model.units : 2 * model.units])])
+    headings *= v / across
+    lengths = np.array([*model.couplings, model.group(model.units - 1)])
+    lengths[0] -= model.reference
+    rear = np.array([-lengths @ np.cos(headings), lengths @ np.sin(headings)])
     center = np.array([-state[0], across])
-    rear = np.array([-model.L_h - arm * np.cos(angle), arm * np.sin(angle)])
     return float(np.linalg.norm(rear - center) - radius)
 
 

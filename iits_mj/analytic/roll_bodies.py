@@ -1,16 +1,15 @@
-"""Masses, springs and geometry of the truck as its units and axles roll: matrices of small motion.
+"""Masses, springs and geometry of a combination as its units and axles roll: small motion.
 
-Coordinates `q = [y_c, beta_c, beta_t, phi_c, phi_t, alpha_1 ... alpha_n]`: lateral position of the
-point of the tractor's body that lies below its CG at the height of the road, yaw of tractor and
-trailer, roll of their bodies, and roll of every axle; all absolute, roll positive to the right
+Coordinates `q = [y, psi_1 .. psi_n, phi_1 .. phi_n, alpha_1 .. alpha_k]`: lateral position of the
+point of the motor vehicle that lies below its reference (`YawPlane`) at the height of the road, yaw
+of the units, roll of their bodies, and roll of every axle; all absolute, roll positive to the right
 (left side up). Straight running is symmetric, so that heave, pitch and speed do not occur in the
 linear equations of these coordinates.
 
-Lateral positions. A point of the tractor `x` ahead of its CG, and a point of the trailer `d` behind
-the kingpin (fifth wheel at `L_h` behind the CG and height `h_f`), both at height `h`:
+Lateral positions. A point of unit k at height h and `p` behind its origin, whose coupling j to the
+next unit lies at the height `h_j`:
 
-    y = y_c + x beta_c - h phi_c
-    y = y_c - L_h beta_c - h_f phi_c - d beta_t - (h - h_f) phi_t
+    y = (plane, see `yaw_plane`) - h_1 phi_1 - (h_2 - h_1) phi_2 - ... - (h - h_(k-1)) phi_k
 
 An axle turns about its roll center, which is fixed to the body at `h_r`, `e` above the axle's
 center. Its center therefore moves by `e alpha` and its contact patches by `h_r alpha` more than the
@@ -21,11 +20,11 @@ of the potential energy at rest:
 
     springs and bar of an axle   1/2 k_s (alpha - phi)^2,    k_s = k b^2 / 2 + k_aux
     its tires                    1/2 k_t alpha^2,            k_t = n k_z s^2 / 2 (n tires a side)
-    fifth wheel                  1/2 k_f (phi_t - phi_c)^2
+    coupling j                   1/2 k_j (phi_(j+1) - phi_j)^2
     weights and axle loads       sum of m g z - F_z z with z to second order: z = -h phi^2 / 2
 
 where `b` is the spacing of the springs and `s` the track. The last line tips a body over its roll
-centers and, through the kingpin's load, over the fifth wheel.
+centers and, through the load on its coupling, over the unit ahead.
 
 The axle with a roll center is that of Gillespie and MacAdam, "Constant Velocity Yaw/Roll Program",
 UMTRI-82-39 (1982); the equations here are Lagrange's of the coordinates above.
@@ -33,34 +32,188 @@ UMTRI-82-39 (1982); the equations here are Lagrange's of the coordinates above.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from iits_mj.analytic.yaw_plane import YawPlane, axles_on_road
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.units import GRAVITY
 from iits_mj.model.statics import axle_inertial, sprung, wheel_height
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.mass_state import laden_units, payload_inertials, static_axle_loads
+from iits_mj.parameters.mass_state import (
+    air_shares,
+    cruise_axle_loads,
+    laden_units,
+    payload_inertials,
+    static_axle_loads,
+)
+from iits_mj.parameters.units import Axle
 
-PHI_C, PHI_T, FIRST_AXLE = 3, 4, 5
+# Shortest relaxation length of the tire plugin [m].
+SHORTEST_RELAXATION = 0.1
+
+
+@dataclass(frozen=True)
+class RollBody:
+    """A mass that rolls with a unit: chassis or load.
+
+    Attributes:
+      unit: index; mass: [kg]; position: behind the unit's origin [m]; height: above the road [m];
+        inertia_x: about its CG [kg m2].
+    """
+
+    unit: int
+    mass: float
+    position: float
+    height: float
+    inertia_x: float
+
+
+@dataclass(frozen=True)
+class RollData:
+    """What roll adds to a `YawPlane` of n units and k axles.
+
+    Attributes:
+      bodies: chassis and loads.
+      cg_height: of the laden units [m], shape (n,).
+      coupling_height: above the road [m]; coupling_stiffness, coupling_damping: in roll
+        [N m/rad], [N m s/rad], shape (n - 1,).
+      axle_mass, axle_height, axle_inertia_x: of the axles with their wheels, at the axles' centers.
+      arm: of the roll centers above the axles' centers [m].
+      load: on the road at rest [N]; cruise_load: the same at constant speed.
+      suspension, suspension_damping: of springs and bar in roll [N m/rad], [N m s/rad].
+      tires, tires_damping: of each axle on its tires in roll [N m/rad], [N m s/rad].
+      spin_inertia: of each axle's wheels about their axle [kg m2]; track, rolling_radius: [m].
+      relaxation: lengths of the tires' side forces at the loads of the cruise [m].
+      pressure_position: of the air's pressure center behind each unit's origin [m], shape (n,).
+      pressure_height: of all of them [m].
+      side_area: with its coefficient, of each unit [m2], shape (n,).
+      air_density: [kg/m3].
+
+    Attributes of axles have the shape (k,).
+    """
+
+    bodies: tuple[RollBody, ...]
+    cg_height: FloatArray
+    coupling_height: FloatArray
+    coupling_stiffness: FloatArray
+    coupling_damping: FloatArray
+    axle_mass: FloatArray
+    axle_height: FloatArray
+    axle_inertia_x: FloatArray
+    arm: FloatArray
+    load: FloatArray
+    cruise_load: FloatArray
+    suspension: FloatArray
+    suspension_damping: FloatArray
+    tires: FloatArray
+    tires_damping: FloatArray
+    spin_inertia: FloatArray
+    track: FloatArray
+    rolling_radius: FloatArray
+    relaxation: FloatArray
+    pressure_position: FloatArray
+    pressure_height: float
+    side_area: FloatArray
+    air_density: float
+
+    @classmethod
+    def from_parameters(
+        cls, parameters: TruckParameters, payload: float, cruise_speed: float = 0.0
+    ) -> RollData:
+        """Computes the data of a truck.
+
+        Args:
+          parameters: of the truck.
+          payload: of the combination [kg].
+          cruise_speed: constant speed of the cruise loads [m/s].
+        """
+        p = parameters
+        _, axles = axles_on_road(p, payload)
+        down = [not axle.lifted(payload) for axle in p.axles]
+        loads = static_axle_loads(p, payload)[down]
+        cruise = cruise_axle_loads(p, payload, cruise_speed)[down]
+        bodies = []
+        for i, (unit, load) in enumerate(zip(p.units, payload_inertials(p, payload), strict=True)):
+            parts = [sprung(p, unit, payload), *([load] if load else [])]
+            # A lifted axle hangs on the chassis.
+            parts += [
+                axle_inertial(p, axle, wheel_height(p, axle, 0.0))
+                for axle in unit.axles
+                if axle.lifted(payload)
+            ]
+            bodies += [
+                RollBody(i, part.mass, part.cg_position, part.cg_height, part.inertia_x)
+                for part in parts
+            ]
+        heights = [wheel_height(p, axle, load) for axle, load in zip(axles, loads, strict=True)]
+        rolling = [
+            axle_inertial(p, axle, height) for axle, height in zip(axles, heights, strict=True)
+        ]
+        tires = [p.tires[axle.tire] for axle in axles]
+        # Both sides: n k_z (s / 2)^2 each.
+        squares = np.array([0.5 * t.count * a.track**2 for t, a in zip(tires, axles, strict=True)])
+        half_squares = np.array([0.5 * axle.spring_spacing**2 for axle in axles])
+        lead, *towed = p.units
+        return cls(
+            bodies=tuple(bodies),
+            cg_height=np.array([body.cg_height for body in laden_units(p, payload)]),
+            coupling_height=np.array([coupling.height for coupling in p.couplings]),
+            coupling_stiffness=np.array([coupling.roll_stiffness for coupling in p.couplings]),
+            coupling_damping=np.array([coupling.roll_damping for coupling in p.couplings]),
+            axle_mass=np.array([body.mass for body in rolling]),
+            axle_height=np.array(heights),
+            axle_inertia_x=np.array([body.inertia_x for body in rolling]),
+            arm=np.array([axle.roll_center_height for axle in axles]),
+            load=loads,
+            cruise_load=cruise,
+            suspension=half_squares * [axle.spring_rate for axle in axles]
+            + [axle.auxiliary_roll_stiffness for axle in axles],
+            suspension_damping=half_squares * [axle.damping for axle in axles],
+            tires=squares * [tire.vertical_stiffness for tire in tires],
+            tires_damping=squares * [tire.vertical_damping for tire in tires],
+            spin_inertia=np.array([2.0 * axle.wheel_inertia_spin for axle in axles]),
+            track=np.array([axle.track for axle in axles]),
+            rolling_radius=np.array([tire.rolling_radius for tire in tires]),
+            relaxation=relaxation_lengths(p, axles, cruise),
+            pressure_position=np.array(
+                [
+                    -lead.front_overhang,
+                    *(0.5 * unit.length - unit.front_overhang for unit in towed),
+                ]
+            ),
+            pressure_height=p.aerodynamics.pressure_height,
+            side_area=p.aerodynamics.side_area * np.array(air_shares(p)),
+            air_density=p.aerodynamics.density,
+        )
+
+
+def relaxation_lengths(
+    parameters: TruckParameters, axles: Sequence[Axle], loads: FloatArray
+) -> FloatArray:
+    """Returns the lateral relaxation length of the axles' tires [m], (k,), at loads [N], (k,)."""
+    common = parameters.tire_common
+    tires = np.array([2 * parameters.tires[axle.tire].count for axle in axles])
+    relative = loads / (tires * common.nominal_load)
+    length = common.relaxation_lateral * relative**common.relaxation_load_exponent
+    return np.asarray(np.maximum(SHORTEST_RELAXATION, length))
 
 
 @dataclass(frozen=True)
 class RollBodies:
-    """Matrices of small motion, `n` coordinates, `k` axles.
+    """Matrices of small motion, N = 1 + 2 n + k coordinates.
 
     Attributes:
-      inertia: [kg, kg m, kg m2], shape (n, n); its first three rows and columns contain only
+      inertia: [kg, kg m, kg m2], shape (N, N); its first n + 1 rows and columns contain only
         the masses as points.
-      stiffness, damping: shape (n, n).
-      patches: lateral displacement of the contact patches by coordinate, shape (k, n).
-      wheels: that of the axles' centers, shape (k, n).
-      hitch: that of the fifth wheel, shape (n,).
-      tire_roll, tire_roll_damping: of each axle on its tires [N m/rad], [N m s/rad], shape (k,).
-      pressure_centers: that of the air's pressure centers of tractor and trailer, shape (2, n).
-      centers: that of the CGs of tractor and laden trailer, shape (2, n).
-      spin_inertia: of each axle's wheels about their axle [kg m2]; tracks, rolling_radii: [m].
+      stiffness, damping: shape (N, N).
+      patches: lateral displacement of the contact patches by coordinate, shape (k, N).
+      wheels: that of the axles' centers, shape (k, N).
+      hitches: that of the couplings, shape (n - 1, N).
+      pressure_centers: that of the air's pressure centers, shape (n, N).
+      centers: that of the CGs of the laden units, shape (n, N).
     """
 
     inertia: FloatArray
@@ -68,137 +221,86 @@ class RollBodies:
     damping: FloatArray
     patches: FloatArray
     wheels: FloatArray
-    hitch: FloatArray
-    tire_roll: FloatArray
-    tire_roll_damping: FloatArray
+    hitches: FloatArray
     pressure_centers: FloatArray
     centers: FloatArray
-    spin_inertia: FloatArray
-    tracks: FloatArray
-    rolling_radii: FloatArray
 
 
-class _Geometry:
-    """Rows of lateral displacement of points of the two units."""
-
-    def __init__(self, parameters: TruckParameters) -> None:
-        self.size = FIRST_AXLE + len(parameters.axles)
-        self.origin = parameters.lead.cg_position
-        self.coupling = parameters.couplings[0]
-
-    def tractor(self, position: float, height: float) -> FloatArray:
-        """Of a point [m] behind the steer axle."""
-        row = np.zeros(self.size)
-        row[[0, 1, PHI_C]] = 1.0, self.origin - position, -height
-        return row
-
-    def trailer(self, position: float, height: float) -> FloatArray:
-        """Of a point [m] behind the kingpin."""
-        row = self.tractor(self.coupling.position, self.coupling.height)
-        row[[2, PHI_T]] = -position, -(height - self.coupling.height)
-        return row
-
-
-def roll_bodies(
-    parameters: TruckParameters, payload: float, coupling: float, coupling_damping: float
-) -> RollBodies:
-    """The matrices of the truck with `payload` [kg].
-
-    Args:
-      parameters: of the truck.
-      payload: on the semitrailer [kg].
-      coupling: roll stiffness between the units [N m/rad].
-      coupling_damping: its damping [N m s/rad].
-    """
-    geometry = _Geometry(parameters)
-    size, p = geometry.size, parameters
+def roll_bodies(plane: YawPlane, data: RollData) -> RollBodies:
+    """Returns the matrices of a combination."""
+    units, axles = plane.units, len(plane.unit)
+    first_roll, first_axle = 1 + units, 1 + 2 * units
+    size = first_axle + axles
     inertia, stiffness, damping = (np.zeros((size, size)) for _ in range(3))
-    loads = static_axle_loads(p, payload)
-    tractor, trailer = sprung(p, p.lead, payload), sprung(p, p.units[1], payload)
-    cargo = payload_inertials(p, payload)[1]
-    assert cargo is not None
+
+    def point(unit: int, position: float, height: float) -> FloatArray:
+        row = np.zeros(size)
+        row[:first_roll] = plane.row(unit, position)
+        levels = np.array([0.0, *data.coupling_height[:unit], height])
+        row[first_roll : first_roll + unit + 1] = -np.diff(levels)
+        return row
 
     def add_mass(mass: float, row: FloatArray, roll: int, inertia_x: float) -> None:
         inertia[:] += mass * np.outer(row, row)
         inertia[roll, roll] += inertia_x
 
-    def add_weight(weight: float, height: float, *, on_trailer: bool) -> None:
-        if on_trailer:
-            stiffness[PHI_C, PHI_C] -= weight * p.couplings[0].height
-            stiffness[PHI_T, PHI_T] -= weight * (height - p.couplings[0].height)
-        else:
-            stiffness[PHI_C, PHI_C] -= weight * height
+    def add_weight(weight: float, row: FloatArray) -> None:
+        rolls = np.arange(first_roll, first_axle)
+        stiffness[rolls, rolls] += weight * row[rolls]
 
-    add_mass(
-        tractor.mass,
-        geometry.tractor(tractor.cg_position, tractor.cg_height),
-        PHI_C,
-        tractor.inertia_x,
-    )
-    add_weight(tractor.mass * GRAVITY, tractor.cg_height, on_trailer=False)
-    for body in (trailer, cargo):
-        row = geometry.trailer(body.cg_position, body.cg_height)
-        add_mass(body.mass, row, PHI_T, body.inertia_x)
-        add_weight(body.mass * GRAVITY, body.cg_height, on_trailer=True)
-    _couple(stiffness, PHI_T, PHI_C, coupling)
-    _couple(damping, PHI_T, PHI_C, coupling_damping)
-
-    tires = [p.tires[axle.tire] for axle in p.axles]
-    # Both sides: n k_z (s / 2)^2 each.
-    squares = np.array([0.5 * t.count * a.track**2 for t, a in zip(tires, p.axles, strict=True)])
-    tire_roll = squares * [tire.vertical_stiffness for tire in tires]
-    tire_roll_damping = squares * [tire.vertical_damping for tire in tires]
+    for body in data.bodies:
+        row = point(body.unit, body.position, body.height)
+        add_mass(body.mass, row, first_roll + body.unit, body.inertia_x)
+        add_weight(body.mass * GRAVITY, row)
+    for j in range(units - 1):
+        ahead, behind = first_roll + j, first_roll + j + 1
+        _couple(stiffness, behind, ahead, float(data.coupling_stiffness[j]))
+        _couple(damping, behind, ahead, float(data.coupling_damping[j]))
     patches, wheels = [], []
-    for i, (axle, load) in enumerate(zip(p.axles, loads, strict=True)):
-        on_trailer = i >= len(p.lead.axles)
-        unit, alpha = PHI_T if on_trailer else PHI_C, FIRST_AXLE + i
-        arm = axle.roll_center_height
-        roll_center = wheel_height(p, axle, load) + arm
-        point = geometry.trailer if on_trailer else geometry.tractor
-        middle = point(axle.position, roll_center)
+    for i, unit in enumerate(plane.unit.tolist()):
+        roll, alpha, arm = first_roll + unit, first_axle + i, float(data.arm[i])
+        roll_center = float(data.axle_height[i]) + arm
+        middle = point(unit, float(plane.position[i]), roll_center)
         patch = middle.copy()
         middle[alpha], patch[alpha] = arm, roll_center
         patches.append(patch)
         wheels.append(middle)
-        body = axle_inertial(p, axle, roll_center - arm)
-        add_mass(body.mass, middle, alpha, body.inertia_x)
+        add_mass(float(data.axle_mass[i]), middle, alpha, float(data.axle_inertia_x[i]))
         # The load on the tires acts against the axle's own weight.
-        pull = axle.unsprung_mass * GRAVITY - load
-        add_weight(pull, roll_center, on_trailer=on_trailer)
-        stiffness[alpha, alpha] += pull * arm + tire_roll[i]
-        damping[alpha, alpha] += tire_roll_damping[i]
-        half_square = 0.5 * axle.spring_spacing**2
-        rate = axle.spring_rate * half_square + axle.auxiliary_roll_stiffness
-        _couple(stiffness, alpha, unit, rate)
-        _couple(damping, alpha, unit, axle.damping * half_square)
-
-    pressure_height = p.aerodynamics.pressure_height
-    middle_of_body = 0.5 * p.units[1].length - p.units[1].front_overhang
-    laden = laden_units(p, payload)[1]
+        pull = float(data.axle_mass[i] * GRAVITY - data.load[i])
+        add_weight(pull, middle)
+        stiffness[alpha, alpha] += pull * arm + data.tires[i]
+        damping[alpha, alpha] += data.tires_damping[i]
+        _couple(stiffness, alpha, roll, float(data.suspension[i]))
+        _couple(damping, alpha, roll, float(data.suspension_damping[i]))
     return RollBodies(
         inertia=inertia,
         stiffness=stiffness,
         damping=damping,
         patches=np.array(patches),
         wheels=np.array(wheels),
-        hitch=geometry.trailer(0.0, p.couplings[0].height),
-        tire_roll=tire_roll,
-        tire_roll_damping=tire_roll_damping,
+        hitches=np.array(
+            [
+                point(j, float(position), float(height))
+                for j, (position, height) in enumerate(
+                    zip(plane.couplings, data.coupling_height, strict=True)
+                )
+            ]
+        ).reshape(units - 1, size),
         pressure_centers=np.array(
             [
-                geometry.tractor(-p.lead.front_overhang, pressure_height),
-                geometry.trailer(middle_of_body, pressure_height),
+                point(unit, float(position), data.pressure_height)
+                for unit, position in enumerate(data.pressure_position)
             ]
         ),
         centers=np.array(
             [
-                geometry.tractor(p.lead.cg_position, p.lead.cg_height),
-                geometry.trailer(laden.cg_position, laden.cg_height),
+                point(unit, float(position), float(height))
+                for unit, (position, height) in enumerate(
+                    zip(plane.cg, data.cg_height, strict=True)
+                )
             ]
         ),
-        spin_inertia=np.array([2.0 * axle.wheel_inertia_spin for axle in p.axles]),
-        tracks=np.array([axle.track for axle in p.axles]),
-        rolling_radii=np.array([p.tires[axle.tire].rolling_radius for axle in p.axles]),
     )
 
 

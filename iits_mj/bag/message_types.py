@@ -16,7 +16,8 @@ Definitions and conversions of our own types are derived from the dataclasses:
 
 Standard messages follow REP 103 and 105: meters and radians, x forward, y left, z up; frames `map`,
 `tractor` (center of the steer axle, on the ground) and one for each towed unit, with its name
-(`trailer`: kingpin, at the height of `tractor`). Roll is positive to the right and pitch nose down, both here and there.
+(`trailer`: kingpin, at the height of `tractor`). Roll is positive to the right and pitch nose down,
+both here and there.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Run one module of a recorded drive on its recorded inputs and compare its outputs.
 
 'iits-mj drive --bag DIR' writes the bag. With the same code and settings the outputs are equal bit
-for bit. --decision, --truck and --payload change the module; the table then shows how far its outputs are
-from the recorded ones in the same situations. Exit code 0 when all outputs are equal, else 1.
+for bit. --decision, --truck and --payload change the module; the table then shows how far its
+outputs are from the recorded ones in the same situations. Exit code 0 when all outputs are equal,
+else 1.
 """
 
 from __future__ import annotations

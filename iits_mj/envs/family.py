@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
@@ -33,7 +32,7 @@ class Family:
     def __init__(
         self, truck: Trucks, payload: float | None = None, payload_height: float | None = None
     ) -> None:
-        if truck is None or isinstance(truck, (str, Path, TruckParameters)):
+        if isinstance(truck, str) or not isinstance(truck, Sequence):
             truck = [TruckParameters.load(truck)]
         self.members = tuple(TruckParameters.load(one) for one in truck)
         if not self.members:

@@ -191,7 +191,12 @@ class MonteCarloConfig:
 
     def __post_init__(self) -> None:
         options.check(self)
-        check_truck(self)
+        parameters = check_truck(self)
+        if len(parameters.units) < 2:
+            raise InputError(
+                f"truck {parameters.name!r} has no trailer, whose motion in a lane change and on a "
+                "tilt table is measured"
+            )
 
     @property
     def spread_file(self) -> Path:

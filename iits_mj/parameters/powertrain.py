@@ -68,7 +68,7 @@ class Engine:
     Attributes:
       full_load_speed, full_load_torque: [rad/s], [N m], shape (n,).
       pedal_map: torque [N m] over engine speed [rad/s] (rows) and pedal 0..1 (columns); without
-        one, the pedal's share of the full load.
+        one, the pedal demands its share of the rated power, within the full load.
       fuel_map: BSFC [kg/J] over torque [N m] (rows) and engine speed [rad/s] (columns), or
       fuel_rate_map: fuel rate [kg/s] over engine speed [rad/s] (rows) and torque [N m] (columns).
       fuel_factor: on the fuel of the map.
@@ -136,12 +136,21 @@ class Engine:
         return float((self.full_load_torque * self.full_load_speed).max())
 
     def completed(self) -> Engine:
-        """Returns the engine with a pedal map, in proportion to the full load if it has none."""
+        """Returns the engine with a pedal map.
+
+        Without one, the pedal demands a share of the rated power: at the same pedal a higher gear
+        gives the same force, as in trucks with automated gearboxes.
+        """
         if self.pedal_map.values.size:
             return self
-        pedal = np.linspace(0.0, 1.0, 11)
-        torque = np.outer(self.full_load_torque, pedal)
-        table = Table2D(self.full_load_speed, pedal, torque)
+        pedal = np.linspace(0.0, 1.0, 21)
+        low, high = self.full_load_speed[[0, -1]]
+        speed = np.unique([*self.full_load_speed, *np.linspace(low, high, 16)])
+        full = np.interp(speed, self.full_load_speed, self.full_load_torque)
+        demand = np.outer(self.full_load_power / speed, pedal)
+        torque = np.minimum(demand, full[:, None])
+        torque[:, -1] = full
+        table = Table2D(speed, pedal, torque)
         return dataclasses.replace(self, pedal_map=table)
 
 

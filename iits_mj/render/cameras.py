@@ -56,6 +56,7 @@ VIEWS = {
 CAMERAS = tuple(VIEWS)
 # Lengths [m] of the combination and of its last unit for which the views are defined.
 _LENGTH = {"lead": 16.5, "last": 12.7}
+_SCALE_MIN = 0.65  # a short truck does not hide the road ahead
 # These views are nearly along the truck, which may drive close to either wall.
 _TUNNEL_VIEWS = {
     "behind": View(27.0, -0.5, -5.5, 2.0, 0.2, 2.9, 0.7),
@@ -155,7 +156,8 @@ def _followed(view: View, truck: TruckParameters | None) -> tuple[str, float]:
         return {"lead": "tractor", "last": "trailer"}[view.follows], 1.0
     body = truck.lead.name if view.follows == "lead" else truck.last.name
     length = truck.length if view.follows == "lead" else truck.last.length
-    return body, length / _LENGTH[view.follows] if view.scales else 1.0
+    scale = max(length / _LENGTH[view.follows], _SCALE_MIN)
+    return body, scale if view.scales else 1.0
 
 
 def _scaled(view: View, scale: float) -> View:

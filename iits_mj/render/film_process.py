@@ -223,7 +223,7 @@ def main() -> None:
         _draw(sys.stdin.buffer, answer)
     except Error as error:
         answer(error)
-    except (EOFError, pickle.UnpicklingError):
+    except (EOFError, pickle.UnpicklingError, BrokenPipeError):
         # The drive was killed.
         sys.exit(1)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 import mujoco
 
@@ -146,7 +145,7 @@ def trucks_of(truck: AnyTruck | Sequence[AnyTruck] | None, count: int) -> Sequen
     Raises:
       InputError: there are several, but not `count`.
     """
-    if truck is None or isinstance(truck, (str, Path, TruckParameters)):
+    if isinstance(truck, str) or not isinstance(truck, Sequence):
         return [truck] * count
     if len(truck) != count:
         raise InputError(f"{len(truck)} trucks for {count} places: name one, or one for each place")

@@ -1,7 +1,7 @@
-"""An independent peer of the analytic models: two rigid bodies in the plane, joined by a hitch.
+"""An independent peer of the analytic models: rigid bodies in the plane, joined by hitches.
 
-Newton-Euler in ground coordinates, angles of any size. Three Lagrange multipliers are the
-constraint forces: two at the hitch, and the drive force that keeps the tractor's forward speed.
+Newton-Euler in ground coordinates, angles of any size. Lagrange multipliers are the constraint
+forces: two at each hitch, and the drive force that keeps the lead unit's forward speed.
 Slip angles are exact arcs; the tire law is linear. The model shares only the truck's parameters
 with the analytic module.
 
@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from iits_mj.analytic import YawSideslip, simulate
+from iits_mj.analytic import YawPlane, simulate
 from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TruckParameters
 
@@ -34,17 +34,17 @@ class Motion:
     """Time histories, all of shape (n,); names and units as in `iits_mj.analytic.Response`.
 
     Attributes:
-      time, yaw_rate, trailer_yaw_rate, articulation, yaw: [s, rad/s, rad].
+      time, yaw_rate, yaw: [s, rad/s, rad]; yaw_rates, headings: of the units, shape (n, units).
       x, y: steer axle's center on the ground, from its start [m].
       speed: of the tractor's CG along the tractor [m/s].
-      hitch_error: distance of the two bodies' hitch points [m].
+      hitch_error: greatest distance of two bodies' hitch points [m].
       energy: kinetic energy [J].
     """
 
     time: FloatArray
     yaw_rate: FloatArray
-    trailer_yaw_rate: FloatArray
-    articulation: FloatArray
+    yaw_rates: FloatArray
+    headings: FloatArray
     yaw: FloatArray
     x: FloatArray
     y: FloatArray
@@ -52,37 +52,47 @@ class Motion:
     hitch_error: FloatArray
     energy: FloatArray
 
+    @property
+    def trailer_yaw_rate(self) -> FloatArray:
+        """Of the last unit [rad/s]."""
+        return self.yaw_rates[:, -1]
+
+    @property
+    def articulation(self) -> FloatArray:
+        """Of the first hitch [rad]."""
+        return self.headings[:, 0] - self.headings[:, 1]
+
 
 @dataclass(frozen=True)
 class _Axle:
-    """An axle of a body (0 tractor, 1 trailer), `ahead` of that body's CG [m]."""
+    """An axle of a body, `ahead` of that body's CG [m]; `steer` is its share of the angle."""
 
     body: int
     ahead: float
     trail: float
     stiffness: float
-    steered: bool = False
+    steer: float
 
 
 class PlanarTruck:
-    """Tractor and semitrailer with the numbers of `model`.
+    """A combination with the numbers of `model`.
 
     Args:
       model: masses, lengths, stiffnesses and pneumatic trails.
-      hold_speed: whether a drive force keeps the tractor's forward speed; else it coasts.
+      hold_speed: whether a drive force keeps the lead unit's forward speed; else it coasts.
     """
 
-    def __init__(self, model: YawSideslip, *, hold_speed: bool = True) -> None:
+    def __init__(self, model: YawPlane, *, hold_speed: bool = True) -> None:
         self._hold = hold_speed
-        self._hitch = np.array([-model.L_h, model.L_t1])
-        self._steer_axle = model.L_c1
-        self._mass = np.array([model.m_c, model.m_c, model.I_c, model.m_t, model.m_t, model.I_t])
-        axles = [_Axle(0, model.L_c1, model.t_1, model.C_1, steered=True)]
-        for arm, stiffness in zip(model.tractor_arms, model.C_2, strict=True):
-            axles.append(_Axle(0, -float(arm), model.t_2, float(stiffness)))
-        for arm, stiffness in zip(model.trailer_arms, model.C_3, strict=True):
-            axles.append(_Axle(1, model.L_t1 - float(arm), model.t_3, float(stiffness)))
-        self._axles = tuple(axles)
+        # Of each hitch, ahead of the CGs of the unit ahead and of the unit behind it.
+        self._ahead, self._behind = model.cg[:-1] - model.couplings, model.cg[1:]
+        self._steer_axle = float(model.cg[0] - model.position[0])
+        self._mass = np.column_stack([model.mass, model.mass, model.inertia]).ravel()
+        ahead = model.cg[model.unit] - model.position
+        columns = (model.unit, ahead, model.trail, model.cornering, model.steer)
+        self._axles = tuple(
+            _Axle(int(body), *map(float, row)) for body, *row in zip(*columns, strict=True)
+        )
 
     def drive(
         self,
@@ -90,7 +100,7 @@ class PlanarTruck:
         steer: Callable[[float], float],
         time: FloatArray,
         *,
-        spin: tuple[float, float] = (0.0, 0.0),
+        spin: tuple[float, ...] = (),
     ) -> Motion:
         """Motion from a straight truck at `speed` [m/s] under `steer(time)` [rad], at `time` (n,).
 
@@ -98,14 +108,17 @@ class PlanarTruck:
           speed: forward speed at the start, held if the truck holds its speed.
           steer: road-wheel angle.
           time: increasing [s].
-          spin: yaw rates of tractor and trailer at the start [rad/s], about the hitch.
+          spin: yaw rates of the two units of a tractor-semitrailer at the start [rad/s], about the
+            hitch; default: none.
         """
-        start = np.zeros(12)
-        start[3] = self._hitch[0] - self._hitch[1]
-        start[6] = start[9] = speed
-        start[8], start[11] = spin
-        # The hitch itself moves straight ahead at the start.
-        start[7], start[10] = -spin[0] * self._hitch[0], -spin[1] * self._hitch[1]
+        bodies = len(self._mass) // 3
+        start = np.zeros(6 * bodies)
+        start[3 : 3 * bodies : 3] = np.cumsum(self._ahead - self._behind)
+        start[3 * bodies :: 3] = speed
+        if spin:
+            start[8], start[11] = spin
+            # The hitch itself moves straight ahead at the start.
+            start[7], start[10] = -spin[0] * self._ahead[0], -spin[1] * self._behind[0]
         solution = solve_ivp(
             lambda now, state: self._derivative(state, steer(now), speed),
             (float(time[0]), float(time[-1])),
@@ -118,32 +131,36 @@ class PlanarTruck:
         )
         if not solution.success:
             raise RuntimeError(solution.message)
-        q, u = solution.y[:6], solution.y[6:]
-        gap = q[:2] - q[3:5] + self._hitch[0] * _along(q[2]) - self._hitch[1] * _along(q[5])
+        q, u = np.split(solution.y, 2)
+        gaps = [np.zeros(len(time))]
+        for j, (ahead, behind) in enumerate(zip(self._ahead, self._behind, strict=True)):
+            one, other = q[3 * j : 3 * j + 3], q[3 * j + 3 : 3 * j + 6]
+            gap = one[:2] - other[:2] + ahead * _along(one[2]) - behind * _along(other[2])
+            gaps.append(np.linalg.norm(gap, axis=0))
         front = q[:2] + self._steer_axle * _along(q[2])
         return Motion(
             time=time,
             yaw_rate=u[2],
-            trailer_yaw_rate=u[5],
-            articulation=q[2] - q[5],
+            yaw_rates=u[2::3].T,
+            headings=q[2::3].T,
             yaw=q[2],
             x=front[0] - front[0, 0],
             y=front[1],
             speed=np.sum(_along(q[2]) * u[:2], axis=0),
-            hitch_error=np.linalg.norm(gap, axis=0),
+            hitch_error=np.max(gaps, axis=0),
             energy=0.5 * self._mass @ u**2,
         )
 
     def _derivative(self, state: FloatArray, steer: float, speed: float) -> FloatArray:
-        q, u = state[:6], state[6:]
-        forces = np.zeros(6)
+        q, u = np.split(state, 2)
+        forces = np.zeros(len(q))
         for axle in self._axles:
             part = slice(3 * axle.body, 3 * axle.body + 3)
-            forces[part] += _tire_force(axle, q[part], u[part], steer if axle.steered else 0.0)
+            forces[part] += _tire_force(axle, q[part], u[part], axle.steer * steer)
         jacobian, drift, error, error_rate = self._hitch_constraint(q, u)
         if self._hold:
             along, across = _along(q[2]), _across(q[2])
-            jacobian = np.vstack([jacobian, [*along, 0.0, 0.0, 0.0, 0.0]])
+            jacobian = np.vstack([jacobian, [*along, *np.zeros(len(q) - 2)]])
             drift = np.append(drift, u[2] * (across @ u[:2]))
             error = np.append(error, 0.0)
             error_rate = np.append(error_rate, along @ u[:2] - speed)
@@ -156,16 +173,18 @@ class PlanarTruck:
     def _hitch_constraint(
         self, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Jacobian (2, 6), its rate times velocity (2,), and the gap and its rate (2,)."""
-        arm_c, arm_t = self._hitch[0] * _along(q[2]), self._hitch[1] * _along(q[5])
-        jacobian = np.array(
-            [
-                [1.0, 0.0, -arm_c[1], -1.0, 0.0, arm_t[1]],
-                [0.0, 1.0, arm_c[0], 0.0, -1.0, -arm_t[0]],
-            ]
-        )
-        drift = -(u[2] ** 2) * arm_c + u[5] ** 2 * arm_t
-        return jacobian, drift, q[:2] + arm_c - q[3:5] - arm_t, jacobian @ u
+        """Jacobian (2 hitches, 3 bodies), its rate times velocity, and the gaps and their rates."""
+        hitches = len(self._ahead)
+        jacobian, drift, error = np.zeros((2 * hitches, len(q))), [], []
+        for j, (ahead, behind) in enumerate(zip(self._ahead, self._behind, strict=True)):
+            one, other, rows = 3 * j, 3 * j + 3, slice(2 * j, 2 * j + 2)
+            arm, arm_behind = ahead * _along(q[one + 2]), behind * _along(q[other + 2])
+            jacobian[rows, one : one + 2], jacobian[rows, other : other + 2] = np.eye(2), -np.eye(2)
+            jacobian[rows, one + 2] = -arm[1], arm[0]
+            jacobian[rows, other + 2] = arm_behind[1], -arm_behind[0]
+            drift.append(-(u[one + 2] ** 2) * arm + u[other + 2] ** 2 * arm_behind)
+            error.append(q[one : one + 2] + arm - q[other : other + 2] - arm_behind)
+        return jacobian, np.ravel(drift), np.ravel(error), jacobian @ u
 
 
 def _tire_force(axle: _Axle, pose: FloatArray, rates: FloatArray, steer: float) -> FloatArray:
@@ -193,7 +212,7 @@ def ramp_step(steer: float) -> Callable[[float], float]:
 
 
 def disagreement(
-    model: YawSideslip, speed: float, steer: float, duration: float = 10.0
+    model: YawPlane, speed: float, steer: float, duration: float = 10.0
 ) -> dict[str, float]:
     """Rms of linear less multibody over rms of multibody, per signal, in a step steer [rad]."""
     time = np.linspace(0.0, duration, round(duration / 0.01) + 1)
@@ -207,7 +226,7 @@ def _relative(signal: FloatArray, reference: FloatArray) -> float:
     return float(np.sqrt(np.mean((signal - reference) ** 2) / np.mean(reference**2)))
 
 
-def limit_angle(model: YawSideslip, speed: float, bound: float = 0.01) -> float:
+def limit_angle(model: YawPlane, speed: float, bound: float = 0.01) -> float:
     """Smallest step of the road-wheel angle [rad] at which a signal's disagreement is `bound`."""
     low, high = 0.0, 0.2
     for _ in range(10):
@@ -228,7 +247,7 @@ def agreement_table(parameters: TruckParameters) -> str:
         "|" + "---|" * 9,
     ]
     for payload in (parameters.payload_max, 0.0):
-        model = YawSideslip.from_parameters(parameters, payload)
+        model = YawPlane.from_parameters(parameters, payload)
         for speed in (30.0, 80.0, 100.0):
             small, large = (
                 disagreement(model, speed / 3.6, np.deg2rad(degrees) / ratio)

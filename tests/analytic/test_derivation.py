@@ -13,11 +13,11 @@ import yaw_sideslip as page
 from lagrange_model import FORCES, RATES, STATES, TRAILS, derive
 from printed_model import CORRECTED, PRINTED, READINGS, matrices
 
-from iits_mj.analytic import Kinematic, YawSideslip, critical_speed, understeer_gradient
+from iits_mj.analytic import Kinematic, YawPlane, critical_speed, understeer_gradient
 from iits_mj.parameters import TruckParameters
 
 PARAMETERS = TruckParameters.load()
-LADEN = YawSideslip.from_parameters(PARAMETERS, PARAMETERS.payload_max, pneumatic_trail=False)
+LADEN = YawPlane.from_parameters(PARAMETERS, PARAMETERS.payload_max, pneumatic_trail=False)
 V80 = 80.0 / 3.6
 WITHOUT_GAMMA = READINGS[2]
 
@@ -27,22 +27,20 @@ def _any_truck(seed):
     rng = np.random.default_rng(seed)
     tandem, group = rng.uniform(2.0, 3.0), rng.uniform(6.0, 9.0)
     half, spacing = rng.uniform(0.4, 0.9), rng.uniform(1.0, 1.6)
-    return YawSideslip(
-        m_c=rng.uniform(6e3, 1e4),
-        m_t=rng.uniform(8e3, 5e4),
-        I_c=rng.uniform(2e4, 5e4),
-        I_t=rng.uniform(1e5, 8e5),
-        L_c1=rng.uniform(1.0, 2.5),
-        L_h=rng.uniform(1.0, 3.0),
-        L_t1=rng.uniform(3.0, 6.0),
-        tractor_arms=np.array([tandem - half, tandem + half]),
-        trailer_arms=group + spacing * np.array([-1.0, 0.0, 1.0]),
-        C_1=rng.uniform(1e5, 5e5),
-        C_2=rng.uniform(1e5, 9e5, 2),
-        C_3=rng.uniform(1e5, 9e5, 3),
-        t_1=rng.uniform(0.0, 0.1),
-        t_2=rng.uniform(0.0, 0.1),
-        t_3=rng.uniform(0.0, 0.1),
+    cg, trails = rng.uniform(1.0, 2.5), rng.uniform(0.0, 0.1, 3)
+    return YawPlane(
+        mass=rng.uniform([6e3, 8e3], [1e4, 5e4]),
+        inertia=rng.uniform([2e4, 1e5], [5e4, 8e5]),
+        cg=np.array([cg, rng.uniform(3.0, 6.0)]),
+        couplings=np.array([cg + rng.uniform(1.0, 3.0)]),
+        unit=np.array([0, 0, 0, 1, 1, 1]),
+        position=np.array(
+            [0.0, cg + tandem - half, cg + tandem + half, *(group + spacing * np.arange(-1, 2))]
+        ),
+        cornering=rng.uniform(1e5, 9e5, 6),
+        steer=np.eye(6)[0],
+        trail=np.repeat(trails, [1, 2, 3]),
+        reference=cg,
     )
 
 
@@ -53,7 +51,7 @@ def _zero(matrix):
 @pytest.mark.parametrize("trail", [False, True])
 @pytest.mark.parametrize("payload", [0.0, 20_000.0, 36_000.0])
 def test_lagrange_gives_the_matrices_of_the_package(payload, trail):
-    model = YawSideslip.from_parameters(PARAMETERS, payload, pneumatic_trail=trail)
+    model = YawPlane.from_parameters(PARAMETERS, payload, pneumatic_trail=trail)
     for speed in (5.0, V80, 30.0):
         assert page.greatest_difference(model, speed) < 1e-13
 
@@ -65,9 +63,11 @@ def test_lagrange_gives_the_matrices_of_the_package_for_any_truck(seed):
 
 def test_comparison_notices_a_wrong_number():
     model = _any_truck(7)
-    wrong = dataclasses.replace(model, L_h=1.01 * model.L_h)
+    wrong = dataclasses.replace(model, couplings=1.01 * model.couplings)
     derived = page.numeric(derive().matrices, wrong, V80)
-    assert np.max(np.abs(derived[1] - model.A_h(V80))) > 1e-3 * np.max(np.abs(derived[1]))
+    assert np.max(np.abs(derived[1][:3] - model.forces(V80)[:, :4])) > 1e-3 * np.max(
+        np.abs(derived[1])
+    )
 
 
 def test_equations_do_not_depend_on_the_heading_nor_the_lateral_ones_on_the_drive_force():
@@ -194,7 +194,7 @@ def test_kinematic_model_of_the_package_is_the_derived_one():
     angles = [getattr(kinematic_model, n) for n in ("theta", "phi", "psi")]
     rates = sp.lambdify([*names, *angles], kinematic_model.derived(), "numpy")
     state = np.array([3.0, -2.0, 0.7, 0.3, -0.5])
-    expected = rates(model.L, model.L_1, model.L_2, 4.0, 0.2, *state[2:])[:, 0]
+    expected = rates(model.L, model.hitches[0], model.lengths[0], 4.0, 0.2, *state[2:])[:, 0]
     np.testing.assert_allclose(model.derivative(state, 4.0, 0.2), expected, rtol=1e-12)
 
 

@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from iits_mj.analytic import Kinematic, YawSideslip
+from iits_mj.analytic import Kinematic, YawPlane
 from iits_mj.parameters import TruckParameters
 from tests.analytic.planar_multibody import SIGNALS, PlanarTruck, disagreement, ramp_step
 
 PARAMETERS = TruckParameters.load()
-LADEN = YawSideslip.from_parameters(PARAMETERS, 36_000.0)
+LADEN = YawPlane.from_parameters(PARAMETERS, 36_000.0)
 V80 = 80.0 / 3.6
 
 
@@ -25,7 +25,7 @@ def _road_wheel(degrees):
 )
 @pytest.mark.parametrize("trail", [True, False], ids=["trail", "no trail"])
 def test_linear_model_agrees_with_the_multibody_within_1_percent(payload, speed, degrees, trail):
-    model = YawSideslip.from_parameters(PARAMETERS, payload, pneumatic_trail=trail)
+    model = YawPlane.from_parameters(PARAMETERS, payload, pneumatic_trail=trail)
     found = disagreement(model, speed / 3.6, _road_wheel(degrees), 8.0)
     assert set(found) == set(SIGNALS)
     assert max(found.values()) < 0.01, found
@@ -34,11 +34,10 @@ def test_linear_model_agrees_with_the_multibody_within_1_percent(payload, speed,
 def test_linear_model_agrees_with_the_multibody_for_a_truck_unlike_ours():
     model = dataclasses.replace(
         LADEN,
-        I_t=3.0e5,
-        L_h=2.6,
-        L_t1=4.0,
-        C_2=LADEN.C_2 * [0.8, 1.3],
-        C_3=LADEN.C_3 * [1.2, 1, 0.7],
+        inertia=np.array([LADEN.inertia[0], 3.0e5]),
+        cg=np.array([LADEN.cg[0], 4.0]),
+        couplings=LADEN.reference + np.array([2.6]),
+        cornering=LADEN.cornering * [1.0, 0.8, 1.3, 1.2, 1.0, 0.7],
     )
     assert max(disagreement(model, 22.0, 0.001, 8.0).values()) < 0.01
 
@@ -54,7 +53,7 @@ def test_linear_model_leaves_1_percent_within_3_degrees_of_the_road_wheels_at_80
     assert max(disagreement(LADEN, V80, np.deg2rad(3.5), 8.0).values()) > 0.01
 
 
-@pytest.mark.parametrize("name", ["I_t", "L_h", "L_t1"])
+@pytest.mark.parametrize("name", ["inertia", "couplings", "cg"])
 def test_comparison_notices_a_number_that_is_5_percent_off(name):
     wrong = dataclasses.replace(LADEN, **{name: 1.05 * getattr(LADEN, name)})
     time = np.linspace(0.0, 8.0, 801)
@@ -74,7 +73,7 @@ def test_multibody_keeps_its_hitch_closed_and_its_speed():
 
 
 def test_multibody_without_tires_keeps_its_kinetic_energy():
-    free = dataclasses.replace(LADEN, C_1=0.0, C_2=0.0 * LADEN.C_2, C_3=0.0 * LADEN.C_3)
+    free = dataclasses.replace(LADEN, cornering=0.0 * LADEN.cornering)
     time = np.linspace(0.0, 8.0, 401)
     coasting = PlanarTruck(free, hold_speed=False)
     motion = coasting.drive(15.0, lambda now: 0.0, time, spin=(0.8, -0.5))
@@ -88,7 +87,7 @@ def test_slow_multibody_off_tracks_like_the_kinematic_model():
     motion = PlanarTruck(LADEN).drive(1.5, lambda now: 0.08 * min(now / 5.0, 1.0), time)
     # The scrub of tandem and tri-axle makes a slow truck differ a little from the slip-free one.
     phi = lengths.L * motion.yaw_rate[-1] / motion.speed[-1]
-    psi = -np.arctan2(lengths.L_1, lengths.L / np.tan(phi)) - np.arcsin(
-        lengths.L_2 / np.hypot(lengths.L_1, lengths.L / np.tan(phi))
+    psi = -np.arctan2(lengths.hitches[0], lengths.L / np.tan(phi)) - np.arcsin(
+        lengths.lengths[0] / np.hypot(lengths.hitches[0], lengths.L / np.tan(phi))
     )
     assert motion.articulation[-1] == pytest.approx(-psi, rel=0.05)

@@ -10,8 +10,8 @@ MODEL = Kinematic.from_parameters(TruckParameters.load())
 
 def test_hitch_lies_ahead_of_the_drive_axles():
     assert pytest.approx(3.9) == MODEL.L
-    assert pytest.approx(-0.3) == MODEL.L_1
-    assert pytest.approx(7.9) == MODEL.L_2
+    assert pytest.approx(-0.3) == MODEL.hitches[0]
+    assert pytest.approx(7.9) == MODEL.lengths[0]
 
 
 def _drive(steer, length, speed=1.0):

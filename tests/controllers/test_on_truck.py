@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 from controllers.planning.config import PlannerConfig, SpeedConfig
+from controllers.planning.predicted_boxes import swept_path
 from controllers.stack import Stack
 from iits_mj.core.messages import Decision, Scene, SpeedProfile
+from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.road import RoadMap, Route
+from iits_mj.road.measured import Lanes, measured_route
 from iits_mj.truck import Truck
 from tests.controllers.scenes import Script, car
 
@@ -77,6 +80,56 @@ def test_a_lane_change_of_the_laden_truck_is_tracked_and_completed():
     rows, stack = drive(route, 36_000.0, 16.67, 13.0, 1000.0, 16.67, maker=LEFT_AT_2_S)
     assert stack.lane_changes == 1
     assert np.abs(rows[:, 4]).max() <= 0.4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.0, 1.0])
+@pytest.mark.parametrize("name", shipped_trucks())
+def test_every_truck_keeps_its_lane_and_changes_it_at_80_km_h(name, share):
+    truck = TruckParameters.load(name)
+    payload, bends = share * truck.payload_max, RoadMap.builtin().route()
+    rows, _ = drive(bends, payload, 22.2, 20.0, 6000.0, 22.2, parameters=truck)
+    assert np.sqrt(np.mean(rows[100:, 4] ** 2)) <= 0.15
+    assert np.abs(rows[100:, 4]).max() <= 0.4
+    straight = Route.straight(length=3000.0, lanes=2)
+    rows, stack = drive(
+        straight, payload, 22.2, 16.0, 200.0, 22.2, maker=LEFT_AT_2_S, parameters=truck
+    )
+    assert stack.lane_changes == 1
+    assert np.abs(rows[:, 4]).max() <= 0.25
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", shipped_trucks())
+def test_in_a_turn_of_20_m_the_last_unit_of_every_truck_follows_the_predicted_path(name):
+    parameters, radius = TruckParameters.load(name), 20.0
+    station = np.arange(0.0, 220.0, 0.5)
+    over = 100.0 + 0.5 * np.pi * radius
+    bent = np.interp(station, [100.0, 105.0, over, over + 5.0], [0.0, 1.0, 1.0, 0.0]) / radius
+    flat, lanes = np.zeros_like(station), Lanes(1, 5.0, 8.0)
+    route = measured_route(station, flat, curvature=bent, lanes=lanes)
+    truck = Truck.load(
+        0.5 * parameters.payload_max, parameters=parameters, route=route, visuals=False
+    )
+    truck.reset(station=60.0, offset=float(route.lane_offset(0, 60.0)), speed=2.0)
+    config = PlannerConfig(speed=SpeedConfig(cruise_speed=2.0))
+    stack = Stack(route, None, config, parameters=parameters)
+    group = truck.model.site(f"{parameters.last.name}_axle_center").id
+    front, rear = [], []
+    for k in range(50 * 50):
+        ego = truck.observe()
+        if k % 5 == 0:
+            stack.plan(Scene(ego.time, ego))
+        if k % 10 == 0:
+            front.append((ego.x, ego.y))
+            rear.append(truck.data.site_xpos[group, :2].copy())
+        truck.command(stack.control(ego))
+        truck.step(10)
+    assert ego.station > over + 10.0
+    heading = float(route.evaluate(60.0, 0.0).heading)
+    predicted = swept_path(parameters, np.array(front), heading)[-1].group
+    apart = [np.hypot(*(predicted - place).T).min() for place in rear[20:]]
+    assert max(apart) < 0.1
 
 
 def test_the_laden_truck_stops_holds_and_restarts_on_a_5_percent_grade():

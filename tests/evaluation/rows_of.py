@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 
 from iits_mj.evaluation.trials import Task, Trial
+from iits_mj.parameters import label_of
 
 
 def trial(task: Task, loss: float, changes: int = 3, **figures) -> Trial:
@@ -31,7 +32,8 @@ def trial(task: Task, loss: float, changes: int = 3, **figures) -> Trial:
 
 
 def task(method: str, seed: int, cell=("dense", 12.5), weights: str = "") -> Task:
-    return Task("full", *cell, method, weights, 12_000.0, 0.002, 15_000.0, 3_000.0, seed)
+    limits = (12_000.0, 0.002, 15_000.0, 3_000.0)
+    return Task("full", *cell, method, weights, label_of(None), *limits, seed)
 
 
 def rows(losses, cell=("dense", 12.5), floor: float = 0.01, changes=None):

@@ -391,6 +391,38 @@ def test_a_truck_without_trailer_has_no_parts_of_one():
     assert not [name for name in names if "trailer" in name or "fifth" in name or "line" in name]
 
 
+@pytest.mark.parametrize("position", [2.0, 4.0])
+def test_a_unit_that_is_too_short_for_a_load_body_has_none(position):
+    short = TruckParameters.load(
+        overlay={
+            "units": {
+                "trailer": {
+                    "length": 5.0,
+                    "axles": {
+                        "axle1": {"position": 3.0},
+                        "axle2": {"position": 4.2},
+                        "axle3": {"position": 5.4},
+                    },
+                },
+                "rear": {
+                    "like": "trailer",
+                    "length": 12.7,
+                    "axles": {
+                        "axle1": {"position": 6.7},
+                        "axle2": {"position": 7.9},
+                        "axle3": {"position": 9.1},
+                    },
+                    "coupling": {"position": position},
+                },
+            }
+        }
+    )
+    names = {mesh.name for mesh in truck_spec(short, 0.0).meshes}
+    assert ("trailer_doors" in names) is (position > 3.0)
+    assert "rear_doors" in names
+    assert "trailer_beams" in names
+
+
 def test_a_small_wheel_has_its_rim_inside_its_tire():
     small = TruckParameters.load(
         overlay={"tires": {"trailer": {"free_radius": 0.38, "rolling_radius": 0.37}}}

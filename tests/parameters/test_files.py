@@ -324,15 +324,18 @@ def test_a_missing_table_is_refused_with_its_path(write):
         TruckParameters.load(write('[engine]\nfull_load = "nothing.csv"\n'))
 
 
-def test_another_full_load_curve_has_a_pedal_map_in_proportion(write):
+def test_pedal_of_another_full_load_curve_demands_a_share_of_the_rated_power(write):
     engine = TruckParameters.load(
         write('[engine]\nfull_load = "load.csv"\n', load=FULL_LOAD)
     ).engine
     pedal = engine.pedal_map
     assert pedal.columns[[0, -1]].tolist() == [0.0, 1.0]
-    np.testing.assert_allclose(pedal.rows, engine.full_load_speed)
-    np.testing.assert_allclose(pedal.values[:, -1], engine.full_load_torque)
-    np.testing.assert_allclose(pedal.values[:, 5], 0.5 * engine.full_load_torque)
+    full = np.interp(pedal.rows, engine.full_load_speed, engine.full_load_torque)
+    np.testing.assert_allclose(pedal.values[:, -1], full)
+    half = pedal.values[:, 10] * pedal.rows
+    weak = full * pedal.rows < 0.5 * engine.full_load_power
+    np.testing.assert_allclose(half[~weak], 0.5 * engine.full_load_power)
+    np.testing.assert_allclose(pedal.values[weak, 10], full[weak])
 
 
 def test_a_third_column_of_the_full_load_curve_is_the_drag_torque(write):

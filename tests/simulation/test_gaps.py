@@ -5,7 +5,7 @@ import pytest
 
 from iits_mj.core.messages import EgoState, Scene, TrackedVehicle
 from iits_mj.core.vehicles import COLUMNS, VehicleFrame
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.simulation import gaps
 from tests.core.box_distance import box_distance
 
@@ -133,3 +133,19 @@ def test_the_columns_of_a_frame_may_be_views_of_another_table() -> None:
     view = VehicleFrame(frame.ids, frame.kinds, np.repeat(frame.lanes, 2)[::2], columns)
     expected = gaps.nearest_box_distance(EgoState(), frame, parameters)
     assert gaps.nearest_box_distance(EgoState(), view, parameters) == expected
+
+
+@pytest.mark.parametrize("name", shipped_trucks())
+def test_boxes_of_every_truck_end_at_its_rear_and_turn_at_its_couplings(name: str) -> None:
+    truck = TruckParameters.load(name)
+    joints = len(truck.couplings)
+    straight = EgoState(rear_articulations=(0.0,) * max(joints - 1, 0))
+    boxes = gaps.truck_boxes(straight, truck)
+    assert len(boxes) == 1 + joints
+    assert np.vstack(boxes)[:, 0].min() == pytest.approx(-truck.rear)
+    assert np.ptp(np.vstack(boxes)[:, 0]) == pytest.approx(truck.length)
+    # Every joint turns by 0.1 rad, and the unit behind by the sum.
+    bent = EgoState(articulation=0.1, rear_articulations=(0.1,) * max(joints - 1, 0))
+    for k, box in enumerate(gaps.truck_boxes(bent, truck)):
+        forward = box[1] - box[2]
+        assert math.atan2(forward[1], forward[0]) == pytest.approx(-0.1 * k)

@@ -93,7 +93,7 @@ def test_drive_ends_before_the_end_of_the_route() -> None:
         ({"start_station": 1.0}, "start-station 1 m is not on the route"),
         ({"start_station": 14_999.0}, "is not on the route"),
         ({"start_lane": 2}, "start-lane 2 does not exist"),
-        ({"payload": 40_000.0}, "payload 40000 is not allowed"),
+        ({"payload": 40_000.0}, "payload = 40000.0 kg: allowed is 0 to 36000 kg"),
         ({"duration": float("nan")}, "duration nan is not a finite number"),
         ({"density": "full"}, "density 'full' is not known"),
     ],

@@ -20,10 +20,7 @@ def physics(request):
 def test_rear_of_the_last_unit_is_the_rear_of_the_combination(physics):
     x, y, yaw = physics.trailer_rear()
     parameters = physics.truck.parameters
-    # The box of a motor vehicle ends 0.6 m behind its last axle.
-    towed = len(parameters.units) > 1
-    rear = parameters.rear if towed else parameters.lead.axles[-1].position + 0.6
-    assert physics.ego().x - x == pytest.approx(rear, abs=1e-3)
+    assert physics.ego().x - x == pytest.approx(parameters.rear, abs=1e-3)
     assert (y, yaw) == pytest.approx((physics.ego().y, 0.0), abs=1e-6)
 
 

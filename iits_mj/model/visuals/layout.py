@@ -15,6 +15,7 @@ PLATES = ("fifth_wheel", "turntable")
 # From the highest point of a tire to the floor above it [m]: of the same unit, and of a unit that
 # turns above it.
 _OWN_GAP, _TURNING_GAP = 0.12, 0.075
+_DECK_MIN = 1.5  # [m], shortest load body
 _REAR_GAP = 0.15  # [m], least distance from a tire to the end of a frame behind it
 
 
@@ -62,9 +63,17 @@ class Layout:
 
     @property
     def deck_rear(self) -> float:
-        """Rear of the load body, which ends ahead of a unit that turns on this one."""
-        end = self.unit.front_overhang - self.unit.length
-        return max(end, self.clear_of_towed + 0.05)
+        """Rear of the load body, which ends ahead of a unit that turns on this one.
+
+        Its front if there is no room for a load body.
+        """
+        end = max(self.unit.front_overhang - self.unit.length, self.clear_of_towed + 0.05)
+        return end if self.deck_front - end > _DECK_MIN else self.deck_front
+
+    @property
+    def has_deck(self) -> bool:
+        """Whether there is room for a load body."""
+        return self.deck_rear < self.deck_front
 
     @property
     def clear_of_towed(self) -> float:

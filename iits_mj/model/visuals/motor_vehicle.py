@@ -46,7 +46,7 @@ def draw_motor_vehicle(spec: mujoco.MjSpec, layout: Layout, *, laden: bool) -> N
     draw_hitch(painter, layout, RAIL_TOP - RAIL_HEIGHT)
     _tanks(painter, layout, rigid=rigid)
     _fenders(painter, layout)
-    if not rigid:
+    if not (rigid and layout.has_deck):
         draw_open_rear(painter, layout, end)
         return
     # Names of the load body's parts differ from those of the cab.

@@ -40,7 +40,8 @@ def draw_towed(spec: mujoco.MjSpec, layout: Layout, *, laden: bool) -> None:
     if unit.kind == "dolly":
         _dolly(painter, layout)
         return
-    draw_load_body(painter, layout, laden=laden)
+    if layout.has_deck:
+        draw_load_body(painter, layout, laden=laden)
     if unit.coupling.kind in PLATES:
         _semitrailer(painter, layout)
     else:
@@ -51,14 +52,15 @@ def draw_towed(spec: mujoco.MjSpec, layout: Layout, *, laden: bool) -> None:
     if layout.plate is not None:
         low = _plate_frame(painter, layout)
     draw_hitch(painter, layout, low)
-    draw_rear(painter, layout)
+    if layout.has_deck:
+        draw_rear(painter, layout)
     if layout.deck_rear > layout.rear:
         draw_open_rear(painter, layout, layout.rear + 0.10)
 
 
 def _beams(painter: Painter, layout: Layout, start: float) -> None:
     """Adds the main beams below the floor, and crossbars."""
-    floor, rear = layout.floor, layout.deck_rear
+    floor, rear = layout.floor, layout.deck_rear if layout.has_deck else layout.rear
     length = start - rear - 0.1
     size = (length, 0.12, _BEAM_HEIGHT)
     place = (rear + 0.1 + 0.5 * length, 0.50, floor - 0.5 * _BEAM_HEIGHT)

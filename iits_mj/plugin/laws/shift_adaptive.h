@@ -136,13 +136,9 @@ int AdaptiveGear(const ShiftSituation<T>& now) {
     if (gear == now.gear || (gear < now.gear && now.SoonOutgrown(gear))) continue;
     const T ratio = now.gears.Ratio(gear);
     if (ratio * speed > economic) continue;
-    const bool up = gear > now.gear;
-    const T after = up ? now.SpeedAfterChange(speed) : now.SpeedWhenRecovered(gear);
-    if (ratio * after < (up ? p.upshift_speed : p.downshift_speed) * slowest) continue;
-    // The driver's pedal will give the same power in any gear that has it.
-    const T reserve =
-        now.Failed(gear) ? Max(p.failed_reserve, p.adaptive_reserve) : p.adaptive_reserve;
-    if (AvailablePower(now, gear, after) < Max(kept, reserve * load * after)) continue;
+    const T after = gear > now.gear ? now.SpeedAfterUpshift(gear) : now.SpeedWhenRecovered(gear);
+    if (after <= 0 || (gear < now.gear && ratio * after < p.downshift_speed * slowest)) continue;
+    if (AvailablePower(now, gear, after) < Max(kept, p.adaptive_reserve * load * after)) continue;
     const T fuel = FuelFor(now, gear, speed, wanted);
     if (fuel < least) {
       least = fuel;

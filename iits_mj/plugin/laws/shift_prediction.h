@@ -219,13 +219,11 @@ struct ShiftSituation {
     return BestHeld(soon).speed < (1 - kHeldSpeedStep) * held;
   }
 
-  // Whether a gear, or a lower one, could not carry the present load.
-  bool Failed(int next) const { return state.failed_gear > 0 && next >= state.failed_gear; }
-
   // Shaft speed after an upshift and the build-up of the torque; 0 if the pedal's torque does not
   // hold the load then. A gear that failed under this load needs a greater reserve.
   T SpeedAfterUpshift(int next) const {
-    const T reserve = Failed(next) ? Max(p.failed_reserve, p.torque_reserve) : p.torque_reserve;
+    const bool failed = state.failed_gear > 0 && next >= state.failed_gear;
+    const T reserve = failed ? Max(p.failed_reserve, p.torque_reserve) : p.torque_reserve;
     const Dip dip = DipOf(next, in.shaft_speed);
     return Bears(next, dip) && Carries(next, dip.speed, reserve) ? dip.speed : T(0);
   }

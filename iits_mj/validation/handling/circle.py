@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from iits_mj.analytic import Kinematic, YawSideslip, yaw_rate_gain
+from iits_mj.analytic import Kinematic, YawPlane, yaw_rate_gain
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import GRAVITY
@@ -118,7 +118,7 @@ class _Staircase:
         self._drift = 0.0
         self._begin = float(truck.data.body("tractor").xpos[0])
         # In the linear model steer angle times radius is a constant plus a multiple of v^2.
-        model = YawSideslip.from_parameters(truck.parameters, truck.payload, cruise_speed=speed)
+        model = YawPlane.from_parameters(truck.parameters, truck.payload, cruise_speed=speed)
         slow, fast = (v / yaw_rate_gain(model.at(v)) for v in (5.0, 15.0))
         self._slope = (fast - slow) / (15.0**2 - 5.0**2)
         self._base = slow - self._slope * 5.0**2
@@ -197,7 +197,7 @@ def _circle(truck: Truck, records: list[SteeringRecord]) -> Circle:
     for record in records:
         rate, speed = float(record.yaw_rate.mean()), float(record.speed.mean())
         curvature, lateral = rate / speed, rate * speed
-        model = YawSideslip.from_parameters(truck.parameters, truck.payload, cruise_speed=speed)
+        model = YawPlane.from_parameters(truck.parameters, truck.payload, cruise_speed=speed)
         linear = rate / yaw_rate_gain(model.at(speed))
         statics = turn.steer(1.0 / curvature, lateral)
         angles = np.array([record.road_wheel.mean(), linear, statics])

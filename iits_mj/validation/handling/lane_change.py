@@ -24,7 +24,14 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
-from iits_mj.analytic import LateralSystem, Response, YawSideslip, simulate, single_sine
+from iits_mj.analytic import (
+    LateralSystem,
+    Response,
+    YawPlane,
+    simulate,
+    single_sine,
+    unit_track,
+)
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import GRAVITY, KMH
@@ -63,7 +70,7 @@ def steer_axle_acceleration(record: SteeringRecord) -> FloatArray:
 
 def linear_system(truck: Truck, speed: float) -> LateralSystem:
     """The yaw-sideslip model of this truck at this speed [m/s], with axle loads as at cruise."""
-    model = YawSideslip.from_parameters(truck.parameters, truck.payload, cruise_speed=speed)
+    model = YawPlane.from_parameters(truck.parameters, truck.payload, cruise_speed=speed)
     return model.at(speed)
 
 
@@ -179,8 +186,10 @@ def inverse_steer(system: LateralSystem, time: FloatArray, acceleration: FloatAr
     `a = C s + D delta` of the linear model is solved for delta, and inserted into
     `s' = A s + B delta`.
     """
-    lever = system.model.L_c1
-    row = system.A[0] + lever * system.A[1] + np.array([0.0, system.speed, 0.0, 0.0])
+    model = system.model
+    lever = model.reference - float(model.position[0])
+    row = system.A[0] + lever * system.A[1]
+    row[1] += system.speed
     direct = float(system.B[0] + lever * system.B[1])
     closed = system.A - np.outer(system.B, row) / direct
     output = (closed, system.B[:, None] / direct, -row[None, :] / direct, np.array([[1 / direct]]))
@@ -209,7 +218,8 @@ def follow_path(payload: float, speed: float, timestep: float) -> PathChange:
     x = record.rear_x - behind * np.cos(heading) - record.x[0]
     y = record.rear_y - behind * np.sin(heading) - record.y[0]
     last = np.column_stack([x, y])
-    model_last = _model_last_axle(answer, system, truck.parameters)
+    last_axle = truck.parameters.last.axles[-1].position
+    model_last = unit_track(answer, system, -1, last_axle)
     worst = float(np.max(np.abs(_path_error(record, speed))))
     return PathChange(record, answer, system, last, model_last, worst)
 
@@ -260,15 +270,3 @@ def _missing(record: SteeringRecord, error: FloatArray, grid: FloatArray) -> Flo
     numerator, denominator = signal.butter(2, _BAND, fs=1.0 / PERIOD)
     smooth = signal.filtfilt(numerator, denominator, error)
     return np.interp(grid, record.time, np.gradient(np.gradient(smooth, PERIOD), PERIOD))
-
-
-def _model_last_axle(
-    answer: Response, system: LateralSystem, parameters: TruckParameters
-) -> FloatArray:
-    """Track of the linear model's last axle, (n, 2) [m]."""
-    hitch = system.model.L_c1 + system.model.L_h
-    arm = parameters.units[1].axles[-1].position
-    trailer = answer.yaw - answer.articulation
-    x = answer.x - hitch * np.cos(answer.yaw) - arm * np.cos(trailer)
-    y = answer.y - hitch * np.sin(answer.yaw) - arm * np.sin(trailer)
-    return np.column_stack([x, y])

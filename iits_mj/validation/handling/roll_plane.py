@@ -28,7 +28,7 @@ from iits_mj.analytic import (
     laden_units,
     static_axle_loads,
 )
-from iits_mj.analytic.yaw_roll import relaxation_lengths
+from iits_mj.analytic.roll_bodies import relaxation_lengths
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import Coupling, TruckParameters
@@ -121,7 +121,7 @@ class RollPlane:
         trailer, king = laden_units(parameters, payload)[1], coupling_loads(parameters, payload)[0]
         loads = static_axle_loads(parameters, payload)
         supports = []
-        lag = relaxation_lengths(parameters, loads)
+        lag = relaxation_lengths(parameters, parameters.axles, loads)
         bend = lag / axle_cornering_stiffness(parameters, loads)
         for axle, load, carcass in zip(parameters.axles, loads, bend, strict=True):
             tire = parameters.tires[axle.tire]

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
-from iits_mj.analytic import YawSideslip, cruise_axle_loads, static_axle_loads
+from iits_mj.analytic import YawPlane, cruise_axle_loads, static_axle_loads
 from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TireCommon, TruckParameters
 from iits_mj.parameters.mass_state import air_shares, rolling_resistances
@@ -54,7 +54,7 @@ class SteadyTurn:
         if leaning is None:
             return float("nan")
         speed = math.sqrt(lateral * radius)
-        model = YawSideslip.from_parameters(self.parameters, self.payload, cruise_speed=speed)
+        model = YawPlane.from_parameters(self.parameters, self.payload, cruise_speed=speed)
         state = model.at(speed).steady_state()
         steer = speed / (radius * state[1])
         guess = np.array([state[0] * steer, state[3] * steer, steer, 0.0])
@@ -83,7 +83,7 @@ class _Balance:
     """Residual of the equations at a speed [m/s] and yaw rate [rad/s], by the unknowns (4,)."""
 
     turn: SteadyTurn
-    model: YawSideslip
+    model: YawPlane
     speed: float
     rate: float
     leaning: Leaning
@@ -95,20 +95,22 @@ class _Balance:
         resistance = self._resistance()
         loads = cruise_axle_loads(p, self.turn.payload, v)
         # Trailer, in its own frame: forces of its axles, then those at the kingpin.
-        at_hitch = sideways - model.L_h * rate
+        behind, center_arm = float(model.couplings[0] - model.reference), float(model.cg[1])
+        masses, places = model.mass, model.position - model.reference * (model.unit == 0)
+        at_hitch = sideways - behind * rate
         along = v * math.cos(hitch) - at_hitch * math.sin(hitch)
         across = v * math.sin(hitch) + at_hitch * math.cos(hitch)
         side = moment = 0.0
-        first = 1 + len(model.tractor_arms)
-        for i, arm in enumerate(model.trailer_arms, start=first):
+        first = int(np.sum(model.unit == 0))
+        for i, arm in enumerate(places[first:].tolist(), start=first):
             slip = -math.atan((across - arm * rate) / along)
             force = self._force(i, slip, loads)
             side += force
-            moment -= (arm + model.t_3) * force + self._drag_couple(i, loads)
-        center = across - model.L_t1 * rate
-        pull = resistance[1] - model.m_t * rate * center
-        lateral = model.m_t * rate * along - side
-        about_hitch = moment + model.L_t1 * model.m_t * rate * along
+            moment -= (arm + model.trail[i]) * force + self._drag_couple(i, loads)
+        center = across - center_arm * rate
+        pull = resistance[1] - masses[1] * rate * center
+        lateral = masses[1] * rate * along - side
+        about_hitch = moment + center_arm * masses[1] * rate * along
         # Tractor: forces at the kingpin in its frame, and the load transfer by them.
         back = -pull * math.cos(hitch) - lateral * math.sin(hitch)
         push = pull * math.sin(hitch) - lateral * math.cos(hitch)
@@ -116,14 +118,14 @@ class _Balance:
         shift = ((-back - resistance[1]) * p.couplings[0].height + lifting) / model.wheelbase
         loads[0] -= shift
         loads[1:first] += shift / (first - 1)
-        front = self._force(0, steer - math.atan((sideways + model.L_c1 * rate) / v), loads)
-        forward = drive * _SCALE + back - front * math.sin(steer) + model.m_c * rate * sideways
-        left = push + front * math.cos(steer) - model.m_c * rate * v
-        yaw = front * math.cos(steer) * (model.L_c1 - model.t_1) - model.L_h * push
-        for i, arm in enumerate(model.tractor_arms, start=1):
+        front = self._force(0, steer - math.atan((sideways - places[0] * rate) / v), loads)
+        forward = drive * _SCALE + back - front * math.sin(steer) + masses[0] * rate * sideways
+        left = push + front * math.cos(steer) - masses[0] * rate * v
+        yaw = front * math.cos(steer) * -(places[0] + model.trail[0]) - behind * push
+        for i, arm in enumerate(places[1:first].tolist(), start=1):
             force = self._force(i, -math.atan((sideways - arm * rate) / v), loads)
             left += force
-            yaw -= (arm + model.t_2) * force
+            yaw -= (arm + model.trail[i]) * force
         yaw -= sum(self._drag_couple(i, loads) for i in range(first))
         return np.array([forward - resistance[0], left, yaw, about_hitch]) / _SCALE
 

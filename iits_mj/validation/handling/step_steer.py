@@ -17,7 +17,7 @@ import copy
 
 import numpy as np
 
-from iits_mj.analytic import LateralSystem, YawRoll, YawSideslip, simulate
+from iits_mj.analytic import LateralSystem, YawPlane, YawRoll, simulate
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
@@ -75,7 +75,7 @@ def references(
         response = simulate(system, recording.time, recording.road_wheel)
         return {name: getattr(response, name) for _, name, _ in _SIGNALS}
 
-    plane = YawSideslip.from_parameters(parameters, payload, cruise_speed=speed)
+    plane = YawPlane.from_parameters(parameters, payload, cruise_speed=speed)
     roll = YawRoll.from_parameters(parameters, payload, cruise_speed=speed)
     return answer(plane.at(speed)), answer(roll.at(speed))
 
@@ -122,7 +122,7 @@ def compare_frequency(payload: float, timestep: float) -> Findings:
     recording = drive(truck, steering, speed=SPEED, duration=_SETTLE + _LENGTH, hold=hold)
     recording = recording.after(_SETTLE)
     speed = float(recording.speed.mean())
-    plane = YawSideslip.from_parameters(TruckParameters.load(), payload, cruise_speed=speed)
+    plane = YawPlane.from_parameters(TruckParameters.load(), payload, cruise_speed=speed)
     wanted = plane.at(speed).frequency_response(FREQUENCIES)
     steer = harmonic(recording.time, recording.road_wheel, FREQUENCIES)
     found, inside = Findings(), FREQUENCIES <= _LIMIT

@@ -21,7 +21,6 @@ from iits_mj.core.messages import EgoState, VehicleCommand, XbrMode
 from iits_mj.core.results import Findings
 from iits_mj.core.tables import read_columns
 from iits_mj.core.units import GRAVITY, KMH
-from iits_mj.model.powertrain import full_load
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import rolling_resistance
 from iits_mj.road import Route
@@ -131,7 +130,7 @@ class _Balance:
         speeds = np.arange(0.5, 60.0, 0.5)
         drag = [p.aerodynamics.mean_drag_area(float(v)) * v**2 for v in speeds]
         self._speeds, self._drag = speeds, 0.5 * p.aerodynamics.density * np.array(drag)
-        self._full = full_load(p)
+        self._pedal_map = p.engine.pedal_map
         self._dragging = p.engine.drag_speed, p.engine.drag_torque
         self._auxiliaries = p.engine.auxiliary_power
         self._idle = p.engine.idle_speed
@@ -168,7 +167,11 @@ class _Balance:
         torque = force / (self._gearing * self._ratios[gear])
         torque = torque / self._efficiency if torque > 0.0 else torque * self._efficiency
         torque += self._auxiliaries / speed
-        return float(torque / np.interp(speed, *self._full))
+        table = self._pedal_map
+        asked = [np.interp(speed, table.rows, column) for column in table.values.T]
+        if torque <= 0.0:
+            return -1.0
+        return float(np.interp(torque, asked, table.columns))
 
     def coasting_resistance(self, state: EgoState, speed: float, after: float) -> float:
         """Mean force of air, rolling and engine [N] while coasting between two speeds [m/s]."""

@@ -11,7 +11,7 @@ from controllers.pcc.fuel import FuelMap, nonnegative_fit
 from controllers.pcc.planner import lower_speeds, make_vehicle
 from controllers.pcc.vehicle import cruise, durations, full_power_speed
 from iits_mj.core.errors import InputError, PlanningError
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import TruckParameters, shipped_trucks
 from tests.controllers.pcc.dynamic_program import least_cost
 from tests.paths import outside
 
@@ -336,3 +336,55 @@ def test_plan_leaves_its_band_only_where_full_power_cannot_reach_it():
     assert 5 < np.count_nonzero(~reached) < 40
     assert solution.plan.speed[reached].min() >= 0.999 * config.v_min - 1e-6
     assert (solution.plan.speed >= 0.999 * fastest - 1e-6)[~reached].all()
+
+
+VECTO = TruckParameters.load("vecto_40t")
+
+
+def test_a_map_of_the_fuel_rate_is_used_at_its_points():
+    engine, fuel_map = VECTO.engine, FuelMap(VECTO)
+    table = engine.fuel_rate_map
+    torque, speed = np.meshgrid(table.columns, table.rows)
+    driving = torque >= 0.0
+    found = fuel_map.engine_rate(torque[driving], speed[driving])
+    assert found == pytest.approx(engine.fuel_factor * table.values[driving], rel=1e-12)
+
+
+def test_below_the_engines_drag_no_map_of_the_fuel_rate_burns_fuel():
+    speed = np.linspace(80.0, 180.0, 30)
+    drag = np.interp(speed, VECTO.engine.drag_speed, VECTO.engine.drag_torque)
+    assert FuelMap(VECTO).engine_rate(-1.05 * drag, speed) == pytest.approx(np.zeros(30), abs=2e-5)
+
+
+def test_the_wheel_force_is_what_the_losses_leave_of_the_engines_torque():
+    box, radius = VECTO.gearbox, VECTO.tires[VECTO.driven_axles[0].tire].rolling_radius
+    fuel_map, speed = FuelMap(VECTO), 22.0
+    for force in (-1200.0, 3000.0, 15_000.0):
+        inputs = fuel_map._input_torques(np.array([force]), np.array([speed]))[:, 0]
+        for gear in range(9, len(box.ratios)):
+            shaft = speed / radius * box.final_drive
+            number = box.loss_map[gear]
+            table = list(box.loss_maps.values())[number - 1]
+            torque = inputs[gear] - table.at(shaft * box.ratios[gear], inputs[gear])
+            torque *= box.ratios[gear]
+            retarder = VECTO.retarder
+            torque -= np.interp(shaft, retarder.drag_speed, retarder.drag_torque)
+            torque -= box.axle_loss.at(shaft, torque)
+            assert torque * box.final_drive / radius == pytest.approx(force, rel=1e-3)
+
+
+def test_auxiliaries_burn_the_fuel_of_their_work():
+    spared = replace(VECTO, engine=replace(VECTO.engine, auxiliaries={}))
+    force, speed = np.array([6000.0]), np.array([22.0])
+    (with_them, gear), (without, _) = (FuelMap(p).rate(force, speed) for p in (VECTO, spared))
+    # The marginal efficiency of a diesel engine is 40 to 50 %; 42.7 MJ/kg.
+    work = (with_them - without)[0] * 42.7e6
+    assert 0.38 < VECTO.engine.auxiliary_power / work < 0.52
+    assert gear[0] == len(VECTO.gearbox.ratios)
+
+
+@pytest.mark.parametrize("name", shipped_trucks())
+def test_the_plan_of_every_truck_saves_fuel_on_hills(name):
+    truck = TruckParameters.load(name)
+    found = plan(hills(), truck, truck.gross_mass(truck.payload_max), PccConfig(k_a=0.0))
+    assert found.saving_percent > 0.1

@@ -9,7 +9,7 @@ from controllers.planning.road_preview import RoadPreview, lane_shift, off_track
 from controllers.tracking.lateral_model import LateralModel
 from iits_mj.analytic import Kinematic
 from iits_mj.core.messages import EgoState, Scene
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.road.measured import Lanes, measured_route
 
 PARAMETERS = TruckParameters.load()
@@ -124,3 +124,14 @@ def test_swept_path_of_a_circle_settles_at_the_kinematic_radii():
     settled = float(np.hypot(*trailer.group[-1]))
     assert settled - radius == pytest.approx(kinematic.off_tracking(radius), abs=0.01)
     assert np.allclose(np.hypot(*(trailer.origin - path).T), 3.6)
+
+
+@pytest.mark.parametrize("name", shipped_trucks())
+def test_slow_off_tracking_of_every_truck_is_that_of_its_tractrix(name):
+    truck, radius = TruckParameters.load(name), 120.0
+    model = LateralModel.of(truck, truck.gross_mass(truck.payload_max), 0.1)
+    angle = np.arange(0.0, 2.0, 0.2 / radius)
+    path = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    inside = radius - float(np.hypot(*swept_path(truck, path, 0.5 * np.pi)[-1].group[-1]))
+    # The model's tires slip a little, as axles of a group scrub.
+    assert off_tracking(model, 0.5) / radius == pytest.approx(inside, rel=0.08, abs=0.02)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from controllers.planning.crossing import _crosses, crossing_leads, is_free
-from controllers.planning.predicted_boxes import Poses, bodies_along, swept_path
+from controllers.planning.predicted_boxes import Poses, bodies_along, swept_path, unit_lengths
 from controllers.planning.road_preview import RoadPreview
 from controllers.planning.trajectory import Quintic, on_road
 from iits_mj.core.messages import EgoState, Scene
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.parameters.mass_state import group_center
 from iits_mj.road import Route
 from iits_mj.road.measured import Lanes, measured_route
@@ -247,3 +247,37 @@ def test_a_crossing_vehicle_counts_until_half_a_second_after_its_last_contact():
     # One that can stop gently, or that the truck does not meet, is no lead.
     assert _crosses(touch, poses(other(speed=5.0)), ego(speed=5.0)) is None
     assert _crosses(touch, one, ego(speed=15.0)) is None
+
+
+@pytest.mark.parametrize("name", shipped_trucks())
+def test_every_unit_settles_on_the_circle_of_its_tractrix(name):
+    truck, radius = TruckParameters.load(name), 40.0
+    angle = np.arange(0.0, 4.0 * math.pi, 0.004)
+    path = radius * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)])
+    tracks = swept_path(truck, path, 0.0)
+    hitches = [*(coupling.position for coupling in truck.couplings), 0.0]
+    away = radius
+    for track, length, hitch in zip(tracks, unit_lengths(truck), hitches, strict=True):
+        assert np.hypot(*(track.origin[-1] - [0.0, radius])) == pytest.approx(away, abs=0.01)
+        away = math.sqrt(away**2 - length**2)
+        assert np.hypot(*(track.group[-1] - [0.0, radius])) == pytest.approx(away, abs=0.01)
+        away = math.hypot(away, length - hitch)
+
+
+@pytest.mark.parametrize("name", shipped_trucks())
+def test_the_bodies_of_a_straight_combination_end_at_its_rear(name):
+    truck, path = TruckParameters.load(name), PREVIEW.follow(0, 1000.0, 400.0, 150.0)
+    boxes = bodies_along(truck, PREVIEW, path, None, np.array([1000.0]))
+    assert len(boxes) == len(truck.units)
+    rear = min(float(box.x[0] - 0.5 * box.length) for box in boxes)
+    assert rear == pytest.approx(1000.0 - truck.rear, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["b_double", "a_double"])
+def test_a_longer_combination_has_settled_on_a_bend_before_the_first_position(name):
+    truck, path = TruckParameters.load(name), ROUND.follow(0, 250.0, 100.0, 240.0)
+    boxes = bodies_along(truck, ROUND, path, None, np.array([250.0, 255.0]))
+    center = CIRCLE.evaluate(0.0, RADIUS)
+    away = [np.hypot(box.x - float(center.x), box.y - float(center.y)) for box in boxes]
+    for distance in away:
+        assert distance[0] == pytest.approx(distance[1], abs=0.05)

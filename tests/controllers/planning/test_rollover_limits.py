@@ -66,7 +66,7 @@ def test_a_planned_change_leaves_the_trailer_its_share_of_the_threshold(mass, sp
 def trailer_peak(model, change, speed):
     """Greatest lateral acceleration of the trailer's CG when the steer axle follows a change."""
     step = 0.005
-    tractor, behind = model.units
+    (coupling,), (_, behind) = model.plane.couplings, model.plane.cg
     a, _, _ = model.matrices(speed)
     state, greatest = np.zeros(4), 0.0
     for time in np.arange(0.0, change.length / speed + 4.0, step):
@@ -75,7 +75,7 @@ def trailer_peak(model, change, speed):
         free = a[:4, :4] @ state
         steer = (wanted - free[0] - speed * state[1]) / a[0, 6]
         rate = free + a[:4, 6] * steer
-        trailer = rate[0] + speed * state[1] - tractor.coupling * rate[1] - behind.cg * rate[2]
+        trailer = rate[0] + speed * state[1] - coupling * rate[1] - behind * rate[2]
         greatest = max(greatest, abs(float(trailer)))
         state = state + step * rate
     return greatest
@@ -97,3 +97,47 @@ def test_margins_are_computed_once_for_a_mass_and_clamped_outside():
     assert margins.at(70e3).threshold == margins.at(55e3).threshold
     high = dataclasses.replace(PARAMETERS).with_payload_height(3.0)
     assert RollMargins(high, 0.2).at(55e3).threshold < margins.at(55e3).threshold
+
+
+def with_load_height(truck, unit, height):
+    """The truck with the load of one unit at another height [m]."""
+    units = list(truck.units)
+    load = dataclasses.replace(units[unit].payload, cg_height=height)
+    units[unit] = dataclasses.replace(units[unit], payload=load)
+    return dataclasses.replace(truck, units=tuple(units))
+
+
+def test_a_drawbar_leaves_the_weaker_of_two_vehicles_to_roll_over_alone():
+    truck = TruckParameters.load("rigid_drawbar")
+    full = truck.payload_max
+    heights = (1.5, 1.5), (2.6, 1.5), (1.5, 2.4), (2.6, 2.4)
+    low, first, second, both = (
+        roll_threshold(with_load_height(with_load_height(truck, 0, a), 1, b), full)
+        for a, b in heights
+    )
+    assert max(first, second) < low
+    # Neither vehicle holds the other: drawbar loads are small.
+    assert both == pytest.approx(min(first, second), rel=0.02)
+
+
+def test_units_on_fifth_wheels_roll_over_together():
+    truck = TruckParameters.load("b_double")
+    full, height = truck.payload_max, truck.units[2].payload.cg_height
+    raised = [with_load_height(truck, unit, height + 0.4) for unit in (1, 2)]
+    both = with_load_height(raised[0], 2, height + 0.4)
+    base, *one = (roll_threshold(p, full) for p in (truck, *raised))
+    assert roll_threshold(both, full) < min(one) < max(one) < base
+
+
+def test_more_joints_amplify_more():
+    def amplification(name):
+        truck = TruckParameters.load(name)
+        model = LateralModel.of(truck, truck.gross_mass(truck.payload_max), 0.1)
+        return rearward_amplification(model, 22.2, 0.4)
+
+    names = "vecto_tractor", "vecto_40t", "b_double", "a_double"
+    gains = [amplification(name) for name in names]
+    assert gains[0] == 1.0
+    assert gains == sorted(gains)
+    # Winkler and others (FHWA-RD-00-078): A-doubles reach about twice the tractor's acceleration.
+    assert gains[-1] > 1.7

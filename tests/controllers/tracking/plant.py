@@ -24,15 +24,8 @@ _GEAR_SPEED = np.array([0.0, 1.0, 2.0, 2.8, 3.8, 5.0, 6.5, 8.5, 11.0, 14.0, 17.0
 
 def softened(model: LateralModel, factor: float) -> LateralModel:
     """The model with a multiple of all cornering stiffnesses."""
-    return dataclasses.replace(
-        model,
-        units=tuple(
-            dataclasses.replace(
-                unit, axles=tuple(a._replace(stiffness=factor * a.stiffness) for a in unit.axles)
-            )
-            for unit in model.units
-        ),
-    )
+    plane = dataclasses.replace(model.plane, cornering=factor * model.plane.cornering)
+    return dataclasses.replace(model, plane=plane)
 
 
 class PlanarTruck:

@@ -39,7 +39,7 @@ def winding(rng, count=61):
     )
 
 
-def somewhere(rng, path):
+def somewhere(rng, path, units=2):
     """A truck near a path, at times at standstill, before its start or beyond its end."""
     at = int(rng.integers(len(path.x)))
     speed, lateral, turn, trailer = rng.normal((12.0, 0.0, 0.0, 0.0), (8.0, 0.3, 0.1, 0.1))
@@ -53,6 +53,9 @@ def somewhere(rng, path):
         yaw_rate=turn,
         trailer_yaw_rate=trailer,
         articulation=rng.normal(0.0, 0.2),
+        rear_articulations=tuple(rng.normal(0.0, 0.2, max(units - 2, 0))),
+        articulation_rate=0.03,
+        rear_articulation_rates=tuple(rng.normal(0.0, 0.1, max(units - 2, 0))),
         steering_wheel_angle=rng.normal(0.0, 0.5),
         road_wheel_angle=rng.normal(0.0, 0.03),
         mass=40_000.0,
@@ -76,6 +79,18 @@ def test_steering_equals_its_python_form_to_the_bit(lag):
         assert (memory.demand, memory.integral) == (python.demand, python.integral)
         _, disturbance, lasting = compiled.observed.tolist()
         assert (disturbance, lasting) == (python.observer.value.tolist(), python.lasting.tolist())
+
+
+@pytest.mark.parametrize("name", ["vecto_tractor", "b_double", "a_double"])
+def test_steering_of_one_to_four_units_equals_its_python_form_to_the_bit(name):
+    truck, rng = TruckParameters.load(name), np.random.default_rng(len(name))
+    compiled, python = LateralController(truck, CONFIG), Steering(truck, CONFIG)
+    for k in range(60):
+        if k % 4 == 0:
+            path = winding(rng)
+        ego = somewhere(rng, path, len(truck.units))
+        assert compiled.steer(ego, path) == python.steer(ego, path)
+    assert compiled.observed[1].tolist() == python.observer.value.tolist()
 
 
 @pytest.mark.parametrize("left", [1.0, -1.0])

@@ -89,10 +89,10 @@ def test_closed_loop_is_well_damped_at_every_speed_and_load():
 
 def test_the_model_has_the_masses_of_the_laden_truck():
     model = LateralModel.of(PARAMETERS, 55_000.0, 0.1)
-    trailer = model.units[1]
-    assert trailer.mass == pytest.approx(46_100.0)
-    assert trailer.cg == pytest.approx(5.05, abs=0.01)
-    assert trailer.inertia == pytest.approx(683_000.0, rel=0.01)
+    plane = model.plane
+    assert plane.mass[1] == pytest.approx(46_100.0)
+    assert plane.cg[1] == pytest.approx(5.05, abs=0.01)
+    assert plane.inertia[1] == pytest.approx(683_000.0, rel=0.01)
 
 
 @pytest.mark.parametrize("torque", [-120.0, 100.0, 600.0, 1500.0])

@@ -12,8 +12,7 @@ from iits_mj.core.angles import wrap_angles
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Trajectory
 from iits_mj.core.timing import CONTROL_PERIOD
-from iits_mj.parameters import TruckParameters
-from tests.controllers.combinations import A_DOUBLE, COMBINATIONS
+from iits_mj.parameters import TruckParameters, shipped_trucks
 from tests.controllers.tracking.plant import softened
 from tests.controllers.tracking.reference import (
     DisturbanceObserver,
@@ -179,10 +178,10 @@ def test_the_model_has_a_plausible_wheelbase_and_understeer_gradient():
     slow, fast = (model.steady_acceleration(speed) / speed**2 for speed in (0.5, 25.0))
     # A tandem's scrub lengthens the wheelbase (Winkler 1998); the tri-axle's, at the hitch ahead
     # of the tandem, is not in that formula.
-    (_, front, _), *drive = model.units[0].axles
-    base = np.mean([x for x, *_ in drive])
-    spread = np.mean([(x - base) ** 2 for x, *_ in drive])
-    longer = spread / base * (1.0 + sum(c for _, c, _ in drive) / front)
+    plane = model.plane
+    front, drive = plane.cornering[0], plane.position[1:3]
+    base = drive.mean()
+    longer = drive.var() / base * (1.0 + plane.cornering[1:3].sum() / front)
     assert 1.0 / slow == pytest.approx(base + longer, abs=0.15)
     gradient = np.rad2deg(1.0 / fast - 1.0 / slow) / 25.0**2 * 9.81
     assert 0.5 < gradient < 3.0
@@ -234,26 +233,26 @@ def test_the_loop_is_damped_although_stiffness_and_mass_are_off_by_a_fifth(mass,
 
 
 @pytest.mark.parametrize("load", [0.0, 0.5, 1.0])
-@pytest.mark.parametrize("name", COMBINATIONS)
-def test_the_loop_of_every_combination_is_damped_with_tires_off_by_a_fifth(name, load):
-    truck = COMBINATIONS[name]
+@pytest.mark.parametrize("name", shipped_trucks())
+def test_the_loop_of_every_shipped_truck_is_damped_with_tires_off_by_a_fifth(name, load):
+    truck = TruckParameters.load(name)
     model = LateralModel.of(truck, truck.gross_mass(load * truck.payload_max), CONFIG.lag)
     gains = LateralGains.design(model, CONFIG)
     for softer in (0.8, 1.0, 1.2):
         for speed in SPEEDS:
             real, damping = least_damping(softened(model, softer), gains, speed)
             assert real < -0.03
-            # The last unit of an A-double is hardly damped by itself, see the next test.
-            assert damping > 0.12
+            assert damping > 0.2
 
 
-def test_steering_damps_the_swing_of_the_last_unit_of_an_a_double():
-    model = LateralModel.of(A_DOUBLE, A_DOUBLE.gross_mass(A_DOUBLE.payload_max), CONFIG.lag)
+def test_steering_damps_the_swing_of_a_drawbar_trailer():
+    truck = TruckParameters.load("rigid_drawbar")
+    model = LateralModel.of(truck, truck.gross_mass(truck.payload_max), CONFIG.lag)
     free = np.linalg.eigvals(model.matrices(25.0)[0][: model.motions, : model.motions])
     swinging = free[np.abs(free.imag) > 0.3]
     own = (-swinging.real / np.abs(swinging)).min()
     _, damping = least_damping(model, LateralGains.design(model, CONFIG), 25.0)
-    assert damping > 1.5 * own
+    assert damping > 1.1 * own
 
 
 def test_the_wheel_is_held_at_standstill_and_demanded_angles_are_finite():

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from controllers.tracking.lateral import LateralController, check_finite
+from controllers.tracking.lateral import LateralController, check_finite, unit_motions
 from controllers.tracking.lateral_gains import (
     Gains,
     LateralConfig,
@@ -447,7 +447,7 @@ def test_the_models_payload_is_between_none_and_the_greatest(load, share):
     empty = PARAMETERS.gross_mass(0.0)
     model = LateralModel.of(PARAMETERS, empty + load, 0.1)
     expected = PARAMETERS.gross_mass(share * PARAMETERS.payload_max)
-    assert sum(unit.mass for unit in model.units) == pytest.approx(expected)
+    assert model.plane.mass.sum() == pytest.approx(expected)
 
 
 def test_a_state_names_its_first_value_that_is_not_finite():
@@ -455,3 +455,24 @@ def test_a_state_names_its_first_value_that_is_not_finite():
     check_finite(ego, ("x", "mass"))
     with pytest.raises(InputError, match="speed is nan"):
         check_finite(ego, ("x", "speed", "yaw"))
+
+
+def test_the_units_yaw_rates_follow_from_the_articulation_rates():
+    ego = EgoState(
+        yaw_rate=0.3,
+        trailer_yaw_rate=0.05,
+        articulation=0.2,
+        articulation_rate=0.1,
+        rear_articulations=(-0.1, 0.4),
+        rear_articulation_rates=(0.04, 0.11),
+    )
+    motions = unit_motions(ego, 4)
+    assert motions == pytest.approx([0.3, 0.2, 0.16, 0.05, 0.2, -0.1, 0.4])
+    assert unit_motions(EgoState(yaw_rate=0.3), 1) == [0.3]
+    with pytest.raises(InputError, match="1 are needed for 3 units"):
+        unit_motions(ego, 3)
+
+
+def test_an_articulation_that_is_not_finite_is_refused():
+    with pytest.raises(InputError, match="articulations behind the first"):
+        check_finite(EgoState(rear_articulations=(math.nan,)), ("x", "y"))

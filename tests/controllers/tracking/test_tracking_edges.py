@@ -6,15 +6,17 @@ import math
 import numpy as np
 import pytest
 
+from controllers.planning.predicted_boxes import unit_lengths
 from controllers.tracking.lateral import LateralController
 from controllers.tracking.lateral_gains import LateralConfig
 from controllers.tracking.lateral_model import LateralModel
 from controllers.tracking.longitudinal import LongitudinalController, Phase
 from iits_mj.core.messages import EgoState
 from iits_mj.core.timing import CONTROL_PERIOD
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.parameters.mass_state import static_axle_loads
 from iits_mj.parameters.tire_law import cornering_stiffness
+from iits_mj.parameters.units import SelfSteering
 from tests.controllers.tracking.reference import (
     EnduranceForces,
     PathView,
@@ -82,7 +84,7 @@ def test_at_standstill_the_endurance_brakes_are_released():
 @pytest.mark.parametrize("load", [0.0, 20_000.0])
 def test_an_axle_has_the_cornering_stiffness_of_all_its_tires(load):
     model = LateralModel.of(PARAMETERS, PARAMETERS.gross_mass(load), 0.1)
-    found = [axle for unit in model.units for axle in unit.axles]
+    found = list(zip(model.plane.position, model.plane.cornering, model.plane.steer, strict=True))
     loads = static_axle_loads(PARAMETERS, load)
     for axle, on_axle, (position, stiffness, steer) in zip(
         PARAMETERS.axles, loads, found, strict=True
@@ -117,17 +119,18 @@ def test_the_preview_begins_at_the_truck_and_covers_its_time():
 def test_the_models_matrices_are_those_of_virtual_work(speed):
     """Newton's law for (w, r, r_t): each mass and axle acts by its own lateral velocity."""
     model = LateralModel.of(PARAMETERS, 45_000.0, 0.1)
-    first, second = model.units
-    m1, m2, c = first.mass, second.mass, first.coupling
-    tractor, trailer = np.array([1.0, -first.cg, 0.0]), np.array([1.0, -c, -second.cg])
+    plane = model.plane
+    (m1, m2), (c,), (cg, trailer_cg) = plane.mass, plane.couplings, plane.cg
+    tractor, trailer = np.array([1.0, -cg, 0.0]), np.array([1.0, -c, -trailer_cg])
     inertia = m1 * np.outer(tractor, tractor) + m2 * np.outer(trailer, trailer)
-    inertia += np.diag([0.0, first.inertia, second.inertia])
+    inertia += np.diag([0.0, *plane.inertia])
     rates, articulation, steer = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
-    for place, stiffness, _ in first.axles:
+    axles = list(zip(plane.unit, plane.position, plane.cornering, strict=True))
+    for place, stiffness in (axle[1:] for axle in axles if axle[0] == 0):
         velocity = np.array([1.0, -place, 0.0])
         rates -= stiffness / speed * np.outer(velocity, velocity)
         steer += stiffness * velocity * (place == 0.0)
-    for place, stiffness, _ in second.axles:
+    for place, stiffness in (axle[1:] for axle in axles if axle[0] == 1):
         velocity = np.array([1.0, -c, -place])
         rates -= stiffness / speed * np.outer(velocity, velocity)
         articulation -= stiffness * velocity
@@ -173,3 +176,34 @@ def test_a_start_uses_the_engine_speed_above_idle(engine_speed, assumed):
     expected = inverse.pedal(inverse.engine_torque(force, 2), assumed)
     assert expected > 0.12
     assert last.accelerator_pedal == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("name", shipped_trucks())
+def test_a_slow_truck_steers_like_a_bicycle_with_the_wheelbase_of_its_axle_group(name):
+    truck = TruckParameters.load(name)
+    model = LateralModel.of(truck, truck.gross_mass(truck.payload_max), 0.1)
+    base = unit_lengths(truck)[0]
+    # Axles of a group scrub: the tractor's lengthen its wheelbase, a trailer's push it aside.
+    assert 0.75 < model.steady_acceleration(0.5) * base / 0.5**2 < 1.06
+
+
+def test_a_self_steering_axle_yields_to_side_forces():
+    truck = TruckParameters.load()
+    steering = SelfSteering(trail=0.15, stiffness=20e3, damping=1e3, angle_max=0.3)
+    *fixed, last = truck.units[1].axles
+    trailer = dataclasses.replace(
+        truck.units[1], axles=(*fixed, dataclasses.replace(last, self_steering=steering))
+    )
+    changed = dataclasses.replace(truck, units=(truck.lead, trailer))
+    before, after = (LateralModel.of(p, 55e3, 0.1).plane.cornering[-1] for p in (truck, changed))
+    lever = 0.15 + truck.tires[last.tire].pneumatic_trail
+    # Both wheels' slip and knuckle angle share the slip of the axle: in series.
+    assert 1.0 / after == pytest.approx(1.0 / before + 0.5 * lever / 20e3)
+
+
+def test_a_lifted_axle_has_no_part_in_the_model():
+    truck = TruckParameters.load("tractor_semitrailer_6x2")
+    empty, laden = (
+        LateralModel.of(truck, truck.gross_mass(load), 0.1).plane for load in (0.0, 20e3)
+    )
+    assert len(empty.position) == len(laden.position) - 1

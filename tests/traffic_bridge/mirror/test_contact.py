@@ -9,8 +9,10 @@ import pytest
 from controllers.stack import Stack
 from iits_mj import Truck
 from iits_mj.core.messages import TrackedVehicle, VehicleCommand
+from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, Simulation
+from iits_mj.simulation.gaps import truck_boxes
 from tests.core.box_distance import box_distance
 from tests.traffic_bridge.mirror.test_mirror import scene, vehicle
 from traffic_bridge import Mirror, VehicleFrame
@@ -220,6 +222,20 @@ def test_a_full_pool_in_the_other_lanes_cannot_touch_the_truck(driven):
     ahead = vehicle("x", route, 200.0 + 1.4 + 2.0 + 2.35, yaw=math.pi, speed=15.0)
     mirror.update(truck.data, [*beside, ahead], (ego.x, ego.y))
     assert mirror.may_touch(truck.data, 0.1)
+
+
+def test_a_contact_names_the_unit_of_an_a_double():
+    route, mirror = Route.straight(length=1000.0), Mirror({"car": 4}, visuals=False)
+    parameters = TruckParameters.load("a_double")
+    truck = Truck.load(parameters=parameters, route=route, visuals=False, edit_spec=mirror.add_to)
+    mirror.bind(truck.model)
+    truck.reset(station=200.0, offset=0.0)
+    ego, boxes = truck.observe(), truck_boxes(truck.observe(), parameters)
+    for unit, box in zip(parameters.units, boxes, strict=True):
+        x, y = box.mean(axis=0).tolist()
+        mirror.update(truck.data, [vehicle("a", route, x, y)], (ego.x, ego.y))
+        mujoco.mj_forward(truck.model, truck.data)
+        assert ("a", unit.name) in mirror.contacts(truck.data)
 
 
 @pytest.mark.parametrize("lasting", [0.01, 0.04])

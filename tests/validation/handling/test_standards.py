@@ -72,9 +72,9 @@ def test_100_kmh_is_held_through_a_lane_change():
 
 
 def test_inverse_steer_moves_the_linear_steer_axle_along_the_path():
-    from iits_mj.analytic import YawSideslip, simulate
+    from iits_mj.analytic import YawPlane, simulate
 
-    system = YawSideslip.from_parameters(TruckParameters.load(), 0.0).at(88.0 / 3.6)
+    system = YawPlane.from_parameters(TruckParameters.load(), 0.0).at(88.0 / 3.6)
     time = np.arange(0.0, 8.0, 0.01)
     wanted = lane_change.PATH_PEAK * np.sin(2.0 * np.pi * np.clip(time, 0.0, 2.5) / 2.5)
     answer = simulate(system, time, lane_change.inverse_steer(system, time, wanted))

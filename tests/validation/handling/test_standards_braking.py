@@ -46,12 +46,12 @@ def test_with_abs_the_truck_stays_in_line(payload):
 
 @pytest.mark.parametrize("payload", [LADEN, 0.0])
 def test_gentle_steady_turn_is_the_linear_models(payload):
-    from iits_mj.analytic import YawSideslip, yaw_rate_gain
+    from iits_mj.analytic import YawPlane, yaw_rate_gain
 
     parameters = TruckParameters.load()
     radius, lateral = 400.0, 0.1
     speed = np.sqrt(lateral * radius)
-    model = YawSideslip.from_parameters(parameters, payload, cruise_speed=speed).at(speed)
+    model = YawPlane.from_parameters(parameters, payload, cruise_speed=speed).at(speed)
     steer = SteadyTurn.from_parameters(parameters, payload).steer(radius, lateral)
     assert steer == pytest.approx(speed / radius / yaw_rate_gain(model), rel=0.02)
 

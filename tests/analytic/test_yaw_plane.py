@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from iits_mj.analytic import (
-    YawSideslip,
+    YawPlane,
     critical_speed,
     rearward_amplification,
     single_sine,
@@ -20,8 +20,8 @@ from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
 
 PARAMETERS = TruckParameters.load()
-LADEN = YawSideslip.from_parameters(PARAMETERS, 36_000.0)
-EMPTY = YawSideslip.from_parameters(PARAMETERS, 0.0)
+LADEN = YawPlane.from_parameters(PARAMETERS, 36_000.0)
+EMPTY = YawPlane.from_parameters(PARAMETERS, 0.0)
 V80 = 80.0 / 3.6
 
 
@@ -29,11 +29,8 @@ def _lumped(model):
     """The same truck with each axle group lumped in its center and without pneumatic trail."""
     return dataclasses.replace(
         model,
-        tractor_arms=np.full(2, model.tractor_arms.mean()),
-        trailer_arms=np.full(3, model.trailer_arms.mean()),
-        t_1=0.0,
-        t_2=0.0,
-        t_3=0.0,
+        position=np.array([model.position[0], *[model.group(0)] * 2, *[model.group(1)] * 3]),
+        trail=0.0 * model.trail,
     )
 
 
@@ -46,7 +43,7 @@ def test_truck_is_stable_and_well_damped_at_80_kmh(model):
 
 @pytest.mark.parametrize("payload", [36_000.0, 10_000.0, 0.0])
 def test_steady_yaw_gain_is_the_understeer_formula(payload):
-    model = _lumped(YawSideslip.from_parameters(PARAMETERS, payload))
+    model = _lumped(YawPlane.from_parameters(PARAMETERS, payload))
     gradient = understeer_gradient_by_loads(PARAMETERS, payload)
     for speed in (5.0, 15.0, 25.0):
         expected = speed / (model.wheelbase + gradient * speed**2)
@@ -75,7 +72,7 @@ def test_step_response_settles_to_the_steady_state():
 
 
 def test_oversteering_truck_has_a_critical_speed_where_the_yaw_gain_diverges():
-    weak = dataclasses.replace(_lumped(LADEN), C_1=3.0 * LADEN.C_1)
+    weak = dataclasses.replace(_lumped(LADEN), cornering=LADEN.cornering * [3, 1, 1, 1, 1, 1])
     gradient = understeer_gradient(weak)
     assert gradient < 0.0
     formula = np.sqrt(-weak.wheelbase / gradient)

@@ -1,0 +1,1 @@
+"""The Australian Performance-Based Standards (PBS): measures, maneuvers and limits."""
