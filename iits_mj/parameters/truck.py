@@ -24,7 +24,6 @@ from iits_mj.parameters.brakes import AirBrake
 from iits_mj.parameters.files import Overlay, build, read_truck, shipped_trucks
 from iits_mj.parameters.powertrain import Clutch, Engine, Gearbox, Retarder
 from iits_mj.parameters.quantity import (
-    Count,
     Damping,
     Density,
     Inertia,
@@ -34,12 +33,15 @@ from iits_mj.parameters.quantity import (
     Pure,
     Radians,
     RadiansPerSecond,
+    Radius,
+    Ratio,
     RollDamping,
     RollStiffness,
     Seconds,
     Speed,
+    SpringRate,
     SquareMeters,
-    Stiffness,
+    Tires,
 )
 from iits_mj.parameters.units import Axle, Coupling, Unit
 
@@ -48,7 +50,7 @@ from iits_mj.parameters.units import Axle, Coupling, Unit
 class Steering:
     """Steering from steering wheel to road wheels."""
 
-    ratio: Pure
+    ratio: Ratio
     dead_band: Radians
     angle_max: Radians
     rate_max: RadiansPerSecond
@@ -67,10 +69,10 @@ class Tire:
       rolling_resistance_exponent: of the rolling resistance [N] over the load; 1: in proportion.
     """
 
-    count: Count
-    free_radius: Meters
-    rolling_radius: Meters
-    vertical_stiffness: Stiffness
+    count: Tires
+    free_radius: Radius
+    rolling_radius: Radius
+    vertical_stiffness: SpringRate
     vertical_damping: Damping
     cornering_coefficient: PerRadian
     cornering_load: Newtons
@@ -211,6 +213,13 @@ class TruckParameters:
             raise InputError(f"units.{lead.name}: the first axle must be steered, the last one not")
         if not any(axle.driven for axle in lead.axles):
             raise InputError(f"units.{lead.name} has no driven axle")
+        for unit in self.units:
+            if not all(unit.groups(0.0)):
+                raise InputError(
+                    f"units.{unit.name}: lifted_below lifts a whole group; one axle must stay"
+                )
+        if not sum(unit.air_share for unit in self.units) > 0.0:
+            raise InputError("the units' air_share have no positive sum")
         for unit in towed:
             for axle in unit.axles:
                 if axle.steered or axle.driven:

@@ -27,7 +27,7 @@ from iits_mj.parameters.quantity import (
     RollStiffness,
     Seconds,
     Share,
-    Stiffness,
+    SpringRate,
 )
 
 MOTOR_VEHICLES = ("tractor", "rigid_truck")
@@ -90,7 +90,7 @@ class Axle:
     unsprung_mass: Mass
     wheel_mass: Mass
     wheel_inertia_spin: Inertia
-    spring_rate: Stiffness
+    spring_rate: SpringRate
     spring_spacing: Distance
     damping: Damping
     auxiliary_roll_stiffness: RollStiffness
@@ -115,7 +115,7 @@ class Payload:
     `TruckParameters.with_payload_height`.
     """
 
-    mass_max: Kilograms
+    mass_max: Mass
     cg_position: Meters
     cg_height: Distance
     cg_height_min: Distance

@@ -178,7 +178,7 @@ def _derived(file: Path, p: TruckParameters) -> Iterator[str]:
     """Tables that the file lacks and the package made."""
     tree = read_truck(file)
     for section, key, source in (
-        ("engine", "pedal_map", "the pedal's share of the full load"),
+        ("engine", "pedal_map", "the pedal's share of the rated power"),
         ("gearbox", "upshift", "the full-load curve"),
         ("gearbox", "downshift", "the full-load curve"),
     ):
