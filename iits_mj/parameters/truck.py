@@ -48,7 +48,14 @@ from iits_mj.parameters.units import Axle, Coupling, Unit
 
 @dataclass(frozen=True)
 class Steering:
-    """Steering from steering wheel to road wheels."""
+    """Steering from steering wheel to road wheels.
+
+    Attributes:
+      ratio: steering-wheel angle over road-wheel angle.
+      dead_band, angle_max, rate_max: at the steering wheel.
+      stiffness, damping, knuckle_inertia: of each knuckle.
+      time_constant: of the steering actuator.
+    """
 
     ratio: Ratio
     dead_band: Radians
@@ -65,6 +72,10 @@ class Tire:
     """One kind of tire; stiffnesses are per tire, `count` tires make a wheel end.
 
     Attributes:
+      free_radius: without load; rolling_radius: distance per turn over 2 pi, at the design load.
+      vertical_stiffness, vertical_damping: of one tire.
+      cornering_coefficient: cornering stiffness over the load, at the load `cornering_load`.
+      pneumatic_trail: of the side force behind the contact's middle at small slip.
       rolling_resistance: over the load, at the load `rolling_resistance_load` of one tire.
       rolling_resistance_exponent: of the rolling resistance [N] over the load; 1: in proportion.
     """

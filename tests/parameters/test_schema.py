@@ -86,7 +86,7 @@ def test_every_table_and_section_is_described():
 
 def test_rows_of_the_manual_have_units_bounds_and_meaning():
     rows = {row[0]: row[1:] for row in section_rows(truck_schema(), "Axle")}
-    assert rows["spring_rate"][:2] == ("N/m, N/mm, kN/m, kN/mm", "0 to 1e+09")
+    assert rows["spring_rate"][:2] == ("N/m, N/mm, kN/m, kN/mm", "1 to 1e+09")
     assert rows["driven"] == ("", "", "by the propeller shaft")
     kinds = {row[0]: row[2] for row in section_rows(truck_schema(), "Coupling")}
     assert kinds["kind"] == "fifth_wheel, turntable, drawbar_eye, pintle"

@@ -102,9 +102,23 @@ def test_limits_are_those_of_the_directive():
         ),
         ("[engine]\nfull_load = 'nothing.csv'", "nothing.csv"),
         ("[units.trailer]\nkind = 'wagon'", "units.trailer: kind"),
+        ("[units.tractor]\nmass = 100.0", "body 'tractor' would have a mass of -"),
+        ("[units.tractor]\ncg_position = -3.0", "body 'tractor' would have a mass of"),
+        ("[units.trailer]\ninertia_x = 0.0", "body 'trailer' would have"),
+        (
+            "[units.tractor.axles.axle2]\nunsprung_mass = 50.0",
+            "body 'tractor_axle2' would have a mass of -330 kg",
+        ),
+        ("[gearbox]\nfinal_drive = 0.0", "gearbox.final_drive = 0: allowed is 0.1 to 100"),
+        ("[tires.drive]\nrolling_radius = 0.0", "rolling_radius = 0 m: allowed is 0.1 to 2 m"),
+        ("[units.trailer.payload]\nmass_max = 0.0", "mass_max = 0 kg: allowed is 1 to"),
+        ("[units.tractor.axles.axle2]\nlifted_below = 1e4", "lifts a whole group"),
+        ("[units.'*']\nair_share = 0.0", "air_share have no positive sum"),
+        ("[engine]\nfull_load = 'zero.csv'", "no torque and speed are above zero"),
     ],
 )
 def test_errors_name_file_key_value_and_what_is_allowed(text, reason, tmp_path):
+    (tmp_path / "zero.csv").write_text("rpm,torque_Nm\n600,0\n1900,0\n")
     path = written(tmp_path, text)
     with pytest.raises(InputError) as error:
         inspect_truck(path)
