@@ -169,7 +169,7 @@ class LateralController:
             gains.previews,
             self._path,
             len(trajectory.station),
-            struct.pack(f"{len(_TRUCK) + 2 * units - 1}d", *_read(ego), *unit_motions(ego, units)),
+            _packer(units)(*_read(ego), *unit_motions(ego, units)),
             units,
             math.hypot(ego.speed, ego.lateral_speed),
         )
@@ -191,15 +191,16 @@ def unit_motions(ego: EgoState, units: int) -> list[float]:
     """
     if units == 1:
         return [ego.yaw_rate]
+    if units == 2 and not ego.rear_articulations:
+        return [ego.yaw_rate, ego.trailer_yaw_rate, ego.articulation]
     if len(ego.rear_articulations) != units - 2 or len(ego.rear_articulation_rates) != units - 2:
         raise InputError(
             f"state of the truck: rear_articulations are {ego.rear_articulations}, their rates "
             f"{ego.rear_articulation_rates}: {units - 2} are needed for {units} units"
         )
     rates = [ego.yaw_rate]
-    if units > 2:
-        for turning in (ego.articulation_rate, *ego.rear_articulation_rates[:-1]):
-            rates.append(rates[-1] - turning)
+    for turning in (ego.articulation_rate, *ego.rear_articulation_rates[:-1]):
+        rates.append(rates[-1] - turning)
     return [*rates, ego.trailer_yaw_rate, ego.articulation, *ego.rear_articulations]
 
 
@@ -217,6 +218,11 @@ def check_finite(ego: EgoState, names: tuple[str, ...]) -> None:
         value = getattr(ego, name)
         if not math.isfinite(value):
             raise InputError(f"state of the truck: {name} is {value}: must be finite")
+
+
+@functools.cache
+def _packer(units: int) -> Callable[..., bytes]:
+    return struct.Struct(f"{len(_TRUCK) + 2 * units - 1}d").pack
 
 
 @functools.cache

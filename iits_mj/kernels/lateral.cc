@@ -249,9 +249,8 @@ double Quieted(const Settings& s, double steady, double response, const Memory& 
 // direction.
 IITS_KERNEL double iits_steer(const iits::Settings* settings, iits::Memory* memory,
                               double* observed, const double* table, std::ptrdiff_t rows,
-                              std::ptrdiff_t previews, const double* columns,
-                              std::ptrdiff_t points, const iits::Truck* truck,
-                              std::ptrdiff_t units, double course_speed) {
+                              std::ptrdiff_t previews, const double* columns, std::ptrdiff_t points,
+                              const iits::Truck* truck, std::ptrdiff_t units, double course_speed) {
   const iits::Settings& s = *settings;
   const iits::Truck& t = *truck;
   iits::Memory* m = memory;

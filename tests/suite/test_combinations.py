@@ -19,8 +19,7 @@ def physics(request):
 
 def test_rear_of_the_last_unit_is_the_rear_of_the_combination(physics):
     x, y, yaw = physics.trailer_rear()
-    parameters = physics.truck.parameters
-    assert physics.ego().x - x == pytest.approx(parameters.rear, abs=1e-3)
+    assert physics.ego().x - x == pytest.approx(physics.truck.parameters.rear, abs=1e-3)
     assert (y, yaw) == pytest.approx((physics.ego().y, 0.0), abs=1e-6)
 
 
