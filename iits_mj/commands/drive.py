@@ -203,6 +203,10 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
             text = f"{unit} was obeyed from several senders ({named}): --source selects one."
             print(f"iits-mj: {text}", file=sys.stderr)
             notes += (text,)
+    for limit in simulation.truck.left_range:
+        text = f"The plant {job.config.plant} was not valid all the time: {limit}."
+        print(f"iits-mj: {text}", file=sys.stderr)
+        notes += (text,)
     video = film.path if film else None
     logged = log.count if log else 0
     driver = simulation.driver

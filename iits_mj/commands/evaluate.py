@@ -105,7 +105,7 @@ def _on_cluster(
         for row in rows:
             keep(row)
 
-    pool = pool_of(options, functools.partial(trial_code, options.world))
+    pool = pool_of(options, functools.partial(trial_code, options.trial_world))
     run_sharded(plan, tasks, shards, keep_all, jobs, pool)
     shards.clear()
 

@@ -15,6 +15,7 @@ from typing import Any
 
 from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
+from iits_mj.core.timing import PLANTS
 
 _KEY = "iits_mj.option"
 _GIVEN = "iits_mj.given"
@@ -76,6 +77,16 @@ def option(default: Any = dataclasses.MISSING, **settings: Any) -> Any:
     if default is dataclasses.MISSING:
         return dataclasses.field(metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
+
+
+def plant_option() -> Any:
+    """Returns a dataclass field for the model of the truck's motion."""
+    return option(
+        "full",
+        help="model of the truck's motion; full: MuJoCo's bodies; yaw-roll: planar motion and the "
+        "roll of each unit; yaw-sideslip: planar motion; the planar ones take less time",
+        choices=PLANTS,
+    )
 
 
 def given_names() -> Any:

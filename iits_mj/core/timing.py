@@ -1,5 +1,7 @@
-"""Periods of the clock that truck, controller, planner and traffic share [s]."""
+"""Plants of the truck, and periods of the clock that all parts of a simulation share [s]."""
 
+# Models of the truck's motion: MuJoCo's bodies, or planar motion with and without roll.
+PLANTS = ("full", "yaw-roll", "yaw-sideslip")
 # Time step of the physics; a drive may use another one that divides CONTROL_PERIOD.
 TIMESTEP = 0.002
 # Period at which the tracking controller commands the truck.

@@ -35,6 +35,7 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         generator, whose name is in `info` as `truck`.
       payload: of all units together [kg]; default: the greatest of each truck.
       payload_height: of the loads' centers of gravity above the road [m].
+      plant: model of the truck's motion; see `iits_mj.Truck.load`.
       time_limit: of an episode [s]; default: the task's.
       render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
       camera: of the pictures: "chase", "side" or "cab".
@@ -59,6 +60,7 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         truck: Trucks = None,
         payload: float | None = None,
         payload_height: float | None = None,
+        plant: str = "full",
         time_limit: float | None = None,
         render_mode: str | None = None,
         camera: str = "chase",
@@ -73,6 +75,7 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         self._settings = {
             "payload": payload,
             "payload_height": payload_height,
+            "plant": plant,
             "time_limit": time_limit,
             "visuals": render_mode is not None,
             "random": 0,

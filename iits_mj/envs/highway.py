@@ -128,6 +128,7 @@ class HighwayEnv(DecisionEnv):
         generator, whose name is in `info` as `truck`.
       payload: of all units together [kg]; default: the greatest of each truck.
       payload_height: of the loads' centers of gravity above the road [m].
+      plant: model of the truck's motion; see `iits_mj.Truck.load`.
       render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
       camera: of the pictures: "chase", "side" or "cab".
       timestep: of the physics [s]; a drive has 0.002, and 0.005 trains as well in less time.
@@ -149,6 +150,7 @@ class HighwayEnv(DecisionEnv):
         truck: Trucks = None,
         payload: float | None = None,
         payload_height: float | None = None,
+        plant: str = "full",
         render_mode: str | None = None,
         camera: str = "chase",
         timestep: float = TIMESTEP,
@@ -166,6 +168,7 @@ class HighwayEnv(DecisionEnv):
             render_mode=render_mode,
         )
         self.payload_height = payload_height
+        self.plant = plant
         self.timestep = timestep
         self._world: TruckWorld | None = None
 
@@ -204,6 +207,7 @@ class HighwayEnv(DecisionEnv):
             self._world = TruckWorld(
                 self.timestep,
                 payload_height=self.payload_height,
+                plant=self.plant,
                 visuals=self.render_mode is not None,
                 edit_spec=add_cameras,
             )

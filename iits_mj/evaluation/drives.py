@@ -38,7 +38,7 @@ _TIMED_OUT = "reached the end of the time"
 
 @functools.cache
 def trial_code(world: str) -> str:
-    """Digest of the code that drives trials in a world, "full" or "fast"."""
+    """Digest of the code that drives trials in a world; see `Task.world`."""
     drivers = [trials, sys.modules[__name__]]
     return drive_digest(*drivers, fast_world) if world == "fast" else drive_digest(*drivers)
 
@@ -64,7 +64,8 @@ def drive(task: Task, weights: Path | None = None, truck: AnyTruck | None = None
     policy = str(weights) if weights is not None and task.method == "ddqn" else None
     maker = _CountingMaker(decisions.make(task.method, policy))
     began = time.perf_counter()
-    figures = (_drive_full if task.world == "full" else _drive_fast)(task, maker, parameters)
+    run = _drive_fast if task.world == "fast" else _drive_full
+    figures = run(task, maker, parameters)
     wall_time = round(time.perf_counter() - began, 3)
     return Trial(**vars(task), **figures, asked=maker.asked, wall_time=wall_time, code=code)
 
@@ -140,6 +141,7 @@ def full_chain(
         duration=task.duration_limit,
         seed=task.seed,
         payload=task.payload,
+        plant=task.world,
         speed=REFERENCE_SPEED,
         start_speed=task.traffic_speed,
         speed_planner="cruise",

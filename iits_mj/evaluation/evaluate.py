@@ -20,7 +20,7 @@ from controllers.decision.trip import (
 )
 from iits_mj.core import options
 from iits_mj.core.errors import InputError
-from iits_mj.core.options import option
+from iits_mj.core.options import option, plant_option
 from iits_mj.core.process_pool import run_all
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.evaluation import drives, trials
@@ -61,6 +61,7 @@ class EvaluateConfig:
         help="full: MuJoCo truck with its stack in SUMO traffic; fast: point mass in NumPy traffic",
         choices=WORLDS,
     )
+    plant: str = plant_option()
     truck: AnyTruck | None = truck_option("truck of all trips")
     payload: float | None = payload_option(
         help=f"load of the truck; without it {TripConfig.payload:g} kg, or the greatest if less"
@@ -104,6 +105,13 @@ class EvaluateConfig:
             if name not in NAMES:
                 raise InputError(f"method {name!r} is unknown; allowed are: {', '.join(NAMES)}")
         self.chosen_cells()
+        if self.world == "fast" and self.plant != "full":
+            raise InputError(f"plant {self.plant}: the fast world has a point mass; use world full")
+
+    @property
+    def trial_world(self) -> str:
+        """The world of the trials: the plant of the full chain, or "fast"."""
+        return self.plant if self.world == "full" else self.world
 
     def used_payload(self) -> float:
         """The load of all trips [kg]."""
@@ -147,7 +155,7 @@ def tasks_of(config: EvaluateConfig) -> list[Task]:
 
     def task(density: str, speed: float, method: str, weights: str, seed: int) -> Task:
         limits = (truck, payload, config.timestep, config.length, config.duration)
-        return Task(config.world, density, speed, method, weights, *limits, seed)
+        return Task(config.trial_world, density, speed, method, weights, *limits, seed)
 
     free = [task(EMPTY, speed, "keep", "", 0) for speed in sorted({speed for _, speed in cells})]
     return free + [

@@ -18,6 +18,14 @@ WORLD_TEXT = {
     "full": "full chain: MuJoCo truck, planner and tracking in SUMO traffic that fills both lanes "
     "and reacts to it, built-in highway, reference 16.67 m/s, start at the traffic's limit",
 }
+
+
+def world_text(config: EvaluateConfig) -> str:
+    """Returns the world of the trials in words."""
+    text = WORLD_TEXT[config.world]
+    return text if config.plant == "full" else f"{text}, with the plant {config.plant}"
+
+
 # The paper's table: speed loss [%] of its methods in each cell. The 10.0 of aggressive in sparse 15
 # is as printed; it is probably a misprint of 1.0.
 PAPER_LOSS_PERCENT = {
@@ -222,7 +230,7 @@ def summarize(trials: Sequence[Trial], config: EvaluateConfig) -> tuple[Results,
     cells = figures(trials, config.chosen_cells(), config.names())
     results = Results("evaluate", seed=config.seed)
     results.notes.append(
-        f"{WORLD_TEXT[config.world]}; load {config.used_payload() / 1000.0:g} t, physics in steps "
+        f"{world_text(config)}; load {config.used_payload() / 1000.0:g} t, physics in steps "
         f"of {1000.0 * config.timestep:g} ms; {config.seeds} seeds, the same for all methods"
     )
     for cell in cells:

@@ -19,11 +19,11 @@ from iits_mj.evaluation.figures import (
     ROOM_MIN,
     RULES,
     STRONGER,
-    WORLD_TEXT,
     CellFigures,
     difference_text,
     over_all,
     stronger_text,
+    world_text,
 )
 from iits_mj.evaluation.pictures import draw_balance, draw_trips
 from iits_mj.evaluation.trials import CLOSE, Trial, codes_of
@@ -115,7 +115,7 @@ def _origin(trials: Sequence[Trial], config: EvaluateConfig) -> Section:
     versions = codes_of(trials)
     weights = sorted({t.weights for t in trials if t.weights})
     sentences = [
-        f"World: {WORLD_TEXT[config.world]}. Truck: {label_of(config.truck)}.",
+        f"World: {world_text(config)}. Truck: {label_of(config.truck)}.",
         f"Trips: {config.trials} of each method in each cell, {config.length / 1e3:g} km or to the "
         f"road's end, {config.duration:g} s at most; the {config.seeds} seeds, set {config.seed}, "
         "the same traffic for all methods. "

@@ -33,7 +33,8 @@ class Task:
     """Settings of one trial.
 
     Attributes:
-      world: one of `WORLDS`; density: "empty" is a road without traffic.
+      world: "fast", or the plant of the full chain, one of `PLANTS`; density: "empty" is a road
+        without traffic.
       traffic_speed: speed limit of the traffic, and the truck's speed at the start [m/s].
       method: the decision maker; weights: digest of its policy, "" for a rule.
       truck: see `label_of`; payload: [kg]; timestep: of the physics in the full chain [s].

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 from pathlib import Path
 
 import mujoco
@@ -26,6 +27,25 @@ def library_path() -> Path:
     return libraries.library_path(LIBRARY_NAME, LIBRARY_VARIABLE)
 
 
+def _load(path: Path) -> ctypes.CDLL:
+    try:
+        return ctypes.CDLL(str(path))
+    except OSError as error:
+        raise PluginError(
+            f"{path} cannot be loaded into MuJoCo {mujoco.__version__}: {error}; reinstall iits-mj"
+        ) from error
+
+
+@functools.cache
+def library() -> ctypes.CDLL:
+    """Returns the registered library; a call of its functions releases Python's lock.
+
+    Raises:
+      PluginError: see `register`.
+    """
+    return _load(register())
+
+
 def register() -> Path:
     """Registers the plugin with MuJoCo and returns the library's path; repeated calls do nothing.
 
@@ -36,12 +56,7 @@ def register() -> Path:
     if _registered is not None:
         return _registered
     path = library_path()
-    try:
-        library = ctypes.CDLL(str(path))
-    except OSError as error:
-        raise PluginError(
-            f"{path} cannot be loaded into MuJoCo {mujoco.__version__}: {error}; reinstall iits-mj"
-        ) from error
+    library = _load(path)
     compiled = int(library.iits_mj_compiled_version())
     if compiled != mujoco.mj_version():
         raise PluginError(

@@ -3,6 +3,7 @@
 // which `mean_wind` adds one from all directions.
 #include "plugin/laws/aerodynamics.h"
 
+#include "plugin/parts.h"
 #include "plugin/plugin.h"
 #include "plugin/spatial.h"
 
@@ -50,12 +51,18 @@ class AerodynamicsPlugin : public PluginBase {
     }
   }
 
+  const Aerodynamics<double>* Law() const { return &law_; }
+
  private:
   Aerodynamics<double> law_;
   std::vector<int> bodies_;
 };
 
 }  // namespace
+
+const Aerodynamics<double>* AerodynamicsOf(const mjData* d, int instance) {
+  return reinterpret_cast<const AerodynamicsPlugin*>(d->plugin_data[instance])->Law();
+}
 
 void RegisterAerodynamics() {
   RegisterPlugin<AerodynamicsPlugin>("iits.aerodynamics", mjPLUGIN_PASSIVE);

@@ -10,6 +10,7 @@
 #include <cstddef>
 #include <string>
 
+#include "plugin/parts.h"
 #include "plugin/plugin.h"
 #include "plugin/spatial.h"
 
@@ -48,7 +49,13 @@ class AirBrakePlugin : public PluginBase {
   // Sensors show the charged reservoirs before the first step, too.
   void Reset(State* s) const { law_.reservoirs.Fill(&s->now.reservoir); }
   void Passive(const mjModel* m, mjData* d, State* s) const;
-  void Actuator(const mjModel* m, mjData* d, State* s) const;
+  void Actuator(const mjModel* m, mjData* d, State* s) const {
+    Actuate(m, d, [this, m, d](size_t i) { return HubSpeed(m, d, i); }, s);
+  }
+  // Pressures of the next step from the controls of this one; `hub_speed(i)` returns the forward
+  // speed of a hub.
+  template <class Speed>
+  void Actuate(const mjModel* m, mjData* d, const Speed& hub_speed, State* s) const;
   void Sensors(const mjModel* m, mjData* d, const State* s) const;
 
   void Advance(const mjModel* m, mjData* d, State* s) const {
@@ -446,9 +453,8 @@ void AirBrakePlugin::Passive(const mjModel* m, mjData* d, State* s) const {
   s->next_wind_up_is_fresh = 1;
 }
 
-// Pressures of the next step from the controls of this one.
-void AirBrakePlugin::Actuator(const mjModel* m, mjData* d, State* s) const {
-  auto hub_speed = [this, m, d](size_t i) { return HubSpeed(m, d, i); };
+template <class Speed>
+void AirBrakePlugin::Actuate(const mjModel* m, mjData* d, const Speed& hub_speed, State* s) const {
   auto wheel_speed = [this, d](size_t i) { return d->qvel[dofs_[i]]; };
   // The undefined fourth value of both two-bit fields acts as off and as friction only.
   auto field = [m, d](int actuator) {
@@ -470,6 +476,13 @@ void AirBrakePlugin::Actuator(const mjModel* m, mjData* d, State* s) const {
 }
 
 }  // namespace
+
+void ActuateAirBrake(const mjModel* m, mjData* d, int instance, const double* hub_speeds) {
+  reinterpret_cast<const AirBrakePlugin*>(d->plugin_data[instance])
+      ->Actuate(
+          m, d, [hub_speeds](size_t i) { return hub_speeds[i]; },
+          reinterpret_cast<State*>(d->plugin_state + m->plugin_stateadr[instance]));
+}
 
 void RegisterAirBrake() {
   RegisterPlugin<AirBrakePlugin>("iits.air_brake",

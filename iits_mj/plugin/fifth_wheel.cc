@@ -2,6 +2,7 @@
 // unit's body references the instance; its three hinges are yaw (z), pitch (y), roll (x).
 #include "plugin/laws/fifth_wheel.h"
 
+#include "plugin/parts.h"
 #include "plugin/plugin.h"
 
 namespace iits {
@@ -9,9 +10,7 @@ namespace {
 
 class FifthWheelPlugin : public PluginBase {
  public:
-  struct State {
-    double wind_up, next_wind_up;  // of the plate's friction [rad]
-  };
+  using State = FifthWheelState;
 
   Attributes Table() {
     FifthWheel<double>& f = law_;
@@ -46,12 +45,18 @@ class FifthWheelPlugin : public PluginBase {
 
   void Advance(const mjModel*, mjData*, State* s) const { s->wind_up = s->next_wind_up; }
 
+  const FifthWheel<double>* Law() const { return &law_; }
+
  private:
   FifthWheel<double> law_;
   int yaw_ = -1, roll_ = -1;  // joints
 };
 
 }  // namespace
+
+const FifthWheel<double>* FifthWheelOf(const mjData* d, int instance) {
+  return reinterpret_cast<const FifthWheelPlugin*>(d->plugin_data[instance])->Law();
+}
 
 void RegisterFifthWheel() {
   RegisterPlugin<FifthWheelPlugin>("iits.fifth_wheel", mjPLUGIN_PASSIVE);

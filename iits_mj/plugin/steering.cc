@@ -2,6 +2,7 @@
 // transmission is a fixed tendon over the left and the right knuckle joint of every steered axle.
 #include "plugin/laws/steering.h"
 
+#include "plugin/parts.h"
 #include "plugin/plugin.h"
 
 namespace iits {
@@ -9,9 +10,7 @@ namespace {
 
 class SteeringPlugin : public PluginBase {
  public:
-  struct State {
-    SteeringState<double> now, next;
-  };
+  using State = SteeringStates;
 
   Attributes Table() {
     Steering<double>& s = law_;
@@ -79,6 +78,8 @@ class SteeringPlugin : public PluginBase {
 
   void Advance(const mjModel*, mjData*, State* s) const { s->now = s->next; }
 
+  const Steering<double>* Law() const { return &law_; }
+
  private:
   static constexpr size_t kAxlesMax = 8;
 
@@ -89,6 +90,10 @@ class SteeringPlugin : public PluginBase {
 };
 
 }  // namespace
+
+const Steering<double>* SteeringOf(const mjData* d, int instance) {
+  return reinterpret_cast<const SteeringPlugin*>(d->plugin_data[instance])->Law();
+}
 
 void RegisterSteering() {
   RegisterPlugin<SteeringPlugin>("iits.steering",

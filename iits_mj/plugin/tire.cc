@@ -8,6 +8,7 @@
 #include <string>
 
 #include "plugin/laws/road.h"
+#include "plugin/parts.h"
 #include "plugin/plugin.h"
 #include "plugin/spatial.h"
 
@@ -16,15 +17,7 @@ namespace {
 
 class TirePlugin : public PluginBase {
  public:
-  // Of one wheel: the committed bristles, those of the next step, and the signals of sensors.
-  struct State {
-    TireBristles<double> bristles;
-    double station;  // hint for the road look-up [m]
-    TireBristles<double> next_bristles;
-    double next_station;
-    double signal[TireForces<Pair>::kSignals];
-    double puncture;  // last: lost share of a tire's pressure, set from outside
-  };
+  using State = TireState;  // of one wheel
 
   static int StateCount(const mjModel* m, int instance) {
     return static_cast<int>(BodiesOfInstance(m, instance).size());
@@ -119,6 +112,8 @@ class TirePlugin : public PluginBase {
       states[i].station = states[i].next_station;
     }
   }
+
+  TirePart Part() const { return {&law_, road_, road_address_}; }
 
  private:
   // Sizes of the sensors, and index of the slips in the state's signals.
@@ -220,6 +215,10 @@ class TirePlugin : public PluginBase {
 };
 
 }  // namespace
+
+TirePart TireOf(const mjData* d, int instance) {
+  return reinterpret_cast<const TirePlugin*>(d->plugin_data[instance])->Part();
+}
 
 void RegisterTire() { RegisterPlugin<TirePlugin>("iits.tire", mjPLUGIN_PASSIVE | mjPLUGIN_SENSOR); }
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from controllers import decision
 from iits_mj.core import options
-from iits_mj.core.options import option
+from iits_mj.core.options import option, plant_option
 from iits_mj.j1939.bus import REACHES
 from iits_mj.j1939.network import CONTROLLER, LAST_ADDRESS
 from iits_mj.parameters import AnyTruck, check_truck, payload_option, truck_option
@@ -47,6 +47,7 @@ class TruckStart:
         unit="m",
         low=0.0,
     )
+    plant: str = plant_option()
     start_station: float = option(
         60.0, help="station of the steer axle at the start", unit="m", low=0.0, high=1e6
     )

@@ -226,6 +226,8 @@ class Simulation(LockStep):
             for i, warning in enumerate(self.truck.data.warning)
             if warning.number
         }
+        # Counted with MuJoCo's warnings: both tell that the physics was not what a truck does.
+        warnings |= dict.fromkeys(self.truck.left_range, 1)
         return self._summary.build(
             self.frame,
             wall_time=time.perf_counter() - self._wall_start,

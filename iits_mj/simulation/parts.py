@@ -112,6 +112,7 @@ def load_truck(
         payload_height=config.payload_height,
         route=route,
         timestep=timestep,
+        plant=config.plant,
         visuals=visuals,
         edit_spec=edit,
     )

@@ -227,6 +227,7 @@ class Server(Closing):
             payload_height=config.payload_height,
             route=self.route,
             timestep=TIMESTEP,
+            plant=config.plant,
             visuals=False,
         )
         check_start(config, self.route, self.truck.footprint)

@@ -102,7 +102,8 @@ class DriveSummary(_Summary):
       closest_box: least distance of the truck's boxes to any other vehicle [m], inf without one.
       fuel [kg]; real_time_factor: simulated time over wall time, everything included.
       max_lateral_acceleration [m/s2], max_articulation [rad]: greatest magnitudes.
-      warnings: MuJoCo's warnings that were raised, by name.
+      warnings: MuJoCo's warnings that were raised, by name, and limits of the plant's validity that
+        were exceeded, once each.
     """
 
     collision: bool

@@ -57,6 +57,7 @@ class TruckWorld(Closing):
     Args:
       timestep: of the physics [s].
       payload_height: of the load's centre of gravity above the road [m]; default: the truck's.
+      plant: model of the truck's motion; see `Truck.load`.
       visuals: adds bodies for pictures.
       edit_spec: called on the model's `MjSpec` before compilation, for cameras.
 
@@ -70,11 +71,13 @@ class TruckWorld(Closing):
         timestep: float = FAST_TIMESTEP,
         *,
         payload_height: float | None = None,
+        plant: str = "full",
         visuals: bool = False,
         edit_spec: Callable[[mujoco.MjSpec], None] | None = None,
     ) -> None:
         self.timestep = timestep
         self.payload_height = payload_height
+        self.plant = plant
         self.visuals = visuals
         self.edit_spec = edit_spec
         self.simulation: Simulation | None = None
@@ -100,6 +103,7 @@ class TruckWorld(Closing):
             truck=trip.truck,
             payload=trip.payload,
             payload_height=self.payload_height,
+            plant=self.plant,
             start_station=trip.start_station,
             start_speed=min(trip.traffic_speed, trip.reference_speed),
             decision="keep",

@@ -52,8 +52,8 @@ def build_environment(
     Args:
       domain_name: "truck".
       task_name: see `TASKS_BY_DOMAIN`.
-      task_kwargs: `random` (seed), `time_limit` [s], `truck`, `payload` [kg], `payload_height` [m]
-        and `visuals`.
+      task_kwargs: `random` (seed), `time_limit` [s], `truck`, `payload` [kg], `payload_height` [m],
+        `plant` and `visuals`.
       environment_kwargs: of `dm_control.rl.control.Environment`.
       visualize_reward: colors cab and trailers according to the reward.
 

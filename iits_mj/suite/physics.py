@@ -22,7 +22,6 @@ from iits_mj.road import RoadPoint, Route
 from iits_mj.simulation.gaps import truck_boxes
 from iits_mj.truck import Truck
 from iits_mj.truck.fleet import TruckFleet
-from iits_mj.truck.truck import bring_up_to_date
 
 
 @dataclass(frozen=True)
@@ -190,6 +189,14 @@ class Physics(BasePhysics):
         """Sets the truck's controls."""
         self.truck.command(command)
 
+    def step(self, nstep: int = 1) -> None:
+        """Advances the physics by `nstep` time steps, with the truck's plant."""
+        if self.truck.plant == "full":
+            super().step(nstep)
+            return
+        with self.check_invalid_state():
+            self.truck.step(nstep)
+
     def ego(self) -> EgoState:
         """Returns the truck's state now; the same object until the state changes."""
         if self._held:
@@ -214,7 +221,7 @@ class Physics(BasePhysics):
 
     def update_sensors(self) -> None:
         """Computes the sensors now, as `ego` does unless they are; safe in a thread."""
-        bring_up_to_date(self.truck.model, self.truck.data)
+        self.truck.update_sensors()
         self._sensors_key = self._moment()
 
     def _moment(self) -> tuple[float, bytes, bytes]:

@@ -35,6 +35,7 @@ def _factory(name: str, kind: type[DrivingTask]) -> Callable[..., control.Enviro
         truck: AnyTruck | None = None,
         payload: float | None = None,
         payload_height: float | None = None,
+        plant: str = "full",
         visuals: bool = True,
         environment_kwargs: Mapping[str, Any] | None = None,
     ) -> control.Environment:
@@ -48,6 +49,7 @@ def _factory(name: str, kind: type[DrivingTask]) -> Callable[..., control.Enviro
             payload_height=payload_height,
             route=kind.road(),
             timestep=TIMESTEP,
+            plant=plant,
             visuals=visuals,
             edit_spec=edit_spec,
         )
@@ -68,6 +70,7 @@ def _factory(name: str, kind: type[DrivingTask]) -> Callable[..., control.Enviro
       truck: see `Truck.load`.
       payload: of all units together [kg]; default: the greatest.
       payload_height: of the loads' centers of gravity above the road [m].
+      plant: model of the truck's motion; see `Truck.load`.
       visuals: adds road and landscape for pictures; the physics is the same without.
       environment_kwargs: further arguments of `control.Environment`.
     """
@@ -88,6 +91,7 @@ def highway(
     truck: AnyTruck | None = None,
     payload: float | None = None,
     payload_height: float | None = None,
+    plant: str = "full",
     visuals: bool = True,
     environment_kwargs: Mapping[str, Any] | None = None,
 ) -> control.Environment:
@@ -101,6 +105,7 @@ def highway(
       truck: see `Truck.load`.
       payload: of all units together [kg]; default: 12 t, or the truck's greatest if that is less.
       payload_height: of the loads' centers of gravity above the road [m].
+      plant: model of the truck's motion; see `Truck.load`.
       visuals: adds the visual geoms.
       environment_kwargs: further arguments of `control.Environment`.
 
@@ -116,7 +121,9 @@ def highway(
         duration=time_limit + 10.0,
         payload=usual_payload(parameters) if payload is None else payload,
     )
-    world = TruckWorld(payload_height=payload_height, visuals=visuals, edit_spec=_add_common)
+    world = TruckWorld(
+        payload_height=payload_height, plant=plant, visuals=visuals, edit_spec=_add_common
+    )
     options = {"control_timestep": DECISION_TIMESTEP, "legacy_step": False}
     return HighwayEnvironment(
         HighwayPhysics.from_world(world, trip),

@@ -8,7 +8,8 @@
     drives["tractor_gyro"]          # (3 scenarios, 80 instants, 3 components)
     drives.units["tractor_gyro"]    # "rad/s"
 
-The physics is `mujoco.batch`; every drive equals the one of `Truck.step` bit for bit.
+The physics is `mujoco.batch`, or a planar plant; every drive equals the one of `Truck.step` bit for
+bit.
 """
 
 from __future__ import annotations
@@ -106,6 +107,7 @@ def roll_out(
     signals: Sequence[str] | None = None,
     threads: int = 0,
     timestep: float = TIMESTEP,
+    plant: str = "full",
 ) -> Rollouts:
     """Drives all scenarios with open-loop commands.
 
@@ -118,6 +120,7 @@ def roll_out(
       signals: names of sensors that every truck has; default: those of `SIGNALS`.
       threads: 0 uses all cores.
       timestep: of the physics [s], 0.0005 to 0.005.
+      plant: model of the truck's motion; see `Truck.load`.
 
     Raises:
       InputError: no scenario, an unknown truck, command or sensor, a sensor of different size on
@@ -128,7 +131,7 @@ def roll_out(
         raise InputError("roll_out: at least one scenario is needed")
     steps = _whole(period, timestep, "period", "time steps")
     instants = _whole(duration, period, "duration", "periods")
-    groups = _groups(scenarios, timestep)
+    groups = _groups(scenarios, timestep, plant)
     commands = _commands(groups, controls, (len(scenarios), instants))
     columns = _columns(groups, signals)
     values = {
@@ -142,7 +145,7 @@ def roll_out(
 
     def drive(group: _Group, places: Mapping[str, tuple[int, int]]) -> None:
         chosen = group.numbers
-        found, alive = _drive(
+        found, alive = (_drive if group.truck.planar is None else _drive_planar)(
             group, [scenarios[k].place for k in chosen], commands[chosen], places, steps,
             threads=1 if spread else cores,
         )  # fmt: skip
@@ -216,7 +219,53 @@ def _drive(
     return found, alive
 
 
-def _groups(scenarios: Sequence[Scenario], timestep: float) -> list[_Group]:
+def _drive_planar(
+    group: _Group,
+    places: Sequence[TruckPlacement],
+    commands: FloatArray,
+    columns: Mapping[str, tuple[int, int]],
+    steps: int,
+    threads: int,
+) -> tuple[dict[str, FloatArray], NDArray[np.bool_]]:
+    """As `_drive`, with the planar plant."""
+    truck, model, plant = group.truck, group.truck.model, group.truck.planar
+    assert plant is not None
+    # Nothing can touch the truck on its road.
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    data = [mujoco.MjData(model) for _ in places]
+    for one, place in zip(data, places, strict=True):
+        mujoco.mj_resetData(model, truck.data)
+        truck.place(place)
+        one.qpos[:], one.qvel[:] = truck.data.qpos, truck.data.qvel
+    plant.step(model, (), 0)  # so that the threads share what it reads from the model
+    controls, sensors = [one.ctrl for one in data], [one.sensordata for one in data]
+    # All signals of an instant are read at once.
+    places_of = {name: np.arange(start, stop) for name, (start, stop) in columns.items()}
+    read = np.concatenate(list(places_of.values())) if places_of else np.zeros(0, dtype=int)
+    count, instants = commands.shape[:2]
+    table = np.zeros((count, instants, len(read)))
+    alive = np.ones(count, dtype=bool)
+
+    def drive(numbers: NDArray[np.int64]) -> None:
+        for instant in range(instants):
+            driven = numbers[alive[numbers]]
+            for number in driven:
+                controls[number][:] = commands[number, instant]
+            alive[driven] = plant.step(model, [data[n] for n in driven], steps, observe=True)
+            for number in numbers:
+                if alive[number]:
+                    table[number, instant] = sensors[number][read]
+                elif instant:
+                    table[number, instant] = table[number, instant - 1]
+
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(drive, np.array_split(np.arange(count), min(threads, count))))
+    cuts = np.cumsum([len(places) for places in places_of.values()])[:-1]
+    parts = np.split(table, cuts, axis=2) if places_of else []
+    return dict(zip(places_of, parts, strict=True)), alive
+
+
+def _groups(scenarios: Sequence[Scenario], timestep: float, plant: str) -> list[_Group]:
     made: dict[tuple[Any, ...], _Group] = {}
     for number, scenario in enumerate(scenarios):
         overlay, truck = scenario.parameters or {}, scenario.truck
@@ -230,6 +279,7 @@ def _groups(scenarios: Sequence[Scenario], timestep: float) -> list[_Group]:
                 parameters=overlay or None,
                 route=scenario.route,
                 timestep=timestep,
+                plant=plant,
                 visuals=False,
             )
             made[key] = _Group(loaded, [])

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.core.checks import in_range, is_whole, shown
+from iits_mj.core.checks import in_range, is_whole, one_of, shown
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import (
     EgoState,
@@ -24,7 +24,7 @@ from iits_mj.core.messages import (
     XbrEbiMode,
     XbrMode,
 )
-from iits_mj.core.timing import TIMESTEP
+from iits_mj.core.timing import PLANTS, TIMESTEP
 from iits_mj.model.builder import truck_spec
 from iits_mj.model.road_table import add_road_table
 from iits_mj.model.scenery.road_scene import add_road
@@ -33,6 +33,7 @@ from iits_mj.plugin import register
 from iits_mj.road import Route
 from iits_mj.truck.faults import Faults
 from iits_mj.truck.placement import Poser, TruckPlacement
+from iits_mj.truck.plant import Plant, reserve_state
 from iits_mj.truck.report import Reporter, sensor_addresses
 from iits_mj.truck.state import StateReader
 
@@ -135,6 +136,7 @@ class Truck:
 
     `model` and `data` are plain MuJoCo objects: `mujoco.mj_step`, `mujoco.rollout` and the viewer
     work on them. `data.ctrl` has the order of `VehicleCommand`'s fields, from `control_start` on.
+    `planar` is the planar plant that steps it, None for the full one.
     `faults` makes parts of the truck fail. `detects_contacts`: False leaves MuJoCo's collision
     detection out of `step` and `observe`, a sixth of their time, where nothing can touch.
 
@@ -142,6 +144,7 @@ class Truck:
       model: a compiled scene with the truck in it; use `load` to make one.
       parameters, payload, route: of the scene.
       prefix: of the truck's names in a model of several (`iits_mj.truck.fleet`).
+      plant: of `PLANTS`; see `load`.
       data: of the scene; default: new data, with the truck at the beginning of its road.
 
     Raises:
@@ -156,6 +159,7 @@ class Truck:
         route: Route,
         *,
         prefix: str = "",
+        plant: str = "full",
         data: mujoco.MjData | None = None,
     ) -> None:
         if data is not None and data.signature != model.signature:
@@ -166,6 +170,8 @@ class Truck:
         self.payload = payload
         self.route = route
         self.prefix = prefix
+        self.plant = one_of("plant", plant, PLANTS)
+        self.planar = None if plant == "full" else Plant(plant, prefix)
         self.footprint = parameters.footprint
         names = tuple(
             name.removeprefix(prefix)
@@ -200,6 +206,7 @@ class Truck:
         parameters: TruckParameters | Mapping[str, Any] | str | Path | None = None,
         route: Route | None = None,
         timestep: float = TIMESTEP,
+        plant: str = "full",
         visuals: bool = True,
         edit_spec: Callable[[mujoco.MjSpec], None] | None = None,
     ) -> Truck:
@@ -215,15 +222,26 @@ class Truck:
             `truck`.
           route: the road; default: a flat plane, driven along x.
           timestep: of the physics [s], 0.0005 to 0.005.
+          plant: model of the motion: "full", MuJoCo's bodies; "yaw-sideslip", planar motion with
+            quasi-static load transfer; "yaw-roll", planar motion and the roll of each unit. Planar
+            plants have the same tires, powertrain, brakes and steering, and cost a sixth.
           visuals: adds what pictures show of truck, road and landscape; the physics is the same
             without, a step takes less time.
           edit_spec: called with the specification before it is compiled, to add cameras, traffic.
 
         Raises:
-          InputError: payload, its height, time step or parameters are not allowed.
+          InputError: payload, its height, time step, plant or parameters are not allowed.
           PluginError: the engine plugin is missing.
         """
         register()
+        one_of("plant", plant, PLANTS)
+
+        def edit(spec: mujoco.MjSpec) -> None:
+            if edit_spec is not None:
+                edit_spec(spec)
+            if plant != "full":
+                reserve_state(spec)
+
         if not isinstance(parameters, TruckParameters):
             parameters = TruckParameters.load(truck, parameters)
         elif truck is not None:
@@ -237,9 +255,9 @@ class Truck:
             timestep,
             visuals=visuals,
             flat=route is None,
-            edit_spec=edit_spec,
+            edit_spec=edit,
         )
-        return cls(model, parameters, payload, shown)
+        return cls(model, parameters, payload, shown, plant=plant)
 
     @property
     def time(self) -> float:
@@ -275,7 +293,8 @@ class Truck:
         )
         mujoco.mj_resetData(self.model, self.data)
         self.place(place)
-        mujoco.mj_forward(self.model, self.data)
+        if self.planar is None:
+            mujoco.mj_forward(self.model, self.data)
         return self.observe()
 
     def place(self, place: TruckPlacement) -> None:
@@ -333,6 +352,9 @@ class Truck:
         """
         if not is_whole(n) or n < 0:
             raise InputError(f"step: n = {shown(n)}: a whole number of zero or more is needed")
+        if self.planar is not None:
+            self._step_planar(self.planar, n)
+            return
         model, data, options = self.model, self.data, self.model.opt
         end = data.time + n * options.timestep
         flags = options.disableflags
@@ -357,6 +379,37 @@ class Truck:
                     "use a smaller time step, unless the truck has rolled over"
                 )
 
+    def _step_planar(self, plant: Plant, n: int) -> None:
+        start = self.data.time
+        with self._contacts():
+            (finite,) = plant.step(self.model, (self.data,), n)
+        if not finite:
+            raise Error(
+                f"the simulation diverged after t = {start:.3f} s (plant {plant.kind}); "
+                "use a smaller time step, unless the truck has rolled over"
+            )
+
+    @contextlib.contextmanager
+    def _contacts(self) -> Iterator[None]:
+        """Within this context the model has its contacts disabled, unless `detects_contacts`."""
+        options = self.model.opt
+        flags = options.disableflags
+        if not self.detects_contacts:
+            options.disableflags = flags | _NO_CONTACTS
+        try:
+            yield
+        finally:
+            options.disableflags = flags
+
+    @property
+    def left_range(self) -> tuple[str, ...]:
+        """Limits of the plant's validity that were exceeded since the reset, in words.
+
+        A planar plant goes on beyond them, but what it shows then is not what a truck does. The
+        full plant has no such limits: its is empty.
+        """
+        return () if self.planar is None else self.planar.left_range(self.data)
+
     def sensor(self, name: str) -> NDArray[np.float64]:
         """Returns a sensor's reading at the last step or observation."""
         return np.array(self.data.sensor(self.prefix + name).data)
@@ -367,18 +420,19 @@ class Truck:
 
     def observe(self) -> EgoState:
         """Returns the truck's current state."""
-        options = self.model.opt
-        flags = options.disableflags
-        if not self.detects_contacts:
-            options.disableflags = flags | _NO_CONTACTS
-        try:
-            bring_up_to_date(self.model, self.data)
-        finally:
-            options.disableflags = flags
+        with self._contacts():
+            self.update_sensors()
         return self.state()
 
+    def update_sensors(self) -> None:
+        """Computes the sensors of the current state; after a step they may be older."""
+        if self.planar is None:
+            bring_up_to_date(self.model, self.data)
+        else:
+            self.planar.step(self.model, (self.data,), 0, observe=True)
+
     def state(self) -> EgoState:
-        """Returns the truck's state from sensors that are up to date (`bring_up_to_date`)."""
+        """Returns the truck's state from sensors that are up to date (`update_sensors`)."""
         state, self._trailer_hint = self._reader.read(
             self.model, self.data, self._station_hint, self._trailer_hint
         )

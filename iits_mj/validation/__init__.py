@@ -7,7 +7,7 @@
 from collections.abc import Callable
 
 from iits_mj.core.results import Results
-from iits_mj.validation.handling import step_size
+from iits_mj.validation.handling import plants, step_size
 from iits_mj.validation.handling.group import run_lateral, run_standards
 from iits_mj.validation.harness.config import ValidateConfig
 from iits_mj.validation.longitudinal import group as longitudinal
@@ -19,6 +19,7 @@ COMMANDS: dict[str, Callable[[ValidateConfig], Results]] = {
     "longitudinal": longitudinal.run,
     "standards": run_standards,
     "step-size": step_size.run,
+    "plant": plants.run,
     "traffic": traffic.run,
     "planning": planning.run,
 }

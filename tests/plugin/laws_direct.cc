@@ -7,6 +7,7 @@
 #include "laws_truck.h"
 #include "plugin/laws/aerodynamics.h"
 #include "plugin/laws/fifth_wheel.h"
+#include "plugin/laws/planar.h"
 #include "plugin/laws/steering.h"
 
 namespace {
@@ -525,6 +526,18 @@ double stop(const double* demand, double parking, double friction_left, double f
     }
   }
   return speed;
+}
+
+// Accelerations (count x 4) and hitch forces (count x 2) of a chain of units.
+void planar(int count, int rolls, const double* units, const double* motion, const double* forces,
+            double* accelerations, double* hitches) {
+  const auto* unit = reinterpret_cast<const PlanarInertia<double>*>(units);
+  const auto* at = reinterpret_cast<const PlanarMotion<double>*>(motion);
+  const auto* force = reinterpret_cast<const PlanarVector<double>*>(forces);
+  auto* out = reinterpret_cast<PlanarVector<double>*>(accelerations);
+  auto* hitch = reinterpret_cast<double (*)[2]>(hitches);
+  rolls ? Accelerate<true>(unit, at, force, count, out, hitch)
+        : Accelerate<false>(unit, at, force, count, out, hitch);
 }
 
 // Choice of a gear. Gear to engage, and whether the present one failed.

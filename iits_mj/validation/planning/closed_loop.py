@@ -163,7 +163,7 @@ class DriveTask:
       route: the road; start, end: stations of the steer axle [m]; speed: at the start [m/s], 0 for
         a standing truck with its brakes applied.
       cruise_speed: reference without a profile [m/s]; profile: reference speed over station.
-      payload: [kg]; timestep: of the physics [s]; time_limit: [s].
+      payload: [kg]; timestep: of the physics [s]; plant: see `Truck.load`; time_limit: [s].
     """
 
     route: Route
@@ -174,6 +174,7 @@ class DriveTask:
     profile: SpeedProfile | None = None
     payload: float = field(default_factory=laden)
     timestep: float = TIMESTEP
+    plant: str = "full"
     time_limit: float = 3600.0
 
 
@@ -189,6 +190,7 @@ def drive(task: DriveTask, parameters: TruckParameters | None = None) -> Record:
         route=task.route,
         parameters=parameters,
         timestep=task.timestep,
+        plant=task.plant,
         visuals=False,
     )
     offset = float(task.route.lane_offset(0, task.start))

@@ -18,6 +18,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -65,7 +66,7 @@ class ReplayCase:
       name: for reports; route: the road; road: the same road for the planner, with stations from
         `origin` on the route [m].
       config: band and set speed, which is searched for if `mean_speed`; payload: [kg].
-      timestep: of the physics [s].
+      timestep: of the physics [s]; plant: see `Truck.load`.
       overlay: of the truck's parameters, such as another strategy of gear changes.
       paper: whether the paper's saving must be reached.
     """
@@ -77,6 +78,7 @@ class ReplayCase:
     config: PccConfig
     payload: float = dataclasses.field(default_factory=laden)
     timestep: float = TIMESTEP
+    plant: str = "full"
     overlay: dict[str, dict[str, str]] = dataclasses.field(default_factory=dict)
     paper: bool = False
 
@@ -401,6 +403,7 @@ def _driven(case: ReplayCase, profile: SpeedProfile | None, folder: Path | None)
         profile=profile,
         payload=case.payload,
         timestep=case.timestep,
+        plant=case.plant,
     )
     if task.start < 0.0:
         raise InputError(f"{case.name}: the road must begin {RUN_IN:g} m before the first station")
@@ -411,7 +414,10 @@ def _driven(case: ReplayCase, profile: SpeedProfile | None, folder: Path | None)
 
 
 def _file_name(case: ReplayCase, profile: SpeedProfile | None) -> str:
-    what = (case.payload, case.timestep, case.overlay, case.config.v_ref, case.first, case.last)
+    what: tuple[Any, ...] = (case.payload, case.timestep, case.overlay)
+    what += (case.config.v_ref, case.first, case.last)
+    if case.plant != "full":
+        what += (case.plant,)
     digest = hashlib.sha256(repr(what).encode())
     digest.update(case.route.table(10.0).tobytes())
     if profile is not None:

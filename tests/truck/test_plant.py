@@ -1,0 +1,287 @@
+"""The planar plants: physical facts, and agreement with MuJoCo's bodies."""
+
+import copy
+import pickle
+
+import mujoco
+import numpy as np
+import pytest
+
+from iits_mj import suite
+from iits_mj.analytic import YawSideslip
+from iits_mj.core.errors import InputError
+from iits_mj.core.timing import PLANTS
+from iits_mj.model.builder import truck_spec
+from iits_mj.parameters import TruckParameters
+from iits_mj.road import RoadMap, Route
+from iits_mj.truck import Truck
+from iits_mj.truck.placement import TruckPlacement
+from iits_mj.truck.plant import Plant, reserve_state
+from iits_mj.truck.rollouts import Scenario, roll_out
+
+PLANAR = PLANTS[1:]
+STEP = 0.005
+
+
+def load(plant, payload=36_000.0, **settings):
+    return Truck.load(payload, plant=plant, timestep=STEP, visuals=False, **settings)
+
+
+@pytest.fixture(scope="module", params=PLANAR)
+def truck(request):
+    return load(request.param)
+
+
+def drive(truck, steps=400):
+    """A bend with braking; all bits of the state and the sensors."""
+    truck.reset(speed=20.0)
+    truck.command(accelerator_pedal=0.5, steering_wheel_angle=0.5)
+    truck.step(steps)
+    truck.command(brake_pedal=0.3, steering_wheel_angle=0.5)
+    truck.step(steps)
+    truck.observe()
+    data = truck.data
+    return b"".join(
+        part.tobytes() for part in (data.qpos, data.qvel, data.plugin_state, data.sensordata)
+    )
+
+
+def test_a_drive_repeats_bit_for_bit(truck):
+    assert drive(truck) == drive(truck)
+
+
+def test_neither_the_size_of_a_call_nor_an_observation_changes_later_bits(truck):
+    whole = drive(truck, 200)
+    truck.reset(speed=20.0)
+    for command in ({"accelerator_pedal": 0.5}, {"accelerator_pedal": 0.0, "brake_pedal": 0.3}):
+        truck.command(steering_wheel_angle=0.5, **command)
+        for _ in range(50):
+            truck.step(3)
+            truck.observe()
+            truck.step()
+    truck.command(accelerator_pedal=0.0)
+    state = truck.observe()
+    again = truck.data.qpos.copy()
+    truck.reset(speed=20.0)
+    truck.command(accelerator_pedal=0.5, steering_wheel_angle=0.5)
+    truck.step(200)
+    truck.command(accelerator_pedal=0.0, brake_pedal=0.3, steering_wheel_angle=0.5)
+    truck.step(200)
+    np.testing.assert_array_equal(again, truck.data.qpos)
+    assert state == truck.observe()
+    assert whole  # the same drive with the pedal still down is another one
+
+
+def test_copies_continue_to_the_bit(truck):
+    truck.reset(speed=18.0)
+    truck.command(accelerator_pedal=0.6, steering_wheel_angle=0.4)
+    truck.step(300)
+    twins = [copy.deepcopy(truck), pickle.loads(pickle.dumps(truck))]
+    truck.step(200)
+    for twin in twins:
+        twin.step(200)
+        np.testing.assert_array_equal(twin.data.qpos, truck.data.qpos)
+        np.testing.assert_array_equal(twin.data.plugin_state, truck.data.plugin_state)
+
+
+@pytest.mark.parametrize("plant", PLANAR)
+def test_roll_outs_on_threads_equal_the_drive_of_one_truck(plant):
+    road = RoadMap.builtin().route()
+    scenarios = [
+        Scenario(route=road, place=TruckPlacement(station=100.0 + 40.0 * k, speed=15.0))
+        for k in range(5)
+    ]
+    controls = {"accelerator_pedal": 0.4, "steering_wheel_angle": [[0.02 * k] for k in range(5)]}
+    settings = {"duration": 2.0, "plant": plant, "timestep": STEP}
+    one, two = (roll_out(scenarios, controls, threads=n, **settings) for n in (1, 2))
+    truck = load(plant, route=road)
+    truck.reset(station=100.0 + 40.0 * 3, speed=15.0)
+    truck.command(accelerator_pedal=0.4, steering_wheel_angle=0.06)
+    truck.step(400)
+    truck.observe()
+    for name, values in one.values.items():
+        np.testing.assert_array_equal(values, two[name])
+        np.testing.assert_array_equal(np.squeeze(truck.sensor(name)), values[3, -1])
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_the_laden_truck_holds_on_a_12_percent_grade_and_starts_on_6(plant):
+    truck = load(plant, route=Route.straight(grade=0.12))
+    truck.reset(station=100.0)
+    truck.command(parking_brake=1.0)
+    truck.step(2000)
+    parked = truck.observe()
+    truck.step(2000)
+    assert truck.observe().station == pytest.approx(parked.station, abs=1e-4)
+    truck = load(plant, route=Route.straight(grade=0.06))
+    truck.reset(station=100.0)
+    truck.command(accelerator_pedal=1.0)
+    truck.step(2000)
+    assert truck.observe().speed > 1.0
+
+
+@pytest.mark.parametrize("plant", PLANAR)
+def test_a_truck_that_stops_on_a_level_road_stands(plant):
+    truck = load(plant)
+    truck.reset(speed=10.0)
+    truck.command(brake_pedal=0.4)
+    truck.step(3000)
+    stopped = truck.observe()
+    assert abs(stopped.speed) < 1e-2
+    truck.step(1000)
+    assert truck.observe().x == pytest.approx(stopped.x, abs=2e-2)
+
+
+@pytest.mark.parametrize("plant", PLANAR)
+@pytest.mark.parametrize("payload", [0.0, 36_000.0])
+def test_a_full_stop_is_as_long_as_the_full_trucks(plant, payload):
+    distances = []
+    for kind in ("full", plant):
+        truck = load(kind, payload)
+        start = truck.reset(speed=22.0).x
+        truck.command(brake_pedal=0.8)
+        while truck.observe().speed > 0.1:
+            truck.step(10)
+        distances.append(truck.observe().x - start)
+    assert distances[1] == pytest.approx(distances[0], rel=0.02)
+
+
+@pytest.mark.parametrize("plant", PLANAR)
+def test_a_slippery_road_lengthens_a_stop(plant):
+    stops = []
+    for friction in (0.8, 0.3):
+        truck = load(plant, 0.0, route=Route.straight(friction=friction))
+        start = truck.reset(station=50.0, speed=15.0).x
+        truck.command(brake_pedal=1.0)
+        truck.step(2000)
+        stops.append(truck.observe().x - start)
+    assert stops[1] > 1.8 * stops[0]
+
+
+@pytest.mark.parametrize("plant", PLANAR)
+def test_small_steady_steering_turns_as_the_linear_model(plant):
+    parameters = {"fifth_wheel": {"yaw_friction": 0.0}, "steering": {"dead_band": 0.0}}
+    truck = load(plant, parameters=parameters)
+    speed = truck.reset(speed=18.0).speed
+    truck.command(accelerator_pedal=0.35, steering_wheel_angle=0.05)
+    truck.step(1200)
+    state = truck.observe()
+    model = YawSideslip.from_parameters(truck.parameters, truck.payload, cruise_speed=speed)
+    gain = model.at(state.speed).steady_state()[1]
+    assert state.yaw_rate / state.road_wheel_angle == pytest.approx(gain, rel=0.03)
+
+
+def test_load_moves_forward_when_braking_and_outward_in_a_bend(truck):
+    truck.reset(speed=20.0)
+    truck.command(accelerator_pedal=0.3)
+    truck.step(200)
+    truck.observe()
+    axles = truck.report().axle_loads
+    weight = truck.parameters.gross_mass(truck.payload) * 9.81
+    assert sum(axles) == pytest.approx(weight, rel=3e-3)
+    truck.command(accelerator_pedal=0.0, brake_pedal=0.4, steering_wheel_angle=0.4)
+    truck.step(300)
+    truck.observe()
+    braked = truck.report().axle_loads
+    assert braked[0] > 1.1 * axles[0]
+    assert sum(braked) == pytest.approx(weight, rel=3e-3)
+    left = truck.sensor("trailer_axle1_left_tire_force")[2]
+    right = truck.sensor("trailer_axle1_right_tire_force")[2]
+    assert right > 1.2 * left
+
+
+@pytest.mark.parametrize("plant", PLANAR)
+def test_the_truck_lies_on_its_road(plant):
+    road = RoadMap.builtin().route()
+    truck = load(plant, route=road)
+    for station in (500.0, 3000.0):
+        truck.reset(station=station, speed=15.0)
+        truck.step(100)
+        state = truck.observe()
+        point = road.evaluate(state.station, state.offset)
+        assert state.z == pytest.approx(float(point.z), abs=0.02)
+        assert -np.tan(state.pitch) == pytest.approx(float(point.grade), abs=0.01)
+
+
+def test_a_change_of_velocities_from_outside_counts(truck):
+    truck.reset(speed=20.0)
+    truck.step(10)
+    truck.data.qvel[0] = 5.0
+    assert truck.observe().speed == pytest.approx(5.0, abs=0.05)
+
+
+@pytest.mark.parametrize("plant", PLANAR)
+def test_leaving_the_valid_range_is_reported(plant):
+    truck = load(plant)
+    truck.reset(speed=22.0)
+    truck.step(100)
+    assert truck.left_range == ()
+    truck.command(steering_wheel_angle=3.0)
+    truck.step(800)
+    assert "a wheel has lifted off the road" in truck.left_range
+    truck.reset(speed=10.0)
+    assert truck.left_range == ()
+
+
+def test_the_full_plant_has_no_limits():
+    assert load("full").left_range == ()
+
+
+def test_an_unknown_plant_is_refused():
+    with pytest.raises(InputError, match=r"plant 'bicycle'.*full, yaw-roll, yaw-sideslip"):
+        load("bicycle")
+
+
+def without_trailer(payload=0.0):
+    """The tractor alone, and the length of its brakes' lists cut to its three axles."""
+    spec = truck_spec(TruckParameters.load(), payload, visuals=False)
+    for sensor in list(spec.sensors):
+        if any(word in sensor.name for word in ("trailer", "articulation")):
+            spec.delete(sensor)
+    spec.delete(spec.tendon("triaxle_heave"))
+    spec.delete(spec.body("trailer"))
+    for plugin in spec.plugins:
+        if plugin.name == "air_brake":
+            plugin.config = {
+                key: " ".join(value.split()[:3]) if len(value.split()) == 6 else value
+                for key, value in plugin.config.items()
+            }
+    spec.option.timestep = STEP
+    reserve_state(spec)
+    return spec.compile()
+
+
+@pytest.mark.parametrize("kind", PLANAR)
+def test_a_tractor_alone_moves_as_in_mujoco(kind):
+    model = without_trailer()
+    plant = Plant(kind)
+    found = []
+    for planar in (False, True):
+        data = mujoco.MjData(model)
+        data.qvel[0] = 15.0
+        for number in range(model.njnt):
+            if model.joint(number).name.endswith("_spin"):
+                data.qvel[model.jnt_dofadr[number]] = 15.0 / 0.52
+        data.ctrl[model.actuator("accelerator_pedal").id] = 0.4
+        data.ctrl[model.actuator("steering_wheel_angle").id] = 0.5
+        if planar:
+            plant.step(model, (data,), 800)
+        else:
+            mujoco.mj_step(model, data, 800)
+        found.append((data.qvel[5], np.hypot(*data.qvel[:2]), *data.qpos[:2]))
+    rate, speed, x, y = found[0]
+    assert found[1][0] == pytest.approx(rate, rel=0.03)
+    assert found[1][1] == pytest.approx(speed, rel=0.01)
+    assert found[1][2] == pytest.approx(x, rel=0.01)
+    assert found[1][3] == pytest.approx(y, rel=0.03)
+
+
+@pytest.mark.parametrize("plant", PLANAR)
+def test_the_suite_runs_with_a_planar_plant(plant):
+    environment = suite.load("truck", "lane_keep", {"plant": plant, "random": 1})
+    environment.reset()
+    speed = environment.physics.speed()
+    for _ in range(5):
+        environment.step(np.zeros(environment.action_spec().shape))
+    assert environment.physics.truck.plant == plant
+    assert environment.physics.speed() == pytest.approx(speed, abs=1.0)
