@@ -34,6 +34,7 @@ struct Plant::Axle {
   int unit;
   double x, half_track;
   double static_load;  // of the axle on a level road [N]
+  double rate;         // of its tires [N/m]; 0 for a lifted axle
   const Tire<double>* law;
   int state[2], spin[2], hub[2];  // addresses of the wheels in plugin_state, qvel; hub's number
   int spin_qpos[2];
@@ -42,7 +43,7 @@ struct Plant::Axle {
   bool steered = false;
   int knuckle_qpos[2] = {0, 0}, knuckle[2] = {kNoJoint, kNoJoint};
   double knuckle_inertia = 0, knuckle_damping = 0, knuckle_stiffness = 0, knuckle_max = 0;
-  int target = -1;  // 0: the steering's linkage turns the knuckles
+  int target = -1;  // place among the axles that the steering's linkage turns
   int roll_qpos = kNoJoint;
   double roll_stiffness, roll_damping, tire_roll_stiffness;  // about the roll center, on the road
   double share;                      // of the spring in series with the tires
@@ -204,8 +205,12 @@ bool Plant::FindAxles(const mjModel* m, std::string* error) {
       const double deflection = axle.law->free_radius - own_->xpos[3 * wheel + 2];
       axle.static_load += axle.law->count * axle.law->vertical_stiffness * deflection;
     }
-    const double rate = 2 * axle.law->count * axle.law->vertical_stiffness;
-    axle.tire_roll_stiffness = rate * axle.half_track * axle.half_track;
+    if (axle.static_load < 0) {  // lifted
+      axle.static_load = axle.rate = 0;
+    } else {
+      axle.rate = 2 * axle.law->count * axle.law->vertical_stiffness;
+    }
+    axle.tire_roll_stiffness = axle.rate * axle.half_track * axle.half_track;
     axle.share = axle.tire_roll_stiffness / (axle.tire_roll_stiffness + axle.roll_stiffness);
     axles_.push_back(axle);
   }
@@ -252,9 +257,11 @@ bool Plant::FindPlugins(const mjModel* m, const std::string& prefix, std::string
       }
     }
   }
-  for (const auto& [dof, coefficient] : TendonDofs(m, linkage)) {
+  // The linkage holds the left and the right knuckle of each steered axle.
+  const auto knuckles = TendonDofs(m, linkage);
+  for (size_t i = 0; i < knuckles.size(); i += 2) {
     for (Axle& axle : axles_) {
-      if (axle.knuckle[0] == dof) axle.target = 0;
+      if (axle.knuckle[0] == knuckles[i].first) axle.target = static_cast<int>(i / 2);
     }
   }
   for (Axle& axle : axles_) {
@@ -294,7 +301,7 @@ void Plant::FindPitchGains(const mjModel* m) {
     for (int u = 0; u < axle.unit; ++u) row[1 + u] = -units_[u].inertia.hitch_x;
     row[1 + axle.unit] = -axle.x;
     row[1 + units + a] = 1;
-    const double rate = 2 * axle.law->count * axle.law->vertical_stiffness;
+    const double rate = axle.rate;
     add(row, rate);
     for (double& value : row) value *= -rate;
     rows.push_back(row);
@@ -340,8 +347,8 @@ void Plant::FindPitchGains(const mjModel* m) {
     if (heave[joint] >= 0) left[1 + units + heave[joint]] = force(m->jnt_dofadr[joint]);
   }
   for (int a = 0; a < axles; ++a) {
-    const double rate = 2 * axles_[a].law->count * axles_[a].law->vertical_stiffness;
-    mju_addToScl(left.data(), rows[a].data(), -axles_[a].static_load / rate, size);
+    if (axles_[a].rate == 0) continue;
+    mju_addToScl(left.data(), rows[a].data(), -axles_[a].static_load / axles_[a].rate, size);
   }
   Solve(stiffness, size, &left);
   for (int a = 0; a < axles; ++a) {
@@ -554,11 +561,9 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
   ActuateAirBrake(m, d, brake_instance_, hub_speed);
   brake_plugin_->compute(m, d, brake_instance_, mjPLUGIN_PASSIVE);
   const double shaft_torque = d->actuator_force[shaft_force_];
-  double targets[2];
-  steering_->Targets(reinterpret_cast<const SteeringStates*>(d->plugin_state +
-                                                             m->plugin_stateadr[steering_instance_])
-                         ->now.pitman_angle,
-                     targets);
+  const double pitman_angle = reinterpret_cast<const SteeringStates*>(
+                                  d->plugin_state + m->plugin_stateadr[steering_instance_])
+                                  ->now.pitman_angle;
 
   // Tires.
   double pitch[kUnitsMax];  // moment of each unit about its coupling
@@ -626,6 +631,8 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
       const TireForces<Pair> f = axle.law->Step(wheel, level, bristles, h, lost);
 
       const Pair spin_moment = f.moment[0] * wheel.axle[0] + f.moment[1] * wheel.axle[1];
+      double targets[2] = {0, 0};
+      if (axle.target >= 0) steering_->Targets(axle.target, pitman_angle, targets);
       for (int side = 0; side < 2; ++side) {
         TireState* to = state[side];
         to->next_station = road.station[side];
