@@ -162,7 +162,7 @@ format: $(VENV)/installed-test
 
 # Tests compare the files with the code.
 generate: $(VENV)/installed-test
-	for tool in j1939_manual export_model highway_map environment_manual; do \
+	for tool in j1939_manual export_model truck_format highway_map environment_manual; do \
 	  $(BIN)/python tools/$$tool.py || exit; done
 
 pictures: $(VENV)/installed-test

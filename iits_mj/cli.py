@@ -37,6 +37,7 @@ COMMANDS = {
     "import-trajectories": "place recorded trajectories on a map for replay",
     "serve": "serve the truck on a CAN bus in real time, for an external controller",
     "replay-can": "drive the truck with the commands of a CAN log, or decode the log",
+    "truck": "check, show, compare and export trucks; JSON Schema of truck files",
     "bench": "measure computing times",
     "doctor": "check the installation and name remedies",
 }

@@ -1,7 +1,8 @@
 """Command-line flags from a frozen dataclass of options, and the dataclass from a command line.
 
 A field made by `iits_mj.core.options.option` becomes `--name-with-dashes`; a bool becomes
-`--name/--no-name`; a size is `WIDTHxHEIGHT`. Every error is an InputError of one line.
+`--name/--no-name`; a size is `WIDTHxHEIGHT`;
+a positional `tuple[str, ...]` takes any number of words. Every error is an InputError of one line.
 """
 
 from __future__ import annotations
@@ -85,7 +86,9 @@ def parse(kind: type[T], arguments: Sequence[str], prog: str, description: str) 
     Raises:
       InputError: unknown flag, missing or unusable value; SystemExit(0) after `--help`.
     """
-    parsed = vars(build_parser(kind, prog, description).parse_args(list(arguments)))
+    parser = build_parser(kind, prog, description)
+    # Otherwise flags would end a list of positional words.
+    parsed = vars(parser.parse_intermixed_args(list(arguments)))
     rules = {field.name: options.of(field) for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
     given = {
         name: _convert(kind, name, text, rule)
@@ -100,6 +103,8 @@ def parse(kind: type[T], arguments: Sequence[str], prog: str, description: str) 
 
 
 def _convert(kind: type[Any], name: str, text: Any, rule: options.Option) -> Any:
+    if isinstance(text, list):
+        return tuple(text)
     if not isinstance(text, str):
         return text
     flag = name.replace("_", "-")
@@ -136,7 +141,8 @@ def _add(
     metavar = rule.metavar or _METAVARS.get(rule.unit, plain)
     if rule.positional:
         optional = field.default is not dataclasses.MISSING
-        parser.add_argument(field.name, nargs="?" if optional else None, metavar=metavar, help=text)
+        count = "*" if value_type == tuple[str, ...] else "?" if optional else None
+        parser.add_argument(field.name, nargs=count, metavar=metavar, help=text)
         return
     required = field.default is dataclasses.MISSING
     parser.add_argument(f"--{flag}", default=None, metavar=metavar, required=required, help=text)
@@ -152,7 +158,7 @@ def _help(field: dataclasses.Field[Any], rule: options.Option) -> str:
     if rule.names is not None:
         parts.append(f"names are {', '.join(rule.names())}")
     default = field.default
-    if default is not dataclasses.MISSING and default is not None and default != "":
+    if default is not dataclasses.MISSING and default not in (None, "", ()):
         parts.append(f"default {_shown(default)}")
     return "; ".join(parts).replace("%", "%%")
 

@@ -65,6 +65,8 @@ def truck_spec(
         spec = mujoco.MjSpec.from_string(truck_xml(parameters, payload))
         if visuals:
             decorate(spec, parameters, payload)
+    except InputError:
+        raise
     except (ValueError, ArithmeticError, LookupError) as error:
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         raise InputError(f"no truck can be built from these parameters: {reason}") from error
@@ -109,6 +111,16 @@ def _defaults(root: ET.Element) -> None:
 def _inertial(
     body: ET.Element, mass: float, at: ArrayLike, inertia: tuple[float, float, float]
 ) -> None:
+    """Adds mass and inertia; raises InputError for what no body can have."""
+    low, middle, high = sorted(inertia)
+    if not (mass > 0.0 and low > 0.0 and low + middle >= high * (1.0 - 1e-9)):
+        shown = ", ".join(f"{value:.4g}" for value in inertia)
+        raise InputError(
+            f"body {body.get('name')!r} would have a mass of {mass:.4g} kg and inertias of {shown} "
+            "kg m2 about x, y, z, less its axles and wheels: each must be above zero, none more "
+            "than the sum of the others; check mass, cg_position, cg_height, inertia_x, inertia_y "
+            "and inertia_z, and unsprung_mass and wheel_mass of the axles"
+        )
     values = {"mass": text(mass), "pos": text(at), "diaginertia": text(inertia)}
     ET.SubElement(body, "inertial", values)
 

@@ -99,6 +99,8 @@ def _provenance_rows(node: Any, prefix: str) -> Iterator[tuple[str, str, str, st
     if is_leaf(node):
         rest = (str(node.get(key, "")) for key in _PROVENANCE[1:])
         yield (prefix, str(node["value"]), *rest)  # type: ignore[misc]
+    elif is_number(node):
+        yield (prefix, str(node), "", "", "")
     elif isinstance(node, Mapping):
         for key, child in node.items():
             yield from _provenance_rows(child, f"{prefix}.{key}" if prefix else key)
@@ -418,5 +420,7 @@ def _array(node: Any, where: str) -> FloatArray:
 def ungraded(truck: str | Path | None) -> Sequence[str]:
     """Returns the quantities of a truck that lack a unit or a grade of `GRADES`."""
     return [
-        name for name, _, unit, grade, _ in provenance(truck) if not unit or grade not in GRADES
+        name
+        for name, _, unit, grade, _ in provenance(truck)
+        if not (unit and grade in tuple(GRADES))
     ]

@@ -17,12 +17,14 @@ from iits_mj.core.errors import InputError
 from iits_mj.parameters.quantity import (
     Acceleration,
     Count,
+    Efficiency,
     Inertia,
     KilogramsPerSecond,
     NewtonMeters,
     NewtonMetersPerSecond,
     Pure,
     RadiansPerSecond,
+    Ratio,
     RollDamping,
     RollStiffness,
     Seconds,
@@ -122,6 +124,8 @@ class Engine:
     def __post_init__(self) -> None:
         if self.full_load_speed.shape != self.full_load_torque.shape:
             raise InputError("engine.full_load: speed and torque have different lengths")
+        if not (self.full_load_torque * self.full_load_speed > 0.0).any():
+            raise InputError("engine.full_load: no torque and speed are above zero")
         if bool(self.fuel_map.values.size) is bool(self.fuel_rate_map.values.size):
             raise InputError("engine: exactly one of fuel_map and fuel_rate_map is needed")
 
@@ -247,11 +251,11 @@ class Gearbox:
       axle_loss: the same of the final drive, at the propeller shaft.
     """
 
-    final_drive: Pure
-    efficiency: Pure
-    driveline_efficiency: Pure
+    final_drive: Ratio
+    efficiency: Efficiency
+    driveline_efficiency: Efficiency
     start_gear: Count
-    reverse_ratio: Pure
+    reverse_ratio: Ratio
     shift_cut_time: Seconds
     synchronization_time: Seconds
     synchronization_time_max: Seconds

@@ -24,7 +24,6 @@ from iits_mj.parameters.brakes import AirBrake
 from iits_mj.parameters.files import Overlay, build, read_truck, shipped_trucks
 from iits_mj.parameters.powertrain import Clutch, Engine, Gearbox, Retarder
 from iits_mj.parameters.quantity import (
-    Count,
     Damping,
     Density,
     Inertia,
@@ -34,21 +33,31 @@ from iits_mj.parameters.quantity import (
     Pure,
     Radians,
     RadiansPerSecond,
+    Radius,
+    Ratio,
     RollDamping,
     RollStiffness,
     Seconds,
     Speed,
+    SpringRate,
     SquareMeters,
-    Stiffness,
+    Tires,
 )
 from iits_mj.parameters.units import Axle, Coupling, Unit
 
 
 @dataclass(frozen=True)
 class Steering:
-    """Steering from steering wheel to road wheels."""
+    """Steering from steering wheel to road wheels.
 
-    ratio: Pure
+    Attributes:
+      ratio: steering-wheel angle over road-wheel angle.
+      dead_band, angle_max, rate_max: at the steering wheel.
+      stiffness, damping, knuckle_inertia: of each knuckle.
+      time_constant: of the steering actuator.
+    """
+
+    ratio: Ratio
     dead_band: Radians
     angle_max: Radians
     rate_max: RadiansPerSecond
@@ -63,14 +72,18 @@ class Tire:
     """One kind of tire; stiffnesses are per tire, `count` tires make a wheel end.
 
     Attributes:
+      free_radius: without load; rolling_radius: distance per turn over 2 pi, at the design load.
+      vertical_stiffness, vertical_damping: of one tire.
+      cornering_coefficient: cornering stiffness over the load, at the load `cornering_load`.
+      pneumatic_trail: of the side force behind the contact's middle at small slip.
       rolling_resistance: over the load, at the load `rolling_resistance_load` of one tire.
       rolling_resistance_exponent: of the rolling resistance [N] over the load; 1: in proportion.
     """
 
-    count: Count
-    free_radius: Meters
-    rolling_radius: Meters
-    vertical_stiffness: Stiffness
+    count: Tires
+    free_radius: Radius
+    rolling_radius: Radius
+    vertical_stiffness: SpringRate
     vertical_damping: Damping
     cornering_coefficient: PerRadian
     cornering_load: Newtons
@@ -211,6 +224,13 @@ class TruckParameters:
             raise InputError(f"units.{lead.name}: the first axle must be steered, the last one not")
         if not any(axle.driven for axle in lead.axles):
             raise InputError(f"units.{lead.name} has no driven axle")
+        for unit in self.units:
+            if not all(unit.groups(0.0)):
+                raise InputError(
+                    f"units.{unit.name}: lifted_below lifts a whole group; one axle must stay"
+                )
+        if not sum(unit.air_share for unit in self.units) > 0.0:
+            raise InputError("the units' air_share have no positive sum")
         for unit in towed:
             for axle in unit.axles:
                 if axle.steered or axle.driven:

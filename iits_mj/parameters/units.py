@@ -27,7 +27,7 @@ from iits_mj.parameters.quantity import (
     RollStiffness,
     Seconds,
     Share,
-    Stiffness,
+    SpringRate,
 )
 
 MOTOR_VEHICLES = ("tractor", "rigid_truck")
@@ -76,7 +76,15 @@ class Axle:
 
     Attributes:
       name: the unit's and its own, "trailer_axle1".
-      tire: kind of its tires, one of `TruckParameters.tires`.
+      tire: kind of its tires, a table of `tires`.
+      position: of its wheel centers, behind the unit's origin.
+      track: between the middles of the wheel ends; of twin tires, of the pair.
+      unsprung_mass: of the axle with its wheels; wheel_mass: of one wheel end with tires and hub.
+      wheel_inertia_spin: of one wheel end about its axis.
+      spring_rate, damping: vertical, of one side.
+      spring_spacing: between the springs of both sides.
+      auxiliary_roll_stiffness: of stabilizer and arms, without the springs.
+      roll_center_height: above the axle's center.
       load_share: of its group's load, relative to the group's other axles.
       steered: by the steering wheel; driven: by the propeller shaft.
       lifted_below: payload of the combination below which the axle is lifted; 0: never.
@@ -90,7 +98,7 @@ class Axle:
     unsprung_mass: Mass
     wheel_mass: Mass
     wheel_inertia_spin: Inertia
-    spring_rate: Stiffness
+    spring_rate: SpringRate
     spring_spacing: Distance
     damping: Damping
     auxiliary_roll_stiffness: RollStiffness
@@ -111,11 +119,14 @@ class Axle:
 class Payload:
     """The load of a unit at its greatest mass; a smaller one keeps CG and radii of gyration.
 
-    `cg_height` may lie between `cg_height_min` and `cg_height_max`, see
-    `TruckParameters.with_payload_height`.
+    Attributes:
+      cg_position: behind the unit's origin.
+      cg_height: above the road; `TruckParameters.with_payload_height` changes it.
+      cg_height_min, cg_height_max: bounds of such a change.
+      inertia_x, inertia_y, inertia_z: of the greatest load about its own CG.
     """
 
-    mass_max: Kilograms
+    mass_max: Mass
     cg_position: Meters
     cg_height: Distance
     cg_height_min: Distance
@@ -160,7 +171,11 @@ class Unit:
 
     Attributes:
       name: also of its body in the MJCF.
-      kind: one of `MOTOR_VEHICLES` and `TOWED_UNITS`.
+      kind: of motor vehicle or towed unit.
+      mass: with axles and wheels, without load.
+      cg_position: of the mass, behind the unit's origin; cg_height: of the mass, above the road.
+      inertia_x, inertia_y, inertia_z: of the mass about its own CG, in roll, pitch and yaw.
+      width, height: of the body; the height above the road.
       front_overhang: of the body ahead of the unit's origin; length: of the body.
       load_equalization: share of the spring of an axle group that acts equally on all its axles.
       air_share: of air drag and side force, relative to the other units.
