@@ -312,7 +312,7 @@ for number in (3.7e6, -3.7e6, np.nan):
             {"units": {"trailer": {"payload": {"cg_position": 1e308}}}},
             "payload.cg_position = 1e\\+308: more than",
         ),
-        ({"tires": {"steer": {"count": 0}}}, "no truck can be built from these parameters: Zero"),
+        ({"tires": {"steer": {"count": 0}}}, "tires.steer.count = 0: allowed is 1 to 4"),
         ({"steering": {"knuckle_inertia": 1e-320}}, "no truck can be built .*armature"),
     ],
 )
