@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import PlanningError
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.tables import NO_TABLE, Table2D
+from iits_mj.parameters.tables import Table2D
 
 _SPEEDS = 4000  # samples for the least power of all gears
 _ENGINE_SPEED_MIN = 85.0  # [rad/s], 810 rpm: below it the gearbox shifts down
@@ -67,10 +67,9 @@ class FuelMap:
         self._engine, self._gearbox, self._retarder = engine, gearbox, parameters.retarder
         self.efficiency = gearbox.efficiency * gearbox.driveline_efficiency
         radius = parameters.tires[parameters.driven_axles[0].tire].rolling_radius
-        maps = list(gearbox.loss_maps.values())
-        chosen = gearbox.loss_map or (0,) * len(gearbox.ratios)
-        self._losses = [maps[number - 1] if number else NO_TABLE for number in chosen]
-        self._has_maps = bool(gearbox.axle_loss.values.size or maps or self._retarder.drag_speed)
+        self._has_maps = bool(
+            gearbox.axle_loss.values.size or gearbox.loss_maps or self._retarder.drag_speed
+        )
         self.gear_speed = gearbox.ratios * gearbox.final_drive / radius
         # Torque axis, speed axis, fuel rate [kg/s] of shape (torque, speed).
         table = engine.fuel_rate_map
@@ -154,7 +153,7 @@ class FuelMap:
         return np.array(
             [
                 _before(table, box.efficiency, torque / ratio, ratio * shaft)
-                for table, ratio in zip(self._losses, box.ratios, strict=True)
+                for table, ratio in zip(box.gear_losses, box.ratios, strict=True)
             ]
         )
 

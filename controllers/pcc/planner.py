@@ -25,7 +25,7 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import in_range, require_positive
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.mass_state import payload_of, rolling_resistance
+from iits_mj.parameters.mass_state import payload_of, rolling_resistance, wheel_mass
 
 
 @dataclass(frozen=True)
@@ -178,11 +178,8 @@ def make_vehicle(
     """
     most = max(80_000.0, 1.5 * parameters.gross_mass(parameters.payload_max))
     in_range("mass [kg]", mass, 5_000.0, most)
-    tires, air = parameters.tires, parameters.aerodynamics
-    turning = sum(
-        2.0 * axle.wheel_inertia_spin / tires[axle.tire].rolling_radius ** 2
-        for axle in parameters.axles
-    )
+    air = parameters.aerodynamics
+    turning = wheel_mass(parameters)
     turning += parameters.engine.inertia * float(fuel_map.gear_speed[-1]) ** 2
     band = np.linspace(config.v_min, config.v_max, 60)
     powers = fuel_map.power_max(band)

@@ -11,9 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from iits_mj.core.arrays import FloatArray
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.mass_state import rolling_resistance
+from iits_mj.parameters.mass_state import rolling_resistance, wheel_mass
 
 
 def pack_powertrain(parameters: TruckParameters) -> bytes:
@@ -21,10 +20,6 @@ def pack_powertrain(parameters: TruckParameters) -> bytes:
     tires, air, gearbox = parameters.tires, parameters.aerodynamics, parameters.gearbox
     engine, retarder, table = parameters.engine, parameters.retarder, parameters.engine.pedal_map
     radius = tires[parameters.driven_axles[0].tire].rolling_radius
-    wheel_mass = sum(
-        2.0 * axle.wheel_inertia_spin / tires[axle.tire].rolling_radius ** 2
-        for axle in parameters.axles
-    )
     ratios = [float(ratio) * gearbox.final_drive for ratio in gearbox.ratios]
     # Equivalent mass of engine and gearbox by gear [kg].
     spins = [
@@ -34,7 +29,7 @@ def pack_powertrain(parameters: TruckParameters) -> bytes:
     numbers = (
         rolling_resistance(parameters, parameters.payload_max),
         0.5 * air.density * air.mean_drag_area(),
-        wheel_mass,
+        wheel_mass(parameters),
         radius,
         gearbox.final_drive / radius,
         gearbox.driveline_efficiency,
@@ -55,7 +50,7 @@ def pack_powertrain(parameters: TruckParameters) -> bytes:
     tables = (
         ratios,
         spins,
-        _efficiencies(parameters),
+        gearbox.gear_efficiencies(engine) * gearbox.driveline_efficiency,
         engine.drag_speed,
         engine.drag_torque,
         table.rows,
@@ -64,16 +59,3 @@ def pack_powertrain(parameters: TruckParameters) -> bytes:
         np.ravel(table.values),
     )
     return np.concatenate([numbers, *tables], dtype=float).tobytes()
-
-
-def _efficiencies(parameters: TruckParameters) -> FloatArray:
-    """Efficiency from engine to wheels of each gear; of a map of losses, at half torque."""
-    engine, gearbox = parameters.engine, parameters.gearbox
-    most = int(np.argmax(engine.full_load_torque))
-    speed, torque = float(engine.full_load_speed[most]), 0.5 * float(engine.full_load_torque[most])
-    maps = list(gearbox.loss_maps.values())
-    gears = np.full(len(gearbox.ratios), gearbox.efficiency)
-    for gear, number in enumerate(gearbox.loss_map):
-        if number:
-            gears[gear] = 1.0 - maps[number - 1].at(speed, torque) / torque
-    return gears * gearbox.driveline_efficiency

@@ -39,21 +39,16 @@ def full_load_force(
     engine, gearbox = parameters.engine, parameters.gearbox
     speed = np.linspace(engine.idle_speed, engine.governed_speed, points)
     torque = np.interp(speed, *full_load(parameters)) - engine.auxiliary_power / speed
-    index = gearbox.loss_map[gear - 1] if gearbox.loss_map else 0
-    losses = list(gearbox.loss_maps.values())[index - 1] if index else None
-    torque = _after(torque, speed, losses, gearbox.efficiency)
-    ratio = float(gearbox.ratios[gear - 1])
-    axle = gearbox.axle_loss if gearbox.axle_loss.values.size else None
+    torque = _after(torque, speed, gearbox.gear_losses[gear - 1], gearbox.efficiency)
+    ratio, axle = float(gearbox.ratios[gear - 1]), gearbox.axle_loss
     shaft = _after(torque * ratio, speed / ratio, axle, gearbox.driveline_efficiency)
     radius = parameters.tires[parameters.driven_axles[0].tire].rolling_radius
     return speed / overall_ratio(parameters, gear), shaft * gearbox.final_drive / radius
 
 
-def _after(
-    torque: FloatArray, speed: FloatArray, losses: Table2D | None, efficiency: float
-) -> FloatArray:
+def _after(torque: FloatArray, speed: FloatArray, losses: Table2D, efficiency: float) -> FloatArray:
     """Torque less the losses of a map, or times an efficiency if there is no map."""
-    if losses is None:
+    if not losses.values.size:
         return torque * np.where(torque >= 0.0, efficiency, 1.0 / efficiency)
     return torque - [losses.at(w, t) for w, t in zip(speed, torque, strict=True)]
 

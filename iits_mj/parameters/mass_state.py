@@ -277,6 +277,14 @@ def cruise_axle_loads(parameters: TruckParameters, payload: float, speed: float)
     return _axle_loads(parameters, payload, found)
 
 
+def wheel_mass(parameters: TruckParameters) -> float:
+    """Returns the equivalent mass of the turning wheels [kg], `sum J / r^2`."""
+    return sum(
+        2.0 * axle.wheel_inertia_spin / parameters.tires[axle.tire].rolling_radius ** 2
+        for axle in parameters.axles
+    )
+
+
 def payload_of(parameters: TruckParameters, gross_mass: float) -> float:
     """Returns the payload [kg] of a truck of this gross mass [kg], within what it may carry."""
     return min(max(gross_mass - parameters.gross_mass(0.0), 0.0), parameters.payload_max)

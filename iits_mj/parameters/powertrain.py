@@ -135,6 +135,12 @@ class Engine:
         return sum(self.auxiliaries.values())
 
     @property
+    def half_torque(self) -> tuple[float, float]:
+        """Speed of the greatest torque [rad/s], and half of this torque [N m]."""
+        most = int(np.argmax(self.full_load_torque))
+        return float(self.full_load_speed[most]), 0.5 * float(self.full_load_torque[most])
+
+    @property
     def full_load_power(self) -> float:
         """Greatest power of the full-load curve [W]."""
         return float((self.full_load_torque * self.full_load_speed).max())
@@ -327,14 +333,31 @@ class Gearbox:
             downshift=self.downshift if given_down else downshift,
         )
 
+    @property
+    def gear_losses(self) -> tuple[Table2D, ...]:
+        """The map of each gear; empty where its efficiency counts."""
+        maps = list(self.loss_maps.values())
+        return tuple(
+            maps[number - 1] if number else NO_TABLE
+            for number in self.loss_map or (0,) * len(self.ratios)
+        )
+
+    def gear_efficiencies(self, engine: Engine) -> FloatArray:
+        """Returns the efficiency of each gear, (n,); by its map at half torque."""
+        speed, torque = engine.half_torque
+        return np.array(
+            [
+                1.0 - table.at(speed, torque) / torque if table.values.size else self.efficiency
+                for table in self.gear_losses
+            ]
+        )
+
     def _with_mean_efficiencies(self, engine: Engine) -> Gearbox:
         """The gearbox with efficiencies from its loss maps, in the highest gear at half torque."""
-        torque = 0.5 * float(engine.full_load_torque.max())
-        speed = float(engine.full_load_speed[np.argmax(engine.full_load_torque)])
         found: dict[str, Any] = {}
         if self.loss_map and all(self.loss_map):
-            table = list(self.loss_maps.values())[self.loss_map[-1] - 1]
-            found["efficiency"] = 1.0 - table.at(speed, torque) / torque
+            found["efficiency"] = float(self.gear_efficiencies(engine)[-1])
+        speed, torque = engine.half_torque
         if self.axle_loss.values.size:
             ratio = float(self.ratios[-1])
             lost = self.axle_loss.at(speed / ratio, torque * ratio) / (torque * ratio)

@@ -77,7 +77,7 @@ struct Plant::Unit {
   std::vector<Air> air;
 };
 
-// What the steps of one call compute anew.
+// Intermediate values of a step; every step overwrites them.
 struct Plant::Scratch {
   PlanarMotion<double> motion[kUnitsMax];
   double cosine[kUnitsMax], sine[kUnitsMax], x[kUnitsMax], y[kUnitsMax];

@@ -24,6 +24,16 @@ _EYE = {
     "roll_lash": 0.0,
     "plate_width": 0.0,
 }
+# A semitrailer behind a shorter one.
+REAR = {
+    "like": "trailer",
+    "length": 12.7,
+    "axles": {
+        "axle1": {"position": 6.7},
+        "axle2": {"position": 7.9},
+        "axle3": {"position": 9.1},
+    },
+}
 _OVERLAYS = {
     "tractor alone": {"remove": ["units.trailer"]},
     "8x4 tractor": {
@@ -105,16 +115,7 @@ _OVERLAYS = {
                     "axle3": {"position": 8.4},
                 },
             },
-            "rear": {
-                "like": "trailer",
-                "length": 12.7,
-                "axles": {
-                    "axle1": {"position": 6.7},
-                    "axle2": {"position": 7.9},
-                    "axle3": {"position": 9.1},
-                },
-                "coupling": {"position": 7.7},
-            },
+            "rear": {**REAR, "coupling": {"position": 7.7}},
         }
     },
 }

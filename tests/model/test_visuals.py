@@ -14,7 +14,7 @@ from iits_mj.model.visuals.shapes import VISUAL_GROUP, beam, boxes, lathe, merge
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.units import MOTOR_VEHICLES
 from iits_mj.road import RoadMap
-from tests.model.combinations import combinations
+from tests.model.combinations import REAR, combinations
 
 PARAMETERS = TruckParameters.load()
 TRUCKS = combinations()
@@ -404,16 +404,7 @@ def test_a_unit_that_is_too_short_for_a_load_body_has_none(position):
                         "axle3": {"position": 5.4},
                     },
                 },
-                "rear": {
-                    "like": "trailer",
-                    "length": 12.7,
-                    "axles": {
-                        "axle1": {"position": 6.7},
-                        "axle2": {"position": 7.9},
-                        "axle3": {"position": 9.1},
-                    },
-                    "coupling": {"position": position},
-                },
+                "rear": {**REAR, "coupling": {"position": position}},
             }
         }
     )

@@ -26,8 +26,8 @@ SENSORS = ("brake_pressures", "wheel_speeds", "abs_active", "brake_work", "brake
 class Vehicle:
     """A vehicle on one slide joint with axles of the given circuits, all equally loaded.
 
-    Its tires have dry friction; those of a lifted axle, of which the plugin is told by `told`, do
-    not touch the road.
+    Its tires have dry friction. Those of the `raised` axles do not touch the road; with `told`,
+    the plugin knows that these axles are lifted.
     """
 
     def __init__(self, circuits, mass, *, raised=(), told=True, grip=0.9, speed=20.0, **changes):

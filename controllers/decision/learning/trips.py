@@ -33,23 +33,23 @@ _KEEPS_RIGHT = 0.3
 def sample_trip(config: TrainConfig, generator: np.random.Generator) -> TripConfig:
     """Draws a training trip: one of the six cells, or one with randomized traffic and load."""
     density, speed = CELLS[int(generator.integers(len(CELLS)))]
-    base = _base(config, config.trip_duration)
-    trip = cell_trip(density, speed, base)
+    parameters = TruckParameters.load(config.truck)
+    trip = cell_trip(density, speed, _base(config, parameters, config.trip_duration))
     if generator.random() < config.random_share:
         trip = replace(
             trip,
             spawn_probability=math.exp(generator.uniform(math.log(0.005), math.log(0.12))),
             traffic_speed=float(generator.uniform(11.0, 16.0)),
-            payload=float(generator.uniform(0.0, TruckParameters.load(config.truck).payload_max)),
+            payload=float(generator.uniform(0.0, parameters.payload_max)),
             reference_speed=float(generator.uniform(*_REFERENCES)),
             keeps_right=bool(generator.random() < _KEEPS_RIGHT),
         )
     return start_anywhere(trip, generator)
 
 
-def _base(config: TrainConfig, duration: float) -> TripConfig:
+def _base(config: TrainConfig, parameters: TruckParameters, duration: float) -> TripConfig:
     """Returns a trip of the truck, with its usual load, for a time [s]."""
-    payload = usual_payload(TruckParameters.load(config.truck))
+    payload = usual_payload(parameters)
     return TripConfig(truck=config.truck, payload=payload, duration=duration, reward=config.reward)
 
 
@@ -70,10 +70,10 @@ def validation_trips(
     config: TrainConfig, count: int
 ) -> Iterator[tuple[str, TripConfig, np.random.Generator]]:
     """Yields name, trip and generator of `count` trips per cell, the same in each validation."""
+    base = _base(config, TruckParameters.load(config.truck), config.validation_duration)
     for cell, (density, speed) in enumerate(CELLS):
         for trip in range(count):
             generator = np.random.default_rng(VALIDATION_SEEDS + 1000 * cell + trip)
-            base = _base(config, config.validation_duration)
             name = f"validation trip {trip} in {density} traffic at {speed:g} m/s"
             yield name, start_anywhere(cell_trip(density, speed, base), generator), generator
 

@@ -34,14 +34,16 @@ from iits_mj.analytic import (
 )
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
-from iits_mj.core.units import GRAVITY, KMH
+from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
 from iits_mj.validation.harness.maneuver import restore_state, save_state, steady_truck
 from iits_mj.validation.harness.recorder import PERIOD, SpeedHold, SteeringRecord, drive
+from iits_mj.validation.pbs import maneuvers
+from iits_mj.validation.pbs.limits import STANDARDS
 
 # PBS: rearward amplification is at most this many times the roll-over threshold in g.
-PBS_FACTOR = 5.7
+PBS_FACTOR = STANDARDS["amplification"].limits[0]
 # The sine: frequency [Hz], peak lateral acceleration of the steer axle [m/s2], and allowed error of
 # the held speed [km/h], a choice of this project.
 SINE_FREQUENCY = 0.4
@@ -49,10 +51,9 @@ SINE_PEAK = 1.5
 SPEED_TOLERANCE = 1.0
 _SINE_LEAD, _SINE_LENGTH = 0.5, 10.0
 # The path: period [s] and peak acceleration [m/s2].
-PATH_PERIOD = 2.5
-PATH_PEAK = 0.15 * GRAVITY
+PATH_PERIOD, PATH_PEAK = maneuvers.LaneChange.period, maneuvers.LaneChange.peak
 # PBS level 1 [m], and how far the steer axle may leave the path (SAE J2179) [m].
-OFF_TRACKING = 0.6
+OFF_TRACKING = STANDARDS["off_tracking"].limits[0]
 PATH_TOLERANCE = 0.15
 _RATE = 2.0 * np.pi / PATH_PERIOD
 _LEAD, _LENGTH = 1.0, 7.0

@@ -29,6 +29,7 @@ from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
 from iits_mj.truck import Truck
 from iits_mj.validation.harness.recorder import SteeringRecord, drive
+from iits_mj.validation.pbs.limits import STANDARDS
 
 RADIUS = 12.5
 SPEED = 5.0 * KMH
@@ -38,7 +39,10 @@ _STRAIGHT = 2.0
 HALF_TIRE = 0.157
 # Available tire friction by PBS [1].
 PEAK_FRICTION = 0.8
-SWEPT_WIDTH, FRONTAL_SWING, TAIL_SWING, FRICTION_DEMAND = 7.4, 0.7, 0.3, 80.0
+SWEPT_WIDTH, FRONTAL_SWING, TAIL_SWING, FRICTION_DEMAND = (
+    STANDARDS[name].limits[0]
+    for name in ("swept_path", "frontal_swing", "tail_swing", "friction_demand")
+)
 # Limits for the semitrailer's front corner against the tractor's: of the maxima, of the paths [m].
 FRONT_MAXIMA, FRONT_PATHS = 0.2, 0.4
 _ENTRY, _EXIT = 3.0, 30.0

@@ -19,6 +19,8 @@ from iits_mj.core.units import KMH
 from iits_mj.validation.handling.lane_change import linear_system
 from iits_mj.validation.harness.maneuver import steady_truck
 from iits_mj.validation.harness.recorder import SteeringRecord, drive
+from iits_mj.validation.pbs.limits import STANDARDS
+from iits_mj.validation.pbs.maneuvers import PulseSteer
 
 SIGNALS = (
     ("yaw rate of the tractor", "yaw_rate"),
@@ -27,9 +29,8 @@ SIGNALS = (
     ("lateral acceleration of the trailer", "trailer_lateral_acceleration"),
 )
 # PBS, all levels.
-REQUIRED = 0.15
-_RISE = 0.2
-_PEAK = 2.0
+REQUIRED = STANDARDS["yaw_damping"].limits[0]
+_RISE, _PEAK = PulseSteer.rise, PulseSteer.peak
 _LEAD = 0.5
 _LENGTH = 10.0
 # Least greatest swing of an oscillation as a share of the decay's range.

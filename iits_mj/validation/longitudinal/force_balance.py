@@ -19,7 +19,13 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.units import GRAVITY
 from iits_mj.model.powertrain import full_load
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.mass_state import Inertial, group_center, laden_units, rolling_resistance
+from iits_mj.parameters.mass_state import (
+    Inertial,
+    group_center,
+    laden_units,
+    rolling_resistance,
+    wheel_mass,
+)
 from iits_mj.parameters.tire_law import friction
 from iits_mj.road.elements import DEFAULT_FRICTION
 
@@ -50,12 +56,8 @@ class ForceBalance:
 
     @property
     def wheel_mass(self) -> float:
-        """Equivalent mass of the turning wheels, `sum J / r^2` [kg]."""
-        tires = self.parameters.tires
-        return sum(
-            2.0 * axle.wheel_inertia_spin / tires[axle.tire].rolling_radius ** 2
-            for axle in self.parameters.axles
-        )
+        """Equivalent mass of the turning wheels [kg]."""
+        return wheel_mass(self.parameters)
 
     def reduction(self, gear: ArrayLike) -> FloatArray:
         """Engine speed over vehicle speed [rad/m] in forward gears, 0 in neutral; any shape."""

@@ -22,9 +22,9 @@ from iits_mj.core.results import Findings
 from iits_mj.core.tables import read_columns
 from iits_mj.core.units import GRAVITY, KMH
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.mass_state import rolling_resistance
 from iits_mj.road import Route
 from iits_mj.truck import Truck
+from iits_mj.validation.longitudinal.force_balance import ForceBalance
 from iits_mj.validation.longitudinal.hills import Grade, sloping
 
 TRUCK = "vecto_40t"
@@ -124,9 +124,8 @@ class _Balance:
     """Forces and engine torques of a truck on a road, for its driver and the energies."""
 
     def __init__(self, parameters: TruckParameters, payload: float) -> None:
-        p = parameters
-        self.mass = p.gross_mass(payload)
-        self.rolling = rolling_resistance(p, payload)
+        p, forces = parameters, ForceBalance(parameters, payload)
+        self.mass, self.rolling = forces.mass, forces.rolling
         speeds = np.arange(0.5, 60.0, 0.5)
         drag = [p.aerodynamics.mean_drag_area(float(v)) * v**2 for v in speeds]
         self._speeds, self._drag = speeds, 0.5 * p.aerodynamics.density * np.array(drag)
@@ -134,20 +133,14 @@ class _Balance:
         self._dragging = p.engine.drag_speed, p.engine.drag_torque
         self._auxiliaries = p.engine.auxiliary_power
         self._idle = p.engine.idle_speed
-        radius = p.tires[p.driven_axles[0].tire].rolling_radius
-        self._gearing = p.gearbox.final_drive / radius
+        self._gearing = p.gearbox.final_drive / forces.wheel_radius
         self._ratios = p.gearbox.ratios
         self._efficiency = p.gearbox.efficiency * p.gearbox.driveline_efficiency
         # Torques that gearbox and final drive lose without load.
-        table = list(p.gearbox.loss_maps.values())[p.gearbox.loss_map[-1] - 1]
-        turns = float(p.engine.full_load_speed[np.argmax(p.engine.full_load_torque)])
+        table, (turns, _) = p.gearbox.gear_losses[-1], p.engine.half_torque
         self._idling, self._axle_idling = table.at(turns, 0.0), p.gearbox.axle_loss.at(turns, 0.0)
-        wheels = sum(
-            2.0 * axle.wheel_inertia_spin / p.tires[axle.tire].rolling_radius ** 2
-            for axle in p.axles
-        )
-        turning = (self._ratios * self._gearing) ** 2 * p.engine.inertia
-        self._inertial = self.mass + wheels + turning
+        gears = np.arange(1, len(self._ratios) + 1)
+        self._inertial = self.mass + forces.rotating_mass(gears)
 
     def air(self, speed: float) -> float:
         """Force of the air [N] at a speed [m/s], in the mean wind."""

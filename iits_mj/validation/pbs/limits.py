@@ -3,7 +3,7 @@
 Source of every limit: National Transport Commission, "Performance-Based Standards Scheme - The
 Standards and Vehicle Assessment Rules" (2008 with amendments, now the National Heavy Vehicle
 Regulator's), part C, grade L. Levels 1 to 4 stand for road classes: general access, B-double,
-type 1 and type 2 road train routes.
+type 1 and type 2 road train routes. The limits are not yet compared with the text of the Rules.
 """
 
 from __future__ import annotations
