@@ -1,0 +1,353 @@
+"""The model in the browser: mjviser's scene with a landscape in chunks, sky, cameras, overlays.
+
+Places are sent relative to the truck, because browsers draw in single precision.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
+from mjviser import ViserMujocoScene
+from mjviser.conversions import get_geom_texture_id, is_fixed_body, merge_geoms
+
+from iits_mj.core.arrays import FloatArray
+from iits_mj.core.messages import Trajectory
+from iits_mj.core.vehicles import VehicleFrame
+from iits_mj.render.cameras import CAMERAS, FollowCamera
+from iits_mj.render.offscreen import camera_pose
+
+if TYPE_CHECKING:
+    import viser
+
+    from iits_mj.parameters import TruckParameters
+
+ORBIT = "orbit"
+VIEWS = (ORBIT, *CAMERAS)
+# Geoms of higher groups are for contacts, not for pictures.
+_LAST_GROUP = 2
+_CHUNK = 800.0  # [m] of landscape in one node, which the browser leaves out of sight
+# Bodies farther away from the truck are not drawn [m].
+_SIGHT = 2_000.0
+_PARKED = (0.0, 0.0, -500.0)
+_GRASS = (117, 140, 80)
+_SKY, _HAZE = np.array([86.0, 142.0, 206.0]), np.array([214.0, 227.0, 238.0])
+_PLAN, _LOAD, _FORCE = (20, 160, 60), (240, 150, 20), (210, 30, 60)
+_PATH_POINTS = 24
+_NEWTONS = 25_000.0  # force that an arrow of 1 m shows [N]
+_LABELS = 6
+_LABEL_REACH = 120.0  # [m]
+_ROOT = "/fixed_bodies"
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Places of all bodies at one instant.
+
+    Attributes:
+      position: (nbody, 3) [m]; quaternion: (nbody, 4).
+    """
+
+    position: FloatArray
+    quaternion: FloatArray
+
+    @classmethod
+    def of(cls, data: mujoco.MjData) -> Poses:
+        """Returns a copy of the places in MuJoCo's data."""
+        found = cls(data.xpos.copy(), data.xquat.copy())
+        # The places of mocap bodies may be newer than the last step.
+        model = data.model
+        mocap = np.flatnonzero(model.body_mocapid >= 0)
+        ids = model.body_mocapid[mocap]
+        found.position[mocap], found.quaternion[mocap] = data.mocap_pos[ids], data.mocap_quat[ids]
+        return found
+
+    def toward(self, other: Poses, share: float) -> Poses:
+        """Returns the poses at a share of the way to others; bodies that jump are already there."""
+        step = other.position - self.position
+        far = np.linalg.norm(step, axis=1) > 40.0
+        sign = np.where((self.quaternion * other.quaternion).sum(axis=1) < 0.0, -1.0, 1.0)
+        turn = sign[:, None] * other.quaternion - self.quaternion
+        quaternion = self.quaternion + share * turn
+        quaternion /= np.maximum(np.linalg.norm(quaternion, axis=1, keepdims=True), 1e-9)
+        position = np.where(far[:, None], other.position, self.position + share * step)
+        return Poses(position, np.where(far[:, None], other.quaternion, quaternion))
+
+
+class TruckScene(ViserMujocoScene):
+    """A model of the truck and its road in a viser server.
+
+    Args:
+      server: of viser.
+      model: to show.
+      parameters: of the truck, for the cameras; None: a tractor with a semitrailer.
+      tunnels: first and last station of each on the route [m].
+      near: only the landscape near these places (n, 2) is sent [m]; None: all of it.
+
+    Attributes:
+      show_path, show_forces, show_gaps: which overlays are drawn.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        model: mujoco.MjModel,
+        parameters: TruckParameters | None = None,
+        tunnels: tuple[tuple[float, float], ...] = (),
+        *,
+        near: FloatArray | None = None,
+    ) -> None:
+        self._near = near
+        self._chunks: list[tuple[Any, FloatArray]] = []
+        server.scene.set_background_image(_sky(), format="png")
+        server.scene.configure_fog(900.0, 4_500.0, color=tuple(_HAZE.astype(int)))
+        super().__init__(server, model, 1)
+        self._parameters, self._tunnels = parameters, tunnels
+        self._tracked = model.body("tractor").id
+        last = "trailer" if parameters is None else parameters.last.name
+        self._units = {self._tracked, model.body(last).id}
+        self._mocap = model.body_mocapid >= 0
+        self._views: dict[int, tuple[str, FollowCamera | None]] = {}
+        self.show_path = self.show_forces = self.show_gaps = True
+        self._fovy = math.radians(float(model.vis.global_.fovy))
+        self._path = server.scene.add_line_segments(
+            f"{_ROOT}/plan", np.zeros((1, 2, 3)), _PLAN, thickness=5.0, visible=False
+        )
+        self._arrows = server.scene.add_arrows(
+            "/forces", *_no_arrows(), shaft_radius=0.05, head_radius=0.11, head_length=0.25
+        )
+        self._labels = [
+            server.scene.add_label(f"/gap{i}", "", anchor="bottom-center", visible=False)
+            for i in range(_LABELS)
+        ]
+        self._marks = (0.0, np.zeros((0, 3)), np.zeros((0, 3)))
+        self._wheels = _wheel_sensors(model)
+
+    # mjviser calls these four methods when it is made.
+    def _compute_hull_body_meshes(self) -> None:
+        """Hulls of bodies are not shown."""
+
+    def _add_fixed_sites(self) -> None:
+        """Sites are not shown."""
+
+    def _create_site_handles_by_group(self) -> None:
+        """Sites are not shown."""
+
+    def _add_fixed_geometry(self) -> None:
+        """Adds the landscape: geoms with one texture together, others by place and as one node."""
+        model = self.mj_model
+        groups: dict[tuple[int, int, int], list[int]] = {}
+        for geom in range(model.ngeom):
+            body = int(model.geom_bodyid[geom])
+            if not is_fixed_body(model, body) or model.geom_rgba[geom, 3] == 0.0:
+                continue
+            if model.geom_group[geom] > _LAST_GROUP:
+                continue
+            if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
+                self._add_plain(geom)
+                continue
+            place = self._place(geom)
+            texture = get_geom_texture_id(model, geom)
+            if self._far(place, float(model.geom_rbound[geom])):
+                continue
+            cell = (-1, 0) if texture >= 0 else tuple(np.floor(place / _CHUNK).astype(int))
+            groups.setdefault((texture, *cell), []).append(geom)
+        for number, ((texture, *_), geoms) in enumerate(sorted(groups.items())):
+            handle = self.server.scene.add_mesh_trimesh(
+                f"{_ROOT}/scenery{number}", merge_geoms(model, geoms), cast_shadow=False
+            )
+            if texture < 0:
+                places = np.array([self._place(geom) for geom in geoms])
+                reach = float(model.geom_rbound[geoms].max())
+                self._chunks.append((handle, np.append(places.mean(axis=0), reach)))
+
+    def _add_plain(self, geom: int) -> None:
+        """Adds an infinite plane as a large square that moves with the truck, with a fine grid."""
+        self.server.scene.add_grid(
+            f"{_ROOT}/plain{geom}",
+            infinite_grid=True,
+            fade_distance=1_500.0,
+            cell_size=10.0,
+            section_size=100.0,
+            cell_color=(104, 126, 70),
+            section_color=(96, 118, 64),
+            plane_color=_GRASS,
+            plane_opacity=1.0,
+            position=self.mj_model.geom_pos[geom] - np.array([0.0, 0.0, 0.03]),
+            wxyz=self.mj_model.geom_quat[geom],
+        )
+
+    def _place(self, geom: int) -> FloatArray:
+        return np.asarray(self.mj_data.geom_xpos[geom, :2])
+
+    def _far(self, place: FloatArray, reach: float) -> bool:
+        if self._near is None:
+            return False
+        return bool(np.linalg.norm(self._near - place, axis=1).min() - reach > _SIGHT)
+
+    def show(self, poses: Poses, station: float | None = None, time: float = 0.0) -> None:
+        """Moves all bodies and the viewers' cameras.
+
+        Args:
+          poses: of the bodies.
+          station: of the truck [m], for the views in tunnels.
+          time: of the simulation [s], for the smoothing of the cameras.
+        """
+        offset = -poses.position[self._tracked]
+        relative = poses.position + offset
+        far = self._mocap & (np.linalg.norm(relative, axis=1) > _SIGHT)
+        relative[far] = _PARKED
+        with self.server.atomic():
+            self._scene_offset = offset
+            self.fixed_bodies_frame.position = offset
+            for group in self._mesh_groups:
+                if group.group_id <= _LAST_GROUP:
+                    group.handle.batched_positions = relative[group.body_ids]
+                    group.handle.batched_wxyzs = poses.quaternion[group.body_ids]
+            for handle, (x, y, reach) in self._chunks:
+                handle.visible = math.hypot(x + offset[0], y + offset[1]) - reach < _SIGHT
+            self._move_labels(time)
+        self._move_cameras(poses, station, time)
+        self.server.flush()
+
+    def use_view(self, client: int, view: str) -> None:
+        """Gives a viewer one of `VIEWS`; with "orbit" the mouse alone moves its camera."""
+        follow = None
+        if view != ORBIT:
+            follow = FollowCamera(view, self._tunnels, self._parameters)
+        self._views[client] = view, follow
+
+    def view_of(self, client: int) -> str:
+        """Returns the view of a viewer; new viewers have "chase"."""
+        return self._views.get(client, ("chase", None))[0]
+
+    def _move_cameras(self, poses: Poses, station: float | None, time: float) -> None:
+        clients = self.server.get_clients()
+        for number in set(self._views) - set(clients):
+            del self._views[number]
+        for number, client in clients.items():
+            if number not in self._views:
+                self.use_view(number, "chase")
+                client.camera.fov = self._fovy
+                client.camera.near, client.camera.far = 0.3, 6_000.0
+            follow = self._views[number][1]
+            if follow is None:
+                continue
+            place, look_at = self._camera(follow, poses, station, time)
+            with client.atomic():
+                client.camera.position = place
+                client.camera.look_at = look_at
+            client.flush()
+
+    def _camera(
+        self, follow: FollowCamera, poses: Poses, station: float | None, time: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Returns place and point looked at of a camera, relative to the truck."""
+        data = self.mj_data
+        data.time = time
+        data.xpos[:] = poses.position
+        matrix = np.empty(9)
+        for body in self._units:
+            mujoco.mju_quat2Mat(matrix, poses.quaternion[body])
+            data.xmat[body] = matrix
+        camera = follow.follow(data, station)
+        eye, forward = camera_pose(camera)
+        ahead = eye + max(float(camera.distance), 5.0) * forward
+        return eye + self._scene_offset, ahead + self._scene_offset
+
+    def initial_camera(self, poses: Poses, view: str = "chase") -> None:
+        """Sets the camera with which pages and exported pages start."""
+        self._scene_offset = -poses.position[self._tracked]
+        follow = FollowCamera(view, self._tunnels, self._parameters)
+        place, look_at = self._camera(follow, poses, None, 0.0)
+        camera = self.server.initial_camera
+        camera.position, camera.look_at = tuple(place), tuple(look_at)
+        camera.fov, camera.near, camera.far = self._fovy, 0.3, 6_000.0
+
+    def show_plan(self, trajectory: Trajectory | None) -> None:
+        """Draws the planned path; without one, or with an unknown one, nothing."""
+        known = None
+        if self.show_path and trajectory is not None and np.isfinite(trajectory.x).all():
+            step = max(1, len(trajectory.x) // _PATH_POINTS)
+            known = np.stack([trajectory.x, trajectory.y, trajectory.z + 0.25], axis=1)[::step]
+        visible = known is not None and len(known) > 1
+        if visible:
+            assert known is not None
+            self._path.points = np.stack([known[:-1], known[1:]], axis=1)
+        self._path.visible = visible
+
+    def show_tires(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Draws the load of each wheel upward and its force in the road's plane."""
+        self._arrows.visible = self.show_forces
+        if not self.show_forces:
+            return
+        points = []
+        for address, body in self._wheels:
+            force = data.sensordata[address : address + 3] / _NEWTONS
+            axis = data.xmat[body].reshape(3, 3)[:, 1]
+            left = np.array([axis[0], axis[1], 0.0])
+            left /= max(float(np.linalg.norm(left)), 1e-6)
+            forward = np.array([left[1], -left[0], 0.0])
+            start = data.xpos[body] + self._scene_offset + left * math.copysign(0.45, 1.0)
+            foot = start - np.array([0.0, 0.0, 0.45])
+            points.append((start, start + np.array([0.0, 0.0, max(force[2], 0.02)])))
+            points.append((foot, foot + 4.0 * (force[0] * forward + force[1] * left)))
+        self._arrows.points = np.array(points)
+
+    def show_neighbors(self, time: float, vehicles: VehicleFrame, texts: Sequence[str]) -> None:
+        """Writes above the nearest vehicles; the texts move with them until the next call.
+
+        Args:
+          time: of the vehicles [s].
+          vehicles: now.
+          texts: for each of them.
+        """
+        shown = vehicles if self.show_gaps else VehicleFrame.empty()
+        x, y, z, yaw, speed = shown.columns("x", "y", "z", "yaw", "speed")
+        places = np.stack([x, y, z], axis=1)
+        distance = np.linalg.norm(places[:, :2] + self._scene_offset[:2], axis=1)
+        rows = np.argsort(distance, kind="stable")[:_LABELS]
+        rows = rows[distance[rows] < _LABEL_REACH]
+        velocity = np.stack([speed * np.cos(yaw), speed * np.sin(yaw), 0.0 * speed], axis=1)
+        places[:, 2] += 2.5
+        self._marks = (time, places[rows], velocity[rows])
+        for slot, label in enumerate(self._labels):
+            label.visible = slot < len(rows)
+            if slot < len(rows):
+                label.text = texts[int(rows[slot])]
+
+    def _move_labels(self, time: float) -> None:
+        then, places, velocity = self._marks
+        moved = places + (time - then) * velocity + self._scene_offset
+        for label, place in zip(self._labels, moved, strict=False):
+            label.position = tuple(place)
+
+    def remove(self) -> None:
+        """Takes everything out of the page."""
+        self.server.scene.reset()
+
+
+def _sky() -> Any:
+    """Picture of a sky, (height, 4, 3)."""
+    share = np.clip(np.linspace(0.0, 1.9, 128), 0.0, 1.0)[:, None, None]
+    rows = (1.0 - share) * _SKY + share * _HAZE
+    return np.broadcast_to(rows, (128, 4, 3)).astype(np.uint8)
+
+
+def _no_arrows() -> tuple[FloatArray, Any]:
+    return np.zeros((1, 2, 3)), np.zeros((1, 3), np.uint8)
+
+
+def _wheel_sensors(model: mujoco.MjModel) -> list[tuple[int, int]]:
+    """Returns address of the tire force and body of each wheel."""
+    found = []
+    for number in range(model.nsensor):
+        name = model.sensor(number).name
+        if name.endswith("_tire_force"):
+            body = model.body(f"{name.removesuffix('_tire_force')}_wheel").id
+            found.append((int(model.sensor_adr[number]), int(body)))
+    return found
