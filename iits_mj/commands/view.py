@@ -1,29 +1,58 @@
-"""Show a drive live in MuJoCo's interactive viewer.
+"""Show a drive live, in a browser (--web) or in MuJoCo's interactive viewer.
 
-Keys and mouse work as in MuJoCo's own viewer; closing the window ends the drive.
+--web prints an address to open; it also works on a machine without a display, over SSH. In the
+browser viewers pause, change cameras and settings, trigger events, and drive by keyboard or
+gamepad. FILE shows a recording or a bag, --env a task of the suite or a Gymnasium environment.
+Without --web, keys and mouse work as in MuJoCo's own viewer, and closing the window ends the drive.
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
-import mujoco.viewer
-
+from iits_mj.core.errors import InputError
 from iits_mj.core.options import given_names, option
 from iits_mj.core.timing import CONTROL_PERIOD
-from iits_mj.render.offscreen import check_display, follow
 from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation
 from iits_mj.simulation.drive_log import check_given
 from iits_mj.simulation.lock_step import LockStep
+from iits_mj.web import PORT, WebServer
+
+INTERRUPTED = 130
+POLICIES = ("scripted", "random", "manual")
+# A drive in the browser lasts this long unless --duration is given [s].
+_LONG = 86_400.0
+_OF_WEB = ("host", "port", "env", "policy")
+# Options of a drive that an environment has, too.
+_OF_ENV = ("web", "env", "policy", "host", "port", "pace", "seed", "truck", "payload", "plant")
+_OF_FILE = ("web", "host", "port", "pace", "file", "map", "truck")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options(DriveConfig):
     """Flags of `iits-mj view`."""
 
+    file: Path | None = option(
+        None,
+        help="show this recording of 'iits-mj record' or this bag of 'iits-mj drive --bag'",
+        metavar="FILE",
+        positional=True,
+    )
+    web: bool = option(False, help="show it in a browser")
+    host: str = option(
+        "127.0.0.1",
+        help="address to listen on; 0.0.0.0 lets other machines in that know the secret address",
+        metavar="ADDRESS",
+    )
+    port: int = option(PORT, help="port of the page; the next free one is used", low=0, high=65_535)
+    env: str | None = option(
+        None, help="show this task of the suite or Gymnasium environment instead of a drive"
+    )
+    policy: str = option("scripted", help="driver of the environment", choices=POLICIES)
     pace: float = option(
         1.0, help="simulated time over wall time", low=0.1, high=20.0, metavar="FACTOR"
     )
@@ -52,12 +81,26 @@ class _Window(Observer):
 
 
 def run(options: Options) -> int:
-    """Opens the window and drives; returns the exit code.
+    """Shows the drive; returns the exit code.
 
     Raises:
       RenderError: there is no display. InputError: an option has no effect.
     """
+    if options.web:
+        return _in_browser(options)
+    for name in (*_OF_WEB, "file"):
+        if name in options.given:
+            raise InputError(f"{_flag(name)} needs --web")
     check_given(options, options.given)
+    return _in_window(options)
+
+
+def _in_window(options: Options) -> int:
+    # Load OpenGL for a window only here.
+    import mujoco.viewer
+
+    from iits_mj.render.offscreen import check_display, follow
+
     check_display()
     with Simulation(options) as simulation:
         truck = simulation.truck
@@ -67,3 +110,84 @@ def run(options: Options) -> int:
     print(summary.to_text())
     sys.stdout.flush()
     return 0
+
+
+def _in_browser(options: Options) -> int:
+    if options.file is not None and options.env is not None:
+        raise InputError("FILE and --env cannot both be shown: name one")
+    if options.env is not None:
+        _refuse(options, _OF_ENV, "--env")
+        return _environment(options, options.env)
+    if "policy" in options.given:
+        raise InputError("--policy needs --env")
+    if options.file is not None:
+        _refuse(options, _OF_FILE, "a recording")
+        return _file(options, options.file)
+    return _drive(options)
+
+
+def _refuse(options: Options, used: tuple[str, ...], by: str) -> None:
+    for name in sorted(options.given - {*used, "file"}):
+        raise InputError(f"{_flag(name)} has no effect on {by}: leave it out")
+
+
+def _flag(name: str) -> str:
+    return "FILE" if name == "file" else f"--{name.replace('_', '-')}"
+
+
+def announced(options: Options, title: str, what: str) -> WebServer:
+    """Returns the server after it has printed where to look; building a drive takes seconds."""
+    server = WebServer(options.host, options.port, title=title)
+    server.tell("state", {"message": f"Preparing {what} …"})
+    print(f"{what} is shown in the browser.\n{server.instructions()}\nCtrl-C ends it.")
+    sys.stdout.flush()
+    return server
+
+
+def _drive(options: Options) -> int:
+    from iits_mj.web.live import LiveDrive
+
+    check_given(options, options.given)
+    config = options
+    if "duration" not in options.given:
+        config = replace(options, duration=_LONG)
+    with (
+        announced(options, "iits-mj drive", "The drive") as server,
+        LiveDrive(server, config, options.pace) as drive,
+    ):
+        drive.run()
+        summary = drive.summary()
+    print(summary.to_text())
+    sys.stdout.flush()
+    return INTERRUPTED
+
+
+def _environment(options: Options, name: str) -> int:
+    from iits_mj.web.environments import EnvironmentShow
+
+    with (
+        announced(options, f"iits-mj {name}", name) as server,
+        EnvironmentShow(
+            server,
+            name,
+            policy=options.policy,
+            pace=options.pace,
+            seed=options.seed,
+            truck=options.truck,
+            payload=options.payload,
+            plant=options.plant,
+        ) as show,
+    ):
+        show.run()
+        print(show.summary())
+    sys.stdout.flush()
+    return INTERRUPTED
+
+
+def _file(options: Options, path: Path) -> int:
+    from iits_mj.web.playback import Playback, read_drive
+
+    drive = read_drive(path, options.map, options.truck)
+    with announced(options, f"iits-mj {path.name}", str(path)) as server:
+        Playback(server, drive, options.pace).run()
+    return INTERRUPTED

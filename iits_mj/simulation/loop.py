@@ -54,6 +54,7 @@ class Simulation(LockStep):
       edit_spec: called on the model's `MjSpec` before compilation, for cameras and the size of the
         offscreen buffer.
       traffic: makes the traffic for a route and a truck's size; default: the configuration's.
+      route: the truck's road, for instance with another friction; default: the configured map's.
       record: keeps traffic, commands and states for `save_recording`.
       visuals: adds road and landscape for pictures; the physics is the same without.
       timestep: of the physics [s], a divisor of 0.02 s up to 0.005; the largest one trains a
@@ -81,12 +82,13 @@ class Simulation(LockStep):
         driver: Callable[[Route, Truck], Driver] | None = None,
         edit_spec: Callable[[mujoco.MjSpec], None] | None = None,
         traffic: Callable[[Route, EgoFootprint], Traffic | None] | None = None,
+        route: Route | None = None,
         record: bool = False,
         visuals: bool = True,
         timestep: float = TIMESTEP,
     ) -> None:
         self.config = config
-        self.route: Route = load_map(config.map).route()
+        self.route: Route = load_map(config.map).route() if route is None else route
         self.mirror = Mirror(visuals=visuals)
         truck = load_truck(
             config,

@@ -47,6 +47,11 @@ class Requests:
         """Adds a request; may be called from every thread."""
         self._queue.put(Request(name, value))
 
+    @property
+    def empty(self) -> bool:
+        """Whether no request is waiting."""
+        return self._queue.empty()
+
     def apply(
         self, handlers: Mapping[str, Handler], time: float, timeout: float | None = None
     ) -> list[str]:

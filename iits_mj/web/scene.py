@@ -38,7 +38,9 @@ _GRASS = (117, 140, 80)
 _SKY, _HAZE = np.array([86.0, 142.0, 206.0]), np.array([214.0, 227.0, 238.0])
 _PLAN, _LOAD, _FORCE = (20, 160, 60), (240, 150, 20), (210, 30, 60)
 _PATH_POINTS = 24
-_NEWTONS = 25_000.0  # force that an arrow of 1 m shows [N]
+_NEWTONS = 25_000.0  # load that an arrow of 1 m shows [N]
+_SHEAR = 4.0  # forces in the road's plane are drawn longer
+_ASIDE = 0.75  # [m]
 _LABELS = 6
 _LABEL_REACH = 120.0  # [m]
 _ROOT = "/fixed_bodies"
@@ -106,6 +108,7 @@ class TruckScene(ViserMujocoScene):
         server.scene.set_background_image(_sky(), format="png")
         server.scene.configure_fog(900.0, 4_500.0, color=tuple(_HAZE.astype(int)))
         super().__init__(server, model, 1)
+        server.scene.configure_environment_map(environment_intensity=0.4)
         self._parameters, self._tunnels = parameters, tunnels
         self._tracked = model.body("tractor").id
         last = "trailer" if parameters is None else parameters.last.name
@@ -115,17 +118,23 @@ class TruckScene(ViserMujocoScene):
         self.show_path = self.show_forces = self.show_gaps = True
         self._fovy = math.radians(float(model.vis.global_.fovy))
         self._path = server.scene.add_line_segments(
-            f"{_ROOT}/plan", np.zeros((1, 2, 3)), _PLAN, thickness=5.0, visible=False
+            f"{_ROOT}/plan", np.zeros((1, 2, 3)), _PLAN, thickness=0.25, visible=False
         )
+        self._wheels = _wheels(model)
         self._arrows = server.scene.add_arrows(
-            "/forces", *_no_arrows(), shaft_radius=0.05, head_radius=0.11, head_length=0.25
+            "/forces",
+            np.zeros((2 * len(self._wheels), 2, 3)),
+            np.tile(np.array([_LOAD, _FORCE], np.uint8), (len(self._wheels), 1)),
+            shaft_radius=0.05,
+            head_radius=0.12,
+            head_length=0.25,
+            visible=False,
         )
         self._labels = [
             server.scene.add_label(f"/gap{i}", "", anchor="bottom-center", visible=False)
             for i in range(_LABELS)
         ]
         self._marks = (0.0, np.zeros((0, 3)), np.zeros((0, 3)))
-        self._wheels = _wheel_sensors(model)
 
     # mjviser calls these four methods when it is made.
     def _compute_hull_body_meshes(self) -> None:
@@ -221,6 +230,11 @@ class TruckScene(ViserMujocoScene):
             follow = FollowCamera(view, self._tunnels, self._parameters)
         self._views[client] = view, follow
 
+    def keep_views(self, before: TruckScene | None) -> None:
+        """Gives the viewers the views that they had in another scene."""
+        for client, (view, _) in before._views.items() if before is not None else ():
+            self.use_view(client, view)
+
     def view_of(self, client: int) -> str:
         """Returns the view of a viewer; new viewers have "chase"."""
         return self._views.get(client, ("chase", None))[0]
@@ -286,16 +300,15 @@ class TruckScene(ViserMujocoScene):
         if not self.show_forces:
             return
         points = []
-        for address, body in self._wheels:
+        for address, body, side in self._wheels:
             force = data.sensordata[address : address + 3] / _NEWTONS
             axis = data.xmat[body].reshape(3, 3)[:, 1]
-            left = np.array([axis[0], axis[1], 0.0])
-            left /= max(float(np.linalg.norm(left)), 1e-6)
+            left = np.array([axis[0], axis[1], 0.0]) / max(math.hypot(axis[0], axis[1]), 1e-6)
             forward = np.array([left[1], -left[0], 0.0])
-            start = data.xpos[body] + self._scene_offset + left * math.copysign(0.45, 1.0)
-            foot = start - np.array([0.0, 0.0, 0.45])
-            points.append((start, start + np.array([0.0, 0.0, max(force[2], 0.02)])))
-            points.append((foot, foot + 4.0 * (force[0] * forward + force[1] * left)))
+            # Beside the truck, where they are seen.
+            foot = data.xpos[body] + self._scene_offset + side * _ASIDE * left
+            points.append((foot, foot + np.array([0.0, 0.0, max(force[2], 0.02)])))
+            points.append((foot, foot + _SHEAR * (force[0] * forward + force[1] * left)))
         self._arrows.points = np.array(points)
 
     def show_neighbors(self, time: float, vehicles: VehicleFrame, texts: Sequence[str]) -> None:
@@ -338,16 +351,14 @@ def _sky() -> Any:
     return np.broadcast_to(rows, (128, 4, 3)).astype(np.uint8)
 
 
-def _no_arrows() -> tuple[FloatArray, Any]:
-    return np.zeros((1, 2, 3)), np.zeros((1, 3), np.uint8)
-
-
-def _wheel_sensors(model: mujoco.MjModel) -> list[tuple[int, int]]:
-    """Returns address of the tire force and body of each wheel."""
+def _wheels(model: mujoco.MjModel) -> list[tuple[int, int, float]]:
+    """Returns address of the tire force, body, and side (left 1, right -1) of each wheel."""
     found = []
     for number in range(model.nsensor):
         name = model.sensor(number).name
         if name.endswith("_tire_force"):
-            body = model.body(f"{name.removesuffix('_tire_force')}_wheel").id
-            found.append((int(model.sensor_adr[number]), int(body)))
+            wheel = name.removesuffix("_tire_force")
+            side = 1.0 if wheel.endswith("left") else -1.0
+            body = int(model.body(f"{wheel}_wheel").id)
+            found.append((int(model.sensor_adr[number]), body, side))
     return found

@@ -219,6 +219,7 @@ class WebServer(Closing):
 
         number = next(self._numbers)
         try:
+            await connection.send(json.dumps({"kind": "page", "content": number}))
             for text in self._newest.values():
                 await connection.send(text)
             self._pages[number] = connection
