@@ -185,9 +185,10 @@ def _environment(options: Options, name: str) -> int:
 
 
 def _file(options: Options, path: Path) -> int:
-    from iits_mj.web.playback import Playback, read_drive
+    from iits_mj.web.playback import Playback
+    from iits_mj.web.track import read_track
 
-    drive = read_drive(path, options.map, options.truck)
+    track = read_track(path, options.map, options.truck)
     with announced(options, f"iits-mj {path.name}", str(path)) as server:
-        Playback(server, drive, options.pace).run()
+        Playback(server, track, options.pace).run()
     return INTERRUPTED

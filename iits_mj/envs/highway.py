@@ -179,7 +179,7 @@ class HighwayEnv(DecisionEnv):
           InputError: unknown action, or no episode has begun.
         """
         outcome = super().step(action)
-        self._picture.show(self._simulation.truck.model, self._simulation.truck.data)
+        self._picture.show(self.simulation.truck.model, self.simulation.truck.data)
         return outcome
 
     def render(self) -> Any:
@@ -188,7 +188,7 @@ class HighwayEnv(DecisionEnv):
         Raises:
           RenderError: OpenGL is missing.
         """
-        truck = self._simulation.truck
+        truck = self.simulation.truck
         return self._picture.draw(truck.model, truck.data)
 
     def close(self) -> None:
@@ -214,11 +214,12 @@ class HighwayEnv(DecisionEnv):
         return self._world
 
     @property
-    def _simulation(self) -> Simulation:
+    def simulation(self) -> Simulation:
+        """The drive of the episode."""
         return self._open().running
 
     def _state(self) -> dict[str, Any]:
-        simulation = self._simulation
+        simulation = self.simulation
         frame = simulation.frame
         return {
             "time": frame.time,

@@ -193,6 +193,11 @@ class SpeedPlanningEnv(gymnasium.Env[Observation, Action]):
             self._simulation.close()
             self._simulation = None
 
+    @property
+    def simulation(self) -> Simulation:
+        """The drive of the episode."""
+        return self._running()
+
     def _running(self) -> Simulation:
         if self._simulation is None:
             raise InputError("the episode has not begun: call reset first")

@@ -89,6 +89,7 @@ class TruckScene(ViserMujocoScene):
       parameters: of the truck, for the cameras; None: a tractor with a semitrailer.
       tunnels: first and last station of each on the route [m].
       near: only the landscape near these places (n, 2) is sent [m]; None: all of it.
+      overlays: whether path, gaps and forces can be drawn.
 
     Attributes:
       show_path, show_forces, show_gaps: which overlays are drawn.
@@ -102,6 +103,7 @@ class TruckScene(ViserMujocoScene):
         tunnels: tuple[tuple[float, float], ...] = (),
         *,
         near: FloatArray | None = None,
+        overlays: bool = True,
     ) -> None:
         self._near = near
         self._chunks: list[tuple[Any, FloatArray]] = []
@@ -117,24 +119,10 @@ class TruckScene(ViserMujocoScene):
         self._views: dict[int, tuple[str, FollowCamera | None]] = {}
         self.show_path = self.show_forces = self.show_gaps = True
         self._fovy = math.radians(float(model.vis.global_.fovy))
-        self._path = server.scene.add_line_segments(
-            f"{_ROOT}/plan", np.zeros((1, 2, 3)), _PLAN, thickness=0.25, visible=False
-        )
-        self._wheels = _wheels(model)
-        self._arrows = server.scene.add_arrows(
-            "/forces",
-            np.zeros((2 * len(self._wheels), 2, 3)),
-            np.tile(np.array([_LOAD, _FORCE], np.uint8), (len(self._wheels), 1)),
-            shaft_radius=0.05,
-            head_radius=0.12,
-            head_length=0.25,
-            visible=False,
-        )
-        self._labels = [
-            server.scene.add_label(f"/gap{i}", "", anchor="bottom-center", visible=False)
-            for i in range(_LABELS)
-        ]
         self._marks = (0.0, np.zeros((0, 3)), np.zeros((0, 3)))
+        self._labels: list[Any] = []
+        if overlays:
+            self._add_overlays()
 
     # mjviser calls these four methods when it is made.
     def _compute_hull_body_meshes(self) -> None:
@@ -190,6 +178,31 @@ class TruckScene(ViserMujocoScene):
             wxyz=self.mj_model.geom_quat[geom],
         )
 
+    def _add_overlays(self) -> None:
+        """Adds the handles of the overlays, hidden."""
+        scene = self.server.scene
+        self._path = scene.add_line_segments(
+            f"{_ROOT}/plan", np.zeros((1, 2, 3)), _PLAN, thickness=0.25, visible=False
+        )
+        self._wheels = _wheels(self.mj_model)
+        none = np.zeros((max(len(self._wheels), 1), 2, 3))
+        self._loads = scene.add_arrows(
+            "/loads",
+            none,
+            _LOAD,
+            shaft_radius=0.05,
+            head_radius=0.12,
+            head_length=0.25,
+            visible=False,
+        )
+        self._forces = scene.add_line_segments(
+            "/forces", none, _FORCE, thickness=0.12, visible=False
+        )
+        self._labels = [
+            scene.add_label(f"/gap{i}", "", anchor="bottom-center", visible=False)
+            for i in range(_LABELS)
+        ]
+
     def _place(self, geom: int) -> FloatArray:
         return np.asarray(self.mj_data.geom_xpos[geom, :2])
 
@@ -198,25 +211,39 @@ class TruckScene(ViserMujocoScene):
             return False
         return bool(np.linalg.norm(self._near - place, axis=1).min() - reach > _SIGHT)
 
-    def show(self, poses: Poses, station: float | None = None, time: float = 0.0) -> None:
+    def show(
+        self,
+        poses: Poses,
+        station: float | None = None,
+        time: float = 0.0,
+        turned: float | None = None,
+    ) -> None:
         """Moves all bodies and the viewers' cameras.
 
         Args:
           poses: of the bodies.
           station: of the truck [m], for the views in tunnels.
           time: of the simulation [s], for the smoothing of the cameras.
+          turned: heading that is drawn along x [rad], for pages whose camera does not move; None:
+            the map is drawn as it is.
         """
         offset = -poses.position[self._tracked]
-        relative = poses.position + offset
+        relative, quaternion = poses.position + offset, poses.quaternion
         far = self._mocap & (np.linalg.norm(relative, axis=1) > _SIGHT)
         relative[far] = _PARKED
+        shift = offset
+        if turned is not None:
+            about = np.array([math.cos(0.5 * turned), 0.0, 0.0, -math.sin(0.5 * turned)])
+            relative, shift = _rotated(about, relative), _rotated(about, offset[None])[0]
+            quaternion = _multiplied(about, quaternion)
+            self.fixed_bodies_frame.wxyz = tuple(about)
         with self.server.atomic():
             self._scene_offset = offset
-            self.fixed_bodies_frame.position = offset
+            self.fixed_bodies_frame.position = tuple(shift)
             for group in self._mesh_groups:
                 if group.group_id <= _LAST_GROUP:
                     group.handle.batched_positions = relative[group.body_ids]
-                    group.handle.batched_wxyzs = poses.quaternion[group.body_ids]
+                    group.handle.batched_wxyzs = quaternion[group.body_ids]
             for handle, (x, y, reach) in self._chunks:
                 handle.visible = math.hypot(x + offset[0], y + offset[1]) - reach < _SIGHT
             self._move_labels(time)
@@ -273,11 +300,17 @@ class TruckScene(ViserMujocoScene):
         ahead = eye + max(float(camera.distance), 5.0) * forward
         return eye + self._scene_offset, ahead + self._scene_offset
 
-    def initial_camera(self, poses: Poses, view: str = "chase") -> None:
-        """Sets the camera with which pages and exported pages start."""
+    def initial_camera(
+        self, poses: Poses, view: str = "chase", turned: float | None = None
+    ) -> None:
+        """Sets the camera with which pages and exported pages start; see `show`."""
         self._scene_offset = -poses.position[self._tracked]
         follow = FollowCamera(view, self._tunnels, self._parameters)
-        place, look_at = self._camera(follow, poses, None, 0.0)
+        places = np.array(self._camera(follow, poses, None, 0.0))
+        if turned is not None:
+            about = np.array([math.cos(0.5 * turned), 0.0, 0.0, -math.sin(0.5 * turned)])
+            places = _rotated(about, places)
+        place, look_at = places
         camera = self.server.initial_camera
         camera.position, camera.look_at = tuple(place), tuple(look_at)
         camera.fov, camera.near, camera.far = self._fovy, 0.3, 6_000.0
@@ -296,10 +329,10 @@ class TruckScene(ViserMujocoScene):
 
     def show_tires(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Draws the load of each wheel upward and its force in the road's plane."""
-        self._arrows.visible = self.show_forces
-        if not self.show_forces:
+        self._loads.visible = self._forces.visible = self.show_forces and bool(self._wheels)
+        if not self._loads.visible:
             return
-        points = []
+        loads, forces = [], []
         for address, body, side in self._wheels:
             force = data.sensordata[address : address + 3] / _NEWTONS
             axis = data.xmat[body].reshape(3, 3)[:, 1]
@@ -307,9 +340,9 @@ class TruckScene(ViserMujocoScene):
             forward = np.array([left[1], -left[0], 0.0])
             # Beside the truck, where they are seen.
             foot = data.xpos[body] + self._scene_offset + side * _ASIDE * left
-            points.append((foot, foot + np.array([0.0, 0.0, max(force[2], 0.02)])))
-            points.append((foot, foot + _SHEAR * (force[0] * forward + force[1] * left)))
-        self._arrows.points = np.array(points)
+            loads.append((foot, foot + np.array([0.0, 0.0, max(force[2], 0.02)])))
+            forces.append((foot, foot + _SHEAR * (force[0] * forward + force[1] * left)))
+        self._loads.points, self._forces.points = np.array(loads), np.array(forces)
 
     def show_neighbors(self, time: float, vehicles: VehicleFrame, texts: Sequence[str]) -> None:
         """Writes above the nearest vehicles; the texts move with them until the next call.
@@ -349,6 +382,21 @@ def _sky() -> Any:
     share = np.clip(np.linspace(0.0, 1.9, 128), 0.0, 1.0)[:, None, None]
     rows = (1.0 - share) * _SKY + share * _HAZE
     return np.broadcast_to(rows, (128, 4, 3)).astype(np.uint8)
+
+
+def _rotated(quaternion: FloatArray, points: FloatArray) -> FloatArray:
+    """Returns points (n, 3) rotated by a quaternion."""
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return np.asarray(points @ matrix.reshape(3, 3).T)
+
+
+def _multiplied(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Returns the products of a quaternion (4,) with others (n, 4)."""
+    w, v = first[0], first[1:]
+    scalar = w * second[:, :1] - second[:, 1:] @ v[:, None]
+    vector = w * second[:, 1:] + second[:, :1] * v + np.cross(v, second[:, 1:])
+    return np.concatenate([scalar, vector], axis=1)
 
 
 def _wheels(model: mujoco.MjModel) -> list[tuple[int, int, float]]:

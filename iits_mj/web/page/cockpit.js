@@ -37,6 +37,14 @@
   const controls = make("div", "controls", dash);
   const drive = make("button", "", controls, "Drive yourself");
   const pause = make("button", "", controls, "Pause");
+  const line = make("label", "timeline", dash);
+  const place = make("input", "", line);
+  const clock = make("span", "value", line);
+  place.type = "range";
+  place.min = 0;
+  place.step = 0.1;
+  place.setAttribute("aria-label", "time of the drive [s]");
+  place.oninput = () => send({ seek: Number(place.value) });
   const help = make("div", "help", root, "");
   help.hidden = true;
 
@@ -73,6 +81,13 @@
       make("i", "", item, value);
     }
     choice.hidden = !(next.choice || []).length;
+    line.hidden = !next.timeline;
+    if (next.timeline) {
+      const [now, end] = next.timeline;
+      place.max = end;
+      if (document.activeElement !== place || !place.matches(":active")) place.value = now;
+      clock.textContent = `${now.toFixed(1)} of ${end.toFixed(1)} s`;
+    }
     drive.hidden = !next.manual;
     drive.textContent = driving() ? "Release the wheel" : "Drive yourself";
     drive.disabled = Boolean(next.holder) && !driving();
