@@ -84,7 +84,10 @@ def open_world(
 
     Args:
       name: of a task of the suite ("dock") or a Gymnasium id ("iits_mj/Dock-v0").
-      truck: that drives; payload: of it [kg]; plant: of its motion; seed: of the environment.
+      truck: that drives.
+      payload: of the truck [kg].
+      plant: model of its motion.
+      seed: of the environment.
 
     Raises:
       InputError: the name is unknown, or the environment has no model to show.
@@ -229,7 +232,6 @@ class EnvironmentShow(Stage, Observer, Closing):
         self._policy, self._seed = policy, seed
         self._random = np.random.default_rng(seed)
         self._time = self._steer = 0.0
-        self._holder, self._hands = 0, Hands()
         self._reset_wanted = False
         self.episodes, self.returned, self._reward = 0, 0.0, 0.0
         self._finished: list[float] = []
@@ -237,7 +239,8 @@ class EnvironmentShow(Stage, Observer, Closing):
         self._offset = 0.0
         self._station: float | None = None
         super().__init__(server, pace)
-        self._handlers |= {"reset": self._reset}
+        # A person's inputs are used as soon as a page has the wheel.
+        self._handlers |= {"reset": self._reset, "take": _nothing, "release": _nothing}
         gui = server.viser.gui
         self.on_click(gui.add_button("Reset the episode"), self.requests, "reset")
         self.add_overlays({"show_forces": "Tire loads and forces"})
@@ -310,11 +313,10 @@ class EnvironmentShow(Stage, Observer, Closing):
         self.hold()
 
     def _action(self) -> Any:
-        if self._holder or self._policy == "manual":
+        if self.holder or self._policy == "manual":
             step = _STEER_RATE * self.world.period
-            wanted = self._hands.steer if self._holder else 0.0
-            self._steer += max(-step, min(step, wanted - self._steer))
-            hands = self._hands if self._holder else Hands()
+            hands = self.given[0] if self.holder else Hands()
+            self._steer += max(-step, min(step, hands.steer - self._steer))
             smooth = Hands(hands.pedal, hands.brake, self._steer)
             return self.world.manual(smooth)
         if self._policy == "random":
@@ -331,7 +333,7 @@ class EnvironmentShow(Stage, Observer, Closing):
         if self.scene is not None:
             truck = self.world.truck()
             self.scene.show(self._shown, self._station, self._time)
-            self.scene.show_tires(truck.model, truck.data)
+            self.scene.show_tires(truck.data)
 
     def _show_model(self) -> None:
         from iits_mj.web.scene import TruckScene
@@ -357,13 +359,11 @@ class EnvironmentShow(Stage, Observer, Closing):
             ("return", f"{self.returned:.2f}"),
             ("episode", f"{self.episodes}"),
             ("time", f"{ego.time:.1f} s"),
-            ("policy", "a viewer" if self._holder else self._policy),
+            ("policy", "a viewer" if self.holder else self._policy),
         ]
         return {
             **instruments.truck_state(ego, truck.last_command(), truck.report()),
             "rows": instruments.truck_rows(ego) + rows,
-            "holder": self._holder,
-            "manual": True,
         }
 
     def summary(self) -> str:
@@ -377,22 +377,10 @@ class EnvironmentShow(Stage, Observer, Closing):
         """Ends the environment."""
         self.world.close()
 
-    def message(self, page: int, content: dict[str, Any]) -> None:
-        """Receives inputs, and who takes or releases the wheel."""
-        super().message(page, content)
-        if content.get("take") is True and not self._holder:
-            self._holder, self._hands = page, Hands()
-        elif page == self._holder:
-            if content.get("release") is True:
-                self.left(page)
-            elif isinstance(content.get("hands"), dict):
-                self._hands = Hands.of(content["hands"])
-
-    def left(self, page: int) -> None:
-        """Gives the wheel back when the page that has it is closed."""
-        if page == self._holder:
-            self._holder = 0
-
     def _reset(self, value: Any) -> None:
         del value
         self._reset_wanted = True
+
+
+def _nothing(value: Any) -> None:
+    del value

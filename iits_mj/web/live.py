@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -71,8 +70,6 @@ class LiveDrive(Stage, Observer, Closing):
         self.config = config
         self.friction: float | None = None
         self.inputs: list[tuple[float, Hands]] = []
-        self._hands: tuple[Hands, float] = (Hands(), -math.inf)
-        self._holder = 0
         self._reverse = False
         self._built: tuple[Any, ...] | None = None
         self.simulation = self._simulate(config)
@@ -152,7 +149,7 @@ class LiveDrive(Stage, Observer, Closing):
         scene, truck = self.scene, self.simulation.truck
         if scene is not None:
             scene.show(Poses.of(truck.data), self._frame.ego.station, self.now)
-            scene.show_tires(truck.model, truck.data)
+            scene.show_tires(truck.data)
 
     def state(self) -> dict[str, Any]:
         """Returns the instruments."""
@@ -162,40 +159,19 @@ class LiveDrive(Stage, Observer, Closing):
             **instruments.truck_state(frame.ego, frame.command, report),
             **instruments.drive_state(frame),
             "choice": [] if driver.driving else instruments.choice(driver.automatic),
-            "holder": self._holder,
-            "manual": True,
         }
 
-    # A person at the wheel; called in the server's thread.
-
-    def message(self, page: int, content: dict[str, Any]) -> None:
-        """Receives inputs, and who takes or releases the wheel."""
-        super().message(page, content)
-        if content.get("take") is True and not self._holder:
-            self._holder = page
-            self._hands = Hands(), time.monotonic()
-            self.requests.put("take")
-        elif page == self._holder:
-            if content.get("release") is True:
-                self.left(page)
-            elif isinstance(content.get("hands"), dict):
-                self._hands = Hands.of(content["hands"]), time.monotonic()
-
-    def left(self, page: int) -> None:
-        """Gives the wheel back when the page that has it is closed."""
-        if page == self._holder:
-            self._holder = 0
-            self.requests.put("release")
+    # A person at the wheel.
 
     def _check_person(self) -> None:
-        age = time.monotonic() - self._hands[1]
-        if self.driver.driving and self._holder and not self.paused and age > _LOST:
+        age = time.monotonic() - self.given[1]
+        if self.driver.driving and self.holder and not self.paused and age > _LOST:
             self.say("No input from the driver's page: the automatic driver drives.", "warning")
-            self.left(self._holder)
+            self.left(self.holder)
 
     def hands(self, now: float) -> Hands:
         """Returns the inputs in force at a simulated time [s]."""
-        hands, stamp = self._hands
+        hands, stamp = self.given
         if time.monotonic() - stamp > _STALE:
             hands = _CAREFUL
         # The gearbox changes its direction at standstill only.
@@ -255,7 +231,7 @@ class LiveDrive(Stage, Observer, Closing):
         self.config = config
         wind, self.events = self.events.wind, Events(self.simulation)
         self.events.wind = wind
-        self._holder = 0
+        self.holder = 0
         self._show_model()
         self._restart_clock()
         self.say("")

@@ -115,6 +115,7 @@ class ManualDriver:
 
     Attributes:
       automatic: as given, may be replaced; driving: whether a person has the wheel.
+      last_decision: of the automatic driver; to keep the lane while a person drives.
     """
 
     def __init__(
@@ -130,6 +131,7 @@ class ManualDriver:
         self._hands = hands
         self._changes = self._refused = 0
         self._lane: int | None = None
+        self.last_decision = Decision.KEEP
         self._wanted = self.driving = False
 
     def reset(self) -> None:
@@ -138,6 +140,7 @@ class ManualDriver:
         self._wheel.reset()
         self._changes = self._refused = 0
         self._lane = None
+        self.last_decision = Decision.KEEP
         self._wanted = self.driving = False
 
     def take(self) -> None:
@@ -153,11 +156,6 @@ class ManualDriver:
         self._changes += self.automatic.lane_changes
         self._refused += self.automatic.refused
         self.automatic = automatic
-
-    @property
-    def last_decision(self) -> Decision:
-        """The automatic driver's last decision; to keep the lane while a person drives."""
-        return Decision.KEEP if self.driving else self.automatic.last_decision
 
     @property
     def lane_changes(self) -> int:
@@ -180,7 +178,10 @@ class ManualDriver:
                 self._changes, self._refused = self.lane_changes, self.refused
                 self.automatic.reset()
         if not self.driving:
-            return self.automatic.plan(scene)
+            trajectory = self.automatic.plan(scene)
+            self.last_decision = self.automatic.last_decision
+            return trajectory
+        self.last_decision = Decision.KEEP
         lane = int(self._route.lane_at(scene.ego.station, scene.ego.offset))
         if lane >= 0:
             self._changes += self._lane not in (None, lane)

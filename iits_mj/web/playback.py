@@ -22,7 +22,7 @@ from traffic_bridge import Recording
 _FRAME = 0.02  # of wall time [s]
 # Time constant of the heading that a replayed page looks along [s].
 _TURN_TIME = 1.0
-_RATE = 10.0
+_RATE = 20.0
 
 
 class Playback(Stage):
@@ -186,8 +186,10 @@ def replay_page(
     end = min(start + duration, float(times[-1]))
     puppet = Puppet(track)
     instants = np.arange(times[first], end + 1e-6, 1.0 / rate)
-    driven = np.array([(track.states[k].x, track.states[k].y) for k in range(first, len(times), 20)])
-    driven = driven[: max(int(math.ceil((end - times[first]) / 2.0)) + 1, 2)]
+    driven = np.array(
+        [(track.states[k].x, track.states[k].y) for k in range(first, len(times), 20)]
+    )
+    driven = driven[: max(math.ceil((end - times[first]) / 2.0) + 1, 2)]
     with WebServer(port=0, title="iits-mj replay") as server:
         scene = TruckScene(
             server.viser, puppet.truck.model, track.parameters, near=driven, overlays=False
@@ -198,7 +200,9 @@ def replay_page(
         scene.initial_camera(poses[first], view, turned=heading)
         serializer = server.viser.get_scene_serializer()
         for number, instant in enumerate(instants):
-            index = min(int(np.searchsorted(times, instant + 1e-9, side="right")) - 1, len(times) - 2)
+            index = min(
+                int(np.searchsorted(times, instant + 1e-9, side="right")) - 1, len(times) - 2
+            )
             for k in (index, index + 1):
                 if k not in poses:
                     poses[k] = Poses.of(puppet.place(k))

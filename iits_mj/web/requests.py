@@ -65,7 +65,7 @@ class Requests:
         Returns:
           Why requests could not be applied, in words.
         """
-        refused = []
+        refused: list[str] = []
         wait = timeout
         while True:
             try:

@@ -135,7 +135,7 @@ class TruckScene(ViserMujocoScene):
         """Sites are not shown."""
 
     def _add_fixed_geometry(self) -> None:
-        """Adds the landscape: geoms with one texture together, others by place and as one node."""
+        """Adds the landscape: geoms with one textured material together, others by place."""
         model = self.mj_model
         groups: dict[tuple[int, int, int], list[int]] = {}
         for geom in range(model.ngeom):
@@ -151,7 +151,10 @@ class TruckScene(ViserMujocoScene):
             texture = get_geom_texture_id(model, geom)
             if self._far(place, float(model.geom_rbound[geom])):
                 continue
-            cell = (-1, 0) if texture >= 0 else tuple(np.floor(place / _CHUNK).astype(int))
+            # Textured geoms have one material, others a place.
+            cell = tuple(np.floor(place / _CHUNK).astype(int))
+            if texture >= 0:
+                cell = (int(model.geom_matid[geom]), 0)
             groups.setdefault((texture, *cell), []).append(geom)
         for number, ((texture, *_), geoms) in enumerate(sorted(groups.items())):
             handle = self.server.scene.add_mesh_trimesh(
@@ -327,7 +330,7 @@ class TruckScene(ViserMujocoScene):
             self._path.points = np.stack([known[:-1], known[1:]], axis=1)
         self._path.visible = visible
 
-    def show_tires(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    def show_tires(self, data: mujoco.MjData) -> None:
         """Draws the load of each wheel upward and its force in the road's plane."""
         self._loads.visible = self._forces.visible = self.show_forces and bool(self._wheels)
         if not self._loads.visible:

@@ -90,6 +90,8 @@ class WebServer(Closing):
         self._pages: dict[int, Any] = {}
         self._numbers = itertools.count(1)
         self._newest: dict[str, str] = {}
+        # asyncio itself keeps only weak references to tasks.
+        self._sending: set[asyncio.Future[None]] = set()
         self._title = title
         self.viser: viser.ViserServer = self._start(port)
         self.port: int = self.viser.get_port()
@@ -239,7 +241,9 @@ class WebServer(Closing):
         for connection in list(self._pages.values()):
             # A page that does not read would let the messages pile up.
             if connection.transport.get_write_buffer_size() < 2**18:
-                asyncio.ensure_future(_deliver(connection, text))
+                task = asyncio.ensure_future(_deliver(connection, text))
+                self._sending.add(task)
+                task.add_done_callback(self._sending.discard)
 
 
 async def _deliver(connection: Any, text: str) -> None:

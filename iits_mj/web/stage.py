@@ -7,11 +7,13 @@ change the simulation between two cycles.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from iits_mj.core.errors import Error
+from iits_mj.web.manual import Hands
 from iits_mj.web.requests import Handler, Requests
 
 if TYPE_CHECKING:
@@ -39,6 +41,8 @@ class Stage:
     Attributes:
       server: as given; scene: what the pages show, None before the first model.
       requests: that change the simulation; looks: that change what is seen.
+      holder: number of the page that has the wheel, 0 for none; given: its newest inputs and when
+        they came, by the monotonic clock [s].
     """
 
     scene: TruckScene | None = None
@@ -51,6 +55,7 @@ class Stage:
         self._anchor = (0.0, time.perf_counter())
         self._drawn = 0.0
         self._message, self._level = "", "info"
+        self.holder, self.given = 0, (Hands(), -math.inf)
         self._handlers: dict[str, Handler] = {}
         self._look_handlers: dict[str, Handler] = {
             "pause": self._set_paused,
@@ -80,14 +85,26 @@ class Stage:
         """Returns the instruments."""
         return {}
 
+    # Messages of the pages; called in the server's thread.
+
     def message(self, page: int, content: dict[str, Any]) -> None:
-        """Receives a message of a page."""
-        del page
+        """Receives a wish to pause, inputs, and who takes or releases the wheel."""
         if content.get("request") == "pause":
             self.looks.put("pause")
+        elif content.get("take") is True and not self.holder and "take" in self._handlers:
+            self.holder, self.given = page, (Hands(), time.monotonic())
+            self.requests.put("take")
+        elif page == self.holder:
+            if content.get("release") is True:
+                self.left(page)
+            elif isinstance(content.get("hands"), dict):
+                self.given = Hands.of(content["hands"]), time.monotonic()
 
     def left(self, page: int) -> None:
-        """Is told that a page was closed."""
+        """Gives the wheel back when the page that has it is closed."""
+        if page == self.holder:
+            self.holder = 0
+            self.requests.put("release")
 
     # Running.
 
@@ -168,7 +185,13 @@ class Stage:
         if now - self._told < 0.095:
             return
         self._told = now
-        common = {"paused": self.paused, "message": self._message, "level": self._level}
+        common = {
+            "paused": self.paused,
+            "message": self._message,
+            "level": self._level,
+            "holder": self.holder,
+            "manual": "take" in self._handlers,
+        }
         self.server.tell("state", {**self.state(), **common})
 
     _told = 0.0

@@ -165,7 +165,9 @@ class Puppet:
             int(model.joint(f"{name}_yaw").qposadr[0]) for name in parameters.coupling_names
         ]
         names = [model.joint(i).name for i in range(model.njnt)]
-        steered = [f"{a.name}_{s}_knuckle" for a in parameters.lead.axles for s in ("left", "right")]
+        steered = [
+            f"{a.name}_{s}_knuckle" for a in parameters.lead.axles for s in ("left", "right")
+        ]
         self._knuckles = [int(model.joint(n).qposadr[0]) for n in steered if n in names]
         self._spins = [
             (int(model.joint(f"{axle.name}_{side}_spin").qposadr[0]), radius)
@@ -218,9 +220,7 @@ def _of_recording(
         track.states.append(ego)
         track.vehicles.append(recording.frames[k])
         command = int(np.searchsorted(times, recording.time[k] + 1e-6)) - 1
-        track.commands.append(
-            recording.command_at(command) if command >= 0 else VehicleCommand()
-        )
+        track.commands.append(recording.command_at(command) if command >= 0 else VehicleCommand())
     return track
 
 
@@ -238,9 +238,7 @@ def _of_bag(bag: Bag, name: str, map_path: Path | None, truck: AnyTruck | None) 
     return track
 
 
-def _empty(
-    name: str, map_path: Path | None, truck: AnyTruck, options: dict[str, object]
-) -> Track:
+def _empty(name: str, map_path: Path | None, truck: AnyTruck, options: dict[str, object]) -> Track:
     parameters = TruckParameters.load(truck)
     height = options.get("payload_height")
     if isinstance(height, float):

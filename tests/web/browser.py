@@ -77,7 +77,10 @@ class Tab:
         """Sets the size of the window."""
         self.call(
             "Emulation.setDeviceMetricsOverride",
-            **{"width": width, "height": height, "deviceScaleFactor": 1, "mobile": mobile},
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=mobile,
         )
 
     def key(self, key: str, *, down: bool) -> None:
