@@ -95,6 +95,8 @@ def open_world(
     known = names()
     if name not in known:
         raise InputError(f"--env {name!r} is unknown; use one of: {', '.join(known)}")
+    if name == "iits_mj/HighwayFast-v0":
+        raise InputError(f"{name} has no MuJoCo model to show: use iits_mj/Highway-v0")
     settings = {"truck": truck, "payload": payload, "plant": plant}
     return _gymnasium(name, settings) if "/" in name else _suite(name, settings, seed)
 
@@ -148,8 +150,6 @@ def _gymnasium(name: str, settings: dict[str, Any]) -> World:
         environment: Any = gymnasium.make(name, render_mode="rgb_array", **kwargs).unwrapped
     except TypeError as error:
         raise InputError(f"{name}: an option has no effect here ({error})") from error
-    if name == "iits_mj/HighwayFast-v0":
-        raise InputError(f"{name} has no MuJoCo model to show: use iits_mj/Highway-v0")
     task = ENVIRONMENTS[name].get("kwargs", {}).get("task")
     discrete = isinstance(environment.action_space, gymnasium.spaces.Discrete)
     last: list[Any] = [None]
@@ -254,7 +254,7 @@ class EnvironmentShow(Stage, Observer, Closing):
         """Runs episodes until Ctrl-C."""
         while True:
             for _ in self._episode():
-                self.apply_requests()
+                self.between_cycles()
             end = time.perf_counter() + _BETWEEN
             while time.perf_counter() < end and not self._reset_wanted:
                 self.wait()

@@ -105,7 +105,7 @@ class LiveDrive(Stage, Observer, Closing):
         """Drives until Ctrl-C; after the end of a drive viewers may start another one."""
         self._show_model()
         while True:
-            self.apply_requests()
+            self.between_cycles()
             if self.simulation.ended:
                 self.wait()
                 continue
@@ -233,7 +233,7 @@ class LiveDrive(Stage, Observer, Closing):
         self.events.wind = wind
         self.holder = 0
         self._show_model()
-        self._restart_clock()
+        self.jump()
         self.say("")
 
     def _simulate(self, config: DriveConfig) -> Simulation:

@@ -114,7 +114,7 @@ class ManualDriver:
       hands: returns a person's inputs at a time [s].
 
     Attributes:
-      automatic: as given, may be replaced; driving: whether a person has the wheel.
+      automatic: that drives now; driving: whether a person has the wheel.
       last_decision: of the automatic driver; to keep the lane while a person drives.
     """
 
@@ -126,6 +126,7 @@ class ManualDriver:
         hands: Callable[[float], Hands],
     ) -> None:
         self.automatic = automatic
+        self._next: Stack | None = None
         self._route = route
         self._wheel = Wheel(parameters)
         self._hands = hands
@@ -137,6 +138,7 @@ class ManualDriver:
     def reset(self) -> None:
         """Prepares for a new drive by the automatic driver."""
         self.automatic.reset()
+        self._next = None
         self._wheel.reset()
         self._changes = self._refused = 0
         self._lane = None
@@ -153,9 +155,7 @@ class ManualDriver:
 
     def replace(self, automatic: Stack) -> None:
         """Lets another automatic driver drive from the next plan on, keeping the counts."""
-        self._changes += self.automatic.lane_changes
-        self._refused += self.automatic.refused
-        self.automatic = automatic
+        self._next = automatic
 
     @property
     def lane_changes(self) -> int:
@@ -169,6 +169,9 @@ class ManualDriver:
 
     def plan(self, scene: Scene) -> Trajectory:
         """Returns the automatic driver's plan; an unknown one while a person drives."""
+        if self._next is not None:
+            self._changes, self._refused = self.lane_changes, self.refused
+            self.automatic, self._next = self._next, None
         if self._wanted != self.driving:
             self.driving = self._wanted
             self._lane = None

@@ -69,7 +69,7 @@ class Playback(Stage):
         self.scene.show_forces = False
         self.redraw()
         while True:
-            self.apply_requests()
+            self.between_cycles()
             if self._time >= track.duration:
                 self.wait()
                 continue
@@ -136,9 +136,7 @@ class Playback(Stage):
 
     def _seek(self, value: float) -> None:
         self._time = min(max(value, 0.0), self._track.duration)
-        if self._until is not None:
-            self._until = self._time
-        self._restart_clock()
+        self.jump()
         self.redraw()
 
 

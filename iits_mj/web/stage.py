@@ -136,9 +136,12 @@ class Stage:
         """Whether the time that is shown stands still."""
         return self._until is not None and self.now >= self._until - 1e-9
 
-    def apply_requests(self, timeout: float | None = None) -> None:
-        """Applies what changes the simulation; call it between two cycles."""
-        self._say_all(self.requests.apply(self._handlers, self.now, timeout))
+    def between_cycles(self) -> None:
+        """Applies what changes the simulation, and waits while paused."""
+        self._apply()
+        while self.paused:
+            self.hold()
+            self._apply()
 
     def hold(self) -> None:
         """Waits until the wall clock reaches the time that is shown, and while paused.
@@ -164,7 +167,7 @@ class Stage:
         self._look()
         self.redraw()
         self.tell()
-        self.apply_requests(timeout=2.0 * _FRAME)
+        self._apply(timeout=2.0 * _FRAME)
         self._restart_clock()
 
     def due(self) -> bool:
@@ -194,7 +197,16 @@ class Stage:
         }
         self.server.tell("state", {**self.state(), **common})
 
+    def jump(self) -> None:
+        """Is called when the time has jumped; a pause goes on from there."""
+        if self._until is not None:
+            self._until = self.now
+        self._restart_clock()
+
     _told = 0.0
+
+    def _apply(self, timeout: float | None = None) -> None:
+        self._say_all(self.requests.apply(self._handlers, self.now, timeout))
 
     def _say_all(self, refused: Sequence[str]) -> None:
         for text in refused:

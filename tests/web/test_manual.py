@@ -86,8 +86,7 @@ def drive(commands="direct", period=0.1):
         return ManualDriver(stack, route, truck.parameters, hands)
 
     with Simulation(config, driver=driver, visuals=False) as simulation:
-        script = Script(simulation.driver, take=2.03, release=5.0, period=period)
-        script.take = 2.02
+        script = Script(simulation.driver, take=2.02, release=5.0, period=period)
         simulation.run([script])
     return script.states, simulation
 

@@ -126,7 +126,9 @@ def test_importing_the_package_loads_no_viser():
         "print([name for name in ('viser', 'mjviser', 'trimesh', 'websockets') "
         "if name in sys.modules])"
     )
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
     assert result.stdout.strip() == "[]"
 
 

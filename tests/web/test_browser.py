@@ -1,0 +1,187 @@
+"""The viewer in a real browser."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from iits_mj.simulation import DriveConfig, Simulation
+from tests.web.browser import chromium, find_chromium
+
+pytest.importorskip("mjviser")
+if find_chromium() is None:
+    pytest.skip("no Chromium is installed", allow_module_level=True)
+
+SPEED = "document.querySelector('#iits .dash:not([hidden]) .speed')?.textContent"
+ROWS = "Object.fromEntries([...document.querySelectorAll('#iits .list div')].map(e => [...e.children].map(c => c.textContent)))"
+BANNER = "document.querySelector('#iits .banner:not([hidden])')?.textContent"
+CANVAS = "[...document.querySelectorAll('canvas')].some(c => c.width > 100)"
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with chromium(tmp_path_factory.mktemp("profile")) as made:
+        yield made
+
+
+class View:
+    """A running `iits-mj view --web`."""
+
+    def __init__(self, *arguments):
+        command = [sys.executable, "-m", "iits_mj.cli", "view", "--web", "--port", "0", *arguments]
+        self.process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        lines = []
+        for line in self.process.stdout:
+            lines.append(line)
+            if found := re.search(r"http://\S+", line):
+                self.url = found.group(0)
+            if line.startswith("Ctrl-C"):
+                return
+        raise AssertionError("".join(lines))
+
+    def end(self):
+        """Interrupts it; returns its exit code and last words."""
+        self.process.send_signal(signal.SIGINT)
+        words, _ = self.process.communicate(timeout=120)
+        return self.process.returncode, words
+
+
+@pytest.fixture
+def view():
+    started = []
+
+    def start(*arguments):
+        started.append(View(*arguments))
+        return started[-1]
+
+    yield start
+    for one in started:
+        if one.process.poll() is None:
+            one.process.kill()
+            one.process.wait()
+
+
+def number(text):
+    return float(re.search(r"[-+]?\d+(\.\d+)?", text).group(0))
+
+
+def test_a_drive_is_shown_paused_steered_and_ended(view, browser):
+    live = view("--density", "sparse", "--speed-planner", "cruise")
+    page = browser.tab(live.url)
+    # Few pixels: here the processor draws them.
+    page.size(800, 500)
+    page.wait(SPEED, 240.0)
+    page.wait(CANVAS)
+    assert page.value("location.pathname") in live.url
+
+    def time_shown():
+        return number(page.value(ROWS)["time"])
+
+    page.wait(f"Boolean({SPEED}) && ({ROWS}).time > '1'", 120.0)
+    words = page.value("document.querySelector('#iits').innerText")
+    assert not re.search(r"\b(None|NaN|undefined|inf)\b", words)
+
+    page.key("Space", down=True)
+    page.key("Space", down=False)
+    page.wait("[...document.querySelectorAll('#iits button')].some(b => b.textContent == 'Resume')")
+    held = time_shown()
+    time.sleep(1.0)
+    assert time_shown() == held
+    page.wait("document.querySelectorAll('canvas').length", 60.0)
+    picture = wait_for_truck(page)
+    colors = np.unique(picture.reshape(-1, 3) // 32, axis=0)
+    assert len(colors) > 20
+    page.value(
+        "[...document.querySelectorAll('#iits button')].find(b => b.textContent == 'Resume').click()"
+    )
+
+    second = browser.tab(live.url)
+    second.size(400, 300)
+    second.wait(SPEED, 120.0)
+    press(page, "Drive yourself")
+    page.wait("document.querySelector('#iits .help:not([hidden])')")
+    # The other page cannot take the wheel.
+    second.wait("[...document.querySelectorAll('#iits button')].some(b => b.disabled)")
+    second.close()
+    page.key("ArrowLeft", down=True)
+    page.wait(f"parseFloat(({ROWS})['steering wheel']) > 8", 60.0)
+    page.key("ArrowLeft", down=False)
+    page.key("Escape", down=True)
+    page.key("Escape", down=False)
+    page.wait("document.querySelector('#iits .help').hidden")
+
+    page.close()
+    assert live.process.poll() is None
+    code, words = live.end()
+    assert code == 130
+    assert "interrupted" in words
+    assert "Traceback" not in words
+
+
+def press(page, name):
+    page.value(
+        f"[...document.querySelectorAll('#iits button')].find(b => b.textContent == '{name}').click()"
+    )
+
+
+def wait_for_truck(page):
+    """Returns a picture with the truck's red cab in its middle."""
+    end = time.monotonic() + 120.0
+    while time.monotonic() < end:
+        picture = page.picture()
+        middle = picture[120:380, 200:600].astype(int)
+        red = (middle[..., 0] > 120) & (middle[..., 1] < 90) & (middle[..., 2] < 90)
+        if red.sum() > 40:
+            return picture
+        time.sleep(1.0)
+    raise AssertionError("no truck in the picture")
+
+
+def test_without_the_token_there_is_no_page(view, browser):
+    live = view("--traffic-mode", "none", "--speed-planner", "cruise")
+    page = browser.tab(live.url.rsplit("/", 2)[0] + "/")
+    page.wait("document.body.innerText.includes('token')")
+    assert not page.value("document.querySelectorAll('canvas, #iits').length")
+    page.close()
+    assert live.end()[0] == 130
+
+
+def test_a_recording_has_a_time_line(view, browser, tmp_path):
+    config = DriveConfig(duration=4.0, density="sparse", speed_planner="cruise")
+    with Simulation(config, record=True, visuals=False) as simulation:
+        simulation.run()
+        simulation.save_recording(tmp_path / "drive.npz")
+    shown = view(os.fspath(tmp_path / "drive.npz"))
+    page = browser.tab(shown.url)
+    page.size(800, 500)
+    line = "document.querySelector('#iits .timeline:not([hidden]) input')"
+    page.wait(line, 240.0)
+    assert page.value(f"Number({line}.max)") == pytest.approx(4.0)
+    page.wait(f"Number({line}.value) >= 3.9", 120.0)
+    page.value(f"{line}.value = 1.0, {line}.oninput()")
+    page.wait(f"({ROWS}).time.startsWith('1.')", 60.0)
+    page.close()
+    assert shown.end()[0] == 130
+
+
+def test_an_error_of_the_simulation_is_shown_in_the_page(view, browser, tmp_path):
+    broken = tmp_path / "events.toml"
+    broken.write_text(
+        '[[event]]\nevent = "stopped_vehicle"\nstation = 500.0\nlane = 0\nat_time = 3.0\ntype = "car"\n'
+    )
+    live = view("--events", os.fspath(broken), "--density", "empty", "--pace", "0.5")
+    page = browser.tab(live.url)
+    page.wait(SPEED, 240.0)
+    live.process.send_signal(signal.SIGTERM)
+    page.wait(f"({BANNER} || '').includes('ended') || ({BANNER} || '').includes('lost')", 60.0)
+    words, _ = live.process.communicate(timeout=120)
+    assert live.process.returncode in (130, 143)
+    assert "Traceback" not in words
+    page.close()
