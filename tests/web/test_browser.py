@@ -10,7 +10,10 @@ import time
 import numpy as np
 import pytest
 
+from iits_mj.core.errors import Error
 from iits_mj.simulation import DriveConfig, Simulation
+from iits_mj.web import WebServer
+from iits_mj.web.stage import Stage
 from tests.web.browser import chromium, find_chromium
 
 pytest.importorskip("mjviser")
@@ -18,7 +21,11 @@ if find_chromium() is None:
     pytest.skip("no Chromium is installed", allow_module_level=True)
 
 SPEED = "document.querySelector('#iits .dash:not([hidden]) .speed')?.textContent"
-ROWS = "Object.fromEntries([...document.querySelectorAll('#iits .list div')].map(e => [...e.children].map(c => c.textContent)))"
+ROWS = (
+    "Object.fromEntries([...document.querySelectorAll('#iits .list div')]"
+    ".map(e => [...e.children].map(c => c.textContent)))"
+)
+BUTTONS = "[...document.querySelectorAll('#iits button')]"
 BANNER = "document.querySelector('#iits .banner:not([hidden])')?.textContent"
 CANVAS = "[...document.querySelectorAll('canvas')].some(c => c.width > 100)"
 
@@ -90,7 +97,7 @@ def test_a_drive_is_shown_paused_steered_and_ended(view, browser):
 
     page.key("Space", down=True)
     page.key("Space", down=False)
-    page.wait("[...document.querySelectorAll('#iits button')].some(b => b.textContent == 'Resume')")
+    page.wait(f"{BUTTONS}.some(b => b.textContent == 'Resume')")
     held = time_shown()
     time.sleep(1.0)
     assert time_shown() == held
@@ -98,9 +105,7 @@ def test_a_drive_is_shown_paused_steered_and_ended(view, browser):
     picture = wait_for_truck(page)
     colors = np.unique(picture.reshape(-1, 3) // 32, axis=0)
     assert len(colors) > 20
-    page.value(
-        "[...document.querySelectorAll('#iits button')].find(b => b.textContent == 'Resume').click()"
-    )
+    press(page, "Resume")
 
     second = browser.tab(live.url)
     second.size(400, 300)
@@ -108,7 +113,7 @@ def test_a_drive_is_shown_paused_steered_and_ended(view, browser):
     press(page, "Drive yourself")
     page.wait("document.querySelector('#iits .help:not([hidden])')")
     # The other page cannot take the wheel.
-    second.wait("[...document.querySelectorAll('#iits button')].some(b => b.disabled)")
+    second.wait(f"{BUTTONS}.some(b => b.disabled)")
     second.close()
     page.key("ArrowLeft", down=True)
     page.wait(f"parseFloat(({ROWS})['steering wheel']) > 8", 60.0)
@@ -126,9 +131,7 @@ def test_a_drive_is_shown_paused_steered_and_ended(view, browser):
 
 
 def press(page, name):
-    page.value(
-        f"[...document.querySelectorAll('#iits button')].find(b => b.textContent == '{name}').click()"
-    )
+    page.value(f"{BUTTONS}.find(b => b.textContent == '{name}').click()")
 
 
 def wait_for_truck(page):
@@ -171,17 +174,21 @@ def test_a_recording_has_a_time_line(view, browser, tmp_path):
     assert shown.end()[0] == 130
 
 
-def test_an_error_of_the_simulation_is_shown_in_the_page(view, browser, tmp_path):
-    broken = tmp_path / "events.toml"
-    broken.write_text(
-        '[[event]]\nevent = "stopped_vehicle"\nstation = 500.0\nlane = 0\nat_time = 3.0\ntype = "car"\n'
-    )
-    live = view("--events", os.fspath(broken), "--density", "empty", "--pace", "0.5")
-    page = browser.tab(live.url)
-    page.wait(SPEED, 240.0)
-    live.process.send_signal(signal.SIGTERM)
-    page.wait(f"({BANNER} || '').includes('ended') || ({BANNER} || '').includes('lost')", 60.0)
-    words, _ = live.process.communicate(timeout=120)
-    assert live.process.returncode in (130, 143)
-    assert "Traceback" not in words
+class Failing(Stage):
+    now = 0.0
+
+    def play(self):
+        time.sleep(3.0)
+        raise Error("the simulation diverged at t = 1.00 s")
+
+
+def test_an_error_of_the_simulation_stays_in_the_page(browser):
+    with WebServer(port=0, title="a test") as server:
+        page = browser.tab(server.url)
+        page.wait("document.querySelector('#iits')")
+        with pytest.raises(Error, match="diverged"):
+            Failing(server).run()
+        page.wait(f"({BANNER} || '').includes('diverged')")
+    time.sleep(1.5)
+    assert "diverged" in page.value(BANNER)
     page.close()

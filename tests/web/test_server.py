@@ -116,7 +116,7 @@ def test_tokens_are_long_and_differ():
 
 
 def test_an_address_of_another_machine_is_an_error():
-    with pytest.raises(InputError, match="192.0.2.1"):
+    with pytest.raises(InputError, match=r"192\.0\.2\.1"):
         WebServer("192.0.2.1", 0, title="a test")
 
 
