@@ -64,9 +64,10 @@ class Tab:
         assert "exceptionDetails" not in result, result["exceptionDetails"]
         return result["result"].get("value")
 
-    def wait(self, expression: str, seconds: float = 60.0) -> Any:
-        """Returns the value of an expression as soon as it is true."""
-        return wait(lambda: self.value(expression), seconds, expression)
+    def wait(self, expression: str, seconds: float = 60.0) -> None:
+        """Returns as soon as an expression is true."""
+        # An element of the page itself has no value here.
+        wait(lambda: self.value(f"Boolean({expression})"), seconds, expression)
 
     def picture(self) -> NDArray[np.uint8]:
         """Returns the page's pixels (height, width, 3)."""

@@ -83,7 +83,7 @@ def test_a_drive_is_shown_paused_steered_and_ended(view, browser):
     live = view("--density", "sparse", "--speed-planner", "cruise")
     page = browser.tab(live.url)
     # Few pixels: here the processor draws them.
-    page.size(800, 500)
+    page.size(800, 600)
     page.wait(SPEED, 240.0)
     page.wait(CANVAS)
     assert page.value("location.pathname") in live.url
@@ -135,13 +135,15 @@ def press(page, name):
 
 
 def wait_for_truck(page):
-    """Returns a picture with the truck's red cab in its middle."""
+    """Returns a picture with the truck's red and blue stripes, without the instruments."""
+    page.value("document.querySelector('#iits').style.visibility = 'hidden'")
     end = time.monotonic() + 120.0
     while time.monotonic() < end:
         picture = page.picture()
-        middle = picture[120:380, 200:600].astype(int)
-        red = (middle[..., 0] > 120) & (middle[..., 1] < 90) & (middle[..., 2] < 90)
-        if red.sum() > 40:
+        red, green, blue = picture[200:, 100:700].astype(int).transpose(2, 0, 1)
+        stripes = (red > 120) & (green < 60) & (blue < 70), (blue > 60) & (red < 50) & (green < 75)
+        if min(stripe.sum() for stripe in stripes) > 30:
+            page.value("document.querySelector('#iits').style.visibility = ''")
             return picture
         time.sleep(1.0)
     raise AssertionError("no truck in the picture")
@@ -164,7 +166,7 @@ def test_a_recording_has_a_time_line(view, browser, tmp_path):
     shown = view(os.fspath(tmp_path / "drive.npz"))
     page = browser.tab(shown.url)
     page.size(800, 500)
-    line = "document.querySelector('#iits .timeline:not([hidden]) input')"
+    line = "document.querySelector('#iits .dash:not([hidden]) .timeline:not([hidden]) input')"
     page.wait(line, 240.0)
     assert page.value(f"Number({line}.max)") == pytest.approx(4.0)
     page.wait(f"Number({line}.value) >= 3.9", 120.0)
