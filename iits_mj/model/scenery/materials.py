@@ -11,6 +11,8 @@ from iits_mj.core.arrays import FloatArray
 
 ASPHALT_TILE = 8.0  # [m] covered by one repeat of the asphalt texture
 GRASS_TILE = 190.0
+LAMP_SPACING = 12.0  # [m] of the lamps in a tunnel, at stations that are its multiples
+LAMP_LENGTH = 7.0
 _SKY_SIZE = 256
 
 # name: (red, green, blue), specular, emission
@@ -20,10 +22,7 @@ _PLAIN = {
     "road_gravel": ((0.47, 0.44, 0.39), 0.02, 0.0),
     "road_steel": ((0.63, 0.66, 0.69), 0.4, 0.05),
     "road_concrete": ((0.62, 0.61, 0.58), 0.05, 0.0),
-    # Emission inside a tunnel stands for its lamps, also beyond the reach of the sun's shadow map.
-    "road_tunnel_wall": ((0.30, 0.305, 0.295), 0.0, 0.85),
-    "road_tunnel_roof": ((0.12, 0.12, 0.125), 0.0, 0.5),
-    "road_tunnel_light": ((1.0, 0.93, 0.76), 0.0, 1.0),
+    "road_tunnel_light": ((1.0, 0.95, 0.84), 0.0, 1.0),
     "road_post": ((0.93, 0.93, 0.93), 0.05, 0.1),
     "road_reflector": ((0.95, 0.30, 0.05), 0.2, 0.4),
     "road_sign": ((0.02, 0.36, 0.20), 0.1, 0.25),
@@ -39,10 +38,16 @@ def add_road_materials(spec: mujoco.MjSpec) -> None:
     """Adds the road scene's materials with their textures."""
     _texture(spec, "road_asphalt", _asphalt())
     _texture(spec, "road_grass", _grass())
-    for name, texture, gray, emission in (
-        ("road_asphalt", "road_asphalt", 1.0, 0.0),
-        ("road_asphalt_tunnel", "road_asphalt", 0.6, 0.5),
-        ("road_grass", "road_grass", 1.0, 0.0),
+    for name, image in _tunnel_light().items():
+        _texture(spec, name, image)
+    # Emission in a tunnel stands for its lamps: their light is part of the textures, also beyond
+    # the reach of the sun's shadow map.
+    for name, gray, emission in (
+        ("road_asphalt", 1.0, 0.0),
+        ("road_asphalt_tunnel", 1.0, 0.6),
+        ("road_tunnel_wall", 1.0, 0.6),
+        ("road_tunnel_roof", 1.0, 0.6),
+        ("road_grass", 1.0, 0.0),
     ):
         material = spec.add_material(
             name=name,
@@ -52,7 +57,7 @@ def add_road_materials(spec: mujoco.MjSpec) -> None:
             emission=emission,
         )
         textures = list(material.textures)
-        textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = texture
+        textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = name
         material.textures = textures
     for name, (rgb, specular, emission) in _PLAIN.items():
         spec.add_material(
@@ -132,6 +137,39 @@ def _asphalt() -> FloatArray:
     rng = np.random.default_rng(7)
     grain = periodic_noise(rng, 256, 0.15) * 0.028 + periodic_noise(rng, 256, 0.9) * 0.008
     return np.clip(0.30 + grain, 0.0, 1.0)[..., None] * np.array([0.98, 1.0, 1.03])
+
+
+@functools.cache
+def _tunnel_light() -> dict[str, FloatArray]:
+    """Road, wall and ceiling of a tunnel in the light of its lamps, by the name of the texture.
+
+    Rows are along the road, one spacing of the lamps, a lamp at the first row; columns are across:
+    the wall from its foot to its top, the ceiling from wall to wall.
+    """
+    size = 256
+    share = np.arange(size) / size
+    along, across = np.meshgrid(share, share, indexing="ij")
+    near = 0.5 + 0.5 * np.cos(2.0 * np.pi * along)  # to a lamp
+    grain = periodic_noise(np.random.default_rng(9), size, 0.4)
+    broad = periodic_noise(np.random.default_rng(10), size, 1.3)
+
+    def colored(gray: FloatArray, tint: tuple[float, float, float]) -> FloatArray:
+        return np.clip(gray, 0.0, 1.0)[..., None] * np.array(tint)
+
+    road = (0.31 + 0.05 * near) * (1.0 + 0.09 * grain + 0.03 * broad)
+    # Bright panels with joints above a dark plinth; the lamps light their upper part.
+    joint = (np.abs((4.0 * along) % 1.0 - 0.5) > 0.490) | (np.abs(across - 0.62) < 0.006)
+    panel = np.where(across < 0.28, 0.30, np.where(joint, 0.45, 0.70)) * (1.0 + 0.02 * broad)
+    wall = panel * (0.66 + 0.22 * across + 0.16 * near * across**2)
+    # Two rows of lamps light the ceiling about them.
+    row = np.minimum(np.abs(across - 0.32), np.abs(across - 0.68))
+    ceiling = (0.20 + 0.06 * broad.clip(-1, 1) * 0.3) * (1.0 + 0.02 * grain)
+    ceiling = ceiling + 0.30 * np.exp(-((row / 0.07) ** 2)) * (0.35 + 0.65 * near)
+    return {
+        "road_asphalt_tunnel": colored(road, (1.0, 0.98, 0.92)),
+        "road_tunnel_wall": colored(wall, (1.0, 0.985, 0.93)),
+        "road_tunnel_roof": colored(ceiling, (1.0, 0.96, 0.86)),
+    }
 
 
 @functools.cache

@@ -13,6 +13,7 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 from iits_mj.model.scenery.corridor import Corridor
 from iits_mj.model.scenery.landscape import Ground
+from iits_mj.model.scenery.materials import LAMP_LENGTH, LAMP_SPACING
 from iits_mj.model.visuals.shapes import Shape, boxes, merge, surface
 from iits_mj.road import Route
 
@@ -37,17 +38,28 @@ def tunnel(corridor: Corridor, start: float, end: float) -> Parts:
     part = corridor.between(start, end)
     width = part.left - part.right + 2.0 * WALL_GAP
     base = part.right - WALL_GAP
+    along = (part.station - np.floor(start / LAMP_SPACING) * LAMP_SPACING) / LAMP_SPACING
 
-    def sweep(points: list[tuple[float, float, float]]) -> Shape:
-        """Points are (share of the width, meters beside it, height)."""
+    def sweep(
+        points: list[tuple[float, float, float]], texture: list[float] | None = None
+    ) -> Shape:
+        """Points are (share of the width, meters beside it, height); `texture`: across, of each."""
         strips = []
-        for (f0, d0, z0), (f1, d1, z1) in pairwise(points):
+        for i, ((f0, d0, z0), (f1, d1, z1)) in enumerate(pairwise(points)):
             offsets = base[:, None] + np.stack([f0 * width + d0, f1 * width + d1], axis=1)
-            strips.append(surface(part.across(offsets, np.array([[z0, z1]]))))
+            at = None
+            if texture is not None:
+                across = np.broadcast_to(texture[i : i + 2], offsets.shape)
+                at = np.stack([across, np.broadcast_to(along[:, None], offsets.shape)], axis=-1)
+            strips.append(surface(part.across(offsets, np.array([[z0, z1]])), at))
         return merge(strips)
 
     inner = WALL_GAP
-    walls = [sweep([(0.0, 0.0, -0.3), (0.0, 0.0, 3.0)]), sweep([(1.0, 0.0, 3.0), (1.0, 0.0, -0.3)])]
+    low, high = 0.02, 0.98
+    walls = [
+        sweep([(0.0, 0.0, -0.3), (0.0, 0.0, 3.0)], [low, high]),
+        sweep([(1.0, 0.0, 3.0), (1.0, 0.0, -0.3)], [high, low]),
+    ]
     curbs = [
         sweep([(0.0, inner, -0.05), (0.0, inner, 0.22), (0.0, 0.0, 0.22)]),
         sweep([(1.0, 0.0, 0.22), (1.0, -inner, 0.22), (1.0, -inner, -0.05)]),
@@ -56,7 +68,7 @@ def tunnel(corridor: Corridor, start: float, end: float) -> Parts:
     roof = [(0.0, 0.0, 3.0), *((f, 0.0, z) for f, z in vault), (1.0, 0.0, 3.0)]
     yield "road_tunnel_wall", merge(walls)
     yield "road_concrete", merge(curbs)
-    yield "road_tunnel_roof", sweep(roof)
+    yield "road_tunnel_roof", sweep(roof, [f for f, _, _ in roof])
     yield "road_tunnel_light", _tunnel_lights(corridor.route, start, end)
     portals = [_portal(corridor.route, start, -1.0), _portal(corridor.route, end, 1.0)]
     yield "road_concrete", merge(portals)
@@ -69,8 +81,9 @@ def _vault() -> FloatArray:
 
 
 def _tunnel_lights(route: Route, start: float, end: float) -> Shape:
-    begin = np.arange(start + 4.0, end - 8.0, 12.0)
-    ends = np.stack([begin, begin + 7.0], axis=1).ravel()
+    first = np.ceil((start + 4.0) / LAMP_SPACING) * LAMP_SPACING
+    lamp = np.arange(first, end - 4.0, LAMP_SPACING)
+    ends = np.stack([lamp - 0.5 * LAMP_LENGTH, lamp + 0.5 * LAMP_LENGTH], axis=1).ravel()
     row = Corridor.sample(route, ends)
     middle = 0.5 * (row.left + row.right)
     lamps = []
