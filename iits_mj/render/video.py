@@ -178,6 +178,9 @@ class Film(Finishing):
           RenderError: ffmpeg failed.
         """
         self.offscreen.update(data, self._camera.follow(data, frame.ego.station))
+        lamps = self.offscreen.lamps
+        if lamps is not None:
+            self.offscreen.signal(lamps.signals(data, frame))
         self.offscreen.add_boxes(trajectory_boxes(frame.trajectory, float(data.time)))
         picture = self.offscreen.draw()
         if self._overlay is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -30,8 +31,25 @@ _PLAIN = {
     "road_leaves": ((0.20, 0.34, 0.10), 0.0, 0.0),
     "road_trunk": ((0.24, 0.17, 0.11), 0.0, 0.0),
 }
-_SKY_HORIZON = np.array([0.80, 0.87, 0.93])
-_SKY_ZENITH = np.array([0.22, 0.45, 0.78])
+_HAZE = (0.80, 0.87, 0.93)
+
+
+@dataclass(frozen=True)
+class Sky:
+    """Colors of a sky.
+
+    Attributes:
+      horizon, zenith: of the clear sky; cloud: of the clouds.
+      clouds: density from which clouds are seen, of zero mean and unit deviation; fewer if higher.
+      glow: brightness about the sun; stars: their brightness.
+    """
+
+    horizon: tuple[float, float, float] = _HAZE
+    zenith: tuple[float, float, float] = (0.22, 0.45, 0.78)
+    clouds: float = 0.35
+    cloud: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    glow: float = 0.0
+    stars: float = 0.0
 
 
 def add_road_materials(spec: mujoco.MjSpec) -> None:
@@ -67,7 +85,7 @@ def add_road_materials(spec: mujoco.MjSpec) -> None:
 
 def add_sky(spec: mujoco.MjSpec) -> None:
     """Adds a sky box with soft clouds, haze, a sun that follows the truck, and a fill light."""
-    _texture(spec, "sky", _sky_faces(), mujoco.mjtTexture.mjTEXTURE_SKYBOX)
+    _texture(spec, "sky", _day(), mujoco.mjtTexture.mjTEXTURE_SKYBOX)
     tractor = spec.body("tractor")
     body = tractor if tractor is not None else spec.worldbody
     body.add_light(
@@ -85,8 +103,8 @@ def add_sky(spec: mujoco.MjSpec) -> None:
     visual.headlight.ambient = [0.42, 0.44, 0.48]
     visual.headlight.diffuse = [0.12, 0.12, 0.12]
     visual.headlight.specular = [0.05, 0.05, 0.05]
-    visual.rgba.haze = [*_SKY_HORIZON, 1.0]
-    visual.rgba.fog = [*_SKY_HORIZON, 1.0]
+    visual.rgba.haze = [*_HAZE, 1.0]
+    visual.rgba.fog = [*_HAZE, 1.0]
 
 
 def set_view(spec: mujoco.MjSpec, center: tuple[float, float, float]) -> None:
@@ -182,8 +200,13 @@ def _grass() -> FloatArray:
 
 
 @functools.cache
-def _sky_faces() -> FloatArray:
+def _day() -> FloatArray:
+    return sky_faces(Sky(), np.array([0.0, 0.0, 1.0]))
+
+
+def sky_faces(sky: Sky, to_sun: FloatArray) -> FloatArray:
     """Cube faces right, left, up, down, front, back stacked, (6 size, size, 3)."""
+    horizon, zenith, tint = (np.array(c) for c in (sky.horizon, sky.zenith, sky.cloud))
     size = _SKY_SIZE
     line = (np.arange(size) + 0.5) / size * 2 - 1
     u, v = np.meshgrid(line, line)
@@ -200,20 +223,30 @@ def _sky_faces() -> FloatArray:
     rng = np.random.default_rng(3)
     cloud = periodic_noise(rng, 512, 1.75)
     faces = []
-    for x, y, z in directions:
+    star = rng.random((6, size, size, 1)) ** 2
+    lit = rng.random((6, size, size, 1)) < 0.0012
+    for face, (x, y, z) in enumerate(directions):
         norm = np.sqrt(x * x + y * y + z * z)
         up = y / norm
         rise = np.clip(up, 0.0, 1.0)[..., None]
-        color = _SKY_HORIZON + (_SKY_ZENITH - _SKY_HORIZON) * rise**0.55
+        color = horizon + (zenith - horizon) * rise**0.55
+        if sky.glow:
+            # The map's axes are x, -z, y of the cube.
+            toward = (x * to_sun[0] - z * to_sun[1] + y * to_sun[2]) / norm
+            near = np.clip(toward, 0.0, 1.0)[..., None]
+            light = 0.45 * near**6 + 0.35 * near**60 + 1.2 * near**3000
+            color = color + sky.glow * light * np.array([1.0, 0.82, 0.55])
+        color = color + sky.stars * np.where(lit[face], star[face], 0.0) * np.clip(rise * 6, 0, 1)
         # Clouds on a plane above: they shrink towards the horizon, where they fade.
         reach = 1.0 / np.maximum(up + 0.08, 0.05)
         row = (x / norm * reach * 60.0 + 256.0) % 512
         column = (z / norm * reach * 60.0 + 256.0) % 512
         density = bilinear(cloud, row, column)
-        cover = np.clip((density - 0.35) / 1.6, 0.0, 1.0) * np.clip((up - 0.03) / 0.22, 0.0, 1.0)
-        color = color + (1.0 - color) * 0.85 * cover[..., None]
-        color[up < 0.0] = _SKY_HORIZON * 0.96
-        faces.append(color)
+        cover = np.clip((density - sky.clouds) / 1.6, 0.0, 1.0)
+        cover *= np.clip((up - 0.03) / 0.22, 0.0, 1.0)
+        color = color + (tint - color) * 0.85 * cover[..., None]
+        color[up < 0.0] = horizon * 0.96
+        faces.append(np.clip(color, 0.0, 1.0))
     return np.concatenate(faces)
 
 
