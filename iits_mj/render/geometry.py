@@ -17,7 +17,7 @@ Kind = mujoco.mjtGeom
 # A part has at most this many triangles; large meshes are split in space.
 PART_TRIANGLES = 600
 # Sizes of the cubes whose vertices are merged in the coarser forms [m].
-CELLS = (0.035, 0.1, 0.4)
+CELLS = (0.06, 0.12, 0.4)
 # A mesh's normal that differs more than this from the triangle's [cosine] is replaced by it.
 _SMOOTH = 0.8
 _SLICES, _STACKS = 28, 16

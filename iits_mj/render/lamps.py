@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import Decision, EgoState, PlanMode, Trajectory
 from iits_mj.core.vehicles import VehicleFrame
+from iits_mj.render.spots import spots
 from traffic_bridge.mirror.articulation import KINGPIN_FROM_FRONT
 
 if TYPE_CHECKING:
@@ -39,11 +40,10 @@ _FUNCTIONS = {
     "traffic_indicator_left": _LEFT,
     "traffic_indicator_right": _RIGHT,
 }
-# Of each function: color of its light, radius of the glow [m], share of it that is seen from aside.
+# Of each function: color of its light, and share of it that is seen from aside.
 _COLORS = np.array(
     [(1.0, 0.96, 0.84), (1.0, 0.06, 0.04), (1.0, 0.55, 0.08), (1.0, 0.55, 0.06), (1.0, 0.55, 0.06)]
 )
-_RADIUS = np.array([0.75, 0.45, 0.16, 0.45, 0.45])
 _ASIDE_SEEN = np.array([0.15, 0.3, 1.0, 0.45, 0.45])
 _OFF, _ON, _BRAKE = 0.06, 0.75, 1.9  # emission
 
@@ -56,6 +56,22 @@ class Signals:
     left: bool = False
     right: bool = False
     speed: float = 0.0
+
+
+@dataclass(frozen=True)
+class Lights:
+    """Lit lamps, n of them.
+
+    Attributes:
+      at: places relative to the eye; forward: direction of the vehicle, both (n, 3).
+      kind: function; brightness: emission; size: half the size [m].
+    """
+
+    at: FloatArray
+    forward: FloatArray
+    kind: NDArray[np.intp]
+    brightness: FloatArray
+    size: FloatArray
 
 
 def truck_signals(ego: EgoState, trajectory: Trajectory | None) -> Signals:
@@ -102,7 +118,8 @@ class Lamps:
         # The body's forward direction in the geom's frame: meshes are turned to their inertia.
         self._ahead = np.array([turn[0] for turn in turns]).reshape(-1, 3)
         self._index = np.repeat(np.arange(len(places)), [len(p) for p in places])
-        self._local = np.concatenate(places) if places else np.empty((0, 3))
+        both = np.concatenate(places) if places else np.empty((0, 4))
+        self._local, self._size = both[:, :3], both[:, 3]
         self._traffic = [
             body
             for body in np.unique(self.owner).tolist()
@@ -156,10 +173,8 @@ class Lamps:
                 found[i] = rest
         return found
 
-    def lights(
-        self, places: FloatArray, brightness: FloatArray
-    ) -> tuple[FloatArray, FloatArray, NDArray[np.intp], FloatArray]:
-        """Returns the lit lamps: place, forward direction of the body, function, and brightness.
+    def lights(self, places: FloatArray, brightness: FloatArray) -> Lights:
+        """Returns the lit lamps.
 
         Args:
           places: rotation and position of all geoms, (ngeom, 3, 4).
@@ -170,7 +185,7 @@ class Lamps:
         of = places[self.geom[index]]
         at = np.einsum("nij,nj->ni", of[:, :, :3], self._local[lit]) + of[:, :, 3]
         forward = np.einsum("nij,nj->ni", of[:, :, :3], self._ahead[index])
-        return at, forward, self.function[index], brightness[index]
+        return Lights(at, forward, self.function[index], brightness[index], self._size[lit])
 
 
 def _turn(model: mujoco.MjModel, geom: int) -> FloatArray:
@@ -181,10 +196,10 @@ def _turn(model: mujoco.MjModel, geom: int) -> FloatArray:
 
 
 def _places(model: mujoco.MjModel, geom: int, turn: FloatArray) -> FloatArray:
-    """Returns the middle of each lamp of a geom in the geom's frame, (n, 3)."""
+    """Returns middle, in the geom's frame, and half the size of each lamp of a geom [m], (n, 4)."""
     mesh = int(model.geom_dataid[geom])
     if mesh < 0:
-        return np.zeros((1, 3))
+        return np.array([[0.0, 0.0, 0.0, float(model.geom_size[geom].max())]])
     first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
     points = model.mesh_vert[first : first + count].astype(float)
     seen = points @ turn.T + model.geom_pos[geom]
@@ -192,14 +207,20 @@ def _places(model: mujoco.MjModel, geom: int, turn: FloatArray) -> FloatArray:
     cells = np.round(seen / np.array([0.8, 0.8, 0.6])).astype(int)
     _, which = np.unique(cells, axis=0, return_inverse=True)
     which = which.ravel()
-    return np.array([points[which == k].mean(axis=0) for k in range(which.max() + 1)])
+    lamps = [points[which == k] for k in range(which.max() + 1)]
+    return np.array([[*p.mean(axis=0), 0.5 * float(np.ptp(p, axis=0).max())] for p in lamps])
 
 
-def glow(
-    lights: tuple[FloatArray, FloatArray, NDArray[np.intp], FloatArray],
-    axes: FloatArray,
-    strength: float,
-) -> FloatArray:
+def _seen(lights: Lights) -> FloatArray:
+    """Returns the cosine between each lamp's direction and the direction to the eye."""
+    distance = np.maximum(np.linalg.norm(lights.at, axis=1), 0.5)
+    cosine = -np.einsum("ij,ij->i", lights.at, lights.forward) / distance
+    cosine = cosine * np.where(lights.kind == _TAIL, -1.0, 1.0)
+    both = (lights.kind == _LEFT) | (lights.kind == _RIGHT)
+    return np.where(both, np.abs(cosine), cosine)
+
+
+def glow(lights: Lights, axes: FloatArray, strength: float) -> FloatArray:
     """Returns the glow of lamps as spots, see `iits_mj.render.spots`; places relative to the eye.
 
     Args:
@@ -207,23 +228,19 @@ def glow(
       axes: right, down and forward of the camera, rows of (3, 3).
       strength: of the weather, 0 to 1.
     """
-    from iits_mj.render.spots import spots
-
-    at, forward, kind, brightness = lights
-    distance = np.maximum(np.linalg.norm(at, axis=1), 0.5)
-    to_eye = -at / distance[:, None]
-    seen = np.einsum("ij,ij->i", to_eye, forward) * np.where(kind == _TAIL, -1.0, 1.0)
-    seen = np.where((kind == _LEFT) | (kind == _RIGHT), np.abs(seen), seen)
+    kind, brightness, seen = lights.kind, lights.brightness, _seen(lights)
+    distance = np.maximum(np.linalg.norm(lights.at, axis=1), 0.5)
+    to_eye = -lights.at / distance[:, None]
     least = _ASIDE_SEEN[kind]
     share = np.where(kind == _MARKER, 1.0, np.clip((seen + 0.15) / 1.15, 0.0, 1.0) ** 2)
     share = np.where(seen > -0.15, least + (1.0 - least) * share, 0.0)
     share = np.where(kind == _MARKER, 0.5, share)
     gain = strength * share * np.minimum(brightness, 1.6)
-    radius = _RADIUS[kind] * (0.6 + 0.9 * strength) * np.sqrt(np.minimum(brightness, 2.0))
+    radius = lights.size * (2.2 + 3.2 * strength) * np.sqrt(np.minimum(brightness, 2.0))
     # Far lamps stay as large as a pixel or two.
     radius = np.maximum(radius, 0.0022 * distance)
     # In front of the lamp's own glass.
-    center = at + to_eye * np.minimum(0.35, 0.5 * distance)[:, None]
+    center = lights.at + to_eye * np.minimum(0.35, 0.5 * distance)[:, None]
     color = _COLORS[kind] * gain[:, None]
     chosen = gain > 0.02
     return spots(
@@ -235,33 +252,23 @@ def glow(
     )
 
 
-def beams(
-    lights: tuple[FloatArray, FloatArray, NDArray[np.intp], FloatArray], count: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def beams(lights: Lights, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Returns place, direction and color of the head lamps nearest to the eye, `count` at most."""
-    at, forward, kind, _ = lights
-    head = np.flatnonzero(kind == _HEAD)
-    near = head[np.argsort(np.linalg.norm(at[head], axis=1))[:count]]
-    tilted = forward[near] - [0.0, 0.0, math.tan(math.radians(0.6))]
+    head = np.flatnonzero(lights.kind == _HEAD)
+    near = head[np.argsort(np.linalg.norm(lights.at[head], axis=1))[:count]]
+    tilted = lights.forward[near] - [0.0, 0.0, math.tan(math.radians(0.6))]
     tilted /= np.maximum(np.linalg.norm(tilted, axis=1, keepdims=True), 1e-9)
     color = np.tile(0.62 * _COLORS[_HEAD], (len(near), 1))
-    return at[near], tilted, color
+    return lights.at[near], tilted, color
 
 
 def glints(
-    lights: tuple[FloatArray, FloatArray, NDArray[np.intp], FloatArray],
-    axes: FloatArray,
-    strength: float,
-    count: int,
+    lights: Lights, axes: FloatArray, strength: float, count: int
 ) -> tuple[FloatArray, FloatArray]:
     """Returns place and color of the lamps that a wet road mirrors, `count` at most."""
-    at, forward, kind, brightness = lights
-    distance = np.linalg.norm(at, axis=1)
-    seen = -np.einsum("ij,ij->i", at, forward) / np.maximum(distance, 0.1)
-    seen = seen * np.where(kind == _TAIL, -1.0, 1.0)
-    seen = np.where((kind == _LEFT) | (kind == _RIGHT), np.abs(seen), seen)
-    ahead = (at @ axes[2] > 0.0) & (kind != _MARKER) & (seen > 0.05)
+    seen, large = _seen(lights), lights.size > 0.08
+    ahead = (lights.at @ axes[2] > 0.0) & (lights.kind != _MARKER) & (seen > 0.05) & large
     chosen = np.flatnonzero(ahead)
-    chosen = chosen[np.argsort(distance[chosen])[:count]]
-    gain = strength * np.minimum(brightness[chosen], 1.6) * np.clip(seen[chosen], 0.0, 1.0)
-    return at[chosen], _COLORS[kind[chosen]] * gain[:, None]
+    chosen = chosen[np.argsort(np.linalg.norm(lights.at[chosen], axis=1))[:count]]
+    gain = strength * np.minimum(lights.brightness[chosen], 1.6) * np.clip(seen[chosen], 0.0, 1.0)
+    return lights.at[chosen], _COLORS[lights.kind[chosen]] * gain[:, None]

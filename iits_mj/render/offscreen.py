@@ -62,16 +62,17 @@ _LAST_GROUP = 2
 # Geoms with a smaller alpha are blended.
 _OPAQUE = 0.995
 # A coarser form is drawn where its cubes are smaller than a pixel by this factor.
-_CELL_PIXELS = 1.15
+_CELL_PIXELS = 0.7
 # Light of a tunnel's lamps from above, and from the road; distances from the lamps within which a
 # body is in it [m].
 _TUNNEL_ABOVE, _TUNNEL_BELOW = (0.80, 0.77, 0.68), (0.44, 0.42, 0.38)
 _TUNNEL_NEAR, _TUNNEL_FAR = 11.0, 24.0
-_TUNNEL = "tunnel"
+_TUNNEL, _TUNNEL_LIGHT = "tunnel", 1.25
 # Answer to head lamps by a part of the geom's name: paint and reflectors return much of the light.
 _ANSWER = {"marking": 2.2, "reflector": 9.0, "post": 2.5, "sign": 4.0, "steel": 1.6}
 _MEADOW = 0.9
 _KNEE = 0.72
+_ROD = 0.03  # [m], half the thickness of what casts no shadow
 
 
 def check_size(size: tuple[int, int]) -> tuple[int, int]:
@@ -193,8 +194,9 @@ class Offscreen(Closing):
         drawn = (model.geom_group[part] <= _LAST_GROUP) & (alpha > 0.0)
         self._opaque = drawn & (alpha >= _OPAQUE)
         self._transparent = drawn & ~self._opaque
-        # What has a texture is ground.
-        self._casting = drawn & (self._texture < 0)
+        # What has a texture is ground; rods and hoses are thinner than a pixel of the shadow map.
+        thick = np.sort(model.geom_aabb[part, 3:], axis=1)[:, 1] > _ROD
+        self._casting = drawn & (self._texture < 0) & thick
         names = [model.geom(i).name for i in range(model.ngeom)]
         self._time = 0.0
         self._signals: dict[int, Signals] = {}
@@ -219,7 +221,7 @@ class Offscreen(Closing):
         model = self._model
         for geom, name in enumerate(names):
             if _TUNNEL in name and "concrete" not in name:
-                self._looks[geom, 4], self._looks[geom, 7] = 1.0, 2.0
+                self._looks[geom, 4], self._looks[geom, 7] = _TUNNEL_LIGHT, 2.0
             for part, answer in _ANSWER.items():
                 if name.startswith("road_") and part in name:
                     self._looks[geom, 8] = answer
@@ -326,7 +328,9 @@ class Offscreen(Closing):
         level = np.searchsorted(_CELL_PIXELS * np.array(CELLS), pixel)
         if self._weather is None:
             level[level == 1] = 0
+        # From front to back, so that what is hidden is not colored.
         shown = np.flatnonzero(visible & self._opaque)
+        shown = shown[np.argsort((distance - radius)[shown])]
         texture = self._texture[shown]
         behind = np.flatnonzero(visible & self._transparent)
         behind = behind[np.argsort((distance - radius)[behind])]

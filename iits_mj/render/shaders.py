@@ -121,8 +121,8 @@ vec3 illumination(vec3 n) {
     if (along < 0.4 || along > 160.0) continue;
     vec3 aside = (d - along * beam_to[i]) / along;
     float cut = mix(0.04, 1.0, smoothstep(0.02, -0.02, aside.z));
-    float spread = exp(-4.5 * dot(aside.xy, aside.xy) - 12.0 * aside.z * aside.z);
-    float level = cut * spread / (0.35 + 0.0026 * along * along);
+    float spread = exp(-6.0 * dot(aside.xy, aside.xy) - 12.0 * aside.z * aside.z);
+    float level = cut * spread / (0.55 + 0.0009 * along * along);
     sum += level * beam_color[i] * (0.35 + 0.65 * max(dot(n, -normalize(d)), 0.0));
   }
   return sum;
@@ -163,7 +163,10 @@ void main() {
   vec3 own = base.rgb, direct = sunlit;
 #ifdef TEXTURED
   vec3 texel = texture(pattern, at).rgb;
-  if (meadow > 0.0) texel *= 0.55 + meadow * texture(pattern, at.yx * 9.7).g;
+  if (meadow > 0.0 && distance < 80.0) {
+    float detail = texture(pattern, at.yx * 9.7).g / 0.41 - 1.0;
+    texel *= 1.0 + meadow * (1.0 - distance / 80.0) * detail;
+  }
   own *= texel;
   direct *= texel;
 #endif
@@ -259,7 +262,7 @@ void main() {
   vec2 square = corner * corner;
   float soft = max(1.0 - square.x - square.y, 0.0);
   vec2 edge = 1.0 - square * square;
-  color = spot * mix(soft * soft, edge.x * edge.y, boxed);
+  color = spot * mix(soft * soft * soft, edge.x * edge.y, boxed);
 }
 """
 # Smooths steps along edges: blends along the direction in which brightness changes least.
@@ -272,16 +275,15 @@ SMOOTH_FRAGMENT = """#version 430
 uniform sampler2D picture;
 uniform vec2 pixel;
 out vec4 color;
-const vec3 weight = vec3(0.299, 0.587, 0.114);
 void main() {
+  // Green stands for the brightness.
   ivec2 here = ivec2(gl_FragCoord.xy);
   vec3 middle = texelFetch(picture, here, 0).rgb;
-  ivec2 last = textureSize(picture, 0) - 1;
-  float c = dot(middle, weight);
-  float a = dot(texelFetch(picture, max(here - 1, 0), 0).rgb, weight);
-  float b = dot(texelFetch(picture, clamp(here + ivec2(1, -1), ivec2(0), last), 0).rgb, weight);
-  float d = dot(texelFetch(picture, clamp(here + ivec2(-1, 1), ivec2(0), last), 0).rgb, weight);
-  float e = dot(texelFetch(picture, min(here + 1, last), 0).rgb, weight);
+  float c = middle.g;
+  float a = texelFetchOffset(picture, here, 0, ivec2(-1, -1)).g;
+  float b = texelFetchOffset(picture, here, 0, ivec2(1, -1)).g;
+  float d = texelFetchOffset(picture, here, 0, ivec2(-1, 1)).g;
+  float e = texelFetchOffset(picture, here, 0, ivec2(1, 1)).g;
   float low = min(c, min(min(a, b), min(d, e))), high = max(c, max(max(a, b), max(d, e)));
   color = vec4(middle, 1.0);
   if (high - low < max(0.03, 0.10 * high)) return;
@@ -292,7 +294,6 @@ void main() {
   vec3 near = 0.5 * (texture(picture, at - along / 6.0).rgb + texture(picture, at + along / 6.0).rgb);
   vec3 wide = texture(picture, at - 0.5 * along).rgb + texture(picture, at + 0.5 * along).rgb;
   wide = 0.5 * near + 0.25 * wide;
-  float level = dot(wide, weight);
-  color.rgb = level < low || level > high ? near : wide;
+  color.rgb = wide.g < low || wide.g > high ? near : wide;
 }
 """

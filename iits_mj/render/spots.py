@@ -16,7 +16,7 @@ from iits_mj.core.arrays import FloatArray
 COLUMNS = 14
 FALL = 8.5  # [m/s] of rain
 _BOX = np.array([26.0, 26.0, 14.0])  # [m] about the eye, with drops
-_EXPOSURE = 1.0 / 50.0  # [s], makes drops streaks
+_EXPOSURE = 1.0 / 40.0  # [s], makes drops streaks
 _PUFFS, _LIFE = 26, 1.1  # of spray behind an axle; [s]
 _SPRAY_SPEED = 6.0  # [m/s] without spray
 
@@ -46,11 +46,11 @@ def rain(
     at = (seeds * _BOX + fall * time - eye) % _BOX - 0.5 * _BOX
     distance = np.linalg.norm(at, axis=1, keepdims=True)
     streak = 0.5 * _EXPOSURE * (fall - velocity)
-    streak *= min(1.0, 0.45 / max(float(np.linalg.norm(streak)), 1e-9))
+    streak *= min(1.0, 0.5 / max(float(np.linalg.norm(streak)), 1e-9))
     across = np.cross(at, streak)
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
-    width = np.maximum(0.0035, 0.0006 * distance)
-    seen = np.clip(distance - 1.0, 0.0, 1.0) * 0.34
+    width = np.maximum(0.005, 0.0009 * distance)
+    seen = np.clip(distance - 1.5, 0.0, 1.0) * 0.55
     return spots(at, across * width, streak, color * seen, 0.6 * seen[:, 0])
 
 

@@ -70,7 +70,7 @@ def _faces(sky: Sky, sun: tuple[float, float]) -> FloatArray:
 _OVERCAST = (0.64, 0.67, 0.70)
 _RAIN = Weather(
     sun=(60.0, 130.0),
-    sunlight=(0.10, 0.10, 0.10),
+    sunlight=(0.06, 0.06, 0.06),
     above=(0.60, 0.63, 0.66),
     below=(0.30, 0.31, 0.31),
     sky=Sky(horizon=_OVERCAST, zenith=(0.43, 0.47, 0.52), clouds=-0.55, cloud=(0.52, 0.55, 0.59)),
@@ -79,13 +79,13 @@ _RAIN = Weather(
     lamps=True,
     glow=0.35,
     wet=1.0,
-    drops=900,
+    drops=1400,
 )
 _NIGHT = Weather(
     sun=(42.0, 150.0),
-    sunlight=(0.060, 0.070, 0.100),
-    above=(0.060, 0.070, 0.105),
-    below=(0.030, 0.034, 0.048),
+    sunlight=(0.080, 0.095, 0.135),
+    above=(0.095, 0.110, 0.160),
+    below=(0.045, 0.050, 0.070),
     sky=Sky(
         horizon=(0.060, 0.072, 0.115),
         zenith=(0.012, 0.016, 0.038),
@@ -102,8 +102,8 @@ _NIGHT = Weather(
 WEATHERS = {
     "day": Weather(),
     "low-sun": Weather(
-        sun=(6.5, 38.0),
-        sunlight=(1.00, 0.66, 0.36),
+        sun=(10.0, 48.0),
+        sunlight=(1.70, 1.10, 0.58),
         above=(0.36, 0.38, 0.48),
         below=(0.25, 0.22, 0.21),
         sky=Sky(
@@ -137,6 +137,6 @@ WEATHERS = {
         visibility=900.0,
         glow=0.9,
         wet=1.0,
-        drops=700,
+        drops=1000,
     ),
 }

@@ -181,8 +181,8 @@ def _tunnel_light() -> dict[str, FloatArray]:
     wall = panel * (0.66 + 0.22 * across + 0.16 * near * across**2)
     # Two rows of lamps light the ceiling about them.
     row = np.minimum(np.abs(across - 0.32), np.abs(across - 0.68))
-    ceiling = (0.20 + 0.06 * broad.clip(-1, 1) * 0.3) * (1.0 + 0.02 * grain)
-    ceiling = ceiling + 0.30 * np.exp(-((row / 0.07) ** 2)) * (0.35 + 0.65 * near)
+    ceiling = (0.26 + 0.06 * broad.clip(-1, 1) * 0.3) * (1.0 + 0.02 * grain)
+    ceiling = ceiling + 0.42 * np.exp(-((row / 0.07) ** 2)) * (0.35 + 0.65 * near)
     return {
         "road_asphalt_tunnel": colored(road, (1.0, 0.98, 0.92)),
         "road_tunnel_wall": colored(wall, (1.0, 0.985, 0.93)),
