@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import iits_mj
-from iits_mj.commands.output import prepare_folder, progress_bar
+from iits_mj.commands.output import camera_option, prepare_folder, progress_bar, weather_option
 from iits_mj.core import options as option_fields
 from iits_mj.core.errors import RenderError
 from iits_mj.core.options import option
@@ -26,7 +26,6 @@ from iits_mj.j1939 import CommandReceiver
 from iits_mj.j1939.log_files import WRITTEN
 from iits_mj.parameters import check_truck
 from iits_mj.render import plots
-from iits_mj.render.cameras import CAMERAS
 from iits_mj.render.film_process import FilmProcess, FilmSettings
 from iits_mj.render.pages import Page, Section, picture_section
 from iits_mj.road import Route
@@ -58,7 +57,8 @@ class Kept:
     out: Path = option(Path("out"), help="folder for all output", metavar="DIR")
     video: bool = option(True, help="write drive.mp4")
     size: tuple[int, int] = option((960, 540), help="size of the video in pixels", metavar="WxH")
-    camera: str = option("chase", help="camera of the video", choices=CAMERAS)
+    camera: str = camera_option()
+    weather: str = weather_option()
     fps: int = option(20, help="pictures per second of the video", low=5, high=50)
     can_log: Path | None = option(
         None,
@@ -222,7 +222,9 @@ def _receiver(simulation: Simulation) -> CommandReceiver | None:
 
 def _film(kept: Kept, config: DriveConfig) -> FilmProcess:
     video = kept.out / "drive.mp4"
-    return FilmProcess(FilmSettings(video, config, kept.size, kept.camera, kept.fps))
+    return FilmProcess(
+        FilmSettings(video, config, kept.size, kept.camera, kept.fps, kept.weather)
+    )
 
 
 def _checked(film: FilmProcess) -> tuple[FilmProcess | None, tuple[str, ...]]:

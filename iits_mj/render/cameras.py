@@ -11,6 +11,7 @@ import numpy as np
 from iits_mj.core.angles import wrap_angle
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import one_of
+from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
 
 
@@ -54,6 +55,7 @@ VIEWS = {
     "aerial": View(115.0, -28.0, -27.0, 25.0, 0.0, 0.0, 1.2, slopes=False, scales=False),
 }
 CAMERAS = tuple(VIEWS)
+CAMERAS_MAX = 4  # in one picture
 # Lengths [m] of the combination and of its last unit for which the views are defined.
 _LENGTH = {"lead": 16.5, "last": 12.7}
 _SCALE_MIN = 0.65  # a short truck does not hide the road ahead
@@ -63,6 +65,28 @@ _TUNNEL_VIEWS = {
     "ahead": View(16.0, 178.5, -6.0, -1.0, 0.2, 1.9, 0.5),
 }
 _TUNNEL_NEAR, _TUNNEL_TIME = 75.0, 1.2
+
+
+def cameras_of(text: str) -> tuple[str, ...]:
+    """Returns the cameras of a picture from their names, separated by commas.
+
+    Raises:
+      InputError: a name is unknown, or there are more than four.
+    """
+    names = tuple(one_of("camera", name.strip(), CAMERAS) for name in text.split(","))
+    if len(names) > CAMERAS_MAX:
+        raise InputError(f"camera {text!r} has {len(names)} names: use {CAMERAS_MAX} at most")
+    return names
+
+
+def tiles(size: tuple[int, int], count: int) -> list[tuple[int, int, int, int]]:
+    """Returns left, top, width and height of each camera's part of a picture.
+
+    Two are side by side, three and four in two rows; the sides are even numbers.
+    """
+    columns, rows = (1, 1) if count == 1 else (2, 1 + (count > 2))
+    width, height = size[0] // columns // 2 * 2, size[1] // rows // 2 * 2
+    return [(i % columns * width, i // columns * height, width, height) for i in range(count)]
 
 
 class FollowCamera:

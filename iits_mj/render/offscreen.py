@@ -200,7 +200,8 @@ class Offscreen(Closing):
         names = [model.geom(i).name for i in range(model.ngeom)]
         self._time = 0.0
         self._signals: dict[int, Signals] = {}
-        self._last: tuple[float, NDArray[np.float64]] | None = None
+        # Time and place of the eye in the last picture of each camera.
+        self._eyes: dict[int, tuple[float, NDArray[np.float64]]] = {}
         self._velocity = np.zeros(3)
         if self._weather is not None:
             self._lamps, self._shades = Lamps(model), Shades(model)
@@ -274,12 +275,13 @@ class Offscreen(Closing):
             self._light = self._sun_view(center, eye)
         self._time = float(data.time)
         if self._weather is not None:
-            self._update_weather(data)
+            self._update_weather(data, id(camera))
         self._boxes: Boxes = (np.empty((0, 3, 4)), np.empty((0, 9), np.float32))
 
-    def _update_weather(self, data: mujoco.MjData) -> None:
+    def _update_weather(self, data: mujoco.MjData, camera: int) -> None:
         eye = self._eye
-        last, self._last = self._last, (self._time, eye)
+        last = self._eyes.get(camera)
+        self._eyes[camera] = (self._time, eye)
         if last is not None and 0.0 < self._time - last[0] < 0.5:
             self._velocity = (eye - last[1]) / (self._time - last[0])
         at = data.geom_xpos[self._moving]
