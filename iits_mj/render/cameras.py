@@ -59,6 +59,7 @@ CAMERAS_MAX = 4  # in one picture
 # Lengths [m] of the combination and of its last unit for which the views are defined.
 _LENGTH = {"lead": 16.5, "last": 12.7}
 _SCALE_MIN = 0.65  # a short truck does not hide the road ahead
+_LAST_DISTANCE = 0.55  # of the views along the truck when they follow its last unit
 # These views are nearly along the truck, which may drive close to either wall.
 _TUNNEL_VIEWS = {
     "behind": View(27.0, -0.5, -5.5, 2.0, 0.2, 2.9, 0.7),
@@ -114,6 +115,8 @@ class FollowCamera:
         # A camera that is farther away in a tunnel is not higher.
         rise = math.sin(math.radians(inside.elevation)) / max(scale, 1.0)
         inside = replace(inside, elevation=math.degrees(math.asin(rise)))
+        if self.view.follows == "last":
+            inside = replace(inside, distance=_LAST_DISTANCE * inside.distance, ahead=-4.0)
         self._inside = _scaled(inside, scale)
         self.camera = mujoco.MjvCamera()
         self.camera.type = mujoco.mjtCamera.mjCAMERA_FREE

@@ -26,6 +26,7 @@ DECK_DEPTH = 1.5
 PIER_SPACING = 40.0
 RAIL_GAP = 0.45
 TREES_PER_KM = 140
+WOODS_PER_KM, WOOD_TREES = 7, 14
 NEAREST, FARTHEST = 15.0, 120.0  # [m] of the trees from the pavement's edge
 # Profile of a guard rail: offset, height [m].
 _RAIL = np.array(
@@ -230,17 +231,48 @@ def trees(part: Corridor, ground: Ground, rng: np.random.Generator) -> Parts:
     points = points[(clear > 0.8 * NEAREST) & (np.abs(points[:, 2] - row.z) < 22.0)]
     height = rng.uniform(6.0, 14.0, len(points))
     conifer = rng.random(len(points)) < 0.55
-    if np.any(conifer):
-        yield "road_conifer", _grown(_CONIFER, points[conifer], height[conifer])
-    if np.any(~conifer):
-        yield "road_leaves", _grown(_BROADLEAF, points[~conifer], 0.75 * height[~conifer])
-    if len(points):
-        yield "road_trunk", _grown(_TRUNK, points, height)
+    pale = rng.random(len(points)) < 0.4
+    yield from _grown("road_conifer", _CONIFER, points[conifer & ~pale], height[conifer & ~pale], rng)
+    yield from _grown("road_conifer_pale", _CONIFER, points[conifer & pale], height[conifer & pale], rng)
+    height[~conifer] *= 0.75
+    yield from _grown("road_leaves", _BROADLEAF, points[~conifer & ~pale], height[~conifer & ~pale], rng)
+    yield from _grown("road_leaves_pale", _BROADLEAF, points[~conifer & pale], height[~conifer & pale], rng)
+    yield from _grown("road_trunk", _TRUNK, points, height, rng)
+    yield from _woods(part, ground, rng)
 
 
-def _grown(shape: Shape, points: FloatArray, height: FloatArray) -> Shape:
-    """Copies of a shape of unit height, scaled to heights [m]."""
-    return _placed(shape.vertices[None] * height[:, None, None], shape, points)
+def _woods(part: Corridor, ground: Ground, rng: np.random.Generator) -> Parts:
+    """Groups of conifers farther away."""
+    length = part.station[-1] - part.station[0]
+    groups = max(1, int(WOODS_PER_KM * length / 1000.0))
+    count = groups * WOOD_TREES
+    along = np.repeat(rng.uniform(part.station[0], part.station[-1], groups), WOOD_TREES)
+    row = Corridor.sample(part.route, np.clip(along, part.station[0], part.station[-1]))
+    side = np.repeat(np.where(rng.random(groups) < 0.5, 1.0, -1.0), WOOD_TREES)
+    reach = np.repeat(FARTHEST + 330.0 * rng.random(groups), WOOD_TREES)
+    points = row.across(np.where(side > 0, row.left, row.right) + side * reach)
+    spread = np.repeat(rng.uniform(12.0, 42.0, groups), WOOD_TREES)
+    points[:, :2] += spread[:, None] * rng.normal(0.0, 1.0, (count, 2))
+    points[:, 2], clear = ground.height(points[:, 0], points[:, 1])
+    points = points[clear > 0.5 * FARTHEST]
+    height = rng.uniform(8.0, 17.0, len(points))
+    half = len(points) // 2
+    yield from _grown("road_conifer", _SPIRE, points[:half], height[:half], rng)
+    yield from _grown("road_conifer_pale", _SPIRE, points[half:], height[half:], rng)
+
+
+def _grown(
+    material: str, shape: Shape, points: FloatArray, height: FloatArray, rng: np.random.Generator
+) -> Parts:
+    """Copies of a shape of unit height, scaled to heights [m], each turned and of its own girth."""
+    if not len(points):
+        return
+    turn, girth = rng.uniform(0.0, 2.0 * np.pi, len(points)), rng.uniform(0.8, 1.25, len(points))
+    c, s = np.cos(turn)[:, None], np.sin(turn)[:, None]
+    x, y, z = (shape.vertices[:, i][None] for i in range(3))
+    wide = girth[:, None]
+    grown = np.stack([wide * (c * x - s * y), wide * (s * x + c * y), z + 0.0 * c], axis=-1)
+    yield material, _placed(grown * height[:, None, None], shape, points)
 
 
 def _cone(radius: float, low: float, high: float, sides: int = 7) -> Shape:
@@ -253,14 +285,16 @@ def _cone(radius: float, low: float, high: float, sides: int = 7) -> Shape:
 
 def _crown() -> Shape:
     """A lumpy ball of unit tree height, from rings."""
-    levels = np.array([(0.0, 0.26), (0.20, 0.34), (0.31, 0.55), (0.24, 0.80), (0.0, 1.0)])
-    sides = 7
+    levels = np.array(
+        [(0.0, 0.24), (0.19, 0.30), (0.32, 0.48), (0.31, 0.66), (0.20, 0.86), (0.0, 1.0)]
+    )
+    sides = 8
     angle = 2.0 * np.pi * np.arange(sides) / sides
-    lump = 1.0 + 0.16 * np.cos(3.0 * angle + 0.7)
-    rows = [
-        np.stack([r * lump * np.cos(angle), r * lump * np.sin(angle), np.full(sides, z)], axis=-1)
-        for r, z in levels
-    ]
+    rows = []
+    for k, (r, z) in enumerate(levels):
+        lump = 1.0 + 0.22 * np.cos(3.0 * angle + 0.7 + 2.1 * k) + 0.10 * np.cos(2.0 * angle + 1.3 * k)
+        sag = z + 0.035 * np.cos(4.0 * angle + 1.9 * k) * (r > 0.0)
+        rows.append(np.stack([r * lump * np.cos(angle), r * lump * np.sin(angle), sag], axis=-1))
     faces = []
     for i in range(len(levels) - 1):
         for j in range(sides):
@@ -271,4 +305,5 @@ def _crown() -> Shape:
 
 _CONIFER = merge([_cone(0.24, 0.10, 0.55), _cone(0.19, 0.34, 0.78), _cone(0.13, 0.58, 1.0)])
 _BROADLEAF = _crown()
+_SPIRE = _cone(0.21, 0.02, 1.0, 5)
 _TRUNK = _cone(0.03, -0.1, 0.6, 5)
