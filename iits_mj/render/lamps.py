@@ -225,7 +225,7 @@ def glow(lights: Lights, axes: FloatArray, strength: float) -> FloatArray:
 
     Args:
       lights: as of `Lamps.lights`.
-      axes: right, down and forward of the camera, rows of (3, 3).
+      axes: right, up and forward of the camera, rows of (3, 3).
       strength: of the weather, 0 to 1.
     """
     kind, brightness, seen = lights.kind, lights.brightness, _seen(lights)

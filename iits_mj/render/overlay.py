@@ -40,7 +40,7 @@ MODE_NAMES = {
     PlanMode.ABORT: "ABORT",
     PlanMode.EMERGENCY: "EMERGENCY",
 }
-_PANEL_SIZE = (392.0, 112.0)  # left of the truck in the view from behind
+_PANEL_SIZE = (362.0, 112.0)  # left of the truck in the view from behind
 _OVERSAMPLING = 4
 
 
@@ -51,6 +51,9 @@ class Overlay:
       size: width and height of the pictures.
       route: for the map of the lanes.
       cameras: that share the pictures; the instruments of several are smaller.
+
+    Attributes:
+      boxes: left, top, width and height of the panel and of the map in the pictures.
     """
 
     def __init__(self, size: tuple[int, int], route: Route, cameras: int = 1) -> None:
@@ -68,6 +71,7 @@ class Overlay:
         }
         self._background = self._draw_background()
         self._sketch = LaneSketch(size, k, route)
+        self.boxes = ((*self._corner, *self._background.size), self._sketch.box)
 
     def draw(self, picture: NDArray[np.uint8], frame: DriveFrame) -> NDArray[np.uint8]:
         """Draws the instruments into the picture (height, width, 3) and returns it."""
@@ -119,21 +123,21 @@ class Overlay:
         for i, pressure in enumerate(frame.ego.brake_pressures):
             share = min(max(pressure / BRAKE_PRESSURE_MAX, 0.0), 1.0)
             if share > 0.005:
-                x = 246 + 13 * i
-                pen.rectangle(self._box(x, 78 - 58 * share, x + 9, 78), fill=AMBER)
+                x = 240 + 11 * i
+                pen.rectangle(self._box(x, 78 - 58 * share, x + 8, 78), fill=AMBER)
 
     def _grade(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         slope = frame.grade
         # The wedge is six times as steep as the road.
         rise = 6.0 * min(max(slope, -0.1), 0.1) * 36.0
         base = 62.0
-        points = [(322, base + 0.5 * rise), (380, base - 0.5 * rise)]
+        points = [(304, base + 0.5 * rise), (350, base - 0.5 * rise)]
         low = max(y for _, y in points) + 4.0
-        polygon = [*points, (380, low), (322, low)]
+        polygon = [*points, (350, low), (304, low)]
         pen.polygon([self._point(x, y) for x, y in polygon], fill=BLUE if slope >= 0 else GREEN)
-        self._text(pen, 351, 34, f"{100.0 * slope:+.1f} %", 15, INK, "mm")
+        self._text(pen, 327, 34, f"{100.0 * slope:+.1f} %", 15, INK, "mm")
         used = frame.ego.fuel_used / DIESEL_DENSITY
-        self._text(pen, 380, 102, f"{used:.2f} l", 12, INK, "rs")
+        self._text(pen, 350, 102, f"{used:.2f} l", 12, INK, "rs")
 
     def _plan(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         mode = frame.trajectory.mode
@@ -168,8 +172,8 @@ class Overlay:
         texts = (
             (16, f"{frame.time:6.1f} s"),
             (76, f"{frame.ego.station / 1000.0:.2f} km"),
-            (144, f"changes {frame.lane_changes}"),
-            (226, f"gap {frame.gap_ahead:.0f} m" if frame.gap_ahead < 500.0 else "gap free"),
+            (140, f"changes {frame.lane_changes}"),
+            (216, f"gap {frame.gap_ahead:.0f} m" if frame.gap_ahead < 500.0 else "gap free"),
         )
         for x, text in texts:
             self._text(pen, x, 102, text, 12, INK, "ls")
@@ -209,7 +213,7 @@ class Overlay:
         for x in (200, 220):
             pen.rectangle(box(x, 20, x + 12, 78), fill=TRACK)
         for i in range(5):
-            pen.rectangle(box(246 + 13 * i, 20, 255 + 13 * i, 78), fill=TRACK)
+            pen.rectangle(box(240 + 11 * i, 20, 248 + 11 * i, 78), fill=TRACK)
         pen.line(
             (12 * large, 86 * large, (_PANEL_SIZE[0] - 12) * large, 86 * large),
             fill=TRACK,
@@ -224,8 +228,8 @@ class Overlay:
             (162, 12, "rpm"),
             (206, 12, "gas"),
             (227, 12, "xbr"),
-            (278, 12, "brake pressure"),
-            (351, 12, "grade"),
+            (266, 12, "brake pressure"),
+            (327, 12, "grade"),
         )
         for x, y, text in labels:
             pen.text((x * k, y * k), text, font=self._fonts[10], fill=DIM, anchor="mm")

@@ -102,7 +102,7 @@ class Shades:
         """Returns the spray behind the units near the eye.
 
         Args:
-          eye: in the map [m]; axes: right, down and forward of the camera.
+          eye: in the map [m]; axes: right, up and forward of the camera.
           signals: with the speeds, by the root of the bodies; time: [s]; weather: a wet one.
         """
         found = [np.empty((0, spots.COLUMNS))]

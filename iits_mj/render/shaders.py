@@ -181,7 +181,7 @@ void main() {
 #if defined(WET) && defined(TEXTURED)
   if (wet > 0.0) {
     float film = wet * clamp(3.2 - 8.0 * texel.g, 0.35, 1.0);
-    shown = shown * (1.0 - 0.45 * film) + reflection(film);
+    shown = shown * (1.0 - 0.62 * film) + reflection(film);
   }
 #endif
   // Bright colors approach white without reaching it.

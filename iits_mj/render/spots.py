@@ -62,7 +62,7 @@ def spray(
 
     Args:
       place: on the road below the axle; forward: direction of travel; speed: [m/s].
-      time: [s]; axes: right, down and forward of the camera; color: of the air.
+      time: [s]; axes: right, up and forward of the camera; color: of the air.
       wet: film of water, 0 to 1.
     """
     strength = wet * min(max((speed - _SPRAY_SPEED) / 16.0, 0.0), 1.0)
