@@ -1,6 +1,8 @@
 """Drive the truck along a road in SUMO traffic, controlled by its driving stack.
 
-Writes drive.mp4, telemetry.csv, plots, summary.json, and report.html, which contains all of them,
+Without options of the drive itself it is a demo of a minute: two slow trucks in a tunnel are
+overtaken, a van stands in the left lane, and a descent follows on the retarder. Any such option, for
+instance --duration, starts at --start-station in ordinary traffic. Writes drive.mp4, telemetry.csv, plots, summary.json, and report.html, which contains all of them,
 into --out. Exit code: 0 after a drive without failure; 1 after a collision, a roll-over or a
 divergence of the simulation; 2 after wrong use.
 """
@@ -44,6 +46,14 @@ CAPTIONS = {
     "traffic": "Lanes and gaps",
 }
 INTERRUPTED = 130
+# The drive without options; found by trying seeds and stations.
+DEMO: Mapping[str, Any] = {
+    "start_station": 990.0,
+    "seed": 2,
+    "duration": 60.0,
+    "decision": "lookahead",
+    "events": Path(__file__).with_name("demo.toml"),
+}
 UNSTEERED = (
     "No steering command (IITS_COMMAND) was accepted, and the truck does not obey the accelerator "
     "without steering: use replay-can --keep-lane, which steers instead of the log."
@@ -140,7 +150,24 @@ class Outcome:
 def run(options: Options) -> int:
     """Drives, writes all files and prints the summary; returns the exit code."""
     check_given(options, options.given)
+    if _is_default(options):
+        flags = " ".join(
+            f"--{name.replace('_', '-')} {value}"
+            for name, value in DEMO.items()
+            if not isinstance(value, Path)
+        )
+        print(f"iits-mj: demo drive with its own traffic events ({flags})", file=sys.stderr)
+        options = dataclasses.replace(options, **DEMO)
     return perform(Job("drive", options, options, options, duration=options.duration))
+
+
+def _is_default(options: Options) -> bool:
+    """Returns whether no option of the drive itself was given."""
+    names = [field.name for field in dataclasses.fields(DriveConfig)]
+    plain = DriveConfig()
+    return options.given.isdisjoint(names) and all(
+        getattr(options, name) == getattr(plain, name) for name in names
+    )
 
 
 def perform(job: Job) -> int:
