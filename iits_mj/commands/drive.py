@@ -1,8 +1,10 @@
 """Drive the truck along a road in SUMO traffic, controlled by its driving stack.
 
-Without options of the drive itself it is a demo of a minute: two slow trucks in a tunnel are
-overtaken, a van stands in the left lane, and a descent follows on the retarder. Any such option, for
-instance --duration, starts at --start-station in ordinary traffic. Writes drive.mp4, telemetry.csv, plots, summary.json, and report.html, which contains all of them,
+Without options of the drive itself it is a demo of a minute: the truck overtakes two slow trucks in
+a tunnel, returns before a broken-down van, and descends on its retarder. With any such option, for
+instance --duration, it is a drive in ordinary traffic from --start-station on.
+
+Writes drive.mp4, telemetry.csv, plots, summary.json, and report.html, which contains all of them,
 into --out. Exit code: 0 after a drive without failure; 1 after a collision, a roll-over or a
 divergence of the simulation; 2 after wrong use.
 """
@@ -249,9 +251,7 @@ def _receiver(simulation: Simulation) -> CommandReceiver | None:
 
 def _film(kept: Kept, config: DriveConfig) -> FilmProcess:
     video = kept.out / "drive.mp4"
-    return FilmProcess(
-        FilmSettings(video, config, kept.size, kept.camera, kept.fps, kept.weather)
-    )
+    return FilmProcess(FilmSettings(video, config, kept.size, kept.camera, kept.fps, kept.weather))
 
 
 def _checked(film: FilmProcess) -> tuple[FilmProcess | None, tuple[str, ...]]:

@@ -301,6 +301,13 @@ def _plane(model: mujoco.MjModel, geom: int) -> tuple[Floats, Indices]:
     return points.astype(np.float32), corners.astype(np.uint32)
 
 
+def turn_of(model: mujoco.MjModel, geom: int) -> FloatArray:
+    """Returns the rotation of a geom in its body, (3, 3)."""
+    turn = np.empty(9)
+    mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
+    return turn.reshape(3, 3)
+
+
 def plane_repeat(model: mujoco.MjModel, geom: int) -> FloatArray:
     """Returns how often a plane's texture repeats in 2 m along x and y."""
     material = model.geom_matid[geom]

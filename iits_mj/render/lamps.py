@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import Decision, EgoState, PlanMode, Trajectory
 from iits_mj.core.vehicles import VehicleFrame
+from iits_mj.render.geometry import turn_of
 from iits_mj.render.spots import spots
 from traffic_bridge.mirror.articulation import KINGPIN_FROM_FRONT
 
@@ -113,7 +114,7 @@ class Lamps:
         kinds = np.array([function[model.geom_matid[g]] for g in self.geom], dtype=np.intp)
         self.function = kinds
         self.owner = model.body_rootid[model.geom_bodyid[self.geom]]
-        turns = [_turn(model, geom) for geom in self.geom.tolist()]
+        turns = [turn_of(model, geom) for geom in self.geom.tolist()]
         places = [_places(model, g, t) for g, t in zip(self.geom.tolist(), turns, strict=True)]
         # The body's forward direction in the geom's frame: meshes are turned to their inertia.
         self._ahead = np.array([turn[0] for turn in turns]).reshape(-1, 3)
@@ -121,14 +122,13 @@ class Lamps:
         both = np.concatenate(places) if places else np.empty((0, 4))
         self._local, self._size = both[:, :3], both[:, 3]
         self._traffic = [
-            body
-            for body in np.unique(self.owner).tolist()
-            if model.body_mocapid[body] >= 0
+            body for body in np.unique(self.owner).tolist() if model.body_mocapid[body] >= 0
         ]
 
     def signals(self, data: mujoco.MjData, frame: DriveFrame) -> dict[int, Signals]:
         """Returns the signals of the shown vehicles by the root of their bodies."""
-        found = {int(self._model.body("tractor").rootid[0]): truck_signals(frame.ego, frame.trajectory)}
+        root = int(self._model.body("tractor").rootid[0])
+        found = {root: truck_signals(frame.ego, frame.trajectory)}
         vehicles = VehicleFrame.of(frame.scene.vehicles)
         if not len(vehicles) or not self._traffic:
             return found
@@ -162,7 +162,7 @@ class Lamps:
         found = np.empty(len(self.geom))
         for i, (kind, owner) in enumerate(zip(self.function, self.owner.tolist(), strict=True)):
             shown = signals.get(owner, Signals())
-            if kind == _LEFT or kind == _RIGHT:
+            if kind in (_LEFT, _RIGHT):
                 active = shown.left if kind == _LEFT else shown.right
                 found[i] = _BRAKE if active and flash else _OFF
             elif kind == _TAIL and shown.brake:
@@ -186,13 +186,6 @@ class Lamps:
         at = np.einsum("nij,nj->ni", of[:, :, :3], self._local[lit]) + of[:, :, 3]
         forward = np.einsum("nij,nj->ni", of[:, :, :3], self._ahead[index])
         return Lights(at, forward, self.function[index], brightness[index], self._size[lit])
-
-
-def _turn(model: mujoco.MjModel, geom: int) -> FloatArray:
-    """Returns the rotation of a geom in its body, (3, 3)."""
-    turn = np.empty(9)
-    mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
-    return turn.reshape(3, 3)
 
 
 def _places(model: mujoco.MjModel, geom: int, turn: FloatArray) -> FloatArray:

@@ -13,10 +13,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.checks import one_of
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError, RenderError
-from iits_mj.core.checks import one_of
-from iits_mj.render.geometry import CELLS, Geometry, plane_repeat
+from iits_mj.render.geometry import CELLS, Geometry, plane_repeat, turn_of
 from iits_mj.render.lamps import Lamps, Signals, beams, glints, glow
 from iits_mj.render.shade import Shades
 from iits_mj.render.shaders import BEAMS_MAX, GLINTS_MAX
@@ -49,6 +49,7 @@ def follow(window: Any, model: mujoco.MjModel, prefix: str = "") -> None:
 Boxes = tuple[NDArray[np.float64], NDArray[np.float32]]
 """Half-sizes times axes as columns, and center, (n, 3, 4); color with alpha, emission, specular and
 shininess from 0 to 128, (n, 7)."""
+Vectors = tuple[NDArray[np.float64], ...]
 VERSION = (4, 3)  # of OpenGL
 PACKAGES = "libegl1 libgl1-mesa-dri libopengl0"
 SIZE_MIN, SIZE_MAX = 64, 4096
@@ -234,9 +235,7 @@ class Offscreen(Closing):
         for geom in lamps:
             mesh = model.geom_dataid[geom]
             first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-            turn = np.empty(9)
-            mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
-            points = model.mesh_vert[first : first + count] @ turn.reshape(3, 3).T
+            points = model.mesh_vert[first : first + count] @ turn_of(model, geom).T
             places.append(points[::2] + model.geom_pos[geom])
         self._tunnel_lamps = np.concatenate(places)
 
@@ -371,9 +370,7 @@ class Offscreen(Closing):
         )
         return self._painter.paint(shot)
 
-    def _lit_lamps(
-        self,
-    ) -> tuple[NDArray[np.float64], tuple[NDArray[np.float64], ...], tuple[NDArray[np.float64], ...]]:
+    def _lit_lamps(self) -> tuple[NDArray[np.float64], Vectors, Vectors]:
         """Sets the brightness of lamps; returns spots, head lamps and lamps that a road mirrors."""
         weather, none = self._weather, np.empty((0, 3))
         if weather is None:
@@ -389,7 +386,8 @@ class Offscreen(Closing):
         ]
         if weather.wet > 0.0:
             fog = np.array(weather.fog)
-            added.append(self._shades.spray(self._eye, self._axes, self._signals, self._time, weather))
+            by = self._signals, self._time, weather
+            added.append(self._shades.spray(self._eye, self._axes, *by))
             if weather.drops and not self._looks[self._shades.geom, 7].max(initial=0.0) > 0.5:
                 light = fog if not weather.beams else fog + 0.10
                 added.append(rain(weather.drops, self._time, self._eye, self._velocity, light))

@@ -228,7 +228,7 @@ class Overlay:
             (162, 12, "rpm"),
             (206, 12, "gas"),
             (227, 12, "xbr"),
-            (266, 12, "brake pressure"),
+            (266, 12, "brakes"),
             (327, 12, "grade"),
         )
         for x, y, text in labels:

@@ -20,6 +20,8 @@ from iits_mj.render.geometry import Floats, Geometry
 
 ASPHALT, GRASS = "road_asphalt", "road_grass"  # textures that the weather changes
 SHADOW_LEVEL = 2  # of detail of what casts shadows
+
+
 @dataclass(frozen=True)
 class Lighting:
     """Lights, fog and sky of a scene.

@@ -11,6 +11,7 @@ import dataclasses
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -69,7 +70,8 @@ class Record:
                 states.append(dataclasses.replace(ego, time=time))
                 scenes.append(Scene(time, ego, recording.frames[k]))
         count = len(recording.command_time)
-        commands = [(float(recording.command_time[k]), recording.command_at(k)) for k in range(count)]
+        times = recording.command_time.tolist()
+        commands = [(times[k], recording.command_at(k)) for k in range(count)]
         return cls(config, states, scenes, commands=commands)
 
 
@@ -102,6 +104,7 @@ class RecordedDrive:
         self._first = record.states[0]
         self._ends = np.array([(s.time, s.station, s.offset) for s in record.states])
         lanes = [self._route.lane_at(s.station, s.offset) for s in record.states]
+        self._shown = -1
         self._changes = np.concatenate([[0], np.cumsum(np.diff(lanes) != 0)])
         self._rewind()
 
@@ -116,10 +119,10 @@ class RecordedDrive:
                 f"time {time:g} s is not in the recording: use {self.start:g} to {self.end:g} s"
             )
         ego = self._ego(time)
-        self._pose(ego)
         number = max(bisect_right(self._scene_times, time + 1e-6) - 1, 0)
         if number < self._shown:
             self._rewind()
+        self._pose(ego)
         # Every step of the traffic, in which semitrailers follow their tractors.
         for k in range(self._shown + 1, number + 1):
             self._mirror.update(self.data, self._record.scenes[k].vehicles, (ego.x, ego.y))
@@ -131,6 +134,7 @@ class RecordedDrive:
         return self._frame(time, ego, scene, number)
 
     def _rewind(self) -> None:
+        """Forgets the traffic."""
         mujoco.mj_resetData(self.truck.model, self.data)
         self._mirror.bind(self.truck.model)
         self._shown = -1
@@ -142,16 +146,14 @@ class RecordedDrive:
         after = self._record.states[min(k + 1, len(self._times) - 1)]
         gap = after.time - before.time
         share = 0.0 if gap <= 0.0 else (time - before.time) / gap
-        values = {}
+        values: dict[str, Any] = {}
         for field in dataclasses.fields(EgoState):
             a, b = getattr(before, field.name), getattr(after, field.name)
             if isinstance(a, float):
                 step = wrap_angle(b - a) if field.name in _ANGLES else b - a
                 values[field.name] = a + share * step
             elif isinstance(a, tuple):
-                values[field.name] = tuple(
-                    p + share * (q - p) for p, q in zip(a, b, strict=True)
-                )
+                values[field.name] = tuple(p + share * (q - p) for p, q in zip(a, b, strict=True))
         return dataclasses.replace(before, **values | {"time": time})
 
     def _pose(self, ego: EgoState) -> None:

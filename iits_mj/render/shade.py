@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from iits_mj.core.arrays import FloatArray
 from iits_mj.model.visuals.shapes import VISUAL_GROUP
 from iits_mj.render import spots
+from iits_mj.render.geometry import turn_of
 from iits_mj.render.lamps import Signals
 from iits_mj.render.weather import Weather
 
@@ -50,7 +51,8 @@ class Shades:
         tires = [
             g
             for g, m in enumerate(model.geom_matid.tolist())
-            if m >= 0 and model.material(m).name == "truck_rubber"
+            if m >= 0
+            and model.material(m).name == "truck_rubber"
             and model.body_dofnum[model.geom_bodyid[g]]
         ]
         self._tires = np.array(tires, dtype=np.intp)
@@ -87,7 +89,7 @@ class Shades:
             share = min(float(inside[unit.geom]), 1.0)
             half = (0.5 * (unit.front - unit.rear), unit.half_width)
             dark = _DARK + share * (_DARK_INSIDE - _DARK)
-            center = center + [0.0, 0.0, _LIFT]
+            center[2] += _LIFT
             found.append(spots.shade(center, self._forward[i], half, dark))
         return np.concatenate(found)
 
@@ -102,8 +104,11 @@ class Shades:
         """Returns the spray behind the units near the eye.
 
         Args:
-          eye: in the map [m]; axes: right, up and forward of the camera.
-          signals: with the speeds, by the root of the bodies; time: [s]; weather: a wet one.
+          eye: in the map [m].
+          axes: right, up and forward of the camera.
+          signals: with the speeds, by the root of the bodies.
+          time: [s].
+          weather: a wet one.
         """
         found = [np.empty((0, spots.COLUMNS))]
         for i, unit in enumerate(self._units):
@@ -131,9 +136,7 @@ def _units(model: mujoco.MjModel) -> list[_Unit]:
     for body, own in geoms.items():
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
         for geom in own:
-            turn = np.empty(9)
-            mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
-            turn = turn.reshape(3, 3)
+            turn = turn_of(model, geom)
             middle = model.geom_pos[geom] + turn @ model.geom_aabb[geom, :3]
             half = np.abs(turn) @ model.geom_aabb[geom, 3:]
             low, high = np.minimum(low, middle - half), np.maximum(high, middle + half)

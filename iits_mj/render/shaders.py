@@ -291,7 +291,8 @@ void main() {
   float least = min(abs(along.x), abs(along.y)) + max(0.03 * (a + b + d + e), 0.008);
   along = clamp(along / least, -8.0, 8.0) * pixel;
   vec2 at = gl_FragCoord.xy * pixel;
-  vec3 near = 0.5 * (texture(picture, at - along / 6.0).rgb + texture(picture, at + along / 6.0).rgb);
+  vec3 near = texture(picture, at - along / 6.0).rgb + texture(picture, at + along / 6.0).rgb;
+  near *= 0.5;
   vec3 wide = texture(picture, at - 0.5 * along).rgb + texture(picture, at + 0.5 * along).rgb;
   wide = 0.5 * near + 0.25 * wide;
   color.rgb = wide.g < low || wide.g > high ? near : wide;

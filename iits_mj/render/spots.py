@@ -22,7 +22,11 @@ _SPRAY_SPEED = 6.0  # [m/s] without spray
 
 
 def spots(
-    center: FloatArray, u: ArrayLike, v: ArrayLike, color: ArrayLike, opacity: ArrayLike,
+    center: FloatArray,
+    u: ArrayLike,
+    v: ArrayLike,
+    color: ArrayLike,
+    opacity: ArrayLike,
     box: float = 0.0,
 ) -> FloatArray:
     """Returns spots (n, 14); axes, color and opacity may be those of all."""
@@ -38,8 +42,11 @@ def rain(
     """Returns falling drops about the eye as streaks.
 
     Args:
-      count: of drops; time: [s]; color: of the air.
-      eye: in the map [m]; velocity: of the eye [m/s].
+      count: of drops.
+      time: [s].
+      eye: in the map [m].
+      velocity: of the eye [m/s].
+      color: of the air.
     """
     seeds = np.random.default_rng(17).random((count, 3))
     fall = np.array([0.6, 0.3, -FALL])
@@ -55,14 +62,23 @@ def rain(
 
 
 def spray(
-    place: FloatArray, forward: FloatArray, speed: float, time: float, axes: FloatArray,
-    color: FloatArray, wet: float,
+    place: FloatArray,
+    forward: FloatArray,
+    speed: float,
+    time: float,
+    axes: FloatArray,
+    color: FloatArray,
+    wet: float,
 ) -> FloatArray:
     """Returns the spray behind an axle.
 
     Args:
-      place: on the road below the axle; forward: direction of travel; speed: [m/s].
-      time: [s]; axes: right, up and forward of the camera; color: of the air.
+      place: on the road below the axle.
+      forward: direction of travel.
+      speed: [m/s].
+      time: [s].
+      axes: right, up and forward of the camera.
+      color: of the air.
       wet: film of water, 0 to 1.
     """
     strength = wet * min(max((speed - _SPRAY_SPEED) / 16.0, 0.0), 1.0)
@@ -87,12 +103,16 @@ def spray(
     )
 
 
-def shade(center: FloatArray, forward: FloatArray, half: tuple[float, float], dark: float) -> FloatArray:
+def shade(
+    center: FloatArray, forward: FloatArray, half: tuple[float, float], dark: float
+) -> FloatArray:
     """Returns the shade below a vehicle on the road.
 
     Args:
-      center: on the road; forward: along the vehicle, in the road's slope.
-      half: half of its length and width [m]; dark: 0 to 1.
+      center: on the road.
+      forward: along the vehicle, in the road's slope.
+      half: half of its length and width [m].
+      dark: 0 to 1.
     """
     left = np.array([-forward[1], forward[0], 0.0])
     left /= math.hypot(left[0], left[1]) or 1.0

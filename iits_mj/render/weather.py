@@ -15,6 +15,7 @@ Color = tuple[float, float, float]
 # Contrast of a black object that is just seen, which defines the meteorological visibility
 # (ICAO Annex 3: 5 %).
 _CONTRAST = 0.05
+_CLEAR = Sky()
 
 
 @dataclass(frozen=True)
@@ -22,8 +23,8 @@ class Weather:
     """Light, sky and air of a scene.
 
     Attributes:
-      sun: height of sun or moon above the horizon, and direction from which it shines, from x (east)
-        to the left [deg]; sunlight: its color.
+      sun: height of sun or moon above the horizon, and direction from which it shines, from x
+        (east) to the left [deg]; sunlight: its color.
       above, below: light of the sky, and light that the ground returns.
       sky: colors of the sky; fog: color of the air.
       visibility: meteorological [m]; inf for clear air.
@@ -36,7 +37,7 @@ class Weather:
     sunlight: Color = (0.72, 0.69, 0.62)
     above: Color = (0.52, 0.56, 0.63)
     below: Color = (0.35, 0.36, 0.33)
-    sky: Sky = Sky()
+    sky: Sky = _CLEAR
     fog: Color = (0.80, 0.87, 0.93)
     visibility: float = math.inf
     lamps: bool = False

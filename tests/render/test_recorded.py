@@ -67,7 +67,8 @@ def test_recorded_drive_looks_as_it_did_live(live):
     config = recorded_config(recording, "recording", None, None)
     drive = RecordedDrive(Record.of_recording(recording, config))
     with Pictures(drive.truck, SIZE, overlay=False, plan=False) as pictures:
-        again = {t: pictures.draw(drive.data, drive.at(t)) for t in np.arange(0.0, 1.8, 0.05).round(2)}
+        times = np.arange(0.0, 1.8, 0.05).round(2)
+        again = {t: pictures.draw(drive.data, drive.at(t)) for t in times}
         places = {t: drive.data.xpos.copy() for t in TIMES if drive.at(t)}
     for time in TIMES:
         apart = np.abs(again[time].astype(int) - kept.shown[time]).max(axis=-1)
@@ -80,7 +81,8 @@ def test_recorded_drive_looks_as_it_did_live(live):
 def test_state_between_two_records_is_between_them(live):
     path, kept = live
     recording = Recording.load(path)
-    drive = RecordedDrive(Record.of_recording(recording, recorded_config(recording, "r", None, None)))
+    config = recorded_config(recording, "recording", None, None)
+    drive = RecordedDrive(Record.of_recording(recording, config))
     frame = drive.at(0.55)
     then = kept.states[0.55]
     assert frame.ego.station == pytest.approx(then.station, abs=0.005)
@@ -118,10 +120,10 @@ def test_command_draws_a_film_and_a_picture(live, tmp_path, capsys):
     path, _ = live
     size = ("--size", "160x120", "--weather", "night")
     film, still = tmp_path / "film.mp4", tmp_path / "still.jpg"
-    assert cli.main(["render", str(path), "--out", str(film), *size, "--end", "0.5", "--fps", "10"]) == 0
+    command = ["render", str(path), *size]
+    assert cli.main([*command, "--out", str(film), "--end", "0.5", "--fps", "10"]) == 0
     assert film.stat().st_size > 1000
-    command = ["render", str(path), "--out", str(still), *size, "--start", "1", "--camera", "chase,top"]
-    assert cli.main(command) == 0
+    assert cli.main([*command, "--out", str(still), "--start", "1", "--camera", "chase,top"]) == 0
     assert Image.open(still).size == (160, 120)
     assert capsys.readouterr().out == f"film: {film}\npicture: {still}\n"
 

@@ -373,7 +373,8 @@ def test_video_shows_a_moving_model(scene, tmp_path):
     path = tmp_path / "film.mp4"
     route = SimpleNamespace(tunnels=())
     truck = SimpleNamespace(model=model, data=data, route=route, parameters=None)
-    frame = SimpleNamespace(time=0.0, trajectory=plan(), ego=EgoState(), scene=Scene(0.0, EgoState()))
+    ego = EgoState()
+    frame = SimpleNamespace(time=0.0, trajectory=plan(), ego=ego, scene=Scene(0.0, ego))
     with VideoObserver(path, truck, (161, 121), "side", 10, overlay=False) as video:
         for i in range(3):
             data.time = 0.1 * i

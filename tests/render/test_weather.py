@@ -106,7 +106,7 @@ def test_tunnel_is_lit_and_the_truck_stands_out_in_it(in_tunnel, weather):
     light = picture.mean(axis=-1)
     assert light.mean() > 70.0
     assert np.mean(light < 30.0) < 0.1
-    left, top, right, bottom = (int(round(v)) for v in rear_box(in_tunnel))
+    left, top, right, bottom = (round(v) for v in rear_box(in_tunnel))
     rear = light[top + 8 : bottom - 40, left + 8 : right - 8]
     around = light[top + 8 : bottom - 40, max(left - 60, 0) : left - 8]
     assert abs(np.median(rear) - np.median(around)) > 8.0
@@ -139,7 +139,8 @@ def test_low_sun_casts_longer_shadows():
 def test_rain_and_fog_take_contrast_in_the_distance(open_road):
     band = slice(int(0.20 * SIZE[1]), int(0.30 * SIZE[1]))
     contrast = {
-        weather: shown(open_road, weather, "aerial")[0][band].std() for weather in ("day", "rain", "fog")
+        weather: shown(open_road, weather, "aerial")[0][band].std()
+        for weather in ("day", "rain", "fog")
     }
     assert contrast["rain"] < 0.8 * contrast["day"]
     assert contrast["fog"] < 0.5 * contrast["rain"]
@@ -158,7 +159,7 @@ def test_brake_lamps_are_red_only_while_braking(weather):
         shown(standing(OPEN, brake_pressures=pressures), weather, "chase")[0]
         for pressures in ((0.0,) * 5, pressed)
     )
-    left, _, right, bottom = (int(round(v)) for v in rear_box(standing(OPEN)))
+    left, _, right, bottom = (round(v) for v in rear_box(standing(OPEN)))
     low = slice(bottom - 20, min(bottom + 12, SIZE[1]))
     parts = [red(p[low, left - 4 : right + 4]) for p in (dark, lit)]
     assert parts[1] > 1.12 * parts[0]
@@ -172,7 +173,7 @@ def test_indicator_blinks_at_its_frequency_on_the_side_of_the_change(to, side):
     drive = standing(TUNNEL, 1 - to, to=to)
     times = np.arange(0.0, 2.0, 0.05)
     pictures = np.array(shown(drive, times=times))
-    left, _, right, bottom = (int(round(v)) for v in rear_box(drive))
+    left, _, right, bottom = (round(v) for v in rear_box(drive))
     low = slice(bottom - 20, min(bottom + 12, SIZE[1]))
     middle = (left + right) // 2
     sides = {"left": slice(left - 4, middle), "right": slice(middle, right + 4)}

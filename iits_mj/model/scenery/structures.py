@@ -232,11 +232,13 @@ def trees(part: Corridor, ground: Ground, rng: np.random.Generator) -> Parts:
     height = rng.uniform(6.0, 14.0, len(points))
     conifer = rng.random(len(points)) < 0.55
     pale = rng.random(len(points)) < 0.4
-    yield from _grown("road_conifer", _CONIFER, points[conifer & ~pale], height[conifer & ~pale], rng)
-    yield from _grown("road_conifer_pale", _CONIFER, points[conifer & pale], height[conifer & pale], rng)
     height[~conifer] *= 0.75
-    yield from _grown("road_leaves", _BROADLEAF, points[~conifer & ~pale], height[~conifer & ~pale], rng)
-    yield from _grown("road_leaves_pale", _BROADLEAF, points[~conifer & pale], height[~conifer & pale], rng)
+    for name, shape, kind in (
+        ("road_conifer", _CONIFER, conifer),
+        ("road_leaves", _BROADLEAF, ~conifer),
+    ):
+        for material, chosen in ((name, kind & ~pale), (f"{name}_pale", kind & pale)):
+            yield from _grown(material, shape, points[chosen], height[chosen], rng)
     yield from _grown("road_trunk", _TRUNK, points, height, rng)
     yield from _woods(part, ground, rng)
 
@@ -292,7 +294,9 @@ def _crown() -> Shape:
     angle = 2.0 * np.pi * np.arange(sides) / sides
     rows = []
     for k, (r, z) in enumerate(levels):
-        lump = 1.0 + 0.22 * np.cos(3.0 * angle + 0.7 + 2.1 * k) + 0.10 * np.cos(2.0 * angle + 1.3 * k)
+        lump = (
+            1.0 + 0.22 * np.cos(3.0 * angle + 0.7 + 2.1 * k) + 0.10 * np.cos(2.0 * angle + 1.3 * k)
+        )
         sag = z + 0.035 * np.cos(4.0 * angle + 1.9 * k) * (r > 0.0)
         rows.append(np.stack([r * lump * np.cos(angle), r * lump * np.sin(angle), sag], axis=-1))
     faces = []
