@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
 
+import mujoco
 import numpy as np
 import pytest
 from PIL import Image
@@ -42,11 +44,15 @@ class Live(Observer):
         self.shown, self.places, self.states = {}, {}, {}
 
     def observe(self, simulation, frame):
-        time = round(frame.time, 2)
-        picture = self._pictures.draw(simulation.truck.data, frame)
+        time, truck = round(frame.time, 2), simulation.truck
+        # As in the process of a film, at the places of this instant.
+        data = copy.copy(truck.data)
+        mujoco.mj_kinematics(truck.model, data)
+        mujoco.mj_camlight(truck.model, data)
+        picture = self._pictures.draw(data, frame)
         if time in TIMES:
             self.shown[time] = picture.astype(int)
-            self.places[time] = simulation.truck.data.xpos.copy()
+            self.places[time] = data.xpos.copy()
             self.states[time] = frame.ego
 
 
@@ -68,8 +74,10 @@ def test_recorded_drive_looks_as_it_did_live(live):
     drive = RecordedDrive(Record.of_recording(recording, config))
     with Pictures(drive.truck, SIZE, overlay=False, plan=False) as pictures:
         times = np.arange(0.0, 1.8, 0.05).round(2)
-        again = {t: pictures.draw(drive.data, drive.at(t)) for t in times}
-        places = {t: drive.data.xpos.copy() for t in TIMES if drive.at(t)}
+        again, places = {}, {}
+        for time in times:
+            again[time] = pictures.draw(drive.data, drive.at(time))
+            places[time] = drive.data.xpos.copy()
     for time in TIMES:
         apart = np.abs(again[time].astype(int) - kept.shown[time]).max(axis=-1)
         assert apart.mean() < 3.0
