@@ -152,6 +152,7 @@ class Outcome:
 def run(options: Options) -> int:
     """Drives, writes all files and prints the summary; returns the exit code."""
     check_given(options, options.given)
+    prepare_folder(options.out)
     if _is_default(options):
         flags = " ".join(
             f"--{name.replace('_', '-')} {value}"

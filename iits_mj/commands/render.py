@@ -20,6 +20,7 @@ from iits_mj.core.options import option
 from iits_mj.parameters import AnyTruck, truck_option
 from iits_mj.render.recorded import Record, RecordedDrive, times_of
 from iits_mj.render.video import Film, Mp4Encoder, Pictures, frame_period
+from iits_mj.simulation.drive_log import FILES
 from iits_mj.simulation.redrive import recorded_config
 from traffic_bridge import Recording
 
@@ -117,7 +118,9 @@ def read_record(path: Path, map_path: Path | None, truck: AnyTruck | None) -> Re
     from iits_mj.bag.mcap_file import read_bag
 
     bag = read_bag(path)
-    config = bag.config(map_path, truck=truck)
+    # Pictures need no file of the drive but its map.
+    files = dict.fromkeys(name for name in FILES if name != "map")
+    config = bag.config(map_path, truck=truck, **files)
     times = [state.time for state in bag.states]
     return Record(
         dataclasses.replace(config, commands="direct"),
