@@ -8,8 +8,8 @@ OUT    ?= out
 FLAGS  ?=
 JOBS   ?= 2
 
-CXX_SOURCES := $(wildcard iits_mj/plugin/*.cc iits_mj/plugin/*.h iits_mj/plugin/laws/*.h \
-             iits_mj/kernels/*.cc iits_mj/kernels/*.h)
+CXX_SOURCES := $(wildcard iits_mj/plugin/*.cc iits_mj/plugin/*.h iits_mj/plugin/*/*.cc \
+             iits_mj/plugin/*/*.h iits_mj/kernels/*.cc iits_mj/kernels/*.h)
 CXX_TESTS := $(wildcard tests/plugin/*.cc tests/plugin/*.h tools/*.h)
 BUILD   := pyproject.toml CMakeLists.txt
 

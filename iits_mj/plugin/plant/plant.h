@@ -1,6 +1,6 @@
 // The planar plant: planar motion of a truck in place of MuJoCo's step, on the same mjData.
-#ifndef IITS_MJ_PLUGIN_PLANT_H_
-#define IITS_MJ_PLUGIN_PLANT_H_
+#ifndef IITS_MJ_PLUGIN_PLANT_PLANT_H_
+#define IITS_MJ_PLUGIN_PLANT_PLANT_H_
 
 #include <mujoco/mujoco.h>
 
@@ -69,9 +69,16 @@ class Plant {
   void Remember(const mjModel* m, const mjData* d, double* seen) const;
   template <bool kRolls>
   void Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) const;
+  template <bool kRolls>
+  void Advance(const mjModel* m, mjData* d, PlantState* s, Scratch* at) const;
   void PlaceUnits(const PlantState& s, Scratch* at) const;
-  void MoveLoads(double h, double gravity, const Scratch& at, const double* pitch,
-                 PlantState* s) const;
+  void Actuate(const mjModel* m, mjData* d, Scratch* at) const;
+  void AddTires(const mjModel* m, mjData* d, int u, PlantState* s, Scratch* at) const;
+  void FindSlope(const mjModel* m, int u, PlantState* s, Scratch* at) const;
+  void AddAir(const mjModel* m, int u, Scratch* at) const;
+  void AddRoll(double h, int u, PlantState* s, Scratch* at) const;
+  void AddCouplings(double h, mjData* d, const PlantState& s, Scratch* at) const;
+  void MoveLoads(double h, double gravity, const Scratch& at, PlantState* s) const;
   void RollStatically(double h, Scratch* at, PlantState* s) const;
 
   bool rolls_;
@@ -91,4 +98,4 @@ class Plant {
 
 }  // namespace iits
 
-#endif  // IITS_MJ_PLUGIN_PLANT_H_
+#endif  // IITS_MJ_PLUGIN_PLANT_PLANT_H_
