@@ -67,7 +67,7 @@ void Plant::AddTires(const mjModel* m, mjData* d, int u, PlantState* s, Scratch*
     const double load = Max(0., normal * axle.static_load + s->axle[a].pitch_load);
     const double moved = Clamp(s->axle[a].roll_moment / (2 * t), -0.5 * load, 0.5 * load);
     const Pair wheel_load = {0.5 * load - moved, 0.5 * load + moved};
-    if (abs(moved) >= 0.5 * load) at->left_range |= kWheelLift;
+    if (axle.rate > 0 && abs(moved) >= 0.5 * load) at->left_range |= kWheelLift;
     loads += load;
     sx += wheel_load[0] * up[0][0] + wheel_load[1] * up[0][1];
     sy += wheel_load[0] * up[1][0] + wheel_load[1] * up[1][1];
@@ -160,7 +160,7 @@ void Plant::AddTires(const mjModel* m, mjData* d, int u, PlantState* s, Scratch*
 }
 
 // The road's slope below a unit: below its axles and its coupling, by their loads.
-void Plant::FindSlope(const mjModel* m, int u, PlantState* s, Scratch* at) const {
+void Plant::MeasureSlope(const mjModel* m, int u, PlantState* s, Scratch* at) const {
   const Unit& unit = units_[u];
   const double gravity = mju_norm3(m->opt.gravity);
   double total = at->load[u];

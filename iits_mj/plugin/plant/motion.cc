@@ -5,6 +5,11 @@
 #include "plugin/plant/vehicle.h"
 
 namespace iits {
+namespace {
+
+constexpr double kCrestMax = 1;  // [m/s2] of the road's height below a unit, a tenth of the weight
+
+}  // namespace
 
 PlantState* Plant::State(const mjModel* m, mjData* d) const {
   // The last part of the user's data, so that a user's own come first.
@@ -21,7 +26,7 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
   Actuate(m, d, &at);
   for (int u = 0; u < units; ++u) {
     AddTires(m, d, u, s, &at);
-    FindSlope(m, u, s, &at);
+    MeasureSlope(m, u, s, &at);
     AddAir(m, u, &at);
     if constexpr (kRolls) AddRoll(h, u, s, &at);
   }
@@ -37,7 +42,7 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
 template <bool kRolls>
 void Plant::Advance(const mjModel* m, mjData* d, PlantState* s, Scratch* scratch) const {
   const Scratch& at = *scratch;
-  const double h = m->opt.timestep;
+  const double h = m->opt.timestep, gravity = mju_norm3(m->opt.gravity);
   const int units = static_cast<int>(units_.size());
   for (size_t a = 0; a < axles_.size(); ++a) {
     const Axle& axle = axles_[a];
@@ -60,11 +65,16 @@ void Plant::Advance(const mjModel* m, mjData* d, PlantState* s, Scratch* scratch
   } else {
     RollStatically(h, scratch, s);
   }
-  MoveLoads(h, mju_norm3(m->opt.gravity), at, s);
+  MoveLoads(h, gravity, at, s);
   for (int u = 0; u < units; ++u) {
     PlantState::Unit* unit = &s->unit[u];
     unit->tilt_rate = s->initialized > 1 ? (at.tilt[u] - unit->tilt) / h : 0;
     unit->tilt = at.tilt[u];
+    const double bend = unit->gravity_x - unit->last_gravity_x;
+    if (s->initialized > 1 && abs(at.motion[u].vx * bend) > kCrestMax * gravity * h) {
+      s->left_range = static_cast<int>(s->left_range) | kCrest;
+    }
+    unit->last_gravity_x = unit->gravity_x;
   }
   s->initialized = 2;
   const PlanarVector<double>& lead = s->unit[0].acceleration;

@@ -29,6 +29,7 @@ struct PlantState {
     PlanarVector<double> acceleration;  // of the coupling point, at the last step
     double tilt, tilt_rate;             // of the road below the axles, left side up [rad], [rad/s]
     double gravity_x, gravity_y;        // along the unit's axes in the road's plane [m/s2]
+    double last_gravity_x;              // of the step before [m/s2]
   } unit[kUnitsMax];
   struct Axle {
     double pitch_load;       // moved onto the axle by pitch [N]
@@ -39,7 +40,7 @@ struct PlantState {
 };
 
 // Limits of the model's validity.
-enum Range { kWheelLift = 1, kArticulation = 2, kRollAngle = 4 };
+enum Range { kWheelLift = 1, kArticulation = 2, kRollAngle = 4, kCrest = 8 };
 
 class Plant {
  public:
@@ -61,8 +62,8 @@ class Plant {
   bool FindUnits(const mjModel* m, const std::string& prefix, std::string* error);
   bool FindAxles(const mjModel* m, std::string* error);
   bool FindPlugins(const mjModel* m, const std::string& prefix, std::string* error);
-  void FindPitchGains(const mjModel* m);
-  void FindInertia(const mjModel* m);
+  void SolvePitchGains(const mjModel* m);
+  void SumInertia(const mjModel* m);
   PlantState* State(const mjModel* m, mjData* d) const;
   void Adopt(const mjModel* m, mjData* d, PlantState* s) const;
   void Publish(const mjModel* m, mjData* d, PlantState* s) const;
@@ -74,7 +75,7 @@ class Plant {
   void PlaceUnits(const PlantState& s, Scratch* at) const;
   void Actuate(const mjModel* m, mjData* d, Scratch* at) const;
   void AddTires(const mjModel* m, mjData* d, int u, PlantState* s, Scratch* at) const;
-  void FindSlope(const mjModel* m, int u, PlantState* s, Scratch* at) const;
+  void MeasureSlope(const mjModel* m, int u, PlantState* s, Scratch* at) const;
   void AddAir(const mjModel* m, int u, Scratch* at) const;
   void AddRoll(double h, int u, PlantState* s, Scratch* at) const;
   void AddCouplings(double h, mjData* d, const PlantState& s, Scratch* at) const;

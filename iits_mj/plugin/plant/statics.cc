@@ -17,7 +17,7 @@ void Solve(std::vector<double> a, int n, std::vector<double>* b) {
 // Axle loads per pitch moment of each unit, from the stiffness of tires, springs and the tendons
 // that equalize loads. Coordinates: heave and pitch of the first unit, the pitch of the others
 // about their couplings, the heave of each axle against its unit.
-void Plant::FindPitchGains(const mjModel* m) {
+void Plant::SolvePitchGains(const mjModel* m) {
   const int units = static_cast<int>(units_.size()), axles = static_cast<int>(axles_.size());
   const int size = 1 + units + axles;
   std::vector<double> stiffness(size * size);
@@ -92,7 +92,7 @@ void Plant::FindPitchGains(const mjModel* m) {
 }
 
 // Sums over the bodies of each unit at rest.
-void Plant::FindInertia(const mjModel* m) {
+void Plant::SumInertia(const mjModel* m) {
   const double gravity = mju_norm3(m->opt.gravity);
   const int units = static_cast<int>(units_.size());
   // Unit and axle of each body.

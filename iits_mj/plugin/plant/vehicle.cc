@@ -24,8 +24,8 @@ Plant::Plant(const mjModel* m, const std::string& prefix, bool rolls, std::strin
   if (!FindUnits(m, prefix, error) || !FindAxles(m, error) || !FindPlugins(m, prefix, error)) {
     return;
   }
-  FindPitchGains(m);
-  FindInertia(m);
+  SolvePitchGains(m);
+  SumInertia(m);
   for (const Unit& unit : units_) inertia_.push_back(unit.inertia);
 }
 
