@@ -12,6 +12,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.timing import PLANTS
 from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.road import RoadMap, Route
+from iits_mj.road.design import Design, build
 from iits_mj.truck import Truck
 from iits_mj.truck.placement import TruckPlacement
 from iits_mj.truck.rollouts import Scenario, roll_out
@@ -244,6 +245,50 @@ def test_leaving_the_valid_range_is_reported(plant):
     assert "a wheel has lifted off the road" in truck.left_range
     truck.reset(speed=10.0)
     assert truck.left_range == ()
+
+
+@pytest.mark.parametrize("name", ["rigid_drawbar", "tractor_semitrailer_6x2"])
+def test_a_lifted_axle_is_within_the_valid_range(name):
+    truck = load("yaw-roll", 0.0, truck=name)
+    truck.reset(speed=15.0)
+    truck.step(200)
+    assert truck.left_range == ()
+
+
+def test_a_sharp_crest_leaves_the_valid_range():
+    # The grade turns by 8 % within 40 m: at 24 m/s the road falls away with 1.15 m/s2.
+    limit = "a crest or dip of the road changes the loads by more than a tenth"
+    for change, length, left in ((-0.08, 40.0, (limit,)), (-0.08, 160.0, ())):
+        design = Design(
+            name="crest",
+            lane_width=4.0,
+            lanes=1,
+            left_shoulder=1.0,
+            right_shoulder=2.5,
+            speed_limit=25.0,
+            alignment=((600.0, 0.0, 0.0, 0.0, 0.0),),
+            initial_grade=0.04,
+            grades=((300.0, 0.04 + change, length),),
+        )
+        truck = load("yaw-sideslip", route=RoadMap(build(design), design.name).route())
+        truck.reset(station=250.0, speed=25.0)
+        truck.step(800)
+        assert truck.observe().station > 330.0
+        assert truck.left_range == left
+
+
+def test_roll_outs_tell_which_drive_left_the_valid_range():
+    drives = roll_out(
+        [Scenario(route=Route.straight(), place=TruckPlacement(speed=22.0))] * 2,
+        {"steering_wheel_angle": [[0.0], [3.0]]},
+        duration=4.0,
+        plant="yaw-sideslip",
+        timestep=STEP,
+    )
+    assert drives.left_range[0] == ()
+    assert "a wheel has lifted off the road" in drives.left_range[1]
+    full = roll_out([Scenario(route=Route.straight())], {}, duration=0.1)
+    assert full.left_range == [()]
 
 
 def test_the_full_plant_has_no_limits():
