@@ -344,9 +344,7 @@ def fuzz(inputs: int) -> None:
 
 
 def roll_out_trucks() -> None:
-    """Rolls out eight drives of three trucks on two threads, by both of MuJoCo's interfaces and each
-    plant.
-    """
+    """Rolls out drives of three trucks on two threads, by MuJoCo's interfaces and each plant."""
     import mujoco
     import mujoco.rollout
     import numpy as np

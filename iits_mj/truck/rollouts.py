@@ -190,7 +190,7 @@ def _drive(
     steps: int,
     threads: int,
 ) -> tuple[dict[str, FloatArray], NDArray[np.bool_], list[tuple[str, ...]]]:
-    """Sensors of one group's drives, (drives, instants, numbers), which did not diverge, and limits."""
+    """Sensors of one group's drives, (drives, instants, numbers), which lived, and limits left."""
     model, data = group.truck.model, group.truck.data
     # Sensors are needed at the instants only: one batch drives without them, one reads them.
     blind = copy.copy(model)
