@@ -195,6 +195,109 @@ def test_every_truck_turns_and_burns_as_its_bodies_do(name, share, plant):
     assert planar.fuel_used == pytest.approx(full.fuel_used, rel=5e-3)
 
 
+@pytest.fixture(scope="module")
+def bend():
+    """A left bend of 200 m radius that climbs by 5 % and leans inward by 0.04 rad."""
+    design = Design(
+        name="bend",
+        lane_width=4.0,
+        lanes=1,
+        left_shoulder=1.0,
+        right_shoulder=2.5,
+        speed_limit=25.0,
+        alignment=((900.0, 5e-3, 5e-3, 0.04, 0.04),),
+        start=(10.0, 20.0, 3.0, 2.2),
+        initial_grade=0.05,
+    )
+    return RoadMap(build(design), design.name).route()
+
+
+@pytest.mark.parametrize("flat", [None, "tractor_axle2_left"])
+@pytest.mark.parametrize("wind", [(0.0, 0.0, 0.0), (9.0, 12.0, 0.0)])
+@pytest.mark.parametrize("name", ["tractor_semitrailer_6x4", "a_double"])
+def test_pose_and_wheel_loads_on_a_tilted_climbing_bend_are_those_of_the_bodies(
+    name, wind, flat, bend
+):
+    trucks = {}
+    for plant in PLANTS:
+        truck = trucks[plant] = load(plant, truck=name, route=bend)
+        truck.reset(station=150.0, speed=14.0)
+        truck.model.opt.wind[:] = wind
+        truck.command(accelerator_pedal=0.5, steering_wheel_angle=1.0)
+        if flat is not None:
+            truck.faults.puncture(flat, 0.5)
+        truck.step(600)
+        truck.observe()
+    full = trucks.pop("full")
+    for plant, truck in trucks.items():
+        # Without the roll of the bodies, the pose and its accelerations are those of the road.
+        rolls = plant == "yaw-roll"
+        for unit in truck.parameters.units:
+            planar, body = (one.data.body(unit.name) for one in (truck, full))
+            np.testing.assert_allclose(planar.xpos, body.xpos, atol=0.06)
+            turn = body.xmat.reshape(3, 3).T @ planar.xmat.reshape(3, 3)
+            rotation = [turn[2, 1], turn[0, 2], turn[1, 0]]
+            np.testing.assert_array_less(np.abs(rotation), [4e-3 if rolls else 0.05, 4e-3, 4e-3])
+        for wheel in (f"{a.name}_{s}" for a in truck.parameters.axles for s in ("left", "right")):
+            forces = [one.sensor(f"{wheel}_tire_force") for one in (truck, full)]
+            np.testing.assert_allclose(*forces, atol=1600.0)
+        accelerations = [one.sensor("tractor_acceleration") for one in (truck, full)]
+        np.testing.assert_allclose(*accelerations, atol=0.05 if rolls else 0.35)
+
+
+@pytest.mark.parametrize("plant", PLANAR)
+def test_accelerations_are_the_change_of_the_velocities(plant, bend):
+    truck = load(plant, truck="a_double", route=bend)
+    truck.reset(station=150.0, speed=14.0)
+    truck.command(brake_pedal=0.2, steering_wheel_angle=2.0)
+    truck.step(150)
+    truck.observe()
+    before, expected = truck.data.qvel.copy(), truck.data.qacc.copy()
+    truck.step(1)
+    change = (truck.data.qvel - before) / STEP
+    hinges = [
+        f"{name}_{part}" for name in truck.parameters.coupling_names for part in ("yaw", "roll")
+    ]
+    lead = int(truck.model.joint("tractor_free").dofadr[0])
+    dofs = [lead, lead + 1, lead + 5, *(int(truck.model.joint(h).dofadr[0]) for h in hinges)]
+    np.testing.assert_allclose(change[dofs], expected[dofs], atol=0.03)
+    assert np.abs(expected[dofs]).max() > 0.3
+
+
+@pytest.mark.parametrize("plant", PLANAR)
+def test_a_state_that_is_read_from_the_joints_again_shows_the_same_pose(plant, bend):
+    truck = load(plant, truck="a_double", route=bend)
+    truck.reset(station=150.0, speed=14.0)
+    truck.command(steering_wheel_angle=2.0)
+    truck.step(300)
+    truck.observe()
+    positions, velocities = truck.data.qpos.copy(), truck.data.qvel.copy()
+    truck.data.qvel[0] = np.nextafter(truck.data.qvel[0], np.inf)
+    truck.observe()
+    np.testing.assert_allclose(truck.data.qpos, positions, atol=2e-3)
+    np.testing.assert_allclose(truck.data.qvel, velocities, atol=2e-3)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("plant", PLANAR)
+def test_a_coupling_holds_at_its_stop(plant, side):
+    limit = 0.3
+    parameters = {"units": {"trailer": {"coupling": {"yaw_limit": limit}}}}
+    truck = load(plant, 0.0, parameters=parameters)
+    truck.reset(speed=5.0)
+    truck.command(steering_wheel_angle=12.0 * side, accelerator_pedal=0.3)
+    truck.step(400)
+    angles, rates = [], []
+    for _ in range(60):
+        truck.step(10)
+        angles.append(side * truck.observe().articulation)
+        rates.append(truck.read("articulation_rate"))
+    assert truck.left_range == ("a coupling has reached its stop in yaw",)
+    assert limit < min(angles)
+    assert max(angles) < limit + 0.06
+    assert np.abs(rates).max() < 0.02
+
+
 def test_load_moves_forward_when_braking_and_outward_in_a_bend(truck):
     truck.reset(speed=20.0)
     truck.command(accelerator_pedal=0.3)
