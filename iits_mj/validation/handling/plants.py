@@ -197,30 +197,22 @@ def maneuvers(quick: bool) -> list[Maneuver]:
 
 
 def compare(maneuver: Maneuver, truck: str = DEFAULT_TRUCK) -> Findings:
-    """Errors of the planar plants in one maneuver of a shipped truck.
-
-    The default truck has a row for each plant, the others one for the greater error of the two.
-    """
-    first = truck == DEFAULT_TRUCK
-    found = Findings(maneuver.name if first else f"{truck}, {maneuver.name}")
+    """Errors of both planar plants in one maneuver of a shipped truck; the default has bounds."""
+    bounded = truck == DEFAULT_TRUCK
+    found = Findings(f"{truck}, {maneuver.name}" if not bounded else maneuver.name)
     full, _ = maneuver.drive(truck, PLANTS[0])
     lines = [Line("full", full.time, full.yaw_rate, "reference")]
-    errors: dict[str, dict[str, float]] = {}
+    peaks = _peaks(full)
     for plant in PLANTS[1:]:
         trace, left = maneuver.drive(truck, plant)
-        errors[plant] = _errors(trace, full) | {"limits exceeded": float(len(left))}
+        errors = _errors(trace, full)
+        for (name, unit), bound in zip(_QUANTITIES.items(), maneuver.bounds, strict=True):
+            if name in errors:
+                must = f"<= {bound:g}" if bounded else ""
+                found.check(f"{plant}, {name}", errors[name], unit, peaks.get(name), must)
+        found.check(f"{plant}, limits exceeded", len(left), "1", None, "<= 0")
         lines.append(Line(plant, trace.time, trace.yaw_rate, "simulation"))
-    groups = {f"{plant}, ": [plant] for plant in errors} if first else {"": list(errors)}
-    bounds = dict(zip(_QUANTITIES, maneuver.bounds, strict=True)) | {"limits exceeded": 0.0}
-    peaks = _peaks(full)
-    for title, plants in groups.items():
-        for name, bound in bounds.items():
-            if name not in errors[plants[0]]:
-                continue
-            value = max(errors[plant][name] for plant in plants)
-            unit = _QUANTITIES.get(name, "1")
-            found.check(f"{title}{name}", value, unit, peaks.get(name), f"<= {bound:g}")
-    if first and peaks["yaw rate"] > _STILL:
+    if bounded and peaks["yaw rate"] > _STILL:
         found.panel("yaw rate", "time [s]", "yaw rate [rad/s]", *lines)
     return found
 
@@ -276,7 +268,9 @@ def run(config: ValidateConfig) -> Results:
     results.add("pcc_replay", compare_savings())
     results.notes.append(
         "Greatest difference over the maneuver at steps of 5 ms; yaw rate and hitch angle in "
-        "percent of their peaks, which the reference column gives. Of trucks other than "
-        f"{DEFAULT_TRUCK}, the greater difference of the two planar plants."
+        "percent of their peaks, which the reference column gives. The hitch angle is the worst of "
+        "all couplings. On roads the steering has no dead band, because within it a driver wanders "
+        "at times that depend on rounding. The bounds are those of the truck "
+        f"{DEFAULT_TRUCK}; the others' errors are for information."
     )
     return results
