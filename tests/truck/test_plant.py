@@ -260,7 +260,7 @@ def test_a_truck_rolls_down_a_steep_slope_as_its_bodies_do():
         initial_grade=-0.3,
     )
     road = RoadMap(build(design), design.name).route()
-    speeds, stations = [], []
+    speeds, stations, loads = [], [], []
     for plant in PLANTS:
         truck = load(plant, route=road)
         truck.reset(station=100.0, speed=1.0)
@@ -269,9 +269,11 @@ def test_a_truck_rolls_down_a_steep_slope_as_its_bodies_do():
         state = truck.observe()
         speeds.append(state.speed)
         stations.append(state.station)
+        loads.append(truck.report().axle_loads)
     assert speeds[0] > 11.0
     np.testing.assert_allclose(speeds[1:], speeds[0], rtol=2e-3)
     np.testing.assert_allclose(stations[1:], stations[0], atol=0.1)
+    np.testing.assert_allclose(loads[1:], [loads[0]] * 2, atol=1500.0)
 
 
 @pytest.mark.parametrize("plant", PLANAR)

@@ -40,7 +40,7 @@ void Plant::MoveLoads(double h, double gravity, const Scratch& at, PlantState* s
 void Plant::RollStatically(double h, Scratch* scratch, PlantState* s) const {
   const Scratch& at = *scratch;
   const int units = static_cast<int>(units_.size());
-  double link[kPlantAxlesMax], stiffness[kUnitsMax], moment[kUnitsMax], pass[kUnitsMax];
+  double link[kPlantAxlesMax], stiffness[kUnitsMax], moment[kUnitsMax];
   for (int u = units - 1; u >= 0; --u) {
     const Unit& unit = units_[u];
     const PlantState::Unit& now = s->unit[u];
@@ -58,7 +58,6 @@ void Plant::RollStatically(double h, Scratch* scratch, PlantState* s) const {
       moment[u] += (1 - axle.share) * link[a] - (axle.roll_center - unit.roll_axis) * transmitted;
       stiffness[u] += axle.share * axle.roll_stiffness;
     }
-    pass[u] = 0;
     if (u + 1 < units) {
       const double c = at.motion[u + 1].cosine, sn = at.motion[u + 1].sine;
       const double side = sn * at.hitch[u + 1][0] + c * at.hitch[u + 1][1];
@@ -66,9 +65,8 @@ void Plant::RollStatically(double h, Scratch* scratch, PlantState* s) const {
       // The unit behind leans on this one through the coupling's stiffness.
       const double k = units_[u + 1].law->roll_stiffness;
       const double whole = stiffness[u + 1] + k;
-      pass[u] = c * k / whole;
       stiffness[u] += c * c * k * (1 - k / whole);
-      moment[u] += pass[u] * moment[u + 1];
+      moment[u] += c * k / whole * moment[u + 1];
     }
   }
   const double share = LagShare(h, kLoadLag);
