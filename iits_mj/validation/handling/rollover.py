@@ -25,7 +25,7 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
 from iits_mj.validation.handling.roll_plane import RollPlane
 from iits_mj.validation.harness.maneuver import restore_state, save_state
-from iits_mj.validation.harness.recorder import trailer_roll
+from iits_mj.validation.harness.recorder import unit_roll
 
 # Rates of the table [rad/s] below and above an angle near the fall, a share of T / 2h.
 _FAST, _SLOW = math.radians(1.0), math.radians(0.25)
@@ -79,7 +79,7 @@ def tilt_table(
     truck.reset()
     truck.command(parking_brake=1.0)
     truck.step(round(3.0 / timestep))
-    table, roll = [0.0], [trailer_roll(truck)]
+    table, roll = [0.0], [unit_roll(truck)]
     kept: list[tuple[float, NDArray[np.float64]]] = []
     lifted = math.inf
     left = [f"{axle.name}_left_tire_force" for axle in truck.parameters.axles[1:]]
@@ -88,7 +88,7 @@ def tilt_table(
         rate = _SLOW if table[-1] > near else _FAST
         _tilt(truck, table[-1], rate, _BLOCK)
         table.append(table[-1] + rate * _BLOCK)
-        roll.append(trailer_roll(truck))
+        roll.append(unit_roll(truck))
         if math.isinf(lifted) and all(truck.data.sensor(name).data[2] <= 0.0 for name in left):
             lifted = math.tan(table[-1])
     held = math.tan(_last_held(truck, kept))
@@ -119,7 +119,7 @@ def _stays_upright(truck: Truck, angle: float, state: NDArray[np.float64]) -> bo
     lean = np.zeros((2, round(0.5 * _HOLD / _BLOCK)))
     for index in np.ndindex(*lean.shape):
         _tilt(truck, angle, 0.0, _BLOCK)
-        lean[index] = abs(trailer_roll(truck))
+        lean[index] = abs(unit_roll(truck))
         if lean[index] > _FALLEN:
             return False
     first, second = lean.mean(axis=1)
