@@ -49,7 +49,7 @@ def run_lateral(config: ValidateConfig) -> Results:
         angles = tuple(np.deg2rad([degrees for degrees, _ in _STEPS]))
         recordings = step_steer.step_steers(free, payload, angles, step)
         for (degrees, must), recording in zip(_STEPS, recordings, strict=True):
-            found = step_steer.compare_step(free, payload, degrees, must, recording)
+            found = step_steer.compare_step(free, payload, degrees, must, recording, must)
             results.add(f"step_steer_{degrees:g}deg_{load}", found)
         if not config.quick and any(coupling.yaw_friction for coupling in truck.couplings):
             results.add("", step_steer.friction_effect(truck, payload, 15.0, step))
