@@ -2,7 +2,7 @@
 
 Axle loads at rest, fit of the yaw-roll model, understeer, tilt table, low-speed turn, full stop,
 full pedal, steady climb and energy audit; each with the greatest load and, where it matters, empty.
-The other groups have more tests of the same kinds.
+The other groups have more tests of the same kinds. The pictures are those with the greatest load.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from iits_mj.core.results import Findings, Results
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import static_axle_loads
 from iits_mj.truck.check import resting_loads
@@ -35,8 +36,9 @@ _NOTES = (
 
 
 def run(config: ValidateConfig) -> Results:
-    """Measures the truck of the settings."""
-    results, truck, step = Results(name_of("truck", config)), config.parameters, config.step
+    """Measures the truck of the settings, by default with the time step of drives."""
+    results, truck = Results(name_of("truck", config)), config.parameters
+    step = TIMESTEP if config.timestep is None else config.timestep
     free = step_steer.free_couplings(truck)
     for payload in config.payloads():
         load = f"{payload / 1e3:g}t"
@@ -49,13 +51,17 @@ def run(config: ValidateConfig) -> Results:
         results.add(f"tilt_table_{load}", rollover.compare(truck, payload, step)[0])
         results.add(f"full_stop_{load}", braking.compare_stop(truck, payload, braking.UN_R13, step))
     payload = config.payloads()[0]
-    results.add("low_speed_turn", low_speed_turn.compare_swept_path(truck, payload, step))
+    found = low_speed_turn.compare_swept_path(truck, payload, step, limits=False)
+    results.add("low_speed_turn", found)
     flat = full_pedal_run(truck, step, 0.0, _DURATION)
     results.add("full_pedal", full_pedal(truck, flat, grade=0.0))
     climb = Findings()
     hill_climb.check_climb(climb, ForceBalance(truck, truck.payload_max), _GRADE, step)
     results.add("", climb)
     results.add("energy_audit", energy_audit.compare(truck, payload, step, _HILLS))
+    results.figures = {
+        name: panels for name, panels in results.figures.items() if not name.endswith("_0t")
+    } or results.figures
     results.notes += _NOTES
     if len(truck.units) == 1:
         results.notes.append(NO_TRAILER)

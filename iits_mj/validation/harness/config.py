@@ -82,14 +82,6 @@ class ValidateConfig:
         """Whether no other truck than the default one is validated."""
         return self.truck is None or self.truck == shipped_trucks()[0]
 
-    def require_default_truck(self, group: str) -> None:
-        """Raises InputError for another truck than the default one."""
-        if not self.default_truck:
-            raise InputError(
-                f"validate {group} drives the default truck only: leave out --truck, or choose "
-                "lateral, longitudinal, standards, step-size or truck"
-            )
-
     @property
     def step(self) -> float:
         """Time step to use [s]."""
