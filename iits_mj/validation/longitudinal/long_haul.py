@@ -130,47 +130,17 @@ def _approach(targets: FloatArray, deceleration: Callable[[float], float]) -> Fl
     return allowed
 
 
-class _Balance:
-    """Forces and engine torques of a truck on a road, for its driver and the energies."""
-
-    def __init__(self, parameters: TruckParameters, payload: float) -> None:
-        p, forces = parameters, ForceBalance(parameters, payload)
-        self.mass, self.rolling = forces.mass, forces.rolling
-        speeds = np.arange(0.5, 60.0, 0.5)
-        drag = [p.aerodynamics.mean_drag_area(float(v)) * v**2 for v in speeds]
-        self._speeds, self._drag = speeds, 0.5 * p.aerodynamics.density * np.array(drag)
-        self._pedal_map = p.engine.pedal_map
-        self._auxiliaries = p.engine.auxiliary_power
-        self._idle = p.engine.idle_speed
-        self._gearing = p.gearbox.final_drive / forces.wheel_radius
-        self._ratios = p.gearbox.ratios
-        self._efficiency = p.gearbox.efficiency * p.gearbox.driveline_efficiency
-        gears = np.arange(1, len(self._ratios) + 1)
-        self._inertial = self.mass + forces.rotating_mass(gears)
-
-    def air(self, speed: float) -> float:
-        """Force of the air [N] at a speed [m/s], in the mean wind."""
-        return float(np.interp(speed, self._speeds, self._drag))
-
-    def resistance(self, speed: float, grade: float) -> float:
-        """Force of air, rolling and grade [N]."""
-        angle = math.atan(grade)
-        slope = math.sin(angle) + self.rolling * math.cos(angle)
-        return self.air(speed) + self.mass * GRAVITY * slope
-
-    def pedal(self, acceleration: float, state: EgoState, grade: float) -> float:
-        """Accelerator pedal for an acceleration [m/s2]; below 0 where brakes must help."""
-        gear = max(state.gear, 1) - 1
-        force = self._inertial[gear] * acceleration + self.resistance(state.speed, grade)
-        speed = max(state.engine_speed, self._idle)
-        torque = force / (self._gearing * self._ratios[gear])
-        torque = torque / self._efficiency if torque > 0.0 else torque * self._efficiency
-        torque += self._auxiliaries / speed
-        table = self._pedal_map
-        asked = [np.interp(speed, table.rows, column) for column in table.values.T]
-        if torque <= 0.0:
-            return -1.0
-        return float(np.interp(torque, asked, table.columns))
+def _pedal(balance: ForceBalance, acceleration: float, state: EgoState, grade: float) -> float:
+    """Accelerator pedal for an acceleration [m/s2]; below 0 where brakes must help."""
+    engine, gear = balance.parameters.engine, max(state.gear, 1)
+    mass = balance.mass + float(balance.rotating_mass(gear))
+    force = mass * acceleration + float(balance.resistance(state.speed, grade))
+    speed = max(state.engine_speed, engine.idle_speed)
+    torque, table = balance.needed_torque(force, gear, speed), engine.pedal_map
+    if torque <= 0.0:
+        return -1.0
+    asked = [np.interp(speed, table.rows, column) for column in table.values.T]
+    return float(np.interp(torque, asked, table.columns))
 
 
 class Driver:
@@ -182,7 +152,7 @@ class Driver:
 
     def __init__(self, mission: Mission, parameters: TruckParameters, payload: float) -> None:
         self.mission = mission
-        self.balance = _Balance(parameters, payload)
+        self.balance = ForceBalance(parameters, payload)
         self._place = np.arange(0.0, mission.length + 1.0)
         rows = np.searchsorted(mission.distance, self._place, side="right") - 1
         self._grade = mission.grade[rows]
@@ -243,7 +213,7 @@ class Driver:
             return VehicleCommand()
         error = min(target, allowed) - v
         wanted = min(max(0.5 * error, -0.5), accelerating(v))
-        pedal = self.balance.pedal(wanted, state, grade)
+        pedal = _pedal(self.balance, wanted, state, grade)
         if abs(error) < 1.0 and not state.shift_in_process and 0.0 < pedal < 1.0:
             self._integral = min(max(self._integral + 0.02 * error * _PERIOD, -0.2), 0.2)
         return VehicleCommand(accelerator_pedal=min(max(pedal + self._integral, 0.0), 1.0))
@@ -285,20 +255,21 @@ def _add_clutch_loss(spec: mujoco.MjSpec) -> None:
 
 
 def drive(
+    parameters: TruckParameters,
     mission: Mission,
     payload: float,
     timestep: float,
     watch: Callable[[EgoState], None] | None = None,
 ) -> Drive:
-    """Drives the mission with VECTO's truck and driver.
+    """Drives a mission with VECTO's driver.
 
     Args:
+      parameters: of the truck.
       mission: to drive.
       payload: [kg].
       timestep: of the physics [s].
       watch: is called with every state.
     """
-    parameters = TruckParameters.load(TRUCK)
     truck = Truck.load(
         payload,
         parameters=parameters,
@@ -307,10 +278,10 @@ def drive(
         visuals=False,
         edit_spec=_add_clutch_loss,
     )
-    retarder = parameters.retarder
     truck.detects_contacts = False
     driver = Driver(mission, parameters, payload)
     balance, steps = driver.balance, round(_PERIOD / timestep)
+    weight = balance.rolling * balance.mass * GRAVITY
     state = truck.reset(station=_ENTRY)
     air = rolling = empty_retarder = 0.0
     rows = []
@@ -319,11 +290,10 @@ def drive(
         truck.step(steps)
         state = truck.observe()
         way = state.speed * _PERIOD
-        air += way * balance.air(state.speed)
-        rolling += way * balance.rolling * balance.mass * GRAVITY * math.cos(state.pitch)
+        air += way * float(balance.air(state.speed))
+        rolling += way * weight * math.cos(state.pitch)
         turns = truck.read("propeller_shaft_speed")
-        drag = float(np.interp(turns, retarder.drag_speed, retarder.drag_torque))
-        empty_retarder += turns * drag * _PERIOD
+        empty_retarder += turns * float(parameters.retarder.empty_drag(turns)) * _PERIOD
         rows.append((state.time, state.station - _ENTRY, state.speed, state.gear, state.z))
         if watch is not None:
             watch(state)
@@ -346,12 +316,13 @@ def compare(timestep: float, *, quick: bool) -> Findings:
     The quick form has no declared figures and shows only that the mission can be driven.
     """
     found, mission = Findings("VECTO Long Haul"), Mission.load()
+    truck = TruckParameters.load(TRUCK)
     if quick:
-        short = drive(mission.cut(_QUICK), DECLARED["reference"].payload, timestep)
+        short = drive(truck, mission.cut(_QUICK), DECLARED["reference"].payload, timestep)
         found.check("distance driven", short.distance / 1e3, "km", _QUICK / 1e3, ">= 11.9")
         return found
     for name, declared in DECLARED.items():
-        driven = drive(mission, declared.payload, timestep)
+        driven = drive(truck, mission, declared.payload, timestep)
         label = f"{name}, {declared.payload / 1e3:g} t of load"
         found.check(
             f"{label}: fuel", driven.liters_per_100_km, "l/100 km", *_within(declared.fuel, 0.03)
