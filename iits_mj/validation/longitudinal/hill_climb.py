@@ -107,7 +107,7 @@ def sets_off(
     truck.reset(station=100.0)
     gear = _hold(truck, 1.0, _FLOORED)
     balance = ForceBalance(truck.parameters, payload)
-    need = float(balance.resistance(0.0, grade) / balance.pull(1.0, gear))
+    need = balance.needed_torque(float(balance.resistance(0.0, grade)), gear, balance.launch_speed)
     pedal = _pedal(balance, _MARGIN * need)
     _hold(truck, pedal, _SETTLE)
     return _climbs(truck, lambda *_: VehicleCommand(accelerator_pedal=pedal), _SET_OFF, _TIME)
@@ -154,22 +154,23 @@ def compare_limits(parameters: TruckParameters, timestep: float, *, quick: bool)
     found = Findings()
     for surface in (DEFAULT_FRICTION,) if quick else (DEFAULT_FRICTION, _ROUGH):
         climb = startability(parameters, payload, timestep, resolution, surface)
-        torque = float(balance.full_torque(balance.launch_speed))
-        _check_computed(found, "startability", balance, climb, torque, surface)
+        _check_computed(found, "startability", balance, climb, balance.launch_speed, surface)
         if surface == DEFAULT_FRICTION:
             _check_level(found, "startability", balance, climb, _LEVEL_START)
     climb = gradeability(parameters, payload, timestep, resolution)
-    torque = float(np.max(balance.full_torque(np.linspace(balance.launch_speed, 250.0, 500))))
-    _check_computed(found, "gradeability", balance, climb, torque, DEFAULT_FRICTION)
+    turns = np.linspace(balance.launch_speed, 250.0, 500)
+    strongest = float(turns[np.argmax(balance.full_torque(turns))])
+    _check_computed(found, "gradeability", balance, climb, strongest, DEFAULT_FRICTION)
     _check_level(found, "gradeability", balance, climb, _LEVEL_GRADE)
     return found
 
 
 def _check_computed(
-    found: Findings, name: str, balance: ForceBalance, climb: Climb, torque: float, surface: float
+    found: Findings, name: str, balance: ForceBalance, climb: Climb, speed: float, surface: float
 ) -> None:
-    """Simulated grade against the grade by this torque [N m] in the chosen gear, or by grip."""
-    by_engine = balance.grade_for(float(balance.pull(torque, climb.gear)))
+    """Simulated grade against that by full torque at an engine speed [rad/s], or by grip."""
+    pull = balance.pull(balance.full_torque(speed), climb.gear, speed)
+    by_engine = balance.grade_for(float(pull))
     by_grip = balance.traction_grade(surface)
     computed = 100.0 * min(by_engine, by_grip)
     limit = "the engine" if by_engine < by_grip else "grip"
@@ -328,7 +329,7 @@ def check_climb(found: Findings, balance: ForceBalance, grade: float, timestep: 
 
 def _missing_force(balance: ForceBalance, steady: Steady, grade: float) -> float:
     """Pull at full pedal less resistances and inertia, as a share of the pull [1]."""
-    torque = balance.full_torque(steady.speed * balance.reduction(steady.gear))
-    pull = float(balance.pull(torque, steady.gear))
+    turns = steady.speed * balance.reduction(steady.gear)
+    pull = float(balance.pull(balance.full_torque(turns), steady.gear, turns))
     inertia = (balance.mass + float(balance.rotating_mass(steady.gear))) * steady.rate
     return (pull - float(balance.resistance(steady.speed, grade)) - inertia) / pull
