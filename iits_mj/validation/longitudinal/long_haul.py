@@ -5,8 +5,8 @@ VECTO is the tool of the European Commission that declares a truck's fuel (Regul
 60, and brakes with 1 m/s2 up to 50 km/h, falling to 0.5 at 60. Ahead of a lower target, and above
 50 km/h, it lifts the pedal where a deceleration of 0.5 m/s2 would just reach the target, and brakes
 where its own deceleration would: look-ahead coasting as in the release of the declared figures.
-Release 3.0.4 introduced the coasting by energies (VECTO's user manual and change log). Above 50 km/h
-the driver lets the truck roll 5 km/h over the target downhill.
+Release 3.0.4 introduced the coasting by energies (VECTO's user manual and change log). Above
+50 km/h the driver lets the truck roll 5 km/h over the target downhill.
 """
 
 from __future__ import annotations
