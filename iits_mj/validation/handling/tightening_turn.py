@@ -42,8 +42,8 @@ from iits_mj.validation.harness.recorder import (
     PERIOD,
     SteeringRecord,
     drive,
-    trailer_lateral_acceleration,
-    trailer_roll,
+    unit_lateral_acceleration,
+    unit_roll,
 )
 
 SPEED = 60.0 * KMH
@@ -154,13 +154,13 @@ class _Watch:
     def over(self, state: EgoState) -> bool:
         """Adds a sample; returns True at the end of the test."""
         data, (pulling, pulled) = self._truck.data, self._mass
-        tractor, trailer = state.lateral_acceleration, trailer_lateral_acceleration(self._truck)
+        tractor, trailer = state.lateral_acceleration, unit_lateral_acceleration(self._truck)
         self._raw.append((pulling * tractor + pulled * trailer) / (pulling + pulled))
         self.lateral.append(float(np.mean(self._raw[-_MEAN:])))
         self.inner.append(sum(float(data.sensor(name).data[2]) for name in self._names))
         if self.lateral[-1] > self._best[0]:
             self._best = (self.lateral[-1], len(self.lateral))
-        rolled = abs(trailer_roll(self._truck)) > _ROLLED
+        rolled = abs(unit_roll(self._truck)) > _ROLLED
         return rolled or (len(self.lateral) - self._best[1]) * PERIOD > _NO_RISE
 
 
