@@ -258,7 +258,10 @@ class RollPlane:
         small = 1e-7
         base = self.residual(rolls, pull)
         slope = np.column_stack(
-            [(self.residual(rolls + small * unit, pull) - base) / small for unit in np.eye(len(rolls))]
+            [
+                (self.residual(rolls + small * unit, pull) - base) / small
+                for unit in np.eye(len(rolls))
+            ]
         )
         return bool(np.linalg.eigvalsh(0.5 * (slope + slope.T))[0] > 0.0)
 

@@ -10,6 +10,8 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, VehicleCommand, XbrMode
+from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import group_center
 from iits_mj.truck import Truck
 
 # Period of recording and of the speed hold [s].
@@ -119,12 +121,27 @@ class SteeringRecord:
         """Of the last unit [rad]."""
         return np.asarray(self.yaw - self.articulations.sum(axis=1))
 
+    def poses(self, parameters: TruckParameters, payload: float) -> FloatArray:
+        """Poses of the center of each unit's rear axle group: x, y [m], yaw [rad], (m, n, 3)."""
+        at, yaw, found = np.column_stack([self.x, self.y]), self.yaw, []
+        for index, unit in enumerate(parameters.units):
+            if unit.coupling is not None:
+                at = at - unit.coupling.position * _direction(yaw)
+                yaw = yaw - self.articulations[:, index - 1]
+            center = at - group_center(unit.groups(payload)[-1]) * _direction(yaw)
+            found.append(np.column_stack([center, yaw]))
+        return np.stack(found, axis=1)
+
     def after(self, start: float) -> SteeringRecord:
         """Returns the record from a time [s] on, with the time counted from there."""
         keep = self.time >= start - 1e-9
         columns = {name: getattr(self, name)[keep] for name in self.__dataclass_fields__}
         columns["time"] = columns["time"] - columns["time"][0]
         return SteeringRecord(**columns)
+
+
+def _direction(angle: FloatArray) -> FloatArray:
+    return np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 class SpeedHold:
@@ -198,7 +215,7 @@ def drive(
     table = sampled(truck, command, lambda state: _row(truck, state), duration, stop)
     units = len(truck.parameters.units)
     *parts, rolls = np.split(table, np.cumsum([10, units, units - 1, units]), axis=1)
-    return SteeringRecord(*parts[0].T, *parts[1:], rolls)
+    return SteeringRecord(*(*parts[0].T, *parts[1:], rolls))
 
 
 def sampled(
