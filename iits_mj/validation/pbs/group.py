@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from iits_mj.core.results import Results
+from iits_mj.core.results import Findings, Results
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.validation.harness.config import ValidateConfig
@@ -44,19 +44,16 @@ def run(config: ValidateConfig) -> Results:
 
 def _add(results: Results, truck: Assessment) -> None:
     """Adds the checks, the table and the panels of a truck."""
+    findings = Findings(truck.truck)
     for name, value in truck.values.items():
         standard = STANDARDS[name]
-        results.check(
-            f"{truck.truck}: {standard.name}",
-            value,
-            standard.unit,
-            truck.predicted.get(name),
-            standard.must(4),
-        )
+        model = truck.predicted.get(name)
+        findings.check(standard.name, value, standard.unit, model, standard.must(4))
     for title, value in zip(("roll-coupled units", "last unit"), truck.amplification, strict=False):
-        results.check(f"{truck.truck}: rearward amplification of the {title}", value, "1")
+        findings.check(f"rearward amplification of the {title}", value, "1")
+    findings.panels = truck.panels
+    results.add(truck.truck, findings)
     results.tables[f"{truck.truck}: level {level_text(truck.level)}"] = truck.rows()
-    results.figures[truck.truck] = truck.panels
 
 
 def _overview(found: Sequence[Assessment]) -> list[Sequence[str]]:
