@@ -1,7 +1,8 @@
 """The simulated truck on the straight road of `rough_road`.
 
 The driver holds the steer axle on the middle by its distance a little ahead and the integral of it,
-which balances the cross slope.
+which balances the cross slope. The lateral acceleration per steer angle of the linear model sets
+the driver's gain.
 """
 
 from __future__ import annotations
@@ -11,16 +12,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from iits_mj.analytic import yaw_rate_gain
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import EgoState, VehicleCommand
 from iits_mj.parameters import TruckParameters, Unit
 from iits_mj.truck import Truck
+from iits_mj.validation.handling.lane_change import linear_system
 from iits_mj.validation.harness.recorder import PERIOD, SpeedHold, sampled
 from iits_mj.validation.pbs.maneuvers import StraightPath
 from iits_mj.validation.pbs.rough_road import FLAT, START, RoughRoad
 
-# The driver: preview [s], road-wheel angle per distance [rad/m] and per its integral [rad/(m s)].
-_PREVIEW, _GAIN, _INTEGRAL = 2.0, 0.03, 0.003
+# The driver: preview [s], lateral acceleration per distance [1/s2] and per its integral [1/s3].
+_PREVIEW, _GAIN, _INTEGRAL = 2.0, 1.0, 0.1
 # Height of the lower corners of a body over its height.
 _LOW = 0.3
 
@@ -55,13 +58,14 @@ def straight_path(
     truck.reset(station=0.8 * FLAT, speed=path.speed)
     bodies = [truck.data.body(unit.name) for unit in parameters.units]
     outer = [_outer_points(unit) for unit in parameters.units]
+    gain = path.speed * yaw_rate_gain(linear_system(truck, path.speed))
     hold, total = SpeedHold(), 0.0
 
     def command(_: float, state: EgoState) -> VehicleCommand:
         nonlocal total
         ahead = state.y + _PREVIEW * state.speed * math.sin(state.yaw)
         total += state.y * PERIOD
-        angle = -_GAIN * ahead - _INTEGRAL * total
+        angle = -(_GAIN * ahead + _INTEGRAL * total) / gain
         return hold.command(path.speed - state.speed, steering.ratio * angle)
 
     def read(state: EgoState) -> list[float]:
