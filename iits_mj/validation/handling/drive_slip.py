@@ -85,7 +85,7 @@ def start(
 
 
 def compare(parameters: TruckParameters, payload: float, timestep: float) -> Findings:
-    """Bends and starts with one payload [kg]; a single unit has no hitch to fold, hence no bends."""
+    """Bends and starts with one payload [kg]; bends only of a truck with a hitch that may fold."""
     load = f"{payload / 1e3:g} t"
     found = Findings(f"slip of the driven wheels, {load}")
     trucks = {True: parameters, False: without_control(parameters)}

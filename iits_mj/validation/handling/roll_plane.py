@@ -1,7 +1,7 @@
 """Static roll-over threshold of the compliant truck, by statics in the roll plane.
 
-The sprung bodies of the units, coupled in roll by their couplings, rest on axles that roll on their
-tires. On a table tilted by phi, the tires of an axle give the moment `M_t = min(K_t phi_u, W T cos(phi) / 2)`,
+The sprung bodies of the units, coupled in roll, rest on axles that roll on their tires. On a table
+tilted by phi, the tires of an axle give the moment `M_t = min(K_t phi_u, W T cos(phi) / 2)`,
 the second after the inner wheels have lifted. With the suspension's `M_s = K_s (phi_b - phi_u)`,
 
     axle:    M_t = M_s + (n h_rc + m_u g h_u) (sin phi + phi_u cos phi) + W cos phi y
@@ -38,6 +38,10 @@ from iits_mj.parameters import Coupling, TruckParameters
 
 _STEP = math.radians(0.02)
 _LIMIT = math.radians(60.0)
+# Change of roll in a step [rad] that the solver may find, and that of a falling truck.
+_SMALL, _FALLING = 0.02, 0.15
+# Largest scaled moment of an equilibrium; the creep to one: greatest steps, and their size [rad].
+_SOLVED, _CREEPS, _RESTING = 1e-8, 3000, 1e-8
 
 
 @dataclass(frozen=True)
@@ -235,35 +239,57 @@ class RollPlane:
 
     def _settle(self, rolls: FloatArray, pull: Pull) -> FloatArray | None:
         """Rolls in equilibrium near other rolls [rad], (n,); None if units tip over."""
-        weight = sum(support.sprung for body in self.bodies for support in body.supports)
-
-        def scaled(trial: FloatArray) -> FloatArray:
-            return self.residual(trial, pull) / (0.1 * weight)
-
-        found = optimize.root(scaled, rolls, tol=1e-9)
-        if not found.success or np.max(np.abs(found.x - rolls)) > 0.02:
+        found = self._solve(rolls, pull)
+        if found is None or np.max(np.abs(found - rolls)) > _SMALL:
+            # A plate may close its lash at once, to an equilibrium that the solver does not reach.
+            relaxed = self._relaxed(rolls, pull)
+            found = None if relaxed is None else self._solve(relaxed, pull)
+        if found is None:
             return None
         lifted = True
-        for body, roll in zip(self.bodies, found.x, strict=True):
+        for body, roll in zip(self.bodies, found.tolist(), strict=True):
             if body.coupling is not None and body.coupling.roll_stiffness == 0.0:
                 # The units ahead stand alone.
                 if lifted:
                     return None
                 lifted = True
             lifted = lifted and body.lifted(roll, pull)
-        return np.asarray(found.x) if not lifted and self._stable(found.x, pull) else None
+        return None if lifted else found
+
+    def _solve(self, rolls: FloatArray, pull: Pull) -> FloatArray | None:
+        """Stable equilibrium near other rolls [rad], (n,), or None."""
+        weight = sum(support.sprung for body in self.bodies for support in body.supports)
+
+        def scaled(trial: FloatArray) -> FloatArray:
+            return self.residual(trial, pull) / (0.1 * weight)
+
+        found = optimize.root(scaled, rolls, tol=1e-9)
+        solved = found.success or np.max(np.abs(scaled(found.x))) < _SOLVED
+        return np.asarray(found.x) if solved and self._stable(found.x, pull) else None
+
+    def _relaxed(self, rolls: FloatArray, pull: Pull) -> FloatArray | None:
+        """Rolls after a creep along the moments, (n,); None if a body falls."""
+        rate = 1.0 / np.max(np.abs(np.linalg.eigvals(self._slope(np.zeros_like(rolls), pull))))
+        start, rolls = rolls, rolls.copy()
+        for _ in range(_CREEPS):
+            step = rate * self.residual(rolls, pull)
+            rolls = rolls - step
+            if np.max(np.abs(rolls - start)) > _FALLING:
+                return None
+            if np.max(np.abs(step)) < _RESTING:
+                break
+        return rolls
 
     def _stable(self, rolls: FloatArray, pull: Pull) -> bool:
         """Returns whether the symmetric part of the residual's slope is positive definite."""
-        small = 1e-7
-        base = self.residual(rolls, pull)
-        slope = np.column_stack(
-            [
-                (self.residual(rolls + small * unit, pull) - base) / small
-                for unit in np.eye(len(rolls))
-            ]
-        )
+        slope = self._slope(rolls, pull)
         return bool(np.linalg.eigvalsh(0.5 * (slope + slope.T))[0] > 0.0)
+
+    def _slope(self, rolls: FloatArray, pull: Pull) -> FloatArray:
+        """Slope of the residual [N m/rad], shape (n, n)."""
+        small, base = 1e-7, self.residual(rolls, pull)
+        columns = [self.residual(rolls + small * unit, pull) - base for unit in np.eye(len(rolls))]
+        return np.column_stack(columns) / small
 
 
 def _sprung(

@@ -1,12 +1,12 @@
 """Steady turn up to the limit, by planar statics with the full law of the tires.
 
 Beyond the yaw-sideslip model it has exact angles; the Magic Formula of each tire up to saturation;
-load transfer to the outer wheels from the roll plane, which gives them more rolling resistance; and
-two forces at the first coupling that take load off the steer axle: the pull, which grows with the
-drag of the turn, and the roll moment of the first towed unit, which at a hitch angle lifts the front
-of the motor vehicle. The axle loads of towed units are those of straight driving. Without rolling
-resistance a gentle turn equals that of the yaw-sideslip model. All parameters are those of the
-truck; nothing is fitted.
+load transfer to the outer wheels from the roll plane, which gives them more rolling resistance;
+and two forces at the first coupling that take load off the steer axle: the pull, which grows with
+the drag of the turn, and the roll moment of the first towed unit, which at a hitch angle lifts the
+front of the motor vehicle. The axle loads of towed units are those of straight driving. Without
+rolling resistance a gentle turn equals that of the yaw-sideslip model. All parameters are those of
+the truck; nothing is fitted.
 
 The unknowns are lateral velocity, hitch angles, road-wheel angle and drive force. The equations are
 the balance of forces and yaw moment of the motor vehicle, and the yaw moment of each towed unit

@@ -109,15 +109,25 @@ def compare_step(
     degrees: float,
     must: str,
     recording: SteeringRecord,
+    plane_must: str = "",
 ) -> Findings:
-    """One step steer [deg at the steering wheel] against both linear models."""
+    """One step steer [deg at the steering wheel] against both linear models.
+
+    Args:
+      parameters: of the truck.
+      payload: [kg].
+      degrees: at the steering wheel.
+      must: bound of the fits with the yaw-roll model.
+      recording: of the truck.
+      plane_must: bound of the fits with the yaw-sideslip model.
+    """
     plane, roll = references(parameters, payload, recording)
     found = Findings(f"step steer {degrees:g} deg, {payload / 1e3:g} t")
     for (title, unit, values), (_, _, wanted), (_, _, extended) in zip(
         *(signals(parameters, source) for source in (recording, plane, roll)), strict=True
     ):
         simulated = values - values[0]
-        found.check(f"{title}, fit", fit(simulated, wanted), "%", "yaw-sideslip", must)
+        found.check(f"{title}, fit", fit(simulated, wanted), "%", "yaw-sideslip", plane_must)
         found.check(f"{title}, peak", peak_ratio(simulated, wanted), "1", 1.0)
         found.check(f"{title}, end value", simulated[-1] / wanted[-1], "1", 1.0)
         explained = fit(simulated, extended)

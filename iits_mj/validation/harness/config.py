@@ -15,6 +15,7 @@ from iits_mj.parameters import (
     TruckParameters,
     check_truck,
     payload_option,
+    shipped_trucks,
     truck_option,
 )
 
@@ -79,15 +80,7 @@ class ValidateConfig:
     @property
     def default_truck(self) -> bool:
         """Whether no other truck than the default one is validated."""
-        return self.truck is None or self.parameters == TruckParameters.load()
-
-    def require_default_truck(self, group: str) -> None:
-        """Raises InputError for another truck than the default one."""
-        if not self.default_truck:
-            raise InputError(
-                f"validate {group} drives the default truck only: leave out --truck, or choose "
-                "lateral, longitudinal, standards, step-size or truck"
-            )
+        return self.truck is None or self.truck == shipped_trucks()[0]
 
     @property
     def step(self) -> float:

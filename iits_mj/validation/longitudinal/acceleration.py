@@ -175,7 +175,7 @@ def coast_along(record: Run, balance: ForceBalance) -> FloatArray:
     inertias = np.concatenate([[0.0], parameters.gearbox.inertias])[gear]
     spin = np.gradient(record.engine_speed, record.time)
     torque = record.engine_torque - (parameters.engine.inertia + inertias) * spin
-    force = np.where(engagement > 0.0, balance.pull(torque, gear), 0.0)
+    force = np.where(engagement > 0.0, balance.pull(torque, gear, record.engine_speed), 0.0)
     mass = balance.mass + balance.wheel_mass
     speed = np.empty_like(record.time)
     speed[0] = record.speed[0]

@@ -83,7 +83,7 @@ def compute(truck: ForceBalance, pedal: float, duration: float) -> PublishedRun:
             torque = _ramp(torque, wanted, truck)
         coupled = torque > 0.0 and speed * float(truck.reduction(gear)) > engine.idle_speed
         mass = truck.mass + (float(truck.rotating_mass(gear)) if coupled else truck.wheel_mass)
-        push = float(truck.pull(torque, gear) - truck.resistance(speed))
+        push = float(truck.pull(torque, gear, spin) - truck.resistance(speed))
         speed = max(0.0, speed + PERIOD * push / mass)
     table = np.array(rows)
     return PublishedRun(*table.T)

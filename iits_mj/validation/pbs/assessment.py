@@ -100,7 +100,7 @@ def assess(
       InputError: the truck cannot hold the speed of a maneuver, or a payload is not allowed.
     """
     laden, towing = payloads[0], len(parameters.units) > 1
-    values, panels = _pulling(parameters, laden, timestep)
+    values, modeled, panels = _pulling(parameters, laden, timestep)
     tilt = tilt_table(parameters, laden, timestep)
     lean = Line("truck", np.rad2deg(tilt.table), np.rad2deg(np.abs(tilt.roll)), "simulation")
     panels.append(Panel("tilt table", "table angle [deg]", "roll on the table [deg]", (lean,)))
@@ -133,8 +133,7 @@ def assess(
                 _turn_panel(turn.driven), _straight_panel(drive), _pulse_panel(parameters, swing)
             ]  # fmt: skip
     values |= _worst(found)
-    modeled = _worst([predicted(parameters, payload) for payload in payloads])
-    modeled["gradeability_b"] = ForceBalance(parameters, laden).best_speed(_GENTLE) / KMH
+    modeled |= _worst([predicted(parameters, payload) for payload in payloads])
     values = {name: values[name] for name in STANDARDS if name in values}
     return Assessment(parameters.name, values, modeled, amplification, panels)
 
@@ -164,15 +163,24 @@ def _worst(found: Sequence[dict[str, float]]) -> dict[str, float]:
 
 def _pulling(
     parameters: TruckParameters, payload: float, timestep: float
-) -> tuple[dict[str, float], list[Panel]]:
-    """Startability, gradeability and acceleration capability, with the run of the last one."""
-    expected = ForceBalance(parameters, payload).best_speed(_GENTLE)
-    steady = hill_climb.steady_speed(parameters, payload, _GENTLE, _BEGIN * expected, timestep)
+) -> tuple[dict[str, float], dict[str, float], list[Panel]]:
+    """Startability, gradeability and acceleration: simulated, by the balance of forces, a panel."""
+    balance = ForceBalance(parameters, payload)
+    speed = balance.best_speed(_GENTLE)
     start = hill_climb.startability(parameters, payload, timestep, _RESOLUTION)
     climb = hill_climb.gradeability(parameters, payload, timestep, _RESOLUTION)
+    modeled = {
+        name: 100.0 * min(hill_climb.computed_grades(balance, found.gear, turns))
+        for name, found, turns in (
+            ("startability", start, balance.launch_speed),
+            ("gradeability_a", climb, hill_climb.strongest_speed(balance)),
+        )
+    }
+    modeled["gradeability_b"] = speed / KMH
+    steady = hill_climb.steady_speed(parameters, payload, _GENTLE, _BEGIN * speed, timestep)
     truck = Truck.load(payload, parameters=parameters, timestep=timestep, visuals=False)
     begin = truck.reset().station
-    time, distance, speed = sampled(
+    time, distance, speeds = sampled(
         truck,
         lambda *_: VehicleCommand(accelerator_pedal=1.0),
         lambda state: [state.station - begin, state.speed / KMH],
@@ -185,8 +193,8 @@ def _pulling(
         "gradeability_b": steady.speed / KMH,
         "acceleration": measures.acceleration_time(time, distance, _HUNDRED),
     }
-    line = Line("truck", time, speed, "simulation")
-    return values, [Panel("100 m from rest", "time [s]", "speed [km/h]", (line,))]
+    line = Line("truck", time, speeds, "simulation")
+    return values, modeled, [Panel("100 m from rest", "time [s]", "speed [km/h]", (line,))]
 
 
 def _turn_panel(done: Turn) -> Panel:

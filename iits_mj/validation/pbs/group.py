@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from iits_mj.core.results import Findings, Results
 from iits_mj.core.timing import TIMESTEP
@@ -15,25 +16,24 @@ NOTES = (
     "The worse value of the laden and the empty truck counts on paths and in the pulse steer; the "
     "laden truck sets off, climbs, accelerates, tilts and gives the amplification.",
     "Predicted: low-speed turn by the tractrix chain, lane change by the yaw-plane model, damping "
-    "by the yaw-roll model, rollover by statics of the roll plane, speed on 1 % by the balance of "
-    "forces.",
+    "by the yaw-roll model, rollover by statics of the roll plane, grades and speed on 1 % by the "
+    "balance of forces.",
     "The amplification is that of the rearmost units coupled in roll, by mass times height, over "
     "the rollover threshold of the weakest group of units.",
 )
 
 
 def run(config: ValidateConfig) -> Results:
-    """Assesses one truck, or all shipped ones without `config.truck`."""
+    """Assesses one truck, or all shipped ones if neither truck nor payload is chosen.
+
+    The quick form assesses only the default truck.
+    """
     results = Results("validate pbs")
-    names = shipped_trucks() if config.truck is None else (config.truck,)
+    every = config.truck is None and config.payload is None and not config.quick
+    trucks = [TruckParameters.load(name) for name in shipped_trucks()]
+    settings = [replace(config, truck=truck) for truck in trucks] if every else [config]
     step = config.timestep or TIMESTEP
-    found = []
-    for name in names:
-        parameters = TruckParameters.load(name)
-        payloads = tuple(dict.fromkeys((parameters.payload_max, 0.0)))
-        if config.payload is not None:
-            payloads = (config.payload,)
-        found.append(assess(parameters, payloads, step))
+    found = [assess(one.parameters, one.payloads(), step) for one in settings]
     if len(found) > 1:
         results.tables["levels"] = _overview(found)
     for truck in found:

@@ -28,8 +28,8 @@ def test_resistances_are_rolling_grade_and_air():
 def test_losses_of_the_gears_reduce_pull_and_increase_overrun():
     gearbox = PARAMETERS.gearbox
     ideal = 1000.0 * gearbox.ratios[4] * gearbox.final_drive / LADEN.wheel_radius
-    assert LADEN.pull(1000.0, 5) < ideal < -LADEN.pull(-1000.0, 5)
-    assert LADEN.pull(1000.0, 5) == pytest.approx(
+    assert LADEN.pull(1000.0, 5, 120.0) < ideal < -LADEN.pull(-1000.0, 5, 120.0)
+    assert LADEN.pull(1000.0, 5, 120.0) == pytest.approx(
         ideal * gearbox.efficiency * gearbox.driveline_efficiency
     )
 
@@ -74,7 +74,9 @@ def test_steady_speed_balances_and_is_stable(gear, grade):
 
     def surplus(v):
         engine_speed = v * LADEN.reduction(gear)
-        return LADEN.pull(LADEN.full_torque(engine_speed), gear) - LADEN.resistance(v, grade)
+        return LADEN.pull(LADEN.full_torque(engine_speed), gear, engine_speed) - LADEN.resistance(
+            v, grade
+        )
 
     assert surplus(speed) == pytest.approx(0.0, abs=1.0)
     assert surplus(1.02 * speed) < 0.0 < surplus(0.98 * speed)
