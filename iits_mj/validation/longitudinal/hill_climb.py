@@ -5,8 +5,8 @@ steepest grade on which the truck sets off and moves 5 m, and the steepest on wh
 Both are found by bisection over roads of that grade. The computed figure is what the engine can
 pull in the gear that the gearbox chose, or the grip of the drive axles, whichever is less.
 
-To set off, the driver holds the truck by the parking brake and floors the pedal, or nearly so, until
-the gearbox has chosen its gear. Then the driver sets the pedal for a grade steeper by 0.7 %,
+To set off, the driver holds the truck by the parking brake and floors the pedal, or nearly so,
+until the gearbox has chosen its gear. Then the driver sets the pedal for a grade steeper by 0.7 %,
 releases the brake, and presses the pedal further until the truck moves. Under way the pedal is
 floored; it is eased while the drive wheels slip by more than 14 %. The steep part is approached on
 half its grade, at most 12 %.

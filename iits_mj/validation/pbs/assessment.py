@@ -18,6 +18,7 @@ from iits_mj.core.units import GRAVITY, KMH
 from iits_mj.parameters import TruckParameters, Unit
 from iits_mj.truck import Truck
 from iits_mj.validation.handling.lane_change import (
+    PATH_END,
     PathChange,
     follow_path,
     steer_axle_acceleration,
@@ -121,7 +122,7 @@ def assess(
             | {
                 "friction_demand": float(np.max(turn.demand)),
                 "tracking_ability": measures.tracking_ability(drive.points),
-                "yaw_damping": min(swing.damping().values()),
+                "yaw_damping": _damping(swing),
             }
         )
         if towing:
@@ -145,12 +146,21 @@ def amplifications(
 
     Of the rearmost units that are coupled in roll, and of the last unit.
     """
-    front, sides = steer_axle_acceleration(change.recording), change.recording.lateral_accelerations
+    record = change.recording
+    # What the driver steers after the path is not a part of the maneuver.
+    front = steer_axle_acceleration(record)[record.time <= PATH_END]
+    sides = record.lateral_accelerations
     together = measures.roll_coupled_acceleration(parameters, payload, sides)
     return (
         measures.rearward_amplification(front, together),
         measures.rearward_amplification(front, sides[:, -1]),
     )
+
+
+def _damping(swing: Pulse) -> float:
+    """Damping of the worst yaw rate or articulation."""
+    record, free = swing.recording, swing.free
+    return measures.yaw_damping([*record.yaw_rates[free].T, *record.articulations[free].T])
 
 
 def _worst(found: Sequence[dict[str, float]]) -> dict[str, float]:

@@ -31,7 +31,7 @@ _STATION = 0.5
 
 
 def turn_measures(done: Turn) -> dict[str, float]:
-    """Returns swept path, frontal and tail swing of a low-speed turn [m], by the standards' keys."""
+    """Returns swept path, frontal and tail swing of a low-speed turn [m], by standards' keys."""
     corners = done.tracks()
     front = corners[:, :, 1]
     swings = frontal_swing(front, done.radius, done.angle)

@@ -71,11 +71,10 @@ def lane_change(parameters: TruckParameters, payload: float, threshold: float) -
 
 
 def pulse_steer(parameters: TruckParameters, payload: float) -> float:
-    """Returns the damping of the worst signal after a pulse steer, as `handling.yaw_damping`."""
+    """Returns the damping of the worst yaw rate or articulation after a pulse steer."""
     pulse = PulseSteer()
     model = YawRoll.from_parameters(parameters, payload, cruise_speed=pulse.speed)
     time = np.arange(0.0, 12.0, _STEP)
     answer = simulate(model.at(pulse.speed), time, 1e-3 * pulse.steer(time))
     free = time > 2.0 * pulse.rise
-    signals = [*answer.yaw_rates.T, *answer.articulations.T, answer.trailer_lateral_acceleration]
-    return measures.yaw_damping([signal[free] for signal in signals])
+    return measures.yaw_damping([*answer.yaw_rates[free].T, *answer.articulations[free].T])
