@@ -45,9 +45,9 @@ class Point:
     time: float
 
 
-def measure(parameters: TruckParameters, speed: float, pedal: float, timestep: float) -> Point:
+def measure(speed: float, pedal: float, timestep: float) -> Point:
     """Holds a vehicle speed [m/s] at a pedal by the grade, and measures for 3 s."""
-    truck = Truck.load(parameters=parameters, timestep=timestep, visuals=False)
+    truck = Truck.load(timestep=timestep, visuals=False)
     truck.reset(speed=speed)
     integral = 0.0
 
@@ -87,7 +87,7 @@ def compare(timestep: float, *, quick: bool) -> Findings:
     parameters, found = TruckParameters.load(), Findings()
     powers, rates, wanted = [], [], []
     for kph, pedal in POINTS[1::2] if quick else POINTS:
-        point = measure(parameters, kph * KMH, pedal, timestep)
+        point = measure(kph * KMH, pedal, timestep)
         power = point.torque * point.speed
         expected = consumption(parameters, point) * power
         found.label = (

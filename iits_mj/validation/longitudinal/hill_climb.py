@@ -286,11 +286,15 @@ def steepest(attempt: Callable[[float], Attempt], resolution: float) -> Climb:
 
 @dataclass(frozen=True)
 class Steady:
-    """Steady speed [m/s], gear, and remaining change of the speed [m/s2]."""
+    """Steady speed [m/s], gear, remaining change of the speed [m/s2], engine speed [rad/s].
+
+    The engine turns faster than in proportion to the speed, by the slip of the drive wheels.
+    """
 
     speed: float
     gear: int
     rate: float
+    turns: float
 
 
 def steady_speed(
@@ -312,7 +316,7 @@ def steady_speed(
         rate = (after.speed - before.speed) / (after.time - before.time)
         if after.gear == before.gear and abs(rate) < _STEADY:
             break
-    return Steady(after.speed, after.gear, rate)
+    return Steady(after.speed, after.gear, rate, after.engine_speed)
 
 
 def compare_speeds(parameters: TruckParameters, timestep: float, *, quick: bool) -> Findings:
@@ -367,7 +371,7 @@ def check_climb(found: Findings, balance: ForceBalance, grade: float, timestep: 
 
 def _missing_force(balance: ForceBalance, steady: Steady, grade: float) -> float:
     """Pull at full pedal less resistances and inertia, as a share of the pull [1]."""
-    turns = steady.speed * balance.reduction(steady.gear)
-    pull = float(balance.pull(balance.full_torque(turns), steady.gear, turns))
+    torque = balance.full_torque(steady.turns)
+    pull = float(balance.pull(torque, steady.gear, steady.turns))
     inertia = (balance.mass + float(balance.rotating_mass(steady.gear))) * steady.rate
     return (pull - float(balance.resistance(steady.speed, grade)) - inertia) / pull
