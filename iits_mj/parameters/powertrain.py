@@ -188,9 +188,8 @@ class Retarder:
         """Returns the drag torques [N m] at speeds of the propeller shaft [rad/s], same shape."""
         if not self.drag_speed:
             return np.zeros_like(np.asarray(shaft_speed, dtype=float))
-        return np.asarray(
-            np.interp(np.asarray(shaft_speed, dtype=float), self.drag_speed, self.drag_torque)
-        )
+        turns = np.asarray(shaft_speed, dtype=float)
+        return np.asarray(np.interp(turns, self.drag_speed, self.drag_torque))
 
 
 @dataclass(frozen=True)

@@ -40,28 +40,30 @@ def run(config: ValidateConfig) -> Results:
     results, truck = Results(name_of("truck", config)), config.parameters
     step = TIMESTEP if config.timestep is None else config.timestep
     free = step_steer.free_couplings(truck)
+    first = config.payloads()[0]
+
+    def add(name: str, found: Findings) -> None:
+        if payload != first:
+            found.panels.clear()
+        results.add(f"{name}_{payload / 1e3:g}t", found)
+
     for payload in config.payloads():
-        load = f"{payload / 1e3:g}t"
         results.add("", axle_loads(truck, payload))
         (recording,) = step_steer.step_steers(free, payload, (np.deg2rad(_STEP),), step)
         found = step_steer.compare_step(free, payload, _STEP, _FIT, recording)
-        results.add(f"step_steer_{load}", found)
+        add("step_steer", found)
         found = circle.compare(truck, payload, step, _SPEEDS, linear_must="")
-        results.add(f"steady_circle_{load}", found)
-        results.add(f"tilt_table_{load}", rollover.compare(truck, payload, step)[0])
-        results.add(f"full_stop_{load}", braking.compare_stop(truck, payload, braking.UN_R13, step))
-    payload = config.payloads()[0]
-    found = low_speed_turn.compare_swept_path(truck, payload, step, limits=False)
+        add("steady_circle", found)
+        add("tilt_table", rollover.compare(truck, payload, step)[0])
+        add("full_stop", braking.compare_stop(truck, payload, braking.UN_R13, step))
+    found = low_speed_turn.compare_swept_path(truck, first, step, limits=False)
     results.add("low_speed_turn", found)
     flat = full_pedal_run(truck, step, 0.0, _DURATION)
     results.add("full_pedal", full_pedal(truck, flat, grade=0.0))
     climb = Findings()
     hill_climb.check_climb(climb, ForceBalance(truck, truck.payload_max), _GRADE, step)
     results.add("", climb)
-    results.add("energy_audit", energy_audit.compare(truck, payload, step, _HILLS))
-    results.figures = {
-        name: panels for name, panels in results.figures.items() if not name.endswith("_0t")
-    } or results.figures
+    results.add("energy_audit", energy_audit.compare(truck, first, step, _HILLS))
     results.notes += _NOTES
     if len(truck.units) == 1:
         results.notes.append(NO_TRAILER)

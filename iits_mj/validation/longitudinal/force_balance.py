@@ -92,7 +92,7 @@ class ForceBalance:
         return force
 
     def needed_torque(self, force: float, gear: int, speed: float) -> float:
-        """Torque of the engine [N m] for a force at the driven wheels [N]; inverts `pull`."""
+        """Torque of the engine [N m] for a force at the wheels [N]: the inverse of `pull`."""
         torque = input_torque(self.parameters, gear, np.asarray(force), np.asarray(speed))
         return float(torque) + self.parameters.engine.auxiliary_power / speed
 
