@@ -55,6 +55,8 @@ PATH_PERIOD, PATH_PEAK = maneuvers.LaneChange.period, maneuvers.LaneChange.peak
 PATH_TOLERANCE = 0.15
 _RATE = 2.0 * np.pi / PATH_PERIOD
 _LEAD, _LENGTH = 1.0, 7.0
+# End of the path since the start of a recording [s].
+PATH_END = _LEAD + PATH_PERIOD
 # Tries after the first one, and the band in which the driver corrects [Hz].
 _REPEATS = 3
 _BAND = 1.5

@@ -26,10 +26,7 @@ from iits_mj.analytic.swept_path import (
     EXIT,
     HALF_TIRE,
     Outline,
-    frontal_swing,
     outward,
-    swept_width,
-    tail_swing,
 )
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
@@ -38,7 +35,7 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
 from iits_mj.validation.harness.recorder import SteeringRecord, drive
 from iits_mj.validation.pbs.limits import STANDARDS, level_of_length
-from iits_mj.validation.pbs.measures import PEAK_FRICTION, front_corner_excess
+from iits_mj.validation.pbs.measures import PEAK_FRICTION, turn_measures
 
 RADIUS = 12.5
 SPEED = 5.0 * KMH
@@ -166,22 +163,6 @@ class SweptTurn:
         return float(max(x[y > RADIUS].max() - x[-1], 0.0)) if (y > RADIUS).any() else 0.0
 
 
-def measures_of(turn: swept_path.Turn) -> dict[str, float]:
-    """Returns swept path, frontal and tail swings of a turn [m], by the keys of `pbs.limits`."""
-    corners = turn.tracks()
-    front = corners[:, :, 1]
-    maxima, paths = front_corner_excess(outward(front), front[..., 1] - RADIUS)
-    found = {
-        "swept_path": swept_width(turn.sides()),
-        "frontal_swing": float(frontal_swing(front)[0]),
-        "front_maxima": maxima,
-        "front_paths": paths,
-        "tail_swing": float(max(tail_swing(corners[:, :, 2]).max(), 0.0)),
-    }
-    # A single unit has no difference of front corners.
-    return {name: value for name, value in found.items() if np.isfinite(value)}
-
-
 def pbs_turn(parameters: TruckParameters, payload: float, timestep: float) -> SweptTurn:
     """Drives the PBS turn with this payload [kg]."""
     truck = Truck.load(payload, parameters=parameters, timestep=timestep, visuals=False)
@@ -220,8 +201,8 @@ def compare_swept_path(
     level = level_of_length(parameters.length)
     found = Findings(f"PBS 90 deg turn of {RADIUS:g} m, {payload / 1e3:g} t")
     found.check("path error of the outer steer tire", done.path_error(), "m", must="<= 0.05")
-    modeled = measures_of(done.model)
-    for name, value in measures_of(done.driven).items():
+    modeled = turn_measures(done.model)
+    for name, value in turn_measures(done.driven).items():
         standard = STANDARDS[name]
         title, must = f"{standard.name} (level {level})", standard.must(level)
         found.check(title, value, "m", modeled[name], must if limits else "")

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from iits_mj.analytic import LateralSystem, Response, simulate
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import BoolArray, FloatArray
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
@@ -59,8 +59,13 @@ class Pulse:
         """Damping ratios of the linear model by the same procedure."""
         return self._ratios(self.model)
 
+    @property
+    def free(self) -> BoolArray:
+        """Samples after the pulse, shape (n,)."""
+        return np.asarray(self.recording.time >= _LEAD + 2.0 * _RISE)
+
     def _ratios(self, source: SteeringRecord | Response) -> dict[str, float]:
-        free = self.recording.time >= _LEAD + 2.0 * _RISE
+        free = self.free
         *swinging, _ = signals(self.parameters, source)
         found = {title: damping_ratio(values[free]) for title, _, values in swinging}
         name = f"lateral acceleration of the {unit_titles(self.parameters)[-1]}"

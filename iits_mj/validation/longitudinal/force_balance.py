@@ -130,16 +130,24 @@ class ForceBalance:
     def launch_speed(self) -> float:
         """Engine speed [rad/s] at which the slipping clutch carries the torque of full pedal.
 
-        The clutch control closes in proportion to engine speed above idle, up to the reference
-        torque; the engine settles where its torque equals that of the clutch.
+        The engine settles where its torque equals that of the clutch.
         """
-        engine, spread = self.parameters.engine, self.parameters.clutch.launch_range
+        idle, spread = self.parameters.engine.idle_speed, self.parameters.clutch.launch_range
 
         def surplus(speed: float) -> float:
-            carried = engine.reference_torque * (speed - engine.idle_speed) / spread
-            return float(self.full_torque(speed)) - carried
+            return self.carrying_speed(float(self.full_torque(speed))) - speed
 
-        return float(brentq(surplus, engine.idle_speed, engine.idle_speed + spread))
+        return float(brentq(surplus, idle, idle + spread))
+
+    def carrying_speed(self, torque: float) -> float:
+        """Engine speed [rad/s] at which the slipping clutch carries a torque [N m].
+
+        The clutch control closes in proportion to engine speed above idle, up to the reference
+        torque.
+        """
+        engine = self.parameters.engine
+        spread = self.parameters.clutch.launch_range
+        return engine.idle_speed + torque / engine.reference_torque * spread
 
     def steady_speed(self, gear: int, grade: float) -> float:
         """Speed at which full load and resistances balance in this gear [m/s]; nan without one.
@@ -170,10 +178,12 @@ class ForceBalance:
         return float(np.nanmax([self.steady_speed(gear, grade) for gear in gears]))
 
     def grade_for(self, force: float) -> float:
-        """Steepest grade on which this force at the wheels [N] moves the truck slowly."""
-        return float(
-            brentq(lambda grade: force - float(self.resistance(0.0, grade)), -0.1, _STEEPEST)
-        )
+        """Steepest grade, at most 0.6, on which this force at the wheels [N] moves the truck."""
+
+        def surplus(grade: float) -> float:
+            return force - float(self.resistance(0.0, grade))
+
+        return _STEEPEST if surplus(_STEEPEST) > 0.0 else float(brentq(surplus, -0.1, _STEEPEST))
 
     def drive_axle_load(self, grade: float) -> float:
         """Load on the driven axles in a steady climb on this grade [N].

@@ -8,6 +8,7 @@ from iits_mj.validation.handling import lane_change, low_speed_turn, rollover, y
 from iits_mj.validation.handling.roll_plane import RollPlane
 from iits_mj.validation.handling.yaw_damping import damping_ratio
 from iits_mj.validation.pbs.limits import STANDARDS, level_of_length
+from iits_mj.validation.pbs.measures import turn_measures
 
 STEP = 0.005
 LADEN = 36_000.0
@@ -142,7 +143,7 @@ def test_outer_steer_tire_follows_the_pbs_arc():
 def test_low_speed_turn_sweeps_what_the_tractrix_chain_sweeps(name):
     truck = TruckParameters.load(name)
     done = low_speed_turn.pbs_turn(truck, truck.payload_max, 0.005)
-    found, model = map(low_speed_turn.measures_of, (done.driven, done.model))
+    found, model = map(turn_measures, (done.driven, done.model))
     assert found["swept_path"] == pytest.approx(model["swept_path"], rel=0.03)
     for swing in ("frontal_swing", "tail_swing"):
         assert found[swing] == pytest.approx(model[swing], abs=0.05)
