@@ -37,7 +37,7 @@ def full_load_force(
     """
     engine = parameters.engine
     speed = np.linspace(engine.idle_speed, engine.governed_speed, points)
-    torque = np.interp(speed, *full_load(parameters)) - engine.auxiliary_power / speed
+    torque = np.interp(speed, *full_load(parameters)) - engine.auxiliary_torque(speed)
     return speed / overall_ratio(parameters, gear), wheel_force(parameters, gear, torque, speed)
 
 

@@ -136,6 +136,15 @@ class Engine:
         """Mean power of all auxiliaries [W]."""
         return sum(self.auxiliaries.values())
 
+    def auxiliary_torque(self, speed: ArrayLike) -> FloatArray:
+        """Returns what the auxiliaries take [N m] at engine speeds [rad/s], same shape.
+
+        Their power is constant above half of the idle speed; the torque is proportional below.
+        """
+        slowest, turns = 0.5 * self.idle_speed, np.asarray(speed, dtype=float)
+        share = np.minimum(turns / slowest, 1.0)
+        return np.asarray(self.auxiliary_power * share / np.maximum(turns, slowest))
+
     @property
     def half_torque(self) -> tuple[float, float]:
         """Speed of the greatest torque [rad/s], and half of this torque [N m]."""

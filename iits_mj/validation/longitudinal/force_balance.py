@@ -83,7 +83,7 @@ class ForceBalance:
           speed: of the engine [rad/s]; the shapes broadcast.
         """
         numbers, turns = np.asarray(gear).astype(int), np.asarray(speed, dtype=float)
-        left = np.asarray(torque, dtype=float) - self.parameters.engine.auxiliary_power / turns
+        left = np.asarray(torque, dtype=float) - self.parameters.engine.auxiliary_torque(turns)
         force = np.zeros(np.broadcast_shapes(left.shape, numbers.shape))
         for number in np.unique(numbers[numbers > 0]).tolist():
             force = np.where(
@@ -94,7 +94,7 @@ class ForceBalance:
     def needed_torque(self, force: float, gear: int, speed: float) -> float:
         """Torque of the engine [N m] for a force at the wheels [N]: the inverse of `pull`."""
         torque = input_torque(self.parameters, gear, np.asarray(force), np.asarray(speed))
-        return float(torque) + self.parameters.engine.auxiliary_power / speed
+        return float(torque + self.parameters.engine.auxiliary_torque(speed))
 
     def resistance(self, speed: ArrayLike, grade: ArrayLike = 0.0) -> FloatArray:
         """Rolling, grade and air resistance [N] while the truck moves forward."""
