@@ -344,7 +344,7 @@ def compare(timestep: float, *, quick: bool) -> Findings:
         "5 adds 2.9 kWh; the first is not documented, and the second contradicts the release.",
         "Gearbox and axle: the truck's gearbox shifts down to at most 1400 rpm, where the full "
         "torque begins to fall. This value is a judgement, made with the declared losses in view: "
-        "of five changes of the gearbox that were tried it is the one that was kept. With 1600 rpm, "
+        "of five changes of the gearbox that were tried it is the one kept. With 1600 rpm, "
         "the value before, it loses 3 % more at full load, which is 5.6 % more than declared. A "
         "lower engine speed or a greater torque reserve change less than 0.2 %.",
     ]
