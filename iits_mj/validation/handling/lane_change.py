@@ -56,7 +56,7 @@ PATH_TOLERANCE = 0.15
 _RATE = 2.0 * np.pi / PATH_PERIOD
 _LEAD, _LENGTH = 1.0, 7.0
 # End of the path since the start of a recording [s].
-PATH_END = _LEAD + PATH_PERIOD
+_PATH_END = _LEAD + PATH_PERIOD
 # Tries after the first one, and the band in which the driver corrects [Hz].
 _REPEATS = 3
 _BAND = 1.5
@@ -87,10 +87,14 @@ class LaneChange:
     model: Response
     system: LateralSystem
 
+    def front(self) -> FloatArray:
+        """Lateral acceleration of the steer axle in the lane change [m/s2]."""
+        return steer_axle_acceleration(self.recording)
+
     def amplification(self) -> float:
         """Rearward amplification of the truck [1]."""
         rear = np.max(np.abs(self.recording.trailer_lateral_acceleration))
-        return float(rear / np.max(np.abs(steer_axle_acceleration(self.recording))))
+        return float(rear / np.max(np.abs(self.front())))
 
     def model_amplification(self) -> float:
         """Rearward amplification of the linear model [1]."""
@@ -99,7 +103,7 @@ class LaneChange:
 
     def peak(self) -> float:
         """Greatest lateral acceleration of the steer axle [m/s2]."""
-        return float(np.max(np.abs(steer_axle_acceleration(self.recording))))
+        return float(np.max(np.abs(self.front())))
 
     def speed_error(self) -> float:
         """Greatest deviation from the wanted speed [km/h]."""
@@ -159,6 +163,10 @@ class PathChange(LaneChange):
     last: FloatArray
     model_last: FloatArray
     error: float
+
+    def front(self) -> FloatArray:
+        """As of a lane change; afterwards the driver answers the pull of the trailer."""
+        return super().front()[self.recording.time <= _PATH_END]
 
     def off_tracking(self) -> float:
         """High-speed transient off-tracking [m]; zero if the last axle does not swing beyond."""

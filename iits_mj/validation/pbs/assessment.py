@@ -18,7 +18,6 @@ from iits_mj.core.units import GRAVITY, KMH
 from iits_mj.parameters import TruckParameters, Unit
 from iits_mj.truck import Truck
 from iits_mj.validation.handling.lane_change import (
-    PATH_END,
     PathChange,
     follow_path,
     steer_axle_acceleration,
@@ -146,10 +145,7 @@ def amplifications(
 
     Of the rearmost units that are coupled in roll, and of the last unit.
     """
-    record = change.recording
-    # What the driver steers after the path is not a part of the maneuver.
-    front = steer_axle_acceleration(record)[record.time <= PATH_END]
-    sides = record.lateral_accelerations
+    front, sides = change.front(), change.recording.lateral_accelerations
     together = measures.roll_coupled_acceleration(parameters, payload, sides)
     return (
         measures.rearward_amplification(front, together),
