@@ -9,7 +9,7 @@ from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.validation.handling import drive_slip
-from iits_mj.validation.handling.braking_stability import FOLDED, STEADY, without_control
+from iits_mj.validation.handling.braking_stability import FOLDED, STEADY
 
 EMPTY, LADEN = 0.0, 36_000.0
 STEP = 0.005
@@ -46,7 +46,7 @@ def test_empty_truck_stays_in_line_in_a_slippery_bend(friction, levers):
 
 
 def test_without_drag_torque_control_the_retarder_folds_the_truck():
-    uncontrolled = without_control(TruckParameters.load())
+    uncontrolled = drive_slip.without_control(TruckParameters.load())
     run = drive_slip.in_bend(uncontrolled, EMPTY, STEP, 0.2, {"retarder": 1.0})
     assert np.max(np.abs(run.articulation)) > FOLDED
 
