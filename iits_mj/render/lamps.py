@@ -46,6 +46,7 @@ _COLORS = np.array(
     [(1.0, 0.96, 0.84), (1.0, 0.06, 0.04), (1.0, 0.55, 0.08), (1.0, 0.55, 0.06), (1.0, 0.55, 0.06)]
 )
 _ASIDE_SEEN = np.array([0.15, 0.3, 1.0, 0.45, 0.45])
+_SIZE_MAX = 0.25  # [m]; small lamps side by side count as one
 _OFF, _ON, _BRAKE = 0.06, 0.75, 1.9  # emission
 
 
@@ -66,6 +67,7 @@ class Lights:
     Attributes:
       at: places relative to the eye; forward: direction of the vehicle, both (n, 3).
       kind: function; brightness: emission; size: half the size [m].
+      open: False for tail lamps that a towed unit hides, (n,).
     """
 
     at: FloatArray
@@ -73,6 +75,7 @@ class Lights:
     kind: NDArray[np.intp]
     brightness: FloatArray
     size: FloatArray
+    open: NDArray[np.bool_]
 
 
 def truck_signals(ego: EgoState, trajectory: Trajectory | None) -> Signals:
@@ -121,9 +124,22 @@ class Lamps:
         self._index = np.repeat(np.arange(len(places)), [len(p) for p in places])
         both = np.concatenate(places) if places else np.empty((0, 4))
         self._local, self._size = both[:, :3], both[:, 3]
+        self._open = ~self._behind_towed()[self._index]
         self._traffic = [
             body for body in np.unique(self.owner).tolist() if model.body_mocapid[body] >= 0
         ]
+
+    def _behind_towed(self) -> NDArray[np.bool_]:
+        """Returns which geoms are tail lamps with a towed unit behind them."""
+        bodies = self._model.geom_bodyid[self.geom]
+        last: dict[int, int] = {}
+        for body, owner in zip(bodies.tolist(), self.owner.tolist(), strict=True):
+            last[owner] = max(body, last.get(owner, 0))
+        hidden = [
+            body != last[owner] or self._model.body(owner).name.endswith("_tractor")
+            for body, owner in zip(bodies.tolist(), self.owner.tolist(), strict=True)
+        ]
+        return np.array(hidden, dtype=bool) & (self.function == _TAIL)
 
     def signals(self, data: mujoco.MjData, frame: DriveFrame) -> dict[int, Signals]:
         """Returns the signals of the shown vehicles by the root of their bodies."""
@@ -185,7 +201,8 @@ class Lamps:
         of = places[self.geom[index]]
         at = np.einsum("nij,nj->ni", of[:, :, :3], self._local[lit]) + of[:, :, 3]
         forward = np.einsum("nij,nj->ni", of[:, :, :3], self._ahead[index])
-        return Lights(at, forward, self.function[index], brightness[index], self._size[lit])
+        bright = brightness[index]
+        return Lights(at, forward, self.function[index], bright, self._size[lit], self._open[lit])
 
 
 def _places(model: mujoco.MjModel, geom: int, turn: FloatArray) -> FloatArray:
@@ -201,7 +218,8 @@ def _places(model: mujoco.MjModel, geom: int, turn: FloatArray) -> FloatArray:
     _, which = np.unique(cells, axis=0, return_inverse=True)
     which = which.ravel()
     lamps = [points[which == k] for k in range(which.max() + 1)]
-    return np.array([[*p.mean(axis=0), 0.5 * float(np.ptp(p, axis=0).max())] for p in lamps])
+    sizes = [min(0.5 * float(np.ptp(p, axis=0).max()), _SIZE_MAX) for p in lamps]
+    return np.array([[*p.mean(axis=0), size] for p, size in zip(lamps, sizes, strict=True)])
 
 
 def _seen(lights: Lights) -> FloatArray:
@@ -229,7 +247,8 @@ def glow(lights: Lights, axes: FloatArray, strength: float) -> FloatArray:
     share = np.where(seen > -0.15, least + (1.0 - least) * share, 0.0)
     share = np.where(kind == _MARKER, 0.5, share)
     gain = strength * share * np.minimum(brightness, 1.6)
-    radius = lights.size * (2.2 + 3.2 * strength) * np.sqrt(np.minimum(brightness, 2.0))
+    size = np.where(kind == _MARKER, np.minimum(lights.size, 0.07), lights.size)
+    radius = size * (2.2 + 3.2 * strength) * np.sqrt(np.minimum(brightness, 2.0))
     # Far lamps stay as large as a pixel or two.
     radius = np.maximum(radius, 0.0022 * distance)
     # In front of the lamp's own glass.
@@ -260,7 +279,8 @@ def glints(
 ) -> tuple[FloatArray, FloatArray]:
     """Returns place and color of the lamps that a wet road mirrors, `count` at most."""
     seen, large = _seen(lights), lights.size > 0.08
-    ahead = (lights.at @ axes[2] > 0.0) & (lights.kind != _MARKER) & (seen > 0.05) & large
+    ahead = (lights.at @ axes[2] > 0.0) & (lights.kind != _MARKER) & (seen > 0.05)
+    ahead &= large & lights.open
     chosen = np.flatnonzero(ahead)
     chosen = chosen[np.argsort(np.linalg.norm(lights.at[chosen], axis=1))[:count]]
     gain = strength * np.minimum(lights.brightness[chosen], 1.6) * np.clip(seen[chosen], 0.0, 1.0)

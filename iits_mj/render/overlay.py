@@ -60,7 +60,7 @@ class Overlay:
         self.size = size
         width, height = size
         # The layout for 960x540 is scaled, so that small pictures show all instruments.
-        self.scale = min(width / 960.0, height / 540.0) * (1.0 if cameras == 1 else 0.62)
+        self.scale = min(width / 960.0, height / 540.0) * (1.0 if cameras == 1 else 0.5)
         k = self.scale
         left, top = MARGIN * k, height - (MARGIN + _PANEL_SIZE[1]) * k
         self._corner = (round(left), round(top))

@@ -68,7 +68,7 @@ def tunnel(corridor: Corridor, start: float, end: float) -> Parts:
     vault = zip(np.linspace(0.0, 1.0, 9), _vault(), strict=True)
     roof = [(0.0, 0.0, 3.0), *((f, 0.0, z) for f, z in vault), (1.0, 0.0, 3.0)]
     yield "road_tunnel_wall", merge(walls)
-    yield "road_concrete", merge(curbs)
+    yield "road_curb", merge(curbs)
     yield "road_tunnel_roof", sweep(roof, [f for f, _, _ in roof])
     yield "road_tunnel_light", _tunnel_lights(corridor.route, start, end)
     portals = [_portal(corridor.route, start, -1.0), _portal(corridor.route, end, 1.0)]
