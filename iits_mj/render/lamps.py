@@ -131,13 +131,14 @@ class Lamps:
 
     def _behind_towed(self) -> NDArray[np.bool_]:
         """Returns which geoms are tail lamps with a towed unit behind them."""
-        bodies = self._model.geom_bodyid[self.geom]
-        last: dict[int, int] = {}
-        for body, owner in zip(bodies.tolist(), self.owner.tolist(), strict=True):
-            last[owner] = max(body, last.get(owner, 0))
+        model, depth = self._model, np.zeros(self._model.nbody, dtype=int)
+        for body in range(1, model.nbody):
+            depth[body] = depth[model.body_parentid[body]] + 1
+        place, owners = depth[model.geom_bodyid[self.geom]], self.owner.tolist()
+        last = {owner: place[self.owner == owner].max() for owner in set(owners)}
         hidden = [
-            body != last[owner] or self._model.body(owner).name.endswith("_tractor")
-            for body, owner in zip(bodies.tolist(), self.owner.tolist(), strict=True)
+            at < last[owner] or model.body(owner).name.endswith("_tractor")
+            for at, owner in zip(place.tolist(), owners, strict=True)
         ]
         return np.array(hidden, dtype=bool) & (self.function == _TAIL)
 

@@ -27,7 +27,7 @@ PIER_SPACING = 40.0
 RAIL_GAP = 0.45
 TREES_PER_KM = 140
 WOODS_PER_KM, WOOD_TREES = 7, 14
-NEAREST, FARTHEST = 15.0, 120.0  # [m] of the trees from the pavement's edge
+NEAREST, FARTHEST = 22.0, 120.0  # [m] of the trees from the pavement's edge
 # Profile of a guard rail: offset, height [m].
 _RAIL = np.array(
     [(0.0, 0.44), (0.06, 0.49), (0.06, 0.53), (0.0, 0.60), (0.06, 0.67), (0.06, 0.71), (0.0, 0.76)]
