@@ -71,7 +71,7 @@ _TUNNEL_NEAR, _TUNNEL_FAR = 11.0, 24.0
 _TUNNEL, _TUNNEL_LIGHT = "tunnel", 1.25
 # Answer to head lamps by a part of the geom's name: paint and reflectors return much of the light.
 _ANSWER = {"marking": 2.2, "reflector": 9.0, "post": 2.5, "sign": 4.0, "steel": 1.6}
-_MEADOW = 0.9
+_MEADOW = math.pi  # patches of grass over the texture's coordinates
 _KNEE = 0.72
 _ROD = 0.03  # [m], half the thickness of what casts no shadow
 

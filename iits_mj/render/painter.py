@@ -34,10 +34,11 @@ class Lighting:
       fog, fog_range: its color, and the distances where it begins and hides everything [m].
       sky_radius: of the cylinder with the sky [m].
       tunnel_above, tunnel_below: light in tunnels.
-      knee: brightness from which colors approach white; above 1 they are cut off there.
+      knee: brightness from which colors approach white; 1 cuts them off.
       mist: extinction of the air [1/m].
       beams: whether head lamps light the scene; wet: film of water on the road, 0 to 1.
-      meadow: strength of the details of grass, 0 for none; smooth: whether to smooth edges.
+      meadow: scale of patches of grass over the texture's coordinates [rad], 0 for none.
+      smooth: whether to smooth edges.
       sky: faces of the sky's cube instead of the model's, (6 n, n, 3), or None.
     """
 
@@ -53,7 +54,7 @@ class Lighting:
     sky_radius: float
     tunnel_above: Floats
     tunnel_below: Floats
-    knee: float = 1e6
+    knee: float = 1.0
     mist: float = 0.0
     beams: bool = False
     wet: float = 0.0
@@ -128,12 +129,16 @@ class Painter:
             for name, on in (
                 ("MIST", lighting.mist > 0.0),
                 ("BEAMS", lighting.beams),
-                ("WET", lighting.wet > 0.0),
             )
             if on
         ]
         self._plain = _program(shaders.VERTEX, shaders.FRAGMENT, *switches)
         self._textured = _program(shaders.VERTEX, shaders.FRAGMENT, "TEXTURED", *switches)
+        self._road = self._textured
+        if lighting.wet > 0.0:
+            self._road = _program(shaders.VERTEX, shaders.FRAGMENT, "TEXTURED", "WET", *switches)
+        self._surfaces = {program.name: program for program in (self._plain, self._textured)}
+        self._surfaces[self._road.name] = self._road
         self._shadow = _program(shaders.SHADOW, shaders.SHADOW_FRAGMENT)
         self._sky = _program(shaders.SKY, shaders.SKY_FRAGMENT)
         self._spot = _program(shaders.SPOT, shaders.SPOT_FRAGMENT)
@@ -161,16 +166,16 @@ class Painter:
         GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
         GL.glEnable(GL.GL_CULL_FACE)
         GL.glActiveTexture(GL.GL_TEXTURE0)
-        for program in (self._plain, self._textured):
+        for program in self._surfaces.values():
             self._use(program, shot)
         for texture in shot.opaque:
             program = self._plain if texture < 0 else self._textured
+            if texture == self._of_texture[ASPHALT]:
+                program = self._road
             GL.glUseProgram(program.name)
             if texture >= 0:
                 GL.glBindTexture(GL.GL_TEXTURE_2D, self._textures[texture])
-                wet = self._lighting.wet if texture == self._of_texture[ASPHALT] else 0.0
                 grass = self._lighting.meadow if texture == self._of_texture[GRASS] else 0.0
-                GL.glUniform1f(program["wet"], wet)
                 GL.glUniform1f(program["meadow"], grass)
             self._draw(groups[texture])
         if self._sky_texture:
@@ -284,7 +289,7 @@ class Painter:
             GL.glUniform1i(program["beams"], len(shot.beams[0]))
             for name, values in zip(("beam_at", "beam_to", "beam_color"), shot.beams, strict=True):
                 _vectors(program[name], values)
-        if lighting.wet > 0.0:
+        if lighting.wet > 0.0 and program is self._road:
             GL.glUniform1i(program["glints"], len(shot.glints[0]))
             for name, values in zip(("glint_at", "glint_color"), shot.glints, strict=True):
                 _vectors(program[name], values)
@@ -303,7 +308,7 @@ class Painter:
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
         GL.glEnable(GL.GL_TEXTURE_CUBE_MAP_SEAMLESS)
         lighting = self._lighting
-        for program in (self._plain, self._textured):
+        for program in self._surfaces.values():
             GL.glUseProgram(program.name)
             for name in (
                 "ambient",
@@ -319,14 +324,17 @@ class Painter:
             GL.glUniform1i(program["shadow_map"], 1)
             GL.glUniform1i(program["mirrored"], 2)
             GL.glUniform1f(program["knee"], lighting.knee)
-            GL.glUniform1f(program["limit"], 1.0 if lighting.knee > 1.0 else 8.0)
-        for program in (self._plain, self._textured, self._sky):
+            GL.glUniform1f(program["shoulder"], 0.25 / max(1.0 - lighting.knee, 1e-6))
+            GL.glUniform1f(program["limit"], 1.0 if lighting.knee >= 1.0 else 8.0)
+        for program in (*self._surfaces.values(), self._sky):
             GL.glUseProgram(program.name)
             GL.glUniform3f(program["fog"], *lighting.fog)
             GL.glUniform2f(program["fog_range"], *lighting.fog_range)
             GL.glUniform1f(program["mist"], lighting.mist)
-        GL.glUseProgram(self._textured.name)
-        GL.glUniform1i(self._textured["pattern"], 0)
+        for program in (self._textured, self._road):
+            GL.glUseProgram(program.name)
+            GL.glUniform1i(program["pattern"], 0)
+            GL.glUniform1f(program["wet"], lighting.wet)
         GL.glUseProgram(self._sky.name)
         GL.glUniform1i(self._sky["sky"], 0)
         GL.glUniform1f(self._sky["radius"], lighting.sky_radius)

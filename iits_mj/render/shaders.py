@@ -1,8 +1,8 @@
 """The programs that run on the graphics card, or on the processor in its place, in GLSL.
 
 Positions are relative to the eye, in the axes of the map. Switches: TEXTURED, with a texture; MIST,
-with fog or rain in the air; BEAMS, with head lamps that light the scene; WET, with a road that may
-mirror sky and lamps.
+with fog or rain in the air; BEAMS, with head lamps that light the scene; WET, a textured road that
+mirrors sky and lamps. On a processor both sides of a condition take time: variants have switches.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ void main() {
   at = coordinates;
   if (meadow > 0.0) {
     // Broad patches of other plants, which break the repetition of the texture.
-    vec2 m = coordinates * 6.2831853;
+    vec2 m = coordinates * meadow;
     float patch_of = sin(0.61 * m.x + 1.3 * sin(0.37 * m.y)) * sin(0.53 * m.y + sin(0.29 * m.x));
     float dry = sin(0.23 * m.x - 0.31 * m.y + 2.0 * sin(0.11 * m.y + 0.7));
     vec3 tint = vec3(1.0 + 0.15 * patch_of + 0.13 * dry, 1.0 + 0.11 * patch_of, 1.0 - 0.10 * dry);
@@ -93,7 +93,7 @@ in vec3 sunlit;
 in vec3 place;
 uniform vec3 fog;
 uniform vec2 fog_range;
-uniform float knee;
+uniform float knee, shoulder;
 uniform bool shadows;
 uniform sampler2DShadow shadow_map;
 #ifdef MIST
@@ -102,7 +102,6 @@ uniform float mist;  // extinction of the air [1/m]
 #ifdef TEXTURED
 in vec2 at;
 uniform sampler2D pattern;
-uniform float meadow, wet;
 #endif
 #if defined(BEAMS) || defined(WET)
 in vec3 away;
@@ -129,6 +128,7 @@ vec3 illumination(vec3 n) {
 }
 #endif
 #ifdef WET
+uniform float wet;
 uniform samplerCube mirrored;
 uniform int glints;
 uniform vec3 glint_at[GLINTS_MAX], glint_color[GLINTS_MAX];
@@ -163,10 +163,6 @@ void main() {
   vec3 own = base.rgb, direct = sunlit;
 #ifdef TEXTURED
   vec3 texel = texture(pattern, at).rgb;
-  if (meadow > 0.0 && distance < 80.0) {
-    float detail = texture(pattern, at.yx * 9.7).g / 0.41 - 1.0;
-    texel *= 1.0 + meadow * (1.0 - distance / 80.0) * detail;
-  }
   own *= texel;
   direct *= texel;
 #endif
@@ -178,15 +174,13 @@ void main() {
 #endif
   shown += back * illumination(facing);
 #endif
-#if defined(WET) && defined(TEXTURED)
-  if (wet > 0.0) {
-    float film = wet * clamp(3.2 - 8.0 * texel.g, 0.35, 1.0);
-    shown = shown * (1.0 - 0.62 * film) + reflection(film);
-  }
+#ifdef WET
+  float film = wet * clamp(3.2 - 8.0 * texel.g, 0.35, 1.0);
+  shown = shown * (1.0 - 0.62 * film) + reflection(film);
 #endif
   // Bright colors approach white without reaching it.
-  vec3 over = max(shown - knee, 0.0);
-  shown = min(shown, knee) + over / (1.0 + over / (1.001 - min(knee, 1.0)));
+  vec3 over = clamp(shown - knee, 0.0, 2.0 - 2.0 * knee);
+  shown = min(shown, 2.0 - knee) - over * over * shoulder;
   float clear = clamp((fog_range.y - distance) / (fog_range.y - fog_range.x), 0.0, 1.0);
 #ifdef MIST
   clear *= exp(-mist * distance);
@@ -279,22 +273,18 @@ void main() {
   // Green stands for the brightness.
   ivec2 here = ivec2(gl_FragCoord.xy);
   vec3 middle = texelFetch(picture, here, 0).rgb;
-  float c = middle.g;
-  float a = texelFetchOffset(picture, here, 0, ivec2(-1, -1)).g;
-  float b = texelFetchOffset(picture, here, 0, ivec2(1, -1)).g;
-  float d = texelFetchOffset(picture, here, 0, ivec2(-1, 1)).g;
-  float e = texelFetchOffset(picture, here, 0, ivec2(1, 1)).g;
-  float low = min(c, min(min(a, b), min(d, e))), high = max(c, max(max(a, b), max(d, e)));
-  color = vec4(middle, 1.0);
-  if (high - low < max(0.03, 0.10 * high)) return;
-  vec2 along = vec2(d + e - a - b, a + d - b - e);
-  float least = min(abs(along.x), abs(along.y)) + max(0.03 * (a + b + d + e), 0.008);
-  along = clamp(along / least, -8.0, 8.0) * pixel;
+  // Left and upper, then right and lower neighbors.
+  vec4 first = textureGather(picture, (gl_FragCoord.xy - 0.5) * pixel, 1);
+  vec4 second = textureGather(picture, (gl_FragCoord.xy + 0.5) * pixel, 1);
+  float c = middle.g, left = first.x, upper = first.z, right = second.z, lower = second.x;
+  float low = min(c, min(min(left, upper), min(right, lower)));
+  float high = max(c, max(max(left, upper), max(right, lower)));
+  vec2 along = vec2(lower - upper, left - right);
+  float least = min(abs(along.x), abs(along.y)) + max(0.06 * high, 0.004);
+  along = clamp(along / least, -6.0, 6.0) * 0.45 * pixel;
   vec2 at = gl_FragCoord.xy * pixel;
-  vec3 near = texture(picture, at - along / 6.0).rgb + texture(picture, at + along / 6.0).rgb;
-  near *= 0.5;
-  vec3 wide = texture(picture, at - 0.5 * along).rgb + texture(picture, at + 0.5 * along).rgb;
-  wide = 0.5 * near + 0.25 * wide;
-  color.rgb = wide.g < low || wide.g > high ? near : wide;
+  vec3 mean = 0.5 * (texture(picture, at - along).rgb + texture(picture, at + along).rgb);
+  bool edge = high - low >= max(0.03, 0.10 * high) && mean.g >= low && mean.g <= high;
+  color = vec4(edge ? mix(middle, mean, 0.75) : middle, 1.0);
 }
 """

@@ -11,7 +11,7 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 
 ASPHALT_TILE = 8.0  # [m] covered by one repeat of the asphalt texture
-GRASS_TILE = 190.0
+GRASS_TILE = 95.0
 LAMP_SPACING = 12.0  # [m] of the lamps in a tunnel, at stations that are its multiples
 LAMP_LENGTH = 7.0
 _SKY_SIZE = 256
@@ -121,9 +121,9 @@ def set_view(spec: mujoco.MjSpec, center: tuple[float, float, float]) -> None:
     visual.map.fogend = 480.0
     visual.map.haze = 0.25
     # A wide, coarse shadow map: a narrow or fine one leaves speckles far from the truck.
-    visual.map.shadowclip = 4.5
+    visual.map.shadowclip = 4.0
     visual.map.shadowscale = 0.8
-    visual.quality.shadowsize = 2048
+    visual.quality.shadowsize = 1536
     visual.quality.offsamples = 4
     visual.global_.offwidth = max(visual.global_.offwidth, 1920)
     visual.global_.offheight = max(visual.global_.offheight, 1080)
