@@ -273,18 +273,17 @@ void main() {
   // Green stands for the brightness.
   ivec2 here = ivec2(gl_FragCoord.xy);
   vec3 middle = texelFetch(picture, here, 0).rgb;
-  // Left and upper, then right and lower neighbors.
-  vec4 first = textureGather(picture, (gl_FragCoord.xy - 0.5) * pixel, 1);
-  vec4 second = textureGather(picture, (gl_FragCoord.xy + 0.5) * pixel, 1);
-  float c = middle.g, left = first.x, upper = first.z, right = second.z, lower = second.x;
-  float low = min(c, min(min(left, upper), min(right, lower)));
-  float high = max(c, max(max(left, upper), max(right, lower)));
-  vec2 along = vec2(lower - upper, left - right);
-  float least = min(abs(along.x), abs(along.y)) + max(0.06 * high, 0.004);
-  along = clamp(along / least, -6.0, 6.0) * 0.45 * pixel;
+  float a = texelFetchOffset(picture, here, 0, ivec2(-1, -1)).g;
+  float b = texelFetchOffset(picture, here, 0, ivec2(1, -1)).g;
+  float d = texelFetchOffset(picture, here, 0, ivec2(-1, 1)).g;
+  float e = texelFetchOffset(picture, here, 0, ivec2(1, 1)).g;
+  float low = min(middle.g, min(min(a, b), min(d, e)));
+  float high = max(middle.g, max(max(a, b), max(d, e)));
+  vec2 along = vec2(d + e - a - b, a + d - b - e);
+  float least = min(abs(along.x), abs(along.y)) + max(0.03 * (a + b + d + e), 0.008);
+  along = clamp(along / least, -8.0, 8.0) * pixel;
   vec2 at = gl_FragCoord.xy * pixel;
-  vec3 mean = 0.5 * (texture(picture, at - along).rgb + texture(picture, at + along).rgb);
-  bool edge = high - low >= max(0.03, 0.10 * high) && mean.g >= low && mean.g <= high;
-  color = vec4(edge ? mix(middle, mean, 0.75) : middle, 1.0);
+  vec3 mean = 0.5 * (texture(picture, at - 0.3 * along).rgb + texture(picture, at + 0.3 * along).rgb);
+  color = vec4(high - low < max(0.03, 0.10 * high) ? middle : mean, 1.0);
 }
 """
