@@ -25,7 +25,7 @@ from iits_mj.simulation.redrive import recorded_config
 from traffic_bridge import Recording
 
 PICTURES = (".png", ".jpg", ".jpeg")
-_QUALITY = 90
+_QUALITY = 88
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -72,7 +72,7 @@ _TUNNEL, _TUNNEL_LIGHT = "tunnel", 1.25
 # Answer to head lamps by a part of the geom's name: paint and reflectors return much of the light.
 _ANSWER = {"marking": 2.2, "reflector": 9.0, "post": 2.5, "sign": 4.0, "steel": 1.6}
 _MEADOW = math.pi  # patches of grass over the texture's coordinates
-_KNEE = 0.72
+_KNEE = 0.68
 _ROD = 0.03  # [m], half the thickness of what casts no shadow
 
 
@@ -204,6 +204,7 @@ class Offscreen(Closing):
         # Time and place of the eye in the last picture of each camera.
         self._eyes: dict[int, tuple[float, NDArray[np.float64]]] = {}
         self._velocity = np.zeros(3)
+        self._covered = False  # whether the eye is in a tunnel
         if self._weather is not None:
             self._lamps, self._shades = Lamps(model), Shades(model)
             self._prepare_answers(names)
@@ -288,6 +289,7 @@ class Offscreen(Closing):
         near = self._tunnel_lamps
         if len(near):
             near = near[np.abs(near - eye).max(axis=1) < 400.0]
+        self._covered = bool((np.linalg.norm(near - eye, axis=1) < _TUNNEL_NEAR).any())
         if len(near):
             apart = np.full(len(at), np.inf)
             close = np.abs(at - eye).max(axis=1) < 450.0
@@ -388,7 +390,7 @@ class Offscreen(Closing):
             fog = np.array(weather.fog)
             by = self._signals, self._time, weather
             added.append(self._shades.spray(self._eye, self._axes, *by))
-            if weather.drops and not self._looks[self._shades.geom, 7].max(initial=0.0) > 0.5:
+            if weather.drops and not self._covered:
                 light = fog if not weather.beams else fog + 0.10
                 added.append(rain(weather.drops, self._time, self._eye, self._velocity, light))
         return (

@@ -19,6 +19,7 @@ from iits_mj.render import shaders
 from iits_mj.render.geometry import Floats, Geometry
 
 ASPHALT, GRASS = "road_asphalt", "road_grass"  # textures that the weather changes
+WHITE = 0.97  # the brightest color
 SHADOW_LEVEL = 2  # of detail of what casts shadows
 
 
@@ -323,8 +324,8 @@ class Painter:
                 GL.glUniform3f(program[name], *getattr(lighting, name))
             GL.glUniform1i(program["shadow_map"], 1)
             GL.glUniform1i(program["mirrored"], 2)
-            GL.glUniform1f(program["knee"], lighting.knee)
-            GL.glUniform1f(program["shoulder"], 0.25 / max(1.0 - lighting.knee, 1e-6))
+            width = 2.0 * max(WHITE - lighting.knee, 0.0)
+            GL.glUniform3f(program["tone"], lighting.knee, width, 0.5 / max(width, 1e-6))
             GL.glUniform1f(program["limit"], 1.0 if lighting.knee >= 1.0 else 8.0)
         for program in (*self._surfaces.values(), self._sky):
             GL.glUseProgram(program.name)

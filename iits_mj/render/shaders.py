@@ -93,7 +93,7 @@ in vec3 sunlit;
 in vec3 place;
 uniform vec3 fog;
 uniform vec2 fog_range;
-uniform float knee, shoulder;
+uniform vec3 tone;  // where the shoulder begins, its width, its curvature
 uniform bool shadows;
 uniform sampler2DShadow shadow_map;
 #ifdef MIST
@@ -179,8 +179,8 @@ void main() {
   shown = shown * (1.0 - 0.62 * film) + reflection(film);
 #endif
   // Bright colors approach white without reaching it.
-  vec3 over = clamp(shown - knee, 0.0, 2.0 - 2.0 * knee);
-  shown = min(shown, 2.0 - knee) - over * over * shoulder;
+  vec3 over = clamp(shown - tone.x, 0.0, tone.y);
+  shown = min(shown, tone.x + tone.y) - over * over * tone.z;
   float clear = clamp((fog_range.y - distance) / (fog_range.y - fog_range.x), 0.0, 1.0);
 #ifdef MIST
   clear *= exp(-mist * distance);
@@ -283,7 +283,8 @@ void main() {
   float least = min(abs(along.x), abs(along.y)) + max(0.03 * (a + b + d + e), 0.008);
   along = clamp(along / least, -8.0, 8.0) * pixel;
   vec2 at = gl_FragCoord.xy * pixel;
-  vec3 mean = 0.5 * (texture(picture, at - 0.3 * along).rgb + texture(picture, at + 0.3 * along).rgb);
+  vec3 mean = texture(picture, at - 0.3 * along).rgb + texture(picture, at + 0.3 * along).rgb;
+  mean *= 0.5;
   color = vec4(high - low < max(0.03, 0.10 * high) ? middle : mean, 1.0);
 }
 """

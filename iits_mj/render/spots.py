@@ -17,7 +17,7 @@ COLUMNS = 14
 FALL = 8.5  # [m/s] of rain
 _BOX = np.array([26.0, 26.0, 14.0])  # [m] about the eye, with drops
 _EXPOSURE = 1.0 / 40.0  # [s], makes drops streaks
-_PUFFS, _LIFE = 26, 1.1  # of spray behind an axle; [s]
+_PUFFS, _LIFE = 34, 1.3  # of spray behind an axle; [s]
 _SPRAY_SPEED = 6.0  # [m/s] without spray
 
 
@@ -57,7 +57,7 @@ def rain(
     across = np.cross(at, streak)
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
     width = np.maximum(0.005, 0.0009 * distance)
-    seen = np.clip(distance - 1.5, 0.0, 1.0) * 0.55
+    seen = np.clip(distance - 1.5, 0.0, 1.0) * 0.75
     return spots(at, across * width, streak, color * seen, 0.6 * seen[:, 0])
 
 
@@ -81,7 +81,7 @@ def spray(
       color: of the air.
       wet: film of water, 0 to 1.
     """
-    strength = wet * min(max((speed - _SPRAY_SPEED) / 16.0, 0.0), 1.0)
+    strength = wet * min(max((speed - _SPRAY_SPEED) / 12.0, 0.0), 1.0)
     if strength <= 0.0:
         return np.empty((0, COLUMNS))
     seeds = np.random.default_rng(23).random((_PUFFS, 3))
@@ -92,8 +92,8 @@ def spray(
     height = 0.25 + (0.55 + 0.9 * seeds[:, 2]) * age
     at = place - np.outer(drift, forward) + np.outer(side, left)
     at[:, 2] += height
-    radius = 0.30 + 0.85 * age
-    opacity = 0.15 * strength * (1.0 - age) ** 1.2
+    radius = 0.35 + 1.0 * age
+    opacity = 0.65 * strength * (1.0 - age) ** 1.2
     return spots(
         at,
         radius[:, None] * axes[0],

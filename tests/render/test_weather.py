@@ -96,6 +96,31 @@ def test_unknown_weather_is_refused_with_the_list():
         Offscreen(model, SIZE, "hail")
 
 
+def test_edges_are_smooth():
+    """Along a slanted edge, pixels lie between both colors."""
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><visual><headlight ambient="0.8 0.8 0.8" diffuse="0 0 0" specular="0 0 0"/>
+        </visual><worldbody><light type="directional" dir="0 0 -1" diffuse="0 0 0"/>
+        <geom type="box" size="0.01 3 3" pos="5 -3 -3" euler="17 0 0" rgba="1 1 1 1"/>
+        </worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    camera = mujoco.MjvCamera()
+    camera.distance, camera.azimuth, camera.elevation = 1.0, 0.0, 0.0
+    share = {}
+    for weather in (None, "day"):
+        with Offscreen(model, SIZE, weather) as view:
+            view.update(data, camera)
+            light = view.draw()[..., 1].astype(float)
+        low, high = light.min(), light.max()
+        assert high - low > 30.0
+        between = (light > low + 0.15 * (high - low)) & (light < high - 0.15 * (high - low))
+        share[weather] = np.count_nonzero(between)
+    assert share[None] < 0.1 * share["day"]
+    assert share["day"] > 0.5 * SIZE[1]
+
+
 def test_weather_is_no_option_of_the_drive():
     assert not {"weather", "camera"} & set(stored_options(DriveConfig()))
 
