@@ -67,7 +67,7 @@ class Lights:
     Attributes:
       at: places relative to the eye; forward: direction of the vehicle, both (n, 3).
       kind: function; brightness: emission; size: half the size [m].
-      open: False for tail lamps that a towed unit hides, (n,).
+      open: False for tail lamps that a towed unit hides; geom: of each lamp, (n,).
     """
 
     at: FloatArray
@@ -76,6 +76,7 @@ class Lights:
     brightness: FloatArray
     size: FloatArray
     open: NDArray[np.bool_]
+    geom: NDArray[np.intp]
 
 
 def truck_signals(ego: EgoState, trajectory: Trajectory | None) -> Signals:
@@ -203,7 +204,8 @@ class Lamps:
         at = np.einsum("nij,nj->ni", of[:, :, :3], self._local[lit]) + of[:, :, 3]
         forward = np.einsum("nij,nj->ni", of[:, :, :3], self._ahead[index])
         bright = brightness[index]
-        return Lights(at, forward, self.function[index], bright, self._size[lit], self._open[lit])
+        kind, size = self.function[index], self._size[lit]
+        return Lights(at, forward, kind, bright, size, self._open[lit], self.geom[index])
 
 
 def _places(model: mujoco.MjModel, geom: int, turn: FloatArray) -> FloatArray:
@@ -266,13 +268,16 @@ def glow(lights: Lights, axes: FloatArray, strength: float) -> FloatArray:
 
 
 def beams(lights: Lights, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns place, direction and color of the head lamps nearest to the eye, `count` at most."""
+    """Returns place, direction and color of the beams nearest to the eye, `count` at most."""
     head = np.flatnonzero(lights.kind == _HEAD)
-    near = head[np.argsort(np.linalg.norm(lights.at[head], axis=1))[:count]]
-    tilted = lights.forward[near] - [0.0, 0.0, math.tan(math.radians(0.6))]
+    # Both lamps of a vehicle are one beam from its middle.
+    _, first, beam = np.unique(lights.geom[head], return_index=True, return_inverse=True)
+    total = np.bincount(beam)[:, None]
+    middle = np.stack([np.bincount(beam, lights.at[head, i]) for i in range(3)], axis=1) / total
+    near = np.argsort(np.linalg.norm(middle, axis=1))[:count]
+    tilted = lights.forward[head[first]][near] - [0.0, 0.0, math.tan(math.radians(0.6))]
     tilted /= np.maximum(np.linalg.norm(tilted, axis=1, keepdims=True), 1e-9)
-    color = np.tile(0.62 * _COLORS[_HEAD], (len(near), 1))
-    return lights.at[near], tilted, color
+    return middle[near], tilted, np.tile(2.8 * _COLORS[_HEAD], (len(near), 1))
 
 
 def glints(

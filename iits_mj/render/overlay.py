@@ -40,7 +40,8 @@ MODE_NAMES = {
     PlanMode.ABORT: "ABORT",
     PlanMode.EMERGENCY: "EMERGENCY",
 }
-_PANEL_SIZE = (362.0, 112.0)  # left of the truck in the view from behind
+_PANEL_SIZE = (362.0, 112.0)
+_PLAN_HEIGHT = 27.0
 _OVERSAMPLING = 4
 
 
@@ -62,7 +63,8 @@ class Overlay:
         # The layout for 960x540 is scaled, so that small pictures show all instruments.
         self.scale = min(width / 960.0, height / 540.0) * (1.0 if cameras == 1 else 0.5)
         k = self.scale
-        left, top = MARGIN * k, height - (MARGIN + _PANEL_SIZE[1]) * k
+        # Above the truck, which no view hides.
+        left, top = MARGIN * k, (MARGIN + _PLAN_HEIGHT + 8.0) * k
         self._corner = (round(left), round(top))
         # Of the panel's layout in the region that is drawn.
         self._origin = (left - self._corner[0], top - self._corner[1])
@@ -149,7 +151,7 @@ class Overlay:
         font = self._fonts[15]
         width = font.getlength(name)
         x, y = MARGIN * k, MARGIN * k
-        box = (x, y, x + width + 36 * k, y + 27 * k)
+        box = (x, y, x + width + 36 * k, y + _PLAN_HEIGHT * k)
         pen.rounded_rectangle(box, radius=6 * k, fill=PANEL[:3])
         pen.ellipse((x + 9 * k, y + 8.5 * k, x + 19 * k, y + 18.5 * k), fill=mode_color(mode))
         pen.text((x + 26 * k, y + 13.5 * k), name, font=font, fill=INK, anchor="lm")

@@ -7,7 +7,7 @@ mirrors sky and lamps. On a processor both sides of a condition take time: varia
 
 from __future__ import annotations
 
-BEAMS_MAX, GLINTS_MAX = 12, 16
+BEAMS_MAX, GLINTS_MAX = 6, 16
 
 # The light of each vertex, as OpenGL's fixed functions compute it: the camera's lamp, the sky's
 # light and what a material emits in `base`, the sun in `sunlit`, which shadows remove. The sky's
