@@ -110,6 +110,28 @@ def of(field: dataclasses.Field[Any]) -> Option | None:
     return field.metadata.get(_KEY)
 
 
+def words(config: Any) -> list[str]:
+    """The words of a command line that gives these options; those with their default are left out.
+
+    A value that is neither text, number, path, size nor truck is shown as its `name`.
+    """
+    flags, positional = [], []
+    for field in dataclasses.fields(config):
+        rule, value = of(field), getattr(config, field.name)
+        if rule is None or value is None or value == field.default:
+            continue
+        name = field.name.replace("_", "-")
+        if rule.positional:
+            positional += list(value) if isinstance(value, tuple) else [value]
+        elif isinstance(value, bool):
+            flags.append(f"--{name}" if value else f"--no-{name}")
+        elif isinstance(value, tuple):
+            flags += [f"--{name}", "x".join(map(str, value))]
+        else:
+            flags += [f"--{name}", getattr(value, "digest", None) and value.name or value]
+    return [str(word) for word in (*positional, *flags)]
+
+
 def check(config: Any) -> None:
     """Checks every option of a dataclass instance for its type, bounds and choices.
 

@@ -22,6 +22,7 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.files import provenance
 from iits_mj.parameters.mass_state import static_axle_loads
 from iits_mj.render import plots, truck_drawings
+from iits_mj.render.interactive import Plot
 from iits_mj.render.offscreen import Offscreen
 from iits_mj.render.pages import Page, Section, picture_section
 from iits_mj.truck import Truck
@@ -154,7 +155,7 @@ def compare_page(trucks: Sequence[str | Path], version: str) -> tuple[Page, str]
         [
             Section("Figures", header=header, rows=rows),
             *(
-                picture_section(name, plots.to_png(plots.draw(drawn, panel_height=3.0)))
+                Section(name, plots=[Plot((panel,)) for panel in drawn])
                 for name, drawn in panels.items()
             ),
             picture_section("Loads and turns", plots.to_png(bars)),
