@@ -325,14 +325,8 @@ def _settings(job: Job) -> list[tuple[str, str]]:
         rule = option_fields.of(field)
         if rule is not None:
             value = used.get(field.name, getattr(job.options, field.name))
-            if value is None:
-                continue
-            if isinstance(value, bool):
-                value = "yes" if value else "no"
-            elif isinstance(value, tuple):
-                value = "x".join(str(part) for part in value)
-            shown = f"{value:.6g}" if isinstance(value, float) else str(value)
-            rows.append((field.name.replace("_", " "), f"{shown} {rule.unit}".strip()))
+            if value is not None:
+                rows.append((field.name.replace("_", " "), rule.text(value)))
     return rows
 
 

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
+from pathlib import Path
 from typing import Any
 
 from iits_mj.core.checks import one_of
@@ -54,6 +55,15 @@ class Option:
     def allowed(self) -> Sequence[str] | None:
         """The choices; None when every value of the type is allowed."""
         return self.choices() if callable(self.choices) else self.choices
+
+    def text(self, value: Any) -> str:
+        """A value in words, with its unit."""
+        if isinstance(value, bool):
+            return "yes" if value else "no"
+        if isinstance(value, tuple):
+            return "x".join(str(part) for part in value)
+        shown = f"{value:.6g}" if isinstance(value, float) else str(value)
+        return f"{shown} {self.unit}".strip()
 
     def bounds(self) -> str:
         """The allowed range in words, "" when there is none."""
@@ -113,23 +123,26 @@ def of(field: dataclasses.Field[Any]) -> Option | None:
 def words(config: Any) -> list[str]:
     """The words of a command line that gives these options; those with their default are left out.
 
-    A value that is neither text, number, path, size nor truck is shown as its `name`.
+    A truck that is not named, but given as parameters, appears by its name.
     """
-    flags, positional = [], []
+    flags: list[str] = []
+    positional: list[str] = []
     for field in dataclasses.fields(config):
         rule, value = of(field), getattr(config, field.name)
         if rule is None or value is None or value == field.default:
             continue
-        name = field.name.replace("_", "-")
+        flag = f"--{field.name.replace('_', '-')}"
         if rule.positional:
-            positional += list(value) if isinstance(value, tuple) else [value]
+            positional += map(str, value if isinstance(value, tuple) else (value,))
         elif isinstance(value, bool):
-            flags.append(f"--{name}" if value else f"--no-{name}")
+            flags.append(flag if value else f"--no-{flag[2:]}")
         elif isinstance(value, tuple):
-            flags += [f"--{name}", "x".join(map(str, value))]
+            flags += [flag, "x".join(map(str, value))]
+        elif isinstance(value, float):
+            flags += [flag, f"{value:.15g}"]
         else:
-            flags += [f"--{name}", getattr(value, "digest", None) and value.name or value]
-    return [str(word) for word in (*positional, *flags)]
+            flags += [flag, str(value if isinstance(value, (str, int, Path)) else value.name)]
+    return positional + flags
 
 
 def check(config: Any) -> None:

@@ -170,6 +170,7 @@ class PageData:
                 "plan": plot.plan,
                 "series": series,
                 "whole": plot.whole,
+                "step": _whole_step(first.lines) if plot.whole else None,
                 "range": flat_range(first.lines),
                 "lines": lines,
             }
@@ -200,6 +201,13 @@ def rounded(values: FloatArray) -> np.ndarray[Any, np.dtype[np.float32]]:
         step = 2.0 ** math.floor(math.log2(spread * _GRID))
         finite = np.round(finite / step) * step
     return (finite + 0.0).astype("<f4")
+
+
+def _whole_step(lines: Sequence[Line]) -> int:
+    """Step between ticks of whole numbers, so that there are at most about six."""
+    values = np.concatenate([np.asarray(line.y, dtype=float) for line in lines])
+    spread = float(np.nanmax(values) - np.nanmin(values)) if np.isfinite(values).any() else 0.0
+    return max(1, math.ceil(spread / 6.0))
 
 
 def flat_range(lines: Sequence[Line]) -> list[float] | None:

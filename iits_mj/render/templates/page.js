@@ -75,7 +75,7 @@ const groups = new Map(), plots = page.plots.map((plot, number) => {
     clocked: plot.group === "drive" };
   made.digits = made.lines.map((line) => {
     const most = arrays[line.y[0]].reduce((m, v) => Math.max(m, Math.abs(v) || 0), 0);
-    return plot.whole ? 0 : clamp(3 - Math.floor(Math.log10(most || 1)), 0, 5);
+    return plot.whole ? 0 : clamp(2 - Math.floor(Math.log10(most || 1)), 0, 4);
   });
   made.cluster.plots.push(made);
   canvas.plot = made;
@@ -124,7 +124,7 @@ function layout(plot) {
     xaxis: { ...grid, title: { text: ofAxis(plot.x), standoff: 4 } },
     yaxis: { ...grid, title: { text: plot.y, standoff: 2 }, nticks: 6 } };
   if (plot.series) made.xaxis.range = [...rangeOf(plot.cluster)];
-  if (plot.whole) Object.assign(made.yaxis, { tickformat: "d", nticks: 6 });
+  if (plot.step) made.yaxis.dtick = plot.step;
   if (plot.range) made.yaxis.range = [...plot.range];
   if (plot.plan) Object.assign(made.yaxis, { scaleanchor: "x", scaleratio: 1 });
   return made;
@@ -134,15 +134,13 @@ function draw(plot) {
     { displayModeBar: false, doubleClick: false });
   if (!plot.drawn) {
     plot.drawn = true;
-    // Below plotly's listeners the event would be stopped.
+    plot.canvas.on("plotly_afterplot", () => showCursor(plot));
     plot.canvas.on("plotly_relayout", (change) => {
       const low = change["xaxis.range[0]"], high = change["xaxis.range[1]"];
       if (plot.series && low !== undefined) setRange(plot.cluster, [low, high]);
-      else showCursor(plot);
     });
     plot.canvas.on("plotly_doubleclick", () => zoomAll(plot));
   }
-  showCursor(plot);
   return done;
 }
 const redraw = () => plots.filter((plot) => plot.drawn).forEach(draw);
@@ -186,7 +184,7 @@ function overlay(canvas, kind, number) {
   return canvas.appendChild(made);
 }
 function pixel(plot, name, value) {
-  const [low, high] = plot.canvas.layout[`${name}axis`].range;
+  const [low, high] = plot.canvas._fullLayout[`${name}axis`].range;
   const { clientWidth: width, clientHeight: height } = plot.canvas, share = (value - low) / (high - low);
   if (!(share >= -1e-6 && share <= 1 + 1e-6)) return null;
   return name === "x" ? MARGIN.l + share * (width - MARGIN.l - MARGIN.r)
@@ -211,6 +209,7 @@ function showCursor(plot) {
   plot.canvas.setAttribute("aria-valuetext", `${where}: ${shown.join(", ")}`);
 }
 function showTrucks() {
+  if (!map.drawn) return;
   clocks.forEach((own, number) => {
     const time = timeOf(own, now), k = nearest(own.time, time);
     const mark = overlay(map.canvas, "truck", number);
