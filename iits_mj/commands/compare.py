@@ -36,7 +36,8 @@ def run(options: Options) -> int:
     """Compares, prints the tables, writes the page; returns 0, whether they differ or not.
 
     Raises:
-      InputError: a drive cannot be read, they have no time in common, or the page cannot be written.
+      InputError: a drive cannot be read, they have no time in common, or the page cannot be
+        written.
     """
     page = options.out
     if page is not None and page.suffix == ".html":

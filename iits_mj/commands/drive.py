@@ -1,8 +1,8 @@
 """Drive the truck along a road in SUMO traffic, controlled by its driving stack.
 
 Writes drive.mp4, telemetry.csv, summary.json, and report.html, a page with plots that answers to
-the reader, into --out. Exit code: 0 after a drive without failure; 1 after a collision, a roll-over or a
-divergence of the simulation; 2 after wrong use.
+the reader, into --out. Exit code: 0 after a drive without failure; 1 after a collision, a roll-over
+or a divergence of the simulation; 2 after wrong use.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ from iits_mj.render.pages import Film
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveSummary, Observer, Simulation, Telemetry
 from iits_mj.simulation.drive_log import BusLog, check_given
-from iits_mj.simulation.driver import LogDriver
 from iits_mj.simulation.drive_table import DriveTable
+from iits_mj.simulation.driver import LogDriver
 from iits_mj.simulation.frame import SAME_LINE, DivergedError
 from iits_mj.simulation.lock_step import Driver
 from iits_mj.simulation.summary import counts_text, to_text

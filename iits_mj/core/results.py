@@ -80,9 +80,9 @@ class Check:
 class Line:
     """A curve of a panel: x and y of shape (n,).
 
-    Role is "reference", "simulation", "second" of two simulations, or "". In a plan view it may also
-    be "edge" or "mark" of a road, single places ("point"), or the outline of a "tractor", a "trailer"
-    or another "vehicle".
+    Role is "reference", "simulation", "second" of two simulations, their "difference", or "". In a
+    plan view it may also be "edge" or "mark" of a road, single places ("point"), or the outline of
+    a "tractor", a "trailer" or another "vehicle".
     """
 
     label: str

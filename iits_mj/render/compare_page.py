@@ -111,7 +111,9 @@ class Comparison:
             "a": self.a.name,
             "b": self.b.name,
             "equal": not self.partings,
-            "configuration": {name: [first, second] for name, first, second in self.configuration()},
+            "configuration": {
+                name: [first, second] for name, first, second in self.configuration()
+            },
             "figures": {
                 f"{f.name} [{f.unit or '-'}]": [number(f.first), number(f.second)]
                 for f in self.figures
@@ -145,23 +147,32 @@ class Comparison:
             Section(notes=[self.verdict, *self.unknown()]),
             Section("Figures", header=header, rows=[figure.cells() for figure in self.figures]),
             Section("What differs in how they were made", (), (), header[:3], self.configuration()),
+            Section("Lane changes", header=("", "A", "B"), rows=self._lane_changes()),
+            Section("Time over the way", plots=self._delay()),
+            *self._curves(a, b),
             Section(
                 "Where they part",
                 sentences=[
-                    "The first row in which a column differs, by how much it does at most, and when "
-                    "the difference exceeds 1 % of the range of A."
+                    "The first row in which a column differs, by how much it does at most, and "
+                    "when the difference exceeds 1 % of the range of A."
                 ],
                 header=_PARTING_HEADER,
                 rows=[_parting_cells(parting) for parting in self.partings],
             )
             if self.partings
             else Section(),
-            Section("Lane changes", header=("", "A", "B"), rows=self._lane_changes()),
-            Section("Time over the way", plots=self._delay()),
-            *self._curves(a, b),
+            Section("How they were made", (), (), header[:3], self._origins()),
         ]
         lead = f"A: `{self.a.name}`, B: `{self.b.name}`; iits-mj {version}"
         return Page("Two drives compared", lead, sections, stage=stage)
+
+    def _origins(self) -> list[tuple[str, str, str]]:
+        """Everything stored about how the drives were made: name and both values."""
+        names = dict.fromkeys((*self.a.origin, *self.b.origin))
+        return [
+            (name, self.a.origin.get(name, "not stored"), self.b.origin.get(name, "not stored"))
+            for name in names
+        ]
 
     def _lane_changes(self) -> list[tuple[str, str, str]]:
         def places(run: Run) -> list[str]:
@@ -186,7 +197,7 @@ class Comparison:
             return []
         first, second = (_over_way(run, run.drive.column(TIME), at) for run in (self.a, self.b))
         delay = DriveTable({TIME: at, STATION: at, "delay": second - first}).thinned(ROWS)
-        line = Line("B later than A", delay.column(STATION), delay.column("delay"), "simulation")
+        line = Line("B later than A", delay.column(STATION), delay.column("delay"), "difference")
         return [Plot((Panel("Time at the same station", STATION, "time [s]", (line,)),))]
 
     def _curves(self, a: DriveTable, b: DriveTable) -> list[Section]:
@@ -236,20 +247,23 @@ class Comparison:
         return {key: DriveTable(columns).thinned(ROWS) for key, columns in made.items()}
 
 
-_PARTING_HEADER = ("column", "from", "station", "A", "B", "over 1 % from", "greatest B less A", "at")
+_PARTING_HEADER = (
+    *("column", "from [s]", "station [m]", "A", "B"),
+    *("over 1 % from [s]", "greatest B less A", "at [s]"),
+)
 
 
 def _parting_cells(parting: Parting) -> tuple[str, ...]:
     def seconds(value: float) -> str:
-        return f"{value:.1f} s" if math.isfinite(value) else "never"
+        return f"{value:.1f}" if math.isfinite(value) else "never"
 
     def value(number: float) -> str:
-        return f"{number:.9g}" if math.isfinite(number) else "none"
+        return f"{number:.7g}" if math.isfinite(number) else "none"
 
     return (
         parting.name,
         seconds(parting.time),
-        f"{parting.station:.1f} m",
+        f"{parting.station:.1f}",
         value(parting.first),
         value(parting.second),
         seconds(parting.visible),
@@ -301,7 +315,12 @@ def _both(
             line = next(line for line in panel.lines if line.label == label)
             lines.append(Line(letter, line.x, line.y, role))
         curves.append(Panel(heading, axis, panel.y_label, tuple(lines)))
-        line = Line("B less A", difference.column(axis), difference.column(f"{title}: {label}"))
+        line = Line(
+            "B less A",
+            difference.column(axis),
+            difference.column(f"{title}: {label}"),
+            "difference",
+        )
         below.append(Panel(f"{heading}, difference", axis, panel.y_label, (line,)))
     return [Plot(tuple(curves)), Plot(tuple(below))]
 

@@ -26,9 +26,11 @@ from iits_mj.core.results import Line, Panel
 
 # Axis labels of a plan view, which is drawn to scale.
 MAP = ("x [m]", "y [m]")
-# Roles of lines that have a color of their own, and of closed outlines, which are filled.
+# Roles of lines that have a color of their own, roles of closed outlines, which are filled, and of
+# other lines, with the number of their color.
 ROLES = ("reference", "edge", "mark")
 BODIES = {"tractor": 0, "trailer": 5, "vehicle": 3}
+SHOWN = {"simulation": 0, "second": 1, "difference": 4}
 COLORS = 6
 SYMBOLS = ("circle", "diamond", "square", "triangle-up")
 # Values are multiples of a power of two that is at most this share of the range of their array.
@@ -113,9 +115,7 @@ def style_of(line: Line, place: int) -> str:
     """Name of the line's color in the style sheet; `place` counts the lines of its plot."""
     if line.role in ROLES:
         return line.role
-    if line.role == "simulation":
-        return "c0"
-    return f"c{BODIES.get(line.role, place % COLORS)}"
+    return f"c{(BODIES | SHOWN).get(line.role, place % COLORS)}"
 
 
 @dataclass
@@ -210,7 +210,7 @@ def _whole_step(lines: Sequence[Line]) -> int:
     return max(1, math.ceil(spread / 6.0))
 
 
-def flat_range(lines: Sequence[Line]) -> list[float] | None:
+def flat_range(lines: Sequence[Line]) -> tuple[float, float] | None:
     """A range for a constant quantity, so that rounding noise stays invisible; else None.
 
     The range of a quantity without negative values, such as a pressure, does not go below 0.
@@ -223,7 +223,7 @@ def flat_range(lines: Sequence[Line]) -> list[float] | None:
     if high - low >= _FLAT * max(1.0, abs(low), abs(high)):
         return None
     middle = 0.5 * (low + high)
-    return [max(middle - 1.0, min(low, 0.0)), middle + 1.0]
+    return max(middle - 1.0, min(low, 0.0)), middle + 1.0
 
 
 @functools.cache

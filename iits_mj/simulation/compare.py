@@ -21,8 +21,11 @@ from iits_mj.simulation.telemetry import STATION, TIME
 from traffic_bridge import Recording
 
 TELEMETRY, SUMMARY, FILM = "telemetry.csv", "summary.json", "drive.mp4"
-# Settings that name outputs: they do not change a drive.
-_OUTPUTS = ("out", "video", "size", "camera", "fps", "can log", "bag", "json")
+# Settings that name outputs, and what differs between any two drives: they do not change a drive.
+_OUTPUTS = (
+    *("out", "video", "size", "camera", "fps", "can log", "bag", "json"),
+    *("command line", "date", "telemetry sha256"),
+)
 _SAME_TIME = 1e-6  # of two rows [s]
 # A table has nine digits, a recording all of them: below this share, they may be equal.
 _ROUNDING = 1e-8
@@ -89,7 +92,7 @@ class Run:
         if not isinstance(found, dict):
             raise InputError(f"summary {str(summary)!r} is no JSON object")
         origin = {
-            name.replace("_", " "): str(value)
+            name.replace("_", " "): str(value)[:16] if "sha256" in name else str(value)
             for name, value in found.get("provenance", {}).items()
             if name != "versions"
         }
@@ -108,7 +111,7 @@ class Parting:
 
     Attributes:
       name: of the column; time [s], station [m]: of the first difference; first, second: values.
-      visible: time from which the difference is more than 1 % of the column's range [s]; NaN: never.
+      visible: time when the difference exceeds 1 % of the column's range [s], NaN if it never does.
       greatest: the difference of largest magnitude, second less first; at: its time [s].
     """
 
@@ -139,7 +142,9 @@ def partings(first: Run, second: Run) -> list[Parting]:
         a, b = (at_times(run.drive, name, time) for run in (first, second))
         gone = np.isnan(a) != np.isnan(b)
         with np.errstate(invalid="ignore"):
-            other = a != b if exact else np.abs(a - b) > _ROUNDING * np.maximum(np.abs(a), np.abs(b))
+            other = (
+                a != b if exact else np.abs(a - b) > _ROUNDING * np.maximum(np.abs(a), np.abs(b))
+            )
         differs = gone | (other & ~np.isnan(a) & ~np.isnan(b))
         if not differs.any():
             continue
@@ -219,13 +224,22 @@ class Figure:
         """Name, both values and the difference, in words."""
 
         def text(value: float, sign: str = "") -> str:
-            return f"{value:{sign}.{self.digits}f} {self.unit}".strip() if value == value else "none"
+            return (
+                f"{value:{sign}.{self.digits}f} {self.unit}".strip() if value == value else "none"
+            )
 
         known = not math.isnan(self.difference)
-        return self.name, text(self.first), text(self.second), text(self.difference, "+z") if known else ""
+        return (
+            self.name,
+            text(self.first),
+            text(self.second),
+            text(self.difference, "+z") if known else "",
+        )
 
 
-def _of(column: str, reduce: Callable[[FloatArray], float], scale: float) -> Callable[[DriveTable], float]:
+def _of(
+    column: str, reduce: Callable[[FloatArray], float], scale: float
+) -> Callable[[DriveTable], float]:
     def figure(drive: DriveTable) -> float:
         values = drive.column(column) if column in drive else np.zeros(0)
         values = values[np.isfinite(values)]

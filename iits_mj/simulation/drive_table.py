@@ -70,7 +70,10 @@ class DriveTable:
             )
         columns = zip(*rows, strict=True) if rows else ([] for _ in names)
         return cls(
-            {n: np.array([_number(c) for c in cells]) for n, cells in zip(names, columns, strict=True)}
+            {
+                n: np.array([_number(c) for c in cells])
+                for n, cells in zip(names, columns, strict=True)
+            }
         )
 
     @classmethod

@@ -16,7 +16,9 @@ from typing import Any
 import pytest
 from websockets.sync.client import connect
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), "")
+CHROMIUM = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), ""
+)
 needs_chromium = pytest.mark.skipif(not CHROMIUM, reason="no Chromium on the PATH")
 _FLAGS = (
     *("--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--no-first-run"),
@@ -112,7 +114,9 @@ class Tab:
 
     def pdf(self, path: Path) -> None:
         """Prints the page."""
-        found = self.call("Page.printToPDF", preferCSSPageSize=True, paperWidth=8.27, paperHeight=11.7)
+        found = self.call(
+            "Page.printToPDF", preferCSSPageSize=True, paperWidth=8.27, paperHeight=11.7
+        )
         path.write_bytes(base64.b64decode(found["data"]))
 
 
@@ -134,7 +138,11 @@ def browser() -> Iterator[Callable[[], Tab]]:
 
             def tab() -> Tab:
                 root = stack.enter_context(connect(f"ws://127.0.0.1:{number}{path}", max_size=None))
-                root.send(json.dumps({"id": 1, "method": "Target.createTarget", "params": {"url": "about:blank"}}))
+                root.send(
+                    json.dumps(
+                        {"id": 1, "method": "Target.createTarget", "params": {"url": "about:blank"}}
+                    )
+                )
                 while "result" not in (answer := json.loads(root.recv(timeout=_TIMEOUT))):
                     pass
                 target = answer["result"]["targetId"]

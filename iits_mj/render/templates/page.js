@@ -126,12 +126,15 @@ function layout(plot) {
   if (plot.series) made.xaxis.range = [...rangeOf(plot.cluster)];
   if (plot.step) made.yaxis.dtick = plot.step;
   if (plot.range) made.yaxis.range = [...plot.range];
+  if (plot.drawn && !plot.series) {
+    for (const name of ["xaxis", "yaxis"]) made[name].range = [...plot.canvas._fullLayout[name].range];
+  }
   if (plot.plan) Object.assign(made.yaxis, { scaleanchor: "x", scaleratio: 1 });
   return made;
 }
 function draw(plot) {
-  const done = Plotly.react(plot.canvas, traces(plot), layout(plot),
-    { displayModeBar: false, doubleClick: false });
+  Plotly.react(plot.canvas, traces(plot), layout(plot),
+    { displayModeBar: false, doubleClick: false }).then(() => showCursor(plot));
   if (!plot.drawn) {
     plot.drawn = true;
     plot.canvas.on("plotly_afterplot", () => showCursor(plot));
@@ -141,7 +144,6 @@ function draw(plot) {
     });
     plot.canvas.on("plotly_doubleclick", () => zoomAll(plot));
   }
-  return done;
 }
 const redraw = () => plots.filter((plot) => plot.drawn).forEach(draw);
 const drawAll = () => plots.forEach(draw);
