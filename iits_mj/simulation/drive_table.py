@@ -108,11 +108,6 @@ class DriveTable:
             raise InputError(f"the drive has no column {name!r}; it has {', '.join(self.columns)}")
         return self.columns[name]
 
-    @property
-    def articulations(self) -> tuple[str, ...]:
-        """Names of the columns with the yaw angles of the couplings, front to rear."""
-        return tuple(name for name in self.columns if name.startswith("articulation"))
-
     def thinned(self, rows: int) -> DriveTable:
         """Returns the drive with at most this number of rows, without loss of an extreme value.
 
