@@ -122,17 +122,7 @@ def test_a_python_value_of_another_kind_is_refused(values: dict[str, Any], messa
 
 
 def test_words_of_a_command_line_give_the_options_again() -> None:
-    given = ["road.xodr", "--speed", "22.5", "--no-video", "--size", "64x48", "--seed", "3"]
-
-    @dataclass(frozen=True, kw_only=True)
-    class Flags:
-        file: Path = option(help="a file", positional=True)
-        speed: float = option(1.0, help="a speed")
-        video: bool = option(True, help="a film")
-        size: tuple[int, int] = option((960, 540), help="a size")
-        seed: int = option(0, help="a seed")
-        limit: float | None = option(None, help="a limit")
-
-    flags = Flags(file=Path("road.xodr"), speed=22.5, video=False, size=(64, 48), seed=3)
-    assert options.words(flags) == given
-    assert options.words(Flags(file=Path("x"))) == ["x"]
+    given = ["road.xodr", "--speed", "22.5", "--no-there", "--size", "128x64", "--log", "a b.csv"]
+    example = arguments.parse(Example, given, "iits-mj", "")
+    assert options.words(example) == given
+    assert options.words(Example(file=Path("x"))) == ["x"]
