@@ -15,7 +15,7 @@ import platform
 import shlex
 import sys
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -27,7 +27,7 @@ import numpy as np
 import iits_mj
 from iits_mj.commands.output import prepare_folder, progress_bar
 from iits_mj.core import options as option_fields
-from iits_mj.core.errors import RenderError
+from iits_mj.core.errors import Error, RenderError
 from iits_mj.core.options import option
 from iits_mj.core.output_files import write_whole
 from iits_mj.j1939 import CommandReceiver
@@ -226,8 +226,10 @@ def _stop_lines(simulation: Simulation) -> tuple[float, ...]:
     traffic = simulation.traffic
     signals = None if traffic is None else traffic.signal_controller()
     found: list[float] = []
-    while signals and (light := signals.light_ahead(found[-1] + SAME_LINE if found else 0.0)):
-        found.append(light.station)
+    # A drive that ended inside a step of SUMO has a map without lights.
+    with suppress(Error):
+        while signals and (light := signals.light_ahead(found[-1] + SAME_LINE if found else 0.0)):
+            found.append(light.station)
     return tuple(found)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import operator
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, SupportsFloat
 
@@ -25,6 +26,15 @@ _OPERATORS = {
 }
 # Column headings of a table of checks; the last column holds the verdict.
 COLUMNS = ("check", "value", "unit", "reference", "must", "")
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> str:
+    """Rows of cells as plain text with aligned columns."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,9 +210,4 @@ class Results:
         """A plain-text table with one line for each check, then the notes."""
         rows = [COLUMNS]
         rows += [(*check.cells(), "ok" if check.ok else "FALLS SHORT") for check in self.checks]
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines = [
-            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-            for row in rows
-        ]
-        return "\n".join([*lines, *self.notes])
+        return "\n".join([aligned(rows), *self.notes])

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.results import Line, Panel
+from iits_mj.core.results import Line, Panel, aligned
 from iits_mj.render.drive_page import ROWS, clock_of, drive_map, lane_changes
 from iits_mj.render.interactive import Plot, shown
 from iits_mj.render.pages import Film, Page, Section, Stage
@@ -92,13 +92,13 @@ class Comparison:
         """Verdict, figures, configuration and the first differences as plain text."""
         blocks = [f"A: {self.a.name}\nB: {self.b.name}\n{self.verdict}"]
         blocks += self.unknown()
-        blocks.append(_aligned([("", "A", "B", "B less A"), *(f.cells() for f in self.figures)]))
+        blocks.append(aligned([("", "A", "B", "B less A"), *(f.cells() for f in self.figures)]))
         if rows := self.configuration():
-            blocks.append(_aligned([("differs", "A", "B"), *rows]))
+            blocks.append(aligned([("differs", "A", "B"), *rows]))
         if self.partings:
             table = [_PARTING_HEADER, *map(_parting_cells, self.partings[:_SHOWN])]
             rest = len(self.partings) - _SHOWN
-            blocks.append(_aligned(table) + (f"\nand {rest} more columns" if rest > 0 else ""))
+            blocks.append(aligned(table) + (f"\nand {rest} more columns" if rest > 0 else ""))
         return "\n\n".join(blocks)
 
     def as_dict(self) -> dict[str, Any]:
@@ -323,12 +323,3 @@ def _both(
         )
         below.append(Panel(f"{heading}, difference", axis, panel.y_label, (line,)))
     return [Plot(tuple(curves)), Plot(tuple(below))]
-
-
-def _aligned(rows: Sequence[Sequence[str]]) -> str:
-    """Rows of cells as aligned plain text."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join(
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    )

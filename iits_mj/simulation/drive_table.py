@@ -79,7 +79,7 @@ class DriveTable:
     @classmethod
     def _of_recording(cls, path: Path) -> DriveTable:
         recording = Recording.load(path)
-        present = ~np.isnan(recording.ego[:, 0]) if recording.ego.shape[1] else np.zeros(0, bool)
+        present = ~np.isnan(recording.ego[:, 0])
         ego = dict(zip(ego_columns(recording.ego.shape[1]), recording.ego[present].T, strict=True))
         columns = {TIME: recording.time[present]}
         for name in COLUMNS:
@@ -141,8 +141,9 @@ _PLAIN = (TIME, STATION, "x [m]", "y [m]", "z [m]", "yaw [rad]", "offset [m]")
 
 
 def _number(cell: str) -> float:
-    """The number of a cell; NaN for text and for an empty cell."""
+    """The number of a cell; NaN for text, an empty cell and infinity."""
     try:
-        return float(cell)
+        value = float(cell)
     except ValueError:
         return math.nan
+    return value if math.isfinite(value) else math.nan

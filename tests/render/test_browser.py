@@ -10,6 +10,10 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
+from iits_mj.core.results import Line, Panel, Results
+from iits_mj.render.compare_page import Comparison
+from iits_mj.render.pages import write_results_page
+from iits_mj.simulation.compare import Run
 from tests.render.browser import Tab, browser, needs_chromium
 from tests.render.drives import drive, report
 
@@ -197,3 +201,28 @@ def test_the_page_works_without_its_film(tabs: Callable[[], Tab], tmp_path: Path
     # The browser itself reports the missing file, nothing else.
     time.sleep(0.2)
     assert all("gone.mp4" in problem for problem in tab.problems)
+
+
+def test_pages_of_results_and_of_comparisons_draw_without_errors(
+    tabs: Callable[[], Tab], tmp_path: Path
+) -> None:
+    x = np.linspace(0.0, 4.0, 30)
+    circle = Panel("Path", "x [m]", "y [m]", (Line("truck", np.cos(x), np.sin(x)),))
+    cost = Panel("Cost", "n [-]", "t [s]", (Line("", x, x),))
+    found = Results("bench", figures={"cost": [cost, circle]})
+    results, _ = write_results_page(found, "1.0", tmp_path)
+    first, second = (Run("a", drive(), True, {}, {}), Run("b", drive(250, 1.0), True, {}, {}))
+    comparison = Comparison(first, second).page("1.0").write(tmp_path / "compare.html")
+    for page, plots in ((results, 2), (comparison, 10)):
+        tab = tabs()
+        tab.open(page)
+        tab.wait(f"{CANVAS}?.tabIndex === 0")
+        tab.value("dispatchEvent(new Event('beforeprint'))")
+        tab.wait(f"{DRAWN} >= {plots}")
+        tab.value(f"{CANVAS}.focus()")
+        tab.press("End")
+        assert tab.value(f"{CANVAS}.getAttribute('aria-valuetext')")
+        assert tab.problems == []
+    tab.value("document.getElementsByName('axis')[1].click()")
+    tab.wait("document.querySelectorAll('.truck').length === 2")
+    assert tab.problems == []

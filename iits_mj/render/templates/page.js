@@ -156,8 +156,9 @@ function setRange(group, range) {
   group.range = range && [Math.max(range[0], low), Math.min(range[1], high)];
   if (range && !(group.range[1] > group.range[0])) group.range = null;
   for (const plot of group.plots.filter((p) => p.drawn && p.series)) {
-    Plotly.relayout(plot.canvas, { "xaxis.range": [...rangeOf(group)],
-      ...(plot.range ? {} : range ? {} : { "yaxis.autorange": true }) });
+    const change = { "xaxis.range": [...rangeOf(group)] };
+    if (!range && !plot.range) change["yaxis.autorange"] = true;
+    Plotly.relayout(plot.canvas, change);
   }
 }
 function zoom(group, factor) {
@@ -206,9 +207,9 @@ function showCursor(plot) {
     if (plot.buttons[k]) plot.buttons[k].querySelector(".value").textContent = words;
     return `${line.label} ${words}`;
   });
-  const where = `${text(x, 1)} ${unitOf(ofAxis(plot.x))}`;
-  plot.canvas.setAttribute("aria-valuenow", x);
-  plot.canvas.setAttribute("aria-valuetext", `${where}: ${shown.join(", ")}`);
+  const [low, high] = fullRange(group), where = `${text(x, 1)} ${unitOf(ofAxis(plot.x))}`;
+  const spoken = { valuemin: low, valuemax: high, valuenow: x, valuetext: `${where}: ${shown.join(", ")}` };
+  for (const [name, value] of Object.entries(spoken)) plot.canvas.setAttribute(`aria-${name}`, value);
 }
 function showTrucks() {
   if (!map.drawn) return;
@@ -337,12 +338,7 @@ for (const plot of plots) {
   plot.canvas.addEventListener("click", (event) => pointed(plot, event));
 }
 for (const group of groups.values()) {
-  const [low, high] = fullRange(group);
-  group.at = clock && group.plots[0].clocked ? clock.time[0] : low;
-  for (const plot of group.plots.filter((p) => p.series)) {
-    plot.canvas.setAttribute("aria-valuemin", low);
-    plot.canvas.setAttribute("aria-valuemax", high);
-  }
+  group.at = clock && group.plots[0].clocked ? clock.time[0] : fullRange(group)[0];
 }
 if (clock) {
   const group = groups.get("drive"), slider = byId("time");
