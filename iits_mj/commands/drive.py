@@ -269,7 +269,7 @@ def _write(job: Job, outcome: Outcome) -> list[tuple[str, Path]]:
     rows = [
         ("command line", f"`{origin['command_line']}`"),
         ("date", origin["date"]),
-        ("truck", origin["truck"]),
+        ("truck", f"{origin['truck']}, digest of its parameters `{origin['truck_parameters']}`"),
         ("seed", str(job.config.seed)),
         ("versions", versions),
     ]
@@ -306,7 +306,8 @@ def _provenance(job: Job) -> dict[str, Any]:
     return {
         "command_line": shlex.join(["iits-mj", job.command, *option_fields.words(job.options)]),
         "date": datetime.now().astimezone().isoformat(" ", "seconds"),
-        "truck": f"{parameters.name}, parameters {parameters.digest()[:12]}",
+        "truck": parameters.name,
+        "truck_parameters": parameters.digest()[:12],
         "versions": {
             "iits-mj": iits_mj.__version__,
             "MuJoCo": mujoco.__version__,

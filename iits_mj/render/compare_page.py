@@ -77,7 +77,8 @@ class Comparison:
             return []
         rows = differing(self.a.settings, self.b.settings)
         if self.a.rounded == self.b.rounded:
-            rows += differing(self.a.origin, self.b.origin)
+            known = dict.fromkeys(self.a.settings)
+            rows += [r for r in differing(self.a.origin, self.b.origin) if r[0] not in known]
         return rows
 
     def unknown(self) -> list[str]:

@@ -15,6 +15,9 @@ from iits_mj.simulation.telemetry import STATION
 
 # Longer gaps are not drawn [m].
 _GAP_SHOWN = 300.0
+# Exactly zero throughout only without a towed unit, where the columns of towed units mean nothing.
+_ARTICULATION = "articulation [rad]"
+_TOWED = ("articulation", "trailer_offset", "brake_pressure_trailer")
 _DEGREES = 180.0 / math.pi
 _ACROSS = "Path across the road, positive to the left of the reference line"
 # Label, columns of which the line is the mean, factor to the plot's unit, and role of each line.
@@ -115,7 +118,8 @@ def drive_figures(drive: DriveTable, axis: str = STATION) -> dict[str, list[Pane
     """Returns the plots by figure: "Longitudinal", "Lateral" and "Traffic".
 
     A line without values, such as the plan in a drive by a log, and a plot without lines are left
-    out. Gaps to missing or distant vehicles are not drawn.
+    out; so are the lines of towed units without any. Gaps to missing or distant vehicles are not
+    drawn.
 
     Args:
       drive: its columns.
@@ -144,6 +148,8 @@ def drive_figures(drive: DriveTable, axis: str = STATION) -> dict[str, list[Pane
 def _values(drive: DriveTable, columns: Sequence[str], scale: float) -> FloatArray:
     """The mean of the columns; NaN where there is nothing to draw."""
     if any(name not in drive for name in columns):
+        return np.full(len(drive), np.nan)
+    if columns[0].startswith(_TOWED) and not drive.column(_ARTICULATION).any():
         return np.full(len(drive), np.nan)
     values = np.asarray(scale * np.mean([drive.column(name) for name in columns], axis=0))
     if columns == ("target_lane [-]",):

@@ -33,6 +33,7 @@ def drive(rows: int = 301, faster: float = 0.0, start: float = 0.0) -> DriveTabl
         "speed [m/s]": speed,
         "gear [-]": np.round(speed / 2.0),
         "fuel_used [kg]": 0.01 * time,
+        "articulation [rad]": 0.01 * np.sin(time),
         "plan_mode [-]": np.full(rows, np.nan),
         "lane [-]": 1.0 * (time > 8.0),
         "lane_changes [-]": (time > 8.0) + 1.0 * (time > 20.0),

@@ -66,6 +66,18 @@ def test_a_plot_without_values_is_left_out_with_its_line(text: str) -> None:
     assert "Distance to the traffic" not in alone
 
 
+def test_a_truck_alone_has_no_lines_of_towed_units() -> None:
+    def titles(articulation: float) -> dict[str, int]:
+        table = drive()
+        angle = {"articulation [rad]": np.full(len(table), articulation)}
+        page, _ = plotted(report(type(table)({**table.columns, **angle})).page().to_html())
+        return {plot["title"].partition(",")[0]: len(plot["lines"]) for plot in page["plots"]}
+
+    towing, alone = titles(1e-16), titles(0.0)
+    assert towing.keys() - alone.keys() == {"Articulation"}
+    assert towing["Brake pressure"] - alone["Brake pressure"] == 1
+
+
 def test_headings_landmarks_and_names_let_a_screen_reader_find_everything(content: Content) -> None:
     levels = [int(tag[1]) for tag, _ in content.elements if re.fullmatch(r"h\d", tag)]
     assert levels[0] == 1
