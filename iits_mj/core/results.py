@@ -153,11 +153,17 @@ class Findings:
 
 @dataclass(slots=True)
 class Results:
-    """Results of a command; `parts` are the results from which they were merged."""
+    """Results of a command.
+
+    Attributes:
+      tables: rows of text by title, the first row with the headings.
+      parts: the results from which these were merged.
+    """
 
     command: str
     seed: int = 0
     checks: list[Check] = field(default_factory=list)
+    tables: dict[str, list[Sequence[str]]] = field(default_factory=dict)
     figures: dict[str, list[Panel]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     parts: list[Results] = field(default_factory=list)
@@ -170,6 +176,7 @@ class Results:
             name = part.command.removeprefix(command).strip()
             whole.checks += part.checks
             whole.notes += part.notes
+            whole.tables |= part.tables
             whole.figures |= {f"{name}: {title}": panels for title, panels in part.figures.items()}
         return whole
 
@@ -207,7 +214,10 @@ class Results:
         )
 
     def to_table(self) -> str:
-        """A plain-text table with one line for each check, then the notes."""
-        rows = [COLUMNS]
+        """The tables, one with a line for each check, and the notes as plain text."""
+        rows: list[Sequence[str]] = [COLUMNS]
         rows += [(*check.cells(), "ok" if check.ok else "FALLS SHORT") for check in self.checks]
-        return "\n".join([aligned(rows), *self.notes])
+        lines = [aligned(rows)] if self.checks or not self.tables else []
+        for title, table in self.tables.items():
+            lines += ["", title, aligned(table)]
+        return "\n".join([*lines, *self.notes])

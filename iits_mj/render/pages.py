@@ -170,6 +170,7 @@ def write_results_page(results: Results, version: str, folder: Path) -> tuple[Pa
         f"version {version}, seed {results.seed}; {verdict}",
         [
             Section(notes=results.notes),
+            *_tables(results),
             Section("Checks" if results.checks else "", checks=results.checks),
             *(
                 Section(name.replace("_", " "), plots=[Plot((panel,)) for panel in panels])
@@ -192,6 +193,11 @@ def write_results_page(results: Results, version: str, folder: Path) -> tuple[Pa
         results.short(),
     )
     return web.write(folder / f"{stem}.html"), text.write(folder / f"{stem}.md")
+
+
+def _tables(results: Results) -> list[Section]:
+    """Returns a section for each table of the results."""
+    return [Section(title, header=rows[0], rows=rows[1:]) for title, rows in results.tables.items()]
 
 
 def picture_section(caption: str, picture: bytes | str) -> Section:
@@ -219,6 +225,7 @@ def _part_sections(part: Results, whole: Results, stem: str) -> list[Section]:
 
     return [
         check_section(shown, title, part.notes, sentences),
+        *_tables(part),
         Section(pictures=[(name.replace("_", " "), path(name)) for name in part.figures]),
     ]
 

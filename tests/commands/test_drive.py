@@ -231,3 +231,16 @@ def test_drive_on_a_full_disk_names_the_file_and_keeps_the_old_one(
     assert len(error.strip().splitlines()) == 1
     assert (tmp_path / "telemetry.csv").read_text() == "old"
     assert listing(tmp_path) == {"telemetry.csv"}
+
+
+def test_a_drive_beyond_the_range_of_its_plant_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limit = "a wheel has lifted off the road"
+    monkeypatch.setattr(Truck, "left_range", (limit,))
+    options = ("--plant", "yaw-sideslip", "--no-video", "--traffic-mode", "none")
+    assert cli.main(["drive", *SHORT, *options, "--out", str(tmp_path)]) == 0
+    text = f"The plant yaw-sideslip was not valid all the time: {limit}."
+    assert capsys.readouterr().err.count(text) == 1
+    assert text in (tmp_path / "report.html").read_text()
+    assert limit in (tmp_path / "summary.json").read_text()
