@@ -16,7 +16,9 @@ theme.addEventListener("change", () => {
 if (!byId("page-data")) return;
 
 async function unpacked(id) {
-  const bytes = Uint8Array.from(atob(byId(id).textContent), (c) => c.charCodeAt(0));
+  const packed = byId(id).textContent;
+  const bytes = Uint8Array.fromBase64 ? Uint8Array.fromBase64(packed)
+    : Uint8Array.from(atob(packed), (c) => c.charCodeAt(0));
   const plain = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
   return new Response(plain).arrayBuffer();
 }
@@ -359,12 +361,6 @@ if (clock) {
   now = group.at;
   moveTo(group, group.at);
 }
-const replay = byId("replay");
-if (replay) replay.addEventListener("click", () => {
-  const frame = document.createElement("iframe");
-  Object.assign(frame, { src: replay.dataset.source, title: "The drive in 3-D" });
-  replay.replaceWith(frame);
-});
 
 // A plot is drawn when it comes near the window: pages have up to some hundred plots.
 const watch = new IntersectionObserver((entries) => entries.forEach((entry) => {
