@@ -28,6 +28,15 @@ _OPERATORS = {
 COLUMNS = ("check", "value", "unit", "reference", "must", "")
 
 
+def aligned(rows: Sequence[Sequence[str]]) -> str:
+    """Rows of cells as plain text with aligned columns."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class Check:
     """A measured value with its bound.
@@ -81,8 +90,9 @@ class Check:
 class Line:
     """A curve of a panel: x and y of shape (n,).
 
-    Role is "reference", "simulation" or "". In a plan view it may also be "edge" or "mark" of a
-    road, or the outline of a "tractor", a "trailer" or another "vehicle".
+    Role is "reference", "simulation", "second" of two simulations, their "difference", or "". In a
+    plan view it may also be "edge" or "mark" of a road, single places ("point"), or the outline of
+    a "tractor", a "trailer" or another "vehicle".
     """
 
     label: str
@@ -207,16 +217,7 @@ class Results:
         """The tables, one with a line for each check, and the notes as plain text."""
         rows: list[Sequence[str]] = [COLUMNS]
         rows += [(*check.cells(), "ok" if check.ok else "FALLS SHORT") for check in self.checks]
-        lines = _aligned(rows) if self.checks or not self.tables else []
+        lines = [aligned(rows)] if self.checks or not self.tables else []
         for title, table in self.tables.items():
-            lines += ["", title, *_aligned(table)]
+            lines += ["", title, aligned(table)]
         return "\n".join([*lines, *self.notes])
-
-
-def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of text with aligned columns."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    ]
