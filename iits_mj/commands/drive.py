@@ -198,7 +198,8 @@ def perform(job: Job) -> int:
 def _drive(job: Job) -> tuple[Outcome, bool]:
     """Runs the simulation; returns its outcome and whether it was interrupted."""
     interrupted, kept = False, job.kept
-    with ExitStack() as stack:
+    # A bag is complete after the film, whose pictures it has.
+    with ExitStack() as bags, ExitStack() as stack:
         # The process of the film loads while the simulation does. The film has the model with road
         # and landscape; the drive is the same without.
         film = stack.enter_context(_film(kept, job.config)) if kept.video else None
@@ -213,7 +214,8 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
             # Load rosbags only for bags.
             from iits_mj.bag.mcap_file import BagWriter
 
-            observers.append(stack.enter_context(BagWriter(kept.bag, simulation)))
+            video = film.path if film else None
+            observers.append(bags.enter_context(BagWriter(kept.bag, simulation, video)))
         notes: tuple[str, ...] = ()
         if film is not None:
             film, notes = _checked(film)
