@@ -196,11 +196,13 @@ def _highd(folder: Path, made: dict[str, bytes]) -> Target:
 
 
 def _bag(folder: Path, made: dict[str, bytes]) -> Target:
+    from iits_mj.bag.foxglove import LAYOUT
     from iits_mj.bag.mcap_file import read_bag
 
     bag = folder / "mutant_bag"
     bag.mkdir()
     files = {Path(name).name: made[name] for name in made if name.startswith("bag/")}
+    del files[LAYOUT]  # written for Foxglove, never read
 
     def take(content: bytes) -> None:
         changed = "metadata.yaml" if content[:40].find(b"rosbag2") >= 0 else "bag.mcap"
