@@ -8,8 +8,8 @@ OUT    ?= out
 FLAGS  ?=
 JOBS   ?= 2
 
-CXX_SOURCES := $(wildcard iits_mj/plugin/*.cc iits_mj/plugin/*.h iits_mj/plugin/laws/*.h \
-             iits_mj/kernels/*.cc iits_mj/kernels/*.h)
+CXX_SOURCES := $(wildcard iits_mj/plugin/*.cc iits_mj/plugin/*.h iits_mj/plugin/*/*.cc \
+             iits_mj/plugin/*/*.h iits_mj/kernels/*.cc iits_mj/kernels/*.h)
 CXX_TESTS := $(wildcard tests/plugin/*.cc tests/plugin/*.h tools/*.h)
 BUILD   := pyproject.toml CMakeLists.txt
 
@@ -23,7 +23,7 @@ DM_CONTROL = @$(BIN)/python -c 'import dm_control' 2>/dev/null || \
 help:
 	@echo "make drive      set up and drive: video, telemetry, plots and report in $(OUT)/"
 	@echo "                flags of 'iits-mj drive' go into FLAGS, e.g. make drive FLAGS='--seed 3'"
-	@echo "make validation the truck against models and standards: docs/validation/"
+	@echo "make validation the trucks against models and standards: docs/validation/"
 	@echo "make test       lint, types, layers, C++ format and the tests"
 	@echo "make test-slow  the tests that take minutes"
 	@echo "make fuzz       a million mutated inputs for every reader, the bus and the plugin"
@@ -44,11 +44,16 @@ help:
 drive: $(VENV)/installed
 	$(BIN)/iits-mj drive --out "$(OUT)" $(FLAGS)
 
-# Exits with 1 when a check falls short; the page is written all the same.
+# The default truck in full, a page of main figures for every other shipped truck. Exits with 1 when
+# a check falls short; the pages are written all the same.
+OTHER_TRUCKS = from iits_mj.parameters import shipped_trucks; print(*shipped_trucks()[1:])
 validation: $(VENV)/installed
 	$(PIP) -c constraints.txt 'iits-mj[maps,ipopt]'
 	@mkdir -p docs/validation
-	$(BIN)/iits-mj validate --report docs/validation
+	failed=0; $(BIN)/iits-mj validate --report docs/validation || failed=$$?; \
+	for truck in $$($(BIN)/python -c '$(OTHER_TRUCKS)'); do \
+	  $(BIN)/iits-mj validate truck --truck $$truck --report docs/validation || failed=$$?; \
+	done; exit $$failed
 
 # --- setting up -----------------------------------------------------------------------------
 

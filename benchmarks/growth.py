@@ -1,4 +1,4 @@
-"""How computing times grow with vehicles, road, axles, trucks, environments and threads.
+"""How computing times grow with vehicles, road, wheels, trucks, environments and threads.
 
     python benchmarks/growth.py --csv docs/performance/growth.csv
     python benchmarks/growth.py --csv docs/performance/growth.csv \
@@ -16,12 +16,13 @@ import copy
 import csv
 import dataclasses
 import functools
+import itertools
 import multiprocessing
 import resource
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +36,7 @@ from iits_mj.commands.bench import drive, traffic
 from iits_mj.commands.bench.clocks import MICROSECONDS, MILLISECONDS, in_turns
 from iits_mj.commands.bench.environments import ENVIRONMENT
 from iits_mj.commands.bench.physics import SPEED, STATION, highway_truck, player
-from iits_mj.core.timing import TIMESTEP
-from iits_mj.parameters import TruckParameters
+from iits_mj.core.timing import PLANTS, TIMESTEP
 from iits_mj.render.plots import PALETTE, dress, to_png
 from iits_mj.road import RoadMap
 from iits_mj.road.design import Design, build
@@ -49,6 +49,8 @@ from traffic_bridge import Mirror
 
 DESIGN = Path(__file__).resolve().parents[1] / "tools" / "highway.toml"
 STEPS = 100  # of a round
+# Of 1, 2, 2, 3 and 4 units.
+TRUCKS = ("vecto_tractor", "vecto_40t", "tractor_semitrailer_6x4", "b_double", "a_double")
 THREADS = (1, 2)
 PROCESSES = 2
 ENVIRONMENTS = (2, 8, 64)
@@ -58,12 +60,17 @@ Points = Iterator[tuple[str, float, float]]
 """Name of a line, x, y."""
 
 
-def step_by_axles(counts: Sequence[int] = (1, 2, 3, 4, 5)) -> Points:
-    trucks = {}
-    for count in counts:
-        parameters = with_trailer_axles(TruckParameters.load(), count)
-        trucks[2 * len(parameters.axles)] = Truck.load(parameters=parameters, visuals=False)
-    yield from _steps("truck on a plane", trucks)
+def step_by_wheels(names: Sequence[str] = TRUCKS) -> Points:
+    """A step of each plant of shipped trucks on a plane, without contacts and sensors."""
+    plays: dict[tuple[str, int], Callable[[], None]] = {}
+    for name, plant in itertools.product(names, PLANTS):
+        truck = Truck.load(truck=name, plant=plant, visuals=False)
+        truck.reset(speed=SPEED)
+        truck.command(accelerator_pedal=0.4)
+        truck.detects_contacts = False
+        plays[plant, 2 * len(truck.parameters.axles)] = functools.partial(truck.step, STEPS)
+    for (plant, wheels), value in in_turns(plays, 30).items():
+        yield plant, wheels, value / STEPS * MICROSECONDS
 
 
 def step_by_trucks(counts: Sequence[int] = (1, 2, 4, 8)) -> Points:
@@ -89,19 +96,6 @@ def _steps(name: str, trucks: Mapping[int, Truck], rounds: int = 30) -> Points:
     plays = {str(x): player(truck.model, truck.data, STEPS) for x, truck in trucks.items()}
     for x, value in in_turns(plays, rounds).items():
         yield name, float(x), value / STEPS * MICROSECONDS
-
-
-def with_trailer_axles(parameters: TruckParameters, count: int) -> TruckParameters:
-    """A truck whose semitrailer has so many axles, each like the last one it has now."""
-    lead, trailer = parameters.units
-    spacing = trailer.axles[-1].position - trailer.axles[-2].position
-    axles = []
-    for k in range(count):
-        like = trailer.axles[min(k, len(trailer.axles) - 1)]
-        position = trailer.axles[0].position + k * spacing
-        axles.append(dataclasses.replace(like, name=f"trailer_axle{k + 1}", position=position))
-    longer = dataclasses.replace(trailer, axles=tuple(axles))
-    return dataclasses.replace(parameters, units=(lead, longer))
 
 
 def traffic_by_vehicles(counts: Sequence[int] = (20, 60, 120, 250, 500)) -> Points:
@@ -244,7 +238,7 @@ FIGURES = {
         drive_by_vehicles,
         traffic_by_vehicles,
         drive_by_road,
-        step_by_axles,
+        step_by_wheels,
         step_by_trucks,
         step_by_vehicles,
         batch_by_environments,
@@ -257,7 +251,7 @@ PANELS: tuple[tuple[str, tuple[str, ...], str, str, str], ...] = (
     ("drive_by_vehicles", (), "Whole drive, 2 ms", "vehicles in view", "ms per simulated second"),
     ("traffic_by_vehicles", (), "Traffic, a step of 0.1 s", "vehicles in view", _TIME),
     ("step_by_vehicles", (), f"{_STEP} of a truck and cars", "cars in the model", _TIME),
-    ("step_by_axles", (), _STEP, "wheels of the truck", _TIME),
+    ("step_by_wheels", (), "Step of each plant", "wheels of the truck", _TIME),
     ("step_by_trucks", (), _STEP, "trucks in the model", _TIME),
     ("batch_by_environments", (), "mujoco.batch of trucks", "trucks", "1000 steps per second"),
     ("tasks_by_environments", (), "LaneKeep-v0", "environments", "steps of 0.1 s per second"),

@@ -33,6 +33,8 @@ COMMANDS = {
     "montecarlo": "Monte Carlo over the uncertainty of the truck's parameters",
     "record": "drive in traffic and record traffic, states and commands",
     "replay": "drive in recorded traffic, or verify a recording",
+    "render": "draw a film or a picture of a recorded drive: other cameras, weather, sizes",
+    "compare": "compare two drives: what differs, where they part, over time and station",
     "replay-stage": "run one module of a recorded drive and compare its outputs",
     "import-trajectories": "place recorded trajectories on a map for replay",
     "serve": "serve the truck on a CAN bus in real time, for an external controller",

@@ -85,7 +85,10 @@ class Library:
     def sources(self) -> list[Path]:
         """The files that are mutated, in a fixed order."""
         folder = PACKAGE / self.folder
-        files = sorted(folder.glob("laws/*.h")), sorted([*folder.glob("*.cc"), *folder.glob("*.h")])
+        files = (
+            sorted(folder.glob("*/*.[ch]*")),
+            sorted([*folder.glob("*.cc"), *folder.glob("*.h")]),
+        )
         return [path for path in itertools.chain(*files) if path.name not in self.files]
 
 

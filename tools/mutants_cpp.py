@@ -131,8 +131,8 @@ def build(library: Library, mutants: list[Mutant], folder: Path) -> tuple[Path, 
             if not path.exists() or path.read_bytes() != text.encode("latin-1"):
                 path.write_bytes(text.encode("latin-1"))
             places[path] = place
-        units = sorted((PACKAGE / library.folder).glob("*.cc"))
-        mutated = [overlay / library.folder / unit.name for unit in units]
+        units = sorted((PACKAGE / library.folder).rglob("*.cc"))
+        mutated = [overlay / unit.relative_to(PACKAGE) for unit in units]
         units = [m if m in places else unit for m, unit in zip(mutated, units, strict=True)]
         objects, blamed, errors = [], set(), ""
         for unit in units:
@@ -164,7 +164,7 @@ def build(library: Library, mutants: list[Mutant], folder: Path) -> tuple[Path, 
 
 # Tests of each library.
 TEST_FILES = {
-    PLUGIN: ("plugin/test_*.py",),
+    PLUGIN: ("plugin/test_*.py", "truck/test_plant.py"),
     KERNELS: (
         *("kernels/test_*.py", "controllers/tracking/test_*.py", "controllers/planning/test_*.py"),
         *("controllers/pcc/test_*.py", "traffic_bridge/m*/test_*.py"),
@@ -184,10 +184,12 @@ LAWS = {
     "shift_.*|gearbox": "gear|powertrain",
     "engine|driveline|gears|gear_loss|powertrain": "powertrain|gear|retarder",
     "lookup|number": "powertrain$|tire|steering|air_brake$|air_brake_supply",
+    "planar": "planar",
 }
 # Area of a source and the area's test files; these run first.
 AREAS = {
     **{laws: ("plugin", f"plugin/test_({tests}|laws)") for laws, tests in LAWS.items()},
+    "vehicle|statics|forces|loads|motion|pose|api|plant": ("planar plant", "truck/test_plant"),
     "lateral|longitudinal|driveline_inverse|rounding": ("tracking", "controllers/tracking/"),
     "trajectory|boxes|following|neighbors|speed_plan|interpolation": (
         "planning",

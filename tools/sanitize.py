@@ -55,6 +55,7 @@ PYTEST = (
 # The plugin's own tests, without those that compile programs or drive for long.
 PLUGIN_TESTS = (
     *("tests/plugin", "tests/truck/test_rollouts.py", "tests/truck/test_fleet.py"),
+    "tests/truck/test_plant.py",
     *("--ignore=tests/plugin/test_laws.py", "--ignore=tests/plugin/test_gearbox_hunting.py"),
     "--ignore=tests/plugin/test_manuals.py",
 )
@@ -343,11 +344,12 @@ def fuzz(inputs: int) -> None:
 
 
 def roll_out_trucks() -> None:
-    """Rolls out eight drives of three trucks on two threads, by both of MuJoCo's interfaces."""
+    """Rolls out drives of three trucks on two threads, by MuJoCo's interfaces and each plant."""
     import mujoco
     import mujoco.rollout
     import numpy as np
 
+    from iits_mj.core.timing import PLANTS
     from iits_mj.road import Route
     from iits_mj.truck.fleet import TruckFleet
     from iits_mj.truck.placement import TruckPlacement
@@ -369,9 +371,10 @@ def roll_out_trucks() -> None:
         for payload in (0.0, 36_000.0)
         for speed in (5.0, 15.0)
     ]
-    for command in ({"accelerator_pedal": 1.0}, {"brake_pedal": 1.0}):
-        roll_out(scenarios, command, duration=1.0, threads=2)
-        roll_out(scenarios[:2], command, duration=1.0, threads=2)
+    for plant in PLANTS:
+        for command in ({"accelerator_pedal": 1.0}, {"brake_pedal": 1.0}):
+            roll_out(scenarios, command, duration=1.0, threads=2, plant=plant)
+            roll_out(scenarios[:2], command, duration=1.0, threads=2, plant=plant)
 
 
 def make_and_delete(rounds: int = 30) -> None:
@@ -459,7 +462,7 @@ def main(arguments: list[str] | None = None) -> int:
             continue
         build(kind, kind.folder / BUGS_LIBRARY, [BUGS])
         for sources in LIBRARIES.values():
-            build(kind, kind.library(sources), sorted(sources.glob("*.cc")))
+            build(kind, kind.library(sources), sorted(sources.rglob("*.cc")))
         good &= check_finds_bugs(kind)
         if options.self_check:
             continue

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.analytic.wheel_force import input_torque
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import PlanningError
 from iits_mj.parameters import TruckParameters
@@ -23,7 +24,6 @@ from iits_mj.parameters.tables import Table2D
 
 _SPEEDS = 4000  # samples for the least power of all gears
 _ENGINE_SPEED_MIN = 85.0  # [rad/s], 810 rpm: below it the gearbox shifts down
-_LOSS_STEPS = 6  # of the torque at a stage's input; each reduces the error fifty times
 
 
 @dataclass(frozen=True)
@@ -64,11 +64,11 @@ class FuelMap:
 
     def __init__(self, parameters: TruckParameters) -> None:
         engine, gearbox = parameters.engine, parameters.gearbox
-        self._engine, self._gearbox, self._retarder = engine, gearbox, parameters.retarder
+        self._engine, self._parameters = engine, parameters
         self.efficiency = gearbox.efficiency * gearbox.driveline_efficiency
         radius = parameters.tires[parameters.driven_axles[0].tire].rolling_radius
         self._has_maps = bool(
-            gearbox.axle_loss.values.size or gearbox.loss_maps or self._retarder.drag_speed
+            gearbox.axle_loss.values.size or gearbox.loss_maps or parameters.retarder.drag_speed
         )
         self.gear_speed = gearbox.ratios * gearbox.final_drive / radius
         # Torque axis, speed axis, fuel rate [kg/s] of shape (torque, speed).
@@ -81,15 +81,13 @@ class FuelMap:
             zero = np.maximum(rate[0] - slope * table.rows[0], 0.0)
             self._torque, self._speed = np.concatenate([[0.0], table.rows]), table.columns
             rate = np.vstack([zero, rate])
-        self._rate = engine.fuel_factor * rate
+        self._rate = Table2D(self._torque, self._speed, engine.fuel_factor * rate)
 
     def engine_rate(self, torque: FloatArray, speed: FloatArray) -> FloatArray:
         """Returns fuel rates [kg/s] for engine torques [N m] and speeds [rad/s] of one shape."""
         drag = np.interp(speed, self._engine.drag_speed, self._engine.drag_torque)
         lowest, top, last = self._torque[0], self._torque[-1], self._speed[-1]
-        inside = np.clip(speed, self._speed[0], last)
-        within = np.clip(torque, lowest, top)
-        rate = _bilinear(self._torque, self._speed, self._rate, within, inside)
+        rate = self._rate.at(torque, speed)
         # Constant specific consumption beyond the map: the rate grows with power.
         rate = rate * np.maximum(torque / top, 1.0) * np.maximum(speed / last, 1.0)
         below = (torque - lowest) / np.maximum(lowest + drag, 1e-9)
@@ -144,16 +142,10 @@ class FuelMap:
         if not self._has_maps:
             loss = np.where(force > 0.0, 1.0 / self.efficiency, self.efficiency)
             return np.asarray((force * loss)[None, :] / self.gear_speed[:, None])
-        box, retarder = self._gearbox, self._retarder
-        per_speed = self.gear_speed / box.ratios  # the propeller shaft's
-        shaft = per_speed[0] * speed
-        torque = _before(box.axle_loss, box.driveline_efficiency, force / per_speed[0], shaft)
-        if retarder.drag_speed:
-            torque = torque + np.interp(shaft, retarder.drag_speed, retarder.drag_torque)
         return np.array(
             [
-                _before(table, box.efficiency, torque / ratio, ratio * shaft)
-                for table, ratio in zip(box.gear_losses, box.ratios, strict=True)
+                input_torque(self._parameters, gear, force, turns * speed)
+                for gear, turns in enumerate(self.gear_speed, start=1)
             ]
         )
 
@@ -173,24 +165,6 @@ class FuelMap:
         return Willans(f0, f1 / unit, f2 / unit**2, error)
 
 
-def _before(table: Table2D, efficiency: float, torque: FloatArray, speed: FloatArray) -> FloatArray:
-    """Returns the torque at the input of a stage [N m] for that at its output, by input speed.
-
-    Args:
-      table: its losses over input speed and torque; if empty, the efficiency counts.
-      efficiency: of the stage.
-      torque: at the output as if the ratio were 1 [N m], shape (n,).
-      speed: of the input [rad/s], (n,).
-    """
-    if not table.values.size:
-        return np.where(torque > 0.0, torque / efficiency, torque * efficiency)
-    found = torque
-    for _ in range(_LOSS_STEPS):
-        loss = _bilinear(table.rows, table.columns, table.values, speed, found)
-        found = torque + np.maximum(loss, 0.0)
-    return found
-
-
 def nonnegative_fit(basis: FloatArray, value: FloatArray) -> FloatArray:
     """Returns least-squares coefficients >= 0 of a few columns: the best of all their subsets."""
     count = basis.shape[1]
@@ -205,16 +179,3 @@ def nonnegative_fit(basis: FloatArray, value: FloatArray) -> FloatArray:
                 best, least = np.zeros(count), gain
                 best[list(chosen)] = part
     return best
-
-
-def _bilinear(
-    rows: FloatArray, columns: FloatArray, values: FloatArray, x: FloatArray, y: FloatArray
-) -> FloatArray:
-    """Interpolates the table, linearly also beyond it; x over rows, y over columns."""
-    i = np.clip(np.searchsorted(rows, x) - 1, 0, rows.size - 2)
-    j = np.clip(np.searchsorted(columns, y) - 1, 0, columns.size - 2)
-    p = (x - rows[i]) / (rows[i + 1] - rows[i])
-    q = (y - columns[j]) / (columns[j + 1] - columns[j])
-    low = (1.0 - q) * values[i, j] + q * values[i, j + 1]
-    high = (1.0 - q) * values[i + 1, j] + q * values[i + 1, j + 1]
-    return np.asarray((1.0 - p) * low + p * high)

@@ -23,6 +23,7 @@ from iits_mj.core.arrays import BoolArray
 from iits_mj.core.messages import EgoState, Scene
 from iits_mj.core.neighbors import ALONG, Neighbors
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import payload_of
 
 # Times of the predictions [s].
 _TIMES = np.linspace(0.0, 4.0, 17)
@@ -81,7 +82,9 @@ def crossing_leads(
     if not matters.any():
         return []
     stations = ego.station + np.arange(0.0, reach, _STEP)
-    units = bodies_along(parameters, preview, path, residual, stations)
+    units = bodies_along(
+        parameters, preview, path, residual, stations, payload_of(parameters, ego.mass)
+    )
     # Axes: positions of the truck, times, vehicles.
     touch = np.zeros((len(stations), len(_TIMES), len(angle)), dtype=bool)
     for chosen, boxes in (

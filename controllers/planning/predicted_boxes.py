@@ -19,12 +19,12 @@ import numpy as np
 
 from controllers.planning.road_preview import LanePath, RoadPreview
 from controllers.planning.trajectory import Quintic
+from iits_mj.analytic import Kinematic
 from iits_mj.core.angles import wrap_angle, wrap_angles
 from iits_mj.core.arrays import BoolArray, FloatArray
 from iits_mj.core.boxes import Boxes
 from iits_mj.core.neighbors import Neighbors
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.mass_state import group_center
 
 # A slower vehicle is predicted to drive straight [m/s].
 _TURNS = 0.5
@@ -154,6 +154,7 @@ def swept_path(
     path: FloatArray,
     yaw: float,
     towed_yaws: Sequence[float] = (),
+    payload: float | None = None,
 ) -> tuple[UnitTrack, ...]:
     """Tracks of the truck whose steer axle follows a path, unit by unit.
 
@@ -162,12 +163,13 @@ def swept_path(
       path: points, shape (n, 2), some decimeters apart [m].
       yaw: heading of the motor vehicle at the first point [rad].
       towed_yaws: of the towed units there [rad]; default: the motor vehicle's.
+      payload: see `unit_lengths`.
     """
     lead, origin = parameters.lead, path
     tracks: list[UnitTrack] = []
     yaws = [yaw, *(towed_yaws or [yaw] * len(parameters.couplings))]
     steered = lead.axles[0].position
-    lengths = unit_lengths(parameters)
+    lengths = unit_lengths(parameters, payload)
     for k, (unit, length, start) in enumerate(zip(parameters.units, lengths, yaws, strict=True)):
         if unit.coupling:
             ahead = tracks[-1]
@@ -188,12 +190,15 @@ def swept_path(
     return tuple(tracks)
 
 
-def unit_lengths(parameters: TruckParameters) -> list[float]:
-    """Distances from the steer axle or a coupling to the unit's fixed axles, middle of them [m]."""
-    lead = parameters.lead
-    fixed = [axle for axle in lead.axles if not axle.steered]
-    towed = [group_center(unit.axles) for unit in parameters.units[1:]]
-    return [group_center(fixed) - lead.axles[0].position, *towed]
+def unit_lengths(parameters: TruckParameters, payload: float | None = None) -> tuple[float, ...]:
+    """Distances from the steer axle or a coupling to the middle of the unit's other axles [m].
+
+    Args:
+      parameters: of the truck.
+      payload: with which lift axles are up or down [kg]; default: laden.
+    """
+    lengths = Kinematic.from_parameters(parameters, payload)
+    return (lengths.L, *lengths.lengths)
 
 
 def bodies_along(
@@ -202,6 +207,7 @@ def bodies_along(
     path: LanePath,
     residual: Quintic | None,
     stations: FloatArray,
+    payload: float | None = None,
 ) -> tuple[Boxes, ...]:
     """Boxes of the units with the steer axle at stations [m], shape (n,) each.
 
@@ -211,9 +217,10 @@ def bodies_along(
       path: that the steer axle follows.
       residual: offset from the path, None for none.
       stations: of the steer axle, rising [m].
+      payload: see `unit_lengths`.
     """
     first = float(stations[0])
-    before = _RUN_UP + _RUN_UP_LENGTHS * sum(unit_lengths(parameters)[2:])
+    before = _RUN_UP + _RUN_UP_LENGTHS * sum(unit_lengths(parameters, payload)[2:])
     run_up = np.arange(first - before, first - 0.5, 2.0)
     every = np.concatenate([run_up, stations])
     offset = path.driven_at(every)
@@ -221,7 +228,7 @@ def bodies_along(
         offset = offset + residual.evaluate(every)[0]
     point = preview.route.evaluate(every, offset)
     way = np.column_stack([point.x, point.y])
-    tracks = swept_path(parameters, way, float(np.asarray(point.heading)[0]))
+    tracks = swept_path(parameters, way, float(np.asarray(point.heading)[0]), payload=payload)
     kept = slice(len(run_up), None)
     return tuple(_body_boxes(track.corners[kept], track.yaw[kept]) for track in tracks)
 

@@ -20,6 +20,7 @@ from controllers.planning.trajectory import Quintic
 from iits_mj.core.messages import Scene
 from iits_mj.core.neighbors import Neighbor
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import payload_of
 
 
 def stopped_leader(
@@ -62,7 +63,9 @@ def way_past(
     stations = np.arange(ego.station, ego.station + longest + config.reach, 1.0)
     for length in config.lengths:
         residual = Quintic.to_zero(ego.station, length, *state)
-        units = bodies_along(parameters, preview, target, residual, stations)
+        units = bodies_along(
+            parameters, preview, target, residual, stations, payload_of(parameters, ego.mass)
+        )
         # At its present position the truck touches nothing, even where it has less than the room.
         if not any(unit.touch(boxes, config.room)[1:].any() for unit in units):
             return residual

@@ -16,13 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.planning.following import braking_profile
-from controllers.planning.predicted_boxes import Poses, bodies_along
+from controllers.planning.predicted_boxes import Poses, bodies_along, unit_lengths
 from controllers.planning.road_preview import LanePath, RoadPreview
 from iits_mj.core.arrays import BoolArray, FloatArray
 from iits_mj.core.boxes import Boxes
 from iits_mj.core.messages import EgoState, LightState, Scene
 from iits_mj.core.neighbors import ALONG
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import payload_of
 
 # Only bends below this radius count [m].
 _RADIUS = 35.0
@@ -96,7 +97,7 @@ class TightBends:
             if self._bends and begin - self._bends[-1][1] < self._after:
                 begin = self._bends.pop()[0]
             self._bends.append((begin, over))
-        self._known: dict[tuple[float, int], Sweep | None] = {}
+        self._known: dict[tuple[float, int, tuple[float, ...]], Sweep | None] = {}
         self.reset()
 
     def reset(self) -> None:
@@ -109,9 +110,10 @@ class TightBends:
         """The present or next bend in which the trailer leaves the lane of a path, or None."""
         for begin, over in self._bends:
             if begin - _SIGHT < ego.station < over + self._after:
-                key = begin, path.lane
+                payload = payload_of(self._parameters, ego.mass)
+                key = begin, path.lane, unit_lengths(self._parameters, payload)
                 if key not in self._known:
-                    self._known[key] = self._sweep(path, begin, over)
+                    self._known[key] = self._sweep(path, begin, over, payload)
                 sweep = self._known[key]
                 if sweep is not None and ego.station < sweep.last:
                     return sweep
@@ -237,11 +239,11 @@ class TightBends:
         names = [neighbors.ids[i] for i in np.flatnonzero(near)[~own]]
         return names, found.only(~own)
 
-    def _sweep(self, path: LanePath, begin: float, over: float) -> Sweep | None:
+    def _sweep(self, path: LanePath, begin: float, over: float, payload: float) -> Sweep | None:
         """The part of a bend in which the bodies leave the lane of a path, None for none."""
         first, last = begin - _BEFORE, min(over + self._after, self.preview.route.length)
         stations = np.arange(max(first, 0.0), last, _STEP)
-        units = bodies_along(self._parameters, self.preview, path, None, stations)
+        units = bodies_along(self._parameters, self.preview, path, None, stations, payload)
         middle = np.arange(stations[0] - 40.0, stations[-1] + 10.0, 0.5)
         point = self.preview.route.evaluate(middle, path.offset_at(middle))
         line = np.column_stack([point.x, point.y])

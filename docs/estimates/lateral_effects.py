@@ -11,7 +11,7 @@ import numpy as np
 
 from iits_mj.analytic import YawPlane, YawRoll, simulate
 from iits_mj.parameters import TruckParameters
-from iits_mj.validation.handling.step_steer import step_steers
+from iits_mj.validation.handling.step_steer import free_couplings, step_steers
 from iits_mj.validation.harness.recorder import SteeringRecord, fit
 
 EFFECTS = {
@@ -37,10 +37,10 @@ def row(name: str, recording: SteeringRecord, model: YawPlane | YawRoll) -> str:
 
 def main() -> None:
     """Prints a table for each payload and steering-wheel angle."""
-    parameters = TruckParameters.load()
+    parameters = free_couplings(TruckParameters.load())
     for payload in (36_000.0, 0.0):
         angles = (3.0, 15.0)
-        recordings = step_steers(payload, tuple(np.deg2rad(angles)), TIMESTEP)
+        recordings = step_steers(parameters, payload, tuple(np.deg2rad(angles)), TIMESTEP)
         for degrees, recording in zip(angles, recordings, strict=True):
             speed = float(recording.speed.mean())
             print(

@@ -90,7 +90,8 @@ def traction_forces(
     first_roll, first_axle = 1 + units, 1 + 2 * units
     _, axles = axles_on_road(parameters, payload)
     loads, common = data.cruise_load, parameters.tire_common
-    drags = 0.5 * air.density * air.drag_area * speed**2 * np.array(air_shares(parameters))
+    area = air.mean_drag_area(speed) if speed > 0.0 else air.drag_area
+    drags = 0.5 * air.density * area * speed**2 * np.array(air_shares(parameters))
     rolling = _rolling_resistances(parameters, payload, speed)
     resistance = rolling * loads
     driven = np.array([axle.driven for axle in axles])

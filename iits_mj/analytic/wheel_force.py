@@ -1,10 +1,10 @@
 """Forces at the driven wheels and resistances of a truck at constant speed.
 
-    F = ((T - P_aux / w - T_g) i_g - T_a) i_f / r
+    F = ((T - P_aux / w - T_g) i_g - T_r - T_a) i_f / r
 
 with engine torque T, auxiliaries P_aux, losses of the gear T_g (at the gearbox input) and of the
-axle T_a (at the propeller shaft), from maps or as efficiencies (Wong, Theory of Ground Vehicles,
-4th ed., chapter 3).
+axle T_a (at the propeller shaft), from maps or as efficiencies, and the drag T_r of an empty
+retarder (Wong, Theory of Ground Vehicles, 4th ed., chapter 3).
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from iits_mj.core.units import GRAVITY
 from iits_mj.model.powertrain import full_load
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import rolling_resistance
-from iits_mj.parameters.tables import Table2D
 
 
 def overall_ratio(parameters: TruckParameters, gear: int) -> float:
@@ -36,21 +35,39 @@ def full_load_force(
       gear: from 1, clutch closed.
       points: number of speeds.
     """
-    engine, gearbox = parameters.engine, parameters.gearbox
+    engine = parameters.engine
     speed = np.linspace(engine.idle_speed, engine.governed_speed, points)
-    torque = np.interp(speed, *full_load(parameters)) - engine.auxiliary_power / speed
-    torque = _after(torque, speed, gearbox.gear_losses[gear - 1], gearbox.efficiency)
-    ratio, axle = float(gearbox.ratios[gear - 1]), gearbox.axle_loss
-    shaft = _after(torque * ratio, speed / ratio, axle, gearbox.driveline_efficiency)
+    torque = np.interp(speed, *full_load(parameters)) - engine.auxiliary_torque(speed)
+    return speed / overall_ratio(parameters, gear), wheel_force(parameters, gear, torque, speed)
+
+
+def wheel_force(
+    parameters: TruckParameters, gear: int, torque: FloatArray, speed: FloatArray
+) -> FloatArray:
+    """Returns the force at the driven wheels [N] of torques at the gearbox input.
+
+    Args:
+      parameters: of the truck.
+      gear: from 1.
+      torque: [N m], below 0 in overrun.
+      speed: of the input [rad/s], same shape.
+    """
+    gearbox, ratio = parameters.gearbox, float(parameters.gearbox.ratios[gear - 1])
+    geared, shaft = gearbox.gear_losses[gear - 1].after(torque, speed) * ratio, speed / ratio
+    torque = gearbox.final_drive_loss.after(geared - parameters.retarder.empty_drag(shaft), shaft)
     radius = parameters.tires[parameters.driven_axles[0].tire].rolling_radius
-    return speed / overall_ratio(parameters, gear), shaft * gearbox.final_drive / radius
+    return torque * gearbox.final_drive / radius
 
 
-def _after(torque: FloatArray, speed: FloatArray, losses: Table2D, efficiency: float) -> FloatArray:
-    """Torque less the losses of a map, or times an efficiency if there is no map."""
-    if not losses.values.size:
-        return torque * np.where(torque >= 0.0, efficiency, 1.0 / efficiency)
-    return torque - [losses.at(w, t) for w, t in zip(speed, torque, strict=True)]
+def input_torque(
+    parameters: TruckParameters, gear: int, force: FloatArray, speed: FloatArray
+) -> FloatArray:
+    """Returns the torque at the gearbox input [N m] for forces: the inverse of `wheel_force`."""
+    gearbox, ratio = parameters.gearbox, float(parameters.gearbox.ratios[gear - 1])
+    radius, shaft = parameters.tires[parameters.driven_axles[0].tire].rolling_radius, speed / ratio
+    torque = gearbox.final_drive_loss.before(force * radius / gearbox.final_drive, shaft)
+    geared = torque + parameters.retarder.empty_drag(shaft)
+    return gearbox.gear_losses[gear - 1].before(geared / ratio, speed)
 
 
 def resistance(

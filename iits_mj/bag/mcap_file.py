@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import iits_mj
+from iits_mj.bag import foxglove
 from iits_mj.bag.message_types import (
     CAN_FRAME,
     CAN_TYPE,
@@ -53,7 +54,10 @@ TOPICS = {
     "/traffic/markers": "visualization_msgs/msg/MarkerArray",
     "/planning/path": "nav_msgs/msg/Path",
     "/can": CAN_TYPE,
+    "/vehicle/model": foxglove.SCENE_TYPE,
 }
+# A topic of bags of drives that were filmed.
+PICTURES = "/camera/image/compressed"
 
 
 @functools.cache
@@ -65,6 +69,8 @@ def typestore() -> Any:
         raise InputError("bags need rosbags: pip install 'iits-mj[ros]'") from error
     store = get_typestore(Stores.ROS2_JAZZY)
     store.register(get_types_from_msg(CAN_FRAME, CAN_TYPE))
+    for name, text in foxglove.DEFINITIONS.items():
+        store.register(get_types_from_msg(text, f"foxglove_msgs/msg/{name}"))
     for kind in MESSAGES:
         store.register(get_types_from_msg(definition(kind), type_name(kind)))
     return store
@@ -182,28 +188,36 @@ class BagWriter(Finishing, Observer):
     `/drive` holds the options.
 
     Args:
-      folder: of the new bag, with `metadata.yaml` and the MCAP file, as of `ros2 bag`.
+      folder: of the new bag, with `metadata.yaml` and the MCAP file, as of `ros2 bag`, and a layout
+        for Foxglove.
       simulation: at its start.
+      video: film of the drive, complete when the bag is closed: its pictures become a topic; a
+        missing film is left out.
 
     Attributes:
       count: number of messages written.
 
     Raises:
-      InputError: rosbags is missing, the folder exists or cannot be made, or no stack drives.
+      InputError: rosbags or mjviser is missing, the folder exists or cannot be made, or no stack
+        drives.
     """
 
     # Of the reports on the bus [s].
     period = 0.01
     reads_bus = True
 
-    def __init__(self, folder: Path, simulation: Simulation) -> None:
+    def __init__(self, folder: Path, simulation: Simulation, video: Path | None = None) -> None:
         self.folder = folder
+        self._video = video
         self.count = 0
         self._store = typestore()
         self._stack = simulation.stack
         self._asked = 0
         self._make = self._store.types.__getitem__
-        self._standard = StandardMessages(self._make, simulation.truck.parameters)
+        parameters = simulation.truck.parameters
+        self._standard = StandardMessages(self._make, parameters)
+        self._units = tuple(unit.name for unit in parameters.units)
+        models = foxglove.unit_models(parameters, simulation.truck.payload)
         self._sender = TruckSender(simulation.truck.parameters)
         self._writer = _open(folder)
         self._connections = {
@@ -214,6 +228,7 @@ class BagWriter(Finishing, Observer):
         about = {"version": iits_mj.__version__, "timestep": simulation.timestep}
         text = json.dumps(about | {"options": options})
         self._write("/drive", 0.0, self._standard.text(text))
+        self._write("/vehicle/model", 0.0, self._standard.models(models))
         self._truck = simulation.truck
 
     def planned(self, scene: Scene, trajectory: Trajectory) -> None:
@@ -248,10 +263,21 @@ class BagWriter(Finishing, Observer):
 
     def close(self) -> None:
         """Completes the bag; the drive may go on."""
+        if self._writer is None:
+            return
+        filmed = self._video is not None and self._video.is_file()
+        if filmed and self._video is not None:
+            self._connections[PICTURES] = self._writer.add_connection(
+                PICTURES, "sensor_msgs/msg/CompressedImage", typestore=self._store
+            )
+            for time, picture in foxglove.pictures(self._video):
+                self._write(PICTURES, time, self._standard.picture(time, picture))
         writer, self._writer = self._writer, None
         if writer is not None:
             try:
                 writer.close()
+                layout = foxglove.layout(self._units, pictures=filmed)
+                (self.folder / foxglove.LAYOUT).write_text(layout)
             except OSError as error:
                 shutil.rmtree(self.folder, ignore_errors=True)
                 raise unwritable("bag", self.folder, error) from error

@@ -29,12 +29,13 @@ import itertools
 import math
 import types
 import typing
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from iits_mj.bag.foxglove import GLTF
 from iits_mj.core.messages import (
     Decision,
     EgoFootprint,
@@ -287,6 +288,47 @@ class StandardMessages:
             data=data,
         )
 
+    def models(self, found: Mapping[str, bytes]) -> Any:
+        """`foxglove_msgs/SceneUpdate` with the binary glTF of each unit, fixed to its frame."""
+        entities = [
+            self._new(
+                "foxglove_msgs/SceneEntity",
+                timestamp=self._time(0.0),
+                frame_id=unit,
+                id=unit,
+                lifetime=self._new("builtin_interfaces/Duration", sec=0, nanosec=0),
+                frame_locked=True,
+                metadata=[],
+                **{
+                    f"{kind}s": []
+                    for kind in ("arrow", "cube", "sphere", "cylinder", "line", "triangle", "text")
+                },
+                models=[
+                    self._new(
+                        "foxglove_msgs/ModelPrimitive",
+                        pose=self._pose(*[0.0] * 6),
+                        scale=self._vector(1.0, 1.0, 1.0),
+                        color=self._new("foxglove_msgs/Color", r=1.0, g=1.0, b=1.0, a=1.0),
+                        override_color=False,
+                        url="",
+                        media_type=GLTF,
+                        data=np.frombuffer(content, dtype=np.uint8),
+                    )
+                ],
+            )
+            for unit, content in found.items()
+        ]
+        return self._new("foxglove_msgs/SceneUpdate", deletions=[], entities=entities)
+
+    def picture(self, time: float, jpeg: bytes) -> Any:
+        """`sensor_msgs/CompressedImage` of a JPEG picture."""
+        return self._new(
+            "sensor_msgs/CompressedImage",
+            header=self._header(time, "camera"),
+            format="jpeg",
+            data=np.frombuffer(jpeg, dtype=np.uint8),
+        )
+
     def text(self, content: str) -> Any:
         """`std_msgs/String`."""
         return self._new("std_msgs/String", data=content)
@@ -309,10 +351,12 @@ class StandardMessages:
         package, name = kind.split("/")
         return self._make(f"{package}/msg/{name}")(**fields)
 
-    def _header(self, time: float, frame: str) -> Any:
+    def _time(self, time: float) -> Any:
         second, nanosecond = divmod(round(time * 1e9), 1_000_000_000)
-        stamp = self._new("builtin_interfaces/Time", sec=second, nanosec=nanosecond)
-        return self._new("std_msgs/Header", stamp=stamp, frame_id=frame)
+        return self._new("builtin_interfaces/Time", sec=second, nanosec=nanosecond)
+
+    def _header(self, time: float, frame: str) -> Any:
+        return self._new("std_msgs/Header", stamp=self._time(time), frame_id=frame)
 
     def _vector(self, x: float, y: float, z: float) -> Any:
         return self._new("geometry_msgs/Vector3", x=x, y=y, z=z)

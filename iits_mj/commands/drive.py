@@ -1,50 +1,65 @@
 """Drive the truck along a road in SUMO traffic, controlled by its driving stack.
 
-Writes drive.mp4, telemetry.csv, plots, summary.json, and report.html, which contains all of them,
-into --out. Exit code: 0 after a drive without failure; 1 after a collision, a roll-over or a
-divergence of the simulation; 2 after wrong use.
+Without options of the drive itself it is a demo of a minute: the truck overtakes two slow trucks in
+a tunnel, returns before a broken-down van, and descends on its retarder. With any such option, for
+instance --duration, it is a drive in ordinary traffic from --start-station on.
+
+Writes drive.mp4, telemetry.csv, summary.json, and report.html, a page with plots that answers to
+the reader, into --out. Exit code: 0 after a drive without failure; 1 after a collision, a roll-over
+or a divergence of the simulation; 2 after wrong use.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import importlib.metadata
 import json
+import platform
+import shlex
 import sys
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import mujoco
+import numpy as np
+
 import iits_mj
-from iits_mj.commands.output import prepare_folder, progress_bar
+from iits_mj.commands.output import camera_option, prepare_folder, progress_bar, weather_option
 from iits_mj.core import options as option_fields
-from iits_mj.core.errors import RenderError
+from iits_mj.core.errors import Error, RenderError
 from iits_mj.core.options import option
 from iits_mj.core.output_files import write_whole
 from iits_mj.j1939 import CommandReceiver
 from iits_mj.j1939.log_files import WRITTEN
 from iits_mj.parameters import check_truck
-from iits_mj.render import plots
-from iits_mj.render.cameras import CAMERAS
+from iits_mj.render.drive_page import DriveReport
 from iits_mj.render.film_process import FilmProcess, FilmSettings
-from iits_mj.render.pages import Page, Section, picture_section
+from iits_mj.render.pages import Film
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveSummary, Observer, Simulation, Telemetry
 from iits_mj.simulation.drive_log import BusLog, check_given
+from iits_mj.simulation.drive_table import DriveTable
 from iits_mj.simulation.driver import LogDriver
-from iits_mj.simulation.frame import DivergedError
+from iits_mj.simulation.frame import SAME_LINE, DivergedError
 from iits_mj.simulation.lock_step import Driver
 from iits_mj.simulation.summary import counts_text, to_text
-from iits_mj.simulation.telemetry import drive_figures, speed_object, speed_rows
+from iits_mj.simulation.telemetry import speed_object, speed_rows
 from iits_mj.truck import Truck
 
-CAPTIONS = {
-    "longitudinal": "Speed, gear, brake pressure and grade",
-    "lateral": "Lateral motion and articulation",
-    "traffic": "Lanes and gaps",
-}
 INTERRUPTED = 130
+# The drive without options; found by trying seeds and stations.
+DEMO: Mapping[str, Any] = {
+    "start_station": 990.0,
+    "seed": 2,
+    "duration": 60.0,
+    "decision": "lookahead",
+    "events": Path(__file__).with_name("demo.toml"),
+}
 UNSTEERED = (
     "No steering command (IITS_COMMAND) was accepted, and the truck does not obey the accelerator "
     "without steering: use replay-can --keep-lane, which steers instead of the log."
@@ -58,7 +73,8 @@ class Kept:
     out: Path = option(Path("out"), help="folder for all output", metavar="DIR")
     video: bool = option(True, help="write drive.mp4")
     size: tuple[int, int] = option((960, 540), help="size of the video in pixels", metavar="WxH")
-    camera: str = option("chase", help="camera of the video", choices=CAMERAS)
+    camera: str = camera_option()
+    weather: str = weather_option()
     fps: int = option(20, help="pictures per second of the video", low=5, high=50)
     can_log: Path | None = option(
         None,
@@ -107,7 +123,7 @@ class Outcome:
     Attributes:
       summary, telemetry: of the drive; video: path, or None; notes: for the report.
       receiver: of command frames, None for direct commands; logged: number of logged frames.
-      driver: of the truck.
+      driver: of the truck; route: the road; lights: stations of the stop lines of lights [m].
     """
 
     summary: DriveSummary
@@ -117,6 +133,8 @@ class Outcome:
     receiver: CommandReceiver | None
     logged: int
     driver: Driver
+    route: Route
+    lights: tuple[float, ...]
 
     def frames(self) -> dict[str, Mapping[str, int]]:
         """Returns the counts of command frames by outcome; empty for direct commands."""
@@ -137,10 +155,28 @@ class Outcome:
         return rows
 
 
-def run(options: Options) -> int:
+def run(options: Options, command: str = "drive") -> int:
     """Drives, writes all files and prints the summary; returns the exit code."""
     check_given(options, options.given)
-    return perform(Job("drive", options, options, options, duration=options.duration))
+    prepare_folder(options.out)
+    if _is_default(options):
+        flags = " ".join(
+            f"--{name.replace('_', '-')} {value}"
+            for name, value in DEMO.items()
+            if not isinstance(value, Path)
+        )
+        print(f"iits-mj: demo drive with its own traffic events ({flags})", file=sys.stderr)
+        options = dataclasses.replace(options, **DEMO)
+    return perform(Job(command, options, options, options, duration=options.duration))
+
+
+def _is_default(options: Options) -> bool:
+    """Returns whether no option of the drive itself was given."""
+    names = [field.name for field in dataclasses.fields(DriveConfig)]
+    plain = DriveConfig()
+    return options.given.isdisjoint(names) and all(
+        getattr(options, name) == getattr(plain, name) for name in names
+    )
 
 
 def perform(job: Job) -> int:
@@ -162,7 +198,8 @@ def perform(job: Job) -> int:
 def _drive(job: Job) -> tuple[Outcome, bool]:
     """Runs the simulation; returns its outcome and whether it was interrupted."""
     interrupted, kept = False, job.kept
-    with ExitStack() as stack:
+    # A bag is complete after the film, whose pictures it has.
+    with ExitStack() as bags, ExitStack() as stack:
         # The process of the film loads while the simulation does. The film has the model with road
         # and landscape; the drive is the same without.
         film = stack.enter_context(_film(kept, job.config)) if kept.video else None
@@ -177,7 +214,8 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
             # Load rosbags only for bags.
             from iits_mj.bag.mcap_file import BagWriter
 
-            observers.append(stack.enter_context(BagWriter(kept.bag, simulation)))
+            video = film.path if film else None
+            observers.append(bags.enter_context(BagWriter(kept.bag, simulation, video)))
         notes: tuple[str, ...] = ()
         if film is not None:
             film, notes = _checked(film)
@@ -193,6 +231,7 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
             summary = simulation.summary("interrupted")
         except DivergedError:
             summary = simulation.summary()
+        lights = _stop_lines(simulation)
     receiver = _receiver(simulation)
     if receiver is not None and not receiver.accepted["IITS_COMMAND"]:
         print(f"iits-mj: {UNSTEERED}", file=sys.stderr)
@@ -210,7 +249,20 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
     video = film.path if film else None
     logged = log.count if log else 0
     driver = simulation.driver
-    return Outcome(summary, telemetry, video, notes, receiver, logged, driver), interrupted
+    parts = (summary, telemetry, video, notes, receiver, logged, driver, simulation.route, lights)
+    return Outcome(*parts), interrupted
+
+
+def _stop_lines(simulation: Simulation) -> tuple[float, ...]:
+    """Stations of the stop lines of lights on the route [m]."""
+    traffic = simulation.traffic
+    signals = None if traffic is None else traffic.signal_controller()
+    found: list[float] = []
+    # A drive that ended inside a step of SUMO has a map without lights.
+    with suppress(Error):
+        while signals and (light := signals.light_ahead(found[-1] + SAME_LINE if found else 0.0)):
+            found.append(light.station)
+    return tuple(found)
 
 
 def _receiver(simulation: Simulation) -> CommandReceiver | None:
@@ -222,7 +274,7 @@ def _receiver(simulation: Simulation) -> CommandReceiver | None:
 
 def _film(kept: Kept, config: DriveConfig) -> FilmProcess:
     video = kept.out / "drive.mp4"
-    return FilmProcess(FilmSettings(video, config, kept.size, kept.camera, kept.fps))
+    return FilmProcess(FilmSettings(video, config, kept.size, kept.camera, kept.fps, kept.weather))
 
 
 def _checked(film: FilmProcess) -> tuple[FilmProcess | None, tuple[str, ...]]:
@@ -237,29 +289,39 @@ def _checked(film: FilmProcess) -> tuple[FilmProcess | None, tuple[str, ...]]:
 
 
 def _write(job: Job, outcome: Outcome) -> list[tuple[str, Path]]:
-    """Writes plots, summary and report; returns names and paths of the main files."""
+    """Writes summary and report; returns names and paths of the main files."""
     out = job.kept.out
-    images = []
-    for name, panels in drive_figures(outcome.telemetry).items():
-        images.append(picture_section(CAPTIONS[name], plots.save(panels, out / f"{name}.png")))
-    content = json.dumps(_summary_object(job, outcome), indent=2, allow_nan=False)
+    origin = _provenance(job)
+    found = _summary_object(job, outcome) | {"provenance": origin}
+    content = json.dumps(found, indent=2, allow_nan=False)
     write_whole(out / "summary.json", f"{content}\n".encode(), "summary")
     summary, road = outcome.summary, job.config.map
     where = road.name if road is not None else "the built-in highway"
-    settings = [*_settings(job), ("version", iits_mj.__version__)]
-    sections = [
-        Section(notes=outcome.notes),
-        Section("Summary", header=("figure", "value"), rows=outcome.rows()),
-        *images,
-        Section("Settings", header=("setting", "value"), rows=settings),
+    versions = ", ".join(f"{name} {version}" for name, version in origin["versions"].items())
+    rows = [
+        ("command line", f"`{origin['command_line']}`"),
+        ("date", origin["date"]),
+        ("truck", f"{origin['truck']}, digest of its parameters `{origin['truck_parameters']}`"),
+        ("seed", str(job.config.seed)),
+        ("versions", versions),
     ]
-    if outcome.video is not None:
-        sections.insert(1, Section("Video", video=outcome.video))
-    Page(
+    if origin["telemetry_sha256"]:
+        text = f"`{origin['telemetry_sha256'][:16]}`, the first digits of `sha256sum telemetry.csv`"
+        rows.append(("digest of the drive", text))
+    video = outcome.video
+    film = None if video is None else Film(f"Film, camera {job.kept.camera}", video)
+    DriveReport(
         f"iits-mj {job.command}",
         f"{summary.distance / 1e3:.2f} km in {summary.duration:.0f} s on {where}; {summary.ended}",
-        sections,
-    ).write(out / "report.html")
+        outcome.notes,
+        DriveTable.of(outcome.telemetry),
+        outcome.route,
+        outcome.lights,
+        outcome.rows(),
+        rows,
+        _settings(job),
+        film,
+    ).page().write(out / "report.html")
     pages = [
         ("report", out / "report.html"),
         ("telemetry", out / "telemetry.csv"),
@@ -269,8 +331,28 @@ def _write(job: Job, outcome: Outcome) -> list[tuple[str, Path]]:
     return [*pages, ("video", outcome.video)] if outcome.video is not None else pages
 
 
+def _provenance(job: Job) -> dict[str, Any]:
+    """Returns what is needed to make the drive again, and the digest that tells whether it is."""
+    parameters, telemetry = check_truck(job.config), job.kept.out / "telemetry.csv"
+    digest = hashlib.sha256(telemetry.read_bytes()).hexdigest() if telemetry.is_file() else ""
+    return {
+        "command_line": shlex.join(["iits-mj", job.command, *option_fields.words(job.options)]),
+        "date": datetime.now().astimezone().isoformat(" ", "seconds"),
+        "truck": parameters.name,
+        "truck_parameters": parameters.digest()[:12],
+        "versions": {
+            "iits-mj": iits_mj.__version__,
+            "MuJoCo": mujoco.__version__,
+            "SUMO": importlib.metadata.version("libsumo"),
+            "NumPy": np.__version__,
+            "Python": platform.python_version(),
+        },
+        "telemetry_sha256": digest,
+    }
+
+
 def _settings(job: Job) -> list[tuple[str, str]]:
-    """Returns name and value of every option, with the truck and the load that were driven."""
+    """Returns name and value of every option that is set, with truck and load of the drive."""
     parameters = check_truck(job.config)
     used = {"truck": parameters.name, "payload": parameters.check_payload(job.config.payload)}
     rows = []
@@ -278,10 +360,8 @@ def _settings(job: Job) -> list[tuple[str, str]]:
         rule = option_fields.of(field)
         if rule is not None:
             value = used.get(field.name, getattr(job.options, field.name))
-            if isinstance(value, tuple):
-                value = "x".join(str(part) for part in value)
-            shown = f"{value:.6g}" if isinstance(value, float) else str(value)
-            rows.append((field.name.replace("_", " "), f"{shown} {rule.unit}".strip()))
+            if value is not None:
+                rows.append((field.name.replace("_", " "), rule.text(value)))
     return rows
 
 

@@ -9,7 +9,7 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
@@ -17,6 +17,8 @@ import iits_mj
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
 from iits_mj.core.results import Results
+from iits_mj.render.cameras import CAMERAS, cameras_of
+from iits_mj.render.weather import WEATHERS
 from iits_mj.scale.ray_executor import RayExecutor
 
 if TYPE_CHECKING:
@@ -72,6 +74,26 @@ def progress_bar(duration: float | None) -> Iterator[Callable[[DriveFrame], None
 
     with bar:
         yield progress
+
+
+def camera_option() -> Any:
+    """Returns a dataclass field for the cameras of pictures."""
+    return option(
+        "chase",
+        help=f"camera of the pictures: {', '.join(CAMERAS)}; several with commas between them "
+        "share the picture, as chase,top",
+        test=cameras_of,
+        metavar="NAME",
+    )
+
+
+def weather_option() -> Any:
+    """Returns a dataclass field for the weather of pictures."""
+    return option(
+        "day",
+        help="weather and time of day of the pictures, which do not change the drive",
+        choices=tuple(WEATHERS),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -47,7 +47,7 @@ def run(options: Options) -> int:
         return _verify(options)
     if options.drive:
         raise InputError("--drive needs --verify: use --verify --drive")
-    return drive.run(options)
+    return drive.run(options, "replay")
 
 
 def _verify(options: Options) -> int:

@@ -2,7 +2,9 @@
 
 Truck: closed-form solutions, standards and the paper. Traffic: the theory of its model and, with
 --data, recorded traffic. Planning: its limits and bounds and the truck itself, with --roads on
-other roads, too. Exit code 0 when every check holds, 1 when a check falls short.
+other roads, too. --truck measures another truck: all groups but those that drive the default
+truck only; group truck has its main figures on one page. Exit code 0 when every check holds, 1 when
+a check falls short.
 """
 
 from __future__ import annotations
@@ -46,13 +48,30 @@ def run(options: Options) -> int:
 def measure(options: Options) -> Results:
     """Returns the selected checks as one set of results.
 
-    The quick form of all groups uses the laden truck only and leaves out the step sizes, which
-    repeat the same figures.
+    All groups are those without "truck", whose figures are among them; of another truck than the
+    default one also without `validation.DEFAULT_ONLY`. The quick form uses the laden truck only and
+    leaves out the step sizes, which repeat the same figures.
+
+    Raises:
+      InputError: the group drives the default truck only, and another one is chosen.
     """
+    other = not options.default_truck
     if options.what != "all":
+        if other and options.what in validation.DEFAULT_ONLY:
+            allowed = [name for name in validation.COMMANDS if name not in validation.DEFAULT_ONLY]
+            raise InputError(
+                f"validate {options.what} drives the default truck: leave out --truck, or choose "
+                f"one of {', '.join(allowed)}"
+            )
         return validation.COMMANDS[options.what](options)
-    commands = dict(validation.COMMANDS)
+    left_out = {"truck", *(validation.DEFAULT_ONLY if other else ())}
     if options.quick:
-        del commands["step-size"]
+        left_out.add("step-size")
         options = replace(options, payload=options.payloads()[0])
-    return Results.merged("validate", [command(options) for command in commands.values()])
+    commands = {name: run for name, run in validation.COMMANDS.items() if name not in left_out}
+    whole = Results.merged("validate", [command(options) for command in commands.values()])
+    if other:
+        names = ", ".join(validation.DEFAULT_ONLY)
+        whole.command += f" {options.parameters.name}"
+        whole.notes.append(f"Left out, as they drive the default truck only: {names}.")
+    return whole

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
+from pathlib import Path
 from typing import Any
 
 from iits_mj.core.checks import one_of
@@ -54,6 +55,15 @@ class Option:
     def allowed(self) -> Sequence[str] | None:
         """The choices; None when every value of the type is allowed."""
         return self.choices() if callable(self.choices) else self.choices
+
+    def text(self, value: Any) -> str:
+        """A value in words, with its unit."""
+        if isinstance(value, bool):
+            return "yes" if value else "no"
+        if isinstance(value, tuple):
+            return "x".join(str(part) for part in value)
+        shown = f"{value:.6g}" if isinstance(value, float) else str(value)
+        return f"{shown} {self.unit}".strip()
 
     def bounds(self) -> str:
         """The allowed range in words, "" when there is none."""
@@ -108,6 +118,31 @@ def holders_of_given(kind: type[Any]) -> list[str]:
 def of(field: dataclasses.Field[Any]) -> Option | None:
     """The `Option` of a dataclass field; None when it has none."""
     return field.metadata.get(_KEY)
+
+
+def words(config: Any) -> list[str]:
+    """The words of a command line that gives these options; those with their default are left out.
+
+    A truck that is not named, but given as parameters, appears by its name.
+    """
+    flags: list[str] = []
+    positional: list[str] = []
+    for field in dataclasses.fields(config):
+        rule, value = of(field), getattr(config, field.name)
+        if rule is None or value is None or value == field.default:
+            continue
+        flag = f"--{field.name.replace('_', '-')}"
+        if rule.positional:
+            positional += map(str, value if isinstance(value, tuple) else (value,))
+        elif isinstance(value, bool):
+            flags.append(flag if value else f"--no-{flag[2:]}")
+        elif isinstance(value, tuple):
+            flags += [flag, "x".join(map(str, value))]
+        elif isinstance(value, float):
+            flags += [flag, f"{value:.15g}"]
+        else:
+            flags += [flag, str(value if isinstance(value, (str, int, Path)) else value.name)]
+    return positional + flags
 
 
 def check(config: Any) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import operator
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, SupportsFloat
 
@@ -25,6 +26,15 @@ _OPERATORS = {
 }
 # Column headings of a table of checks; the last column holds the verdict.
 COLUMNS = ("check", "value", "unit", "reference", "must", "")
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> str:
+    """Rows of cells as plain text with aligned columns."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +90,9 @@ class Check:
 class Line:
     """A curve of a panel: x and y of shape (n,).
 
-    Role is "reference", "simulation" or "". In a plan view it may also be "edge" or "mark" of a
-    road, or the outline of a "tractor", a "trailer" or another "vehicle".
+    Role is "reference", "simulation", "second" of two simulations, their "difference", or "". In a
+    plan view it may also be "edge" or "mark" of a road, single places ("point"), or the outline of
+    a "tractor", a "trailer" or another "vehicle".
     """
 
     label: str
@@ -142,11 +153,17 @@ class Findings:
 
 @dataclass(slots=True)
 class Results:
-    """Results of a command; `parts` are the results from which they were merged."""
+    """Results of a command.
+
+    Attributes:
+      tables: rows of text by title, the first row with the headings.
+      parts: the results from which these were merged.
+    """
 
     command: str
     seed: int = 0
     checks: list[Check] = field(default_factory=list)
+    tables: dict[str, list[Sequence[str]]] = field(default_factory=dict)
     figures: dict[str, list[Panel]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     parts: list[Results] = field(default_factory=list)
@@ -159,6 +176,7 @@ class Results:
             name = part.command.removeprefix(command).strip()
             whole.checks += part.checks
             whole.notes += part.notes
+            whole.tables |= part.tables
             whole.figures |= {f"{name}: {title}": panels for title, panels in part.figures.items()}
         return whole
 
@@ -196,12 +214,10 @@ class Results:
         )
 
     def to_table(self) -> str:
-        """A plain-text table with one line for each check, then the notes."""
-        rows = [COLUMNS]
+        """The tables, one with a line for each check, and the notes as plain text."""
+        rows: list[Sequence[str]] = [COLUMNS]
         rows += [(*check.cells(), "ok" if check.ok else "FALLS SHORT") for check in self.checks]
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines = [
-            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-            for row in rows
-        ]
+        lines = [aligned(rows)] if self.checks or not self.tables else []
+        for title, table in self.tables.items():
+            lines += ["", title, aligned(table)]
         return "\n".join([*lines, *self.notes])

@@ -35,7 +35,8 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         generator, whose name is in `info` as `truck`.
       payload: of all units together [kg]; default: the greatest of each truck.
       payload_height: of the loads' centers of gravity above the road [m].
-      plant: model of the truck's motion; see `iits_mj.Truck.load`.
+      plant: model of the truck's motion; see `iits_mj.Truck.load`. For a planar one, `info` has the
+        limits of its validity that the episode has exceeded as `left_range`.
       time_limit: of an episode [s]; default: the task's.
       render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
       camera: of the pictures: "chase", "side" or "cab".
@@ -175,7 +176,9 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         self.physics: suite.Physics = self._environment.physics
 
     def _info(self, terms: dict[str, float]) -> dict[str, Any]:
-        return {**self.task.info(self.physics, terms), **self.family.info(self._number)}
+        info = {**self.task.info(self.physics, terms), **self.family.info(self._number)}
+        truck = self.physics.truck
+        return info if truck.planar is None else {**info, "left_range": "; ".join(truck.left_range)}
 
     def _seen(self) -> Observation:
         return self._scaled(self.task.values(self.physics))

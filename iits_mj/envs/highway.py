@@ -128,7 +128,8 @@ class HighwayEnv(DecisionEnv):
         generator, whose name is in `info` as `truck`.
       payload: of all units together [kg]; default: the greatest of each truck.
       payload_height: of the loads' centers of gravity above the road [m].
-      plant: model of the truck's motion; see `iits_mj.Truck.load`.
+      plant: model of the truck's motion; see `iits_mj.Truck.load`. For a planar one, `info` has the
+        limits of its validity that the episode has exceeded as `left_range`.
       render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
       camera: of the pictures: "chase", "side" or "cab".
       timestep: of the physics [s]; a drive has 0.002, and 0.005 trains as well in less time.
@@ -220,7 +221,8 @@ class HighwayEnv(DecisionEnv):
 
     def _state(self) -> dict[str, Any]:
         simulation = self.simulation
-        frame = simulation.frame
+        frame, truck = simulation.frame, simulation.truck
+        limits = {} if truck.planar is None else {"left_range": "; ".join(truck.left_range)}
         return {
             "time": frame.time,
             "speed": frame.ego.speed,
@@ -230,6 +232,7 @@ class HighwayEnv(DecisionEnv):
             "refused": frame.refused,
             "unsafe": simulation.stack.unsafe,
             "ended": simulation.ended,
+            **limits,
         }
 
 

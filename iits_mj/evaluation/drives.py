@@ -21,7 +21,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision
 from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.evaluation import trials
-from iits_mj.evaluation.trials import CLOSE, EMPTY, Task, Trial, weights_digest
+from iits_mj.evaluation.trials import CLOSE, EMPTY, LEFT_RANGE, Task, Trial, weights_digest
 from iits_mj.parameters import AnyTruck, TruckParameters
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation
@@ -163,7 +163,8 @@ def _drive_full(task: Task, maker: _CountingMaker, parameters: TruckParameters) 
             result = simulation.run([observer])
         except DivergedError:
             result = simulation.summary()
-        unsafe = simulation.stack.unsafe
+        unsafe, limits = simulation.stack.unsafe, simulation.truck.left_range
+    ended = "".join((result.ended, *(f"{LEFT_RANGE}{limit}" for limit in limits)))
     timed_out = result.ended == _TIMED_OUT
     return {
         "speed_loss": 1.0 - result.mean_speed / REFERENCE_SPEED,
@@ -173,7 +174,7 @@ def _drive_full(task: Task, maker: _CountingMaker, parameters: TruckParameters) 
         "unsafe": unsafe,
         "collisions": int(result.collision),
         "failures": int(result.failed or timed_out),
-        "ended": " ".join(result.ended.split()),
+        "ended": " ".join(ended.split()),
         "time_gap": observer.time_gap,
         "close_share": observer.close_share,
         "box_distance": result.closest_box,

@@ -10,7 +10,7 @@ import numpy as np
 
 from iits_mj.core.results import Check, Findings, Results
 from iits_mj.evaluation.evaluate import EvaluateConfig
-from iits_mj.evaluation.trials import EMPTY, Trial
+from iits_mj.evaluation.trials import EMPTY, LEFT_RANGE, Trial
 from iits_mj.validation.harness.statistics import Estimate, Paired, estimate, holm, paired
 
 WORLD_TEXT = {
@@ -233,6 +233,9 @@ def summarize(trials: Sequence[Trial], config: EvaluateConfig) -> tuple[Results,
         f"{world_text(config)}; load {config.used_payload() / 1000.0:g} t, physics in steps "
         f"of {1000.0 * config.timestep:g} ms; {config.seeds} seeds, the same for all methods"
     )
+    left = sum(LEFT_RANGE in trial.ended for trial in trials)
+    if left:
+        results.notes.append(f"in {left} of {len(trials)} trips the plant left its valid range")
     for cell in cells:
         _check_cell(results, cell)
         results.notes += ["", *_cell_table(cell)]

@@ -127,9 +127,9 @@ def measure(
     drawn = drawn_truck(Spread.load(spread_file, truck), task.seed)
     payload, timestep = task.payload, task.timestep
     parameters = TruckParameters.load(truck, drawn.overlay)
-    tilt = rollover.tilt_table(payload, timestep, parameters=parameters)
-    sine = lane_change.sine_steer(payload, SPEED, timestep, parameters=parameters)
-    stop = braking.stop_run(payload, braking.UN_R13.speed, timestep, parameters=parameters)
+    tilt = rollover.tilt_table(parameters, payload, timestep)
+    sine = lane_change.sine_steer(parameters, payload, SPEED, timestep)
+    stop = braking.stop_run(parameters, payload, braking.UN_R13.speed, timestep)
     return Sample(
         **vars(task),
         rollover_threshold=tilt.threshold,

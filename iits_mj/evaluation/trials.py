@@ -26,6 +26,7 @@ from iits_mj.core.errors import InputError
 WORLDS = ("full", "fast")
 EMPTY = "empty"
 CLOSE = 1.0  # [s] below which a time gap counts as close
+LEFT_RANGE = "; the plant left its range: "
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,8 @@ class Trial(Task):
       changes: completed lane changes; asked: decisions to change; refused: decisions that the
         planner refused; unsafe: decisions that it refused because of a vehicle.
       collisions: with a vehicle; failures: collision, roll-over, divergence, or time limit.
-      ended: reason of the trip's end, in words.
+      ended: reason of the trip's end, in words; then, each after `LEFT_RANGE`, the limits of the
+        plant's validity that were exceeded.
       time_gap: least time gap to the vehicle ahead while faster than 1 m/s [s], inf without one.
         A vehicle that cuts in counts as soon as its box overlaps the truck's width.
       close_share: share of time with a time gap below `CLOSE`.

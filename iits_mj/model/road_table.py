@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import MapError
 from iits_mj.road import Route
 
@@ -14,15 +15,25 @@ TABLE_STEP = 1.0  # [m], approximate: the table spans the route in equal steps
 
 
 def add_road_table(spec: mujoco.MjSpec, route: Route) -> None:
-    """Adds the route's surface as numeric `iits_road`; heights are C1 between its rows.
+    """Adds the route's surface as numeric `iits_road`; see `add_surface`."""
+    table = route.table(TABLE_STEP)
+    add_surface(spec, table, route.length / (len(table) - 1))
+
+
+def add_surface(spec: mujoco.MjSpec, table: FloatArray, spacing: float) -> None:
+    """Adds a surface as numeric `iits_road`; heights are C1 between its rows.
+
+    Args:
+      spec: with the truck.
+      table: rows of `TABLE_COLUMNS`, shape (n, 10).
+      spacing: of the rows along the road [m].
 
     Raises:
-      MapError: the route's table holds a number that is not finite.
+      MapError: the table holds a number that is not finite.
     """
-    table = route.table(TABLE_STEP)
     if not np.isfinite(table).all():
         row = int(np.argwhere(~np.isfinite(table))[0, 0])
-        raise MapError(f"the route's surface table is not finite at row {row} of {len(table)}")
+        raise MapError(f"the road's surface table is not finite at row {row} of {len(table)}")
     x, y, z, heading, curvature, grade, superelevation, left, right, split = table.T
     rows = np.column_stack(
         [
@@ -30,7 +41,6 @@ def add_road_table(spec: mujoco.MjSpec, route: Route) -> None:
             *(np.tan(superelevation), left, right, split),
         ]
     )
-    spacing = route.length / (len(table) - 1)
     header = np.array([TABLE_VERSION, len(table), 0.0, spacing])
     numeric = spec.add_numeric()
     numeric.name = NUMERIC_NAME

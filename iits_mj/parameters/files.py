@@ -23,7 +23,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.input_files import read_toml
 from iits_mj.parameters.powertrain import EXTENSIVE, EXTENSIVE_TABLES
 from iits_mj.parameters.quantity import Quantity, Watts, quantity_of
-from iits_mj.parameters.tables import REPLACED, Table2D, read_tables
+from iits_mj.parameters.tables import REPLACED, TABLES, Table2D, read_tables
 
 MAGNITUDE_MAX = 1e9  # of a parameter in SI units; the greatest are stiffnesses
 TRUCK_FILE = "truck.toml"
@@ -387,7 +387,9 @@ def _build_dataclass(kind: Any, node: Any, where: str) -> Any:
     names = [field.name for field in fields]
     unknown = sorted(set(node) - set(names))
     if unknown:
-        allowed = [name for name in names if name != "name"]
+        read = [key for section, key in TABLES if section == where and key not in names]
+        read += ["power"] if where == "engine" else []
+        allowed = [name for name in (*names, *read) if name != "name"]
         raise InputError(f"parameter {prefix}{unknown[0]} is unknown; allowed are: {allowed}")
     for field in fields:
         optional = (field.default, field.default_factory) != (dataclasses.MISSING,) * 2

@@ -271,7 +271,7 @@ def cruise_axle_loads(parameters: TruckParameters, payload: float, speed: float)
     found = supports(
         parameters,
         payload,
-        drag=0.5 * air.density * air.drag_area * speed**2,
+        drag=0.5 * air.density * air.mean_drag_area(speed) * speed**2,
         resistances=dict(zip(names, each.tolist(), strict=True)),
     )
     return _axle_loads(parameters, payload, found)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import one_of
@@ -33,6 +34,7 @@ from iits_mj.parameters.quantity import (
 )
 from iits_mj.parameters.tables import NO_TABLE, Table2D
 
+_LOSS_STEPS = 6  # of the inverse of a map of losses; each reduces the error fifty times
 SHIFT_STRATEGIES = ("tables", "adaptive")
 # Figures of an engine in proportion to its displacement, and axes and values of its tables.
 EXTENSIVE = (
@@ -134,6 +136,15 @@ class Engine:
         """Mean power of all auxiliaries [W]."""
         return sum(self.auxiliaries.values())
 
+    def auxiliary_torque(self, speed: ArrayLike) -> FloatArray:
+        """Returns what the auxiliaries take [N m] at engine speeds [rad/s], same shape.
+
+        Their power is constant above half of the idle speed; the torque is proportional below.
+        """
+        slowest, turns = 0.5 * self.idle_speed, np.asarray(speed, dtype=float)
+        share = np.minimum(turns / slowest, 1.0)
+        return np.asarray(self.auxiliary_power * share / np.maximum(turns, slowest))
+
     @property
     def half_torque(self) -> tuple[float, float]:
         """Speed of the greatest torque [rad/s], and half of this torque [N m]."""
@@ -181,6 +192,13 @@ class Retarder:
     empty_time: Seconds
     drag_speed: tuple[RadiansPerSecond, ...] = ()
     drag_torque: tuple[NewtonMeters, ...] = ()
+
+    def empty_drag(self, shaft_speed: ArrayLike) -> FloatArray:
+        """Returns the drag torques [N m] at speeds of the propeller shaft [rad/s], same shape."""
+        if not self.drag_speed:
+            return np.zeros_like(np.asarray(shaft_speed, dtype=float))
+        turns = np.asarray(shaft_speed, dtype=float)
+        return np.asarray(np.interp(turns, self.drag_speed, self.drag_torque))
 
 
 @dataclass(frozen=True)
@@ -237,6 +255,46 @@ class Shifting:
     adaptive_gain: Pure
     adaptive_speed_max: Pure
     adaptive_horizon: Seconds
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Losses of a pair of gears: an efficiency, or a map of the torque loss if there is one.
+
+    The plugin's `GearLoss` has the same rule: the map continues in straight lines beyond its edges,
+    and no loss is below zero. Torques are negative in overrun, and without the ratio.
+
+    Attributes:
+      table: loss [N m] over speed [rad/s] and torque [N m] of the input.
+    """
+
+    efficiency: float
+    table: Table2D = NO_TABLE
+
+    def of(self, torque: FloatArray, speed: FloatArray) -> FloatArray:
+        """Returns the losses of the map [N m] at torques and speeds of the input, same shape."""
+        return np.maximum(self.table.extrapolated(speed, torque), 0.0)
+
+    def after(self, torque: FloatArray, speed: FloatArray) -> FloatArray:
+        """Returns the torques behind the gears for those before them, same shape."""
+        if self.table.values.size:
+            return torque - self.of(torque, speed)
+        return torque * np.where(torque >= 0.0, self.efficiency, 1.0 / self.efficiency)
+
+    def before(self, torque: FloatArray, speed: FloatArray) -> FloatArray:
+        """Returns the torques before the gears for those behind them: the inverse of `after`."""
+        if not self.table.values.size:
+            return np.where(torque > 0.0, torque / self.efficiency, torque * self.efficiency)
+        found = torque
+        for _ in range(_LOSS_STEPS):
+            found = torque + self.of(found, speed)
+        return found
+
+    def share_left(self, torque: float, speed: float) -> float:
+        """Returns the efficiency at a driving torque."""
+        if not self.table.values.size:
+            return self.efficiency
+        return 1.0 - float(self.of(np.asarray(torque), np.asarray(speed))) / torque
 
 
 @dataclass(frozen=True)
@@ -334,23 +392,21 @@ class Gearbox:
         )
 
     @property
-    def gear_losses(self) -> tuple[Table2D, ...]:
-        """The map of each gear; empty where its efficiency counts."""
-        maps = list(self.loss_maps.values())
-        return tuple(
-            maps[number - 1] if number else NO_TABLE
-            for number in self.loss_map or (0,) * len(self.ratios)
-        )
+    def gear_losses(self) -> tuple[Loss, ...]:
+        """The losses of each gear."""
+        maps = [NO_TABLE, *self.loss_maps.values()]
+        numbers = self.loss_map or (0,) * len(self.ratios)
+        return tuple(Loss(self.efficiency, maps[number]) for number in numbers)
+
+    @property
+    def final_drive_loss(self) -> Loss:
+        """The losses behind the gearbox."""
+        return Loss(self.driveline_efficiency, self.axle_loss)
 
     def gear_efficiencies(self, engine: Engine) -> FloatArray:
         """Returns the efficiency of each gear, (n,); by its map at half torque."""
         speed, torque = engine.half_torque
-        return np.array(
-            [
-                1.0 - table.at(speed, torque) / torque if table.values.size else self.efficiency
-                for table in self.gear_losses
-            ]
-        )
+        return np.array([loss.share_left(torque, speed) for loss in self.gear_losses])
 
     def _with_mean_efficiencies(self, engine: Engine) -> Gearbox:
         """The gearbox with efficiencies from its loss maps, in the highest gear at half torque."""
@@ -360,6 +416,6 @@ class Gearbox:
         speed, torque = engine.half_torque
         if self.axle_loss.values.size:
             ratio = float(self.ratios[-1])
-            lost = self.axle_loss.at(speed / ratio, torque * ratio) / (torque * ratio)
-            found["driveline_efficiency"] = 1.0 - lost
+            left = self.final_drive_loss.share_left(torque * ratio, speed / ratio)
+            found["driveline_efficiency"] = left
         return dataclasses.replace(self, **found) if found else self

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
@@ -29,10 +30,23 @@ class Table2D:
     columns: FloatArray
     values: FloatArray
 
-    def at(self, row: float, column: float) -> float:
-        """Returns the value at a place, linear between the nodes, constant beyond them."""
-        across = [np.interp(column, self.columns, values) for values in self.values]
-        return float(np.interp(row, self.rows, across))
+    def at(self, row: ArrayLike, column: ArrayLike) -> FloatArray:
+        """Returns the values at places of one shape, bilinear, constant beyond the edges."""
+        rows, columns = self.rows, self.columns
+        return self.extrapolated(
+            np.clip(row, rows[0], rows[-1]), np.clip(column, columns[0], columns[-1])
+        )
+
+    def extrapolated(self, row: ArrayLike, column: ArrayLike) -> FloatArray:
+        """The same with straight lines beyond the edges."""
+        x, y, table = np.asarray(row), np.asarray(column), self.values
+        i = np.clip(np.searchsorted(self.rows, x) - 1, 0, self.rows.size - 2)
+        j = np.clip(np.searchsorted(self.columns, y) - 1, 0, self.columns.size - 2)
+        p = (x - self.rows[i]) / (self.rows[i + 1] - self.rows[i])
+        q = (y - self.columns[j]) / (self.columns[j + 1] - self.columns[j])
+        low = (1.0 - q) * table[i, j] + q * table[i, j + 1]
+        high = (1.0 - q) * table[i + 1, j] + q * table[i + 1, j + 1]
+        return np.asarray((1.0 - p) * low + p * high)
 
     def resampled(self, rows: FloatArray, columns: FloatArray) -> Table2D:
         """Returns the map over other axes, linear between its nodes and beyond them."""

@@ -11,6 +11,7 @@ import numpy as np
 from iits_mj.core.angles import wrap_angle
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import one_of
+from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters
 
 
@@ -54,15 +55,39 @@ VIEWS = {
     "aerial": View(115.0, -28.0, -27.0, 25.0, 0.0, 0.0, 1.2, slopes=False, scales=False),
 }
 CAMERAS = tuple(VIEWS)
+CAMERAS_MAX = 4  # in one picture
 # Lengths [m] of the combination and of its last unit for which the views are defined.
 _LENGTH = {"lead": 16.5, "last": 12.7}
 _SCALE_MIN = 0.65  # a short truck does not hide the road ahead
+_LAST_DISTANCE = 0.55  # of the views along the truck when they follow its last unit
 # These views are nearly along the truck, which may drive close to either wall.
 _TUNNEL_VIEWS = {
     "behind": View(27.0, -0.5, -5.5, 2.0, 0.2, 2.9, 0.7),
     "ahead": View(16.0, 178.5, -6.0, -1.0, 0.2, 1.9, 0.5),
 }
 _TUNNEL_NEAR, _TUNNEL_TIME = 75.0, 1.2
+
+
+def cameras_of(text: str) -> tuple[str, ...]:
+    """Returns the cameras of a picture from their names, separated by commas.
+
+    Raises:
+      InputError: a name is unknown, or there are more than four.
+    """
+    names = tuple(one_of("camera", name.strip(), CAMERAS) for name in text.split(","))
+    if len(names) > CAMERAS_MAX:
+        raise InputError(f"camera {text!r} has {len(names)} names: use {CAMERAS_MAX} at most")
+    return names
+
+
+def tiles(size: tuple[int, int], count: int) -> list[tuple[int, int, int, int]]:
+    """Returns left, top, width and height of each camera's part of a picture.
+
+    Two are side by side, three and four in two rows; the sides are even numbers.
+    """
+    columns, rows = (1, 1) if count == 1 else (2, 1 + (count > 2))
+    width, height = size[0] // columns // 2 * 2, size[1] // rows // 2 * 2
+    return [(i % columns * width, i // columns * height, width, height) for i in range(count)]
 
 
 class FollowCamera:
@@ -90,6 +115,8 @@ class FollowCamera:
         # A camera that is farther away in a tunnel is not higher.
         rise = math.sin(math.radians(inside.elevation)) / max(scale, 1.0)
         inside = replace(inside, elevation=math.degrees(math.asin(rise)))
+        if self.view.follows == "last":
+            inside = replace(inside, distance=_LAST_DISTANCE * inside.distance, ahead=-4.0)
         self._inside = _scaled(inside, scale)
         self.camera = mujoco.MjvCamera()
         self.camera.type = mujoco.mjtCamera.mjCAMERA_FREE

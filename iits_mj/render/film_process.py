@@ -17,13 +17,12 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import mujoco
 import numpy as np
 
-from iits_mj.core.checks import one_of
 from iits_mj.core.context import Finishing
 from iits_mj.core.errors import Error, InputError, RenderError
 from iits_mj.core.process_pool import single_threaded_workers
-from iits_mj.render.cameras import CAMERAS
-from iits_mj.render.offscreen import Offscreen, check_size, make_context
-from iits_mj.render.video import Film, Mp4Encoder, frame_period
+from iits_mj.render.cameras import cameras_of
+from iits_mj.render.offscreen import check_size, make_context
+from iits_mj.render.video import Film, Mp4Encoder, Pictures, frame_period
 from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.lock_step import LockStep, Observer
 from iits_mj.simulation.parts import load_map, load_truck
@@ -50,7 +49,8 @@ class FilmSettings:
     """What the other process needs to begin.
 
     Attributes:
-      path: of the MP4 file; config: of the drive; size, camera, fps: as of `VideoObserver`.
+      path: of the MP4 file; config: of the drive.
+      size, camera, fps, weather: as of `VideoObserver`.
     """
 
     path: Path
@@ -58,6 +58,7 @@ class FilmSettings:
     size: tuple[int, int]
     camera: str
     fps: float
+    weather: str = "day"
 
 
 class FilmProcess(Finishing, Observer):
@@ -80,7 +81,7 @@ class FilmProcess(Finishing, Observer):
     def __init__(self, settings: FilmSettings) -> None:
         self.path, self.period = settings.path, frame_period(settings.fps)
         settings = dataclasses.replace(settings, size=check_size(settings.size))
-        one_of("camera", settings.camera, CAMERAS)
+        cameras_of(settings.camera)
         self._messages: queue.Queue[bytes] = queue.Queue(BEHIND)
         self._ready, self._loaded = threading.Event(), threading.Event()
         self._failure: Error | None = None
@@ -237,7 +238,8 @@ def _draw(messages: BinaryIO, answer: Any) -> None:
         route = load_map(settings.config.map).route()
         truck = load_truck(settings.config, route, Mirror())
         model, data = truck.model, mujoco.MjData(truck.model)
-        with Film(Offscreen(model, settings.size), encoder, truck, settings.camera) as film:
+        pictures = Pictures(truck, settings.size, settings.camera, settings.weather)
+        with Film(pictures, encoder) as film:
             answer("loaded")
             while (message := pickle.load(messages)) is not None:
                 state, frame = message

@@ -16,8 +16,8 @@ Kind = mujoco.mjtGeom
 
 # A part has at most this many triangles; large meshes are split in space.
 PART_TRIANGLES = 600
-# Size of the cubes whose vertices are merged in the coarse form [m].
-CELL = 0.1
+# Sizes of the cubes whose vertices are merged in the coarser forms [m].
+CELLS = (0.06, 0.12, 0.4)
 # A mesh's normal that differs more than this from the triangle's [cosine] is replaced by it.
 _SMOOTH = 0.8
 _SLICES, _STACKS = 28, 16
@@ -26,14 +26,15 @@ _PLANE_CELLS = 40
 
 @dataclass(frozen=True)
 class Geometry:
-    """Triangles of all geoms that have a surface, and of a unit box, fine and coarse.
+    """Triangles of all geoms that have a surface, and of a unit box, in levels of detail.
 
     Attributes:
       vertices: position, normal and texture coordinates, (n, 8).
       indices: of the triangles' corners.
       geom: of each part; the unit box, of half-size 1, is the last part and has the number of
         geoms here.
-      first, count: range of each part in `indices`, (2, parts): fine, then coarse.
+      first, count: range of each part in `indices`, (levels, parts): the fine form, then one for
+        each of `CELLS`.
       center, radius: bounding sphere of each part in the geom's frame.
     """
 
@@ -93,19 +94,20 @@ class _Builder:
     def add(self, points: Floats, corners: Indices) -> list[_Part]:
         """Adds triangles; returns their parts."""
         start = self._store(points)
-        vertices, vertex, cube = _merged(points)
-        coarse = self._store(vertices)
+        coarser = [_merged(points, cell) for cell in CELLS]
+        starts = [self._store(vertices) for vertices, _, _ in coarser]
         parts = []
         for piece in _split(points, corners):
             box = points[piece.ravel(), :3]
             center = 0.5 * (box.min(axis=0) + box.max(axis=0)).astype(float)
             radius = float(np.sqrt(((box - center) ** 2).sum(axis=1).max()))
-            ranges = [self._index(piece + start)]
-            merged = vertex[piece[_distinct(cube[piece])]]
-            # Thin parts would vanish, and others hardly become simpler.
-            same = _area(vertices, merged) < 0.8 * _area(points, piece)
-            same |= len(merged) > 0.7 * len(piece)
-            ranges.append(ranges[0] if same else self._index(merged + coarse))
+            area, ranges = _area(points, piece), [self._index(piece + start)]
+            for (vertices, vertex, cube), begin in zip(coarser, starts, strict=True):
+                merged = vertex[piece[_distinct(cube[piece])]]
+                # Thin parts would vanish, and others hardly become simpler.
+                same = _area(vertices, merged) < 0.8 * area
+                same |= 3 * len(merged) > 0.7 * ranges[-1][1]
+                ranges.append(ranges[-1] if same else self._index(merged + begin))
             parts.append(_Part(ranges, center, radius))
         return parts
 
@@ -120,14 +122,14 @@ class _Builder:
         return self._used - corners.size, corners.size
 
 
-def _merged(points: Floats) -> tuple[Floats, IntArray, IntArray]:
-    """Merges the vertices in each cube.
+def _merged(points: Floats, cell: float) -> tuple[Floats, IntArray, IntArray]:
+    """Merges the vertices in each cube of a size [m].
 
     Returns:
       The merged vertices, whose place is the mean of a cube's vertices and which keep different
       normals apart; the merged vertex of each vertex; its cube.
     """
-    _, cube = np.unique(_numbers(np.floor(points[:, :3] / CELL)), return_inverse=True)
+    _, cube = np.unique(_numbers(np.floor(points[:, :3] / cell)), return_inverse=True)
     sums = [np.bincount(cube, points[:, i]) for i in range(3)]
     places = np.stack(sums, axis=1) / np.bincount(cube)[:, None]
     side = _numbers(np.round(1.5 * points[:, 3:6]))
@@ -297,6 +299,13 @@ def _plane(model: mujoco.MjModel, geom: int) -> tuple[Floats, Indices]:
     b = a + _PLANE_CELLS + 1
     corners = np.concatenate([np.stack([a, a + 1, b + 1], 1), np.stack([a, b + 1, b], 1)])
     return points.astype(np.float32), corners.astype(np.uint32)
+
+
+def turn_of(model: mujoco.MjModel, geom: int) -> FloatArray:
+    """Returns the rotation of a geom in its body, (3, 3)."""
+    turn = np.empty(9)
+    mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
+    return turn.reshape(3, 3)
 
 
 def plane_repeat(model: mujoco.MjModel, geom: int) -> FloatArray:

@@ -15,6 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from iits_mj.core.messages import Decision, PlanMode
 from iits_mj.core.units import DIESEL_DENSITY, RPM
+from iits_mj.render.lamps import change_of
 from iits_mj.render.lane_sketch import MARGIN, PANEL, LaneSketch, mode_color, region
 from iits_mj.road import Route
 
@@ -39,7 +40,8 @@ MODE_NAMES = {
     PlanMode.ABORT: "ABORT",
     PlanMode.EMERGENCY: "EMERGENCY",
 }
-_PANEL_SIZE = (470.0, 112.0)
+_PANEL_SIZE = (362.0, 112.0)
+_PLAN_HEIGHT = 27.0
 _OVERSAMPLING = 4
 
 
@@ -49,15 +51,20 @@ class Overlay:
     Args:
       size: width and height of the pictures.
       route: for the map of the lanes.
+      cameras: that share the pictures; the instruments of several are smaller.
+
+    Attributes:
+      boxes: left, top, width and height of the panel and of the map in the pictures.
     """
 
-    def __init__(self, size: tuple[int, int], route: Route) -> None:
+    def __init__(self, size: tuple[int, int], route: Route, cameras: int = 1) -> None:
         self.size = size
         width, height = size
         # The layout for 960x540 is scaled, so that small pictures show all instruments.
-        self.scale = min(width / 960.0, height / 540.0)
+        self.scale = min(width / 960.0, height / 540.0) * (1.0 if cameras == 1 else 0.5)
         k = self.scale
-        left, top = MARGIN * k, height - (MARGIN + _PANEL_SIZE[1]) * k
+        # Above the truck, which no view hides.
+        left, top = MARGIN * k, (MARGIN + _PLAN_HEIGHT + 8.0) * k
         self._corner = (round(left), round(top))
         # Of the panel's layout in the region that is drawn.
         self._origin = (left - self._corner[0], top - self._corner[1])
@@ -66,6 +73,7 @@ class Overlay:
         }
         self._background = self._draw_background()
         self._sketch = LaneSketch(size, k, route)
+        self.boxes = ((*self._corner, *self._background.size), self._sketch.box)
 
     def draw(self, picture: NDArray[np.uint8], frame: DriveFrame) -> NDArray[np.uint8]:
         """Draws the instruments into the picture (height, width, 3) and returns it."""
@@ -109,7 +117,7 @@ class Overlay:
     def _pedals(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         pedal = min(max(frame.command.accelerator_pedal, 0.0), 1.0)
         brake = min(max(-frame.command.xbr_demand / 4.0, 0.0), 1.0)
-        for x, share, color in ((212, pedal, GREEN), (232, brake, RED)):
+        for x, share, color in ((200, pedal, GREEN), (220, brake, RED)):
             if share > 0.005:
                 pen.rectangle(self._box(x, 78 - 58 * share, x + 12, 78), fill=color)
 
@@ -117,33 +125,33 @@ class Overlay:
         for i, pressure in enumerate(frame.ego.brake_pressures):
             share = min(max(pressure / BRAKE_PRESSURE_MAX, 0.0), 1.0)
             if share > 0.005:
-                x = 262 + 15 * i
-                pen.rectangle(self._box(x, 78 - 58 * share, x + 9, 78), fill=AMBER)
+                x = 240 + 11 * i
+                pen.rectangle(self._box(x, 78 - 58 * share, x + 8, 78), fill=AMBER)
 
     def _grade(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         slope = frame.grade
         # The wedge is six times as steep as the road.
         rise = 6.0 * min(max(slope, -0.1), 0.1) * 36.0
         base = 62.0
-        points = [(350, base + 0.5 * rise), (422, base - 0.5 * rise)]
+        points = [(304, base + 0.5 * rise), (350, base - 0.5 * rise)]
         low = max(y for _, y in points) + 4.0
-        polygon = [*points, (422, low), (350, low)]
+        polygon = [*points, (350, low), (304, low)]
         pen.polygon([self._point(x, y) for x, y in polygon], fill=BLUE if slope >= 0 else GREEN)
-        self._text(pen, 386, 34, f"{100.0 * slope:+.1f} %", 15, INK, "mm")
+        self._text(pen, 327, 34, f"{100.0 * slope:+.1f} %", 15, INK, "mm")
         used = frame.ego.fuel_used / DIESEL_DENSITY
-        self._text(pen, 452, 102, f"{used:.2f} l", 12, INK, "rs")
+        self._text(pen, 350, 102, f"{used:.2f} l", 12, INK, "rs")
 
     def _plan(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         mode = frame.trajectory.mode
         name = MODE_NAMES[mode]
         if mode is PlanMode.LANE_CHANGE:
-            to_left = frame.trajectory.target_lane > frame.lane or frame.decision is Decision.LEFT
-            name += " LEFT" if to_left else " RIGHT"
+            side = change_of(frame.trajectory, frame.ego.offset)
+            name += {Decision.LEFT: " LEFT", Decision.RIGHT: " RIGHT"}.get(side, "")
         k = self.scale
         font = self._fonts[15]
         width = font.getlength(name)
         x, y = MARGIN * k, MARGIN * k
-        box = (x, y, x + width + 36 * k, y + 27 * k)
+        box = (x, y, x + width + 36 * k, y + _PLAN_HEIGHT * k)
         pen.rounded_rectangle(box, radius=6 * k, fill=PANEL[:3])
         pen.ellipse((x + 9 * k, y + 8.5 * k, x + 19 * k, y + 18.5 * k), fill=mode_color(mode))
         pen.text((x + 26 * k, y + 13.5 * k), name, font=font, fill=INK, anchor="lm")
@@ -165,9 +173,9 @@ class Overlay:
     def _clock(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         texts = (
             (16, f"{frame.time:6.1f} s"),
-            (92, f"{frame.ego.station / 1000.0:.2f} km"),
-            (172, f"changes {frame.lane_changes}"),
-            (262, f"gap {frame.gap_ahead:.0f} m" if frame.gap_ahead < 500.0 else "gap free"),
+            (76, f"{frame.ego.station / 1000.0:.2f} km"),
+            (140, f"changes {frame.lane_changes}"),
+            (216, f"gap {frame.gap_ahead:.0f} m" if frame.gap_ahead < 500.0 else "gap free"),
         )
         for x, text in texts:
             self._text(pen, x, 102, text, 12, INK, "ls")
@@ -204,10 +212,10 @@ class Overlay:
         pen.arc(box(132, 17, 192, 77), 135, 405, fill=TRACK, width=round(5 * large))
         end = 135.0 + 270.0 * RPM_RED / RPM_MAX
         pen.arc(box(129, 14, 195, 80), end, 405, fill=RED, width=round(1.6 * large))
-        for x in (212, 232):
+        for x in (200, 220):
             pen.rectangle(box(x, 20, x + 12, 78), fill=TRACK)
         for i in range(5):
-            pen.rectangle(box(262 + 15 * i, 20, 271 + 15 * i, 78), fill=TRACK)
+            pen.rectangle(box(240 + 11 * i, 20, 248 + 11 * i, 78), fill=TRACK)
         pen.line(
             (12 * large, 86 * large, (_PANEL_SIZE[0] - 12) * large, 86 * large),
             fill=TRACK,
@@ -220,10 +228,10 @@ class Overlay:
         pen = ImageDraw.Draw(image)
         labels = (
             (162, 12, "rpm"),
-            (218, 12, "gas"),
-            (239, 12, "xbr"),
-            (296, 12, "brake pressure"),
-            (386, 12, "grade"),
+            (206, 12, "gas"),
+            (227, 12, "xbr"),
+            (266, 12, "brakes"),
+            (327, 12, "grade"),
         )
         for x, y, text in labels:
             pen.text((x * k, y * k), text, font=self._fonts[10], fill=DIM, anchor="mm")

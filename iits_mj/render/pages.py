@@ -1,7 +1,8 @@
 """Pages as HTML and Markdown, from the templates beside this module.
 
-An HTML page is one self-contained file with embedded plots and, unless it is large, the video. A
-Markdown page has its plots in a folder beside it, so that a repository can hold both.
+An HTML page is one self-contained file with plots that answer, see `interactive`; only films lie
+beside it. A Markdown page has its plots as pictures in a folder beside it, so that a repository can
+hold both.
 """
 
 from __future__ import annotations
@@ -10,19 +11,19 @@ import base64
 import functools
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import quote
 
 import jinja2
 from markupsafe import Markup, escape
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.core.output_files import write_whole
 from iits_mj.core.results import COLUMNS, Check, Results
-from iits_mj.render import plots
+from iits_mj.render.interactive import PageData, Plot, plotly_base64
 
-# Larger videos are linked instead of embedded [bytes].
-INLINE_VIDEO_BYTES = 20_000_000
 _DPI = 72  # of the plots beside a Markdown page
 # A Markdown section with more checks shows only those that fall short.
 _LONG = 300
@@ -36,7 +37,8 @@ class Section:
       title: heading; notes: remarks set apart from the text.
       sentences: paragraphs; they, titles and cells may have Markdown's `**bold**` and code marks.
       header, rows: a table of text; checks: a table of checks (HTML only, see `check_section`).
-      pictures: caption and PNG, as bytes (HTML) or path (Markdown); video: an MP4 (HTML only).
+      plots: answer to the reader (HTML only).
+      pictures: caption and PNG, as bytes (HTML) or path (Markdown).
     """
 
     title: str = ""
@@ -46,22 +48,69 @@ class Section:
     rows: Sequence[Sequence[str]] = ()
     checks: Sequence[Check] = ()
     pictures: Sequence[tuple[str, bytes | str]] = ()
-    video: Path | None = None
+    plots: Sequence[Plot] = ()
+
+    def __bool__(self) -> bool:
+        """Whether the section has any content below its title."""
+        parts = (self.notes, self.sentences, self.rows, self.checks, self.pictures, self.plots)
+        return any(parts)
+
+
+@dataclass(frozen=True, slots=True)
+class Film:
+    """A film that lies beside the page."""
+
+    label: str
+    path: Path
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """What moves with the cursor of the page of a drive, or of several drives.
+
+    Attributes:
+      map: a plan view with the paths.
+      clocks: columns "time" [s], "station", "x", "y" [m] and "yaw" [rad] of each drive.
+      films: of the drives, in the same order; times of film and drive are equal.
+    """
+
+    map: Plot
+    clocks: Sequence[Mapping[str, FloatArray]]
+    films: Sequence[Film] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A page: heading, lead below it, checks that fall short (Markdown only), sections."""
+    """A page: heading, lead, checks that fall short (Markdown only), sections, stage (HTML)."""
 
     title: str
     lead: str = ""
     sections: Sequence[Section] = ()
     short: Sequence[Check] = ()
+    stage: Stage | None = None
 
     def to_html(self, folder: Path | None = None) -> str:
-        """Returns the page as HTML; `folder` is its place, for the link to a large video."""
-        template = _templates().get_template("page.html.j2")
-        return template.render(page=self, folder=folder, check_columns=COLUMNS)
+        """Returns the page as HTML; `folder` is its place, for links to what lies beside it."""
+        data = PageData()
+        if self.stage is not None:
+            data.extra["clocks"] = [
+                {name: data.array(values) for name, values in clock.items()}
+                for clock in self.stage.clocks
+            ]
+        return (
+            _templates()
+            .get_template("page.html.j2")
+            .render(
+                page=self,
+                data=data,
+                folder=folder,
+                check_columns=COLUMNS,
+                titles=[section.title for section in self.sections if section and section.title],
+                plotly=plotly_base64,
+                style=Markup(_beside("page.css")),
+                script=Markup(_beside("page.js")),
+            )
+        )
 
     def to_markdown(self) -> str:
         """Returns the page as Markdown."""
@@ -111,14 +160,18 @@ def write_results_page(results: Results, version: str, folder: Path) -> tuple[Pa
     stem, title = slug(results.command), f"iits-mj {results.command}"
     short = [check.name for check in results.short()]
     verdict = f"falls short: {', '.join(short)}" if short else "every check holds"
+    # Load matplotlib only for Markdown pages with plots.
+    from iits_mj.render import plots
+
     web = Page(
         title,
         f"version {version}, seed {results.seed}; {verdict}",
         [
             Section(notes=results.notes),
+            *_tables(results),
             Section("Checks" if results.checks else "", checks=results.checks),
             *(
-                picture_section(name.replace("_", " "), plots.to_png(plots.draw(panels)))
+                Section(name.replace("_", " "), plots=[Plot((panel,)) for panel in panels])
                 for name, panels in results.figures.items()
             ),
         ],
@@ -138,6 +191,11 @@ def write_results_page(results: Results, version: str, folder: Path) -> tuple[Pa
         results.short(),
     )
     return web.write(folder / f"{stem}.html"), text.write(folder / f"{stem}.md")
+
+
+def _tables(results: Results) -> list[Section]:
+    """Returns a section for each table of the results."""
+    return [Section(title, header=rows[0], rows=rows[1:]) for title, rows in results.tables.items()]
 
 
 def picture_section(caption: str, picture: bytes | str) -> Section:
@@ -165,6 +223,7 @@ def _part_sections(part: Results, whole: Results, stem: str) -> list[Section]:
 
     return [
         check_section(shown, title, part.notes, sentences),
+        *_tables(part),
         Section(pictures=[(name.replace("_", " "), path(name)) for name in part.figures]),
     ]
 
@@ -179,7 +238,8 @@ def _templates() -> jinja2.Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"inline": _inline, "row": _row, "source": _source, "video": _video}
+    environment.filters |= {"inline": _inline, "plain": _plain, "row": _row, "source": _source}
+    environment.filters |= {"link": _link, "slug": slug}
     return environment
 
 
@@ -187,6 +247,11 @@ def _inline(text: str) -> Markup:
     """Returns escaped text with Markdown's bold and code marks as HTML."""
     shown = re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", str(escape(text)))
     return Markup(re.sub(r"`(.+?)`", r"<code>\1</code>", shown))
+
+
+def _plain(text: str) -> str:
+    """Returns text without Markdown's bold and code marks."""
+    return re.sub(r"\*\*(.+?)\*\*|`(.+?)`", r"\1\2", text)
 
 
 def _row(cells: Sequence[str]) -> str:
@@ -201,10 +266,11 @@ def _source(picture: bytes | str) -> str:
     return f"data:image/png;base64,{base64.b64encode(picture).decode()}"
 
 
-def _video(path: Path, folder: Path | None) -> tuple[str, str]:
-    """Returns the source of a <video>, and the size of a linked video in MB or ""."""
-    size = path.stat().st_size
-    if size <= INLINE_VIDEO_BYTES:
-        return f"data:video/mp4;base64,{base64.b64encode(path.read_bytes()).decode()}", ""
-    link = os.path.relpath(path, folder) if folder is not None else str(path)
-    return link, f"{size / 1e6:.0f}"
+def _link(path: Path, folder: Path | None) -> str:
+    """Returns the relative link from a page in the folder to a file."""
+    return quote(os.path.relpath(path, folder) if folder is not None else str(path))
+
+
+def _beside(name: str) -> str:
+    """The text of a file beside the templates."""
+    return Path(__file__).with_name("templates").joinpath(name).read_text(encoding="utf-8")

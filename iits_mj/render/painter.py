@@ -13,119 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
 
-from iits_mj.core.arrays import BoolArray, FloatArray, IndexArray
+from iits_mj.core.arrays import FloatArray, IndexArray
 from iits_mj.core.errors import RenderError
+from iits_mj.render import shaders
 from iits_mj.render.geometry import Floats, Geometry
 
-# The light of each vertex, as OpenGL's fixed functions compute it: the camera's lamp and what a
-# material emits in `base`, the sun in `sunlit`, which shadows remove.
-_VERTEX = """#version 430
-layout(location = 0) in vec3 position;
-layout(location = 1) in vec3 normal;
-layout(location = 2) in vec2 coordinates;
-layout(location = 3) in vec4 row0;
-layout(location = 4) in vec4 row1;
-layout(location = 5) in vec4 row2;
-layout(location = 6) in vec4 rgba;
-layout(location = 7) in vec3 surface;  // emission, specular, shininess
-uniform mat4 view;
-uniform mat4 light;
-uniform vec3 forward;
-uniform vec3 ambient, head_diffuse, head_specular;
-uniform vec3 to_sun, sun_diffuse, sun_specular;
-out vec4 base;
-out vec3 sunlit;
-out vec3 place;
-#ifdef TEXTURED
-out vec2 at;
-#endif
-
-vec3 lit(vec3 n, vec3 to_light, vec3 to_eye, vec3 diffuse, vec3 specular) {
-  float facing = dot(n, to_light);
-  if (facing <= 0.0) return vec3(0.0);
-  float mirror = max(dot(n, normalize(to_light + to_eye)), 1e-9);
-  return facing * diffuse * rgba.rgb + surface.y * pow(mirror, surface.z) * specular;
-}
-
-void main() {
-  vec4 p = vec4(position, 1.0);
-  vec4 world = vec4(dot(row0, p), dot(row1, p), dot(row2, p), 1.0);
-  vec3 n = normalize(vec3(dot(row0.xyz, normal), dot(row1.xyz, normal), dot(row2.xyz, normal)));
-  vec3 to_eye = -normalize(world.xyz);
-  gl_Position = view * world;
-  place = (light * world).xyz * vec3(0.5, 0.5, 1.0) + vec3(0.5, 0.5, 0.0);
-  vec3 own = (surface.x + ambient) * rgba.rgb;
-  own += lit(n, -forward, to_eye, head_diffuse, head_specular);
-  base = vec4(min(own, 1.0), rgba.a);
-  sunlit = min(lit(n, to_sun, to_eye, sun_diffuse, sun_specular), 1.0);
-#ifdef TEXTURED
-  at = coordinates;
-#endif
-}
-"""
-_FRAGMENT = """#version 430
-in vec4 base;
-in vec3 sunlit;
-in vec3 place;
-uniform vec3 fog;
-uniform vec2 fog_range;
-uniform bool shadows;
-uniform sampler2DShadow shadow_map;
-#ifdef TEXTURED
-in vec2 at;
-uniform sampler2D pattern;
-#endif
-out vec4 color;
-void main() {
-  float sun = shadows ? texture(shadow_map, place) : 1.0;
-  vec3 own = base.rgb, direct = sunlit;
-#ifdef TEXTURED
-  vec3 texel = texture(pattern, at).rgb;
-  own *= texel;
-  direct *= texel;
-#endif
-  float clear = (fog_range.y - 1.0 / gl_FragCoord.w) / (fog_range.y - fog_range.x);
-  color = vec4(mix(fog, own + sun * direct, clamp(clear, 0.0, 1.0)), base.a);
-}
-"""
-_SHADOW = """#version 430
-layout(location = 0) in vec3 position;
-layout(location = 3) in vec4 row0;
-layout(location = 4) in vec4 row1;
-layout(location = 5) in vec4 row2;
-uniform mat4 light;
-void main() {
-  vec4 p = vec4(position, 1.0);
-  gl_Position = light * vec4(dot(row0, p), dot(row1, p), dot(row2, p), 1.0);
-}
-"""
-_SHADOW_FRAGMENT = """#version 430
-void main() {}
-"""
-# A triangle that covers the picture, at infinite distance.
-_SKY = """#version 430
-uniform mat3 axes;
-out vec3 direction;
-void main() {
-  vec2 corner = vec2(gl_VertexID % 2, gl_VertexID / 2) * 4.0 - 1.0;
-  direction = axes * vec3(corner, 1.0);
-  gl_Position = vec4(corner, 0.0, 1.0);
-}
-"""
-_SKY_FRAGMENT = """#version 430
-in vec3 direction;
-uniform samplerCube sky;
-uniform vec3 fog;
-uniform vec2 fog_range;
-uniform float radius;
-out vec4 color;
-void main() {
-  // MuJoCo draws the sky on a cylinder in the fog.
-  float depth = radius / max(length(direction.xz), abs(direction.y));
-  float clear = (fog_range.y - depth) / (fog_range.y - fog_range.x);
-  color = vec4(mix(fog, texture(sky, direction).rgb, clamp(clear, 0.0, 1.0)), 1.0);
-}
-"""
+ASPHALT, GRASS = "road_asphalt", "road_grass"  # textures that the weather changes
+WHITE = 0.97  # the brightest color
+SHADOW_LEVEL = 2  # of detail of what casts shadows
 
 
 @dataclass(frozen=True)
@@ -133,14 +28,23 @@ class Lighting:
     """Lights, fog and sky of a scene.
 
     Attributes:
-      ambient, head_diffuse, head_specular: of the lamp at the camera.
+      ambient, ground: light from above, and from the ground, with that of the lamp at the camera.
+      head_diffuse, head_specular: of the lamp at the camera.
       sun_diffuse, sun_specular: of the sun, black without one.
       shadow_size: side of the shadow map in pixels, 0 for no shadows.
       fog, fog_range: its color, and the distances where it begins and hides everything [m].
       sky_radius: of the cylinder with the sky [m].
+      tunnel_above, tunnel_below: light in tunnels.
+      knee: brightness from which colors approach white; 1 cuts them off.
+      mist: extinction of the air [1/m].
+      beams: whether head lamps light the scene; wet: film of water on the road, 0 to 1.
+      meadow: scale of patches of grass over the texture's coordinates [rad], 0 for none.
+      smooth: whether to smooth edges.
+      sky: faces of the sky's cube instead of the model's, (6 n, n, 3), or None.
     """
 
     ambient: Floats
+    ground: Floats
     head_diffuse: Floats
     head_specular: Floats
     sun_diffuse: Floats
@@ -149,6 +53,15 @@ class Lighting:
     fog: Floats
     fog_range: tuple[float, float]
     sky_radius: float
+    tunnel_above: Floats
+    tunnel_below: Floats
+    knee: float = 1.0
+    mist: float = 0.0
+    beams: bool = False
+    wet: float = 0.0
+    meadow: float = 0.0
+    smooth: bool = False
+    sky: NDArray[np.uint8] | None = None
 
 
 @dataclass(frozen=True)
@@ -157,14 +70,16 @@ class Shot:
 
     Attributes:
       places: rotation and position of each instance relative to the eye, rows of (n, 3, 4).
-      looks: color with alpha, emission, specular, shininess of each instance, (n, 7).
+      looks: color with alpha, emission, specular, shininess, light of a tunnel and answer to head
+        lamps of each instance, (n, 9).
       opaque: parts by texture (-1 for none); casters: parts that cast shadows.
       transparent: parts, in the order of drawing.
-      instances: of the transparent parts; coarse: whether to draw each part
-        in its coarse form, as shadows are.
+      instances: of the transparent parts; level: of detail of each part.
       view, light: from places to the picture and to the shadow map, (4, 4).
       forward, to_sun: directions of view and to the sun.
       axes: from (right, down, 1) on the picture to the sky's directions, (3, 3).
+      spots: as of `iits_mj.render.spots`; beams, glints: place, direction and color, and place and
+        color, of lamps.
     """
 
     places: Floats
@@ -173,12 +88,15 @@ class Shot:
     casters: IndexArray
     transparent: IndexArray
     instances: IndexArray
-    coarse: BoolArray
+    level: IndexArray
     view: FloatArray
     light: FloatArray
     forward: FloatArray
     to_sun: FloatArray
     axes: FloatArray
+    spots: FloatArray
+    beams: tuple[FloatArray, ...]
+    glints: tuple[FloatArray, ...]
 
 
 class Painter:
@@ -207,11 +125,30 @@ class Painter:
         self._commands[..., 1] = 1
         self._commands[..., 2] = geometry.first
         self._commands[..., 4] = geometry.geom
-        self._plain = _program(_VERTEX, _FRAGMENT)
-        self._textured = _program(*(_textured(source) for source in (_VERTEX, _FRAGMENT)))
-        self._shadow = _program(_SHADOW, _SHADOW_FRAGMENT)
-        self._sky = _program(_SKY, _SKY_FRAGMENT)
-        self._textures, self._sky_texture = _textures(model)
+        switches = [
+            name
+            for name, on in (
+                ("MIST", lighting.mist > 0.0),
+                ("BEAMS", lighting.beams),
+            )
+            if on
+        ]
+        self._plain = _program(shaders.VERTEX, shaders.FRAGMENT, *switches)
+        self._textured = _program(shaders.VERTEX, shaders.FRAGMENT, "TEXTURED", *switches)
+        self._road = self._textured
+        if lighting.wet > 0.0:
+            self._road = _program(shaders.VERTEX, shaders.FRAGMENT, "TEXTURED", "WET", *switches)
+        self._surfaces = {program.name: program for program in (self._plain, self._textured)}
+        self._surfaces[self._road.name] = self._road
+        self._shadow = _program(shaders.SHADOW, shaders.SHADOW_FRAGMENT)
+        self._sky = _program(shaders.SKY, shaders.SKY_FRAGMENT)
+        self._spot = _program(shaders.SPOT, shaders.SPOT_FRAGMENT)
+        self._smooth = _program(shaders.SMOOTH, shaders.SMOOTH_FRAGMENT)
+        self._textures, self._sky_texture = _textures(model, lighting.sky)
+        self._of_texture = {
+            name: next((i for i in range(model.ntex) if model.texture(i).name == name), -2)
+            for name in (ASPHALT, GRASS)
+        }
         self._arrays(geometry)
         self._targets(size)
         self._constants()
@@ -230,13 +167,17 @@ class Painter:
         GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
         GL.glEnable(GL.GL_CULL_FACE)
         GL.glActiveTexture(GL.GL_TEXTURE0)
-        for program in (self._plain, self._textured):
+        for program in self._surfaces.values():
             self._use(program, shot)
         for texture in shot.opaque:
             program = self._plain if texture < 0 else self._textured
+            if texture == self._of_texture[ASPHALT]:
+                program = self._road
             GL.glUseProgram(program.name)
             if texture >= 0:
                 GL.glBindTexture(GL.GL_TEXTURE_2D, self._textures[texture])
+                grass = self._lighting.meadow if texture == self._of_texture[GRASS] else 0.0
+                GL.glUniform1f(program["meadow"], grass)
             self._draw(groups[texture])
         if self._sky_texture:
             GL.glUseProgram(self._sky.name)
@@ -253,9 +194,43 @@ class Painter:
             self._draw(groups["transparent"])
             GL.glDepthMask(GL.GL_TRUE)
             GL.glDisable(GL.GL_BLEND)
+        self._paint_spots(shot)
+        self._smooth_edges()
         pixels = np.empty((height, width, 3), np.uint8)
         GL.glReadPixels(0, 0, width, height, GL.GL_RGB, GL.GL_UNSIGNED_BYTE, pixels)
         return pixels
+
+    def _paint_spots(self, shot: Shot) -> None:
+        if not len(shot.spots):
+            return
+        values = np.ascontiguousarray(shot.spots, np.float32)
+        GL.glBindVertexArray(self._spot_array)
+        GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._spots)
+        GL.glBufferData(GL.GL_ARRAY_BUFFER, values.nbytes, values, GL.GL_STREAM_DRAW)
+        GL.glUseProgram(self._spot.name)
+        view = shot.view.astype(np.float32)
+        GL.glUniformMatrix4fv(self._spot["view"], 1, GL.GL_TRUE, view)
+        GL.glUniform1f(self._spot["mist"], self._lighting.mist)
+        GL.glEnable(GL.GL_BLEND)
+        GL.glBlendFunc(GL.GL_ONE, GL.GL_ONE_MINUS_SRC_ALPHA)
+        GL.glDepthMask(GL.GL_FALSE)
+        GL.glDisable(GL.GL_CULL_FACE)
+        GL.glDrawArraysInstanced(GL.GL_TRIANGLE_STRIP, 0, 4, len(values))
+        GL.glBlendFunc(GL.GL_SRC_ALPHA, GL.GL_ONE_MINUS_SRC_ALPHA)
+        GL.glDepthMask(GL.GL_TRUE)
+        GL.glDisable(GL.GL_BLEND)
+
+    def _smooth_edges(self) -> None:
+        if not self._lighting.smooth:
+            return
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._smooth_frame)
+        GL.glUseProgram(self._smooth.name)
+        GL.glActiveTexture(GL.GL_TEXTURE0)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, self._picture)
+        GL.glDisable(GL.GL_CULL_FACE)
+        GL.glDisable(GL.GL_DEPTH_TEST)
+        GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
+        GL.glEnable(GL.GL_DEPTH_TEST)
 
     def _upload(self, shot: Shot) -> dict[object, tuple[int, int]]:
         """Sends the drawing commands; returns the place and number of each group's."""
@@ -264,9 +239,9 @@ class Painter:
             chosen[texture] = parts
         chosen["transparent"] = shot.transparent
         part = np.concatenate(list(chosen.values()))
-        coarse = shot.coarse[part]
-        coarse[: len(shot.casters)] = True
-        commands = self._commands[coarse.astype(int), part]
+        level = shot.level[part]
+        level[: len(shot.casters)] = np.maximum(level[: len(shot.casters)], SHADOW_LEVEL)
+        commands = self._commands[level, part]
         if count := len(shot.transparent):
             commands[-count:, 4] = shot.instances
         GL.glBindBuffer(GL.GL_DRAW_INDIRECT_BUFFER, self._indirect)
@@ -310,6 +285,15 @@ class Painter:
         GL.glUniform3f(program["forward"], *shot.forward)
         GL.glUniform3f(program["to_sun"], *shot.to_sun)
         GL.glUniform1i(program["shadows"], bool(self._lighting.shadow_size))
+        lighting = self._lighting
+        if lighting.beams:
+            GL.glUniform1i(program["beams"], len(shot.beams[0]))
+            for name, values in zip(("beam_at", "beam_to", "beam_color"), shot.beams, strict=True):
+                _vectors(program[name], values)
+        if lighting.wet > 0.0 and program is self._road:
+            GL.glUniform1i(program["glints"], len(shot.glints[0]))
+            for name, values in zip(("glint_at", "glint_color"), shot.glints, strict=True):
+                _vectors(program[name], values)
 
     def _constants(self) -> None:
         GL.glClipControl(GL.GL_LOWER_LEFT, GL.GL_ZERO_TO_ONE)
@@ -325,10 +309,13 @@ class Painter:
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
         GL.glEnable(GL.GL_TEXTURE_CUBE_MAP_SEAMLESS)
         lighting = self._lighting
-        for program in (self._plain, self._textured):
+        for program in self._surfaces.values():
             GL.glUseProgram(program.name)
             for name in (
                 "ambient",
+                "ground",
+                "tunnel_above",
+                "tunnel_below",
                 "head_diffuse",
                 "head_specular",
                 "sun_diffuse",
@@ -336,15 +323,27 @@ class Painter:
             ):
                 GL.glUniform3f(program[name], *getattr(lighting, name))
             GL.glUniform1i(program["shadow_map"], 1)
-        for program in (self._plain, self._textured, self._sky):
+            GL.glUniform1i(program["mirrored"], 2)
+            width = 2.0 * max(WHITE - lighting.knee, 0.0)
+            GL.glUniform3f(program["tone"], lighting.knee, width, 0.5 / max(width, 1e-6))
+            GL.glUniform1f(program["limit"], 1.0 if lighting.knee >= 1.0 else 8.0)
+        for program in (*self._surfaces.values(), self._sky):
             GL.glUseProgram(program.name)
             GL.glUniform3f(program["fog"], *lighting.fog)
             GL.glUniform2f(program["fog_range"], *lighting.fog_range)
-        GL.glUseProgram(self._textured.name)
-        GL.glUniform1i(self._textured["pattern"], 0)
+            GL.glUniform1f(program["mist"], lighting.mist)
+        for program in (self._textured, self._road):
+            GL.glUseProgram(program.name)
+            GL.glUniform1i(program["pattern"], 0)
+            GL.glUniform1f(program["wet"], lighting.wet)
         GL.glUseProgram(self._sky.name)
         GL.glUniform1i(self._sky["sky"], 0)
         GL.glUniform1f(self._sky["radius"], lighting.sky_radius)
+        GL.glUseProgram(self._smooth.name)
+        GL.glUniform1i(self._smooth["picture"], 0)
+        GL.glUniform2f(self._smooth["pixel"], 1.0 / self._size[0], 1.0 / self._size[1])
+        GL.glActiveTexture(GL.GL_TEXTURE2)
+        GL.glBindTexture(GL.GL_TEXTURE_CUBE_MAP, self._sky_texture)
 
     def _arrays(self, geometry: Geometry) -> None:
         self._vertex_array = GL.glGenVertexArrays(1)
@@ -360,19 +359,34 @@ class Painter:
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._places)
         _attributes(((3, 4), (4, 4), (5, 4)), 1)
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._looks)
-        _attributes(((6, 4), (7, 3)), 1)
+        _attributes(((6, 4), (7, 3), (8, 2)), 1)
+        self._spot_array = GL.glGenVertexArrays(1)
+        GL.glBindVertexArray(self._spot_array)
+        self._spots = GL.glGenBuffers(1)
+        GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._spots)
+        _attributes(((0, 3), (1, 3), (2, 3), (3, 4), (4, 1)), 1)
 
     def _targets(self, size: tuple[int, int]) -> None:
-        self._frame, self._shadow_frame = GL.glGenFramebuffers(2)
-        color, depth = GL.glGenRenderbuffers(2)
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._frame)
-        for name, kind, attachment in (
-            (color, GL.GL_RGBA8, GL.GL_COLOR_ATTACHMENT0),
-            (depth, GL.GL_DEPTH_COMPONENT32F, GL.GL_DEPTH_ATTACHMENT),
-        ):
-            GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, name)
-            GL.glRenderbufferStorage(GL.GL_RENDERBUFFER, kind, *size)
-            GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, attachment, GL.GL_RENDERBUFFER, name)
+        self._frame, self._shadow_frame, self._smooth_frame = GL.glGenFramebuffers(3)
+        depth = GL.glGenRenderbuffers(1)
+        GL.glActiveTexture(GL.GL_TEXTURE0)
+        self._picture, smoothed = GL.glGenTextures(2)
+        for frame, name in ((self._smooth_frame, smoothed), (self._frame, self._picture)):
+            GL.glBindTexture(GL.GL_TEXTURE_2D, name)
+            GL.glTexStorage2D(GL.GL_TEXTURE_2D, 1, GL.GL_RGBA8, *size)
+            for parameter in (GL.GL_TEXTURE_MIN_FILTER, GL.GL_TEXTURE_MAG_FILTER):
+                GL.glTexParameteri(GL.GL_TEXTURE_2D, parameter, GL.GL_LINEAR)
+            for parameter in (GL.GL_TEXTURE_WRAP_S, GL.GL_TEXTURE_WRAP_T):
+                GL.glTexParameteri(GL.GL_TEXTURE_2D, parameter, GL.GL_CLAMP_TO_EDGE)
+            GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, frame)
+            GL.glFramebufferTexture2D(
+                GL.GL_FRAMEBUFFER, GL.GL_COLOR_ATTACHMENT0, GL.GL_TEXTURE_2D, name, 0
+            )
+        GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, depth)
+        GL.glRenderbufferStorage(GL.GL_RENDERBUFFER, GL.GL_DEPTH_COMPONENT32F, *size)
+        GL.glFramebufferRenderbuffer(
+            GL.GL_FRAMEBUFFER, GL.GL_DEPTH_ATTACHMENT, GL.GL_RENDERBUFFER, depth
+        )
         if GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER) != GL.GL_FRAMEBUFFER_COMPLETE:
             raise RenderError(f"OpenGL refuses a {size[0]}x{size[1]} picture")
         GL.glActiveTexture(GL.GL_TEXTURE1)
@@ -411,15 +425,20 @@ class _Program:
         return self._places[uniform]
 
 
-def _textured(source: str) -> str:
-    return source.replace("#version 430", "#version 430\n#define TEXTURED", 1)
+def _vectors(place: int, values: FloatArray) -> None:
+    if len(values):
+        GL.glUniform3fv(place, len(values), np.ascontiguousarray(values, np.float32))
 
 
-def _program(vertex: str, fragment: str) -> _Program:
+def _program(vertex: str, fragment: str, *switches: str) -> _Program:
+    sizes = ("BEAMS_MAX", shaders.BEAMS_MAX), ("GLINTS_MAX", shaders.GLINTS_MAX)
+    lines = [f"#define {name}" for name in switches]
+    lines += [f"#define {name} {number}" for name, number in sizes]
+    head = "\n".join(["#version 430", *lines])
     program = GL.glCreateProgram()
     for kind, source in ((GL.GL_VERTEX_SHADER, vertex), (GL.GL_FRAGMENT_SHADER, fragment)):
         shader = GL.glCreateShader(kind)
-        GL.glShaderSource(shader, source)
+        GL.glShaderSource(shader, source.replace("#version 430", head, 1))
         GL.glCompileShader(shader)
         if not GL.glGetShaderiv(shader, GL.GL_COMPILE_STATUS):
             raise RenderError(f"OpenGL refuses a shader: {GL.glGetShaderInfoLog(shader)!r}")
@@ -443,7 +462,9 @@ def _attributes(columns: tuple[tuple[int, int], ...], divisor: int) -> None:
         start += 4 * width
 
 
-def _textures(model: mujoco.MjModel) -> tuple[dict[int, int], int]:
+def _textures(
+    model: mujoco.MjModel, other_sky: NDArray[np.uint8] | None
+) -> tuple[dict[int, int], int]:
     """Returns the 2D textures by number, and the sky, 0 without one."""
     flat, sky = {}, 0
     GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
@@ -453,6 +474,8 @@ def _textures(model: mujoco.MjModel) -> tuple[dict[int, int], int]:
         start = model.tex_adr[i]
         data = model.tex_data[start : start + width * height * channels]
         cube = model.tex_type[i] != mujoco.mjtTexture.mjTEXTURE_2D
+        if cube and other_sky is not None:
+            width, channels, data = other_sky.shape[1], 3, other_sky.ravel()
         if cube and (sky or model.tex_type[i] != mujoco.mjtTexture.mjTEXTURE_SKYBOX):
             continue
         target = GL.GL_TEXTURE_CUBE_MAP if cube else GL.GL_TEXTURE_2D

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,12 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from iits_mj.core.errors import InputError
-from iits_mj.core.output_files import write_whole
-from iits_mj.core.results import Line, Panel
+from iits_mj.core.results import Panel
+from iits_mj.render.interactive import MAP, check_line, flat_range
 
 PALETTE = ("#1f5fa8", "#d1495b", "#2a9d8f", "#e9a03b", "#6d597a", "#577590")
-# Axis labels of a plan view, which is drawn to scale.
-_MAP = ("x [m]", "y [m]")
 INK, GRID = "#22303c", "#d9dee3"
 _ROLE_STYLE: dict[str, dict[str, Any]] = {
     "reference": {"color": "#8a949e", "linestyle": "--", "linewidth": 1.4, "zorder": 2},
@@ -68,16 +65,9 @@ def to_png(figure: Figure, dpi: int = 110) -> bytes:
     return buffer.getvalue()
 
 
-def save(panels: Sequence[Panel], path: Path) -> bytes:
-    """Draws the panels into a PNG file, replaces an older one; returns the content."""
-    content = to_png(draw(panels))
-    write_whole(path, content, "plot")
-    return content
-
-
 def _draw_panel(ax: Axes, panel: Panel) -> None:
     for i, line in enumerate(panel.lines):
-        _check(line, panel)
+        check_line(line, panel)
         if line.role in _BODY_COLOR:
             color = _BODY_COLOR[line.role]
             ax.fill(line.x, line.y, label=line.label, facecolor=color + "66", edgecolor=color)
@@ -88,8 +78,9 @@ def _draw_panel(ax: Axes, panel: Panel) -> None:
         x = np.asarray(line.x, dtype=float)
         marker = "o" if x.size <= 2 and line.role not in ("edge", "mark") else ""
         ax.plot(x, np.asarray(line.y, dtype=float), label=line.label, **style, marker=marker, ms=4)
-    _open_flat_range(ax)
-    if (panel.x_label, panel.y_label) == _MAP:
+    if limits := flat_range(panel.lines):
+        ax.set_ylim(limits)
+    if (panel.x_label, panel.y_label) == MAP:
         ax.set_aspect("equal", adjustable="datalim")
     if all(np.array_equal(line.y, np.round(line.y)) for line in panel.lines):
         ax.yaxis.set_major_locator(MaxNLocator(integer=True))
@@ -100,22 +91,3 @@ def _draw_panel(ax: Axes, panel: Panel) -> None:
         bodies = any(line.role in _BODY_COLOR for line in panel.lines)
         columns = min(3, len(panel.lines))
         ax.legend(loc="upper left" if bodies else "best", fontsize=8, frameon=False, ncols=columns)
-
-
-def _open_flat_range(ax: Axes) -> None:
-    """Widens the range of a constant quantity, so that rounding noise stays invisible.
-
-    The range of a quantity without negative values, such as a pressure, does not go below 0.
-    """
-    low, high = ax.dataLim.intervaly
-    if np.isfinite([low, high]).all() and high - low < 1e-6 * max(1.0, abs(low), abs(high)):
-        middle = 0.5 * (low + high)
-        ax.set_ylim(max(middle - 1.0, min(low, 0.0)), middle + 1.0)
-
-
-def _check(line: Line, panel: Panel) -> None:
-    if np.shape(line.x) != np.shape(line.y) or np.ndim(line.x) != 1:
-        raise InputError(
-            f"line {line.label!r} of panel {panel.title!r}: x has shape {np.shape(line.x)}, "
-            f"y {np.shape(line.y)}; both must be (n,)"
-        )

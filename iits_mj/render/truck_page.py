@@ -16,12 +16,13 @@ from iits_mj.analytic.swept_path import Outline, TurningCircle, swept_width, tur
 from iits_mj.analytic.wheel_force import full_load_force, resistance
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import TransmissionMode
-from iits_mj.core.results import Line, Panel
+from iits_mj.core.results import Line, Panel, aligned
 from iits_mj.core.units import GRAVITY, KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.files import provenance
 from iits_mj.parameters.mass_state import static_axle_loads
 from iits_mj.render import plots, truck_drawings
+from iits_mj.render.interactive import Plot
 from iits_mj.render.offscreen import Offscreen
 from iits_mj.render.pages import Page, Section, picture_section
 from iits_mj.truck import Truck
@@ -154,7 +155,7 @@ def compare_page(trucks: Sequence[str | Path], version: str) -> tuple[Page, str]
         [
             Section("Figures", header=header, rows=rows),
             *(
-                picture_section(name, plots.to_png(plots.draw(drawn, panel_height=3.0)))
+                Section(name, plots=[Plot((panel,)) for panel in drawn])
                 for name, drawn in panels.items()
             ),
             picture_section("Loads and turns", plots.to_png(bars)),
@@ -285,7 +286,4 @@ def _distinct(names: Sequence[str]) -> list[str]:
 def _text(rows: Sequence[Sequence[str]], widest: int = 56) -> str:
     """Returns a table as lines; long cells are cut."""
     cut = [[c if len(c) <= widest else f"{c[: widest - 3]}..." for c in row] for row in rows]
-    widths = [max(map(len, column)) for column in zip(*cut, strict=True)]
-    return "\n".join(
-        "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in cut
-    )
+    return aligned(cut)

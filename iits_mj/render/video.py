@@ -15,12 +15,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.core.checks import one_of
-from iits_mj.core.context import Finishing
+from iits_mj.core.context import Closing, Finishing
 from iits_mj.core.errors import InputError, RenderError
 from iits_mj.core.output_files import OutputFile
 from iits_mj.core.timing import TIMESTEP
-from iits_mj.render.cameras import CAMERAS, FollowCamera
+from iits_mj.render.cameras import FollowCamera, cameras_of, tiles
 from iits_mj.render.lane_sketch import trajectory_boxes
 from iits_mj.render.offscreen import Offscreen, check_size
 from iits_mj.render.overlay import Overlay
@@ -146,30 +145,73 @@ def frame_period(fps: float) -> float:
     return round(1.0 / fps / TIMESTEP) * TIMESTEP
 
 
-class Film(Finishing):
-    """Draws a drive's pictures and encodes them.
+class Pictures(Closing):
+    """Draws the pictures of a drive.
 
     Args:
-      offscreen, encoder: for pictures of the same size; closed with the film.
-      truck: to follow on its route; camera: one of `iits_mj.render.cameras.CAMERAS`.
-      overlay: whether to draw the instruments.
+      truck: to follow on its route; its model has the scene.
+      size: of the pictures; camera: of `iits_mj.render.cameras.CAMERAS`, several with commas
+        between their names share the picture.
+      weather: one of `iits_mj.render.weather.WEATHERS`; None: MuJoCo's look.
+      overlay: whether to draw the instruments; plan: whether to draw the planned path.
 
     Raises:
-      InputError: unknown camera.
+      InputError: camera, size or weather is not allowed. RenderError: OpenGL is missing.
     """
 
     def __init__(
         self,
-        offscreen: Offscreen,
-        encoder: Mp4Encoder,
         truck: Truck,
-        camera: str,
+        size: tuple[int, int],
+        camera: str = "chase",
+        weather: str | None = "day",
         *,
         overlay: bool = True,
+        plan: bool = True,
     ) -> None:
-        self.offscreen, self.encoder = offscreen, encoder
-        self._camera = FollowCamera(camera, truck.route.tunnels, truck.parameters)
-        self._overlay = Overlay(encoder.size, truck.route) if overlay else None
+        names, self.size = cameras_of(camera), check_size(size)
+        self._plan = plan
+        self._tiles = tiles(self.size, len(names))
+        self._cameras = [
+            FollowCamera(name, truck.route.tunnels, truck.parameters) for name in names
+        ]
+        self._overlay = Overlay(self.size, truck.route, len(names)) if overlay else None
+        self.offscreen = Offscreen(truck.model, self._tiles[0][2:], weather)
+
+    def draw(self, data: mujoco.MjData, frame: DriveFrame) -> NDArray[np.uint8]:
+        """Returns a picture (height, width, 3) of the state of `data`."""
+        lamps = self.offscreen.lamps
+        if lamps is not None:
+            self.offscreen.signal(lamps.signals(data, frame))
+        shown = []
+        for camera in self._cameras:
+            self.offscreen.update(data, camera.follow(data, frame.ego.station))
+            if self._plan:
+                self.offscreen.add_boxes(trajectory_boxes(frame.trajectory, float(data.time)))
+            shown.append(self.offscreen.draw())
+        picture = shown[0]
+        if len(shown) > 1:
+            picture = np.zeros((self.size[1], self.size[0], 3), np.uint8)
+            for part, (left, top, width, height) in zip(shown, self._tiles, strict=True):
+                # A dark line between the parts.
+                inner = part[: height - 1, : width - 1]
+                picture[top : top + height - 1, left : left + width - 1] = inner
+        return picture if self._overlay is None else self._overlay.draw(picture, frame)
+
+    def close(self) -> None:
+        """Frees OpenGL."""
+        self.offscreen.close()
+
+
+class Film(Finishing):
+    """Draws a drive's pictures and encodes them.
+
+    Args:
+      pictures, encoder: for pictures of the same size; closed with the film.
+    """
+
+    def __init__(self, pictures: Pictures, encoder: Mp4Encoder) -> None:
+        self.pictures, self.encoder = pictures, encoder
 
     def add(self, data: mujoco.MjData, frame: DriveFrame) -> None:
         """Adds a picture of the state of `data`.
@@ -177,21 +219,16 @@ class Film(Finishing):
         Raises:
           RenderError: ffmpeg failed.
         """
-        self.offscreen.update(data, self._camera.follow(data, frame.ego.station))
-        self.offscreen.add_boxes(trajectory_boxes(frame.trajectory, float(data.time)))
-        picture = self.offscreen.draw()
-        if self._overlay is not None:
-            picture = self._overlay.draw(picture, frame)
-        self.encoder.add(picture)
+        self.encoder.add(self.pictures.draw(data, frame))
 
     def close(self) -> None:
         """Completes the video and frees OpenGL."""
-        self.offscreen.close()
+        self.pictures.close()
         self.encoder.close()
 
     def abandon(self) -> None:
         """Frees OpenGL and leaves no video."""
-        self.offscreen.close()
+        self.pictures.close()
         self.encoder.abandon()
 
 
@@ -202,7 +239,7 @@ class VideoObserver(Finishing, Observer):
       path: of the MP4 file; it appears when the observer is closed without an error.
       truck: to draw.
       size: width and height in pixels, rounded down to even numbers.
-      camera: one of `iits_mj.render.cameras.CAMERAS`.
+      camera, weather: as of `Pictures`.
       fps: pictures per second; the time between pictures is rounded to 2 ms.
       overlay: whether to draw the instruments.
 
@@ -222,21 +259,20 @@ class VideoObserver(Finishing, Observer):
         camera: str = "chase",
         fps: float = 20.0,
         *,
+        weather: str | None = "day",
         overlay: bool = True,
     ) -> None:
         self.period = frame_period(fps)
         self._truck = truck
-        size = check_size(size)
-        one_of("camera", camera, CAMERAS)
         # OpenGL fails most often; an unused encoder would write to stderr when it is abandoned.
-        offscreen = Offscreen(truck.model, size)
+        pictures = Pictures(truck, size, camera, weather, overlay=overlay)
         try:
-            encoder = Mp4Encoder(path, size, 1.0 / self.period)
+            encoder = Mp4Encoder(path, pictures.size, 1.0 / self.period)
         except BaseException:
-            offscreen.close()
+            pictures.close()
             raise
         self.path = encoder.path
-        self._film = Film(offscreen, encoder, truck, camera, overlay=overlay)
+        self._film = Film(pictures, encoder)
 
     @property
     def frames(self) -> int:

@@ -66,7 +66,9 @@ def redrive(
       RedriveError: a pose or a state is not bit-identical; names it and its time.
       TrafficError: SUMO failed.
     """
-    config = _config(recording, name, map_path, truck)
+    config = recorded_config(recording, name, map_path, truck)
+    if len(recording) == 0 or len(recording.truck_hash) == 0:
+        raise InputError(f"{name}: has no states of the truck, so that nothing can be compared")
     route = load_map(map_path).route()
     traffic = traffic_of(recording, name, route)
 
@@ -113,17 +115,19 @@ def _compare_truck(recording: Recording, k: int, ego: EgoState, state_hash: int)
         )
 
 
-def _config(
+def recorded_config(
     recording: Recording, name: str, map_path: Path | None, truck: AnyTruck | None
 ) -> DriveConfig:
-    """Returns the recorded options; the recorded commands pass directly to the truck."""
+    """Returns the recorded options; the recorded commands pass directly to the truck.
+
+    Raises:
+      InputError: the recording has no drive, other options, or was of another map or truck.
+    """
     options = options_of(recording, name)
     known = {field.name for field in dataclasses.fields(DriveConfig)}
     if set(options) != known:
         other = sorted(set(options) ^ known)
         raise InputError(f"{name}: made with other options than today's: {', '.join(other)}")
-    if len(recording) == 0 or len(recording.truck_hash) == 0:
-        raise InputError(f"{name}: has no states of the truck, so that nothing can be compared")
     files = dict.fromkeys(known.intersection(FILES))
     changed = {"map": map_path, "truck": truck_of(options, name, truck), "commands": "direct"}
     try:

@@ -253,6 +253,7 @@ class Server(Closing):
         self._last_change: LinkChange | None = None
         self._log_reported = False
         self._reported_addresses: set[int] = set()
+        self._reported_limits: set[str] = set()
         self._reported_senders: set[tuple[str, int]] = set()
         self._obeyed = (
             "it is the truck's own address"
@@ -290,6 +291,7 @@ class Server(Closing):
         self._report_bus()
         self._report_log()
         self._report_network()
+        self._report_range()
         self.command = self._decide()
         self.truck.command(self.command)
         try:
@@ -351,6 +353,7 @@ class Server(Closing):
             slips=pace.slips,
             slipped=pace.slipped,
             processor_load=processor_load,
+            left_range=self.truck.left_range,
         )
 
     def close(self) -> None:
@@ -425,6 +428,16 @@ class Server(Closing):
                 f"{message} from address 0x{address:02X} is not obeyed (t = {self.time:.2f} s): "
                 f"{self._obeyed}"
             )
+
+    def _report_range(self) -> None:
+        """Reports each limit of the plant's validity that is exceeded, once."""
+        for limit in self.truck.left_range:
+            if limit not in self._reported_limits:
+                self._reported_limits.add(limit)
+                self._tell(
+                    f"the plant {self.truck.plant} is not valid from t = {self.time:.2f} s on: "
+                    f"{limit}"
+                )
 
     def _report_log(self) -> None:
         """Reports once that the log ended early."""

@@ -252,6 +252,7 @@ class ServeSummary(_Summary):
       worst_lateness, mean_lateness: of a tick [s].
       slips: number of times that the clock was set back; slipped: total time [s].
       processor_load: processor time over wall time.
+      left_range: limits of the plant's validity that were exceeded.
     """
 
     last_speed: float
@@ -278,6 +279,7 @@ class ServeSummary(_Summary):
     slips: int
     slipped: float
     processor_load: float
+    left_range: tuple[str, ...] = ()
 
     def rows(self) -> list[tuple[str, str]]:
         """Returns names and values with units, for tables."""
@@ -315,4 +317,6 @@ class ServeSummary(_Summary):
         ]
         if self.log_failure:
             rows.append(("log", f"ends early: {self.log_failure}"))
+        if self.left_range:
+            rows.append(("plant not valid", "; ".join(self.left_range)))
         return rows

@@ -1,4 +1,4 @@
-"""The telemetry of a drive, its plots, and the figures of its speed planner.
+"""The telemetry of a drive, and the figures of its speed planner.
 
 The telemetry is a CSV table with units in the header and one row every 100 ms. Rows go to a
 temporary file that replaces the target when the drive ends: an interrupted drive keeps its rows,
@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import dataclasses
-import functools
 import io
 import math
 import tempfile
@@ -27,16 +25,13 @@ from controllers.stack import Stack
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError
 from iits_mj.core.output_files import OutputFile
-from iits_mj.core.results import Line, Panel
-from iits_mj.core.units import KMH, RPM
+from iits_mj.core.units import RPM
 from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.lock_step import Driver, LockStep, Observer
 from iits_mj.simulation.summary import counts_text
 
 Value = float | int | str
-STATION = "station [m]"
-# Longer gaps are not drawn [m].
-_GAP_SHOWN = 300.0
+TIME, STATION = "time [s]", "station [m]"
 # Numbers are kept in memory up to this size, and in a file beyond it [bytes].
 _IN_MEMORY = 2**20
 _ROWS_READ = 4096
@@ -159,9 +154,9 @@ class Telemetry(Closing, Observer):
                 self._writer.writerow(self._columns)
 
     @property
-    def articulations(self) -> tuple[str, ...]:
-        """Names of the columns with the yaw angles of the couplings, front to rear."""
-        return tuple(name for name in self._columns if name.startswith("articulation"))
+    def names(self) -> list[str]:
+        """Names of the columns, with their units."""
+        return list(self._columns)
 
     def close(self) -> None:
         """Moves the finished table to its path; a second call does nothing."""
@@ -198,7 +193,7 @@ class Telemetry(Closing, Observer):
         Raises:
           InputError: the column is unknown.
         """
-        names = list(self._columns)
+        names = self.names
         if name not in names:
             raise InputError(f"telemetry has no column {name!r}; use one of: {', '.join(names)}")
         index, width = names.index(name), len(names)
@@ -215,102 +210,6 @@ def _cell(value: Value) -> str:
     if isinstance(value, float):
         return f"{value:.9g}" if math.isfinite(value) else ""
     return str(value)
-
-
-def drive_figures(telemetry: Telemetry) -> dict[str, list[Panel]]:
-    """Returns the plots over station by name: "longitudinal", "lateral" and "traffic".
-
-    A quantity without values, such as the plan in a drive by a log, is left out.
-    """
-    makers = {"longitudinal": longitudinal, "lateral": lateral, "traffic": traffic}
-    figures = {}
-    for name, make in makers.items():
-        panels = (
-            dataclasses.replace(
-                panel, lines=tuple(line for line in panel.lines if np.isfinite(line.y).any())
-            )
-            for panel in make(telemetry)
-        )
-        figures[name] = [panel for panel in panels if panel.lines]
-    return figures
-
-
-def _line(telemetry: Telemetry, label: str, name: str, scale: float = 1.0, role: str = "") -> Line:
-    return Line(label, telemetry.column(STATION), scale * telemetry.column(name), role)
-
-
-def longitudinal(telemetry: Telemetry) -> list[Panel]:
-    """Returns speed, gear, brake pressure and grade over station."""
-    line = functools.partial(_line, telemetry)
-
-    def axle(label: str, name: str) -> Line:
-        names = (f"brake_pressure_{name}_{side} [kPa]" for side in ("left", "right"))
-        left, right = (telemetry.column(name) for name in names)
-        return Line(label, telemetry.column(STATION), 0.5 * (left + right))
-
-    speeds = (
-        line("reference", "reference_speed [m/s]", 1.0 / KMH, "reference"),
-        line("planned", "planned_speed [m/s]", 1.0 / KMH),
-        line("truck", "speed [m/s]", 1.0 / KMH, "simulation"),
-    )
-    pressures = (
-        axle("steer axle", "front"),
-        axle("drive axles", "rear"),
-        line("towed units", "brake_pressure_trailer [kPa]"),
-    )
-    return [
-        Panel("Speed", STATION, "speed [km/h]", speeds),
-        Panel("Gear", STATION, "gear [-]", (line("gear", "gear [-]"),)),
-        Panel("Brake pressure", STATION, "pressure [kPa]", pressures),
-        Panel("Road grade", STATION, "grade [%]", (line("grade", "grade [-]", 100.0),)),
-    ]
-
-
-def lateral(telemetry: Telemetry) -> list[Panel]:
-    """Returns offset, lateral acceleration, articulation and steering over station."""
-    line = functools.partial(_line, telemetry)
-    degrees = 180.0 / np.pi
-    path = (
-        line("planned", "planned_offset [m]", 1.0, "reference"),
-        line("steer axle", "offset [m]", 1.0, "simulation"),
-        line("axles of the last unit", "trailer_offset [m]"),
-    )
-    wheel = (
-        line("command", "command_steering_wheel_angle [rad]", degrees, "reference"),
-        line("actual", "steering_wheel_angle [rad]", degrees, "simulation"),
-    )
-    acceleration = (line("motor vehicle", "lateral_acceleration [m/s2]"),)
-    articulation = tuple(
-        line(f"coupling {number}", name, degrees)
-        for number, name in enumerate(telemetry.articulations, 1)
-    )
-    across = "Path across the road, positive to the left of the reference line"
-    return [
-        Panel(across, STATION, "offset [m]", path),
-        Panel("Lateral acceleration", STATION, "acceleration [m/s²]", acceleration),
-        Panel("Articulation, unit ahead against unit behind", STATION, "angle [deg]", articulation),
-        Panel("Steering wheel", STATION, "angle [deg]", wheel),
-    ]
-
-
-def traffic(telemetry: Telemetry) -> list[Panel]:
-    """Returns lane and gaps over station; gaps to missing vehicles are not drawn."""
-    station, target = telemetry.column(STATION), telemetry.column("target_lane [-]")
-    lanes = (
-        Line("target", station, np.where(target >= 0.0, target, np.nan), "reference"),
-        Line("truck", station, telemetry.column("lane [-]"), "simulation"),
-    )
-    gaps = []
-    for label, name in (
-        ("bumper to bumper ahead", "gap_ahead [m]"),
-        ("nearest vehicle, box to box", "box_distance [m]"),
-    ):
-        gap = telemetry.column(name)
-        gaps.append(Line(label, station, np.where(gap < _GAP_SHOWN, gap, np.nan)))
-    return [
-        Panel("Lane, 0 being the right one", STATION, "lane [-]", lanes),
-        Panel("Distance to the traffic", STATION, "distance [m]", tuple(gaps)),
-    ]
 
 
 def speed_rows(driver: Driver) -> list[tuple[str, str]]:

@@ -77,7 +77,9 @@ def wide(bending: dict[str, Observed]) -> dict[str, Observed]:
     return {name: replace(entry, scale=sizes[name]) for name, entry in bending.items()}
 
 
-# Cameras fixed to the tractor: position, and the picture's x and y axes, in its frame.
+# Cameras fixed to the tractor: position, and the picture's x and y axes, in its frame. "chase" is
+# that far behind the tractor with its semitrailer, whose rear is at `_REAR` [m].
+_REAR = -15.1
 CAMERAS = {
     "chase": ((-27.0, 0.0, 8.0), (0.0, -1.0, 0.0), (0.22, 0.0, 0.98)),
     "side": ((-5.0, -24.0, 4.0), (1.0, 0.0, 0.0), (0.0, 0.09, 0.99)),
@@ -88,12 +90,22 @@ CAMERAS = {
 def add_cameras(spec: mujoco.MjSpec, prefix: str = "") -> None:
     """Adds the suite's cameras to the tractor with this prefix."""
     tractor = spec.body(f"{prefix}tractor")
+    longer = round(_rear(tractor) - _REAR, 3)
     for name, (position, right, up) in CAMERAS.items():
+        if name == "chase":
+            position = (position[0] + longer, *position[1:])
         axes = np.column_stack([right, up, np.cross(right, up)])
         axes /= np.linalg.norm(axes, axis=0)
         quaternion = np.zeros(4)
         mujoco.mju_mat2Quat(quaternion, axes.ravel())
         tractor.add_camera(name=prefix + name, pos=position, quat=quaternion)
+
+
+def _rear(body: mujoco.MjsBody) -> float:
+    """Returns the place of the rear of a body and those that it tows [m], along its x axis."""
+    hulls = [geom for geom in body.geoms if geom.name.endswith("_hull")]
+    own = [float(geom.pos[0] - geom.size[0]) for geom in hulls]
+    return min([0.0, *own, *(float(towed.pos[0]) + _rear(towed) for towed in body.bodies)])
 
 
 def _reading(name: str, doc: str) -> Callable[[Physics], float]:

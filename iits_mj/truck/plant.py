@@ -1,4 +1,4 @@
-"""Planar motion of the truck in place of MuJoCo's step, compiled (iits_mj/plugin/plant.cc)."""
+"""Planar motion of the truck in place of MuJoCo's step, compiled (iits_mj/plugin/plant)."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ import mujoco
 from iits_mj.core.errors import InputError
 from iits_mj.plugin import library
 
-# Limits of the plant's validity, in the order of `Range` in iits_mj/plugin/plant.h.
+# Limits of the plant's validity, in the order of `Range` in iits_mj/plugin/plant/plant.h.
 RANGE = (
     "a wheel has lifted off the road",
     "a coupling has reached its stop in yaw",
     "a unit rolls by more than 0.17 rad",
+    "a crest or dip of the road changes the loads by more than a tenth",
 )
 _MESSAGE_SIZE = 512
 

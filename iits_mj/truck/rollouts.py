@@ -80,12 +80,15 @@ class Rollouts:
       units: of each sensor.
       diverged: whether the physics of a drive diverged, shape (scenarios,); its last values are
         then repeated.
+      left_range: of each scenario, the limits of the plant's validity that it exceeded; see
+        `Truck.left_range`.
     """
 
     time: FloatArray
     values: dict[str, FloatArray]
     units: dict[str, str]
     diverged: NDArray[np.bool_]
+    left_range: list[tuple[str, ...]]
 
     def __getitem__(self, signal: str) -> FloatArray:
         """Returns the values of a sensor.
@@ -139,17 +142,20 @@ def roll_out(
         for name, (start, stop) in columns[0].items()
     }
     diverged = np.zeros(len(scenarios), dtype=bool)
+    left_range: list[tuple[str, ...]] = [()] * len(scenarios)
     cores = threads or os.cpu_count() or 1
     # Either the drives of a group are shared among the threads, or the groups are.
     spread = len(groups) >= cores
 
     def drive(group: _Group, places: Mapping[str, tuple[int, int]]) -> None:
         chosen = group.numbers
-        found, alive = (_drive if group.truck.planar is None else _drive_planar)(
+        found, alive, left = (_drive if group.truck.planar is None else _drive_planar)(
             group, [scenarios[k].place for k in chosen], commands[chosen], places, steps,
             threads=1 if spread else cores,
         )  # fmt: skip
         diverged[chosen] = ~alive
+        for number, limits in zip(chosen, left, strict=True):
+            left_range[number] = limits
         for name in places:
             values[name][chosen] = found[name]
 
@@ -160,6 +166,7 @@ def roll_out(
         values={n: v[:, :, 0] if v.shape[2] == 1 else v for n, v in values.items()},
         units={name: sensor_unit(name).unit for name in values},
         diverged=diverged,
+        left_range=left_range,
     )
 
 
@@ -182,8 +189,8 @@ def _drive(
     columns: Mapping[str, tuple[int, int]],
     steps: int,
     threads: int,
-) -> tuple[dict[str, FloatArray], NDArray[np.bool_]]:
-    """Sensors of one group's drives, (drives, instants, numbers), and which did not diverge."""
+) -> tuple[dict[str, FloatArray], NDArray[np.bool_], list[tuple[str, ...]]]:
+    """Sensors of one group's drives, (drives, instants, numbers), which lived, and limits left."""
     model, data = group.truck.model, group.truck.data
     # Sensors are needed at the instants only: one batch drives without them, one reads them.
     blind = copy.copy(model)
@@ -216,7 +223,7 @@ def _drive(
             found[name][alive, instant] = sensors[alive, start:stop]
             if instant:
                 found[name][~alive, instant] = found[name][~alive, instant - 1]
-    return found, alive
+    return found, alive, [()] * count
 
 
 def _drive_planar(
@@ -226,7 +233,7 @@ def _drive_planar(
     columns: Mapping[str, tuple[int, int]],
     steps: int,
     threads: int,
-) -> tuple[dict[str, FloatArray], NDArray[np.bool_]]:
+) -> tuple[dict[str, FloatArray], NDArray[np.bool_], list[tuple[str, ...]]]:
     """As `_drive`, with the planar plant."""
     truck, model, plant = group.truck, group.truck.model, group.truck.planar
     assert plant is not None
@@ -262,7 +269,8 @@ def _drive_planar(
         list(pool.map(drive, np.array_split(np.arange(count), min(threads, count))))
     cuts = np.cumsum([len(places) for places in places_of.values()])[:-1]
     parts = np.split(table, cuts, axis=2) if places_of else []
-    return dict(zip(places_of, parts, strict=True)), alive
+    left = [plant.left_range(one) for one in data]
+    return dict(zip(places_of, parts, strict=True)), alive, left
 
 
 def _groups(scenarios: Sequence[Scenario], timestep: float, plant: str) -> list[_Group]:

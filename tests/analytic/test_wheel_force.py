@@ -5,7 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from iits_mj.analytic.wheel_force import full_load_force, overall_ratio, resistance
+from iits_mj.analytic.wheel_force import (
+    full_load_force,
+    input_torque,
+    overall_ratio,
+    resistance,
+    wheel_force,
+)
 from iits_mj.core.units import GRAVITY, RPM
 from iits_mj.model.powertrain import full_load
 from iits_mj.parameters import TruckParameters
@@ -58,3 +64,21 @@ def test_resistance_at_standstill_is_grade_and_rolling():
 def test_air_drag_grows_with_the_square_of_the_speed():
     still, slow, fast = resistance(VECTO, 0.0, np.array([0.0, 10.0, 20.0]))
     assert fast - still == pytest.approx(4.0 * (slow - still))
+
+
+@pytest.mark.parametrize("truck", [TRUCK, VECTO])
+@pytest.mark.parametrize("gear", [1, 8, 12])
+def test_input_torque_is_the_inverse_of_the_wheel_force(truck, gear):
+    torque, speed = np.array([-250.0, 40.0, 900.0, 2300.0]), np.full(4, 130.0)
+    force = wheel_force(truck, gear, torque, speed)
+    np.testing.assert_allclose(input_torque(truck, gear, force, speed), torque, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("speed", "torque"), [(30.0, 500.0), (150.0, 4000.0), (400.0, -900.0)])
+def test_losses_continue_in_straight_lines_beyond_the_map_as_in_the_plugin(speed, torque):
+    loss = VECTO.gearbox.gear_losses[4]
+    step = 1.0
+    lost = [float(loss.of(np.asarray(torque + k * step), np.asarray(speed))) for k in range(3)]
+    assert lost[2] - lost[1] == pytest.approx(lost[1] - lost[0], abs=1e-9)
+    assert min(lost) >= 0.0
+    assert float(loss.of(np.asarray(1e3), np.asarray(-1e6))) >= 0.0

@@ -18,7 +18,7 @@ from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import laden_units, static_axle_loads
 from iits_mj.truck import Truck
-from iits_mj.validation.handling.step_steer import step_steers
+from iits_mj.validation.handling.step_steer import free_couplings, step_steers
 from iits_mj.validation.harness.recorder import fit, run_straight
 
 PARAMETERS = TruckParameters.load()
@@ -296,7 +296,7 @@ def test_tractor_lifts_its_nose_as_the_simulated_truck_does(payload):
 
 @pytest.mark.parametrize("payload", PAYLOADS)
 def test_yaw_roll_model_explains_the_step_steer_of_the_simulated_truck(payload):
-    (recording,) = step_steers(payload, (np.deg2rad(3.0),), 0.002)
+    (recording,) = step_steers(free_couplings(PARAMETERS), payload, (np.deg2rad(3.0),), 0.002)
     speed = float(recording.speed.mean())
     model = YawRoll.from_parameters(PARAMETERS, payload, cruise_speed=speed)
     answer = simulate(model.at(speed), recording.time, recording.road_wheel)

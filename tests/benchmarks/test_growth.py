@@ -6,18 +6,11 @@ import pytest
 from benchmarks import growth
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap
-from iits_mj.truck import Truck
-
-PARAMETERS = TruckParameters.load()
 
 
-@pytest.mark.parametrize("count", [1, 2, 4, 5])
-def test_a_semitrailer_with_other_axles_stands_still(count):
-    parameters = growth.with_trailer_axles(PARAMETERS, count)
-    truck = Truck.load(10_000.0, parameters=parameters, visuals=False)
-    truck.step(200)
-    assert len(parameters.axles) == 3 + count
-    assert np.abs(truck.data.qvel).max() < 1e-6
+def test_the_trucks_of_the_figure_have_more_and_more_wheels():
+    wheels = [2 * len(TruckParameters.load(name).axles) for name in growth.TRUCKS]
+    assert wheels == [4, 10, 12, 18, 22]
 
 
 def test_a_long_highway_repeats_the_bends_and_grades_of_the_built_in_one(tmp_path):

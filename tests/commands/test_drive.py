@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import csv
-import html.parser
+import hashlib
 import json
 import math
+import re
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -19,6 +20,7 @@ from iits_mj.core.messages import EgoState, VehicleCommand
 from iits_mj.core.output_files import OutputFile
 from iits_mj.simulation import Simulation
 from iits_mj.truck import Truck
+from tests.render.drives import Content
 
 SHORT = ("--duration", "2", "--seed", "3")
 
@@ -27,16 +29,7 @@ def listing(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
-class Sources(html.parser.HTMLParser):
-    def __init__(self) -> None:
-        super().__init__()
-        self.found: list[str] = []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.found += [value or "" for name, value in attrs if name in ("src", "href")]
-
-
-def test_drive_writes_telemetry_plots_summary_and_a_self_contained_report(
+def test_drive_writes_telemetry_summary_and_a_self_contained_report(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
@@ -48,17 +41,20 @@ def test_drive_writes_telemetry_plots_summary_and_a_self_contained_report(
         "report.html",
         "telemetry.csv",
         "summary.json",
-        "longitudinal.png",
-        "lateral.png",
-        "traffic.png",
     }
     shown = capsys.readouterr().out
     for figure in ("distance", "mean speed", "lane changes", "closest gap", "fuel", "real-time"):
         assert figure in shown
-    sources = Sources()
-    sources.feed((out / "report.html").read_text())
-    assert len(sources.found) == 3
-    assert all(source.startswith("data:image/png;base64,") for source in sources.found)
+    text = (out / "report.html").read_text()
+    content = Content(text)
+    assert content.sources == []
+    command = f"iits-mj drive --duration 2 --seed 3 --out {out} --no-video"
+    digest = hashlib.sha256((out / "telemetry.csv").read_bytes()).hexdigest()
+    for shown in (command, digest[:16], f"MuJoCo {mujoco.__version__}", "SUMO 1.28.0"):
+        assert shown in content.words()
+    assert not re.search(r"\b(None|nan)\b", content.words())
+    provenance = json.loads((out / "summary.json").read_text())["provenance"]
+    assert provenance["telemetry_sha256"] == digest
     assert len(list(csv.reader((out / "telemetry.csv").open()))) == 22
     summary = json.loads((out / "summary.json").read_text())["summary"]
     assert summary["duration_s"] == pytest.approx(2.0)
@@ -235,3 +231,16 @@ def test_drive_on_a_full_disk_names_the_file_and_keeps_the_old_one(
     assert len(error.strip().splitlines()) == 1
     assert (tmp_path / "telemetry.csv").read_text() == "old"
     assert listing(tmp_path) == {"telemetry.csv"}
+
+
+def test_a_drive_beyond_the_range_of_its_plant_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limit = "a wheel has lifted off the road"
+    monkeypatch.setattr(Truck, "left_range", (limit,))
+    options = ("--plant", "yaw-sideslip", "--no-video", "--traffic-mode", "none")
+    assert cli.main(["drive", *SHORT, *options, "--out", str(tmp_path)]) == 0
+    text = f"The plant yaw-sideslip was not valid all the time: {limit}."
+    assert capsys.readouterr().err.count(text) == 1
+    assert text in (tmp_path / "report.html").read_text()
+    assert limit in (tmp_path / "summary.json").read_text()

@@ -48,8 +48,7 @@ def test_log_of_a_drive_in_traffic_gives_the_same_motion_on_an_empty_road(
     for name in ("x [m]", "y [m]", "yaw [rad]", "speed [m/s]", "fuel_used [kg]", "gear [-]"):
         assert [row[name] for row in before] == [row[name] for row in after]
     assert {row["planned_speed [m/s]"] for row in after} == {""}
-    pictures = ("longitudinal.png", "lateral.png", "traffic.png", "report.html")
-    assert all((tmp_path / name).is_file() for name in pictures)
+    assert (tmp_path / "report.html").is_file()
 
 
 def test_json_of_a_drive_by_a_log_counts_accepted_and_rejected_frames(

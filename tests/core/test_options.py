@@ -119,3 +119,10 @@ def test_an_option_given_with_its_default_value_is_known_as_given() -> None:
 def test_a_python_value_of_another_kind_is_refused(values: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         Example(file=Path("x"), **values)
+
+
+def test_words_of_a_command_line_give_the_options_again() -> None:
+    given = ["road.xodr", "--speed", "22.5", "--no-there", "--size", "128x64", "--log", "a b.csv"]
+    example = arguments.parse(Example, given, "iits-mj", "")
+    assert options.words(example) == given
+    assert options.words(Example(file=Path("x"))) == ["x"]

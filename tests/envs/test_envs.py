@@ -17,6 +17,7 @@ from iits_mj.envs import ENVIRONMENTS, register
 from iits_mj.envs.driving import DrivingEnv
 from iits_mj.envs.highway import HighwayFastEnv
 from iits_mj.suite.tasks import DRIVING_TASKS
+from iits_mj.truck import Truck
 
 LOW_LEVEL = [name for name, settings in ENVIRONMENTS.items() if "kwargs" in settings]
 
@@ -355,3 +356,12 @@ def test_an_environment_without_pictures_refuses_render_modes():
     with pytest.raises(InputError, match="render_mode 'rgb_array' is not known; use one of: None"):
         gymnasium.make("iits_mj/HighwayFast-v0", render_mode="rgb_array")
     assert HighwayFastEnv(render_mode=None).render() is None
+
+
+def test_the_info_of_a_planar_plant_tells_the_limits_that_it_left(monkeypatch):
+    environment = gymnasium.make("iits_mj/LaneKeep-v0", plant="yaw-sideslip")
+    assert environment.reset(seed=0)[1]["left_range"] == ""
+    monkeypatch.setattr(Truck, "left_range", ("one limit", "another"))
+    info = environment.step(np.zeros(environment.action_space.shape))[4]
+    assert info["left_range"] == "one limit; another"
+    assert "left_range" not in gymnasium.make("iits_mj/LaneKeep-v0").reset(seed=0)[1]

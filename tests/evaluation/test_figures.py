@@ -1,5 +1,6 @@
 """Statistics of paired trips against hand values and SciPy; verdicts; checks."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -9,6 +10,7 @@ from scipy import stats
 from controllers.decision.trip import CELLS
 from iits_mj.evaluation.evaluate import EvaluateConfig
 from iits_mj.evaluation.figures import figures, over_all, summarize
+from iits_mj.evaluation.trials import LEFT_RANGE
 from iits_mj.validation.harness.statistics import estimate, half_width, holm, paired
 from tests.evaluation.rows_of import rows, task, trial
 
@@ -94,6 +96,16 @@ def test_cell_without_room_is_trivial_and_only_bounds_the_loss():
     results, _ = summarize(rows(losses, floor=0.01), EvaluateConfig(trials=12))
     bounds = {c.name: c.must for c in results.checks if "ddqn less neutral" in c.name}
     assert list(bounds.values()) == ["<= 0.3", ""]
+
+
+def test_trips_beyond_the_range_of_their_plant_are_counted():
+    made = rows({"aggressive": spread(0.25), "ddqn": spread(0.24)})
+    plain, _ = summarize(made, EvaluateConfig(trials=12))
+    ended = f"reached the end of the route{LEFT_RANGE}a wheel has lifted off the road"
+    left = [dataclasses.replace(made[0], ended=ended), *made[1:]]
+    results, _ = summarize(left, EvaluateConfig(trials=12))
+    (note,) = set(results.notes) - set(plain.notes)
+    assert note == f"in 1 of {len(made)} trips the plant left its valid range"
 
 
 def test_policy_loses_a_cell_without_room_if_it_is_much_worse():

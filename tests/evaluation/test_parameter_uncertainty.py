@@ -18,7 +18,7 @@ from iits_mj.evaluation.parameter_uncertainty import (
     tasks_of,
     write_samples,
 )
-from iits_mj.parameters import label_of
+from iits_mj.parameters import TruckParameters, label_of
 from iits_mj.parameters.randomization import Spread
 from iits_mj.scale.shards import Shards, in_shards
 from iits_mj.validation.handling.rollover import tilt_table
@@ -96,7 +96,7 @@ def test_samples_are_written_with_their_factors(rows, tmp_path):
 
 def test_shipped_truck_has_the_figures_of_the_validation():
     found = measure(SampleTask(NOMINAL, label_of(None), 36_000.0, 0.002, ""))
-    assert found.rollover_threshold == tilt_table(36_000.0, 0.002).threshold
+    assert found.rollover_threshold == tilt_table(TruckParameters.load(), 36_000.0, 0.002).threshold
     assert 1.0 < found.rearward_amplification < 1.5
     assert 90.0 < found.yaw_fit < 100.0
     assert found.deceleration > 5.0

@@ -29,6 +29,7 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.randomization import Spread
 from iits_mj.road.design import Design
 from iits_mj.simulation import DriveConfig, Simulation
+from iits_mj.simulation.drive_table import DriveTable
 from iits_mj.simulation.parts import load_map
 from iits_mj.truck import Truck
 from tests.fuzz.mutation import mutate
@@ -126,6 +127,7 @@ def make_targets(folder: Path) -> Mapping[str, Target]:
         "trials": reads("trials.csv", "", lambda p: read_trials(p, str), made["evaluate.csv"]),
         "log": reads("frames.log", "", lambda p: sum(1 for _ in read_log(p)), *logs),
         "table": reads("t.csv", "telemetry.csv", lambda p: identification_log.read(p, parameters)),
+        "drive": reads("d.csv", "telemetry.csv", DriveTable.read),
         "profile": reads("p.csv", "", read_profile, b"station_m,speed_mps\n0,20\n50,21\n900,20\n"),
         "trajectories": reads(
             "t.any", "", read_trajectories, made["ngsim.csv"], made["pairs.parquet"], made["fcd"]
@@ -194,11 +196,13 @@ def _highd(folder: Path, made: dict[str, bytes]) -> Target:
 
 
 def _bag(folder: Path, made: dict[str, bytes]) -> Target:
+    from iits_mj.bag.foxglove import LAYOUT
     from iits_mj.bag.mcap_file import read_bag
 
     bag = folder / "mutant_bag"
     bag.mkdir()
     files = {Path(name).name: made[name] for name in made if name.startswith("bag/")}
+    del files[LAYOUT]  # written for Foxglove, never read
 
     def take(content: bytes) -> None:
         changed = "metadata.yaml" if content[:40].find(b"rosbag2") >= 0 else "bag.mcap"

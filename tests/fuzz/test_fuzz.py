@@ -13,7 +13,7 @@ from tests.fuzz.targets import Target, make_targets
 INPUTS = 80
 NAMES = (
     *("map", "design", "overlay", "spread", "events", "types", "recording", "weights", "trials"),
-    *("log", "table", "profile", "trajectories", "highd", "bag", "checkpoint"),
+    *("log", "table", "drive", "profile", "trajectories", "highd", "bag", "checkpoint"),
     *("bus", "plugin", "command line"),
 )
 

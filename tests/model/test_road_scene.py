@@ -164,7 +164,7 @@ def test_open_route_gets_run_outs(highway):
 
 def test_tunnel_curbs_and_floor_cover_the_ground_on_both_sides(highway):
     parts = list(tunnel(Corridor.sample(highway), *highway.tunnels[0]))
-    curbs = next(shape for material, shape in parts if material == "road_concrete")
+    curbs = next(shape for material, shape in parts if material == "road_curb")
     a, b, c = (curbs.vertices[curbs.faces[:, i]] for i in range(3))
     normal = np.cross(b - a, c - a)
     up = normal[:, 2] > 0.9 * np.linalg.norm(normal, axis=1)

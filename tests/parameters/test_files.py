@@ -290,6 +290,8 @@ def test_an_unknown_entry_of_a_quantity_is_refused():
         ({"units": {"tractor": {"axles": {"*": {"driven": False}}}}}, ("no driven axle",)),
         ({"units": {"trailer": {"colour": 1}}}, ("units.trailer.colour", "'mass'")),
         ({"motor": {}}, ("motor", "'engine'")),
+        ({"engine": {"kilowatts": 400}}, ("engine.kilowatts", "'power'", "'full_load'")),
+        ({"gearbox": {"gear": "g.csv"}}, ("gearbox.gear ", "'gears'", "'axle_loss'")),
         ({"remove": ["engine.idle_speed"]}, ("engine.idle_speed", "missing")),
         ({"remove": ["units.trailer.axles.*"]}, ("units.trailer has no axles",)),
         ({"remove": ["units"]}, ("[units]",)),

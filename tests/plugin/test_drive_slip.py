@@ -6,6 +6,7 @@ import pytest
 import iits_mj
 from iits_mj.core.errors import InputError
 from iits_mj.core.units import KMH
+from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.validation.handling import drive_slip
 from iits_mj.validation.handling.braking_stability import FOLDED, STEADY
@@ -40,12 +41,13 @@ def active(truck):
 @pytest.mark.parametrize("levers", [drive_slip.BRAKING, drive_slip.PULLING])
 @pytest.mark.parametrize("friction", [0.2, 0.1])
 def test_empty_truck_stays_in_line_in_a_slippery_bend(friction, levers):
-    run = drive_slip.in_bend(EMPTY, STEP, friction, levers, control=True)
+    run = drive_slip.in_bend(TruckParameters.load(), EMPTY, STEP, friction, levers)
     assert np.max(np.abs(run.articulation - run.articulation[0])) < STEADY
 
 
 def test_without_drag_torque_control_the_retarder_folds_the_truck():
-    run = drive_slip.in_bend(EMPTY, STEP, 0.2, {"retarder": 1.0}, control=False)
+    uncontrolled = drive_slip.without_control(TruckParameters.load())
+    run = drive_slip.in_bend(uncontrolled, EMPTY, STEP, 0.2, {"retarder": 1.0})
     assert np.max(np.abs(run.articulation)) > FOLDED
 
 

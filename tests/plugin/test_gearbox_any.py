@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+from iits_mj.core.messages import VehicleCommand
+from iits_mj.parameters import TruckParameters
+from iits_mj.truck import Truck
 from tests.plugin.driveline_rig import PARAMETERS, Case, constant, drive, reversals
 from tests.plugin.test_gear_losses import AXLE_MAP, DRAG, blocks, gear_loss, numbers
 from tests.plugin.test_powertrain_auxiliaries import RATE
@@ -90,3 +93,16 @@ def test_truck_at_part_load_cruises_at_a_low_engine_speed(name):
     ratios = np.fromstring(attributes.get("ratios", numbers(PARAMETERS.gearbox.ratios)), sep=" ")
     assert traces["gear"][0, -1] >= len(ratios) - 1
     assert len(reversals(traces["gear"][0])) == 0
+
+
+def test_a_floored_tractor_alone_does_not_stay_at_its_governor():
+    truck = Truck.load(parameters=TruckParameters.load("vecto_tractor"), visuals=False)
+    truck.reset()
+    truck.command(VehicleCommand(accelerator_pedal=1.0))
+    at_governor = 0
+    while truck.time < 25.0:
+        truck.step(50)
+        governed = truck.parameters.engine.governed_speed
+        at_governor += truck.read("engine_speed") > 0.98 * governed
+    assert truck.observe().speed > 20.0
+    assert at_governor * 50 * truck.model.opt.timestep < 2.0

@@ -87,8 +87,10 @@ def test_table_decides_on_upshifts():
     assert choose(3, shaft=10.9 / RADIUS) == 4
     # No change within the first second in a gear, during a cut by the brakes, or with the pedal up.
     assert choose(2, shaft=6.7 / RADIUS, gear_time=0.9) == 2
-    assert choose(2, shaft=6.7 / RADIUS, driver_pedal=0.6) == 2
+    assert choose(3, shaft=10.9 / RADIUS, driver_pedal=0.6) == 3
     assert choose(2, shaft=6.7 / RADIUS, pedal=0.02) == 2
+    # At the governor the cut takes no torque away.
+    assert choose(2, shaft=shaft(2, GOVERNED), driver_pedal=0.6) == 3
     # The next gear must carry the load.
     assert choose(2, shaft=6.7 / RADIUS, load=9e3) == 2
 

@@ -68,8 +68,9 @@ def drawn(route, size=SIZE, **changes):
 def test_overlay_changes_only_its_corners(route):
     picture = drawn(route)
     assert picture.shape == (540, 960, 3)
-    assert np.all(picture[60:300, 100:800] == 110)
-    assert np.any(picture[430:520, 20:480] != 110)
+    assert np.all(picture[170:300, 20:800] == 110)
+    assert np.all(picture[60:540, 400:800] == 110)
+    assert np.any(picture[60:160, 20:370] != 110)
     assert np.any(picture[330:520, 850:940] != 110)
 
 

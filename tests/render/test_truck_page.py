@@ -64,4 +64,5 @@ def test_comparison_numbers_trucks_of_the_same_name():
     page, text = compare_page(["vecto_tractor", "vecto_tractor"], "1.2.3")
     assert "vecto_tractor (1)" in text
     assert "vecto_tractor (2)" in page.to_html()
-    assert page.to_html().count("<img") == 3
+    assert page.to_html().count("<img") == 1
+    assert page.to_html().count('class="plot"') == 5

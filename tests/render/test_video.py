@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from iits_mj.core.errors import InputError, RenderError
-from iits_mj.core.messages import PlanMode, Trajectory
+from iits_mj.core.messages import EgoState, PlanMode, Scene, Trajectory
 from iits_mj.model.scenery.structures import TUNNEL_ROOF, WALL_GAP
 from iits_mj.parameters import TruckParameters
 from iits_mj.render import offscreen
-from iits_mj.render.cameras import CAMERAS, FollowCamera
+from iits_mj.render.cameras import CAMERAS, FollowCamera, cameras_of, tiles
 from iits_mj.render.lane_sketch import trajectory_boxes
 from iits_mj.render.offscreen import Offscreen, camera_pose, check_size
 from iits_mj.render.video import Mp4Encoder, VideoObserver
@@ -81,6 +81,22 @@ def test_odd_sizes_are_made_even():
 def test_unknown_camera_is_refused_with_the_list():
     with pytest.raises(InputError, match=r"'drone'.*chase.*aerial"):
         FollowCamera("drone")
+    with pytest.raises(InputError, match=r"'drone'.*chase.*aerial"):
+        cameras_of("chase,drone")
+    with pytest.raises(InputError, match="use 4 at most"):
+        cameras_of("chase,chase,chase,chase,top")
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_parts_of_a_shared_picture_are_equal_and_apart(count):
+    covered = np.zeros((540, 960), int)
+    parts = tiles((960, 540), count)
+    for left, top, width, height in parts:
+        covered[top : top + height, left : left + width] += 1
+        assert (width, height) == parts[0][2:]
+        assert width % 2 == 0 == height % 2
+    assert covered.max() == 1
+    assert covered.mean() >= 0.74
 
 
 @pytest.mark.parametrize("name", CAMERAS)
@@ -357,7 +373,8 @@ def test_video_shows_a_moving_model(scene, tmp_path):
     path = tmp_path / "film.mp4"
     route = SimpleNamespace(tunnels=())
     truck = SimpleNamespace(model=model, data=data, route=route, parameters=None)
-    frame = SimpleNamespace(trajectory=plan(), ego=SimpleNamespace(station=0.0))
+    ego = EgoState()
+    frame = SimpleNamespace(time=0.0, trajectory=plan(), ego=ego, scene=Scene(0.0, ego))
     with VideoObserver(path, truck, (161, 121), "side", 10, overlay=False) as video:
         for i in range(3):
             data.time = 0.1 * i

@@ -478,6 +478,19 @@ def test_truck_that_rolls_over_ends_the_serving_as_failed(
     assert 1.0 < summary.duration < 2.5
 
 
+def test_a_planar_plant_reports_once_that_it_left_its_range(bench: Callable[..., Bench]) -> None:
+    limit = "a wheel has lifted off the road"
+    here = bench(start_station=950.0, start_speed=22.0, plant="yaw-sideslip")
+    here.serve(0.5, KEEP)
+    assert here.server.summary().left_range == ()
+    here.serve(3.0, VehicleCommand(steering_wheel_angle=3.0))
+    (told,) = [text for text in here.reported if limit in text]
+    assert told.startswith("the plant yaw-sideslip is not valid from t = ")
+    summary = here.server.summary()
+    assert limit in summary.left_range
+    assert limit in summary.to_text()
+
+
 def test_a_sharp_bend_at_low_speed_does_not_end_the_serving(bench: Callable[..., Bench]) -> None:
     here = bench(start_speed=5.0, start_station=950.0)
     here.serve(2.0, VehicleCommand(steering_wheel_angle=8.0))

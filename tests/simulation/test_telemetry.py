@@ -9,7 +9,9 @@ import numpy as np
 
 from iits_mj.core.messages import Decision, EgoState, Trajectory, VehicleCommand
 from iits_mj.simulation import DriveFrame, Telemetry
-from iits_mj.simulation.telemetry import COLUMNS, lateral
+from iits_mj.simulation.drive_plots import drive_figures
+from iits_mj.simulation.drive_table import DriveTable
+from iits_mj.simulation.telemetry import COLUMNS
 
 NOBODY: Any = None
 
@@ -33,7 +35,8 @@ def test_each_coupling_behind_the_first_has_a_column_and_a_line(tmp_path: Path) 
     assert rows[0] == [*COLUMNS, "articulation2 [rad]", "articulation3 [rad]"]
     assert rows[2][-2:] == ["0.2", "-0.03"]
     assert telemetry.column("articulation3 [rad]").tolist() == [0.0, -0.03]
-    panel = next(panel for panel in lateral(telemetry) if "Articulation" in panel.title)
+    panels = drive_figures(DriveTable.of(telemetry))["Lateral"]
+    panel = next(panel for panel in panels if "Articulation" in panel.title)
     assert [line.label for line in panel.lines] == ["coupling 1", "coupling 2", "coupling 3"]
 
 
@@ -42,4 +45,4 @@ def test_a_truck_with_one_coupling_has_the_usual_columns(tmp_path: Path) -> None
     with Telemetry(path) as telemetry:
         telemetry.observe(NOBODY, frame(0.0))
     assert path.read_text().splitlines()[0] == ",".join(COLUMNS)
-    assert telemetry.articulations == ("articulation [rad]",)
+    assert telemetry.names == list(COLUMNS)

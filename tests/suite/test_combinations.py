@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from iits_mj.suite.physics import Physics
+from iits_mj.suite.physics import Physics, add_cameras
 from iits_mj.truck import Truck
 from tests.combinations import load
 
@@ -36,3 +37,12 @@ def test_station_of_the_last_axle_group_is_behind_the_steer_axle(physics):
     origin = sum(coupling.position for coupling in p.couplings)
     group = [axle.position for axle in p.last.axles if not axle.steered]
     assert ahead == pytest.approx(origin + np.mean(group), abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["a_double", "vecto_tractor"])
+def test_chase_camera_is_as_far_behind_every_combination(name):
+    behind = []
+    for parameters in (TruckParameters.load(), TruckParameters.load(name)):
+        truck = Truck.load(parameters=parameters, visuals=False, edit_spec=add_cameras)
+        behind.append(-float(truck.model.camera("chase").pos[0]) - parameters.rear)
+    assert behind[0] == pytest.approx(behind[1], abs=0.01)

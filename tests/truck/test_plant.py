@@ -9,9 +9,11 @@ import pytest
 from iits_mj import suite
 from iits_mj.analytic import YawPlane
 from iits_mj.core.errors import InputError
+from iits_mj.core.messages import TransmissionMode
 from iits_mj.core.timing import PLANTS
 from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.road import RoadMap, Route
+from iits_mj.road.design import Design, build
 from iits_mj.truck import Truck
 from iits_mj.truck.placement import TruckPlacement
 from iits_mj.truck.rollouts import Scenario, roll_out
@@ -194,6 +196,139 @@ def test_every_truck_turns_and_burns_as_its_bodies_do(name, share, plant):
     assert planar.fuel_used == pytest.approx(full.fuel_used, rel=5e-3)
 
 
+@pytest.fixture(scope="module")
+def bend():
+    """A left bend of 200 m radius that climbs by 5 % and leans inward by 0.04 rad."""
+    design = Design(
+        name="bend",
+        lane_width=4.0,
+        lanes=1,
+        left_shoulder=1.0,
+        right_shoulder=2.5,
+        speed_limit=25.0,
+        alignment=((900.0, 5e-3, 5e-3, 0.04, 0.04),),
+        start=(10.0, 20.0, 3.0, 0.4),
+        initial_grade=0.05,
+    )
+    return RoadMap(build(design), design.name).route()
+
+
+@pytest.mark.parametrize("flat", [None, "tractor_axle1_left"])
+@pytest.mark.parametrize("wind", [(0.0, 0.0, 0.0), (9.0, 12.0, 0.0)])
+@pytest.mark.parametrize("name", ["tractor_semitrailer_6x4", "a_double"])
+def test_pose_and_wheel_loads_on_a_tilted_climbing_bend_are_those_of_the_bodies(
+    name, wind, flat, bend
+):
+    trucks = {}
+    for plant in PLANTS:
+        truck = trucks[plant] = load(plant, truck=name, route=bend)
+        truck.reset(station=150.0, speed=14.0)
+        truck.model.opt.wind[:] = wind
+        truck.command(accelerator_pedal=0.5, steering_wheel_angle=1.0)
+        if flat is not None:
+            truck.faults.puncture(flat, 0.5)
+        truck.step(600)
+        truck.observe()
+    full = trucks.pop("full")
+    for plant, truck in trucks.items():
+        # Without the roll of the bodies, the pose and its accelerations are those of the road.
+        rolls = plant == "yaw-roll"
+        for unit in truck.parameters.units:
+            planar, body = (one.data.body(unit.name) for one in (truck, full))
+            np.testing.assert_allclose(planar.xpos, body.xpos, atol=0.06)
+            turn = body.xmat.reshape(3, 3).T @ planar.xmat.reshape(3, 3)
+            rotation = [turn[2, 1], turn[0, 2], turn[1, 0]]
+            np.testing.assert_array_less(np.abs(rotation), [6e-3 if rolls else 0.05, 6e-3, 4e-3])
+        for wheel in (f"{a.name}_{s}" for a in truck.parameters.axles for s in ("left", "right")):
+            forces = [one.sensor(f"{wheel}_tire_force") for one in (truck, full)]
+            # The plant does not move the load that a flat tire gives to its neighbors.
+            np.testing.assert_allclose(*forces, atol=1600.0 if flat is None else 4000.0)
+        accelerations = [one.sensor("tractor_acceleration") for one in (truck, full)]
+        np.testing.assert_allclose(*accelerations, atol=0.08 if rolls else 0.35)
+
+
+def test_a_truck_rolls_down_a_steep_slope_as_its_bodies_do():
+    design = Design(
+        name="slope",
+        lane_width=4.0,
+        lanes=1,
+        left_shoulder=1.0,
+        right_shoulder=2.5,
+        speed_limit=25.0,
+        alignment=((600.0, 0.0, 0.0, 0.0, 0.0),),
+        start=(0.0, 0.0, 100.0, 0.9),
+        initial_grade=-0.3,
+    )
+    road = RoadMap(build(design), design.name).route()
+    speeds, stations, loads = [], [], []
+    for plant in PLANTS:
+        truck = load(plant, route=road)
+        truck.reset(station=100.0, speed=1.0)
+        truck.command(transmission_mode=float(TransmissionMode.NEUTRAL))
+        truck.step(800)
+        state = truck.observe()
+        speeds.append(state.speed)
+        stations.append(state.station)
+        loads.append(truck.report().axle_loads)
+    assert speeds[0] > 11.0
+    np.testing.assert_allclose(speeds[1:], speeds[0], rtol=2e-3)
+    np.testing.assert_allclose(stations[1:], stations[0], atol=0.1)
+    np.testing.assert_allclose(loads[1:], [loads[0]] * 2, atol=1500.0)
+
+
+@pytest.mark.parametrize("plant", PLANAR)
+def test_accelerations_are_the_change_of_the_velocities(plant, bend):
+    truck = load(plant, truck="a_double", route=bend)
+    truck.reset(station=150.0, speed=14.0)
+    truck.command(brake_pedal=0.2, steering_wheel_angle=2.0)
+    truck.step(150)
+    truck.observe()
+    before, expected = truck.data.qvel.copy(), truck.data.qacc.copy()
+    truck.step(1)
+    change = (truck.data.qvel - before) / STEP
+    hinges = [
+        f"{name}_{part}" for name in truck.parameters.coupling_names for part in ("yaw", "roll")
+    ]
+    lead = int(truck.model.joint("tractor_free").dofadr[0])
+    dofs = [lead, lead + 1, lead + 5, *(int(truck.model.joint(h).dofadr[0]) for h in hinges)]
+    np.testing.assert_allclose(change[dofs], expected[dofs], atol=0.03)
+    assert np.abs(expected[dofs]).max() > 0.3
+
+
+@pytest.mark.parametrize("plant", PLANAR)
+def test_a_state_that_is_read_from_the_joints_again_shows_the_same_pose(plant, bend):
+    truck = load(plant, truck="a_double", route=bend)
+    truck.reset(station=150.0, speed=14.0)
+    truck.command(steering_wheel_angle=2.0)
+    truck.step(300)
+    truck.observe()
+    positions, velocities = truck.data.qpos.copy(), truck.data.qvel.copy()
+    truck.data.qvel[0] = np.nextafter(truck.data.qvel[0], np.inf)
+    truck.observe()
+    np.testing.assert_allclose(truck.data.qpos, positions, atol=2e-3)
+    np.testing.assert_allclose(truck.data.qvel, velocities, atol=2e-3)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("plant", PLANAR)
+def test_a_coupling_holds_at_its_stop(plant, side):
+    limit = 0.3
+    parameters = {"units": {"trailer": {"coupling": {"yaw_limit": limit}}}}
+    truck = load(plant, 0.0, parameters=parameters)
+    truck.reset(speed=5.0)
+    truck.command(steering_wheel_angle=12.0 * side, accelerator_pedal=0.3)
+    truck.step(400)
+    angles, rates = [], []
+    for _ in range(60):
+        truck.step(10)
+        angles.append(side * truck.observe().articulation)
+        rates.append(truck.read("articulation_rate"))
+    assert truck.left_range == ("a coupling has reached its stop in yaw",)
+    assert limit < min(angles)
+    assert max(angles) < limit + 0.06
+    assert np.abs(rates).max() < 0.02
+
+
 def test_load_moves_forward_when_braking_and_outward_in_a_bend(truck):
     truck.reset(speed=20.0)
     truck.command(accelerator_pedal=0.3)
@@ -244,6 +379,67 @@ def test_leaving_the_valid_range_is_reported(plant):
     assert "a wheel has lifted off the road" in truck.left_range
     truck.reset(speed=10.0)
     assert truck.left_range == ()
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_truck_that_tips_over_has_no_load_below_zero_and_rolls_on(side):
+    truck = load("yaw-roll")
+    truck.reset(speed=22.0)
+    truck.command(steering_wheel_angle=3.0 * side)
+    least, roll = [], 0.0
+    for _ in range(50):
+        truck.step(10)
+        roll = max(roll, -side * truck.observe().roll)
+        axles = truck.parameters.axles
+        wheels = [f"{axle.name}_{end}_tire_force" for axle in axles for end in ("left", "right")]
+        least.append(min(truck.read(wheel, 2) for wheel in wheels))
+    assert -1e-6 <= min(least) < 1.0
+    assert roll > 0.3
+    assert "a unit rolls by more than 0.17 rad" in truck.left_range
+
+
+@pytest.mark.parametrize("name", ["rigid_drawbar", "tractor_semitrailer_6x2"])
+def test_a_lifted_axle_is_within_the_valid_range(name):
+    truck = load("yaw-roll", 0.0, truck=name)
+    truck.reset(speed=15.0)
+    truck.step(200)
+    assert truck.left_range == ()
+
+
+def test_a_sharp_crest_leaves_the_valid_range():
+    # The grade turns by 8 % within 40 m: at 24 m/s the road falls away with 1.15 m/s2.
+    limit = "a crest or dip of the road changes the loads by more than a tenth"
+    for change, length, left in ((-0.08, 40.0, (limit,)), (-0.08, 160.0, ())):
+        design = Design(
+            name="crest",
+            lane_width=4.0,
+            lanes=1,
+            left_shoulder=1.0,
+            right_shoulder=2.5,
+            speed_limit=25.0,
+            alignment=((600.0, 0.0, 0.0, 0.0, 0.0),),
+            initial_grade=0.04,
+            grades=((300.0, 0.04 + change, length),),
+        )
+        truck = load("yaw-sideslip", route=RoadMap(build(design), design.name).route())
+        truck.reset(station=250.0, speed=25.0)
+        truck.step(800)
+        assert truck.observe().station > 330.0
+        assert truck.left_range == left
+
+
+def test_roll_outs_tell_which_drive_left_the_valid_range():
+    drives = roll_out(
+        [Scenario(route=Route.straight(), place=TruckPlacement(speed=22.0))] * 2,
+        {"steering_wheel_angle": [[0.0], [3.0]]},
+        duration=4.0,
+        plant="yaw-sideslip",
+        timestep=STEP,
+    )
+    assert drives.left_range[0] == ()
+    assert "a wheel has lifted off the road" in drives.left_range[1]
+    full = roll_out([Scenario(route=Route.straight())], {}, duration=0.1)
+    assert full.left_range == [()]
 
 
 def test_the_full_plant_has_no_limits():

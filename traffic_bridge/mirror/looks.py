@@ -37,7 +37,8 @@ class Unit:
     Attributes:
       name: "" for the only unit; added to the body's name.
       meshes: visible shapes by material: "paint" (the slot's color), "glass", "dark" (tires,
-        frame, bumpers), "rim", "headlamp", "tail_lamp" and "cargo".
+        frame, bumpers), "rim", "headlamp", "tail_lamp", "indicator_left", "indicator_right" and
+        "cargo".
       hull: contact boxes as (center, full size) [m].
     """
 
@@ -100,6 +101,15 @@ def both_sides(x: float, y: float, z: float, size: tuple[float, float, float]) -
 def lamps(x: float, width: float, z: float) -> Shape:
     """Two lamps at one end of a body of a width [m]."""
     return boxes(both_sides(x, 0.5 * width - 0.24, z, (0.08, 0.30, 0.12)))
+
+
+def indicators(width: float, *ends: tuple[float, float]) -> Meshes:
+    """Direction indicators beside the lamps of a body of a width, at ends (x, z) [m]."""
+    y, size = 0.5 * width - 0.05, (0.10, 0.10, 0.11)
+    return {
+        f"indicator_{side}": boxes([((x, sign * y, z), size) for x, z in ends])
+        for side, sign in (("left", 1.0), ("right", -1.0))
+    }
 
 
 def plates(outline: Sequence[tuple[float, float]], width: float) -> Shape:
@@ -187,6 +197,7 @@ def _car(kind: VehicleType) -> tuple[Unit, ...]:
         "rim": rims,
         "headlamp": lamps(half - 0.04, kind.width - 0.30, 0.56),
         "tail_lamp": lamps(0.04 - half, kind.width - 0.30, 0.74),
+        **indicators(kind.width - 0.28, (half - 0.10, 0.56), (0.08 - half, 0.74)),
     }
     return (Unit("", meshes, (block(half, -half, kind.width, h),)),)
 
@@ -227,6 +238,7 @@ def _van(kind: VehicleType) -> tuple[Unit, ...]:
         "rim": rims,
         "headlamp": lamps(half - 0.03, kind.width, 0.86),
         "tail_lamp": lamps(0.03 - half, kind.width, 1.10),
+        **indicators(kind.width, (half - 0.03, 0.86), (0.03 - half, 1.10)),
     }
     return (Unit("", meshes, (block(half, -half, kind.width, h),)),)
 
@@ -312,6 +324,7 @@ def rigid_truck(kind: VehicleType) -> tuple[Unit, ...]:
         "cargo": body,
         "headlamp": lamps(half - 0.03, width, 0.74),
         "tail_lamp": lamps(0.03 - half, width, 0.95),
+        **indicators(width, (half - 0.03, 0.74), (0.03 - half, 0.95)),
     }
     return (Unit("", meshes, (block(half, -half, width, kind.height),)),)
 
@@ -345,6 +358,7 @@ def _tractor(kind: VehicleType, front: float) -> Unit:
         "rim": rims,
         "headlamp": lamps(front - 0.03, width, 0.74),
         "tail_lamp": lamps(rear, width, 0.90),
+        **indicators(width, (front - 0.03, 0.74)),
     }
     hull = (block(front, front - CAB_LENGTH, width, cab_height), block(front, rear, width, FLOOR))
     return Unit("tractor", meshes, hull)
@@ -373,6 +387,7 @@ def _semitrailer(kind: VehicleType, rear: float, axles: float) -> Unit:
         "rim": rims,
         "cargo": body,
         "tail_lamp": lamps(rear + 0.03, width, 0.95),
+        **indicators(width, (rear + 0.03, 0.95)),
     }
     return Unit("trailer", meshes, (block(front, rear, width, kind.height),))
 

@@ -6,11 +6,13 @@ import contextlib
 import gc
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
+from typing import TypeVar
 
 MICROSECONDS, MILLISECONDS = 1e6, 1e3
 
 Play = Callable[[], object]
+Name = TypeVar("Name", bound=Hashable)
 
 
 def best(function: Play, rounds: int, clock: Callable[[], float] = time.perf_counter) -> float:
@@ -19,10 +21,10 @@ def best(function: Play, rounds: int, clock: Callable[[], float] = time.perf_cou
 
 
 def in_turns(
-    functions: Mapping[str, Play],
+    functions: Mapping[Name, Play],
     rounds: int,
     clock: Callable[[], float] = time.thread_time,
-) -> dict[str, float]:
+) -> dict[Name, float]:
     """Returns the least time of a call of each function [s], by default processor time."""
     least = dict.fromkeys(functions, math.inf)
     with no_collection():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -10,7 +11,9 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 
 ASPHALT_TILE = 8.0  # [m] covered by one repeat of the asphalt texture
-GRASS_TILE = 190.0
+GRASS_TILE = 95.0
+LAMP_SPACING = 12.0  # [m] of the lamps in a tunnel, at stations that are its multiples
+LAMP_LENGTH = 7.0
 _SKY_SIZE = 256
 
 # name: (red, green, blue), specular, emission
@@ -20,29 +23,52 @@ _PLAIN = {
     "road_gravel": ((0.47, 0.44, 0.39), 0.02, 0.0),
     "road_steel": ((0.63, 0.66, 0.69), 0.4, 0.05),
     "road_concrete": ((0.62, 0.61, 0.58), 0.05, 0.0),
-    # Emission inside a tunnel stands for its lamps, also beyond the reach of the sun's shadow map.
-    "road_tunnel_wall": ((0.30, 0.305, 0.295), 0.0, 0.85),
-    "road_tunnel_roof": ((0.12, 0.12, 0.125), 0.0, 0.5),
-    "road_tunnel_light": ((1.0, 0.93, 0.76), 0.0, 1.0),
+    "road_curb": ((0.40, 0.395, 0.37), 0.0, 0.5),
+    "road_tunnel_light": ((1.0, 0.95, 0.84), 0.0, 1.0),
     "road_post": ((0.93, 0.93, 0.93), 0.05, 0.1),
     "road_reflector": ((0.95, 0.30, 0.05), 0.2, 0.4),
     "road_sign": ((0.02, 0.36, 0.20), 0.1, 0.25),
     "road_conifer": ((0.10, 0.22, 0.10), 0.0, 0.0),
+    "road_conifer_pale": ((0.15, 0.27, 0.12), 0.0, 0.0),
     "road_leaves": ((0.20, 0.34, 0.10), 0.0, 0.0),
+    "road_leaves_pale": ((0.29, 0.38, 0.13), 0.0, 0.0),
     "road_trunk": ((0.24, 0.17, 0.11), 0.0, 0.0),
 }
-_SKY_HORIZON = np.array([0.80, 0.87, 0.93])
-_SKY_ZENITH = np.array([0.22, 0.45, 0.78])
+_HAZE = (0.80, 0.87, 0.93)
+
+
+@dataclass(frozen=True)
+class Sky:
+    """Colors of a sky.
+
+    Attributes:
+      horizon, zenith: of the clear sky; cloud: of the clouds.
+      clouds: density from which clouds are seen, of zero mean and unit deviation; fewer if higher.
+      glow: brightness about the sun; stars: their brightness.
+    """
+
+    horizon: tuple[float, float, float] = _HAZE
+    zenith: tuple[float, float, float] = (0.22, 0.45, 0.78)
+    clouds: float = 0.35
+    cloud: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    glow: float = 0.0
+    stars: float = 0.0
 
 
 def add_road_materials(spec: mujoco.MjSpec) -> None:
     """Adds the road scene's materials with their textures."""
     _texture(spec, "road_asphalt", _asphalt())
     _texture(spec, "road_grass", _grass())
-    for name, texture, gray, emission in (
-        ("road_asphalt", "road_asphalt", 1.0, 0.0),
-        ("road_asphalt_tunnel", "road_asphalt", 0.6, 0.5),
-        ("road_grass", "road_grass", 1.0, 0.0),
+    for name, image in _tunnel_light().items():
+        _texture(spec, name, image)
+    # Emission in a tunnel stands for its lamps: their light is part of the textures, also beyond
+    # the reach of the sun's shadow map.
+    for name, gray, emission in (
+        ("road_asphalt", 1.0, 0.0),
+        ("road_asphalt_tunnel", 1.0, 0.6),
+        ("road_tunnel_wall", 1.0, 0.6),
+        ("road_tunnel_roof", 1.0, 0.6),
+        ("road_grass", 1.0, 0.0),
     ):
         material = spec.add_material(
             name=name,
@@ -52,7 +78,7 @@ def add_road_materials(spec: mujoco.MjSpec) -> None:
             emission=emission,
         )
         textures = list(material.textures)
-        textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = texture
+        textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = name
         material.textures = textures
     for name, (rgb, specular, emission) in _PLAIN.items():
         spec.add_material(
@@ -62,7 +88,7 @@ def add_road_materials(spec: mujoco.MjSpec) -> None:
 
 def add_sky(spec: mujoco.MjSpec) -> None:
     """Adds a sky box with soft clouds, haze, a sun that follows the truck, and a fill light."""
-    _texture(spec, "sky", _sky_faces(), mujoco.mjtTexture.mjTEXTURE_SKYBOX)
+    _texture(spec, "sky", _day(), mujoco.mjtTexture.mjTEXTURE_SKYBOX)
     tractor = spec.body("tractor")
     body = tractor if tractor is not None else spec.worldbody
     body.add_light(
@@ -80,8 +106,8 @@ def add_sky(spec: mujoco.MjSpec) -> None:
     visual.headlight.ambient = [0.42, 0.44, 0.48]
     visual.headlight.diffuse = [0.12, 0.12, 0.12]
     visual.headlight.specular = [0.05, 0.05, 0.05]
-    visual.rgba.haze = [*_SKY_HORIZON, 1.0]
-    visual.rgba.fog = [*_SKY_HORIZON, 1.0]
+    visual.rgba.haze = [*_HAZE, 1.0]
+    visual.rgba.fog = [*_HAZE, 1.0]
 
 
 def set_view(spec: mujoco.MjSpec, center: tuple[float, float, float]) -> None:
@@ -95,9 +121,9 @@ def set_view(spec: mujoco.MjSpec, center: tuple[float, float, float]) -> None:
     visual.map.fogend = 480.0
     visual.map.haze = 0.25
     # A wide, coarse shadow map: a narrow or fine one leaves speckles far from the truck.
-    visual.map.shadowclip = 4.5
+    visual.map.shadowclip = 4.0
     visual.map.shadowscale = 0.8
-    visual.quality.shadowsize = 2048
+    visual.quality.shadowsize = 1536
     visual.quality.offsamples = 4
     visual.global_.offwidth = max(visual.global_.offwidth, 1920)
     visual.global_.offheight = max(visual.global_.offheight, 1080)
@@ -135,6 +161,39 @@ def _asphalt() -> FloatArray:
 
 
 @functools.cache
+def _tunnel_light() -> dict[str, FloatArray]:
+    """Road, wall and ceiling of a tunnel in the light of its lamps, by the name of the texture.
+
+    Rows are along the road, one spacing of the lamps, a lamp at the first row; columns are across:
+    the wall from its foot to its top, the ceiling from wall to wall.
+    """
+    size = 256
+    share = np.arange(size) / size
+    along, across = np.meshgrid(share, share, indexing="ij")
+    near = 0.5 + 0.5 * np.cos(2.0 * np.pi * along)  # to a lamp
+    grain = periodic_noise(np.random.default_rng(9), size, 0.4)
+    broad = periodic_noise(np.random.default_rng(10), size, 1.3)
+
+    def colored(gray: FloatArray, tint: tuple[float, float, float]) -> FloatArray:
+        return np.clip(gray, 0.0, 1.0)[..., None] * np.array(tint)
+
+    road = (0.31 + 0.05 * near) * (1.0 + 0.09 * grain + 0.03 * broad)
+    # Bright panels with joints above a dark plinth; the lamps light their upper part.
+    joint = (np.abs((4.0 * along) % 1.0 - 0.5) > 0.490) | (np.abs(across - 0.62) < 0.006)
+    panel = np.where(across < 0.28, 0.30, np.where(joint, 0.45, 0.70)) * (1.0 + 0.02 * broad)
+    wall = panel * (0.66 + 0.22 * across + 0.16 * near * across**2)
+    # Two rows of lamps light the ceiling about them.
+    row = np.minimum(np.abs(across - 0.32), np.abs(across - 0.68))
+    ceiling = (0.26 + 0.06 * broad.clip(-1, 1) * 0.3) * (1.0 + 0.02 * grain)
+    ceiling = ceiling + 0.42 * np.exp(-((row / 0.07) ** 2)) * (0.35 + 0.65 * near)
+    return {
+        "road_asphalt_tunnel": colored(road, (1.0, 0.98, 0.92)),
+        "road_tunnel_wall": colored(wall, (1.0, 0.985, 0.93)),
+        "road_tunnel_roof": colored(ceiling, (1.0, 0.96, 0.86)),
+    }
+
+
+@functools.cache
 def _grass() -> FloatArray:
     rng = np.random.default_rng(8)
     fine = periodic_noise(rng, 768, 0.55)[..., None]
@@ -144,8 +203,13 @@ def _grass() -> FloatArray:
 
 
 @functools.cache
-def _sky_faces() -> FloatArray:
+def _day() -> FloatArray:
+    return sky_faces(Sky(), np.array([0.0, 0.0, 1.0]))
+
+
+def sky_faces(sky: Sky, to_sun: FloatArray) -> FloatArray:
     """Cube faces right, left, up, down, front, back stacked, (6 size, size, 3)."""
+    horizon, zenith, tint = (np.array(c) for c in (sky.horizon, sky.zenith, sky.cloud))
     size = _SKY_SIZE
     line = (np.arange(size) + 0.5) / size * 2 - 1
     u, v = np.meshgrid(line, line)
@@ -162,20 +226,30 @@ def _sky_faces() -> FloatArray:
     rng = np.random.default_rng(3)
     cloud = periodic_noise(rng, 512, 1.75)
     faces = []
-    for x, y, z in directions:
+    star = rng.random((6, size, size, 1)) ** 2
+    lit = rng.random((6, size, size, 1)) < 0.0012
+    for face, (x, y, z) in enumerate(directions):
         norm = np.sqrt(x * x + y * y + z * z)
         up = y / norm
         rise = np.clip(up, 0.0, 1.0)[..., None]
-        color = _SKY_HORIZON + (_SKY_ZENITH - _SKY_HORIZON) * rise**0.55
+        color = horizon + (zenith - horizon) * rise**0.55
+        if sky.glow:
+            # The map's axes are x, -z, y of the cube.
+            toward = (x * to_sun[0] - z * to_sun[1] + y * to_sun[2]) / norm
+            near = np.clip(toward, 0.0, 1.0)[..., None]
+            light = 0.45 * near**6 + 0.35 * near**60 + 1.2 * near**3000
+            color = color + sky.glow * light * np.array([1.0, 0.82, 0.55])
+        color = color + sky.stars * np.where(lit[face], star[face], 0.0) * np.clip(rise * 6, 0, 1)
         # Clouds on a plane above: they shrink towards the horizon, where they fade.
         reach = 1.0 / np.maximum(up + 0.08, 0.05)
         row = (x / norm * reach * 60.0 + 256.0) % 512
         column = (z / norm * reach * 60.0 + 256.0) % 512
         density = bilinear(cloud, row, column)
-        cover = np.clip((density - 0.35) / 1.6, 0.0, 1.0) * np.clip((up - 0.03) / 0.22, 0.0, 1.0)
-        color = color + (1.0 - color) * 0.85 * cover[..., None]
-        color[up < 0.0] = _SKY_HORIZON * 0.96
-        faces.append(color)
+        cover = np.clip((density - sky.clouds) / 1.6, 0.0, 1.0)
+        cover *= np.clip((up - 0.03) / 0.22, 0.0, 1.0)
+        color = color + (tint - color) * 0.85 * cover[..., None]
+        color[up < 0.0] = horizon * 0.96
+        faces.append(np.clip(color, 0.0, 1.0))
     return np.concatenate(faces)
 
 

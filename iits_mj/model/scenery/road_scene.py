@@ -17,6 +17,7 @@ from iits_mj.model.scenery.landscape import Ground, Landscape, Plain, is_plain
 from iits_mj.model.scenery.materials import (
     ASPHALT_TILE,
     GRASS_TILE,
+    LAMP_SPACING,
     add_road_materials,
     add_sky,
     set_view,
@@ -53,8 +54,10 @@ def add_road(spec: mujoco.MjSpec, route: Route) -> None:
         parts = _by_material(markings(corridor, a, b).items())
         for begin, end, kind in _pieces(route, a, b):
             piece = corridor.between(begin, end)
-            surface = "road_asphalt_tunnel" if kind == "tunnel" else "road_asphalt"
-            pavement = piece.strip(piece.left, piece.right, 0.0, ASPHALT_TILE)
+            surface, tile = "road_asphalt", ASPHALT_TILE
+            if kind == "tunnel":
+                surface, tile = "road_asphalt_tunnel", LAMP_SPACING
+            pavement = piece.strip(piece.left, piece.right, 0.0, tile)
             found = [(surface, pavement)]
             if kind != "open" and isinstance(ground, Landscape):
                 found.append(("road_grass", ground.cover(piece)))

@@ -13,6 +13,7 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 from iits_mj.model.scenery.corridor import Corridor
 from iits_mj.model.scenery.landscape import Ground
+from iits_mj.model.scenery.materials import LAMP_LENGTH, LAMP_SPACING
 from iits_mj.model.visuals.shapes import Shape, boxes, merge, surface
 from iits_mj.road import Route
 
@@ -25,7 +26,8 @@ DECK_DEPTH = 1.5
 PIER_SPACING = 40.0
 RAIL_GAP = 0.45
 TREES_PER_KM = 140
-NEAREST, FARTHEST = 15.0, 120.0  # [m] of the trees from the pavement's edge
+WOODS_PER_KM, WOOD_TREES = 7, 14
+NEAREST, FARTHEST = 22.0, 120.0  # [m] of the trees from the pavement's edge
 # Profile of a guard rail: offset, height [m].
 _RAIL = np.array(
     [(0.0, 0.44), (0.06, 0.49), (0.06, 0.53), (0.0, 0.60), (0.06, 0.67), (0.06, 0.71), (0.0, 0.76)]
@@ -37,17 +39,28 @@ def tunnel(corridor: Corridor, start: float, end: float) -> Parts:
     part = corridor.between(start, end)
     width = part.left - part.right + 2.0 * WALL_GAP
     base = part.right - WALL_GAP
+    along = (part.station - np.floor(start / LAMP_SPACING) * LAMP_SPACING) / LAMP_SPACING
 
-    def sweep(points: list[tuple[float, float, float]]) -> Shape:
-        """Points are (share of the width, meters beside it, height)."""
+    def sweep(
+        points: list[tuple[float, float, float]], texture: list[float] | None = None
+    ) -> Shape:
+        """Points are (share of the width, meters beside it, height); `texture`: across, of each."""
         strips = []
-        for (f0, d0, z0), (f1, d1, z1) in pairwise(points):
+        for i, ((f0, d0, z0), (f1, d1, z1)) in enumerate(pairwise(points)):
             offsets = base[:, None] + np.stack([f0 * width + d0, f1 * width + d1], axis=1)
-            strips.append(surface(part.across(offsets, np.array([[z0, z1]]))))
+            at = None
+            if texture is not None:
+                across = np.broadcast_to(texture[i : i + 2], offsets.shape)
+                at = np.stack([across, np.broadcast_to(along[:, None], offsets.shape)], axis=-1)
+            strips.append(surface(part.across(offsets, np.array([[z0, z1]])), at))
         return merge(strips)
 
     inner = WALL_GAP
-    walls = [sweep([(0.0, 0.0, -0.3), (0.0, 0.0, 3.0)]), sweep([(1.0, 0.0, 3.0), (1.0, 0.0, -0.3)])]
+    low, high = 0.02, 0.98
+    walls = [
+        sweep([(0.0, 0.0, -0.3), (0.0, 0.0, 3.0)], [low, high]),
+        sweep([(1.0, 0.0, 3.0), (1.0, 0.0, -0.3)], [high, low]),
+    ]
     curbs = [
         sweep([(0.0, inner, -0.05), (0.0, inner, 0.22), (0.0, 0.0, 0.22)]),
         sweep([(1.0, 0.0, 0.22), (1.0, -inner, 0.22), (1.0, -inner, -0.05)]),
@@ -55,8 +68,8 @@ def tunnel(corridor: Corridor, start: float, end: float) -> Parts:
     vault = zip(np.linspace(0.0, 1.0, 9), _vault(), strict=True)
     roof = [(0.0, 0.0, 3.0), *((f, 0.0, z) for f, z in vault), (1.0, 0.0, 3.0)]
     yield "road_tunnel_wall", merge(walls)
-    yield "road_concrete", merge(curbs)
-    yield "road_tunnel_roof", sweep(roof)
+    yield "road_curb", merge(curbs)
+    yield "road_tunnel_roof", sweep(roof, [f for f, _, _ in roof])
     yield "road_tunnel_light", _tunnel_lights(corridor.route, start, end)
     portals = [_portal(corridor.route, start, -1.0), _portal(corridor.route, end, 1.0)]
     yield "road_concrete", merge(portals)
@@ -69,8 +82,9 @@ def _vault() -> FloatArray:
 
 
 def _tunnel_lights(route: Route, start: float, end: float) -> Shape:
-    begin = np.arange(start + 4.0, end - 8.0, 12.0)
-    ends = np.stack([begin, begin + 7.0], axis=1).ravel()
+    first = np.ceil((start + 4.0) / LAMP_SPACING) * LAMP_SPACING
+    lamp = np.arange(first, end - 4.0, LAMP_SPACING)
+    ends = np.stack([lamp - 0.5 * LAMP_LENGTH, lamp + 0.5 * LAMP_LENGTH], axis=1).ravel()
     row = Corridor.sample(route, ends)
     middle = 0.5 * (row.left + row.right)
     lamps = []
@@ -217,17 +231,50 @@ def trees(part: Corridor, ground: Ground, rng: np.random.Generator) -> Parts:
     points = points[(clear > 0.8 * NEAREST) & (np.abs(points[:, 2] - row.z) < 22.0)]
     height = rng.uniform(6.0, 14.0, len(points))
     conifer = rng.random(len(points)) < 0.55
-    if np.any(conifer):
-        yield "road_conifer", _grown(_CONIFER, points[conifer], height[conifer])
-    if np.any(~conifer):
-        yield "road_leaves", _grown(_BROADLEAF, points[~conifer], 0.75 * height[~conifer])
-    if len(points):
-        yield "road_trunk", _grown(_TRUNK, points, height)
+    pale = rng.random(len(points)) < 0.4
+    height[~conifer] *= 0.75
+    for name, shape, kind in (
+        ("road_conifer", _CONIFER, conifer),
+        ("road_leaves", _BROADLEAF, ~conifer),
+    ):
+        for material, chosen in ((name, kind & ~pale), (f"{name}_pale", kind & pale)):
+            yield from _grown(material, shape, points[chosen], height[chosen], rng)
+    yield from _grown("road_trunk", _TRUNK, points, height, rng)
+    yield from _woods(part, ground, rng)
 
 
-def _grown(shape: Shape, points: FloatArray, height: FloatArray) -> Shape:
-    """Copies of a shape of unit height, scaled to heights [m]."""
-    return _placed(shape.vertices[None] * height[:, None, None], shape, points)
+def _woods(part: Corridor, ground: Ground, rng: np.random.Generator) -> Parts:
+    """Groups of conifers farther away."""
+    length = part.station[-1] - part.station[0]
+    groups = max(1, int(WOODS_PER_KM * length / 1000.0))
+    count = groups * WOOD_TREES
+    along = np.repeat(rng.uniform(part.station[0], part.station[-1], groups), WOOD_TREES)
+    row = Corridor.sample(part.route, np.clip(along, part.station[0], part.station[-1]))
+    side = np.repeat(np.where(rng.random(groups) < 0.5, 1.0, -1.0), WOOD_TREES)
+    reach = np.repeat(FARTHEST + 330.0 * rng.random(groups), WOOD_TREES)
+    points = row.across(np.where(side > 0, row.left, row.right) + side * reach)
+    spread = np.repeat(rng.uniform(12.0, 42.0, groups), WOOD_TREES)
+    points[:, :2] += spread[:, None] * rng.normal(0.0, 1.0, (count, 2))
+    points[:, 2], clear = ground.height(points[:, 0], points[:, 1])
+    points = points[clear > 0.5 * FARTHEST]
+    height = rng.uniform(8.0, 17.0, len(points))
+    half = len(points) // 2
+    yield from _grown("road_conifer", _SPIRE, points[:half], height[:half], rng)
+    yield from _grown("road_conifer_pale", _SPIRE, points[half:], height[half:], rng)
+
+
+def _grown(
+    material: str, shape: Shape, points: FloatArray, height: FloatArray, rng: np.random.Generator
+) -> Parts:
+    """Copies of a shape of unit height, scaled to heights [m], each turned and of its own girth."""
+    if not len(points):
+        return
+    turn, girth = rng.uniform(0.0, 2.0 * np.pi, len(points)), rng.uniform(0.8, 1.25, len(points))
+    c, s = np.cos(turn)[:, None], np.sin(turn)[:, None]
+    x, y, z = (shape.vertices[:, i][None] for i in range(3))
+    wide = girth[:, None]
+    grown = np.stack([wide * (c * x - s * y), wide * (s * x + c * y), z + 0.0 * c], axis=-1)
+    yield material, _placed(grown * height[:, None, None], shape, points)
 
 
 def _cone(radius: float, low: float, high: float, sides: int = 7) -> Shape:
@@ -240,14 +287,18 @@ def _cone(radius: float, low: float, high: float, sides: int = 7) -> Shape:
 
 def _crown() -> Shape:
     """A lumpy ball of unit tree height, from rings."""
-    levels = np.array([(0.0, 0.26), (0.20, 0.34), (0.31, 0.55), (0.24, 0.80), (0.0, 1.0)])
-    sides = 7
+    levels = np.array(
+        [(0.0, 0.24), (0.19, 0.30), (0.32, 0.48), (0.31, 0.66), (0.20, 0.86), (0.0, 1.0)]
+    )
+    sides = 8
     angle = 2.0 * np.pi * np.arange(sides) / sides
-    lump = 1.0 + 0.16 * np.cos(3.0 * angle + 0.7)
-    rows = [
-        np.stack([r * lump * np.cos(angle), r * lump * np.sin(angle), np.full(sides, z)], axis=-1)
-        for r, z in levels
-    ]
+    rows = []
+    for k, (r, z) in enumerate(levels):
+        lump = (
+            1.0 + 0.22 * np.cos(3.0 * angle + 0.7 + 2.1 * k) + 0.10 * np.cos(2.0 * angle + 1.3 * k)
+        )
+        sag = z + 0.035 * np.cos(4.0 * angle + 1.9 * k) * (r > 0.0)
+        rows.append(np.stack([r * lump * np.cos(angle), r * lump * np.sin(angle), sag], axis=-1))
     faces = []
     for i in range(len(levels) - 1):
         for j in range(sides):
@@ -258,4 +309,5 @@ def _crown() -> Shape:
 
 _CONIFER = merge([_cone(0.24, 0.10, 0.55), _cone(0.19, 0.34, 0.78), _cone(0.13, 0.58, 1.0)])
 _BROADLEAF = _crown()
+_SPIRE = _cone(0.21, 0.02, 1.0, 5)
 _TRUNK = _cone(0.03, -0.1, 0.6, 5)

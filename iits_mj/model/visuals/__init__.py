@@ -29,6 +29,9 @@ TRUCK_MATERIALS = {
     "truck_rubber": ((0.055, 0.055, 0.058, 1.0), 0.08, 0.1, 0.0),
     "truck_headlight": ((1.0, 0.98, 0.90, 1.0), 0.5, 0.8, 0.9),
     "truck_amber": ((1.0, 0.52, 0.04, 1.0), 0.3, 0.5, 0.6),
+    # Pictures of a drive light these by the state of the truck; see `iits_mj.render.lamps`.
+    "truck_indicator_left": ((1.0, 0.52, 0.04, 1.0), 0.3, 0.5, 0.2),
+    "truck_indicator_right": ((1.0, 0.52, 0.04, 1.0), 0.3, 0.5, 0.2),
     "truck_tail_light": ((0.92, 0.03, 0.03, 1.0), 0.3, 0.5, 0.6),
     "truck_plate": ((0.95, 0.80, 0.20, 1.0), 0.1, 0.1, 0.1),
     "trailer_curtain": ((0.88, 0.89, 0.91, 1.0), 0.15, 0.2, 0.0),

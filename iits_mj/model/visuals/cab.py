@@ -173,7 +173,8 @@ def _front(painter: Painter, cab: _Cab, bumper: _Cab) -> None:
         ((front - 1.06, 0.80, cab.height(3.40)), (0.10, 0.16, 0.05)),
     ]
     blinker = bumper.patch(0.70, 0.92, (1.19, 1.19), (1.36, 1.36), 0.018)
-    painter.pair("turn_lights", (blinker, boxes(on_roof)), "truck_amber")
+    painter.sides("indicator", blinker, "truck_indicator")
+    painter.pair("marker_lights", boxes(on_roof), "truck_amber")
     painter.box("plate", (front + 0.012, 0, 0.56), (0.02, 0.44, 0.14), "truck_plate")
     sill = cab.height(2.06)
     wipers = [((front - 0.085, s, sill), (0.03, 0.72, 0.03)) for s in (-0.5, 0.35)]

@@ -117,8 +117,10 @@ def draw_open_rear(painter: Painter, layout: Layout, end: float) -> None:
     x = end - 0.06
     width = layout.unit.width - 0.20
     painter.box("rear_bar", (x, 0, 0.80), (0.08, width, 0.16), "truck_chassis")
-    red = boxes([((x - 0.05, 0.86, 0.80), (0.03, 0.36, 0.12))])
+    red = boxes([((x - 0.05, 0.80, 0.80), (0.03, 0.24, 0.12))])
     painter.pair("tail_lights", red, "truck_tail_light")
+    blinker = boxes([((x - 0.05, 0.98, 0.80), (0.03, 0.12, 0.12))])
+    painter.sides("rear_indicator", blinker, "truck_indicator")
     draw_mud_flaps(painter, layout, end, 0.86, (0.46, 0.56, 0.52))
 
 

@@ -149,16 +149,17 @@ def draw_rear(painter: Painter, layout: Layout) -> None:
     if whole:
         _under_run_guard(painter, layout, box)
     half, rear, z = box.half, box.rear, box.floor - 0.18
-    amber, red = [], []
+    red = []
     if whole:
         lamp = boxes([((rear - 0.01, 0.86, z), (0.05, 0.62, 0.17))])
         painter.pair("lamp_housings", lamp, "truck_black")
         red += [((rear - 0.04, 0.72, z), (0.02, 0.26, 0.12))]
         red += [((rear - 0.03, half - 0.10, box.top - 0.06), (0.02, 0.12, 0.05))]
         painter.pair("tail_lights", boxes(red), "truck_tail_light")
-        amber += [((rear - 0.04, 1.02, z), (0.02, 0.24, 0.12))]
+        blinker = boxes([((rear - 0.04, 1.02, z), (0.02, 0.24, 0.12))])
+        painter.sides("rear_indicator", blinker, "truck_indicator")
     along = np.arange(rear + 1.0, box.front - 0.2, 2.3)
-    amber += [((x, half + 0.004, box.floor + 0.06), (0.11, 0.02, 0.05)) for x in along]
+    amber = [((x, half + 0.004, box.floor + 0.06), (0.11, 0.02, 0.05)) for x in along]
     painter.pair("marker_lights", boxes(amber), "truck_amber")
 
 

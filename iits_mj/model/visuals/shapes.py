@@ -225,6 +225,11 @@ class Painter:
         shape = shapes if isinstance(shapes, Shape) else merge(shapes)
         self.mesh(name, shape.with_mirror(), material)
 
+    def sides(self, name: str, shape: Shape, material: str) -> None:
+        """Adds a shape on the left side and its reflection, as two meshes with own materials."""
+        for side, part in (("left", shape), ("right", shape.mirrored())):
+            self.mesh(f"{name}_{side}", part, f"{material}_{side}")
+
     def reuse(self, name: str, mesh_name: str, material: str, quat: Point = (1, 0, 0, 0)) -> None:
         """Adds a geom that shows a mesh of the specification."""
         self._geom(

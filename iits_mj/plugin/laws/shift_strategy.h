@@ -38,8 +38,7 @@ struct ShiftStrategy : ShiftParameters<T> {
     if (s.gear_time < p.min_gear_time) return {gear, false};
     const bool decides = !p.adaptive || floor(s.gear_time / p.adaptive_period) !=
                                             floor((s.gear_time - h) / p.adaptive_period);
-    const bool cut = now.in.pedal < now.in.driver_pedal;  // temporarily, by the brakes
-    if (now.in.pedal > pedal_up && decides && !cut) {
+    if (now.in.pedal > pedal_up && decides && !TorqueIsCut(now)) {
       int next = p.adaptive ? AdaptiveGear(now) : TableUpshift(now);
       if (next == gear && !p.adaptive) next = KickDown(now);
       if (next != gear && !ReversesTooSoon(now, next)) return {next, false};
@@ -52,6 +51,14 @@ struct ShiftStrategy : ShiftParameters<T> {
   }
 
  private:
+  // Whether brakes or traction control take torque away temporarily. While the governor limits the
+  // torque, a cut of the accelerator takes none.
+  static bool TorqueIsCut(const Situation& now) {
+    if (now.in.pedal >= now.in.driver_pedal) return false;
+    const T limit = now.engine.TorqueLimit(now.InputSpeed());
+    return now.engine.pedal_map(now.InputSpeed(), now.in.pedal) < limit;
+  }
+
   // Whether the engine exceeds the limit of the governor, or of the engine brake.
   static bool TooFast(const Situation& now) {
     T limit = now.p.overspeed * now.engine.governed_speed;

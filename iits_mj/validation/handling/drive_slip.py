@@ -15,6 +15,7 @@ those of ABS in the same bend.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ import numpy as np
 from iits_mj.core.messages import EgoState, VehicleCommand
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import GRAVITY
+from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.truck import Truck
 from iits_mj.validation.handling.braking_stability import (
@@ -36,26 +38,33 @@ FRICTIONS = (0.2, 0.1)
 BRAKING: dict[str, Any] = {"engine_brake": 1.0, "retarder": 1.0}
 PULLING: dict[str, Any] = {"accelerator_pedal": 1.0}
 # No slip is as large: the controls are off.
-OFF: dict[str, object] = {
-    "air_brake": {
-        "drive_slip_lead": 0.0,
-        "drag_slip_begin": 1.0,
-        "asr_slip_begin": 10.0,
-        "asr_brake_speed": 0.0,
-        "asr_hold_time": 100.0,
-        "asr_slip_range": 10.0,
-    }
+_OFF: dict[str, Any] = {
+    "drive_slip_lead": 0.0,
+    "drag_slip_begin": 1.0,
+    "asr_slip_begin": 10.0,
+    "asr_brake_speed": 0.0,
+    "asr_hold_time": 100.0,
+    "asr_slip_range": 10.0,
 }
 ICE, GRIP = 0.1, 0.8
 _DURATION, _START = 12.0, 10.0
 
 
+def without_control(parameters: TruckParameters) -> TruckParameters:
+    """Returns the truck with the control of drive slip and drag torque off."""
+    return replace(parameters, air_brake=replace(parameters.air_brake, **_OFF))
+
+
 def in_bend(
-    payload: float, timestep: float, friction: float, levers: dict[str, Any], *, control: bool
+    parameters: TruckParameters,
+    payload: float,
+    timestep: float,
+    friction: float,
+    levers: dict[str, Any],
 ) -> Run:
     """Applies pedal and levers in the bend; the record begins with them."""
     lateral = 0.5 * friction * GRAVITY
-    truck, wheel = steady_bend(payload, timestep, friction, lateral, {} if control else OFF)
+    truck, wheel = steady_bend(parameters, payload, timestep, friction, lateral)
 
     def command(_: float, __: EgoState) -> VehicleCommand:
         return VehicleCommand(steering_wheel_angle=wheel, **levers)
@@ -63,25 +72,31 @@ def in_bend(
     return run(truck, command, _DURATION, bend_is_over)
 
 
-def start(payload: float, timestep: float, left: float, right: float, *, control: bool) -> Run:
+def start(
+    parameters: TruckParameters, payload: float, timestep: float, left: float, right: float
+) -> Run:
     """Starts on a level road with these coefficients of friction, by the full accelerator."""
     route = Route.straight(2000.0).with_friction(left, right)
-    changes = {} if control else OFF
-    truck = Truck.load(payload, timestep=timestep, visuals=False, route=route, parameters=changes)
+    truck = Truck.load(
+        payload, timestep=timestep, visuals=False, route=route, parameters=parameters
+    )
     truck.reset()
     return run(truck, lambda _, __: VehicleCommand(accelerator_pedal=1.0), _START)
 
 
-def compare(payload: float, timestep: float) -> Findings:
-    """Bends and starts with one payload [kg]."""
+def compare(parameters: TruckParameters, payload: float, timestep: float) -> Findings:
+    """Bends and starts with one payload [kg]; bends only of a truck with a hitch that may fold."""
     load = f"{payload / 1e3:g} t"
     found = Findings(f"slip of the driven wheels, {load}")
+    trucks = {True: parameters, False: without_control(parameters)}
     folded, steady = np.rad2deg((FOLDED, STEADY))
-    for friction in FRICTIONS:
+    driven = [i for i, axle in enumerate(parameters.axles) if axle.driven]
+    wheels = [2 * i + side for i in driven for side in (0, 1)]
+    for friction in FRICTIONS if len(parameters.units) > 1 else ():
         for action, levers in (("engine brake and retarder", BRAKING), ("accelerator", PULLING)):
             lines = []
             for control in (True, False):
-                record = in_bend(payload, timestep, friction, levers, control=control)
+                record = in_bend(trucks[control], payload, timestep, friction, levers)
                 change = np.rad2deg(record.articulation - record.articulation[0])
                 name = "with slip control" if control else "without"
                 lines.append(Line(name, record.time, change, "simulation" if control else ""))
@@ -97,14 +112,14 @@ def compare(payload: float, timestep: float) -> Findings:
         ("with one side on ice", GRIP, ICE, 1.5),
     ):
         with_control, without = (
-            start(payload, timestep, left, right, control=control) for control in (True, False)
+            start(trucks[control], payload, timestep, left, right) for control in (True, False)
         )
         reached = float(with_control.speed[-1])
         least = gain * float(without.speed[-1])
         label = f"start {name}: speed after {_START:g} s"
         found.check(f"{label}, without slip control", float(without.speed[-1]), "m/s")
         found.check(label, reached, "m/s", must=f">= {least:.2f}")
-        spin = [float(np.max(np.abs(r.wheel_slips[:, 2:6]))) for r in (with_control, without)]
+        spin = [float(np.max(np.abs(r.wheel_slips[:, wheels]))) for r in (with_control, without)]
         found.check(f"start {name}: greatest slip, without slip control", spin[1], "1")
         found.check(f"start {name}: greatest slip", spin[0], "1", must=f"< {spin[1]:.2f}")
         lines = [

@@ -10,16 +10,14 @@ line of the path. The driver has practiced: the first try steers by the inverse 
 (the road-wheel angle that moves the steer axle along the path), and each further try adds the
 inverse of the remaining error, so the last run is a smooth open-loop input.
 
-PBS level 1 allows 0.6 m of off-tracking and an amplification of 5.7 times the roll-over threshold
-in g. These numbers are not checked against the text of the PBS Rules.
+PBS allows an amplification of 5.7 times the roll-over threshold in g, and an off-tracking by level,
+0.6 m on level 1. These numbers are not checked against the text of the PBS Rules.
 """
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import signal
@@ -36,11 +34,12 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import group_center
 from iits_mj.truck import Truck
 from iits_mj.validation.harness.maneuver import restore_state, save_state, steady_truck
 from iits_mj.validation.harness.recorder import PERIOD, SpeedHold, SteeringRecord, drive
 from iits_mj.validation.pbs import maneuvers
-from iits_mj.validation.pbs.limits import STANDARDS
+from iits_mj.validation.pbs.limits import STANDARDS, level_of_length
 
 # PBS: rearward amplification is at most this many times the roll-over threshold in g.
 PBS_FACTOR = STANDARDS["amplification"].limits[0]
@@ -52,11 +51,12 @@ SPEED_TOLERANCE = 1.0
 _SINE_LEAD, _SINE_LENGTH = 0.5, 10.0
 # The path: period [s] and peak acceleration [m/s2].
 PATH_PERIOD, PATH_PEAK = maneuvers.LaneChange.period, maneuvers.LaneChange.peak
-# PBS level 1 [m], and how far the steer axle may leave the path (SAE J2179) [m].
-OFF_TRACKING = STANDARDS["off_tracking"].limits[0]
+# How far the steer axle may leave the path (SAE J2179) [m].
 PATH_TOLERANCE = 0.15
 _RATE = 2.0 * np.pi / PATH_PERIOD
 _LEAD, _LENGTH = 1.0, 7.0
+# End of the path since the start of a recording [s].
+_PATH_END = _LEAD + PATH_PERIOD
 # Tries after the first one, and the band in which the driver corrects [Hz].
 _REPEATS = 3
 _BAND = 1.5
@@ -87,10 +87,14 @@ class LaneChange:
     model: Response
     system: LateralSystem
 
+    def front(self) -> FloatArray:
+        """Lateral acceleration of the steer axle in the lane change [m/s2]."""
+        return steer_axle_acceleration(self.recording)
+
     def amplification(self) -> float:
         """Rearward amplification of the truck [1]."""
         rear = np.max(np.abs(self.recording.trailer_lateral_acceleration))
-        return float(rear / np.max(np.abs(steer_axle_acceleration(self.recording))))
+        return float(rear / np.max(np.abs(self.front())))
 
     def model_amplification(self) -> float:
         """Rearward amplification of the linear model [1]."""
@@ -99,7 +103,7 @@ class LaneChange:
 
     def peak(self) -> float:
         """Greatest lateral acceleration of the steer axle [m/s2]."""
-        return float(np.max(np.abs(steer_axle_acceleration(self.recording))))
+        return float(np.max(np.abs(self.front())))
 
     def speed_error(self) -> float:
         """Greatest deviation from the wanted speed [km/h]."""
@@ -107,10 +111,7 @@ class LaneChange:
 
 
 def sine_steer(
-    payload: float,
-    speed: float,
-    timestep: float,
-    parameters: TruckParameters | Mapping[str, Any] | None = None,
+    parameters: TruckParameters, payload: float, speed: float, timestep: float
 ) -> LaneChange:
     """One sine at this speed [m/s]; the linear model sets its size for `SINE_PEAK`."""
     truck, hold = steady_truck(payload, speed, timestep, parameters=parameters)
@@ -129,9 +130,11 @@ def sine_steer(
     return LaneChange(record, simulate(system, record.time, record.road_wheel), system)
 
 
-def compare_sine(payload: float, kph: float, threshold: float, timestep: float) -> Findings:
+def compare_sine(
+    parameters: TruckParameters, payload: float, kph: float, threshold: float, timestep: float
+) -> Findings:
     """The sine at one speed [km/h]; threshold: static roll-over threshold [g]."""
-    done = sine_steer(payload, kph * KMH, timestep)
+    done = sine_steer(parameters, payload, kph * KMH, timestep)
     found = Findings(f"ISO 14791 single sine, {payload / 1e3:g} t, {kph:g} km/h")
     name, most = "rearward amplification", f"<= {PBS_FACTOR * threshold:.2f}"
     found.check(name, done.amplification(), "1", done.model_amplification(), most)
@@ -160,6 +163,10 @@ class PathChange(LaneChange):
     last: FloatArray
     model_last: FloatArray
     error: float
+
+    def front(self) -> FloatArray:
+        """As of a lane change; afterwards the driver answers the pull of the trailer."""
+        return super().front()[self.recording.time <= _PATH_END]
 
     def off_tracking(self) -> float:
         """High-speed transient off-tracking [m]; zero if the last axle does not swing beyond."""
@@ -197,9 +204,11 @@ def inverse_steer(system: LateralSystem, time: FloatArray, acceleration: FloatAr
     return np.asarray(signal.lsim(output, acceleration, time)[1]).ravel()
 
 
-def follow_path(payload: float, speed: float, timestep: float) -> PathChange:
+def follow_path(
+    parameters: TruckParameters, payload: float, speed: float, timestep: float
+) -> PathChange:
     """Drives the path at this speed [m/s] several times from the same state."""
-    truck, hold = steady_truck(payload, speed, timestep)
+    truck, hold = steady_truck(payload, speed, timestep, parameters=parameters)
     system = linear_system(truck, speed)
     grid = np.arange(0.0, _LEAD + _LENGTH + 0.5 * PATH_PERIOD, PERIOD)
     phase = _RATE * np.clip(grid - _LEAD, 0.0, PATH_PERIOD)
@@ -213,24 +222,30 @@ def follow_path(payload: float, speed: float, timestep: float) -> PathChange:
         restore_state(truck, start)
         record = _try(truck, steer, grid, speed, copy.copy(hold))
     answer = simulate(system, grid, ideal)
-    positions = [axle.position for axle in truck.parameters.units[1].axles]
-    behind = float(positions[-1] - np.mean(positions))
-    heading = record.yaw - record.articulation
+    group = parameters.last.groups(payload)[-1]
+    last_axle = group[-1].position
+    behind = last_axle - group_center(group)
+    heading = record.rear_yaw
     x = record.rear_x - behind * np.cos(heading) - record.x[0]
     y = record.rear_y - behind * np.sin(heading) - record.y[0]
     last = np.column_stack([x, y])
-    last_axle = truck.parameters.last.axles[-1].position
     model_last = unit_track(answer, system, -1, last_axle)
     worst = float(np.max(np.abs(_path_error(record, speed))))
     return PathChange(record, answer, system, last, model_last, worst)
 
 
-def compare_path(payload: float, kph: float, threshold: float, timestep: float) -> Findings:
+def compare_path(
+    parameters: TruckParameters, payload: float, kph: float, threshold: float, timestep: float
+) -> Findings:
     """The path at one speed [km/h]; threshold: static roll-over threshold [g]."""
-    done = follow_path(payload, kph * KMH, timestep)
+    done = follow_path(parameters, payload, kph * KMH, timestep)
     found = Findings(f"SAE J2179 path, {payload / 1e3:g} t, {kph:g} km/h")
-    name, linear = "transient off-tracking (PBS level 1)", done.model_off_tracking()
-    found.check(name, done.off_tracking(), "m", linear, f"<= {OFF_TRACKING:g}")
+    level, linear = level_of_length(parameters.length), done.model_off_tracking()
+    name, must = (
+        f"transient off-tracking (PBS level {level})",
+        STANDARDS["off_tracking"].must(level),
+    )
+    found.check(name, done.off_tracking(), "m", linear, must)
     name, linear = "rearward amplification (PBS)", done.model_amplification()
     found.check(name, done.amplification(), "1", linear, f"<= {PBS_FACTOR * threshold:.2f}")
     found.check("path error of the steer axle", done.error, "m", 0.0, f"<= {PATH_TOLERANCE:g}")

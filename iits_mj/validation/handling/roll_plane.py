@@ -1,17 +1,19 @@
 """Static roll-over threshold of the compliant truck, by statics in the roll plane.
 
-Two sprung bodies, coupled in roll by the fifth wheel, rest on axles that roll on their tires. On a
-table tilted by phi, the tires of an axle give the moment `M_t = min(K_t phi_u, W T cos(phi) / 2)`,
+The sprung bodies of the units, coupled in roll, rest on axles that roll on their tires. On a table
+tilted by phi, the tires of an axle give the moment `M_t = min(K_t phi_u, W T cos(phi) / 2)`,
 the second after the inner wheels have lifted. With the suspension's `M_s = K_s (phi_b - phi_u)`,
 
     axle:    M_t = M_s + (n h_rc + m_u g h_u) (sin phi + phi_u cos phi) + W cos phi y
-    body:    sum M_s + M_5 = sum n (h - h_rc) (sin phi + phi_b cos phi),
+    body:    sum M_s + M_c = sum n (h - h_rc) (sin phi + phi_b cos phi),
 
 about the center of the track and about the roll centers. n is the sprung weight on a support, h its
 height, and `y = W sin phi sigma / C` the lateral deflection of the carcass (sigma: relaxation
-length, C: cornering stiffness). The kingpin is a support of the trailer and a load of the tractor.
-The threshold is the tilt at which this equilibrium becomes unstable, or at which the upper wheels
-of all axles but the steer axle have lifted. The parameters are those of the truck.
+length, C: cornering stiffness). M_c are the roll moments of the couplings. A coupling is a support
+of the unit behind it and a load of the unit ahead. The threshold is the tilt at which this
+equilibrium becomes unstable, or at which the upper wheels of all axles but the steer axles have
+lifted, in the whole combination or in units that no coupling holds in roll (drawbar, pintle). The
+parameters are those of the truck.
 """
 
 from __future__ import annotations
@@ -29,12 +31,17 @@ from iits_mj.analytic import (
     static_axle_loads,
 )
 from iits_mj.analytic.roll_bodies import relaxation_lengths
+from iits_mj.analytic.yaw_plane import axles_on_road
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import Coupling, TruckParameters
 
 _STEP = math.radians(0.02)
 _LIMIT = math.radians(60.0)
+# Change of roll in a step [rad] that the solver may find, and that of a falling truck.
+_SMALL, _FALLING = 0.02, 0.15
+# Largest scaled moment of an equilibrium; the creep to one: greatest steps, and their size [rad].
+_SOLVED, _CREEPS, _RESTING = 1e-8, 3000, 1e-8
 
 
 @dataclass(frozen=True)
@@ -86,12 +93,53 @@ class _Support:
 
 
 @dataclass(frozen=True)
+class _Body:
+    """A unit without its axles.
+
+    Attributes:
+      supports: its axles on the road; steered: number of them that are steered axles in front.
+      height: of the sprung weights that they carry [m].
+      load: on its own coupling [N]; coupling: None for the motor vehicle.
+    """
+
+    supports: tuple[_Support, ...]
+    steered: int
+    height: float
+    load: float
+    coupling: Coupling | None
+
+    def restoring(self, roll: float, pull: Pull) -> float:
+        """Restoring less overturning moment of axles and weights [N m] at a roll [rad]."""
+        lean = pull.side + roll * pull.down
+        moment = 0.0
+        for support in self.supports:
+            moment += support.moment(roll, pull)
+            moment -= support.sprung * (self.height - support.roll_center) * lean
+        if self.coupling is not None:
+            moment -= self.load * (self.height - self.coupling.height) * lean
+        return moment
+
+    def hitch(self, twist: float) -> float:
+        """Moment of its coupling at a roll against the unit ahead [N m]."""
+        if self.coupling is None:
+            return 0.0
+        stiffness, angle = self.coupling.roll_stiffness, abs(twist)
+        lift = 0.5 * self.coupling.plate_width * self.load
+        beyond = stiffness * (angle - self.coupling.roll_lash)
+        return math.copysign(min(stiffness * angle, max(lift, beyond)), twist)
+
+    def lifted(self, roll: float, pull: Pull) -> bool:
+        """Returns whether the inner wheels of all axles but the steer axles have lifted."""
+        return all(s.transfer(roll, pull) == 1.0 for s in self.supports[self.steered :])
+
+
+@dataclass(frozen=True)
 class Leaning:
     """Roll equilibrium of the truck in a turn.
 
     Attributes:
-      transfers: load transfer of each axle, see `_Support.transfer`, shape (k,).
-      hitch_moment: roll moment that the trailer puts on the tractor [N m].
+      transfers: load transfer of each axle on the road, see `_Support.transfer`, shape (k,).
+      hitch_moment: roll moment that the first towed unit puts on the motor vehicle [N m].
     """
 
     transfers: FloatArray
@@ -100,30 +148,20 @@ class Leaning:
 
 @dataclass(frozen=True)
 class RollPlane:
-    """The combination in the roll plane.
+    """The combination in the roll plane: its bodies, front to rear."""
 
-    Attributes:
-      tractor, trailer: supports of the two bodies.
-      tractor_height, trailer_height: of the sprung weights that they carry [m].
-      kingpin: load [N]; fifth_wheel: of the truck.
-    """
-
-    tractor: tuple[_Support, ...]
-    trailer: tuple[_Support, ...]
-    tractor_height: float
-    trailer_height: float
-    kingpin: float
-    fifth_wheel: Coupling
+    bodies: tuple[_Body, ...]
 
     @classmethod
     def from_parameters(cls, parameters: TruckParameters, payload: float) -> RollPlane:
         """The roll plane of a truck with this payload [kg]."""
-        trailer, king = laden_units(parameters, payload)[1], coupling_loads(parameters, payload)[0]
+        units, axles = axles_on_road(parameters, payload)
         loads = static_axle_loads(parameters, payload)
-        supports = []
         lag = relaxation_lengths(parameters, parameters.axles, loads)
-        bend = lag / axle_cornering_stiffness(parameters, loads)
-        for axle, load, carcass in zip(parameters.axles, loads, bend, strict=True):
+        down = [not axle.lifted(payload) for axle in parameters.axles]
+        bend = lag[down] / axle_cornering_stiffness(parameters, loads)[down]
+        supports = []
+        for axle, load, carcass in zip(axles, loads[down], bend, strict=True):
             tire = parameters.tires[axle.tire]
             stiffness = tire.count * tire.vertical_stiffness
             height = tire.free_radius - 0.5 * load / stiffness
@@ -139,45 +177,39 @@ class RollPlane:
                     float(carcass),
                 )
             )
-        split = len(parameters.lead.axles)
-        front, rear = tuple(supports[:split]), tuple(supports[split:])
-        own = _sprung(parameters.lead.mass, parameters.lead.cg_height, front, king)
-        above = _sprung(trailer.mass, trailer.cg_height, rear, -king)
-        fifth = parameters.couplings[0]
-        # The tractor carries its own sprung weight and the kingpin's load at the plate.
-        height = (own[0] * own[1] + king * fifth.height) / (own[0] + king)
-        return cls(front, rear, height, above[1], king, fifth)
-
-    def coupling(self, twist: float) -> float:
-        """Moment of the fifth wheel at a roll of the trailer against the tractor [N m]."""
-        stiffness, angle = self.fifth_wheel.roll_stiffness, abs(twist)
-        lift = 0.5 * self.fifth_wheel.plate_width * self.kingpin
-        beyond = stiffness * (angle - self.fifth_wheel.roll_lash)
-        moment = min(stiffness * angle, max(lift, beyond))
-        return math.copysign(moment, twist)
+        # Of each unit: load on its own coupling, and load and height of the coupling that it bears.
+        own = (0.0, *coupling_loads(parameters, payload))
+        borne = (*own[1:], 0.0)
+        plates = (*(coupling.height for coupling in parameters.couplings), 0.0)
+        bodies = []
+        for index, (unit, laden) in enumerate(
+            zip(parameters.units, laden_units(parameters, payload), strict=True)
+        ):
+            mine = tuple(s for s, of in zip(supports, units, strict=True) if of == index)
+            weight, height = _sprung(laden.mass, laden.cg_height, mine, borne[index] - own[index])
+            height = (weight * height + borne[index] * plates[index]) / (weight + borne[index])
+            steered = 0 if unit.coupling else len(unit.groups(payload)[0])
+            bodies.append(_Body(mine, steered, height, own[index], unit.coupling))
+        return cls(tuple(bodies))
 
     def residual(self, rolls: FloatArray, pull: Pull) -> FloatArray:
-        """Restoring less overturning moment of tractor and trailer [N m], shape (2,)."""
-        tractor, trailer = rolls
-        hitch = self.coupling(trailer - tractor)
-        restoring = [-hitch, hitch]
-        for i, (supports, body, height) in enumerate(
-            (
-                (self.tractor, tractor, self.tractor_height),
-                (self.trailer, trailer, self.trailer_height),
-            )
-        ):
-            lean = pull.side + body * pull.down
-            for support in supports:
-                restoring[i] += support.moment(body, pull)
-                restoring[i] -= support.sprung * (height - support.roll_center) * lean
-        lean = pull.side + trailer * pull.down
-        restoring[1] -= self.kingpin * (self.trailer_height - self.fifth_wheel.height) * lean
-        return np.array(restoring)
+        """Restoring less overturning moment of the bodies [N m], shape (n,)."""
+        found = np.array(
+            [body.restoring(roll, pull) for body, roll in zip(self.bodies, rolls, strict=True)]
+        )
+        hitch = self._hitches(rolls)
+        found[:-1] -= hitch
+        found[1:] += hitch
+        return found
+
+    def _hitches(self, rolls: FloatArray) -> FloatArray:
+        """Roll moments of the couplings [N m], shape (n - 1,)."""
+        twists = np.diff(rolls)
+        return np.array([b.hitch(float(t)) for b, t in zip(self.bodies[1:], twists, strict=True)])
 
     def threshold(self) -> float:
         """Tangent of the greatest tilt at which the truck stays upright [g]."""
-        tilt, rolls = 0.0, np.zeros(2)
+        tilt, rolls = 0.0, np.zeros(len(self.bodies))
         while tilt < _LIMIT:
             next_rolls = self._settle(rolls, Pull.tilted(tilt + _STEP))
             if next_rolls is None:
@@ -190,39 +222,74 @@ class RollPlane:
 
         The lateral acceleration [m/s2] is zero or positive.
         """
-        rolls: FloatArray | None = np.zeros(2)
+        rolls: FloatArray | None = np.zeros(len(self.bodies))
         for side in np.linspace(0.0, lateral / GRAVITY, 20 + round(lateral / 0.02)):
             if rolls is not None:
                 rolls = self._settle(rolls, Pull(float(side)))
         if rolls is None:
             return None
         pull = Pull(lateral / GRAVITY)
-        units = ((self.tractor, rolls[0]), (self.trailer, rolls[1]))
-        transfers = [s.transfer(body, pull) for supports, body in units for s in supports]
-        return Leaning(np.array(transfers), self.coupling(float(rolls[1] - rolls[0])))
+        transfers = [
+            support.transfer(roll, pull)
+            for body, roll in zip(self.bodies, rolls, strict=True)
+            for support in body.supports
+        ]
+        hitches = self._hitches(rolls)
+        return Leaning(np.array(transfers), float(hitches[0]) if len(hitches) else 0.0)
 
     def _settle(self, rolls: FloatArray, pull: Pull) -> FloatArray | None:
-        """Rolls in equilibrium near other rolls [rad], (2,); None if the truck tips over."""
+        """Rolls in equilibrium near other rolls [rad], (n,); None if units tip over."""
+        found = self._solve(rolls, pull)
+        if found is None or np.max(np.abs(found - rolls)) > _SMALL:
+            # A plate may close its lash at once, to an equilibrium that the solver does not reach.
+            relaxed = self._relaxed(rolls, pull)
+            found = None if relaxed is None else self._solve(relaxed, pull)
+        if found is None:
+            return None
+        lifted = True
+        for body, roll in zip(self.bodies, found.tolist(), strict=True):
+            if body.coupling is not None and body.coupling.roll_stiffness == 0.0:
+                # The units ahead stand alone.
+                if lifted:
+                    return None
+                lifted = True
+            lifted = lifted and body.lifted(roll, pull)
+        return None if lifted else found
+
+    def _solve(self, rolls: FloatArray, pull: Pull) -> FloatArray | None:
+        """Stable equilibrium near other rolls [rad], (n,), or None."""
+        weight = sum(support.sprung for body in self.bodies for support in body.supports)
 
         def scaled(trial: FloatArray) -> FloatArray:
-            return self.residual(trial, pull) / self.kingpin
+            return self.residual(trial, pull) / (0.1 * weight)
 
         found = optimize.root(scaled, rolls, tol=1e-9)
-        if not found.success or np.max(np.abs(found.x - rolls)) > 0.02:
-            return None
-        units = ((self.tractor[1:], found.x[0]), (self.trailer, found.x[1]))
-        if all(s.transfer(body, pull) == 1.0 for supports, body in units for s in supports):
-            return None
-        return np.asarray(found.x) if self._stable(found.x, pull) else None
+        solved = found.success or np.max(np.abs(scaled(found.x))) < _SOLVED
+        return np.asarray(found.x) if solved and self._stable(found.x, pull) else None
+
+    def _relaxed(self, rolls: FloatArray, pull: Pull) -> FloatArray | None:
+        """Rolls after a creep along the moments, (n,); None if a body falls."""
+        rate = 1.0 / np.max(np.abs(np.linalg.eigvals(self._slope(np.zeros_like(rolls), pull))))
+        start, rolls = rolls, rolls.copy()
+        for _ in range(_CREEPS):
+            step = rate * self.residual(rolls, pull)
+            rolls = rolls - step
+            if np.max(np.abs(rolls - start)) > _FALLING:
+                return None
+            if np.max(np.abs(step)) < _RESTING:
+                break
+        return rolls
 
     def _stable(self, rolls: FloatArray, pull: Pull) -> bool:
         """Returns whether the symmetric part of the residual's slope is positive definite."""
-        small = 1e-7
-        base = self.residual(rolls, pull)
-        slope = np.column_stack(
-            [(self.residual(rolls + small * unit, pull) - base) / small for unit in np.eye(2)]
-        )
+        slope = self._slope(rolls, pull)
         return bool(np.linalg.eigvalsh(0.5 * (slope + slope.T))[0] > 0.0)
+
+    def _slope(self, rolls: FloatArray, pull: Pull) -> FloatArray:
+        """Slope of the residual [N m/rad], shape (n, n)."""
+        small, base = 1e-7, self.residual(rolls, pull)
+        columns = [self.residual(rolls + small * unit, pull) - base for unit in np.eye(len(rolls))]
+        return np.column_stack(columns) / small
 
 
 def _sprung(

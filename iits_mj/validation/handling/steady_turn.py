@@ -1,15 +1,16 @@
 """Steady turn up to the limit, by planar statics with the full law of the tires.
 
 Beyond the yaw-sideslip model it has exact angles; the Magic Formula of each tire up to saturation;
-load transfer to the outer wheels from the roll plane, which gives them more rolling resistance; and
-two forces at the fifth wheel that take load off the steer axle: the pull, which grows with the drag
-of the turn, and the roll moment of the trailer, which at a hitch angle lifts the front of the
-tractor. Without rolling resistance a gentle turn equals that of the yaw-sideslip model. All
-parameters are those of the truck; nothing is fitted.
+load transfer to the outer wheels from the roll plane, which gives them more rolling resistance;
+and two forces at the first coupling that take load off the steer axle: the pull, which grows with
+the drag of the turn, and the roll moment of the first towed unit, which at a hitch angle lifts the
+front of the motor vehicle. The axle loads of towed units are those of straight driving. Without
+rolling resistance a gentle turn equals that of the yaw-sideslip model. All parameters are those of
+the truck; nothing is fitted.
 
-The unknowns are lateral velocity, hitch angle, road-wheel angle and drive force. The equations are
-the balance of forces and yaw moment of the tractor, and the yaw moment of the trailer about the
-kingpin.
+The unknowns are lateral velocity, hitch angles, road-wheel angle and drive force. The equations are
+the balance of forces and yaw moment of the motor vehicle, and the yaw moment of each towed unit
+about its coupling.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ import numpy as np
 from scipy import optimize
 
 from iits_mj.analytic import YawPlane, cruise_axle_loads, static_axle_loads
+from iits_mj.analytic.yaw_plane import axles_on_road
 from iits_mj.core.arrays import FloatArray
-from iits_mj.parameters import TireCommon, TruckParameters
+from iits_mj.parameters import Axle, TireCommon, TruckParameters
 from iits_mj.parameters.mass_state import air_shares, rolling_resistances
 from iits_mj.parameters.tire_law import cornering_stiffness, friction, lateral_shape
 from iits_mj.road.elements import DEFAULT_FRICTION
@@ -57,14 +59,15 @@ class SteadyTurn:
         model = YawPlane.from_parameters(self.parameters, self.payload, cruise_speed=speed)
         state = model.at(speed).steady_state()
         steer = speed / (radius * state[1])
-        guess = np.array([state[0] * steer, state[3] * steer, steer, 0.0])
-        state_of = _Balance(self, model, speed, speed / radius, leaning)
-        found = optimize.root(state_of, guess, tol=1e-9)
-        return float(found.x[2]) if found.success else float("nan")
+        hitches = state[1 + model.units :] * steer
+        guess = np.array([state[0] * steer, *hitches, steer, 0.0])
+        balance = _Balance.of(self, model, speed, speed / radius, leaning)
+        found = optimize.root(balance, guess, tol=1e-9)
+        return float(found.x[-2]) if found.success else float("nan")
 
-    def axle_force(self, index: int, slip: float, load: float, transfer: float) -> float:
+    def axle_force(self, axle: Axle, slip: float, load: float, transfer: float) -> float:
         """Lateral force of an axle [N] by slip angle [rad], load [N] and load transfer [1]."""
-        axle, common = self.parameters.axles[index], self.parameters.tire_common
+        common = self.parameters.tire_common
         tire = self.parameters.tires[axle.tire]
         total = 0.0
         for side in (1.0 - transfer, 1.0 + transfer):
@@ -80,76 +83,105 @@ class SteadyTurn:
 
 @dataclass(frozen=True)
 class _Balance:
-    """Residual of the equations at a speed [m/s] and yaw rate [rad/s], by the unknowns (4,)."""
+    """Residual of the equations at a speed [m/s] and yaw rate [rad/s], by the unknowns (n + 2,).
+
+    Attributes:
+      turn, model: of the truck; leaning: its roll in this turn.
+      axles: on the road; loads: of them on a straight road [N], shape (k,).
+      rolling: resistances over load, shape (k,); resistance: with drag, of the units [N], (n,).
+    """
 
     turn: SteadyTurn
     model: YawPlane
     speed: float
     rate: float
     leaning: Leaning
+    axles: tuple[Axle, ...]
+    loads: FloatArray
+    rolling: FloatArray
+    resistance: FloatArray
+
+    @classmethod
+    def of(
+        cls, turn: SteadyTurn, model: YawPlane, speed: float, rate: float, leaning: Leaning
+    ) -> _Balance:
+        """Returns the balance with what does not depend on the unknowns."""
+        p, payload = turn.parameters, turn.payload
+        every = cruise_axle_loads(p, payload, speed)
+        down = [not axle.lifted(payload) for axle in p.axles]
+        loads, rolling = every[down], rolling_resistances(p, every)[down]
+        air = p.aerodynamics
+        drag = 0.5 * air.density * air.mean_drag_area(speed) * speed**2
+        resistance = drag * np.array(air_shares(p))
+        np.add.at(resistance, model.unit, rolling * loads)
+        _, axles = axles_on_road(p, payload)
+        return cls(turn, model, speed, rate, leaning, axles, loads, rolling, resistance)
 
     def __call__(self, unknown: FloatArray) -> FloatArray:
-        sideways, hitch, steer, drive = unknown
-        model, v, rate = self.model, self.speed, self.rate
-        p = self.turn.parameters
-        resistance = self._resistance()
-        loads = cruise_axle_loads(p, self.turn.payload, v)
-        # Trailer, in its own frame: forces of its axles, then those at the kingpin.
-        behind, center_arm = float(model.couplings[0] - model.reference), float(model.cg[1])
-        masses, places = model.mass, model.position - model.reference * (model.unit == 0)
-        at_hitch = sideways - behind * rate
-        along = v * math.cos(hitch) - at_hitch * math.sin(hitch)
-        across = v * math.sin(hitch) + at_hitch * math.cos(hitch)
-        side = moment = 0.0
-        first = int(np.sum(model.unit == 0))
-        for i, arm in enumerate(places[first:].tolist(), start=first):
-            slip = -math.atan((across - arm * rate) / along)
-            force = self._force(i, slip, loads)
-            side += force
-            moment -= (arm + model.trail[i]) * force + self._drag_couple(i, loads)
-        center = across - center_arm * rate
-        pull = resistance[1] - masses[1] * rate * center
-        lateral = masses[1] * rate * along - side
-        about_hitch = moment + center_arm * masses[1] * rate * along
-        # Tractor: forces at the kingpin in its frame, and the load transfer by them.
-        back = -pull * math.cos(hitch) - lateral * math.sin(hitch)
-        push = pull * math.sin(hitch) - lateral * math.cos(hitch)
-        lifting = self.leaning.hitch_moment * math.sin(hitch)
-        shift = ((-back - resistance[1]) * p.couplings[0].height + lifting) / model.wheelbase
-        loads[0] -= shift
-        loads[1:first] += shift / (first - 1)
-        front = self._force(0, steer - math.atan((sideways - places[0] * rate) / v), loads)
-        forward = drive * _SCALE + back - front * math.sin(steer) + masses[0] * rate * sideways
-        left = push + front * math.cos(steer) - masses[0] * rate * v
-        yaw = front * math.cos(steer) * -(places[0] + model.trail[0]) - behind * push
-        for i, arm in enumerate(places[1:first].tolist(), start=1):
-            force = self._force(i, -math.atan((sideways - arm * rate) / v), loads)
-            left += force
-            yaw -= (arm + model.trail[i]) * force
-        yaw -= sum(self._drag_couple(i, loads) for i in range(first))
-        return np.array([forward - resistance[0], left, yaw, about_hitch]) / _SCALE
+        sideways, *hitches, steer, drive = unknown.tolist()
+        model, rate, loads = self.model, self.rate, self.loads.copy()
+        # Of each unit, from its reference (lead unit) or coupling: distances, then velocities.
+        origin = np.array([model.reference, *np.zeros(model.units - 1)])
+        hitch_arms, center_arms = model.couplings - origin[:-1], model.cg - origin
+        along, across = [self.speed], [sideways]
+        for bend, arm in zip(hitches, hitch_arms.tolist(), strict=True):
+            at_hitch, sine, cosine = across[-1] - arm * rate, math.sin(bend), math.cos(bend)
+            ahead = along[-1]
+            along.append(ahead * cosine - at_hitch * sine)
+            across.append(ahead * sine + at_hitch * cosine)
+        # Forces of the unit behind on a unit, in the frame of that unit.
+        back = push = 0.0
+        turning = []
+        for unit in range(model.units - 1, 0, -1):
+            side, moment, _ = self._axle_forces(unit, along[unit], across[unit], 0.0, loads)
+            center = float(center_arms[unit])
+            inertia = float(model.mass[unit]) * rate
+            pull = float(self.resistance[unit]) - back
+            pull -= inertia * (across[unit] - center * rate)
+            lateral = inertia * along[unit] - side - push
+            if unit < model.units - 1:
+                moment -= float(hitch_arms[unit]) * push
+            turning.append(moment + center * inertia * along[unit])
+            sine, cosine = math.sin(hitches[unit - 1]), math.cos(hitches[unit - 1])
+            back, push = -pull * cosine - lateral * sine, pull * sine - lateral * cosine
+        if hitches:
+            # The first coupling shifts load between the axles of the motor vehicle.
+            p, front = self.turn.parameters, int(np.sum(model.steer[model.unit == 0] != 0.0))
+            first = int(np.sum(model.unit == 0))
+            lifting = self.leaning.hitch_moment * math.sin(hitches[0])
+            gain = (-back - float(self.resistance[1:].sum())) * p.couplings[0].height
+            shift = (gain + lifting) / model.wheelbase
+            loads[:front] -= shift / front
+            loads[front:first] += shift / (first - front)
+        side, yaw, dragged = self._axle_forces(0, self.speed, sideways, steer, loads)
+        inertia = float(model.mass[0]) * rate
+        forward = drive * _SCALE + back - dragged + inertia * sideways - float(self.resistance[0])
+        left = push + side - inertia * self.speed
+        if hitches:
+            yaw -= float(hitch_arms[0]) * push
+        return np.array([forward, left, yaw, *turning]) / _SCALE
 
-    def _force(self, index: int, slip: float, loads: FloatArray) -> float:
-        transfer = float(self.leaning.transfers[index])
-        return self.turn.axle_force(index, slip, float(loads[index]), transfer)
+    def _axle_forces(
+        self, unit: int, along: float, across: float, steer: float, loads: FloatArray
+    ) -> tuple[float, float, float]:
+        """Side force [N], yaw moment [N m] and drag of steered axles [N] of a unit.
 
-    def _drag_couple(self, index: int, loads: FloatArray) -> float:
-        """Yaw moment of an axle by the greater rolling resistance of its outer wheels [N m]."""
-        p = self.turn.parameters
-        gone = float(self.leaning.transfers[index] * loads[index])
-        return 0.5 * p.axles[index].track * float(rolling_resistances(p, loads)[index]) * gone
-
-    def _resistance(self) -> tuple[float, float]:
-        """Drag plus rolling resistance of tractor and of trailer [N]."""
-        p, payload = self.turn.parameters, self.turn.payload
-        loads = cruise_axle_loads(p, payload, self.speed)
-        rolling = rolling_resistances(p, loads) * loads
-        drag = 0.5 * p.aerodynamics.density * p.aerodynamics.drag_area * self.speed**2
-        share, first = air_shares(p)[0], len(p.lead.axles)
-        return (
-            float(rolling[:first].sum()) + share * drag,
-            float(rolling[first:].sum()) + (1.0 - share) * drag,
-        )
+        About its reference or coupling, where its velocity is `along`, `across` [m/s].
+        """
+        model = self.model
+        side = moment = dragged = 0.0
+        for i in np.flatnonzero(model.unit == unit).tolist():
+            arm = float(model.position[i]) - (model.reference if unit == 0 else 0.0)
+            turned = steer * float(model.steer[i])
+            slip = turned - math.atan((across - arm * self.rate) / along)
+            transfer, load = float(self.leaning.transfers[i]), float(loads[i])
+            force = self.turn.axle_force(self.axles[i], slip, load, transfer)
+            side += force * math.cos(turned)
+            dragged += force * math.sin(turned)
+            moment -= (arm + float(model.trail[i])) * force * math.cos(turned)
+            # The outer wheels roll harder.
+            moment -= 0.5 * self.axles[i].track * float(self.rolling[i]) * transfer * load
+        return side, moment, dragged
 
 
 def grip_limit(parameters: TruckParameters, payload: float, surface: float) -> float:

@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from iits_mj.core.results import Check, Findings, Line, Results
-from iits_mj.validation.handling.group import run_lateral, run_standards
+from iits_mj.validation.handling.group import name_of, run_lateral, run_standards
 from iits_mj.validation.harness.config import ValidateConfig
 
 _NOTES = (
@@ -40,7 +40,7 @@ _DIFFERENCES = ("error", "fit", "path of the trailer")
 
 def run(config: ValidateConfig) -> Results:
     """All figures at all steps; quick: the quick figures of `validate lateral` at 2 and 5 ms."""
-    results, found = Results("validate step-size"), Findings()
+    results, found = Results(name_of("step-size", config)), Findings()
     steps, sources = list(STEPS), [run_lateral, run_standards]
     if config.quick:
         steps, sources = steps[1:], sources[:1]

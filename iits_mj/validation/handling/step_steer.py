@@ -1,11 +1,10 @@
 """Steering response at 80 km/h against linear models: step steer, and frequency response.
 
 The step steer follows the figure of the paper. The references get the road-wheel angle of the truck
-and cornering stiffnesses of the axle loads at that speed; nothing is fitted. Their hitch turns
-freely, so the comparison uses a fifth wheel without friction; the effect of the shipped truck's
-friction is reported in addition. The yaw-sideslip model has no roll, tire lag, side air or rolling
-resistance; the yaw-roll model has them. A remaining difference from the latter is nonlinear, or an
-error.
+and cornering stiffnesses of the axle loads at that speed; nothing is fitted. Their couplings turn
+freely, so the comparison uses couplings without friction; the effect of the truck's own friction is
+reported in addition. The yaw-sideslip model has no roll, tire lag, side air or rolling resistance;
+the yaw-roll model has them. A remaining difference from the latter is nonlinear, or an error.
 
 The frequency response of yaw rate and articulation to the road-wheel angle comes from a sum of
 sines at the steering wheel.
@@ -14,10 +13,12 @@ sines at the steering wheel.
 from __future__ import annotations
 
 import copy
+import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 
-from iits_mj.analytic import LateralSystem, YawPlane, YawRoll, simulate
+from iits_mj.analytic import LateralSystem, Response, YawPlane, YawRoll, simulate
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
@@ -26,29 +27,53 @@ from iits_mj.validation.harness.maneuver import restore_state, save_state, stead
 from iits_mj.validation.harness.recorder import SteeringRecord, drive, fit, harmonic, peak_ratio
 
 SPEED = 80.0 * KMH
-FREE_HITCH = {"units": {"trailer": {"coupling": {"yaw_friction": 0.0}}}}
 _BEFORE, _AFTER = 2.0, 10.0
-_SIGNALS = (
-    ("yaw rate of the tractor", "yaw_rate", "rad/s"),
-    ("yaw rate of the trailer", "trailer_yaw_rate", "rad/s"),
-    ("hitch angle", "articulation", "rad"),
-    ("lateral position", "y", "m"),
-)
 # Whole periods in 20 s, so that the spectral lines stay separate [Hz].
 FREQUENCIES = np.array([0.1, 0.2, 0.3, 0.5, 0.7, 1.0])
 _LIMIT = 0.7
 _AMPLITUDE = np.deg2rad(4.0)
 _SETTLE, _LENGTH = 10.0, 20.0
-# Title, attribute, and index in the state of the linear model.
-_RESPONSES = (("yaw rate", "yaw_rate", 1), ("articulation", "articulation", 3))
+
+
+def free_couplings(parameters: TruckParameters) -> TruckParameters:
+    """Returns the truck with couplings that turn without friction."""
+    units = tuple(
+        dataclasses.replace(unit, coupling=dataclasses.replace(unit.coupling, yaw_friction=0.0))
+        if unit.coupling
+        else unit
+        for unit in parameters.units
+    )
+    return dataclasses.replace(parameters, units=units)
+
+
+def unit_titles(parameters: TruckParameters) -> list[str]:
+    """Returns the units' names in words; that of a lone motor vehicle is "truck"."""
+    return [unit.name.replace("_", " ") for unit in parameters.units]
+
+
+def signals(
+    parameters: TruckParameters, source: SteeringRecord | Response
+) -> Iterator[tuple[str, str, FloatArray]]:
+    """Yields title, unit of measure and values of the yaw rates, hitch angles and lateral position.
+
+    Args:
+      parameters: of the truck.
+      source: a recording, or a model's answer.
+    """
+    titles = unit_titles(parameters)
+    for unit, title in enumerate(titles):
+        yield f"yaw rate of the {title}", "rad/s", source.yaw_rates[:, unit]
+    for coupling, title in enumerate(titles[1:]):
+        name = "hitch angle" if len(titles) == 2 else f"hitch angle of the {title}"
+        yield name, "rad", source.articulations[:, coupling]
+    yield "lateral position", "m", source.y
 
 
 def step_steers(
-    payload: float, angles: tuple[float, ...], timestep: float, *, free_hitch: bool = True
+    parameters: TruckParameters, payload: float, angles: tuple[float, ...], timestep: float
 ) -> list[SteeringRecord]:
     """Records of steps at the steering wheel [rad] at 80 km/h, from 2 s before each step."""
-    overlay = FREE_HITCH if free_hitch else None
-    truck, hold = steady_truck(payload, SPEED, timestep, parameters=overlay)
+    truck, hold = steady_truck(payload, SPEED, timestep, parameters=parameters)
     steady = save_state(truck)
     recordings = []
     for angle in angles:
@@ -65,29 +90,44 @@ def step_steers(
 
 
 def references(
-    recording: SteeringRecord, payload: float
-) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """Answers of yaw-sideslip and yaw-roll model to the recorded road-wheel angle, by signal."""
+    parameters: TruckParameters, payload: float, recording: SteeringRecord
+) -> tuple[Response, Response]:
+    """Answers of yaw-sideslip and yaw-roll model to the recorded road-wheel angle."""
     speed = float(recording.speed.mean())
-    parameters = TruckParameters.load()
 
-    def answer(system: LateralSystem) -> dict[str, FloatArray]:
-        response = simulate(system, recording.time, recording.road_wheel)
-        return {name: getattr(response, name) for _, name, _ in _SIGNALS}
+    def answer(system: LateralSystem) -> Response:
+        return simulate(system, recording.time, recording.road_wheel)
 
     plane = YawPlane.from_parameters(parameters, payload, cruise_speed=speed)
     roll = YawRoll.from_parameters(parameters, payload, cruise_speed=speed)
     return answer(plane.at(speed)), answer(roll.at(speed))
 
 
-def compare_step(payload: float, degrees: float, must: str, recording: SteeringRecord) -> Findings:
-    """One step steer [deg at the steering wheel] against both linear models."""
-    plane, roll = references(recording, payload)
+def compare_step(
+    parameters: TruckParameters,
+    payload: float,
+    degrees: float,
+    must: str,
+    recording: SteeringRecord,
+    plane_must: str = "",
+) -> Findings:
+    """One step steer [deg at the steering wheel] against both linear models.
+
+    Args:
+      parameters: of the truck.
+      payload: [kg].
+      degrees: at the steering wheel.
+      must: bound of the fits with the yaw-roll model.
+      recording: of the truck.
+      plane_must: bound of the fits with the yaw-sideslip model.
+    """
+    plane, roll = references(parameters, payload, recording)
     found = Findings(f"step steer {degrees:g} deg, {payload / 1e3:g} t")
-    for title, name, unit in _SIGNALS:
-        simulated = getattr(recording, name) - getattr(recording, name)[0]
-        wanted, extended = plane[name], roll[name]
-        found.check(f"{title}, fit", fit(simulated, wanted), "%", "yaw-sideslip", must)
+    for (title, unit, values), (_, _, wanted), (_, _, extended) in zip(
+        *(signals(parameters, source) for source in (recording, plane, roll)), strict=True
+    ):
+        simulated = values - values[0]
+        found.check(f"{title}, fit", fit(simulated, wanted), "%", "yaw-sideslip", plane_must)
         found.check(f"{title}, peak", peak_ratio(simulated, wanted), "1", 1.0)
         found.check(f"{title}, end value", simulated[-1] / wanted[-1], "1", 1.0)
         explained = fit(simulated, extended)
@@ -99,19 +139,21 @@ def compare_step(payload: float, degrees: float, must: str, recording: SteeringR
     return found
 
 
-def friction_effect(payload: float, degrees: float, timestep: float) -> Findings:
-    """The shipped fifth wheel, with its friction, against the same model; for information."""
-    recording = step_steers(payload, (np.deg2rad(degrees),), timestep, free_hitch=False)[0]
-    answer, _ = references(recording, payload)
+def friction_effect(
+    parameters: TruckParameters, payload: float, degrees: float, timestep: float
+) -> Findings:
+    """The truck's own couplings, with their friction, against the same model; for information."""
+    recording = step_steers(parameters, payload, (np.deg2rad(degrees),), timestep)[0]
+    answer, _ = references(parameters, payload, recording)
     found = Findings(f"step steer {degrees:g} deg, {payload / 1e3:g} t, fifth wheel with friction")
-    title, name, _ = _SIGNALS[0]
-    found.check(f"{title}, fit", fit(getattr(recording, name), answer[name]), "%", "yaw-sideslip")
+    title, _, values = next(signals(parameters, recording))
+    found.check(f"{title}, fit", fit(values, answer.yaw_rate), "%", "yaw-sideslip")
     return found
 
 
-def compare_frequency(payload: float, timestep: float) -> Findings:
+def compare_frequency(parameters: TruckParameters, payload: float, timestep: float) -> Findings:
     """Greatest gain and phase errors up to 0.7 Hz, and the curves."""
-    truck, hold = steady_truck(payload, SPEED, timestep, parameters=FREE_HITCH)
+    truck, hold = steady_truck(payload, SPEED, timestep, parameters=parameters)
     # Schroeder's phases keep the peak of the sum low.
     phases = -np.pi * np.arange(len(FREQUENCIES)) ** 2 / len(FREQUENCIES)
 
@@ -122,12 +164,16 @@ def compare_frequency(payload: float, timestep: float) -> Findings:
     recording = drive(truck, steering, speed=SPEED, duration=_SETTLE + _LENGTH, hold=hold)
     recording = recording.after(_SETTLE)
     speed = float(recording.speed.mean())
-    plane = YawPlane.from_parameters(TruckParameters.load(), payload, cruise_speed=speed)
+    plane = YawPlane.from_parameters(parameters, payload, cruise_speed=speed)
     wanted = plane.at(speed).frequency_response(FREQUENCIES)
     steer = harmonic(recording.time, recording.road_wheel, FREQUENCIES)
     found, inside = Findings(), FREQUENCIES <= _LIMIT
-    for title, name, state in _RESPONSES:
-        response = harmonic(recording.time, getattr(recording, name), FREQUENCIES) / steer
+    # Title, values, and index in the state of the linear model.
+    responses = [("yaw rate", recording.yaw_rate, 1)]
+    if plane.units > 1:
+        responses.append(("articulation", recording.articulation, 1 + plane.units))
+    for title, values, state in responses:
+        response = harmonic(recording.time, values, FREQUENCIES) / steer
         ratio = response / wanted[:, state]
         gain = np.max(np.abs(np.abs(ratio[inside]) - 1.0)) * 100.0
         phase = np.max(np.abs(np.rad2deg(np.angle(ratio[inside]))))

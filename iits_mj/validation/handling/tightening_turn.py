@@ -32,6 +32,7 @@ from iits_mj.core.messages import EgoState
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import GRAVITY, KMH
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import group_center
 from iits_mj.road import Route
 from iits_mj.truck import Truck
 from iits_mj.validation.handling import drive_slip
@@ -42,8 +43,8 @@ from iits_mj.validation.harness.recorder import (
     PERIOD,
     SteeringRecord,
     drive,
-    trailer_lateral_acceleration,
-    trailer_roll,
+    unit_lateral_acceleration,
+    unit_roll,
 )
 
 SPEED = 60.0 * KMH
@@ -70,8 +71,9 @@ class Turn:
       recording: of the truck.
       lateral: lateral acceleration of the whole truck, mean of the last half second, (n,) [m/s2].
       inner: load on the inner wheels of drive and trailer axles relative to the start, (n,) [1].
-      slip: slip angles of steer axle, drive axles and trailer axles, shape (3, n) [rad].
-      effort: side force of these axles as a share of their greatest, shape (3, n) [1].
+      slip: slip angles of steer axle, drive axles and the last unit's axles, shape (3, n) [rad];
+        a single unit has the first two.
+      effort: side force of these axles as a share of their greatest, of the same shape [1].
     """
 
     recording: SteeringRecord
@@ -98,7 +100,7 @@ class Turn:
         """Axles that slide at the end, in words; "" without one."""
         names = ("steer axle", "drive axles", "trailer axles")
         last = self.effort[:, self.end()]
-        return ", ".join(n for n, share in zip(names, last, strict=True) if share >= SLIDING)
+        return ", ".join(n for n, share in zip(names, last, strict=False) if share >= SLIDING)
 
     def ending(self) -> str:
         """The limit that the truck reached first, in words."""
@@ -117,9 +119,16 @@ class Turn:
         return float(self.slip[0, self.end()] / self.slip[0, late])
 
 
-def tighten(payload: float, surface: float, timestep: float, *, control: bool = False) -> Turn:
+def tighten(
+    parameters: TruckParameters,
+    payload: float,
+    surface: float,
+    timestep: float,
+    *,
+    control: bool = False,
+) -> Turn:
     """Drives the turn with a payload [kg] on a friction [1], with or without slip control."""
-    parameters = gears_held(TruckParameters.load(overlay={} if control else drive_slip.OFF))
+    parameters = gears_held(parameters if control else drive_slip.without_control(parameters))
     route = Route.straight(4000.0, friction=surface)
     truck, hold = steady_truck(
         payload, SPEED, timestep, station=500.0, parameters=parameters, route=route
@@ -130,9 +139,9 @@ def tighten(payload: float, surface: float, timestep: float, *, control: bool = 
         return RATE * time
 
     record = drive(truck, steering, speed=SPEED, duration=_LONGEST, hold=hold, stop=watch.over)
-    slip = _slips(record, parameters)
-    groups = (0, 1, len(parameters.lead.axles))
-    pairs = zip(groups, slip, strict=True)
+    slip = _slips(record, parameters, payload)
+    groups = (0, 1, len(parameters.axles) - len(parameters.last.axles))
+    pairs = zip(groups, slip, strict=False)
     used = np.array([effort(parameters, payload, surface, axle, angle) for axle, angle in pairs])
     inner = np.array(watch.inner)
     return Turn(record, surface, np.array(watch.lateral), inner / inner[0], slip, used)
@@ -146,49 +155,58 @@ class _Watch:
         self.inner: list[float] = []
         self._raw: list[float] = []
         self._truck = truck
-        trailer = laden_units(truck.parameters, truck.payload)[1]
-        self._mass = (truck.parameters.lead.mass, trailer.mass)
+        units = laden_units(truck.parameters, truck.payload)
+        self._masses = np.array([unit.mass for unit in units])
         self._names = [f"{axle.name}_left_tire_force" for axle in truck.parameters.axles[1:]]
         self._best = (0.0, 0)
 
-    def over(self, state: EgoState) -> bool:
+    def over(self, _: EgoState) -> bool:
         """Adds a sample; returns True at the end of the test."""
-        data, (pulling, pulled) = self._truck.data, self._mass
-        tractor, trailer = state.lateral_acceleration, trailer_lateral_acceleration(self._truck)
-        self._raw.append((pulling * tractor + pulled * trailer) / (pulling + pulled))
+        data, truck = self._truck.data, self._truck
+        units = range(len(self._masses))
+        lateral = [unit_lateral_acceleration(truck, unit) for unit in units]
+        self._raw.append(float(self._masses @ lateral / self._masses.sum()))
         self.lateral.append(float(np.mean(self._raw[-_MEAN:])))
         self.inner.append(sum(float(data.sensor(name).data[2]) for name in self._names))
         if self.lateral[-1] > self._best[0]:
             self._best = (self.lateral[-1], len(self.lateral))
-        rolled = abs(trailer_roll(self._truck)) > _ROLLED
+        rolled = abs(unit_roll(self._truck)) > _ROLLED
         return rolled or (len(self.lateral) - self._best[1]) * PERIOD > _NO_RISE
 
 
-def _slips(record: SteeringRecord, parameters: TruckParameters) -> FloatArray:
-    """Slip angles of steer axle, drive axles and trailer axles [rad], shape (3, n)."""
-    behind = float(np.mean([axle.position for axle in parameters.lead.axles[1:]]))
+def _slips(record: SteeringRecord, parameters: TruckParameters, payload: float) -> FloatArray:
+    """Slip angles of steer axle, drive axles and the last unit's axles [rad], shape (3, n).
+
+    A single unit has the first two.
+    """
+    behind = group_center(parameters.lead.groups(payload)[1])
     speed = np.maximum(record.speed, 1.0)
     steer = record.road_wheel - np.arctan(record.lateral_velocity / speed)
     driven = -np.arctan((record.lateral_velocity - behind * record.yaw_rate) / speed)
+    if len(parameters.units) == 1:
+        return np.array([steer, driven])
     course = np.arctan2(np.gradient(record.rear_y), np.gradient(record.rear_x))
-    trailer = np.angle(np.exp(1j * (record.yaw - record.articulation - course)))
+    trailer = np.angle(np.exp(1j * (record.rear_yaw - course)))
     return np.array([steer, driven, trailer])
 
 
-def compare(payload: float, threshold: float, timestep: float) -> Findings:
+def compare(
+    parameters: TruckParameters, payload: float, threshold: float, timestep: float
+) -> Findings:
     """Both surfaces, and the first one also with slip control.
 
     Args:
+      parameters: of the truck.
       payload: [kg].
       threshold: of the tilt table [g].
       timestep: of the physics [s].
     """
-    parameters, found = TruckParameters.load(), Findings()
-    turns = {f"friction {mu:g}": tighten(payload, mu, timestep) for mu in SURFACES}
+    found = Findings()
+    turns = {f"friction {mu:g}": tighten(parameters, payload, mu, timestep) for mu in SURFACES}
     for turn in turns.values():
         grip = grip_limit(parameters, payload, turn.friction)
         found.extend(_judge(turn, payload, threshold, grip))
-    controlled = tighten(payload, SURFACES[0], timestep, control=True)
+    controlled = tighten(parameters, payload, SURFACES[0], timestep, control=True)
     with_control = Findings(f"{_label(controlled, payload)}, with slip control")
     with_control.check("greatest lateral acceleration", controlled.greatest(), "g")
     with_control.notes.append(_limit(with_control.label, controlled))

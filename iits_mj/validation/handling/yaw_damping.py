@@ -13,21 +13,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from iits_mj.analytic import LateralSystem, Response, simulate
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import BoolArray, FloatArray
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
+from iits_mj.parameters import TruckParameters
 from iits_mj.validation.handling.lane_change import linear_system
+from iits_mj.validation.handling.step_steer import signals, unit_titles
 from iits_mj.validation.harness.maneuver import steady_truck
 from iits_mj.validation.harness.recorder import SteeringRecord, drive
 from iits_mj.validation.pbs.limits import STANDARDS
 from iits_mj.validation.pbs.maneuvers import PulseSteer
 
-SIGNALS = (
-    ("yaw rate of the tractor", "yaw_rate"),
-    ("yaw rate of the trailer", "trailer_yaw_rate"),
-    ("hitch angle", "articulation"),
-    ("lateral acceleration of the trailer", "trailer_lateral_acceleration"),
-)
 # PBS, all levels.
 REQUIRED = STANDARDS["yaw_damping"].limits[0]
 _RISE, _PEAK = PulseSteer.rise, PulseSteer.peak
@@ -47,11 +43,13 @@ class Pulse:
       recording: of the truck, from half a second before the pulse.
       model: the linear model's answer to the same road-wheel angle.
       system: the linear model.
+      parameters: of the truck.
     """
 
     recording: SteeringRecord
     model: Response
     system: LateralSystem
+    parameters: TruckParameters
 
     def damping(self) -> dict[str, float]:
         """Damping ratios of the truck by signal."""
@@ -61,14 +59,22 @@ class Pulse:
         """Damping ratios of the linear model by the same procedure."""
         return self._ratios(self.model)
 
+    @property
+    def free(self) -> BoolArray:
+        """Samples after the pulse, shape (n,)."""
+        return np.asarray(self.recording.time >= _LEAD + 2.0 * _RISE)
+
     def _ratios(self, source: SteeringRecord | Response) -> dict[str, float]:
-        free = self.recording.time >= _LEAD + 2.0 * _RISE
-        return {name: damping_ratio(getattr(source, name)[free]) for _, name in SIGNALS}
+        free = self.free
+        *swinging, _ = signals(self.parameters, source)
+        found = {title: damping_ratio(values[free]) for title, _, values in swinging}
+        name = f"lateral acceleration of the {unit_titles(self.parameters)[-1]}"
+        return found | {name: damping_ratio(source.trailer_lateral_acceleration[free])}
 
 
-def pulse(payload: float, speed: float, timestep: float) -> Pulse:
+def pulse(parameters: TruckParameters, payload: float, speed: float, timestep: float) -> Pulse:
     """A pulse steer at this speed [m/s]; afterwards the steering wheel is held at zero."""
-    truck, hold = steady_truck(payload, speed, timestep)
+    truck, hold = steady_truck(payload, speed, timestep, parameters=parameters)
     system = linear_system(truck, speed)
     height = _PEAK / _unit_peak(system) * truck.parameters.steering.ratio
 
@@ -76,7 +82,7 @@ def pulse(payload: float, speed: float, timestep: float) -> Pulse:
         return height * float(triangle(np.array(time)))
 
     record = drive(truck, steering, speed=speed, duration=_LEAD + _LENGTH, hold=hold)
-    return Pulse(record, simulate(system, record.time, record.road_wheel), system)
+    return Pulse(record, simulate(system, record.time, record.road_wheel), system, parameters)
 
 
 def triangle(time: FloatArray) -> FloatArray:
@@ -143,21 +149,24 @@ def _vertex(three: FloatArray) -> float:
     return float(three[1] - 0.5 * slope**2 / bend) if bend else float(three[1])
 
 
-def compare(payload: float, kph: float, timestep: float) -> Findings:
+def compare(parameters: TruckParameters, payload: float, kph: float, timestep: float) -> Findings:
     """One pulse steer at a speed [km/h]."""
-    done = pulse(payload, kph * KMH, timestep)
+    done = pulse(parameters, payload, kph * KMH, timestep)
     found = Findings(f"ISO 14791 pulse steer, {payload / 1e3:g} t, {kph:g} km/h")
     measured, wanted = done.damping(), done.model_damping()
     worst, must = min(measured.values()), f">= {REQUIRED:g}"
     found.check("yaw damping, worst signal (PBS)", worst, "1", min(wanted.values()), must)
-    hitch = "articulation"
-    found.check("yaw damping by the hitch angle", measured[hitch], "1", wanted[hitch])
+    for name in [name for name in measured if name.startswith("hitch angle")]:
+        found.check(f"yaw damping by the {name}", measured[name], "1", wanted[name])
     mode = "least damped mode of the linear model"
     found.check(mode, done.system.damping_ratio(), "1", "eigenvalues")
     time = done.recording.time - _LEAD
-    for title, name in SIGNALS[1:3]:
-        unit = "rad" if name == hitch else "rad/s"
-        linear = Line("yaw-sideslip model", time, getattr(done.model, name), "reference")
-        truck = Line("truck", time, getattr(done.recording, name), "simulation")
+    # The first signal is the yaw rate of the lead unit, the last one the lateral position.
+    several = parameters.units[1:]
+    for (title, unit, values), (_, _, modeled) in list(
+        zip(*(signals(parameters, source) for source in (done.recording, done.model)), strict=True)
+    )[1 if several else 0 : -1]:
+        linear = Line("yaw-sideslip model", time, modeled, "reference")
+        truck = Line("truck", time, values, "simulation")
         found.panel(title, "time [s]", f"{title} [{unit}]", linear, truck)
     return found

@@ -10,7 +10,14 @@ from iits_mj.core import options
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
 from iits_mj.core.timing import TIMESTEP
-from iits_mj.parameters import TruckParameters, payload_option
+from iits_mj.parameters import (
+    AnyTruck,
+    TruckParameters,
+    check_truck,
+    payload_option,
+    shipped_trucks,
+    truck_option,
+)
 
 PAPER_ROAD = "jinan_altimap_pcc.csv"
 PAPER_PLAN_VIEW = "jinan_trucksim_road_10m.csv"
@@ -24,7 +31,7 @@ FINE_TIMESTEP = 0.001
 
 @functools.cache
 def laden() -> float:
-    """Greatest payload of the validated truck [kg]."""
+    """Greatest payload of the default truck [kg]."""
     return TruckParameters.load().payload_max
 
 
@@ -32,8 +39,9 @@ def laden() -> float:
 class ValidateConfig:
     """Settings for validating the truck, the traffic and the planning."""
 
+    truck: AnyTruck | None = truck_option("truck to validate")
     payload: float | None = payload_option(
-        None, help="only this load on the semitrailer; default: greatest load and no load"
+        None, help="only this load; default: greatest load and no load"
     )
     timestep: float | None = option(
         None,
@@ -62,7 +70,17 @@ class ValidateConfig:
 
     def __post_init__(self) -> None:
         options.check(self)
-        TruckParameters.load().check_payload(self.payload)
+        check_truck(self)
+
+    @functools.cached_property
+    def parameters(self) -> TruckParameters:
+        """The truck to validate."""
+        return TruckParameters.load(self.truck)
+
+    @property
+    def default_truck(self) -> bool:
+        """Whether no other truck than the default one is validated."""
+        return self.truck is None or self.truck == shipped_trucks()[0]
 
     @property
     def step(self) -> float:
@@ -72,8 +90,10 @@ class ValidateConfig:
         return TIMESTEP if self.quick else FINE_TIMESTEP
 
     def payloads(self) -> tuple[float, ...]:
-        """Payloads to test [kg], the greatest first."""
-        return (laden(), 0.0) if self.payload is None else (self.payload,)
+        """Payloads to test [kg], the greatest first; one for a truck without space for a load."""
+        if self.payload is not None:
+            return (self.payload,)
+        return tuple(dict.fromkeys((self.parameters.payload_max, 0.0)))
 
 
 def find_road(config: ValidateConfig, name: str) -> Path | None:

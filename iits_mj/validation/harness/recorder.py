@@ -10,6 +10,8 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, VehicleCommand, XbrMode
+from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import group_center
 from iits_mj.truck import Truck
 
 # Period of recording and of the speed hold [s].
@@ -51,14 +53,17 @@ def harmonic(time: FloatArray, signal: FloatArray, frequencies: FloatArray) -> F
 
 @dataclass(frozen=True)
 class SteeringRecord:
-    """Time histories of a steered manoeuvre every 10 ms, each of shape (n,); SI, ISO 8855.
+    """Time histories of a steered manoeuvre of n units every 10 ms; SI, ISO 8855.
 
-    Attributes:
+    Attributes of shape (m,) where not noted:
       time, speed; steering_wheel: actual angle; road_wheel: mean of left and right.
-      yaw, yaw_rate, trailer_yaw_rate, articulation; x, y: steer axle centre.
-      rear_x, rear_y: centre of the trailer's axle group.
-      lateral_acceleration, trailer_lateral_acceleration: of the CGs, gravity removed.
-      lateral_velocity: of the steer axle centre; roll: of the tractor; trailer_roll.
+      yaw, lateral_velocity: of the steer axle's center, frame of the lead unit.
+      x, y: steer axle's center.
+      rear_x, rear_y: center of the last unit's axle group.
+      yaw_rates: of the units, shape (m, n).
+      articulations: yaw ahead minus yaw behind, shape (m, n - 1).
+      lateral_accelerations: of the units' CGs, gravity removed, shape (m, n).
+      rolls: of the units, positive to the right, shape (m, n).
     """
 
     time: FloatArray
@@ -66,18 +71,66 @@ class SteeringRecord:
     steering_wheel: FloatArray
     road_wheel: FloatArray
     yaw: FloatArray
-    yaw_rate: FloatArray
-    trailer_yaw_rate: FloatArray
-    articulation: FloatArray
     x: FloatArray
     y: FloatArray
+    lateral_velocity: FloatArray
     rear_x: FloatArray
     rear_y: FloatArray
-    lateral_acceleration: FloatArray
-    trailer_lateral_acceleration: FloatArray
-    lateral_velocity: FloatArray
-    roll: FloatArray
-    trailer_roll: FloatArray
+    yaw_rates: FloatArray
+    articulations: FloatArray
+    lateral_accelerations: FloatArray
+    rolls: FloatArray
+
+    @property
+    def yaw_rate(self) -> FloatArray:
+        """Of the lead unit [rad/s]."""
+        return self.yaw_rates[:, 0]
+
+    @property
+    def lateral_acceleration(self) -> FloatArray:
+        """Of the lead unit's CG [m/s2]."""
+        return self.lateral_accelerations[:, 0]
+
+    @property
+    def roll(self) -> FloatArray:
+        """Of the lead unit [rad]."""
+        return self.rolls[:, 0]
+
+    @property
+    def articulation(self) -> FloatArray:
+        """Of the first coupling [rad]."""
+        return self.articulations[:, 0]
+
+    @property
+    def trailer_yaw_rate(self) -> FloatArray:
+        """Of the last unit [rad/s]."""
+        return self.yaw_rates[:, -1]
+
+    @property
+    def trailer_lateral_acceleration(self) -> FloatArray:
+        """Of the last unit's CG [m/s2]."""
+        return self.lateral_accelerations[:, -1]
+
+    @property
+    def trailer_roll(self) -> FloatArray:
+        """Of the last unit [rad]."""
+        return self.rolls[:, -1]
+
+    @property
+    def rear_yaw(self) -> FloatArray:
+        """Of the last unit [rad]."""
+        return np.asarray(self.yaw - self.articulations.sum(axis=1))
+
+    def poses(self, parameters: TruckParameters, payload: float) -> FloatArray:
+        """Poses of the center of each unit's rear axle group: x, y [m], yaw [rad], (m, n, 3)."""
+        at, yaw, found = np.column_stack([self.x, self.y]), self.yaw, []
+        for index, unit in enumerate(parameters.units):
+            if unit.coupling is not None:
+                at = at - unit.coupling.position * _direction(yaw)
+                yaw = yaw - self.articulations[:, index - 1]
+            center = at - group_center(unit.groups(payload)[-1]) * _direction(yaw)
+            found.append(np.column_stack([center, yaw]))
+        return np.stack(found, axis=1)
 
     def after(self, start: float) -> SteeringRecord:
         """Returns the record from a time [s] on, with the time counted from there."""
@@ -85,6 +138,10 @@ class SteeringRecord:
         columns = {name: getattr(self, name)[keep] for name in self.__dataclass_fields__}
         columns["time"] = columns["time"] - columns["time"][0]
         return SteeringRecord(**columns)
+
+
+def _direction(angle: FloatArray) -> FloatArray:
+    return np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 class SpeedHold:
@@ -156,7 +213,9 @@ def drive(
         return keeper.command(wanted(time) - state.speed, steering(time, state.yaw))
 
     table = sampled(truck, command, lambda state: _row(truck, state), duration, stop)
-    return SteeringRecord(*table.T)
+    units = len(truck.parameters.units)
+    *parts, rolls = np.split(table, np.cumsum([10, units, units - 1, units]), axis=1)
+    return SteeringRecord(*(*parts[0].T, *parts[1:], rolls))
 
 
 def sampled(
@@ -199,37 +258,37 @@ def wheel_slips(truck: Truck) -> list[float]:
     ]
 
 
-def trailer_roll(truck: Truck) -> float:
-    """Returns the roll of the trailer [rad], positive to the right."""
-    attitude = truck.data.body("trailer").xmat
+def unit_roll(truck: Truck, unit: int = -1) -> float:
+    """Returns the roll of a unit [rad], positive to the right; default: the last one."""
+    attitude = truck.data.body(truck.parameters.units[unit].name).xmat
     return float(np.arctan2(attitude[7], attitude[8]))
 
 
-def trailer_lateral_acceleration(truck: Truck) -> float:
-    """Returns the lateral acceleration of the trailer's CG, gravity removed [m/s2]."""
-    trailer = truck.data.body("trailer").xmat.reshape(3, 3)
-    gravity = float(trailer[:, 1] @ truck.model.opt.gravity)
-    return truck.read("trailer_acceleration", 1) + gravity
+def unit_lateral_acceleration(truck: Truck, unit: int = -1) -> float:
+    """Returns the lateral acceleration of a unit's CG, gravity removed [m/s2]."""
+    name = truck.parameters.units[unit].name
+    axes = truck.data.body(name).xmat.reshape(3, 3)
+    gravity = float(axes[:, 1] @ truck.model.opt.gravity)
+    return truck.read(f"{name}_acceleration", 1) + gravity
 
 
 def _row(truck: Truck, state: EgoState) -> list[float]:
     """Returns a sample of the last observation, in the order of `SteeringRecord` after time."""
-    rear = truck.data.site("trailer_axle_center").xpos
+    units = truck.parameters.units
+    rear = truck.data.site(f"{units[-1].name}_axle_center").xpos
+    bent = (state.articulation, *state.rear_articulations) if len(units) > 1 else ()
     return [
         state.speed,
         state.steering_wheel_angle,
         state.road_wheel_angle,
         state.yaw,
-        state.yaw_rate,
-        state.trailer_yaw_rate,
-        state.articulation,
         state.x,
         state.y,
+        state.lateral_speed,
         float(rear[0]),
         float(rear[1]),
-        state.lateral_acceleration,
-        trailer_lateral_acceleration(truck),
-        state.lateral_speed,
-        state.roll,
-        trailer_roll(truck),
+        *(truck.read(f"{unit.name}_gyro", 2) for unit in units),
+        *bent,
+        *(unit_lateral_acceleration(truck, index) for index in range(len(units))),
+        *(unit_roll(truck, index) for index in range(len(units))),
     ]

@@ -16,9 +16,7 @@ distance, hence "style". No wheel may stay locked for longer than 1 s above 15 k
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -131,22 +129,27 @@ def dead_times(parameters: TruckParameters) -> list[float]:
     ]
 
 
-def _tons(payload: float) -> float:
-    return TruckParameters.load().gross_mass(payload) / 1e3
+def _tons(parameters: TruckParameters, payload: float) -> float:
+    return parameters.gross_mass(payload) / 1e3
 
 
-def xbr_run(payload: float, timestep: float, ebi: XbrEbiMode = XbrEbiMode.FRICTION_ONLY) -> Run:
+def xbr_run(
+    parameters: TruckParameters,
+    payload: float,
+    timestep: float,
+    ebi: XbrEbiMode = XbrEbiMode.FRICTION_ONLY,
+) -> Run:
     """60 km/h, pedal up; XBR -1.5 m/s2 from 1 to 8 s, then nothing until 13 s."""
-    truck = Truck.load(payload, timestep=timestep, visuals=False)
+    truck = Truck.load(payload, parameters=parameters, timestep=timestep, visuals=False)
     truck.reset(speed=SPEED)
     braking = VehicleCommand(xbr_demand=-DEMAND, xbr_mode=XbrMode.MAXIMUM, xbr_ebi_mode=ebi)
     rolling = VehicleCommand()
     return run(truck, lambda time, _: braking if START <= time < RELEASE else rolling, END)
 
 
-def compare_xbr(payload: float, timestep: float) -> Findings:
+def compare_xbr(parameters: TruckParameters, payload: float, timestep: float) -> Findings:
     """The paper's brake test at one payload [kg]; friction alone, then with endurance brakes."""
-    record, tons = xbr_run(payload, timestep), _tons(payload)
+    record, tons = xbr_run(parameters, payload, timestep), _tons(parameters, payload)
     found = Findings(f"XBR -1.5 m/s2 at 60 km/h, {tons:g} t")
     pressure = mean_pressure(record)
     built = (record.time > START + _BUILD_UP) & (record.time < RELEASE)
@@ -158,7 +161,7 @@ def compare_xbr(payload: float, timestep: float) -> Findings:
     found.history("speed", "speed [km/h]", record.time, record.speed / KMH)
     found.history("acceleration", "acceleration [m/s2]", record.time, smooth_rate(record))
     found.history("mean brake pressure", "pressure [kPa]", record.time, pressure / 1e3)
-    blended = xbr_run(payload, timestep, XbrEbiMode.INTEGRATION)
+    blended = xbr_run(parameters, payload, timestep, XbrEbiMode.INTEGRATION)
     found.label += ", endurance brakes integrated"
     _check_deceleration(found, blended)
     _check_release(found, blended)
@@ -208,14 +211,14 @@ def _check_response(found: Findings, record: Run) -> None:
     found.check("last chamber's pressure rises after", last, "s")
 
 
-def compare_response(payload: float, timestep: float) -> Findings:
+def compare_response(parameters: TruckParameters, payload: float, timestep: float) -> Findings:
     """Full brake pedal for 3 s on the standing truck with a payload [kg]."""
-    truck = Truck.load(payload, timestep=timestep, visuals=False)
+    truck = Truck.load(payload, parameters=parameters, timestep=timestep, visuals=False)
     truck.reset()
     up = VehicleCommand()
     record = run(truck, lambda time, _: FULL if _PEDAL_DOWN <= time < _PEDAL_UP else up, _PEDAL_END)
     time, down = record.time - _PEDAL_DOWN, record.time < _PEDAL_UP
-    label = f"brake pedal down at standstill, {_tons(payload):g} t"
+    label = f"brake pedal down at standstill, {_tons(parameters, payload):g} t"
     found, lines = Findings(), []
     for axle, dead_time in enumerate(dead_times(truck.parameters)):
         pressure = record.wheel_pressures[:, 2 * axle : 2 * axle + 2].min(axis=1)
@@ -256,22 +259,19 @@ REGULATIONS = (UN_R13, FMVSS_121)
 R13_DECELERATION = 5.0
 
 
-def stop_run(
-    payload: float,
-    speed: float,
-    timestep: float,
-    parameters: TruckParameters | Mapping[str, Any] | None = None,
-) -> Run:
+def stop_run(parameters: TruckParameters, payload: float, speed: float, timestep: float) -> Run:
     """Full pedal from a speed [m/s] to standstill."""
     truck = Truck.load(payload, parameters=parameters, timestep=timestep, visuals=False)
     truck.reset(speed=speed)
     return run(truck, lambda *_: FULL, _LONGEST, stop=lambda state: state.speed < _STANDS)
 
 
-def compare_stop(payload: float, regulation: Regulation, timestep: float) -> Findings:
+def compare_stop(
+    parameters: TruckParameters, payload: float, regulation: Regulation, timestep: float
+) -> Findings:
     """The stop of one regulation at one payload [kg]."""
-    record = stop_run(payload, regulation.speed, timestep)
-    found = Findings(f"full stop from {regulation.name}, {_tons(payload):g} t")
+    record = stop_run(parameters, payload, regulation.speed, timestep)
+    found = Findings(f"full stop from {regulation.name}, {_tons(parameters, payload):g} t")
     allowed = regulation.laden if payload > 0.0 else regulation.empty
     found.check("distance", distance(record), "m", allowed, f"<= {allowed:.1f}")
     found.check("longest lock-up above 15 km/h", lock_time(record), "s", must="<= 1")

@@ -1,7 +1,7 @@
 """Energy audit over a hilly trip: every joule of the engine's work must be accounted for.
 
     engine work = kinetic + potential + springs and tires + air + rolling + tire slip + dampers
-                  + brakes + retarder + driveline's losses and store
+                  + brakes + retarder + driveline's losses and store + auxiliaries
 
 The plugin has counters of the engine's side and of the work of the brakes. `Ledger` sums up all
 other parts at each step of the physics, from motion and tire forces and by the law of each part, so
@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import GRAVITY, KMH
+from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import air_shares, rolling_resistances, static_axle_loads
 from iits_mj.truck import Truck
 from iits_mj.validation.harness.recorder import PERIOD
@@ -46,6 +47,10 @@ _TIME_LIMIT = 400.0
 # Greatest missing energy [% of the engine's work].
 _CLOSED = 0.5
 _COUNTERS = ("engine_work", "driveline_loss", "retarder_work", "driveline_energy", "brake_work")
+# Of a truck with auxiliaries.
+_AUXILIARIES = "auxiliary_work"
+# Speeds at which the drag area in the mean wind is tabulated [m/s].
+_DRAG_SPEEDS = np.linspace(0.5, 40.0, 396)
 
 
 @dataclass(frozen=True)
@@ -108,6 +113,7 @@ class Ledger:
         shares, air = air_shares(parameters), parameters.aerodynamics
         self._noses = [model.body(f"{unit.name}_pressure_center").id for unit in parameters.units]
         self._air_share = tuple(0.5 * air.density * part for part in shares)
+        self._drag_areas = [air.mean_drag_area(speed) for speed in _DRAG_SPEEDS.tolist()]
         # A number for each wheel end; the load dependence is that of the static loads.
         static = static_axle_loads(parameters, truck.payload)
         self._rolling = np.repeat(rolling_resistances(parameters, static), 2)
@@ -206,7 +212,8 @@ class Ledger:
             frame = data.xmat[body]
             forward = nose[0] * frame[0] + nose[1] * frame[3] + nose[2] * frame[6]
             side = nose[0] * frame[1] + nose[1] * frame[4] + nose[2] * frame[7]
-            drag = p.aerodynamics.drag_area * forward**2 + p.aerodynamics.side_area * side**2
+            area = float(np.interp(abs(forward), _DRAG_SPEEDS, self._drag_areas))
+            drag = area * forward**2 + p.aerodynamics.side_area * side**2
             air += self._air_share[k] * drag * math.hypot(*nose)
         shaft = sensors[self._shaft[0]] * sensors[self._shaft[1]]
         return np.array(
@@ -261,21 +268,29 @@ class Trip:
     def driveline_error(self) -> float:
         """Engine work unaccounted for between engine and shaft, as a share of it [1]."""
         c = self.counters
-        engine = c["engine_work"] - c["driveline_loss"] - c["driveline_energy"] - c["retarder_work"]
-        return (engine - self.losses.shaft) / c["engine_work"]
+        return (c["engine_work"] - self._driveline - self.losses.shaft) / c["engine_work"]
 
     @property
     def error(self) -> float:
         """Engine work unaccounted for, as a share of it [1]."""
+        work = self.counters["engine_work"]
+        return (work - (self.stored + self.dissipated + self._driveline)) / work
+
+    @property
+    def _driveline(self) -> float:
+        """Work between crankshaft and propeller shaft."""
         c = self.counters
-        found = self.stored + self.dissipated
-        found += c["driveline_loss"] + c["driveline_energy"] + c["retarder_work"]
-        return (c["engine_work"] - found) / c["engine_work"]
+        lost = c["driveline_loss"] + c["driveline_energy"] + c["retarder_work"]
+        return lost + c[_AUXILIARIES]
 
 
-def drive(payload: float, timestep: float, length: float = HILLS_LENGTH) -> Trip:
+def drive(
+    parameters: TruckParameters, payload: float, timestep: float, length: float = HILLS_LENGTH
+) -> Trip:
     """Drives the first `length` m of the hills with this payload [kg]."""
-    truck = Truck.load(payload, route=hills(), timestep=timestep, visuals=False)
+    truck = Truck.load(
+        payload, parameters=parameters, route=hills(), timestep=timestep, visuals=False
+    )
     truck.reset(station=_START)
     truck.step(round(1.0 / timestep))
     ledger, keeper = Ledger(truck), SpeedKeeper()
@@ -302,9 +317,11 @@ def drive(payload: float, timestep: float, length: float = HILLS_LENGTH) -> Trip
     )
 
 
-def compare(payload: float, timestep: float, length: float) -> Findings:
+def compare(
+    parameters: TruckParameters, payload: float, timestep: float, length: float
+) -> Findings:
     """The audit; each part as a share of the engine's work."""
-    trip = drive(payload, timestep, length)
+    trip = drive(parameters, payload, timestep, length)
     way = trip.way[-1] - trip.way[0]
     found = Findings(f"energy audit, {payload / 1e3:g} t load, {way:.0f} m of hills")
     work = trip.counters["engine_work"]
@@ -323,6 +340,8 @@ def compare(payload: float, timestep: float, length: float) -> Findings:
         "driveline": trip.counters["driveline_loss"],
         "driveline, stored": trip.counters["driveline_energy"],
     }
+    if parameters.engine.auxiliary_power:
+        parts["auxiliaries"] = trip.counters[_AUXILIARIES]
     found.check("engine work", work / 1e6, "MJ")
     for name, part in parts.items():
         found.check(f"{name}, of the engine's work", 100.0 * part / work, "%")
@@ -345,4 +364,5 @@ def compare(payload: float, timestep: float, length: float) -> Findings:
 
 def _counters(truck: Truck) -> dict[str, float]:
     known = {truck.model.sensor(i).name for i in range(truck.model.nsensor)}
-    return {name: truck.read(name) if name in known else float("nan") for name in _COUNTERS}
+    found = {name: truck.read(name) if name in known else float("nan") for name in _COUNTERS}
+    return found | {_AUXILIARIES: truck.read(_AUXILIARIES) if _AUXILIARIES in known else 0.0}

@@ -83,7 +83,7 @@ def compute(truck: ForceBalance, pedal: float, duration: float) -> PublishedRun:
             torque = _ramp(torque, wanted, truck)
         coupled = torque > 0.0 and speed * float(truck.reduction(gear)) > engine.idle_speed
         mass = truck.mass + (float(truck.rotating_mass(gear)) if coupled else truck.wheel_mass)
-        push = float(truck.pull(torque, gear) - truck.resistance(speed))
+        push = float(truck.pull(torque, gear, spin) - truck.resistance(speed))
         speed = max(0.0, speed + PERIOD * push / mass)
     table = np.array(rows)
     return PublishedRun(*table.T)
@@ -105,7 +105,7 @@ def _ramp(torque: float, wanted: float, balance: ForceBalance) -> float:
 
 
 UPHILL = 0.03
-_FLAT_TIME, _UPHILL_TIME = 100.0, 120.0
+FLAT_TIME, UPHILL_TIME = 100.0, 120.0
 _PAPER, _WANTED = 89.0, 95.0
 _XBR_PAYLOAD = 31_000.0
 _NOTE = (
@@ -126,13 +126,14 @@ class Drives:
 
 
 def record(timestep: float) -> Drives:
-    """Drives and records all of them."""
+    """Drives and records all of them with the paper's truck."""
+    parameters = TruckParameters.load()
     return Drives(
         pedal=part_throttle_run(timestep),
         pedal_without_air=part_throttle_run(timestep, air=False),
-        flat=full_pedal_run(timestep, 0.0, _FLAT_TIME),
-        uphill=full_pedal_run(timestep, UPHILL, _UPHILL_TIME),
-        braking=braking.xbr_run(_XBR_PAYLOAD, timestep),
+        flat=full_pedal_run(parameters, timestep, 0.0, FLAT_TIME),
+        uphill=full_pedal_run(parameters, timestep, UPHILL, UPHILL_TIME),
+        braking=braking.xbr_run(parameters, _XBR_PAYLOAD, timestep),
     )
 
 

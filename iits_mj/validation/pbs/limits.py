@@ -70,6 +70,14 @@ STANDARDS = {
 }
 
 
+def level_of_length(length: float) -> int:
+    """Returns the level of the roads that a combination may use by its length [m].
+
+    The Rules allow 20, 30, 42 and 60 m (class B of levels 2 to 4).
+    """
+    return 1 + sum(length > most for most in (20.0, 30.0, 42.0))
+
+
 def reached(values: Mapping[str, float]) -> tuple[dict[str, int | None], int | None]:
     """Returns the level of each measure, and of the combination: the worst of its measures.
 

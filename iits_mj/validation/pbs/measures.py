@@ -1,4 +1,4 @@
-"""PBS measures of recorded signals; those of the low-speed turn are in `analytic.swept_path`.
+"""PBS measures of recorded signals and of the paths of a low-speed turn.
 
 Ground coordinates are x along the road, y to the left; signals have uniform samples.
 """
@@ -9,9 +9,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from iits_mj.analytic.swept_path import (
+    Turn,
+    frontal_swing,
+    outward,
+    swept_width,
+    tail_swing,
+)
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
-from iits_mj.core.units import GRAVITY
+from iits_mj.parameters import TruckParameters, Unit
+from iits_mj.parameters.mass_state import laden_units
 from iits_mj.validation.handling.yaw_damping import damping_ratio
 
 # Available friction of the steer tires [1].
@@ -22,14 +30,45 @@ TRACKING_SHARE = 0.99
 _STATION = 0.5
 
 
+def turn_measures(done: Turn) -> dict[str, float]:
+    """Returns swept path, frontal and tail swing of a low-speed turn [m], by standards' keys."""
+    corners = done.tracks()
+    front = corners[:, :, 1]
+    swings = frontal_swing(front, done.radius, done.angle)
+    values = {
+        "swept_path": swept_width(done.sides(), done.radius, done.angle),
+        "frontal_swing": float(swings[0]),
+        "tail_swing": float(np.max(tail_swing(corners[:, :, 2]))),
+    }
+    if len(swings) > 1:
+        beyond = outward(front, done.radius, done.angle)
+        # The exit runs along y, which begins at the height of the arc's center.
+        station = front[..., 1] - done.radius
+        values["front_maxima"], values["front_paths"] = front_corner_excess(beyond, station)
+    return values
+
+
 def tracking_ability(points: FloatArray, share: float = TRACKING_SHARE) -> float:
     """Returns the width [m] within which the whole combination runs on a straight road.
-
-    At each place of the road, the leftmost minus the rightmost point of all units as they pass.
 
     Args:
       points: outer corners of all units [m], shape (n, points, 2).
       share: of the road on which the width is not exceeded.
+
+    Raises:
+      InputError: as of `swept_edges`.
+    """
+    _, right, left = swept_edges(points)
+    return float(np.quantile(left - right, share))
+
+
+def swept_edges(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Returns stations of a straight road, and its rightmost and leftmost places swept there [m].
+
+    At each place of the road, the outermost of all points as they pass; shape (k,) each.
+
+    Args:
+      points: outer corners of all units [m], shape (n, points, 2).
 
     Raises:
       InputError: a point is not finite, or the road is shorter than the combination.
@@ -44,8 +83,8 @@ def tracking_ability(points: FloatArray, share: float = TRACKING_SHARE) -> float
     left, right = np.full(len(edges) + 1, -np.inf), np.full(len(edges) + 1, np.inf)
     np.maximum.at(left, bins[inside], y[inside])
     np.minimum.at(right, bins[inside], y[inside])
-    width = (left - right)[1:-1]
-    return float(np.quantile(width[np.isfinite(width)], share))
+    swept = np.isfinite(left - right)[1:-1]
+    return edges[:-1][swept], right[1:-1][swept], left[1:-1][swept]
 
 
 def front_corner_excess(outward: FloatArray, station: FloatArray) -> tuple[float, float]:
@@ -88,27 +127,32 @@ def friction_demand(forces: FloatArray, friction: float = PEAK_FRICTION) -> floa
     return float(100.0 * np.max(used / forces[..., 2].sum(axis=1)) / friction)
 
 
-def rollover_threshold(
-    acceleration: FloatArray, inner_loads: FloatArray, *, lifted: float = 0.0
-) -> float:
-    """Returns the static rollover threshold [g] of a slowly rising lateral acceleration.
+def roll_coupled_acceleration(
+    parameters: TruckParameters, payload: float, accelerations: FloatArray
+) -> FloatArray:
+    """Returns the lateral acceleration of the rearmost units that are coupled in roll, (m,).
 
-    The acceleration at which the inner wheels of all axles but the steer axles have lifted, or the
-    greatest one that the combination reaches before.
+    The mean of the units by mass times height of the center of gravity, as these accelerations
+    act together on one body in roll.
 
     Args:
-      acceleration: lateral, of the combination [m/s2], shape (n,).
-      inner_loads: on the inner wheels of those axles [N], shape (n, axles).
-      lifted: load below which a wheel counts as lifted [N].
+      parameters: of the truck.
+      payload: of the combination [kg].
+      accelerations: of the units' CGs, shape (m, n).
     """
-    acceleration = np.abs(_finite("acceleration", acceleration))
-    all_lifted = np.flatnonzero(np.all(_finite("inner_loads", inner_loads) <= lifted, axis=1))
-    end = int(all_lifted[0]) + 1 if len(all_lifted) else len(acceleration)
-    return float(np.max(acceleration[:end]) / GRAVITY)
+    free = [i for i, unit in enumerate(parameters.units) if not _rolls_along(unit)]
+    units = laden_units(parameters, payload)[free[-1] :]
+    weights = np.array([unit.mass * unit.cg_height for unit in units])
+    return np.asarray(accelerations[:, free[-1] :] @ weights / weights.sum())
+
+
+def _rolls_along(unit: Unit) -> bool:
+    """Whether a unit is coupled in roll to the unit ahead."""
+    return unit.coupling is not None and unit.coupling.roll_stiffness > 0.0
 
 
 def rearward_amplification(front: FloatArray, rear: FloatArray) -> float:
-    """Returns the peak lateral acceleration of the last unit's CG over that of the steer axle.
+    """Returns the peak lateral acceleration of the rear over that of the steer axle.
 
     Args:
       front: of the steer axle [m/s2], shape (n,).
@@ -156,16 +200,6 @@ def acceleration_time(time: FloatArray, distance: FloatArray, length: float = 10
     if traveled[-1] < length:
         return float("inf")
     return float(np.interp(length, np.maximum.accumulate(traveled), time) - time[0])
-
-
-def greatest_grade(grades: Sequence[float], passed: Sequence[bool]) -> float:
-    """Returns the greatest grade [%] that is passed with all smaller ones; 0 if none is."""
-    best = 0.0
-    for grade, ok in sorted(zip(grades, passed, strict=True)):
-        if not ok:
-            break
-        best = grade
-    return best
 
 
 def _finite(name: str, values: FloatArray) -> FloatArray:

@@ -11,14 +11,7 @@ import numpy as np
 
 from controllers.planning.rollover_limits import roll_threshold
 from iits_mj.analytic import YawPlane, YawRoll, simulate, unit_track
-from iits_mj.analytic.swept_path import (
-    Outline,
-    frontal_swing,
-    outward,
-    swept_width,
-    tail_swing,
-    turn,
-)
+from iits_mj.analytic.swept_path import Outline, turn
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 from iits_mj.validation.handling.lane_change import inverse_steer
@@ -51,22 +44,8 @@ def predicted(parameters: TruckParameters, payload: float) -> dict[str, float]:
 def low_speed_turn(parameters: TruckParameters, payload: float) -> dict[str, float]:
     """Returns swept path, frontal and tail swing of the turn of 12.5 m [m]; as of `predicted`."""
     wanted = LowSpeedTurn()
-    done = turn(Outline.from_parameters(parameters, payload), wanted.radius, wanted.angle)
-    corners = done.tracks()
-    swings = frontal_swing(corners[:, :, 1], done.radius, done.angle)
-    values = {
-        "swept_path": swept_width(done.sides(), done.radius, done.angle),
-        "frontal_swing": float(swings[0]),
-        "tail_swing": float(np.max(tail_swing(corners[:, :, 2]))),
-    }
-    if len(swings) > 1:
-        beyond = outward(corners[:, :, 1], done.radius, done.angle)
-        # The exit runs along y, which begins at the height of the arc's center.
-        station = corners[:, :, 1, 1] - done.radius
-        values["front_maxima"], values["front_paths"] = measures.front_corner_excess(
-            beyond, station
-        )
-    return values
+    outline = Outline.from_parameters(parameters, payload)
+    return measures.turn_measures(turn(outline, wanted.radius, wanted.angle))
 
 
 def lane_change(parameters: TruckParameters, payload: float, threshold: float) -> dict[str, float]:
@@ -82,7 +61,8 @@ def lane_change(parameters: TruckParameters, payload: float, threshold: float) -
     front = np.column_stack([answer.x, answer.y])
     rear = unit_track(answer, system, -1, parameters.last.axles[-1].position)
     gain = measures.rearward_amplification(
-        answer.steer_axle_acceleration, answer.trailer_lateral_acceleration
+        answer.steer_axle_acceleration,
+        measures.roll_coupled_acceleration(parameters, payload, answer.lateral_accelerations),
     )
     return {
         "off_tracking": measures.transient_off_tracking(front, rear),

@@ -12,7 +12,7 @@ from controllers.planning.road_preview import RoadPreview
 from controllers.planning.trajectory import Quintic, on_road
 from iits_mj.core.messages import EgoState, Scene
 from iits_mj.parameters import TruckParameters, shipped_trucks
-from iits_mj.parameters.mass_state import group_center
+from iits_mj.parameters.mass_state import group_center, static_axle_loads
 from iits_mj.road import Route
 from iits_mj.road.measured import Lanes, measured_route
 from tests.controllers.scenes import car, posed
@@ -281,3 +281,15 @@ def test_a_longer_combination_has_settled_on_a_bend_before_the_first_position(na
     away = [np.hypot(box.x - float(center.x), box.y - float(center.y)) for box in boxes]
     for distance in away:
         assert distance[0] == pytest.approx(distance[1], abs=0.05)
+
+
+def test_a_lifted_axle_does_not_count_for_the_path_of_the_truck():
+    truck = TruckParameters.load("tractor_semitrailer_6x2")
+    lifted, loads = unit_lengths(truck, 0.0), static_axle_loads(truck, 0.0)
+    (front,), rear = truck.lead.groups(0.0)
+    assert (loads == 0.0).any()
+    assert lifted[0] == pytest.approx(rear[0].position - front.position)
+    assert lifted[0] != pytest.approx(unit_lengths(truck)[0], abs=0.1)
+    path = np.column_stack([np.arange(0.0, 60.0, 0.2), np.zeros(300)])
+    group = swept_path(truck, path, 0.0, payload=0.0)[0].group
+    assert path[-1, 0] - group[-1, 0] == pytest.approx(lifted[0])

@@ -3,11 +3,19 @@
 import numpy as np
 import pytest
 
+from iits_mj import validation
+from iits_mj.commands import validate
+from iits_mj.core.errors import InputError
+from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.validation import COMMANDS, ValidateConfig
 from iits_mj.validation.handling import circle, low_speed_turn, step_steer
+from iits_mj.validation.handling.group import name_of
+from iits_mj.validation.truck import axle_loads
 
 STEP = 0.002
 LADEN = 36_000.0
+TRUCK = TruckParameters.load()
+FREE = step_steer.free_couplings(TRUCK)
 
 
 def _values(checks):
@@ -16,8 +24,8 @@ def _values(checks):
 
 @pytest.mark.parametrize("payload", [LADEN, 0.0])
 def test_step_steer_follows_the_yaw_sideslip_model(payload):
-    (recording,) = step_steer.step_steers(payload, (np.deg2rad(15.0),), STEP)
-    found = step_steer.compare_step(payload, 15.0, ">= 97", recording)
+    (recording,) = step_steer.step_steers(FREE, payload, (np.deg2rad(15.0),), STEP)
+    found = step_steer.compare_step(FREE, payload, 15.0, ">= 97", recording)
     checks, panels = found.checks, found.panels
     fits = [check.value for check in checks if check.name.endswith("fit")]
     assert len(fits) == len(panels) == 4
@@ -28,31 +36,71 @@ def test_step_steer_follows_the_yaw_sideslip_model(payload):
     np.testing.assert_allclose(ends, 1.0, atol=0.05)
 
 
+@pytest.mark.parametrize("name", shipped_trucks())
+def test_every_truck_fits_the_yaw_roll_model_at_small_steer(name):
+    truck = step_steer.free_couplings(TruckParameters.load(name))
+    for payload in {truck.payload_max, 0.0}:
+        (recording,) = step_steer.step_steers(truck, payload, (np.deg2rad(3.0),), STEP)
+        found = step_steer.compare_step(truck, payload, 3.0, ">= 99", recording)
+        assert [check.shortfall() for check in found.checks if not check.ok] == []
+        fits = [check for check in found.checks if check.name.endswith("yaw-roll model")]
+        assert len(fits) == 2 * len(truck.units)
+
+
 def test_time_step_hardly_changes_the_step_steer():
-    (coarse,) = step_steer.step_steers(LADEN, (np.deg2rad(15.0),), 0.002)
-    (fine,) = step_steer.step_steers(LADEN, (np.deg2rad(15.0),), 0.001)
+    (coarse,) = step_steer.step_steers(FREE, LADEN, (np.deg2rad(15.0),), 0.002)
+    (fine,) = step_steer.step_steers(FREE, LADEN, (np.deg2rad(15.0),), 0.001)
     assert coarse.yaw_rate[-1] == pytest.approx(fine.yaw_rate[-1], rel=0.005)
     assert coarse.yaw_rate.max() == pytest.approx(fine.yaw_rate.max(), rel=0.01)
 
 
 def test_frequency_response_of_the_empty_truck_is_the_models():
-    values = _values(step_steer.compare_frequency(0.0, STEP).checks)
+    values = _values(step_steer.compare_frequency(FREE, 0.0, STEP).checks)
     assert values["yaw rate, gain error"] < 6.0
     assert values["yaw rate, phase error"] < 6.0
 
 
 def test_trailer_follows_the_kinematic_trailer_round_the_corner():
-    turn = low_speed_turn.turn(LADEN, STEP)
+    turn = low_speed_turn.turn(TRUCK, LADEN, STEP)
     assert turn.path_error() < 0.1
     assert turn.off_tracking() == pytest.approx(turn.kinematic_off_tracking(), abs=0.1)
     assert np.rad2deg(turn.recording.yaw[-1]) == pytest.approx(90.0, abs=3.0)
 
 
 def test_understeer_on_the_circle_is_near_the_linear_models():
-    found = circle.circle(LADEN, STEP, (8.0, 12.0))
+    found = circle.circle(TRUCK, LADEN, STEP, (8.0, 12.0))
     assert np.all(np.diff(found.lateral) > 0.3)
     assert found.gradient > found.reference
     assert found.gradient == pytest.approx(found.saturating_gradient, rel=0.05)
+
+
+@pytest.mark.parametrize("group", validation.DEFAULT_ONLY)
+def test_groups_of_the_default_truck_refuse_another_one(group):
+    with pytest.raises(InputError, match="lateral"):
+        validate.measure(validate.Options(what=group, truck="b_double"))
+
+
+def test_a_truck_without_payload_has_one_state_and_the_page_names_it():
+    config = ValidateConfig(truck="vecto_tractor")
+    assert config.payloads() == (0.0,)
+    assert name_of("truck", config) == "validate truck vecto_tractor"
+    assert name_of("truck", ValidateConfig(truck=shipped_trucks()[0])) == "validate truck"
+
+
+@pytest.mark.parametrize("name", shipped_trucks())
+def test_axle_loads_at_rest_are_those_of_statics(name):
+    parameters = TruckParameters.load(name)
+    for payload in {parameters.payload_max, 0.0}:
+        found = axle_loads(parameters, payload)
+        assert [check.shortfall() for check in found.checks if not check.ok] == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", shipped_trucks()[1:])
+def test_page_of_a_shipped_truck_has_finite_figures(name):
+    results = COMMANDS["truck"](ValidateConfig(truck=name))
+    assert all(np.isfinite(check.value) for check in results.checks)
+    assert results.figures
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ LADEN = 36_000.0
 @pytest.fixture(scope="module")
 def turns():
     cases = ((LADEN, 0.8), (LADEN, 0.3), (0.0, 0.8), (0.0, 0.3))
-    return {case: tightening_turn.tighten(*case, STEP) for case in cases}
+    return {case: tightening_turn.tighten(TruckParameters.load(), *case, STEP) for case in cases}
 
 
 def test_laden_truck_on_a_dry_road_rolls_over_near_its_static_threshold(turns):
@@ -37,7 +37,10 @@ def test_empty_truck_on_a_dry_road_rolls_over_near_its_static_threshold(turns):
 
 
 def test_traction_control_slows_the_empty_truck_before_it_rolls_over(turns):
-    free, controlled = turns[0.0, 0.8], tightening_turn.tighten(0.0, 0.8, STEP, control=True)
+    free, controlled = (
+        turns[0.0, 0.8],
+        tightening_turn.tighten(TruckParameters.load(), 0.0, 0.8, STEP, control=True),
+    )
     assert not controlled.rolled_over()
     assert controlled.greatest() < free.greatest()
     same = slice(0, 3000)  # until the inner driven wheels spin

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.truck import Truck
 from iits_mj.validation.longitudinal import energy_audit
 from iits_mj.validation.longitudinal.energy_audit import Ledger
@@ -65,8 +65,9 @@ def test_contact_of_the_ledger_gives_the_load_of_the_tires():
     np.testing.assert_allclose(ledger.tire_loads(), read, rtol=1e-4)
 
 
-def test_energy_of_a_short_trip_is_found_within_half_a_percent():
-    trip = energy_audit.drive(0.0, 0.005, length=300.0)
+@pytest.mark.parametrize("name", shipped_trucks())
+def test_energy_of_a_short_trip_is_found_within_half_a_percent(name):
+    trip = energy_audit.drive(TruckParameters.load(name), 0.0, 0.005, length=300.0)
     assert trip.counters["engine_work"] > 1e6
     assert abs(trip.error) < 0.005
     assert abs(trip.driveline_error) < 0.005

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from iits_mj.core.units import GRAVITY
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.parameters.mass_state import static_axle_loads
 from iits_mj.validation.longitudinal import speed_accuracy
 from iits_mj.validation.longitudinal.force_balance import ForceBalance
@@ -28,8 +28,8 @@ def test_resistances_are_rolling_grade_and_air():
 def test_losses_of_the_gears_reduce_pull_and_increase_overrun():
     gearbox = PARAMETERS.gearbox
     ideal = 1000.0 * gearbox.ratios[4] * gearbox.final_drive / LADEN.wheel_radius
-    assert LADEN.pull(1000.0, 5) < ideal < -LADEN.pull(-1000.0, 5)
-    assert LADEN.pull(1000.0, 5) == pytest.approx(
+    assert LADEN.pull(1000.0, 5, 120.0) < ideal < -LADEN.pull(-1000.0, 5, 120.0)
+    assert LADEN.pull(1000.0, 5, 120.0) == pytest.approx(
         ideal * gearbox.efficiency * gearbox.driveline_efficiency
     )
 
@@ -74,7 +74,9 @@ def test_steady_speed_balances_and_is_stable(gear, grade):
 
     def surplus(v):
         engine_speed = v * LADEN.reduction(gear)
-        return LADEN.pull(LADEN.full_torque(engine_speed), gear) - LADEN.resistance(v, grade)
+        return LADEN.pull(LADEN.full_torque(engine_speed), gear, engine_speed) - LADEN.resistance(
+            v, grade
+        )
 
     assert surplus(speed) == pytest.approx(0.0, abs=1.0)
     assert surplus(1.02 * speed) < 0.0 < surplus(0.98 * speed)
@@ -106,3 +108,23 @@ def test_ramp_keeps_its_grade_before_and_after_the_change():
     road = sloping(500.0, 0.12, ((100.0, 0.25, 30.0),))
     assert float(road.evaluate(80.0).grade) == pytest.approx(0.12)
     assert float(road.evaluate(120.0).grade) == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize("name", shipped_trucks())
+def test_forces_of_every_truck_balance_at_its_steady_speed(name):
+    truck = TruckParameters.load(name)
+    balance, gear = ForceBalance(truck, truck.payload_max), len(truck.gearbox.ratios) - 2
+    speed = balance.steady_speed(gear, 0.01)
+    turns = speed * float(balance.reduction(gear))
+    needed = balance.needed_torque(float(balance.resistance(speed, 0.01)), gear, turns)
+    assert needed <= float(balance.full_torque(turns)) + 1.0
+    assert 0.0 < balance.traction_grade() <= 0.6
+
+
+@pytest.mark.parametrize("name", shipped_trucks())
+def test_driven_axles_of_every_truck_carry_their_static_load_on_the_level(name):
+    truck = TruckParameters.load(name, overlay={"tires": {"*": {"rolling_resistance": 0.0}}})
+    loads = static_axle_loads(truck, truck.payload_max)
+    driven = [axle.driven for axle in truck.axles]
+    free = ForceBalance(truck, truck.payload_max)
+    assert free.drive_axle_load(0.0) == pytest.approx(loads[driven].sum())

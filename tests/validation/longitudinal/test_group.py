@@ -21,6 +21,7 @@ from iits_mj.validation.longitudinal.hills import HILLS_LENGTH, SpeedKeeper
 
 STEP = 0.002
 LADEN = 36_000.0
+TRUCK = TruckParameters.load()
 
 
 def short(found):
@@ -41,7 +42,7 @@ def test_40_percent_pedal_agrees_with_the_paper():
 
 
 def test_xbr_reaches_the_demanded_deceleration_and_pressure_and_releases_smoothly():
-    checks = braking.compare_xbr(31_000.0, STEP).checks
+    checks = braking.compare_xbr(TRUCK, 31_000.0, STEP).checks
     values = values_of(check for check in checks if "integrated" not in check.name)
     assert values["mean deceleration"] == pytest.approx(1.5, rel=0.03)
     assert values["overshoot"] < 10.0
@@ -50,21 +51,21 @@ def test_xbr_reaches_the_demanded_deceleration_and_pressure_and_releases_smoothl
 
 
 def test_full_stop_holds_without_lock_up():
-    values = values_of(braking.compare_stop(0.0, braking.UN_R13, STEP).checks)
+    values = values_of(braking.compare_stop(TRUCK, 0.0, braking.UN_R13, STEP).checks)
     assert values["longest lock-up above 15 km/h"] <= 1.0
     assert values["speed at the end"] < 0.1
     assert 20.0 < values["distance"] < 50.0
 
 
 def test_brake_response_meets_un_r13_and_the_dead_times_of_the_lines():
-    found = braking.compare_response(0.0, STEP)
+    found = braking.compare_response(TRUCK, 0.0, STEP)
     assert short(found) == []
     assert [len(panel.lines) for panel in found.panels] == [6]
 
 
 @pytest.mark.parametrize(("grade", "managed"), [(0.15, True), (0.42, False)])
 def test_laden_truck_sets_off_on_15_percent_and_not_on_42(grade, managed):
-    assert hill_climb.sets_off(LADEN, grade, STEP).managed == managed
+    assert hill_climb.sets_off(TRUCK, LADEN, grade, STEP).managed == managed
 
 
 def test_bisection_finds_the_edge():
@@ -119,23 +120,23 @@ def test_change_by_the_step_is_over_the_figure_at_the_finest(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("kph", [30.0, 60.0])
 def test_speed_is_held_down_six_percent_for_six_kilometers(kph):
-    assert short(descent.compare(kph * KMH, STEP)) == []
+    assert short(descent.compare(TRUCK, kph * KMH, STEP)) == []
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("payload", [LADEN, 0.0])
 def test_ledger_accounts_for_the_work_of_the_engine(payload):
-    assert short(energy_audit.compare(payload, STEP, HILLS_LENGTH)) == []
+    assert short(energy_audit.compare(TRUCK, payload, STEP, HILLS_LENGTH)) == []
 
 
 @pytest.mark.slow
 def test_startability_and_gradeability_are_the_computed_ones():
-    assert short(hill_climb.compare_limits(STEP, quick=False)) == []
+    assert short(hill_climb.compare_limits(TRUCK, STEP, quick=False)) == []
 
 
 @pytest.mark.slow
 def test_steady_speeds_balance_the_forces():
-    assert short(hill_climb.compare_speeds(STEP, quick=False)) == []
+    assert short(hill_climb.compare_speeds(TRUCK, STEP, quick=False)) == []
 
 
 @pytest.mark.slow
@@ -147,7 +148,7 @@ def test_fuel_at_all_steady_points_is_the_map():
 @pytest.mark.parametrize("regulation", braking.REGULATIONS, ids=lambda r: r.name)
 @pytest.mark.parametrize("payload", [LADEN, 0.0])
 def test_full_stops_are_within_the_regulations(payload, regulation):
-    assert short(braking.compare_stop(payload, regulation, STEP)) == []
+    assert short(braking.compare_stop(TRUCK, payload, regulation, STEP)) == []
 
 
 @pytest.mark.slow

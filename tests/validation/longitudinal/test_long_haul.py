@@ -19,7 +19,7 @@ from iits_mj.validation.longitudinal.long_haul import (
     drive,
 )
 
-MISSION = Mission.load()
+MISSION, VECTO = Mission.load(), TruckParameters.load(TRUCK)
 STEP = 0.005
 ENTRY = 60.0
 
@@ -41,7 +41,7 @@ def test_road_has_the_grades_and_the_height_of_the_mission():
 
 
 def test_driver_accelerates_and_brakes_as_declared():
-    assert [accelerating(kmh * KMH) for kmh in (0.0, 25.0, 60.0, 85.0)] == [1.0, 1.0, 0.5, 0.5]
+    assert [accelerating(kmh * KMH) for kmh in (0.0, 25.0, 50.0, 60.0)] == [1.0, 1.0, 0.6, 0.5]
     assert [braking(kmh * KMH) for kmh in (10.0, 50.0, 60.0, 85.0)] == [1.0, 1.0, 0.5, 0.5]
 
 
@@ -56,7 +56,7 @@ DOWNHILL = dataclasses.replace(LEVEL, grade=np.full(4, -0.03), stops=((9000.0, 2
 
 
 def command(mission, place, kmh):
-    driver = Driver(mission, TruckParameters.load(TRUCK), 19_300.0)
+    driver = Driver(mission, VECTO, 19_300.0)
     state = EgoState(station=place + ENTRY, speed=kmh * KMH, gear=12, engine_speed=125.0)
     return driver.command(state)
 
@@ -76,7 +76,7 @@ def test_driver_coasts_ahead_of_a_stop_and_brakes_close_to_it():
 
 
 def test_first_kilometers_include_two_stops_and_the_energies_add_up():
-    driven = drive(MISSION.cut(3000.0), 19_300.0, STEP)
+    driven = drive(VECTO, MISSION.cut(3000.0), 19_300.0, STEP)
     time, place, speed = driven.record[:, :3].T
     for stop in (899.0, 2249.0):
         standing = np.abs(place - stop) < 2.0
@@ -96,11 +96,7 @@ def test_quick_form_drives_the_first_12_km():
 @pytest.mark.slow
 def test_fuel_is_within_3_percent_of_the_declared_at_the_reference_load():
     declared = DECLARED["reference"]
-    driven = drive(MISSION, declared.payload, STEP)
+    driven = drive(VECTO, MISSION, declared.payload, STEP)
     assert driven.liters_per_100_km == pytest.approx(declared.fuel, rel=0.03)
     assert driven.time == pytest.approx(declared.time, rel=0.01)
-    # VECTO's brakes take 8 % more: its driver is described in words only.
-    *others, brakes, gears = driven.energies
-    *declared_others, declared_brakes, declared_gears = declared.energies
-    assert [*others, gears] == pytest.approx([*declared_others, declared_gears], rel=0.05)
-    assert brakes == pytest.approx(declared_brakes, rel=0.1)
+    assert driven.energies == pytest.approx(declared.energies, rel=0.05)

@@ -26,17 +26,6 @@ def test_friction_demand_is_the_used_share_of_the_available_friction():
     assert measures.friction_demand(forces) == pytest.approx(100.0 * 5e3 / 30e3 / 0.8)
 
 
-def test_rollover_threshold_is_the_acceleration_at_which_the_last_inner_wheel_lifts():
-    acceleration = 0.5 * TIME
-    loads = np.maximum(1.0 - acceleration[:, None] / [3.0, 4.0], 0.0) * 20e3
-    assert measures.rollover_threshold(acceleration, loads) == pytest.approx(
-        4.0 / GRAVITY, abs=1e-3
-    )
-    assert measures.rollover_threshold(-acceleration[:601], loads[:601] + 1.0) == pytest.approx(
-        3.0 / GRAVITY
-    )
-
-
 def test_rearward_amplification_is_the_ratio_of_the_peaks():
     front = np.sin(TIME)
     assert measures.rearward_amplification(front, -1.7 * np.roll(front, 40)) == pytest.approx(1.7)
@@ -87,11 +76,6 @@ def test_acceleration_time_of_a_constant_acceleration():
         np.sqrt(200.0 / 0.6), rel=1e-3
     )
     assert measures.acceleration_time(TIME[:300], distance[:300]) == np.inf
-
-
-def test_greatest_grade_ends_at_the_first_failure():
-    assert measures.greatest_grade([5.0, 12.0, 10.0, 15.0], [True, False, True, True]) == 10.0
-    assert measures.greatest_grade([5.0], [False]) == 0.0
 
 
 def test_front_corners_are_compared_at_one_place():

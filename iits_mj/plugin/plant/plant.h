@@ -1,6 +1,6 @@
 // The planar plant: planar motion of a truck in place of MuJoCo's step, on the same mjData.
-#ifndef IITS_MJ_PLUGIN_PLANT_H_
-#define IITS_MJ_PLUGIN_PLANT_H_
+#ifndef IITS_MJ_PLUGIN_PLANT_PLANT_H_
+#define IITS_MJ_PLUGIN_PLANT_PLANT_H_
 
 #include <mujoco/mujoco.h>
 
@@ -29,6 +29,7 @@ struct PlantState {
     PlanarVector<double> acceleration;  // of the coupling point, at the last step
     double tilt, tilt_rate;             // of the road below the axles, left side up [rad], [rad/s]
     double gravity_x, gravity_y;        // along the unit's axes in the road's plane [m/s2]
+    double last_gravity_x;              // of the step before [m/s2]
   } unit[kUnitsMax];
   struct Axle {
     double pitch_load;       // moved onto the axle by pitch [N]
@@ -39,7 +40,7 @@ struct PlantState {
 };
 
 // Limits of the model's validity.
-enum Range { kWheelLift = 1, kArticulation = 2, kRollAngle = 4 };
+enum Range { kWheelLift = 1, kArticulation = 2, kRollAngle = 4, kCrest = 8 };
 
 class Plant {
  public:
@@ -61,17 +62,24 @@ class Plant {
   bool FindUnits(const mjModel* m, const std::string& prefix, std::string* error);
   bool FindAxles(const mjModel* m, std::string* error);
   bool FindPlugins(const mjModel* m, const std::string& prefix, std::string* error);
-  void FindPitchGains(const mjModel* m);
-  void FindInertia(const mjModel* m);
+  void SolvePitchGains(const mjModel* m);
+  void SumInertia(const mjModel* m);
   PlantState* State(const mjModel* m, mjData* d) const;
   void Adopt(const mjModel* m, mjData* d, PlantState* s) const;
   void Publish(const mjModel* m, mjData* d, PlantState* s) const;
   void Remember(const mjModel* m, const mjData* d, double* seen) const;
   template <bool kRolls>
   void Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) const;
+  template <bool kRolls>
+  void Advance(const mjModel* m, mjData* d, PlantState* s, Scratch* at) const;
   void PlaceUnits(const PlantState& s, Scratch* at) const;
-  void MoveLoads(double h, double gravity, const Scratch& at, const double* pitch,
-                 PlantState* s) const;
+  void Actuate(const mjModel* m, mjData* d, Scratch* at) const;
+  void AddTires(const mjModel* m, mjData* d, int u, PlantState* s, Scratch* at) const;
+  void MeasureSlope(const mjModel* m, int u, PlantState* s, Scratch* at) const;
+  void AddAir(const mjModel* m, int u, Scratch* at) const;
+  void AddRoll(double h, int u, PlantState* s, Scratch* at) const;
+  void AddCouplings(double h, mjData* d, const PlantState& s, Scratch* at) const;
+  void MoveLoads(double h, double gravity, const Scratch& at, PlantState* s) const;
   void RollStatically(double h, Scratch* at, PlantState* s) const;
 
   bool rolls_;
@@ -91,4 +99,4 @@ class Plant {
 
 }  // namespace iits
 
-#endif  // IITS_MJ_PLUGIN_PLANT_H_
+#endif  // IITS_MJ_PLUGIN_PLANT_PLANT_H_
