@@ -8,6 +8,7 @@ MuJoCo, and nothing is fitted to the simulation.
 from iits_mj.analytic.kinematic import Kinematic
 from iits_mj.analytic.measures import (
     Response,
+    UnitHistories,
     amplification,
     critical_speed,
     rearward_amplification,
@@ -36,6 +37,7 @@ __all__ = [
     "LateralSystem",
     "Response",
     "RollSystem",
+    "UnitHistories",
     "YawPlane",
     "YawRoll",
     "amplification",

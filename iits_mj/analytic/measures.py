@@ -17,8 +17,58 @@ from iits_mj.parameters.mass_state import static_axle_loads
 from iits_mj.parameters.tire_law import axle_cornering_stiffness
 
 
+class UnitHistories:
+    """Time histories of a combination of n units, with those of its first and last unit by name.
+
+    A dataclass that inherits this class has the arrays as fields.
+
+    Attributes:
+      y: of the first axle's center in the ground frame [m], shape (m,).
+      yaw_rates: of the units [rad/s], shape (m, n).
+      articulations: yaw ahead minus yaw behind [rad], shape (m, n - 1).
+      lateral_accelerations: of the units' CGs [m/s2], shape (m, n).
+      rolls: of the units [rad], shape (m, n).
+    """
+
+    y: FloatArray
+    yaw_rates: FloatArray
+    articulations: FloatArray
+    lateral_accelerations: FloatArray
+    rolls: FloatArray
+
+    @property
+    def yaw_rate(self) -> FloatArray:
+        """Of the lead unit [rad/s]."""
+        return self.yaw_rates[:, 0]
+
+    @property
+    def lateral_acceleration(self) -> FloatArray:
+        """Of the lead unit's CG [m/s2]."""
+        return self.lateral_accelerations[:, 0]
+
+    @property
+    def articulation(self) -> FloatArray:
+        """Of the first coupling [rad]."""
+        return self.articulations[:, 0]
+
+    @property
+    def trailer_yaw_rate(self) -> FloatArray:
+        """Of the last unit [rad/s]."""
+        return self.yaw_rates[:, -1]
+
+    @property
+    def trailer_lateral_acceleration(self) -> FloatArray:
+        """Of the last unit's CG [m/s2]."""
+        return self.lateral_accelerations[:, -1]
+
+    @property
+    def trailer_roll(self) -> FloatArray:
+        """Of the last unit [rad]."""
+        return self.rolls[:, -1]
+
+
 @dataclass(frozen=True)
-class Response:
+class Response(UnitHistories):
     """Time histories of a combination of n units, of shape (m,) where not noted.
 
     Attributes:
@@ -43,41 +93,6 @@ class Response:
     lateral_accelerations: FloatArray
     steer_axle_acceleration: FloatArray
     rolls: FloatArray
-
-    @property
-    def yaw_rate(self) -> FloatArray:
-        """Of the lead unit [rad/s]."""
-        return self.yaw_rates[:, 0]
-
-    @property
-    def lateral_acceleration(self) -> FloatArray:
-        """Of the lead unit's CG [m/s2]."""
-        return self.lateral_accelerations[:, 0]
-
-    @property
-    def roll(self) -> FloatArray:
-        """Of the lead unit [rad]."""
-        return self.rolls[:, 0]
-
-    @property
-    def articulation(self) -> FloatArray:
-        """Of the first coupling [rad]."""
-        return self.articulations[:, 0]
-
-    @property
-    def trailer_yaw_rate(self) -> FloatArray:
-        """Of the last unit [rad/s]."""
-        return self.yaw_rates[:, -1]
-
-    @property
-    def trailer_lateral_acceleration(self) -> FloatArray:
-        """Of the last unit's CG [m/s2]."""
-        return self.lateral_accelerations[:, -1]
-
-    @property
-    def trailer_roll(self) -> FloatArray:
-        """Of the last unit [rad]."""
-        return self.rolls[:, -1]
 
 
 def simulate(system: LateralSystem, time: FloatArray, steer: FloatArray) -> Response:

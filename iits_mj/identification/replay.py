@@ -21,8 +21,8 @@ from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.identification.log import Log
 from iits_mj.j1939.command import XBR_DEMAND_MIN
 from iits_mj.parameters import TruckParameters
-from iits_mj.road import RoadMap, Route
-from iits_mj.road.design import Design, build
+from iits_mj.road import Route
+from iits_mj.road.design import Design
 from iits_mj.truck import Truck
 
 _NEEDED = ("speed", "grade", "command_accelerator_pedal")
@@ -147,15 +147,10 @@ def graded_road(station: FloatArray, grade: FloatArray, length: float) -> Route:
     breaks = np.arange(_SPACING, length - _CURVE, _SPACING)
     design = Design(
         name="graded",
-        lane_width=4.0,
-        lanes=1,
-        left_shoulder=1.0,
-        right_shoulder=2.5,
-        speed_limit=25.0,
         alignment=((length, 0.0, 0.0, 0.0, 0.0),),
         initial_grade=float(means[0]),
         grades=tuple(
             (float(at), float(after), _CURVE) for at, after in zip(breaks, means[1:], strict=False)
         ),
     )
-    return RoadMap(build(design), design.name).route()
+    return design.route()

@@ -27,6 +27,7 @@ from iits_mj.road.elements import (
 )
 from iits_mj.road.geometry import Arc, Geometry, Line, Spiral
 from iits_mj.road.polynomials import Cubic, PiecewiseCubic, constant
+from iits_mj.road.route import RoadMap, Route
 
 # Coordinates are rounded to a nanometer, so that every machine writes the same file.
 _DIGITS = 9
@@ -49,6 +50,7 @@ class Design:
 
     Attributes:
       alignment: (length, curvature at start, at end, cross slope at start, at end) of each element.
+      lanes: number of lanes of `lane_width` [m], between shoulders [m]; speed_limit: [m/s].
       start: x, y, z [m] and heading [rad] of the first point.
       grades: (station, grade after it, length of the parabola centered there).
       limits: (start, end, speed).
@@ -56,12 +58,12 @@ class Design:
     """
 
     name: str
-    lane_width: float
-    lanes: int
-    left_shoulder: float
-    right_shoulder: float
-    speed_limit: float
     alignment: tuple[tuple[float, float, float, float, float], ...]
+    lane_width: float = 4.0
+    lanes: int = 1
+    left_shoulder: float = 1.0
+    right_shoulder: float = 2.5
+    speed_limit: float = 25.0
     start: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     initial_grade: float = 0.0
     grades: tuple[tuple[float, float, float], ...] = ()
@@ -79,6 +81,14 @@ class Design:
         """Returns the speed limit at a station [m/s]."""
         slower = [speed for start, end, speed in self.limits if start <= station < end]
         return min([self.speed_limit, *slower])
+
+    def route(self) -> Route:
+        """Returns the road as a route.
+
+        Raises:
+          InputError: two changes of grade overlap.
+        """
+        return RoadMap(build(self), self.name).route()
 
     @classmethod
     def load(cls, path: str | Path) -> Design:

@@ -7,8 +7,8 @@ from typing import Any
 
 import mujoco
 
-from iits_mj.road import RoadMap, Route
-from iits_mj.road.design import Design, build
+from iits_mj.road import Route
+from iits_mj.road.design import Design
 from iits_mj.suite.physics import Physics
 
 LANE_WIDTH = 4.0
@@ -81,21 +81,21 @@ def _route(
     name: str,
     alignment: tuple[tuple[float, float, float, float, float], ...],
     grades: tuple[tuple[float, float, float], ...] = (),
-    **settings: float,
+    lanes: int = 2,
+    **settings: Any,
 ) -> Route:
-    """Returns a route of two lanes with shoulders; `settings` are other fields of `Design`."""
+    """Returns a route with shoulders; `settings` are other fields of `Design`."""
     length = sum(element[0] for element in alignment)
-    fields: dict[str, Any] = {"lanes": 2, "left_shoulder": 1.0, "right_shoulder": 2.5, **settings}
-    design = Design(
+    return Design(
         name=name,
         lane_width=LANE_WIDTH,
         speed_limit=_SPEED_LIMIT,
         alignment=alignment,
         grades=grades,
         limits=((0.0, length, _SPEED_LIMIT),),
-        **fields,
-    )
-    return RoadMap(build(design), name).route()
+        lanes=lanes,
+        **settings,
+    ).route()
 
 
 def add_reward_colors(spec: mujoco.MjSpec) -> None:

@@ -16,22 +16,15 @@ import pytest
 
 from iits_mj import cli
 from iits_mj.core.errors import InputError, RenderError
-from iits_mj.render import offscreen
 from iits_mj.render.film_process import FilmProcess, FilmSettings
 from iits_mj.render.video import VideoObserver
 from iits_mj.simulation import DriveConfig, Simulation
 
+pytestmark = pytest.mark.usefixtures("opengl")
+
 CONFIG = DriveConfig(duration=1.0, traffic_mode="none")
 SIZE = (160, 120)
 LONGEST = 60.0  # [s] for processes to end
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _opengl():
-    try:
-        offscreen.make_context(16, 16).free()
-    except RenderError as error:
-        pytest.skip(f"OpenGL is missing: {error}")
 
 
 def settings(path: Path) -> FilmSettings:

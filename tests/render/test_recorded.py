@@ -12,8 +12,7 @@ import pytest
 from PIL import Image
 
 from iits_mj import cli
-from iits_mj.core.errors import InputError, RenderError
-from iits_mj.render import offscreen
+from iits_mj.core.errors import InputError
 from iits_mj.render.recorded import Record, RecordedDrive, times_of
 from iits_mj.render.video import Pictures
 from iits_mj.simulation import DriveConfig, Observer, Simulation
@@ -21,17 +20,11 @@ from iits_mj.simulation.redrive import recorded_config
 from tests.render.scenes import standing
 from traffic_bridge import Recording
 
+pytestmark = pytest.mark.usefixtures("opengl")
+
 SIZE = (320, 180)
 CONFIG = DriveConfig(duration=2.0, start_station=900.0, seed=3)
 TIMES = (0.0, 0.55, 1.0, 1.75)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _opengl():
-    try:
-        offscreen.make_context(16, 16).free()
-    except RenderError as error:
-        pytest.skip(f"OpenGL is missing: {error}")
 
 
 class Live(Observer):

@@ -50,14 +50,6 @@ def scene():
 
 
 @pytest.fixture(scope="module")
-def opengl():
-    try:
-        offscreen.make_context(16, 16).free()
-    except RenderError as error:
-        pytest.skip(f"OpenGL is missing: {error}")
-
-
-@pytest.fixture(scope="module")
 def truck():
     return Truck.load(route=RoadMap.builtin().route(), visuals=False)
 

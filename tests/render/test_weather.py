@@ -8,10 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from iits_mj.core.errors import InputError, RenderError
+from iits_mj.core.errors import InputError
 from iits_mj.model.visuals.shapes import VISUAL_GROUP
 from iits_mj.parameters import shipped_trucks
-from iits_mj.render import offscreen
 from iits_mj.render.cameras import FollowCamera
 from iits_mj.render.lamps import BLINK, Lamps, Signals
 from iits_mj.render.offscreen import Offscreen, camera_pose
@@ -23,17 +22,11 @@ from iits_mj.simulation.drive_log import stored_options
 from iits_mj.truck import Truck
 from tests.render.scenes import road, standing, vehicle
 
+pytestmark = pytest.mark.usefixtures("opengl")
+
 SIZE = (480, 270)
 TUNNEL = 1300.0  # [m], station inside the tunnel of the built-in highway
 OPEN = 700.0
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _opengl():
-    try:
-        offscreen.make_context(16, 16).free()
-    except RenderError as error:
-        pytest.skip(f"OpenGL is missing: {error}")
 
 
 def shown(drive, weather="day", camera="chase", times=(0.0,), size=SIZE):

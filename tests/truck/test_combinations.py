@@ -8,8 +8,7 @@ import pytest
 from iits_mj.core.units import GRAVITY
 from iits_mj.model.statics import wheel_height
 from iits_mj.parameters.mass_state import axle_loads_by_name
-from iits_mj.road import RoadMap
-from iits_mj.road.design import Design, build
+from iits_mj.road.design import Design
 from iits_mj.truck import Truck
 from tests.combinations import load
 
@@ -23,15 +22,11 @@ def bend():
     """A left bend that climbs and leans inward."""
     design = Design(
         name="bend",
-        lane_width=4.0,
-        lanes=1,
-        left_shoulder=1.0,
-        right_shoulder=2.5,
         speed_limit=14.0,
         alignment=((300.0, 1.0 / RADIUS, 1.0 / RADIUS, 0.04, 0.04),),
         initial_grade=0.03,
     )
-    return RoadMap(build(design), design.name).route()
+    return design.route()
 
 
 @pytest.fixture(params=NAMES)

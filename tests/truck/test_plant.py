@@ -13,7 +13,7 @@ from iits_mj.core.messages import TransmissionMode
 from iits_mj.core.timing import PLANTS
 from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.road import RoadMap, Route
-from iits_mj.road.design import Design, build
+from iits_mj.road.design import Design
 from iits_mj.truck import Truck
 from iits_mj.truck.placement import TruckPlacement
 from iits_mj.truck.rollouts import Scenario, roll_out
@@ -201,16 +201,11 @@ def bend():
     """A left bend of 200 m radius that climbs by 5 % and leans inward by 0.04 rad."""
     design = Design(
         name="bend",
-        lane_width=4.0,
-        lanes=1,
-        left_shoulder=1.0,
-        right_shoulder=2.5,
-        speed_limit=25.0,
         alignment=((900.0, 5e-3, 5e-3, 0.04, 0.04),),
         start=(10.0, 20.0, 3.0, 0.4),
         initial_grade=0.05,
     )
-    return RoadMap(build(design), design.name).route()
+    return design.route()
 
 
 @pytest.mark.parametrize("flat", [None, "tractor_axle1_left"])
@@ -250,16 +245,11 @@ def test_pose_and_wheel_loads_on_a_tilted_climbing_bend_are_those_of_the_bodies(
 def test_a_truck_rolls_down_a_steep_slope_as_its_bodies_do():
     design = Design(
         name="slope",
-        lane_width=4.0,
-        lanes=1,
-        left_shoulder=1.0,
-        right_shoulder=2.5,
-        speed_limit=25.0,
         alignment=((600.0, 0.0, 0.0, 0.0, 0.0),),
         start=(0.0, 0.0, 100.0, 0.9),
         initial_grade=-0.3,
     )
-    road = RoadMap(build(design), design.name).route()
+    road = design.route()
     speeds, stations, loads = [], [], []
     for plant in PLANTS:
         truck = load(plant, route=road)
@@ -412,16 +402,11 @@ def test_a_sharp_crest_leaves_the_valid_range():
     for change, length, left in ((-0.08, 40.0, (limit,)), (-0.08, 160.0, ())):
         design = Design(
             name="crest",
-            lane_width=4.0,
-            lanes=1,
-            left_shoulder=1.0,
-            right_shoulder=2.5,
-            speed_limit=25.0,
             alignment=((600.0, 0.0, 0.0, 0.0, 0.0),),
             initial_grade=0.04,
             grades=((300.0, 0.04 + change, length),),
         )
-        truck = load("yaw-sideslip", route=RoadMap(build(design), design.name).route())
+        truck = load("yaw-sideslip", route=design.route())
         truck.reset(station=250.0, speed=25.0)
         truck.step(800)
         assert truck.observe().station > 330.0

@@ -18,7 +18,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from iits_mj.analytic import LateralSystem, Response, YawPlane, YawRoll, simulate
+from iits_mj.analytic import LateralSystem, Response, UnitHistories, YawPlane, YawRoll, simulate
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
@@ -52,7 +52,7 @@ def unit_titles(parameters: TruckParameters) -> list[str]:
 
 
 def signals(
-    parameters: TruckParameters, source: SteeringRecord | Response
+    parameters: TruckParameters, source: UnitHistories
 ) -> Iterator[tuple[str, str, FloatArray]]:
     """Yields title, unit of measure and values of the yaw rates, hitch angles and lateral position.
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from iits_mj.analytic import LateralSystem, Response, simulate
+from iits_mj.analytic import LateralSystem, Response, UnitHistories, simulate
 from iits_mj.core.arrays import BoolArray, FloatArray
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
@@ -64,7 +64,7 @@ class Pulse:
         """Samples after the pulse, shape (n,)."""
         return np.asarray(self.recording.time >= _LEAD + 2.0 * _RISE)
 
-    def _ratios(self, source: SteeringRecord | Response) -> dict[str, float]:
+    def _ratios(self, source: UnitHistories) -> dict[str, float]:
         free = self.free
         *swinging, _ = signals(self.parameters, source)
         found = {title: damping_ratio(values[free]) for title, _, values in swinging}

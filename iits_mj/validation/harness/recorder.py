@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from iits_mj.analytic import UnitHistories
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, VehicleCommand, XbrMode
@@ -52,7 +53,7 @@ def harmonic(time: FloatArray, signal: FloatArray, frequencies: FloatArray) -> F
 
 
 @dataclass(frozen=True)
-class SteeringRecord:
+class SteeringRecord(UnitHistories):
     """Time histories of a steered manoeuvre of n units every 10 ms; SI, ISO 8855.
 
     Attributes of shape (m,) where not noted:
@@ -80,41 +81,6 @@ class SteeringRecord:
     articulations: FloatArray
     lateral_accelerations: FloatArray
     rolls: FloatArray
-
-    @property
-    def yaw_rate(self) -> FloatArray:
-        """Of the lead unit [rad/s]."""
-        return self.yaw_rates[:, 0]
-
-    @property
-    def lateral_acceleration(self) -> FloatArray:
-        """Of the lead unit's CG [m/s2]."""
-        return self.lateral_accelerations[:, 0]
-
-    @property
-    def roll(self) -> FloatArray:
-        """Of the lead unit [rad]."""
-        return self.rolls[:, 0]
-
-    @property
-    def articulation(self) -> FloatArray:
-        """Of the first coupling [rad]."""
-        return self.articulations[:, 0]
-
-    @property
-    def trailer_yaw_rate(self) -> FloatArray:
-        """Of the last unit [rad/s]."""
-        return self.yaw_rates[:, -1]
-
-    @property
-    def trailer_lateral_acceleration(self) -> FloatArray:
-        """Of the last unit's CG [m/s2]."""
-        return self.lateral_accelerations[:, -1]
-
-    @property
-    def trailer_roll(self) -> FloatArray:
-        """Of the last unit [rad]."""
-        return self.rolls[:, -1]
 
     @property
     def rear_yaw(self) -> FloatArray:

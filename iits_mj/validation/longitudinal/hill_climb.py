@@ -29,6 +29,7 @@ from iits_mj.truck import Truck
 from iits_mj.validation.harness.recorder import PERIOD, sampled
 from iits_mj.validation.longitudinal.force_balance import ForceBalance
 from iits_mj.validation.longitudinal.hills import sloping
+from iits_mj.validation.pbs.limits import STANDARDS, Standard
 
 # Distance that counts as having set off [m], and time allowed for it [s].
 _SET_OFF, _TIME = 5.0, 20.0
@@ -37,7 +38,7 @@ _CHOOSE, _SETTLE = 10.0, 3.0
 # The driver's torque suffices for a grade that is steeper by this.
 _SURPLUS = 0.007
 # Resolution of the grade, and in the quick form.
-_RESOLUTION, _COARSE = 0.0025, 0.01
+RESOLUTION, _COARSE = 0.0025, 0.01
 _GENTLEST, _STEEPEST = 0.03, 0.45
 # Friction of a road on which the engine is the limit, not the tires.
 _ROUGH = 1.2
@@ -53,8 +54,8 @@ _SLIP_EASE, _SLIP_UP = 0.14, 0.34
 _REACTION = 0.4
 # Rise of the pedal while the truck is slower than this [1/s], [m/s].
 _RISE, _MOVING = 0.03, 0.05
-# PBS level 1: startability, gradeability A [%], and gradeability B on 1 % [km/h].
-_LEVEL_START, _LEVEL_GRADE, _LEVEL_SPEED = 15.0, 20.0, 80.0
+# Part of the computed speed at which a climb to its steady speed begins.
+_BEGIN = 0.97
 # Speed is steady when the gear stays and the speed changes by less [m/s2] in half a block [s];
 # greatest number of blocks.
 _STEADY, _BLOCK, _BLOCKS = 0.01, 20.0, 8
@@ -160,17 +161,17 @@ def compare_limits(parameters: TruckParameters, timestep: float, *, quick: bool)
     """Startability and gradeability; quick: resolved to 1 % grade instead of 0.25 %."""
     payload = parameters.payload_max
     balance = ForceBalance(parameters, payload)
-    resolution = _COARSE if quick else _RESOLUTION
+    resolution = _COARSE if quick else RESOLUTION
     found = Findings()
     for surface in (DEFAULT_FRICTION,) if quick else (DEFAULT_FRICTION, _ROUGH):
         climb = startability(parameters, payload, timestep, resolution, surface)
         _check_computed(found, "startability", balance, climb, balance.launch_speed, surface)
         if surface == DEFAULT_FRICTION:
-            _check_level(found, "startability", balance, climb, _LEVEL_START)
+            _check_level(found, "startability", balance, climb, STANDARDS["startability"])
     climb = gradeability(parameters, payload, timestep, resolution)
     strongest = strongest_speed(balance)
     _check_computed(found, "gradeability", balance, climb, strongest, DEFAULT_FRICTION)
-    _check_level(found, "gradeability", balance, climb, _LEVEL_GRADE)
+    _check_level(found, "gradeability", balance, climb, STANDARDS["gradeability_a"])
     return found
 
 
@@ -209,10 +210,10 @@ def _tons(balance: ForceBalance) -> str:
 
 
 def _check_level(
-    found: Findings, name: str, balance: ForceBalance, climb: Climb, level: float
+    found: Findings, name: str, balance: ForceBalance, climb: Climb, standard: Standard
 ) -> None:
     title = f"{name}, {_tons(balance)} (PBS level 1)"
-    found.check(title, 100.0 * climb.grade, "%", level, f">= {level:g}")
+    found.check(title, 100.0 * climb.grade, "%", standard.limits[0], standard.must(1))
 
 
 def _hold(truck: Truck, pedal: float, duration: float) -> int:
@@ -297,15 +298,16 @@ class Steady:
     turns: float
 
 
-def steady_speed(
-    parameters: TruckParameters, payload: float, grade: float, start: float, timestep: float
-) -> Steady:
-    """Full pedal on a grade from an initial speed [m/s] until speed and gear settle."""
-    route = Route.straight(grade=grade)
+def steady_speed(balance: ForceBalance, grade: float, expected: float, timestep: float) -> Steady:
+    """Full pedal on a grade from just below `expected` [m/s] until speed and gear settle."""
     truck = Truck.load(
-        payload, parameters=parameters, route=route, timestep=timestep, visuals=False
+        balance.payload,
+        parameters=balance.parameters,
+        route=Route.straight(grade=grade),
+        timestep=timestep,
+        visuals=False,
     )
-    truck.reset(station=100.0, speed=start)
+    truck.reset(station=100.0, speed=_BEGIN * expected)
     truck.command(VehicleCommand(accelerator_pedal=1.0))
     half = round(0.5 * _BLOCK / timestep)
     for _ in range(_BLOCKS):
@@ -321,18 +323,17 @@ def steady_speed(
 
 def compare_speeds(parameters: TruckParameters, timestep: float, *, quick: bool) -> Findings:
     """Steady speeds with the greatest load, simulated against computed."""
-    payload = parameters.payload_max
-    balance = ForceBalance(parameters, payload)
+    balance = ForceBalance(parameters, parameters.payload_max)
     grades = (0.03,) if quick else (0.01, 0.03, 0.05)
     found, speeds = Findings(), []
     for grade in grades:
         steady = check_climb(found, balance, grade, timestep)
         speeds.append(steady.speed)
         if grade == 0.01:
-            name, must = "speed (PBS gradeability B, level 1)", f">= {_LEVEL_SPEED:g}"
-            found.check(name, steady.speed / KMH, "km/h", _LEVEL_SPEED, must)
+            name, standard = "speed (PBS gradeability B, level 1)", STANDARDS["gradeability_b"]
+            found.check(name, steady.speed / KMH, "km/h", standard.limits[0], standard.must(1))
     fastest = balance.best_speed(0.0)
-    top = steady_speed(parameters, payload, 0.0, 0.97 * fastest, timestep)
+    top = steady_speed(balance, 0.0, fastest, timestep)
     governed = parameters.engine.governed_speed / float(balance.reduction(top.gear))
     lowest = (1.0 - parameters.engine.governor_droop) * governed
     found.label = f"{_tons(balance)}, flat, full pedal"
@@ -361,7 +362,7 @@ def compare_speeds(parameters: TruckParameters, timestep: float, *, quick: bool)
 def check_climb(found: Findings, balance: ForceBalance, grade: float, timestep: float) -> Steady:
     """Adds the checks of a steady climb at full pedal, and returns its state."""
     expected = balance.best_speed(grade)
-    steady = steady_speed(balance.parameters, balance.payload, grade, 0.97 * expected, timestep)
+    steady = steady_speed(balance, grade, expected, timestep)
     found.label = f"{_tons(balance)}, {100.0 * grade:g} % grade, full pedal"
     missing = 100.0 * _missing_force(balance, steady, grade)
     found.check(f"force balance in gear {steady.gear}", missing, "%", 0.0, "-3 .. 3")

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from iits_mj.core.messages import VehicleCommand, XbrMode
-from iits_mj.road import RoadMap, Route
-from iits_mj.road.design import Design, build
+from iits_mj.road import Route
+from iits_mj.road.design import Design
 from iits_mj.validation.harness.recorder import PERIOD
 
-_LANE_WIDTH = 4.0
-_SPEED_LIMIT = 25.0
 # (station of the change [m], grade after it, length of the parabola [m]).
 Grade = tuple[float, float, float]
 _HILLS: tuple[Grade, ...] = (
@@ -30,18 +28,12 @@ def sloping(length: float, initial: float, grades: tuple[Grade, ...]) -> Route:
     Raises:
       InputError: two changes of grade overlap.
     """
-    design = Design(
+    return Design(
         name="slopes",
-        lane_width=_LANE_WIDTH,
-        lanes=1,
-        left_shoulder=1.0,
-        right_shoulder=2.5,
-        speed_limit=_SPEED_LIMIT,
         alignment=((length, 0.0, 0.0, 0.0, 0.0),),
         initial_grade=initial,
         grades=grades,
-    )
-    return RoadMap(build(design), design.name).route()
+    ).route()
 
 
 def hills() -> Route:

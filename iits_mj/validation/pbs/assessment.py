@@ -30,16 +30,12 @@ from iits_mj.validation.longitudinal import hill_climb
 from iits_mj.validation.longitudinal.force_balance import ForceBalance
 from iits_mj.validation.pbs import measures
 from iits_mj.validation.pbs.limits import STANDARDS, reached
-from iits_mj.validation.pbs.maneuvers import LaneChange, PulseSteer
+from iits_mj.validation.pbs.maneuvers import FROM_REST, LaneChange, PulseSteer
 from iits_mj.validation.pbs.predicted import predicted
 from iits_mj.validation.pbs.straight import StraightDrive, straight_path
 
-# Distance of the acceleration capability [m], and time allowed for it [s].
-_HUNDRED, _PATIENCE = 100.0, 90.0
-# Grade of gradeability B, and resolution of the other grades.
-_GENTLE, _RESOLUTION = 0.01, 0.0025
-# Part of the computed speed at which the test of gradeability B begins.
-_BEGIN = 0.97
+# Time allowed for the acceleration capability [s], and grade of gradeability B.
+_PATIENCE, _GENTLE = 90.0, 0.01
 
 
 @dataclass(frozen=True)
@@ -173,8 +169,8 @@ def _pulling(
     """Startability, gradeability and acceleration: simulated, by the balance of forces, a panel."""
     balance = ForceBalance(parameters, payload)
     speed = balance.best_speed(_GENTLE)
-    start = hill_climb.startability(parameters, payload, timestep, _RESOLUTION)
-    climb = hill_climb.gradeability(parameters, payload, timestep, _RESOLUTION)
+    start = hill_climb.startability(parameters, payload, timestep, hill_climb.RESOLUTION)
+    climb = hill_climb.gradeability(parameters, payload, timestep, hill_climb.RESOLUTION)
     modeled = {
         name: 100.0 * min(hill_climb.computed_grades(balance, found.gear, turns))
         for name, found, turns in (
@@ -183,7 +179,7 @@ def _pulling(
         )
     }
     modeled["gradeability_b"] = speed / KMH
-    steady = hill_climb.steady_speed(parameters, payload, _GENTLE, _BEGIN * speed, timestep)
+    steady = hill_climb.steady_speed(balance, _GENTLE, speed, timestep)
     truck = Truck.load(payload, parameters=parameters, timestep=timestep, visuals=False)
     begin = truck.reset().station
     time, distance, speeds = sampled(
@@ -191,13 +187,13 @@ def _pulling(
         lambda *_: VehicleCommand(accelerator_pedal=1.0),
         lambda state: [state.station - begin, state.speed / KMH],
         _PATIENCE,
-        lambda state: state.station - begin > _HUNDRED,
+        lambda state: state.station - begin > FROM_REST,
     ).T
     values = {
         "startability": 100.0 * start.grade,
         "gradeability_a": 100.0 * climb.grade,
         "gradeability_b": steady.speed / KMH,
-        "acceleration": measures.acceleration_time(time, distance, _HUNDRED),
+        "acceleration": measures.acceleration_time(time, distance),
     }
     line = Line("truck", time, speeds, "simulation")
     return values, modeled, [Panel("100 m from rest", "time [s]", "speed [km/h]", (line,))]

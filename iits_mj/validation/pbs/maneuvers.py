@@ -14,6 +14,9 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.units import GRAVITY, KMH
 
+# Distance of the acceleration capability, from rest [m].
+FROM_REST = 100.0
+
 
 @dataclass(frozen=True)
 class LaneChange:

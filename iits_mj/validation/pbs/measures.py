@@ -21,6 +21,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters, Unit
 from iits_mj.parameters.mass_state import laden_units
 from iits_mj.validation.handling.yaw_damping import damping_ratio
+from iits_mj.validation.pbs.maneuvers import FROM_REST
 
 # Available friction of the steer tires [1].
 PEAK_FRICTION = 0.8
@@ -188,18 +189,17 @@ def yaw_damping(signals: Sequence[FloatArray]) -> float:
     return min(damping_ratio(_finite("signal", signal)) for signal in signals)
 
 
-def acceleration_time(time: FloatArray, distance: FloatArray, length: float = 100.0) -> float:
-    """Returns the time from rest over a distance [s]; infinite if it is not reached.
+def acceleration_time(time: FloatArray, distance: FloatArray) -> float:
+    """Returns the time from rest over `FROM_REST` [s]; infinite if it is not reached.
 
     Args:
       time: [s], shape (n,).
       distance: traveled [m], shape (n,).
-      length: distance [m].
     """
     traveled = _finite("distance", distance) - distance[0]
-    if traveled[-1] < length:
+    if traveled[-1] < FROM_REST:
         return float("inf")
-    return float(np.interp(length, np.maximum.accumulate(traveled), time) - time[0])
+    return float(np.interp(FROM_REST, np.maximum.accumulate(traveled), time) - time[0])
 
 
 def _finite(name: str, values: FloatArray) -> FloatArray:
