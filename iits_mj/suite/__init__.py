@@ -12,8 +12,9 @@ from typing import Any
 
 try:
     with warnings.catch_warnings():
-        # dm_control looks for a display through GLFW, which warns where there is none.
+        # dm_control.mujoco looks for a display through GLFW, which warns where there is none.
         warnings.filterwarnings("ignore", message=".*DISPLAY environment variable is missing")
+        import dm_control.mujoco  # noqa: F401 (imported later anyway, with the warning)
         from dm_control.rl import control
 except ImportError as error:
     raise ImportError(
