@@ -71,10 +71,15 @@ def build_parser(kind: type[Any], prog: str, description: str) -> Parser:
         allow_abbrev=False,
     )
     hints = typing.get_type_hints(kind)
-    for field in dataclasses.fields(kind):
-        rule = options.of(field)
-        if rule is not None:
+    rules = [(field, rule) for field in dataclasses.fields(kind) if (rule := options.of(field))]
+    for field, rule in rules:
+        if rule.positional:
             _add(parser, field, rule, _plain_type(hints[field.name]))
+    for group, title in options.GROUPS.items():
+        section = parser.add_argument_group(title)
+        for field, rule in rules:
+            if rule.group == group and not rule.positional:
+                _add(section, field, rule, _plain_type(hints[field.name]))
     return parser
 
 
@@ -128,7 +133,10 @@ def _plain_type(hint: Any) -> Any:
 
 
 def _add(
-    parser: Parser, field: dataclasses.Field[Any], rule: options.Option, value_type: Any
+    parser: argparse._ActionsContainer,
+    field: dataclasses.Field[Any],
+    rule: options.Option,
+    value_type: Any,
 ) -> None:
     flag = field.name.replace("_", "-")
     text = _help(field, rule)

@@ -27,9 +27,12 @@ class Options:
     first: Path = option(help="the first drive", metavar="A", positional=True)
     second: Path = option(help="the second drive", metavar="B", positional=True)
     out: Path | None = option(
-        None, help=f"page to write, or a folder for {_PAGE}", metavar="FILE.html|DIR"
+        None,
+        help=f"page to write, or a folder for {_PAGE}",
+        metavar="FILE.html|DIR",
+        group="output",
     )
-    json: bool = option(False, help="print one JSON object instead of the tables")
+    json: bool = option(False, help="print one JSON object instead of the tables", group="output")
 
 
 def run(options: Options) -> int:

@@ -39,7 +39,7 @@ mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
 class Options:
     """Flags of `iits-mj doctor`."""
 
-    json: bool = option(False, help="print one JSON object instead of the table")
+    json: bool = option(False, help="print one JSON object instead of the table", group="output")
 
 
 @dataclass(frozen=True, slots=True)

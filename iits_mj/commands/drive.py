@@ -70,25 +70,29 @@ UNSTEERED = (
 class Kept:
     """Options of the files that a drive writes."""
 
-    out: Path = option(Path("out"), help="folder for all output", metavar="DIR")
-    video: bool = option(True, help="write drive.mp4")
-    size: tuple[int, int] = option((960, 540), help="size of the video in pixels", metavar="WxH")
+    out: Path = option(Path("out"), help="folder for all output", metavar="DIR", group="output")
+    video: bool = option(True, help="write drive.mp4", group="output")
+    size: tuple[int, int] = option(
+        (960, 540), help="size of the video in pixels", metavar="WxH", group="output"
+    )
     camera: str = camera_option()
     weather: str = weather_option()
-    fps: int = option(20, help="pictures per second of the video", low=5, high=50)
+    fps: int = option(20, help="pictures per second of the video", low=5, high=50, group="output")
     can_log: Path | None = option(
         None,
         help="write commands and reports of the truck's CAN bus; the suffix selects the format: "
         f"{', '.join(WRITTEN)}",
         metavar="FILE",
+        group="output",
     )
     bag: Path | None = option(
         None,
         help="write the messages between the modules as a ROS 2 bag (MCAP), for Foxglove, "
         "'ros2 bag' and 'iits-mj replay-stage'",
         metavar="DIR",
+        group="output",
     )
-    json: bool = option(False, help="print the summary as one JSON object")
+    json: bool = option(False, help="print the summary as one JSON object", group="output")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -38,7 +38,7 @@ KEPT = "evaluate.csv"
 class Options(evaluate.EvaluateConfig, ClusterOptions, ResultOptions):
     """Flags of `iits-mj evaluate`."""
 
-    quick: bool = option(False, help="one short trip in each cell, within minutes")
+    quick: bool = option(False, help="one short trip in each cell, within minutes", group="run")
 
 
 def run(options: Options) -> int:

@@ -29,9 +29,12 @@ class Options:
     """Flags of `iits-mj import-trajectories`."""
 
     data: Path = option(help="data set to place on the map", metavar="FILE", positional=True)
-    file: Path = option(help="recording to write", metavar="OUT.npz")
+    file: Path = option(help="recording to write", metavar="OUT.npz", group="output")
     map: Path | None = option(
-        None, help="OpenDRIVE map; without it the built-in 15 km highway", metavar="FILE.xodr"
+        None,
+        help="OpenDRIVE map; without it the built-in 15 km highway",
+        metavar="FILE.xodr",
+        group="road",
     )
     start_station: float = option(
         0.0,
@@ -39,42 +42,52 @@ class Options:
         unit="m",
         low=-1e6,
         high=1e6,
+        group="road",
     )
     lanes: str | None = option(
         None,
         help="lane of the map for each lane of the data set, as in 0:1,1:2; lane 0 is the "
         "rightmost; other lanes are left out; without it every lane keeps its number",
         metavar="MAP",
+        group="road",
     )
     begin: float | None = option(
-        None, help="leave out data before this time of the data set", unit="s"
+        None, help="leave out data before this time of the data set", unit="s", group="data"
     )
     end: float | None = option(
-        None, help="leave out data from this time of the data set on", unit="s"
+        None, help="leave out data from this time of the data set on", unit="s", group="data"
     )
-    filter_noise: bool = option(False, help="smooth raw positions, for NGSIM tables as published")
+    filter_noise: bool = option(
+        False, help="smooth raw positions, for NGSIM tables as published", group="data"
+    )
     units: str | None = option(
         None,
         help="unit of lengths in an NGSIM table; without it ft, as published",
         choices=("ft", "m"),
+        group="data",
     )
     main_lanes: int | None = option(
         None,
         help="number of lanes of an NGSIM site without its ramps, which are left out",
         low=1,
         high=30,
+        group="data",
     )
     location: str | None = option(
-        None, help="site in an NGSIM table of several sites, such as us-101", metavar="NAME"
+        None,
+        help="site in an NGSIM table of several sites, such as us-101",
+        metavar="NAME",
+        group="data",
     )
     direction: int | None = option(
         None,
         help="driving direction of highD-like tracks; without it the one with more vehicles",
         low=1,
         high=2,
+        group="data",
     )
     fcd: Path | None = option(
-        None, help="also write SUMO's floating-car data", metavar="FILE.xml[.gz]"
+        None, help="also write SUMO's floating-car data", metavar="FILE.xml[.gz]", group="output"
     )
 
 

@@ -36,9 +36,9 @@ class Options(uncertainty.MonteCarloConfig, ClusterOptions, ResultOptions):
     """Flags of `iits-mj montecarlo`."""
 
     folder: Path | None = option(
-        None, help="folder for finished trucks and samples.csv", metavar="DIR"
+        None, help="folder for finished trucks and samples.csv", metavar="DIR", group="output"
     )
-    quick: bool = option(False, help="four trucks, within a minute")
+    quick: bool = option(False, help="four trucks, within a minute", group="run")
 
 
 def run(options: Options) -> int:

@@ -84,6 +84,7 @@ def camera_option() -> Any:
         "share the picture, as chase,top",
         test=cameras_of,
         metavar="NAME",
+        group="output",
     )
 
 
@@ -93,6 +94,7 @@ def weather_option() -> Any:
         "day",
         help="weather and time of day of the pictures, which do not change the drive",
         choices=tuple(WEATHERS),
+        group="output",
     )
 
 
@@ -100,9 +102,12 @@ def weather_option() -> Any:
 class ResultOptions:
     """Options of every command that returns results."""
 
-    json: bool = option(False, help="print one JSON object instead of the table")
+    json: bool = option(False, help="print one JSON object instead of the table", group="output")
     report: Path | None = option(
-        None, help="folder for a report with table and plots, as HTML and Markdown", metavar="DIR"
+        None,
+        help="folder for a report with table and plots, as HTML and Markdown",
+        metavar="DIR",
+        group="output",
     )
 
 
@@ -136,8 +141,11 @@ class ClusterOptions:
         None,
         help="run on a Ray cluster instead of this machine: HOST:PORT of its head, auto, or local",
         metavar="ADDRESS",
+        group="run",
     )
-    shard: int = option(5, help="results that a worker returns at a time", low=1, high=10_000)
+    shard: int = option(
+        5, help="results that a worker returns at a time", low=1, high=10_000, group="run"
+    )
 
 
 def pool_of(options: ClusterOptions, digest: Callable[[], str]) -> Callable[[int], Executor] | None:

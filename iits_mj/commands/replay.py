@@ -31,9 +31,13 @@ class Options(drive.Options):
         metavar="FILE.npz",
         positional=True,
     )
-    verify: bool = option(False, help="repeat the traffic in SUMO and compare, without a drive")
+    verify: bool = option(
+        False, help="repeat the traffic in SUMO and compare, without a drive", group="run"
+    )
     drive: bool = option(
-        False, help="with --verify: repeat the truck's drive from its recorded commands, too"
+        False,
+        help="with --verify: repeat the truck's drive from its recorded commands, too",
+        group="run",
     )
 
 

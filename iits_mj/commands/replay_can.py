@@ -47,6 +47,7 @@ class Options(drive.Kept, TruckStart):
         unit="s",
         low=1.0,
         high=_LONGEST,
+        group="run",
     )
     source: int | None = option(
         None,
@@ -55,16 +56,20 @@ class Options(drive.Kept, TruckStart):
         low=0,
         high=LAST_ADDRESS,
         metavar="ADDRESS",
+        group="bus",
     )
-    keep_lane: bool = option(False, help="steer along the lane and ignore steering in the log")
-    video: bool = option(False, help="write drive.mp4")
+    keep_lane: bool = option(
+        False, help="steer along the lane and ignore steering in the log", group="bus"
+    )
+    video: bool = option(False, help="write drive.mp4", group="output")
     decode: Path | None = option(
         None,
         help="do not drive: write every signal of the log to this table and summarize the bus",
         metavar="FILE.csv",
+        group="bus",
     )
     all_signals: bool = option(
-        False, help="with --decode: write signals that are 'not available', too"
+        False, help="with --decode: write signals that are 'not available', too", group="bus"
     )
 
 

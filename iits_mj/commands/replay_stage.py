@@ -29,12 +29,15 @@ class Options(ResultOptions):
     """Flags of `iits-mj replay-stage`."""
 
     bag: Path = option(help="bag of the drive", positional=True, metavar="DIR")
-    stage: str = option("all", help="module to run", choices=("all", *STAGES))
+    stage: str = option("all", help="module to run", choices=("all", *STAGES), group="run")
     map: Path | None = option(
-        None, help="OpenDRIVE map of the drive; without it the built-in highway", metavar="FILE"
+        None,
+        help="OpenDRIVE map of the drive; without it the built-in highway",
+        metavar="FILE",
+        group="road",
     )
     decision: str | None = option(
-        None, help="decision maker that replaces the recorded one", choices=NAMES
+        None, help="decision maker that replaces the recorded one", choices=NAMES, group="decision"
     )
     truck: AnyTruck | None = truck_option(
         "truck that replaces the recorded one", "the recorded one"

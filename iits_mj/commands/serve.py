@@ -24,7 +24,7 @@ from iits_mj.simulation import ServeConfig, Server
 class Options(ServeConfig):
     """Flags of `iits-mj serve`."""
 
-    json: bool = option(False, help="print the summary as one JSON object")
+    json: bool = option(False, help="print the summary as one JSON object", group="output")
 
 
 def run(options: Options) -> int:

@@ -28,19 +28,23 @@ from iits_mj.core.options import option
 class Options(TrainConfig):
     """Flags of `iits-mj train`: the settings of the training, and its output."""
 
-    out: Path = option(Path("out/train"), help="folder for weights and log", metavar="DIR")
+    out: Path = option(
+        Path("out/train"), help="folder for weights and log", metavar="DIR", group="output"
+    )
     world: str = option(
         "fast",
         help="fast: point masses; truck: point masses, then the MuJoCo truck in SUMO traffic",
         choices=("fast", "truck"),
+        group="run",
     )
     ray: str | None = option(
         None,
         help="drive the trips on a Ray cluster: HOST:PORT of its head, auto, or local; learning "
         "stays on this machine",
         metavar="ADDRESS",
+        group="run",
     )
-    json: bool = option(False, help="print the outcome as one JSON object")
+    json: bool = option(False, help="print the outcome as one JSON object", group="output")
 
 
 def run(options: Options) -> int:

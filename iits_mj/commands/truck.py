@@ -45,7 +45,10 @@ class Options:
         metavar="TRUCK",
     )
     out: Path = option(
-        Path("out"), help="HTML page of show and compare, or its folder", metavar="FILE|DIR"
+        Path("out"),
+        help="HTML page of show and compare, or its folder",
+        metavar="FILE|DIR",
+        group="output",
     )
 
 

@@ -42,19 +42,31 @@ class Options(DriveConfig):
         metavar="FILE",
         positional=True,
     )
-    web: bool = option(False, help="show it in a browser")
+    web: bool = option(False, help="show it in a browser", group="view")
     host: str = option(
         "127.0.0.1",
         help="address to listen on; 0.0.0.0 lets other machines in that know the secret address",
         metavar="ADDRESS",
+        group="view",
     )
-    port: int = option(PORT, help="port of the page; the next free one is used", low=0, high=65_535)
+    port: int = option(
+        PORT, help="port of the page; the next free one is used", low=0, high=65_535, group="view"
+    )
     env: str | None = option(
-        None, help="show this task of the suite or Gymnasium environment instead of a drive"
+        None,
+        help="show this task of the suite or Gymnasium environment instead of a drive",
+        group="view",
     )
-    policy: str = option("scripted", help="driver of the environment", choices=POLICIES)
+    policy: str = option(
+        "scripted", help="driver of the environment", choices=POLICIES, group="view"
+    )
     pace: float = option(
-        1.0, help="simulated time over wall time", low=0.1, high=20.0, metavar="FACTOR"
+        1.0,
+        help="simulated time over wall time",
+        low=0.1,
+        high=20.0,
+        metavar="FACTOR",
+        group="view",
     )
     given: frozenset[str] = given_names()
 

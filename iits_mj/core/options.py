@@ -20,6 +20,20 @@ from iits_mj.core.timing import PLANTS
 
 _KEY = "iits_mj.option"
 _GIVEN = "iits_mj.given"
+# Subjects of options and their titles, in the order of the help.
+GROUPS = {
+    "truck": "truck",
+    "road": "road and start",
+    "traffic": "traffic",
+    "decision": "decisions and speed",
+    "bus": "CAN bus",
+    "data": "data",
+    "view": "what is shown, and where",
+    "learning": "learning",
+    "run": "run",
+    "output": "output",
+    "": "other options",
+}
 # Type of the default, type that a value must have, and its name; in Python a bool is an int.
 _KINDS = (
     (bool, bool, "on or off, True or False"),
@@ -40,6 +54,7 @@ class Option:
       test: raises InputError for a value that is not allowed.
       metavar: placeholder of the value in the help text.
       positional: True for an argument without a flag.
+      group: subject under which the help shows the flag, one of `GROUPS`; "" for none.
     """
 
     help: str
@@ -51,6 +66,7 @@ class Option:
     test: Callable[[Any], object] | None = None
     metavar: str | None = None
     positional: bool = False
+    group: str = ""
 
     def allowed(self) -> Sequence[str] | None:
         """The choices; None when every value of the type is allowed."""
@@ -96,6 +112,7 @@ def plant_option() -> Any:
         help="model of the truck's motion; full: MuJoCo's bodies; yaw-roll: planar motion and the "
         "roll of each unit; yaw-sideslip: planar motion; the planar ones take less time",
         choices=PLANTS,
+        group="truck",
     )
 
 

@@ -44,22 +44,32 @@ TRIALS_MAX, SETS_MAX = 1_000, 10
 class EvaluateConfig:
     """Decision makers to compare, their world, and the number of trips."""
 
-    trials: int = option(30, help="trips of each method in each cell", low=1, high=TRIALS_MAX)
+    trials: int = option(
+        30, help="trips of each method in each cell", low=1, high=TRIALS_MAX, group="run"
+    )
     methods: str = option(
-        DEFAULT_METHODS, help="decision makers, separated by commas", metavar="NAMES"
+        DEFAULT_METHODS,
+        help="decision makers, separated by commas",
+        metavar="NAMES",
+        group="decision",
     )
     cells: str = option(
         DEFAULT_CELLS,
         help="traffic cells: density and speed limit in m/s, separated by commas",
         metavar="CELLS",
+        group="traffic",
     )
     weights: Path | None = option(
-        None, help="policy of the method ddqn; default: the shipped policy", metavar="FILE.npz"
+        None,
+        help="policy of the method ddqn; default: the shipped policy",
+        metavar="FILE.npz",
+        group="decision",
     )
     world: str = option(
         "full",
         help="full: MuJoCo truck with its stack in SUMO traffic; fast: point mass in NumPy traffic",
         choices=WORLDS,
+        group="run",
     )
     plant: str = plant_option()
     truck: AnyTruck | None = truck_option("truck of all trips")
@@ -67,7 +77,7 @@ class EvaluateConfig:
         help=f"load of the truck; without it {TripConfig.payload:g} kg, or the greatest if less"
     )
     timestep: float = option(
-        TIMESTEP, help="time step of the physics", unit="s", low=0.0005, high=0.005
+        TIMESTEP, help="time step of the physics", unit="s", low=0.0005, high=0.005, group="run"
     )
     length: float = option(
         15_000.0,
@@ -75,6 +85,7 @@ class EvaluateConfig:
         unit="m",
         low=500.0,
         high=1e5,
+        group="road",
     )
     duration: float = option(
         3_000.0,
@@ -82,21 +93,30 @@ class EvaluateConfig:
         unit="s",
         low=10.0,
         high=1e5,
+        group="run",
     )
     seeds: str = option(
         "test",
         help="seeds of the traffic; test: for figures; validation: for choosing a policy",
         choices=tuple(SEEDS),
+        group="traffic",
     )
-    seed: int = option(0, help="number of the set of seeds", low=0, high=SETS_MAX - 1)
-    jobs: int = option(1, help="number of processes; each drives one trip", low=1, high=256)
+    seed: int = option(
+        0, help="number of the set of seeds", low=0, high=SETS_MAX - 1, group="traffic"
+    )
+    jobs: int = option(
+        1, help="number of processes; each drives one trip", low=1, high=256, group="run"
+    )
     file: Path | None = option(
         None,
         help="file of trials; trials that it contains are not driven again; default with --report: "
         "evaluate.csv in that folder",
         metavar="FILE.csv",
+        group="output",
     )
-    drive: bool = option(True, help="drive missing trials; --no-drive: use only those in --file")
+    drive: bool = option(
+        True, help="drive missing trials; --no-drive: use only those in --file", group="run"
+    )
 
     def __post_init__(self) -> None:
         options.check(self)

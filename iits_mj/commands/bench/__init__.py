@@ -22,11 +22,11 @@ class Options(ResultOptions):
 
     truck: AnyTruck | None = truck_option("truck of the physics and the bus")
     payload: float | None = payload_option()
-    threads: int = option(2, help="number of threads of the rollout", low=1, high=256)
-    traffic: bool = option(True, help="measure SUMO traffic and whole drives, too")
-    film: bool = option(True, help="measure the film of a drive, too; needs OpenGL")
-    seed: int = option(0, help="seed of the traffic", low=0, high=2**31 - 1)
-    quick: bool = option(False, help="fewer rounds, within a minute")
+    threads: int = option(2, help="number of threads of the rollout", low=1, high=256, group="run")
+    traffic: bool = option(True, help="measure SUMO traffic and whole drives, too", group="run")
+    film: bool = option(True, help="measure the film of a drive, too; needs OpenGL", group="run")
+    seed: int = option(0, help="seed of the traffic", low=0, high=2**31 - 1, group="run")
+    quick: bool = option(False, help="fewer rounds, within a minute", group="run")
 
     def __post_init__(self) -> None:
         option_fields.check(self)
