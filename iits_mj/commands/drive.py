@@ -29,7 +29,7 @@ import mujoco
 import numpy as np
 
 import iits_mj
-from iits_mj.commands.output import camera_option, prepare_folder, progress_bar, weather_option
+from iits_mj.commands.output import camera_option, drive_progress, prepare_folder, weather_option
 from iits_mj.core import options as option_fields
 from iits_mj.core.errors import Error, RenderError
 from iits_mj.core.options import option
@@ -228,7 +228,7 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
         if isinstance(simulation.driver, LogDriver):
             observers.append(simulation.driver)
         try:
-            with progress_bar(job.duration) as progress:
+            with drive_progress(job.duration) as progress:
                 summary = simulation.run(observers, progress)
         except KeyboardInterrupt:
             interrupted = True

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from PIL import Image
-from tqdm import tqdm
 
 from iits_mj.commands.output import camera_option, prepare_file, weather_option
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
+from iits_mj.core.progress import each
 from iits_mj.parameters import AnyTruck, truck_option
 from iits_mj.render.recorded import Record, RecordedDrive, times_of
 from iits_mj.render.video import Film, Mp4Encoder, Pictures, frame_period
@@ -113,7 +113,7 @@ def run(options: Options) -> int:
     else:
         period = frame_period(options.fps)
         with Film(pictures, Mp4Encoder(options.out, pictures.size, 1.0 / period)) as film:
-            for time in tqdm(times_of(start, end, period).tolist(), unit=" pictures", disable=None):
+            for time in each(times_of(start, end, period).tolist(), "drawing", "{:.1f} s".format):
                 frame = drive.at(min(time, drive.end))
                 film.add(drive.data, frame)
     print(f"{'film' if suffix == '.mp4' else 'picture'}: {options.out}")

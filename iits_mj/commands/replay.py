@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from iits_mj.commands import drive
-from iits_mj.commands.output import progress_bar
+from iits_mj.commands.output import drive_progress
 from iits_mj.core.errors import InputError, TrafficError
 from iits_mj.core.options import option
 from iits_mj.simulation.drive_log import check_options
@@ -81,7 +81,7 @@ def _traffic_again(path: Path, options: Options) -> list[str]:
 def _drive_again(path: Path, options: Options) -> list[str]:
     recording, name = Recording.load(path), f"recording {path}"
     check_options(recording, name, options, options.given)
-    with progress_bar(float(recording.time[-1])) as progress:
+    with drive_progress(float(recording.time[-1])) as progress:
         same = redrive(recording, name, options.map, options.truck, progress)
     return [
         f"re-run bit for bit, {same.frames} frames, hash of poses {same.pose_hash[:12]}",

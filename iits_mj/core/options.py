@@ -33,6 +33,7 @@ GROUPS = {
     "run": "run",
     "output": "output",
     "": "other options",
+    "general": "configuration and messages",
 }
 # Type of the default, type that a value must have, and its name; in Python a bool is an int.
 _KINDS = (
@@ -117,7 +118,7 @@ def plant_option() -> Any:
 
 
 def given_names() -> Any:
-    """A dataclass field of type `frozenset[str]`: names of the options on the command line.
+    """A dataclass field of type `frozenset[str]`: names of the options that the user gave.
 
     It distinguishes an option that was given with its default value from one that was not given. It
     is empty when the dataclass is made in Python.
@@ -138,15 +139,17 @@ def of(field: dataclasses.Field[Any]) -> Option | None:
 
 
 def words(config: Any) -> list[str]:
-    """The words of a command line that gives these options; those with their default are left out.
+    """The words of a command line that gives these options.
 
-    A truck that is not named, but given as parameters, appears by its name.
+    Options that were not given and have their default are left out. A truck that is not named, but
+    given as parameters, appears by its name.
     """
+    given = {name for holder in holders_of_given(type(config)) for name in getattr(config, holder)}
     flags: list[str] = []
     positional: list[str] = []
     for field in dataclasses.fields(config):
         rule, value = of(field), getattr(config, field.name)
-        if rule is None or value is None or value == field.default:
+        if rule is None or value is None or (value == field.default and field.name not in given):
             continue
         flag = f"--{field.name.replace('_', '-')}"
         if rule.positional:

@@ -19,6 +19,7 @@ from controllers.decision.trip import (
     usual_payload,
 )
 from iits_mj.core import options
+from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option, plant_option
 from iits_mj.core.process_pool import run_all
@@ -122,8 +123,7 @@ class EvaluateConfig:
         options.check(self)
         check_truck(self)
         for name in self.names():
-            if name not in NAMES:
-                raise InputError(f"method {name!r} is unknown; allowed are: {', '.join(NAMES)}")
+            one_of("method", name, NAMES)
         self.chosen_cells()
         if self.world == "fast" and self.plant != "full":
             raise InputError(f"plant {self.plant}: the fast world has a point mass; use world full")
@@ -152,8 +152,7 @@ class EvaluateConfig:
         known = dict(zip(DEFAULT_CELLS.split(","), CELLS, strict=True))
         asked = [name.strip() for name in self.cells.split(",")]
         for name in asked:
-            if name not in known:
-                raise InputError(f"cell {name!r} is unknown; allowed are: {', '.join(known)}")
+            one_of("cell", name, known)
         return tuple(cell for name, cell in known.items() if name in asked)
 
 
