@@ -76,6 +76,10 @@ def dispatch(argv: Sequence[str]) -> int:
         module = _module(name)
     options, general = _options(module, name, rest)
     if general.save_config is not None:
+        # Loads more than the help needs.
+        from iits_mj.commands.output import prepare_file
+
+        prepare_file(general.save_config, "--save-config")
         final = module.effective(options) if hasattr(module, "effective") else options
         save_config(general.save_config, name, final)
     with progress.shown(quiet=general.quiet):

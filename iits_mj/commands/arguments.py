@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import os
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -221,8 +222,14 @@ def _stored(
         rule, types = rules[name]
         text = words_of(f"{path}: {key}", value, types[0])
         if isinstance(text, str) and is_path(text, rule, types):
-            text = str(path.parent / Path(text).expanduser())
-        values[name] = _convert(f"{path}: {key}", text, types[0], rule)
+            # As `os.path.relpath`, which made it.
+            text = os.path.normpath(path.parent / Path(text).expanduser())
+        where = f"{path}: {key}"
+        try:
+            values[name] = _convert(where, text, types[0], rule)
+        except InputError as error:
+            known = str(error).startswith(where)
+            raise InputError(str(error) if known else f"{where}: {error}") from None
     return values
 
 

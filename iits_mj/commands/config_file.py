@@ -151,7 +151,7 @@ def _text(value: Any, rule: options.Option, kinds: Collection[Any], folder: Path
         return repr(value)
     if isinstance(value, tuple):
         return json.dumps(list(value), ensure_ascii=False)
-    if is_path(value, rule, kinds):
+    if is_path(value, rule, kinds) and not Path(value).is_absolute():
         value = os.path.relpath(value, folder)
     return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
 

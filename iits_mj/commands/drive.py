@@ -29,7 +29,9 @@ import mujoco
 import numpy as np
 
 import iits_mj
+from iits_mj.commands.config_file import rules_of
 from iits_mj.commands.output import camera_option, drive_progress, prepare_folder, weather_option
+from iits_mj.commands.progress import remark
 from iits_mj.core import options as option_fields
 from iits_mj.core.errors import Error, RenderError
 from iits_mj.core.options import option
@@ -163,18 +165,30 @@ def run(options: Options, command: str = "drive") -> int:
     """Drives, writes all files and prints the summary; returns the exit code."""
     check_given(options, options.given)
     prepare_folder(options.out)
-    if _is_default(options):
+    if _is_demo(options):
         flags = " ".join(
             f"--{name.replace('_', '-')} {value}"
             for name, value in DEMO.items()
             if not isinstance(value, Path)
         )
-        print(f"iits-mj: demo drive with its own traffic events ({flags})", file=sys.stderr)
+        remark(f"demo drive with its own traffic events ({flags})")
         options = dataclasses.replace(options, **DEMO)
     return perform(Job(command, options, options, options, duration=options.duration))
 
 
-def _is_default(options: Options) -> bool:
+def effective(options: Options) -> Options:
+    """Returns the options in force: those of the demo for the demo, and all of them as given.
+
+    In recorded traffic some options have no effect and must not be given.
+    """
+    if _is_demo(options):
+        options = dataclasses.replace(options, **DEMO)
+    if options.recording is not None:
+        return options
+    return dataclasses.replace(options, given=frozenset(rules_of(type(options))))
+
+
+def _is_demo(options: Options) -> bool:
     """Returns whether no option of the drive itself was given."""
     names = [field.name for field in dataclasses.fields(DriveConfig)]
     plain = DriveConfig()

@@ -159,7 +159,7 @@ def words(config: Any) -> list[str]:
         elif isinstance(value, tuple):
             flags += [flag, "x".join(map(str, value))]
         elif isinstance(value, float):
-            flags += [flag, f"{value:.15g}"]
+            flags += [flag, repr(value).removesuffix(".0")]
         else:
             flags += [flag, str(value if isinstance(value, (str, int, Path)) else value.name)]
     return positional + flags
