@@ -31,11 +31,11 @@ import numpy as np
 import iits_mj
 from iits_mj.commands.config_file import rules_of
 from iits_mj.commands.output import camera_option, drive_progress, prepare_folder, weather_option
-from iits_mj.commands.progress import remark
 from iits_mj.core import options as option_fields
 from iits_mj.core.errors import Error, RenderError
 from iits_mj.core.options import option
 from iits_mj.core.output_files import write_whole
+from iits_mj.core.progress import remark, task
 from iits_mj.j1939 import CommandReceiver
 from iits_mj.j1939.log_files import WRITTEN
 from iits_mj.parameters import check_truck
@@ -201,7 +201,8 @@ def perform(job: Job) -> int:
     """Drives, writes all files and prints the summary; returns the exit code."""
     prepare_folder(job.kept.out)
     outcome, interrupted = _drive(job)
-    pages = _write(job, outcome)
+    with task("writing the report"):
+        pages = _write(job, outcome)
     if job.kept.json:
         print(json.dumps(_summary_object(job, outcome), allow_nan=False))
     else:

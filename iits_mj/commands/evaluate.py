@@ -19,11 +19,10 @@ from iits_mj.commands.output import (
     prepare_file,
     prepare_folder,
 )
-from iits_mj.commands.progress import remark
 from iits_mj.commands.terminal import show
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
-from iits_mj.core.progress import task
+from iits_mj.core.progress import remark, task
 from iits_mj.core.results import Results
 from iits_mj.evaluation import evaluate
 from iits_mj.evaluation.drives import trial_code

@@ -13,6 +13,7 @@ from pathlib import Path
 from iits_mj.commands.output import prepare_file
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
+from iits_mj.core.progress import task
 from iits_mj.simulation.parts import load_map
 from traffic_bridge.datasets import (
     ImportConfig,
@@ -96,13 +97,14 @@ def run(options: Options) -> int:
     prepare_file(target(options.file), "--file")
     if options.fcd is not None:
         prepare_file(options.fcd, "--fcd")
-    trajectories = read_trajectories(
-        options.data,
-        units=options.units,
-        main_lanes=options.main_lanes,
-        location=options.location,
-        direction=options.direction,
-    )
+    with task("reading the data"):
+        trajectories = read_trajectories(
+            options.data,
+            units=options.units,
+            main_lanes=options.main_lanes,
+            location=options.location,
+            direction=options.direction,
+        )
     if options.begin is not None or options.end is not None:
         begin = -math.inf if options.begin is None else options.begin
         end = math.inf if options.end is None else options.end
@@ -116,8 +118,10 @@ def run(options: Options) -> int:
     if options.filter_noise:
         trajectories = without_noise(trajectories)
     config = ImportConfig(start_station=options.start_station, lane_map=lane_map(options.lanes))
-    recording = import_trajectories(trajectories, load_map(options.map).route(), config)
-    path = recording.save(options.file)
+    route = load_map(options.map).route()
+    with task("placing the trajectories"):
+        recording = import_trajectories(trajectories, route, config)
+        path = recording.save(options.file)
     for note in recording.meta["notes"]:
         print(f"note: {note}")
     print(

@@ -119,7 +119,8 @@ def finish(options: ResultOptions, measure: Callable[[], Results]) -> int:
         # Load matplotlib only for reports.
         from iits_mj.render.pages import write_results_page
 
-        page, text = write_results_page(results, iits_mj.__version__, options.report)
+        with task("writing the report"):
+            page, text = write_results_page(results, iits_mj.__version__, options.report)
         stream = sys.stderr if options.json else sys.stdout
         print(f"report: {page} (the same as Markdown: {text})", file=stream)
     return 0 if results.ok else 1

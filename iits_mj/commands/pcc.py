@@ -14,6 +14,7 @@ from iits_mj.core import options as option_fields
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.core.options import option
+from iits_mj.core.progress import task
 from iits_mj.core.results import Check, Results
 from iits_mj.core.units import KMH
 from iits_mj.parameters import AnyTruck, TruckParameters, truck_option
@@ -126,6 +127,7 @@ def run(options: Options) -> int:
     return finish(options, lambda: measure(options))
 
 
+@task("planning the speed")
 def measure(config: Options) -> Results:
     """Plans a speed profile and compares it with the cruise.
 

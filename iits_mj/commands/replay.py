@@ -16,6 +16,7 @@ from iits_mj.commands import drive
 from iits_mj.commands.output import drive_progress
 from iits_mj.core.errors import InputError, TrafficError
 from iits_mj.core.options import option
+from iits_mj.core.progress import task
 from iits_mj.simulation.drive_log import check_options
 from iits_mj.simulation.parts import load_map
 from iits_mj.simulation.redrive import RedriveError, redrive
@@ -74,7 +75,8 @@ def _verify(options: Options) -> int:
 def _traffic_again(path: Path, options: Options) -> list[str]:
     with ReSim(load_map(options.map).route(), path) as traffic:
         check_options(traffic.recording, f"recording {path}", options, options.given)
-        digest = traffic.verify()
+        with task("repeating the traffic"):
+            digest = traffic.verify()
         return [f"re-run bit for bit, {len(traffic)} frames, hash of poses {digest[:12]}"]
 
 

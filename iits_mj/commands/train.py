@@ -18,9 +18,8 @@ from controllers.decision.learning.collection import Interrupted, MakeDrivers, W
 from controllers.decision.learning.config import TrainConfig
 from controllers.decision.learning.training import train
 from iits_mj.commands.output import prepare_folder
-from iits_mj.commands.progress import remark
 from iits_mj.core.options import option
-from iits_mj.core.progress import task
+from iits_mj.core.progress import remark, task
 
 
 @dataclass(frozen=True, kw_only=True)

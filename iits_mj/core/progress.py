@@ -1,4 +1,4 @@
-"""Progress of long computations: any layer reports it, the command line shows it.
+"""Progress of long computations, and remarks: any layer reports them, the command line shows them.
 
 Without a display, as in a library or in a worker process, the reports cost nothing.
 """
@@ -6,6 +6,7 @@ Without a display, as in a library or in a worker process, the reports cost noth
 from __future__ import annotations
 
 import contextlib
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from contextvars import ContextVar
@@ -29,6 +30,7 @@ class Display(Protocol):
 
 
 _display: ContextVar[Display | None] = ContextVar("display", default=None)
+_quiet: ContextVar[bool] = ContextVar("quiet", default=False)
 
 
 def _unseen(done: float, text: str = "", total: float | None = None) -> None:
@@ -36,13 +38,20 @@ def _unseen(done: float, text: str = "", total: float | None = None) -> None:
 
 
 @contextlib.contextmanager
-def shown_on(display: Display | None) -> Iterator[None]:
-    """Shows the progress of computations inside the block on a display."""
-    token = _display.set(display)
+def shown_on(display: Display | None, *, quiet: bool = False) -> Iterator[None]:
+    """Shows the progress of computations inside the block on a display; `quiet`: no remarks."""
+    tokens = _display.set(display), _quiet.set(quiet)
     try:
         yield
     finally:
-        _display.reset(token)
+        _display.reset(tokens[0])
+        _quiet.reset(tokens[1])
+
+
+def remark(text: str) -> None:
+    """Prints a remark on stderr that is neither a result nor an error."""
+    if not _quiet.get():
+        print(f"iits-mj: {text}", file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager
@@ -63,11 +72,22 @@ def task(what: str, total: float | None = None, unit: str = "") -> Iterator[Repo
 
 
 def each(
-    items: Iterable[Item], what: str, name: Callable[[Item], str] | None = None
+    items: Iterable[Item],
+    what: str,
+    name: Callable[[Item], str] | None = None,
+    weight: Callable[[Item], float] = lambda _: 1.0,
 ) -> Iterator[Item]:
-    """Yields items and reports how many are done, and the name of the next one."""
-    listed = list(items)
-    with task(what, len(listed)) as report:
-        for number, item in enumerate(listed):
-            report(number, "" if name is None else name(item))
+    """Yields items and reports how much is done.
+
+    Args:
+      items: that the caller works on.
+      what: is being done, in a few words.
+      name: of an item, to show.
+      weight: of an item: in proportion to the time that it takes.
+    """
+    listed, done = list(items), 0.0
+    with task(what, sum(map(weight, listed))) as report:
+        for item in listed:
+            report(done, "" if name is None else name(item))
             yield item
+            done += weight(item)

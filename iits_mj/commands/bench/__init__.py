@@ -6,13 +6,15 @@ of several rounds, because other work on the machine can only make a round slowe
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from iits_mj.commands.bench import drive, environments, film, interface, physics, traffic
 from iits_mj.commands.output import ResultOptions, finish
 from iits_mj.core import options as option_fields
 from iits_mj.core.options import option
-from iits_mj.core.results import Results
+from iits_mj.core.progress import each
+from iits_mj.core.results import Findings, Results
 from iits_mj.parameters import AnyTruck, check_truck, payload_option, truck_option
 
 
@@ -43,13 +45,17 @@ def measure(options: Options) -> Results:
     results = Results("bench", options.seed)
     rounds = 3 if options.quick else 10
     truck = physics.highway_truck(options.payload, options.truck)
-    results.add("", physics.physics(truck, options.threads, rounds))
-    results.add("", interface.interface(2 * rounds, options.truck))
+    parts: dict[str, Callable[[], Findings]] = {
+        "physics": lambda: physics.physics(truck, options.threads, rounds),
+        "interface": lambda: interface.interface(2 * rounds, options.truck),
+    }
     if options.traffic:
-        results.add("", traffic.traffic(2 * rounds))
-        results.add("", drive.drives(options.quick))
+        parts["traffic"] = lambda: traffic.traffic(2 * rounds)
+        parts["drives"] = lambda: drive.drives(options.quick)
     if options.film:
-        results.add("", film.film(rounds))
-    results.add("", environments.environments(2 * rounds))
-    results.add("", environments.import_time(rounds))
+        parts["film"] = lambda: film.film(rounds)
+    parts["environments"] = lambda: environments.environments(2 * rounds)
+    parts["import"] = lambda: environments.import_time(rounds)
+    for name in each(parts, "measuring", str):
+        results.add("", parts[name]())
     return results
