@@ -11,7 +11,6 @@ update.
 from __future__ import annotations
 
 import importlib
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,9 +46,7 @@ def script(shell: str) -> str:
     root.add_argument("-V", "--version", action="store_true", help="show the version and end")
     commands = root.add_subparsers(parser_class=arguments.Parser)
     for name in each(COMMANDS, "reading the commands", str):
-        # GLFW warns of a missing display.
-        with warnings.catch_warnings(action="ignore"):
-            module = importlib.import_module(f"iits_mj.commands.{name.replace('-', '_')}")
+        module = importlib.import_module(f"iits_mj.commands.{name.replace('-', '_')}")
         _add(commands.add_parser(name, help=COMMANDS[name], add_help=False), module.Options)
     words = commands.add_parser("help", help="explain a command", add_help=False)
     words.add_argument("command", choices=tuple(COMMANDS), help="command to explain")

@@ -150,10 +150,15 @@ def _text(value: Any, rule: options.Option, kinds: Collection[Any], folder: Path
     if isinstance(value, (int, float)):
         return repr(value)
     if isinstance(value, tuple):
-        return json.dumps(list(value), ensure_ascii=False)
+        return f"[{', '.join(_quoted(part) for part in value)}]"
     if is_path(value, rule, kinds) and not Path(value).is_absolute():
         value = os.path.relpath(value, folder)
-    return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
+    return _quoted(str(value))
+
+
+def _quoted(value: str | int) -> str:
+    """Text or a whole number as TOML, which agrees with JSON except for one character."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def is_path(value: Any, rule: options.Option, kinds: Collection[Any]) -> bool:

@@ -72,8 +72,9 @@ def camera_option() -> Any:
     """Returns a dataclass field for the cameras of pictures."""
     return option(
         "chase",
-        help=f"camera of the pictures: {', '.join(CAMERAS)}; several with commas between them "
-        "share the picture, as chase,top",
+        help="camera of the pictures; several with commas between them share the picture, as "
+        "chase,top",
+        names=lambda: tuple(CAMERAS),
         test=cameras_of,
         metavar="NAME",
         group="output",

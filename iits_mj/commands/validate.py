@@ -80,8 +80,8 @@ def measure(options: Options) -> Results:
         options = replace(options, payload=options.payloads()[0])
     commands = {name: run for name, run in validation.COMMANDS.items() if name not in left_out}
     weights = QUICK_SECONDS if options.quick else SECONDS
-    names = each(commands, "validating", str, weights.__getitem__)
-    whole = Results.merged("validate", [commands[name](options) for name in names])
+    order = each(commands, "validating", str, weights.__getitem__)
+    whole = Results.merged("validate", [commands[name](options) for name in order])
     if other:
         names = ", ".join(validation.DEFAULT_ONLY)
         whole.command += f" {options.parameters.name}"

@@ -17,6 +17,7 @@ from typing import Any
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import given_names, option
 from iits_mj.core.timing import CONTROL_PERIOD
+from iits_mj.envs import ENVIRONMENTS
 from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation
 from iits_mj.simulation.drive_log import check_given
 from iits_mj.simulation.lock_step import LockStep
@@ -55,6 +56,7 @@ class Options(DriveConfig):
     env: str | None = option(
         None,
         help="show this task of the suite or Gymnasium environment instead of a drive",
+        names=lambda: tuple(ENVIRONMENTS),
         group="view",
     )
     policy: str = option(
@@ -175,8 +177,9 @@ def _drive(options: Options) -> int:
 
 
 def _environment(options: Options, name: str) -> int:
-    from iits_mj.web.environments import EnvironmentShow
+    from iits_mj.web.environments import EnvironmentShow, check_name
 
+    check_name(name)
     with (
         announced(options, f"iits-mj {name}", name) as server,
         EnvironmentShow(

@@ -51,6 +51,7 @@ class EvaluateConfig:
     methods: str = option(
         DEFAULT_METHODS,
         help="decision makers, separated by commas",
+        names=lambda: NAMES,
         metavar="NAMES",
         group="decision",
     )
