@@ -27,6 +27,7 @@ from iits_mj.core.errors import Error
 from iits_mj.core.progress import task
 
 EXIT_SHORT, EXIT_USE, EXIT_FAULT, EXIT_INTERRUPTED, EXIT_TERMINATED = 1, 2, 70, 130, 143
+_HELP, _VERSION = ("help", "-h", "--help"), ("-V", "--version")
 _NAME_MAX = 60  # shown characters of an unknown command
 TRACEBACK_VARIABLE = "IITS_MJ_TRACEBACK"
 
@@ -65,10 +66,10 @@ def dispatch(argv: Sequence[str]) -> int:
     name, rest = argv[0], argv[1:]
     if name == "help" and rest:
         name, rest = rest[0], ["--help"]
-    if name in ("-h", "--help", "help"):
+    if name in _HELP:
         terminal.show(usage(), _STYLES)
         return 0
-    if name in ("-V", "--version"):
+    if name in _VERSION:
         print(f"iits-mj {iits_mj.__version__}")
         return 0
     one_of("command", name[:_NAME_MAX], COMMANDS)
@@ -89,7 +90,11 @@ def dispatch(argv: Sequence[str]) -> int:
 
 def understood(argv: Sequence[str]) -> bool:
     """Returns whether a command line is valid, without running it."""
-    if not argv or argv[0] not in COMMANDS:
+    if not argv:
+        return False
+    if argv[0] in (*_HELP, *_VERSION):
+        return set(argv[1:]) <= set(COMMANDS)
+    if argv[0] not in COMMANDS:
         return False
     try:
         _options(_module(argv[0]), argv[0], argv[1:])
