@@ -17,14 +17,15 @@ import traceback
 import warnings
 from collections.abc import Iterator, Sequence
 from types import FrameType, ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import iits_mj
-from iits_mj.commands import COMMANDS, SECTIONS, arguments, progress, terminal
-from iits_mj.commands.config_file import save_config
+from iits_mj.commands import COMMANDS, SECTIONS, terminal
 from iits_mj.core.checks import one_of
 from iits_mj.core.errors import Error
-from iits_mj.core.progress import task
+
+if TYPE_CHECKING:
+    from iits_mj.commands.arguments import General
 
 EXIT_SHORT, EXIT_USE, EXIT_FAULT, EXIT_INTERRUPTED, EXIT_TERMINATED = 1, 2, 70, 130, 143
 _HELP, _VERSION = ("help", "-h", "--help"), ("-V", "--version")
@@ -73,12 +74,20 @@ def dispatch(argv: Sequence[str]) -> int:
         print(f"iits-mj {iits_mj.__version__}")
         return 0
     one_of("command", name[:_NAME_MAX], COMMANDS)
-    silent = not {"--quiet", "-h", "--help"}.isdisjoint(rest)
+    return _run(name, rest)
+
+
+def _run(name: str, words: Sequence[str]) -> int:
+    # The help needs none of these.
+    from iits_mj.commands import progress
+    from iits_mj.core.progress import task
+
+    silent = not {"--quiet", "-h", "--help"}.isdisjoint(words)
     with progress.shown(quiet=silent), task("loading"):
         module = _module(name)
-    options, general = _options(module, name, rest)
+    options, general = _options(module, name, words)
     if general.save_config is not None:
-        # Loads more than the help needs.
+        from iits_mj.commands.config_file import save_config
         from iits_mj.commands.output import prepare_file
 
         prepare_file(general.save_config, "--save-config")
@@ -107,7 +116,9 @@ def _module(name: str) -> ModuleType:
     return importlib.import_module(f"iits_mj.commands.{name.replace('-', '_')}")
 
 
-def _options(module: ModuleType, name: str, words: Sequence[str]) -> tuple[Any, arguments.General]:
+def _options(module: ModuleType, name: str, words: Sequence[str]) -> tuple[Any, General]:
+    from iits_mj.commands import arguments
+
     text = module.__doc__ or ""
     return arguments.read(module.Options, words, f"iits-mj {name}", text, COMMANDS)
 

@@ -20,12 +20,16 @@ from iits_mj.core.results import Results
 from iits_mj.validation import ValidateConfig
 from iits_mj.validation.traffic.group import MISSING
 
-# Processor time of the groups on one core [s], for the time left: in full, and in the quick form.
+# Processor time of the groups [s], in full and in the quick form, for the time left.
 SECONDS = {
-    "lateral": 60.0,
-}
-QUICK_SECONDS = {
-    "lateral": 9.0,
+    "lateral": (16.0, 8.0),
+    "longitudinal": (65.0, 18.0),
+    "standards": (60.0, 16.0),
+    "pbs": (60.0, 10.0),
+    "step-size": (120.0, 8.0),
+    "plant": (60.0, 10.0),
+    "traffic": (60.0, 10.0),
+    "planning": (60.0, 6.0),
 }
 
 
@@ -79,8 +83,7 @@ def measure(options: Options) -> Results:
         left_out.add("step-size")
         options = replace(options, payload=options.payloads()[0])
     commands = {name: run for name, run in validation.COMMANDS.items() if name not in left_out}
-    weights = QUICK_SECONDS if options.quick else SECONDS
-    order = each(commands, "validating", str, weights.__getitem__)
+    order = each(commands, "validating", str, lambda name: SECONDS[name][options.quick])
     whole = Results.merged("validate", [commands[name](options) for name in order])
     if other:
         names = ", ".join(validation.DEFAULT_ONLY)

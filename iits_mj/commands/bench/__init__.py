@@ -17,6 +17,17 @@ from iits_mj.core.progress import each
 from iits_mj.core.results import Findings, Results
 from iits_mj.parameters import AnyTruck, check_truck, payload_option, truck_option
 
+# Time of the parts [s], for the time left.
+_SECONDS = {
+    "physics": 6.0,
+    "interface": 1.0,
+    "traffic": 2.0,
+    "drives": 20.0,
+    "film": 40.0,
+    "environments": 3.0,
+    "import": 15.0,
+}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Options(ResultOptions):
@@ -56,6 +67,6 @@ def measure(options: Options) -> Results:
         parts["film"] = lambda: film.film(rounds)
     parts["environments"] = lambda: environments.environments(2 * rounds)
     parts["import"] = lambda: environments.import_time(rounds)
-    for name in each(parts, "measuring", str):
+    for name in each(parts, "measuring", str, _SECONDS.__getitem__):
         results.add("", parts[name]())
     return results
