@@ -22,6 +22,7 @@ def truck_option(help: str = "truck", default_is: str = "the first name") -> Any
         names=shipped_trucks,
         test=lambda truck: isinstance(truck, TruckParameters) or truck_file(truck),
         metavar="NAME|FILE",
+        group="truck",
     )
 
 
@@ -30,7 +31,7 @@ def payload_option(
     help: str = "load of the truck; without it the greatest that it may carry",
 ) -> Any:
     """Returns a dataclass field for the payload [kg], which `check_truck` bounds."""
-    return option(default, help=help, unit="kg", low=0.0, metavar="KG")
+    return option(default, help=help, unit="kg", low=0.0, metavar="KG", group="truck")
 
 
 class OfTruck(Protocol):
