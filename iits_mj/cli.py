@@ -14,7 +14,6 @@ import signal
 import sys
 import threading
 import traceback
-import warnings
 from collections.abc import Iterator, Sequence
 from types import FrameType, ModuleType
 from typing import TYPE_CHECKING, Any
@@ -156,8 +155,6 @@ def _termination_as_interrupt() -> Iterator[list[int]]:
 def _report(argv: Sequence[str] | None) -> int:
     # Otherwise libsumo prints a warning about pyarrow on stdout, into JSON output.
     os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
-    # A missing display is no news to commands that need none.
-    warnings.filterwarnings("ignore", ".*X11", module="glfw")
     try:
         code = dispatch(sys.argv[1:] if argv is None else argv)
         sys.stdout.flush()

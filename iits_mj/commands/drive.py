@@ -165,7 +165,7 @@ def run(options: Options, command: str = "drive") -> int:
     """Drives, writes all files and prints the summary; returns the exit code."""
     check_given(options, options.given)
     prepare_folder(options.out)
-    if _is_demo(options):
+    if _is_default(options):
         flags = " ".join(
             f"--{name.replace('_', '-')} {value}"
             for name, value in DEMO.items()
@@ -181,14 +181,14 @@ def effective(options: Options) -> Options:
 
     In recorded traffic some options have no effect and must not be given.
     """
-    if _is_demo(options):
+    if _is_default(options):
         options = dataclasses.replace(options, **DEMO)
     if options.recording is not None:
         return options
     return dataclasses.replace(options, given=frozenset(rules_of(type(options))))
 
 
-def _is_demo(options: Options) -> bool:
+def _is_default(options: Options) -> bool:
     """Returns whether no option of the drive itself was given."""
     names = [field.name for field in dataclasses.fields(DriveConfig)]
     plain = DriveConfig()

@@ -24,12 +24,12 @@ from iits_mj.validation.traffic.group import MISSING
 SECONDS = {
     "lateral": (16.0, 8.0),
     "longitudinal": (65.0, 18.0),
-    "standards": (60.0, 16.0),
-    "pbs": (60.0, 10.0),
-    "step-size": (120.0, 8.0),
-    "plant": (60.0, 10.0),
-    "traffic": (60.0, 10.0),
-    "planning": (60.0, 6.0),
+    "standards": (83.0, 16.0),
+    "pbs": (100.0, 14.0),
+    "step-size": (170.0, 8.0),
+    "plant": (80.0, 12.0),
+    "traffic": (20.0, 3.0),
+    "planning": (40.0, 7.0),
 }
 
 

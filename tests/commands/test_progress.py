@@ -10,9 +10,11 @@ from collections.abc import Iterator
 
 import pytest
 
+from iits_mj.commands import validate
 from iits_mj.commands.progress import Estimate, clock, shown
 from iits_mj.core import progress
 from iits_mj.core.progress import Report
+from iits_mj.validation import COMMANDS
 
 
 def test_the_time_left_is_in_proportion_to_what_is_left_and_passes() -> None:
@@ -67,6 +69,10 @@ def test_each_item_reports_the_weight_of_those_before_it() -> None:
         (6.0, "C"),
         ("letters", "ends"),
     ]
+
+
+def test_every_group_of_checks_has_its_share_of_the_time() -> None:
+    assert set(validate.SECONDS) == set(COMMANDS) - {"truck"}
 
 
 def test_without_a_display_nothing_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
