@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from controllers.decision.base import DecisionContext, DecisionMaker
+from controllers.decision.base import DecisionContext
+from controllers.protocols import DecisionMaker
 from controllers.stack import Stack
 from iits_mj.bag.mcap_file import Bag
 from iits_mj.core.errors import Error, InputError
