@@ -160,7 +160,7 @@ class PlannerGuard(_Resetting):
         if plan.mode is PlanMode.LANE_KEEPING and plan.target_lane != self._lane:
             self._counts["lane_changes"] += self._lane >= 0
             self._lane = plan.target_lane
-        self._counts["refused"] += plan.refused is not Decision.KEEP
+        self._counts["refused"] += plan.refused != Decision.KEEP
         was = last is not None and last.mode is emergency
         self._counts["emergencies"] += plan.mode is emergency and not was
         self._last = plan
@@ -172,14 +172,12 @@ class PlannerGuard(_Resetting):
     def _checked(self, plan: Any, now: float) -> Trajectory:
         if not isinstance(plan, Trajectory):
             raise self.unusable("plan", f"returned {shown(plan)}, must return a Trajectory")
-        arrays = {}
+        arrays: dict[str, Any] = {}
         for name in _ARRAYS:
             try:
                 values = np.asarray(getattr(plan, name), dtype=float)
             except (TypeError, ValueError):
-                raise self.unusable(
-                    "plan", f"returned {name} that is no array of numbers"
-                ) from None
+                raise self.unusable("plan", f"returned no numbers as {name}") from None
             if values.ndim != 1 or values.shape != np.shape(plan.time) or len(values) < 2:
                 raise self.unusable(
                     "plan",

@@ -124,8 +124,9 @@ class SpeedSource(Protocol):
     """Gives the reference speed over the road ahead, every 100 ms.
 
     The planner keeps limits, bends and distances whatever the reference is. The constructor may ask
-    for `route`, `parameters` and `speed`, the set speed [m/s]. A part may also have `free(station)`,
-    the speed [m/s] that it would give without traffic; otherwise the profile counts.
+    for `route`, `parameters` and `speed`, the set speed [m/s]. A part may also have the method
+    `free(station)`, the speed [m/s] that it would give without traffic; otherwise the profile
+    counts.
     """
 
     def reset(self) -> None:

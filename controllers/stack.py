@@ -46,8 +46,8 @@ class Stack:
     """Decision maker, planner and tracker at their own rates.
 
     Call `plan` every 100 ms and `control` every 20 ms; the decision maker decides once every
-    `decision_period` seconds, and not during a lane change. Parts of the user's own need the methods
-    of `controllers.protocols`.
+    `decision_period` seconds, and not during a lane change. Parts of your own need the methods of
+    `controllers.protocols`.
 
     Attributes:
       last_decision: of the decision maker.
@@ -82,7 +82,8 @@ class Stack:
           reference: of the speed, as `controllers.pcc.PccReference`; default: the profile, or
             without one the planner's cruise speed.
           trajectory_planner: default: the paper's planner with the settings `planner`.
-          lateral, longitudinal: controllers; default: those of the settings `tracking`.
+          lateral: controller of the steering; default: with the settings `tracking`.
+          longitudinal: controller of the speed; default: with the settings `tracking`.
 
         Raises:
           InputError: profile and reference are both given, the profile is not valid, or a part

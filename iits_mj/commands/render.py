@@ -18,9 +18,10 @@ from iits_mj.commands.output import camera_option, prepare_file, weather_option
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
 from iits_mj.parameters import AnyTruck, truck_option
+from iits_mj.render.cameras import Camera
 from iits_mj.render.recorded import Record, RecordedDrive, times_of
 from iits_mj.render.video import Film, Mp4Encoder, Pictures, frame_period
-from iits_mj.simulation.drive_log import FILES
+from iits_mj.simulation.drive_log import FILES, without_own_parts
 from iits_mj.simulation.redrive import recorded_config
 from traffic_bridge import Recording
 
@@ -42,7 +43,7 @@ class Options:
         help="film to write (.mp4), or picture of the first instant (.png, .jpg)",
         metavar="FILE",
     )
-    camera: str = camera_option()
+    camera: str | type[Camera] | Camera = camera_option()
     weather: str = weather_option()
     size: tuple[int, int] = option((960, 540), help="size of the pictures", metavar="WxH")
     fps: int = option(20, help="pictures per second", low=1, high=50)
@@ -118,9 +119,10 @@ def read_record(path: Path, map_path: Path | None, truck: AnyTruck | None) -> Re
     from iits_mj.bag.mcap_file import read_bag
 
     bag = read_bag(path)
-    # Pictures need no file of the drive but its map.
-    files = dict.fromkeys(name for name in FILES if name != "map")
-    config = bag.config(map_path, truck=truck, **files)
+    # Pictures need no file of the drive but its map, and no part of its stack.
+    unused = dict.fromkeys(name for name in FILES if name != "map")
+    own = {n: v for n, v in without_own_parts(bag.options).items() if v != bag.options[n]}
+    config = bag.config(map_path, truck=truck, **unused, **own)
     times = [state.time for state in bag.states]
     return Record(
         dataclasses.replace(config, commands="direct"),

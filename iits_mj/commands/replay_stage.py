@@ -12,11 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from controllers.decision import NAMES
+from controllers.own_parts import DECISION
+from controllers.protocols import DecisionMaker
 from iits_mj.bag.mcap_file import read_bag
 from iits_mj.bag.stages import STAGES, Comparison, run_stage
 from iits_mj.commands.output import ResultOptions, finish
-from iits_mj.core.options import option
+from iits_mj.core.options import option, part_option
 from iits_mj.core.results import Check, Results
 from iits_mj.parameters import AnyTruck, payload_option, truck_option
 
@@ -33,8 +34,8 @@ class Options(ResultOptions):
     map: Path | None = option(
         None, help="OpenDRIVE map of the drive; without it the built-in highway", metavar="FILE"
     )
-    decision: str | None = option(
-        None, help="decision maker that replaces the recorded one", choices=NAMES
+    decision: str | type[DecisionMaker] | DecisionMaker | None = part_option(
+        None, DECISION, "decision maker that replaces the recorded one"
     )
     truck: AnyTruck | None = truck_option(
         "truck that replaces the recorded one", "the recorded one"

@@ -125,9 +125,12 @@ class Kind:
         name: str,
         offered: dict[str, Any] | None = None,
     ) -> dict[str, Any]:
-        """Returns the keyword arguments of a class or function; raises InputError if it has none.
+        """Returns the keyword arguments for a class or function.
 
         Without `offered`, only the names of the options are checked.
+
+        Raises:
+          InputError: it has no argument of an option's name, or one gets no value.
         """
         try:
             parameters = inspect.signature(made_by).parameters
@@ -257,9 +260,8 @@ def call(title: str, what: str, function: Callable[..., Any], *arguments: Any, *
         frames = traceback.extract_tb(error.__traceback__)[1:]
         own = [f for f in frames if f.filename == frames[0].filename]
         place = f" ({Path(own[-1].filename).name}, line {own[-1].lineno})" if own else ""
-        raise InputError(
-            f"{title}: {what} failed: {type(error).__name__}: {error}{place}"
-        ) from error
+        fault = f"{type(error).__name__}: {error}{place}"
+        raise InputError(f"{title}: {what} failed: {fault}") from error
 
 
 def label(part: Any) -> str:
@@ -269,9 +271,7 @@ def label(part: Any) -> str:
     """
     if isinstance(part, str):
         return part
-    if isinstance(part, functools.partial):
-        return label(part.func)
-    named = part if isinstance(part, type) or inspect.isroutine(part) else type(part)
+    named = _named(part)
     place = named.__module__
     if place == "__main__":
         # A script run by Python is a file that can be named.
@@ -282,8 +282,17 @@ def label(part: Any) -> str:
     return f"{place}:{named.__qualname__}"
 
 
+def _named(part: Any) -> Any:
+    """Returns the class or function of a part that is no text."""
+    if isinstance(part, functools.partial):
+        return _named(part.func)
+    return part if isinstance(part, type) or inspect.isroutine(part) else type(part)
+
+
 def source_digest(part: Any) -> str:
-    """Returns 12 hexadecimal digits of the file that defines a user's part; "" for a shipped one.
+    """Returns 12 hexadecimal digits of the file that defines a user's part.
+
+    It is "" for a shipped part, and for one that no file defines.
 
     Raises:
       InputError: the text does not lead to a module.
@@ -291,14 +300,16 @@ def source_digest(part: Any) -> str:
     if isinstance(part, str):
         if ":" not in part:
             return ""
-        place = _module(part.split(":")[0])
+        place = label(part).split(":")[0]
+        name = str(Path(place).expanduser().resolve()) if place.endswith(".py") else place
+        module = sys.modules.get(name) or _module(place)
     else:
-        named = part if isinstance(part, type) or inspect.isroutine(part) else type(part)
-        place = sys.modules.get(named.__module__, types.ModuleType(""))
-    file = getattr(place, "__file__", None)
-    if file is None or not Path(file).is_file():
-        return ""
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest()[:12]
+        module = sys.modules[_named(part).__module__]
+    # The file may have changed since it was read.
+    source, file = getattr(module, _SOURCE, None), getattr(module, "__file__", None)
+    if source is None:
+        source = Path(file).read_bytes() if file is not None and Path(file).is_file() else b""
+    return hashlib.sha256(source).hexdigest()[:12] if source else ""
 
 
 def _makes(found: Any) -> bool:

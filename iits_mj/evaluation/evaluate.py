@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from controllers.decision import NAMES
 from controllers.decision.policy import load_policy
 from controllers.decision.trip import (
     CELLS,
@@ -18,9 +17,11 @@ from controllers.decision.trip import (
     TripConfig,
     usual_payload,
 )
+from controllers.own_parts import DECISION
 from iits_mj.core import options
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option, plant_option
+from iits_mj.core.own_parts import FORMS
 from iits_mj.core.process_pool import run_all
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.evaluation import drives, trials
@@ -46,7 +47,9 @@ class EvaluateConfig:
 
     trials: int = option(30, help="trips of each method in each cell", low=1, high=TRIALS_MAX)
     methods: str = option(
-        DEFAULT_METHODS, help="decision makers, separated by commas", metavar="NAMES"
+        DEFAULT_METHODS,
+        help=f"decision makers, separated by commas: names, or your own as {FORMS}",
+        metavar="NAMES",
     )
     cells: str = option(
         DEFAULT_CELLS,
@@ -102,8 +105,7 @@ class EvaluateConfig:
         options.check(self)
         check_truck(self)
         for name in self.names():
-            if name not in NAMES:
-                raise InputError(f"method {name!r} is unknown; allowed are: {', '.join(NAMES)}")
+            DECISION.check(name)
         self.chosen_cells()
         if self.world == "fast" and self.plant != "full":
             raise InputError(f"plant {self.plant}: the fast world has a point mass; use world full")

@@ -125,13 +125,16 @@ def make_recorder(config: DriveConfig, route: Route, footprint: EgoFootprint) ->
     """Returns a recorder of the configured traffic on the route.
 
     Raises:
-      InputError: the events cannot be used, or the traffic is not SUMO's alone.
+      InputError: the events cannot be used, or the traffic is recorded or none.
     """
     traffic = None
     if config.recording is None:
         traffic = make_traffic(config, route, footprint)
-    if not isinstance(traffic, PureSim):
-        raise InputError("only SUMO traffic can be recorded: use traffic-mode inter or pure")
+    if not isinstance(traffic, (PureSim, OwnTraffic)):
+        raise InputError(
+            "only SUMO traffic and your own can be recorded: use another traffic-mode and no "
+            "recording"
+        )
     return Recorder(traffic)
 
 
