@@ -34,7 +34,7 @@ from iits_mj.core import options as option_fields
 from iits_mj.core.errors import Error, RenderError
 from iits_mj.core.options import option
 from iits_mj.core.output_files import write_whole
-from iits_mj.core.own_parts import label, source_digest
+from iits_mj.core.own_parts import part_name, source_digest
 from iits_mj.j1939 import CommandReceiver
 from iits_mj.j1939.log_files import WRITTEN
 from iits_mj.parameters import check_truck
@@ -315,7 +315,7 @@ def _write(job: Job, outcome: Outcome) -> list[tuple[str, Path]]:
         text = f"`{origin['telemetry_sha256'][:16]}`, the first digits of `sha256sum telemetry.csv`"
         rows.append(("digest of the drive", text))
     video = outcome.video
-    film = None if video is None else Film(f"Film, camera {label(job.kept.camera)}", video)
+    film = None if video is None else Film(f"Film, camera {part_name(job.kept.camera)}", video)
     DriveReport(
         f"iits-mj {job.command}",
         f"{summary.distance / 1e3:.2f} km in {summary.duration:.0f} s on {where}; {summary.ended}",
@@ -342,7 +342,7 @@ def _provenance(job: Job) -> dict[str, Any]:
     parameters, telemetry = check_truck(job.config), job.kept.out / "telemetry.csv"
     digest = hashlib.sha256(telemetry.read_bytes()).hexdigest() if telemetry.is_file() else ""
     own_parts = {
-        name: {"part": label(value), "file_sha256": source_digest(value)}
+        name: {"part": part_name(value), "file_sha256": source_digest(value)}
         for name, kind in PARTS.items()
         if kind.is_own(value := getattr(job.config, name))
     }

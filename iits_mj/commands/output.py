@@ -16,7 +16,7 @@ from tqdm import tqdm
 import iits_mj
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
-from iits_mj.core.own_parts import FORMS, label
+from iits_mj.core.own_parts import FORMS, part_name
 from iits_mj.core.results import Results
 from iits_mj.render.cameras import CAMERAS, cameras_of
 from iits_mj.render.weather import WEATHERS
@@ -84,7 +84,7 @@ def camera_option() -> Any:
         help=f"camera of the pictures: {', '.join(CAMERAS)}, or your own as {FORMS}; several with "
         "commas between them share the picture, as chase,top",
         test=cameras_of,
-        label=label,
+        label=part_name,
         metavar="NAME",
     )
 

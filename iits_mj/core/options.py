@@ -15,7 +15,7 @@ from typing import Any
 
 from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
-from iits_mj.core.own_parts import FORMS, Kind, label
+from iits_mj.core.own_parts import FORMS, Kind, part_name
 from iits_mj.core.timing import PLANTS
 
 _KEY = "iits_mj.option"
@@ -108,7 +108,7 @@ def part_option(default: str | None, kind: Kind, help: str) -> Any:
         help=help,
         names=lambda: (*kind.shipped, f"or your own as {FORMS}"),
         test=kind.check,
-        label=label,
+        label=part_name,
         metavar="PART",
     )
 

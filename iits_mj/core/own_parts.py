@@ -58,7 +58,7 @@ class Kind:
         if self.is_own(value):
             found, options = self._find(value)
             if _makes(found):
-                self._bind(found, options, label(found))
+                self._bind(found, options, part_name(found))
             elif options:
                 raise InputError(f"{self.name} {value} is an object: it takes no options")
             if isinstance(found, type) or not _makes(found):
@@ -78,7 +78,7 @@ class Kind:
             return None
         found, options = self._find(value)
         if _makes(found):
-            name = label(found)
+            name = part_name(found)
             keywords = self._bind(found, options, name, offered)
             found = call(f"{self.name} {name}", "its construction", found, **keywords)
         return found
@@ -157,7 +157,7 @@ class Kind:
 
     def require(self, part: Any) -> None:
         """Raises InputError unless a class or object has all methods with fitting signatures."""
-        title = f"{self.name} {label(part)}"
+        title = f"{self.name} {part_name(part)}"
         wanted = {
             name: method
             for name, method in vars(self.protocol).items()
@@ -212,7 +212,7 @@ class Guard:
     def __init__(self, kind: Kind, part: Any) -> None:
         kind.require(part)
         self.part = part
-        self.title = f"{kind.name} {label(part)}"
+        self.title = f"{kind.name} {part_name(part)}"
 
     def __getattr__(self, name: str) -> Any:
         # Without this, a copy that has no attributes yet would look for them without end.
@@ -264,7 +264,7 @@ def call(title: str, what: str, function: Callable[..., Any], *arguments: Any, *
         raise InputError(f"{title}: {what} failed: {fault}") from error
 
 
-def label(part: Any) -> str:
+def part_name(part: Any) -> str:
     """Returns the name of a part: a text as it is; else MODULE:NAME or FILE.py:NAME of its class.
 
     The name of an object leads to its class, not to what the object holds.
@@ -300,7 +300,7 @@ def source_digest(part: Any) -> str:
     if isinstance(part, str):
         if ":" not in part:
             return ""
-        place = label(part).split(":")[0]
+        place = part_name(part).split(":")[0]
         name = str(Path(place).expanduser().resolve()) if place.endswith(".py") else place
         module = sys.modules.get(name) or _module(place)
     else:

@@ -17,7 +17,7 @@ import numpy as np
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Scene, Trajectory, VehicleCommand
-from iits_mj.core.own_parts import label
+from iits_mj.core.own_parts import part_name
 from iits_mj.j1939 import Frame, LogWriter
 from iits_mj.j1939.state import TruckSender
 from iits_mj.parameters import AnyTruck, TruckParameters, shipped_trucks
@@ -55,7 +55,7 @@ def stored_options(config: DriveConfig) -> dict[str, Any]:
     values = {field.name: getattr(config, field.name) for field in dataclasses.fields(DriveConfig)}
     parameters = TruckParameters.load(config.truck)
     values |= {"truck": parameters.name, "payload": parameters.check_payload(config.payload)}
-    values |= {name: label(values[name]) for name in PARTS}
+    values |= {name: part_name(values[name]) for name in PARTS}
     return {
         name: value.name if isinstance(value, Path) else value for name, value in values.items()
     }
