@@ -63,7 +63,7 @@ def _factory(name: str, kind: type[DrivingTask]) -> Callable[..., control.Enviro
         )
 
     build.__name__ = name
-    build.__doc__ = f"""{(kind.__doc__ or "").splitlines()[0]}
+    build.__doc__ = f"""{(kind.__doc__ or name).splitlines()[0]}
 
     Args:
       time_limit: end of an episode [s]; default: {kind.time_limit:g} s.

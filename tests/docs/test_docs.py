@@ -16,6 +16,7 @@ PAGES = [
     *sorted((ROOT / "docs").glob("*.md")),
     *sorted((ROOT / "docs" / "environments").glob("*.md")),
     *sorted((ROOT / "docs" / "tutorials").glob("*.md")),
+    *sorted((ROOT / "docs" / "how_to").glob("*.md")),
 ]
 
 
@@ -64,7 +65,8 @@ def test_python_examples_of_the_page_run_one_after_the_other(
     assert capsys.readouterr().out
 
 
-def test_the_command_line_accepts_every_printed_command() -> None:
+def test_the_command_line_accepts_every_printed_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
     lines = [
         line
         for page in PAGES
