@@ -78,6 +78,8 @@ class _Resetting(Guard):
 class DecisionGuard(_Resetting):
     """Guard of a decision maker."""
 
+    kind = DECISION
+
     def decide(self, context: DecisionContext) -> Decision:
         """Returns the decision; raises InputError for anything else."""
         value = self.call("decide", context)
@@ -98,8 +100,10 @@ class PlannerGuard(_Resetting):
       config: with the lanes that the truck may use and its cruise speed.
     """
 
+    kind = PLANNER
+
     def __init__(self, part: Any, route: Route, config: PlannerConfig) -> None:
-        super().__init__(PLANNER, part)
+        super().__init__(part)
         self.route, self.config = route, config
         self._clear()
 
@@ -209,6 +213,8 @@ class PlannerGuard(_Resetting):
 class LateralGuard(_Resetting):
     """Guard of a lateral controller."""
 
+    kind = LATERAL
+
     def steer(self, ego: EgoState, trajectory: Trajectory) -> float:
         """Returns the angle of the steering wheel [rad]; raises InputError if not finite."""
         return self.number("steer", ego, trajectory)
@@ -216,6 +222,8 @@ class LateralGuard(_Resetting):
 
 class LongitudinalGuard(_Resetting):
     """Guard of a longitudinal controller."""
+
+    kind = LONGITUDINAL
 
     def command(
         self, ego: EgoState, trajectory: Trajectory, grade: float, steering_wheel_angle: float
@@ -243,6 +251,7 @@ class LongitudinalGuard(_Resetting):
 class SpeedGuard(_Resetting):
     """Guard of a source of the reference speed."""
 
+    kind = SPEED
     _profile: SpeedProfile | None = None
 
     def reset(self) -> None:
@@ -284,7 +293,7 @@ AnyLongitudinal = LongitudinalController | LongitudinalGuard
 
 def guarded_decision(part: protocols.DecisionMaker) -> protocols.DecisionMaker:
     """Returns a decision maker behind its guard; a shipped one as it is."""
-    return DecisionGuard(DECISION, part) if is_own(part) else part
+    return DecisionGuard(part) if is_own(part) else part
 
 
 def guarded_planner(
@@ -300,16 +309,16 @@ def guarded_lateral(part: protocols.LateralControl) -> AnyLateral:
     """Returns a lateral controller behind its guard; a shipped one as it is."""
     if isinstance(part, (LateralController, LateralGuard)) and not is_own(part):
         return part
-    return LateralGuard(LATERAL, part)
+    return LateralGuard(part)
 
 
 def guarded_longitudinal(part: protocols.LongitudinalControl) -> AnyLongitudinal:
     """Returns a longitudinal controller behind its guard; a shipped one as it is."""
     if isinstance(part, (LongitudinalController, LongitudinalGuard)) and not is_own(part):
         return part
-    return LongitudinalGuard(LONGITUDINAL, part)
+    return LongitudinalGuard(part)
 
 
 def guarded_speed(part: Any) -> SpeedReference:
     """Returns a source of the reference speed behind its guard; a shipped one as it is."""
-    return SpeedGuard(SPEED, part) if is_own(part) else part
+    return SpeedGuard(part) if is_own(part) else part

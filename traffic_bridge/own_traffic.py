@@ -8,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState
-from iits_mj.core.own_parts import Guard, Kind
+from iits_mj.core.own_parts import Guard, Kind, part_name
 from iits_mj.core.vehicles import TrackedVehicle, VehicleFrame
 from iits_mj.road import Route
 from traffic_bridge.modes.sumo_modes import Mode
@@ -60,10 +60,12 @@ class OwnTraffic(Guard, Mode):
       mode: its name in recordings.
     """
 
+    kind = TRAFFIC
+
     def __init__(self, part: Any, route: Route) -> None:
-        super().__init__(TRAFFIC, part)
+        super().__init__(part)
         self.route = route
-        self.mode = self.title.removeprefix(f"{TRAFFIC.name} ")
+        self.mode = part_name(part)
         self._steps = 0
 
     @property

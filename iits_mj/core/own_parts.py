@@ -24,7 +24,7 @@ import types
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from iits_mj.core.checks import is_number, shown
 from iits_mj.core.errors import Error, InputError
@@ -194,25 +194,26 @@ _ANY = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 
 
 class Guard:
-    """Calls a user's part; its faults and unusable results become an `InputError` with its name.
+    """Base of guards: calls a user's part; faults become an `InputError` with the part's name.
 
     Other attributes are those of the part.
 
     Args:
-      kind: of the part.
       part: of the user.
 
     Attributes:
-      part: the part; title: kind and name of it for messages.
+      kind: of the part; part: as given; title: kind and name of it for messages.
 
     Raises:
       InputError: the part lacks a method.
     """
 
-    def __init__(self, kind: Kind, part: Any) -> None:
-        kind.require(part)
+    kind: ClassVar[Kind]
+
+    def __init__(self, part: Any) -> None:
+        self.kind.require(part)
         self.part = part
-        self.title = f"{kind.name} {part_name(part)}"
+        self.title = f"{self.kind.name} {part_name(part)}"
 
     def __getattr__(self, name: str) -> Any:
         # Without this, a copy that has no attributes yet would look for them without end.
@@ -397,6 +398,6 @@ def _files(folder: Path) -> list[str]:
 
 
 def _similar(name: str, names: Iterable[str]) -> str:
-    """Returns a question with the names that are like a given one, or ""."""
-    near = difflib.get_close_matches(name, list(names), n=2)
-    return f" (did you mean {' or '.join(near)}?)" if near else ""
+    """Returns a question with the name that is most like a given one, or ""."""
+    near = difflib.get_close_matches(name, list(names), n=1)
+    return f" (did you mean {near[0]}?)" if near else ""

@@ -95,6 +95,8 @@ CAMERA = Kind("camera", Camera, CAMERAS)
 class CameraGuard(Guard):
     """Guard of a user's camera."""
 
+    kind = CAMERA
+
     def follow(self, data: mujoco.MjData, station: float | None = None) -> mujoco.MjvCamera:
         """Returns the camera; raises InputError if it is not usable."""
         camera = self.call("follow", data, station)
@@ -129,7 +131,7 @@ def make_camera(
     own = CAMERA.make(given, parameters=truck, tunnels=tunnels)
     if own is None:
         return FollowCamera(given, tunnels, truck)
-    return own if isinstance(own, FollowCamera) and not is_own(own) else CameraGuard(CAMERA, own)
+    return own if isinstance(own, FollowCamera) and not is_own(own) else CameraGuard(own)
 
 
 def cameras_of(given: Any) -> tuple[Any, ...]:
