@@ -251,12 +251,12 @@ def test_the_speed_without_traffic_is_the_profiles_unless_the_part_gives_it() ->
 
 def test_an_own_planner_counts_what_its_plans_say() -> None:
     modes = [
-        dict(target_lane=0),
-        dict(target_lane=1, mode=PlanMode.LANE_CHANGE),
-        dict(target_lane=1),
-        dict(target_lane=1, refused=Decision.LEFT),
-        dict(target_lane=1, mode=PlanMode.EMERGENCY),
-        dict(target_lane=1, mode=PlanMode.EMERGENCY),
+        {"target_lane": 0},
+        {"target_lane": 1, "mode": PlanMode.LANE_CHANGE},
+        {"target_lane": 1},
+        {"target_lane": 1, "refused": Decision.LEFT},
+        {"target_lane": 1, "mode": PlanMode.EMERGENCY},
+        {"target_lane": 1, "mode": PlanMode.EMERGENCY},
     ]
     left = iter(modes)
     made = stack(trajectory_planner=Part(lambda scene: straight(scene, **next(left))))
