@@ -21,7 +21,7 @@ from iits_mj.parameters import AnyTruck, truck_option
 from iits_mj.render.cameras import Camera
 from iits_mj.render.recorded import Record, RecordedDrive, times_of
 from iits_mj.render.video import Film, Mp4Encoder, Pictures, frame_period
-from iits_mj.simulation.drive_log import FILES, without_own_parts
+from iits_mj.simulation.drive_log import FILES
 from iits_mj.simulation.redrive import recorded_config
 from traffic_bridge import Recording
 
@@ -120,9 +120,8 @@ def read_record(path: Path, map_path: Path | None, truck: AnyTruck | None) -> Re
 
     bag = read_bag(path)
     # Pictures need no file of the drive but its map, and no part of its stack.
-    unused = dict.fromkeys(name for name in FILES if name != "map")
-    own = {n: v for n, v in without_own_parts(bag.options).items() if v != bag.options[n]}
-    config = bag.config(map_path, truck=truck, **unused, **own)
+    files = dict.fromkeys(name for name in FILES if name != "map")
+    config = bag.config(map_path, (), truck=truck, **files)
     times = [state.time for state in bag.states]
     return Record(
         dataclasses.replace(config, commands="direct"),

@@ -33,6 +33,8 @@ from iits_mj.core.errors import Error, InputError
 _OURS = ("controllers", "iits_mj", "traffic_bridge")
 _SOURCE = "__iits_mj_source__"
 FORMS = "FILE.py:NAME or MODULE:NAME"
+# Name or text; a class, function or object that fits a protocol.
+AnyPart = str | object
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ class Kind:
         if _makes(found):
             name = part_name(found)
             keywords = self._bind(found, options, name, offered)
-            found = call(f"{self.name} {name}", "its construction", found, **keywords)
+            found = call(f"{self.name} {name}", "construction", found, **keywords)
         return found
 
     def is_own(self, value: Any) -> bool:
