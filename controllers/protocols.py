@@ -1,7 +1,8 @@
 """What the replaceable parts of the driving stack must offer: a protocol for each.
 
 A class needs the methods and no base class. The stack calls `reset` at the start of every drive,
-then the other method at the rate that its protocol states, always with all arguments, by position.
+then the other method at the rate that its protocol states, always with all arguments, by position
+(`/`), so that their names are free.
 Messages are those of `iits_mj.core.messages`: SI units and radians, ISO 8855 axes (x forward, y
 left, z up), positions in the map frame (x east, y north), lanes counted from the right. `station`
 and `offset` are meters along the route and to the left of its reference line; the truck's are those
@@ -40,7 +41,7 @@ class DecisionMaker(Protocol):
     def reset(self) -> None:
         """Clears all memory."""
 
-    def decide(self, context: DecisionContext) -> Decision:
+    def decide(self, context: DecisionContext, /) -> Decision:
         """Returns the decision for the next second, or its number: -1 left, 0 keep, 1 right.
 
         The planner checks it again and may refuse it.
@@ -63,7 +64,7 @@ class TrajectoryPlanner(Protocol):
     def reset(self) -> None:
         """Clears plan and memory."""
 
-    def plan(self, scene: Scene, decision: Decision, profile: SpeedProfile) -> Trajectory:
+    def plan(self, scene: Scene, decision: Decision, profile: SpeedProfile, /) -> Trajectory:
         """Returns the trajectory to follow from now on.
 
         Its arrays have one shape (n,), n >= 2, and finite numbers; its time increases and ends
@@ -86,7 +87,7 @@ class LateralControl(Protocol):
     def reset(self) -> None:
         """Clears all memory."""
 
-    def steer(self, ego: EgoState, trajectory: Trajectory) -> float:
+    def steer(self, ego: EgoState, trajectory: Trajectory, /) -> float:
         """Returns the angle of the steering wheel [rad], positive to the left.
 
         The truck bounds it to `parameters.steering.angle_max`; the angle of the road wheels is
@@ -108,7 +109,7 @@ class LongitudinalControl(Protocol):
     def reset(self) -> None:
         """Clears all memory."""
 
-    def command(self, ego: EgoState, trajectory: Trajectory, grade: float) -> VehicleCommand:
+    def command(self, ego: EgoState, trajectory: Trajectory, grade: float, /) -> VehicleCommand:
         """Returns the command of pedal and brakes; its steering angle is replaced.
 
         Args:
@@ -132,7 +133,7 @@ class SpeedSource(Protocol):
     def reset(self) -> None:
         """Prepares for a new drive."""
 
-    def update(self, scene: Scene, find_leader: Callable[[], Neighbor | None]) -> SpeedProfile:
+    def update(self, scene: Scene, find_leader: Callable[[], Neighbor | None], /) -> SpeedProfile:
         """Returns the profile to follow from now on: stations [m] that rise, speeds 0.5 to 60 m/s.
 
         Args:

@@ -31,14 +31,14 @@ class TrafficSource(Protocol):
     `traffic_bridge.Traffic`. A subclass of `InterSim` or of another mode has all of them.
     """
 
-    def reset(self, ego: EgoState) -> Iterable[TrackedVehicle]:
+    def reset(self, ego: EgoState, /) -> Iterable[TrackedVehicle]:
         """Starts again; returns the vehicles at time zero.
 
         Args:
           ego: the truck at its start.
         """
 
-    def step(self, ego: EgoState) -> Iterable[TrackedVehicle]:
+    def step(self, ego: EgoState, /) -> Iterable[TrackedVehicle]:
         """Advances 0.1 s; returns the vehicles then, each with the id that it had before.
 
         Args:

@@ -79,7 +79,7 @@ class Camera(Protocol):
     `View` of your own is one, too.
     """
 
-    def follow(self, data: mujoco.MjData, station: float | None) -> mujoco.MjvCamera:
+    def follow(self, data: mujoco.MjData, station: float | None, /) -> mujoco.MjvCamera:
         """Returns a free camera for the state of this instant.
 
         Args:

@@ -219,7 +219,7 @@ def test_a_drive_in_own_traffic_is_recorded_and_says_that_it_is_not_run_again(
 
 
 def test_the_command_names_the_part_in_its_summary(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     text = "examples/own_decision.py:Impatient:room=30"
     words = f"drive --no-video --duration 1 --traffic-mode none --out {tmp_path} --decision {text}"
@@ -236,3 +236,6 @@ def test_the_command_names_the_part_in_its_summary(
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert "has no argument 'rom' (did you mean room?)" in error
+    monkeypatch.setenv("IITS_MJ_TRACEBACK", "1")
+    assert cli.main(words.split()) == 2
+    assert "Traceback" in capsys.readouterr().err
