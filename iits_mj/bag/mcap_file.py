@@ -134,7 +134,7 @@ class Bag:
             changes["truck"] = truck_of(self.options, "the bag", None)
         for name in parts:
             value = self.options[name]
-            if name not in changes and PARTS[name].is_own(value):
+            if name not in changes and isinstance(value, str) and PARTS[name].is_own(value):
                 raise InputError(
                     f"the bag's drive used the {PARTS[name].name} {value}, which a bag does not "
                     f"hold: name it by --{name.replace('_', '-')}"

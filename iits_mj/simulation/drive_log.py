@@ -67,10 +67,12 @@ def without_own_parts(options: Mapping[str, Any]) -> dict[str, Any]:
     It suffices where the drive's commands or pictures are repeated and nothing is planned.
     """
     defaults = {field.name: field.default for field in dataclasses.fields(DriveConfig)}
-    return {
-        name: defaults[name] if name in PARTS and PARTS[name].is_own(value) else value
-        for name, value in options.items()
-    }
+
+    def own(name: str, value: Any) -> bool:
+        # Anything but text is a fault of the file, which `DriveConfig` refuses.
+        return name in PARTS and isinstance(value, str) and PARTS[name].is_own(value)
+
+    return {name: defaults[name] if own(name, v) else v for name, v in options.items()}
 
 
 def truck_of(options: Mapping[str, Any], name: str, given: AnyTruck | None) -> AnyTruck:
