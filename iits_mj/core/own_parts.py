@@ -32,7 +32,7 @@ from iits_mj.core.errors import Error, InputError
 # Packages whose classes are parts that need no guard.
 _OURS = ("controllers", "iits_mj", "traffic_bridge")
 _SOURCE = "__iits_mj_source__"
-FORMS = "FILE.py:NAME or MODULE:NAME"
+FORMS = "FILE.py:NAME or MODULE:NAME, options after it as :KEY=VALUE"
 # Name or text; a class, function or object that fits a protocol.
 AnyPart = str | object
 
@@ -342,6 +342,8 @@ def _module(place: str) -> types.ModuleType:
     Modules are also found in the current folder, after all others; those that a file imports, in
     its folder, too.
     """
+    if "\0" in place:
+        raise InputError(f"{place!r} is not the name of a file or module")
     if place.endswith(".py"):
         return _file(Path(place).expanduser().resolve(), place)
     if not all(part.isidentifier() for part in place.split(".")):
@@ -396,7 +398,7 @@ def _search(folder: Path) -> None:
 
 def _files(folder: Path) -> list[str]:
     """Returns the names of the Python files in a folder."""
-    return [path.name for path in folder.glob("*.py")] if folder.is_dir() else []
+    return [path.name for path in folder.glob("*.py") if path.is_file()]
 
 
 def _similar(name: str, names: Iterable[str]) -> str:
