@@ -112,7 +112,7 @@ class Kind:
             found = module
             for part in name.split("."):
                 if not hasattr(found, part):
-                    names = [each for each in vars(found) if not each.startswith("_")]
+                    names = [each for each in dir(found) if not each.startswith("_")]
                     where = "" if found is module else f".{name.partition('.')[0]}"
                     raise InputError(f"{place}{where} has no {part!r}{_similar(part, names)}")
                 found = getattr(found, part)

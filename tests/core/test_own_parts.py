@@ -122,6 +122,7 @@ def test_options_are_read_as_in_toml(text: str, value: Any) -> None:
         ("horn:Brass", r"there is no module 'horn' \(did you mean horns.py\?\)"),
         ("no.such:Brass", "there is no module 'no'"),
         ("a b:Brass", "'a b' is not the name of a module, nor a file that ends in .py"),
+        ("horns.py:ready.pitch.nothing", "horns.py.ready has no .nothing."),
         ("horns\0.py:Brass", "is not the name of a file or module"),
         ("horns.py:Brass:pich=2", r"has no argument 'pich' \(did you mean pitch\?\); it has route"),
         ("horns.py:Brass:pitch", "option 'pitch' must be KEY=VALUE"),
