@@ -53,6 +53,7 @@ _ARRAYS = (
     *("time", "station", "offset", "x", "y", "z", "yaw"),
     *("curvature", "speed", "acceleration"),
 )
+_COUNTED = ("lane_changes", "refused", "unsafe", "emergencies")
 # Least and greatest value of each field of a command; the truck checks the steering angle.
 _RANGES = {
     "accelerator_pedal": (0.0, 1.0),
@@ -90,14 +91,16 @@ class DecisionGuard(_Resetting):
 
 
 class PlannerGuard(_Resetting):
-    """Guard of a trajectory planner; counts what the stack reports of its planner.
-
-    Where the part has an attribute of these names, the part's own counts.
+    """Guard of a trajectory planner; counts what a planner reports, if the part does not count it.
 
     Args:
       part: of the user.
       route: the truck's road.
       config: with the lanes that the truck may use and its cruise speed.
+
+    Attributes:
+      lane_changes: completed; emergencies: begun; refused: decisions to change that were refused;
+        unsafe: of those, because of a vehicle.
     """
 
     kind = PLANNER
@@ -110,7 +113,7 @@ class PlannerGuard(_Resetting):
     def _clear(self) -> None:
         self._last: Trajectory | None = None
         self._lane = -1
-        self._counts = dict.fromkeys(("lane_changes", "refused", "unsafe", "emergencies"), 0)
+        self._counts = dict.fromkeys(_COUNTED, 0)
 
     def reset(self) -> None:
         """Prepares the part for a new drive."""
@@ -123,25 +126,10 @@ class PlannerGuard(_Resetting):
         last = self._last
         return last is not None and last.mode in (PlanMode.LANE_CHANGE, PlanMode.ABORT)
 
-    @property
-    def lane_changes(self) -> int:
-        """Lane changes completed."""
-        return self._count("lane_changes")
-
-    @property
-    def refused(self) -> int:
-        """Decisions to change that were refused."""
-        return self._count("refused")
-
-    @property
-    def unsafe(self) -> int:
-        """Decisions that were refused because of a vehicle."""
-        return self._count("unsafe")
-
-    @property
-    def emergencies(self) -> int:
-        """Emergency brakings."""
-        return self._count("emergencies")
+    def __getattr__(self, name: str) -> Any:
+        if name in _COUNTED and not hasattr(self.part, name):
+            return self._counts[name]
+        return super().__getattr__(name)
 
     def lane(self, scene: Scene) -> int:
         """Returns the index of the lane that is kept or changed to."""
@@ -169,9 +157,6 @@ class PlannerGuard(_Resetting):
         self._counts["emergencies"] += plan.mode is emergency and not was
         self._last = plan
         return plan
-
-    def _count(self, name: str) -> int:
-        return int(getattr(self.part, name, self._counts[name]))
 
     def _checked(self, plan: Any, now: float) -> Trajectory:
         if not isinstance(plan, Trajectory):
