@@ -16,76 +16,93 @@ import threading
 import traceback
 from collections.abc import Iterator, Sequence
 from types import FrameType, ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import iits_mj
-from iits_mj.commands import arguments
-from iits_mj.core.errors import Error, InputError
+from iits_mj.commands import COMMANDS, SECTIONS, terminal
+from iits_mj.core.checks import one_of
+from iits_mj.core.errors import Error
 
-COMMANDS = {
-    "drive": "drive the truck in traffic; writes video, telemetry and report",
-    "view": "show a drive live in MuJoCo's interactive viewer",
-    "validate": "compare truck, traffic and planning with theory, standards and the paper",
-    "identify": "fit the truck's parameters to a recorded log",
-    "pcc": "plan a fuel-optimal speed profile and compare it with constant speed",
-    "train": 'train the decision maker "ddqn"',
-    "evaluate": "compare decision makers in the paper's traffic cells",
-    "montecarlo": "Monte Carlo over the uncertainty of the truck's parameters",
-    "record": "drive in traffic and record traffic, states and commands",
-    "replay": "drive in recorded traffic, or verify a recording",
-    "render": "draw a film or a picture of a recorded drive: other cameras, weather, sizes",
-    "compare": "compare two drives: what differs, where they part, over time and station",
-    "replay-stage": "run one module of a recorded drive and compare its outputs",
-    "import-trajectories": "place recorded trajectories on a map for replay",
-    "serve": "serve the truck on a CAN bus in real time, for an external controller",
-    "replay-can": "drive the truck with the commands of a CAN log, or decode the log",
-    "truck": "check, show, compare and export trucks; JSON Schema of truck files",
-    "bench": "measure computing times",
-    "doctor": "check the installation and name remedies",
-}
+if TYPE_CHECKING:
+    from iits_mj.commands.arguments import General
+
 EXIT_SHORT, EXIT_USE, EXIT_FAULT, EXIT_INTERRUPTED, EXIT_TERMINATED = 1, 2, 70, 130, 143
+_HELP, _VERSION = ("help", "-h", "--help"), ("-V", "--version")
+_NAME_MAX = 60  # shown characters of an unknown command
 TRACEBACK_VARIABLE = "IITS_MJ_TRACEBACK"
+
+
+# Headings, commands and flags in the text of `iits-mj --help` on a terminal.
+_STYLES = {
+    r"(?m)^[a-zA-Z ]+:": "dark_orange",
+    r"(?m)^  [a-z-]+(?=  )|(?<=')iits-mj [^']+|--[a-z-]+": "cyan",
+}
 
 
 def usage() -> str:
     """Returns the text of `iits-mj --help`."""
     width = max(map(len, COMMANDS))
-    lines = [f"  {name.ljust(width)}  {text}" for name, text in COMMANDS.items()]
-    return "\n".join(
-        [
-            "usage: iits-mj COMMAND [options]",
-            "",
-            "A self-driving articulated truck in MuJoCo.",
-            "",
-            *lines,
-            "",
-            "'iits-mj COMMAND --help' explains the options of a command; 'iits-mj --version' shows "
-            "the version.",
-            "Exit codes: 0 done, 1 failure or a check falls short, 2 wrong use or unusable input.",
-        ]
-    )
+    lines = ["usage: iits-mj COMMAND [options]", "", "A self-driving articulated truck in MuJoCo."]
+    for title, commands in SECTIONS.items():
+        lines += ["", f"{title}:"]
+        lines += [f"  {name.ljust(width)}  {text}" for name, text in commands.items()]
+    lines += [
+        "",
+        "'iits-mj drive' without options is a demo of a minute. 'iits-mj help COMMAND' explains",
+        "the options of a command. Every command takes --config, --save-config and --quiet.",
+        "'iits-mj --version' shows the version.",
+        "",
+        "exit codes: 0 done, 1 failure or a check falls short, 2 wrong use or unusable input,",
+        "  70 fault of the program, 130 interrupted, 143 terminated",
+    ]
+    return "\n".join(lines)
 
 
 def dispatch(argv: Sequence[str]) -> int:
     """Runs one command line and returns the exit code; raises `Error` on wrong use."""
     if not argv:
-        raise InputError(f"a command is missing; use one of: {', '.join(COMMANDS)}")
+        terminal.show(usage(), _STYLES, sys.stderr)
+        return EXIT_USE
     name, rest = argv[0], argv[1:]
-    if name in ("-h", "--help", "help"):
-        print(usage())
+    if name == "help" and rest:
+        name, rest = rest[0], ["--help"]
+    if name in _HELP:
+        terminal.show(usage(), _STYLES)
         return 0
-    if name in ("-V", "--version"):
+    if name in _VERSION:
         print(f"iits-mj {iits_mj.__version__}")
         return 0
-    if name not in COMMANDS:
-        raise InputError(f"command {name[:60]!r} is not known; use one of: {', '.join(COMMANDS)}")
-    module = _module(name)
-    return int(module.run(_options(module, name, rest)))
+    one_of("command", name[:_NAME_MAX], COMMANDS)
+    return _run(name, rest)
+
+
+def _run(name: str, words: Sequence[str]) -> int:
+    # The help needs none of these.
+    from iits_mj.commands import progress
+    from iits_mj.core.progress import task
+
+    silent = not {"--quiet", "-h", "--help"}.isdisjoint(words)
+    with progress.shown(quiet=silent), task("loading"):
+        module = _module(name)
+    options, general = _options(module, name, words)
+    if general.save_config is not None:
+        from iits_mj.commands.config_file import save_config
+        from iits_mj.commands.output import prepare_file
+
+        prepare_file(general.save_config, "--save-config")
+        final = module.effective(options) if hasattr(module, "effective") else options
+        save_config(general.save_config, name, final)
+    with progress.shown(quiet=general.quiet):
+        return int(module.run(options))
 
 
 def understood(argv: Sequence[str]) -> bool:
     """Returns whether a command line is valid, without running it."""
-    if not argv or argv[0] not in COMMANDS:
+    if not argv:
+        return False
+    if argv[0] in (*_HELP, *_VERSION):
+        return set(argv[1:]) <= set(COMMANDS)
+    if argv[0] not in COMMANDS:
         return False
     try:
         _options(_module(argv[0]), argv[0], argv[1:])
@@ -98,8 +115,11 @@ def _module(name: str) -> ModuleType:
     return importlib.import_module(f"iits_mj.commands.{name.replace('-', '_')}")
 
 
-def _options(module: ModuleType, name: str, words: Sequence[str]) -> Any:
-    return arguments.parse(module.Options, words, f"iits-mj {name}", module.__doc__ or "")
+def _options(module: ModuleType, name: str, words: Sequence[str]) -> tuple[Any, General]:
+    from iits_mj.commands import arguments
+
+    text = module.__doc__ or ""
+    return arguments.read(module.Options, words, f"iits-mj {name}", text, COMMANDS)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -169,7 +189,8 @@ def _os_error(error: OSError) -> str:
 
 
 def _fail(message: str, code: int) -> int:
-    print(f"iits-mj: {' '.join(message.split())}", file=sys.stderr)
+    text = f"iits-mj: {' '.join(message.split())}"
+    terminal.show(text, {"^iits-mj:": "bold red"}, sys.stderr)
     return code
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import iits_mj
 from iits_mj.commands.output import prepare_file, prepare_folder
 from iits_mj.core.options import option
+from iits_mj.core.progress import task
 from iits_mj.render.compare_page import Comparison
 from iits_mj.simulation.compare import Run
 
@@ -27,9 +28,12 @@ class Options:
     first: Path = option(help="the first drive", metavar="A", positional=True)
     second: Path = option(help="the second drive", metavar="B", positional=True)
     out: Path | None = option(
-        None, help=f"page to write, or a folder for {_PAGE}", metavar="FILE.html|DIR"
+        None,
+        help=f"page to write, or a folder for {_PAGE}",
+        metavar="FILE.html|DIR",
+        group="output",
     )
-    json: bool = option(False, help="print one JSON object instead of the tables")
+    json: bool = option(False, help="print one JSON object instead of the tables", group="output")
 
 
 def run(options: Options) -> int:
@@ -45,7 +49,8 @@ def run(options: Options) -> int:
     elif page is not None:
         prepare_folder(page)
         page = page / _PAGE
-    found = Comparison(Run.read(options.first), Run.read(options.second))
+    with task("comparing"):
+        found = Comparison(Run.read(options.first), Run.read(options.second))
     print(json.dumps(found.as_dict(), allow_nan=False) if options.json else found.to_text())
     if page is not None:
         found.page(iits_mj.__version__).write(page)

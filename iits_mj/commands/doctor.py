@@ -21,8 +21,10 @@ import mujoco
 
 import iits_mj
 from iits_mj import plugin as plugin_library
+from iits_mj.commands.terminal import show
 from iits_mj.core.errors import Error
 from iits_mj.core.options import option
+from iits_mj.core.progress import each
 from iits_mj.parameters import TruckParameters, shipped_trucks
 
 MUJOCO_WANTED = "3.17.0"
@@ -39,7 +41,7 @@ mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
 class Options:
     """Flags of `iits-mj doctor`."""
 
-    json: bool = option(False, help="print one JSON object instead of the table")
+    json: bool = option(False, help="print one JSON object instead of the table", group="output")
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +67,7 @@ class Finding:
 
 def run(options: Options) -> int:
     """Checks every part and prints one line each; returns the exit code."""
-    findings = [probe() for probe in PROBES]
+    findings = [probe() for probe in each(PROBES, "checking")]
     well = all(finding.ok for finding in findings if finding.needed)
     if options.json:
         rows = [asdict(finding) | {"remedy": finding.remedy_text} for finding in findings]
@@ -74,7 +76,7 @@ def run(options: Options) -> int:
         width = max(len(finding.name) for finding in findings)
         for finding in findings:
             line = f"{finding.verdict:8}{finding.name.ljust(width)}  {finding.detail}"
-            print(line + (f"; remedy: {finding.remedy_text}" if finding.remedy_text else ""))
+            show(line + (f"; remedy: {finding.remedy_text}" if finding.remedy_text else ""))
     return 0 if well else 1
 
 

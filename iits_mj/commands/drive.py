@@ -29,12 +29,14 @@ import mujoco
 import numpy as np
 
 import iits_mj
-from iits_mj.commands.output import camera_option, prepare_folder, progress_bar, weather_option
+from iits_mj.commands.config_file import rules_of
+from iits_mj.commands.output import camera_option, drive_progress, prepare_folder, weather_option
 from iits_mj.core import options as option_fields
 from iits_mj.core.errors import Error, RenderError
 from iits_mj.core.options import option
 from iits_mj.core.output_files import write_whole
 from iits_mj.core.own_parts import part_name, source_digest
+from iits_mj.core.progress import remark, task
 from iits_mj.j1939 import CommandReceiver
 from iits_mj.j1939.log_files import WRITTEN
 from iits_mj.parameters import check_truck
@@ -73,25 +75,29 @@ UNSTEERED = (
 class Kept:
     """Options of the files that a drive writes."""
 
-    out: Path = option(Path("out"), help="folder for all output", metavar="DIR")
-    video: bool = option(True, help="write drive.mp4")
-    size: tuple[int, int] = option((960, 540), help="size of the video in pixels", metavar="WxH")
+    out: Path = option(Path("out"), help="folder for all output", metavar="DIR", group="output")
+    video: bool = option(True, help="write drive.mp4", group="output")
+    size: tuple[int, int] = option(
+        (960, 540), help="size of the video in pixels", metavar="WxH", group="output"
+    )
     camera: str | type[Camera] | Camera = camera_option()
     weather: str = weather_option()
-    fps: int = option(20, help="pictures per second of the video", low=5, high=50)
+    fps: int = option(20, help="pictures per second of the video", low=5, high=50, group="output")
     can_log: Path | None = option(
         None,
         help="write commands and reports of the truck's CAN bus; the suffix selects the format: "
         f"{', '.join(WRITTEN)}",
         metavar="FILE",
+        group="output",
     )
     bag: Path | None = option(
         None,
         help="write the messages between the modules as a ROS 2 bag (MCAP), for Foxglove, "
         "'ros2 bag' and 'iits-mj replay-stage'",
         metavar="DIR",
+        group="output",
     )
-    json: bool = option(False, help="print the summary as one JSON object")
+    json: bool = option(False, help="print the summary as one JSON object", group="output")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,9 +174,21 @@ def run(options: Options, command: str = "drive") -> int:
             for name, value in DEMO.items()
             if not isinstance(value, Path)
         )
-        print(f"iits-mj: demo drive with its own traffic events ({flags})", file=sys.stderr)
+        remark(f"demo drive with its own traffic events ({flags})")
         options = dataclasses.replace(options, **DEMO)
     return perform(Job(command, options, options, options, duration=options.duration))
+
+
+def effective(options: Options) -> Options:
+    """Returns the options in force: those of the demo for the demo, and all of them as given.
+
+    In recorded traffic some options have no effect and must not be given.
+    """
+    if _is_default(options):
+        options = dataclasses.replace(options, **DEMO)
+    if options.recording is not None:
+        return options
+    return dataclasses.replace(options, given=frozenset(rules_of(type(options))))
 
 
 def _is_default(options: Options) -> bool:
@@ -186,7 +204,8 @@ def perform(job: Job) -> int:
     """Drives, writes all files and prints the summary; returns the exit code."""
     prepare_folder(job.kept.out)
     outcome, interrupted = _drive(job)
-    pages = _write(job, outcome)
+    with task("writing the report"):
+        pages = _write(job, outcome)
     if job.kept.json:
         print(json.dumps(_summary_object(job, outcome), allow_nan=False))
     else:
@@ -227,7 +246,7 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
         if isinstance(simulation.driver, LogDriver):
             observers.append(simulation.driver)
         try:
-            with progress_bar(job.duration) as progress:
+            with drive_progress(job.duration) as progress:
                 summary = simulation.run(observers, progress)
         except KeyboardInterrupt:
             interrupted = True

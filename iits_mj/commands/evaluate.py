@@ -11,8 +11,6 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from tqdm import tqdm
-
 import iits_mj
 from iits_mj.commands.output import (
     ClusterOptions,
@@ -21,8 +19,10 @@ from iits_mj.commands.output import (
     prepare_file,
     prepare_folder,
 )
+from iits_mj.commands.terminal import show
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
+from iits_mj.core.progress import remark, task
 from iits_mj.core.results import Results
 from iits_mj.evaluation import evaluate
 from iits_mj.evaluation.drives import trial_code
@@ -38,7 +38,7 @@ KEPT = "evaluate.csv"
 class Options(evaluate.EvaluateConfig, ClusterOptions, ResultOptions):
     """Flags of `iits-mj evaluate`."""
 
-    quick: bool = option(False, help="one short trip in each cell, within minutes")
+    quick: bool = option(False, help="one short trip in each cell, within minutes", group="run")
 
 
 def run(options: Options) -> int:
@@ -54,7 +54,7 @@ def run(options: Options) -> int:
         prepare_file(options.file, "--file")
     trials = drive(options)
     results, cells = summarize(trials, options)
-    print(results.to_json(iits_mj.__version__) if options.json else to_text(results))
+    show(results.to_json(iits_mj.__version__) if options.json else to_text(results))
     if options.report is not None and cells:
         # Load matplotlib only for reports.
         from iits_mj.evaluation.page import write_page
@@ -66,19 +66,14 @@ def run(options: Options) -> int:
 
 
 def drive(options: Options) -> list[Trial]:
-    """Drives the trials with a progress bar; returns them."""
-    with tqdm(unit=" trips", disable=None, smoothing=0.05) as bar:
+    """Drives the trials and shows the progress; returns them."""
+    with task("driving", unit="trips") as report:
 
         def progress(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-            bar.refresh()
-
-        def say(text: str) -> None:
-            tqdm.write(text, file=sys.stderr)
+            report(done, total=total)
 
         drive_all = None if options.ray is None else functools.partial(_on_cluster, options)
-        return evaluate.run(options, progress, say, drive_all)
+        return evaluate.run(options, progress, remark, drive_all)
 
 
 def _on_cluster(

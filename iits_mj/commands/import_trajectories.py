@@ -13,6 +13,7 @@ from pathlib import Path
 from iits_mj.commands.output import prepare_file
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
+from iits_mj.core.progress import task
 from iits_mj.simulation.parts import load_map
 from traffic_bridge.datasets import (
     ImportConfig,
@@ -29,9 +30,12 @@ class Options:
     """Flags of `iits-mj import-trajectories`."""
 
     data: Path = option(help="data set to place on the map", metavar="FILE", positional=True)
-    file: Path = option(help="recording to write", metavar="OUT.npz")
+    file: Path = option(help="recording to write", metavar="OUT.npz", group="output")
     map: Path | None = option(
-        None, help="OpenDRIVE map; without it the built-in 15 km highway", metavar="FILE.xodr"
+        None,
+        help="OpenDRIVE map; without it the built-in 15 km highway",
+        metavar="FILE.xodr",
+        group="road",
     )
     start_station: float = option(
         0.0,
@@ -39,42 +43,52 @@ class Options:
         unit="m",
         low=-1e6,
         high=1e6,
+        group="road",
     )
     lanes: str | None = option(
         None,
         help="lane of the map for each lane of the data set, as in 0:1,1:2; lane 0 is the "
         "rightmost; other lanes are left out; without it every lane keeps its number",
         metavar="MAP",
+        group="road",
     )
     begin: float | None = option(
-        None, help="leave out data before this time of the data set", unit="s"
+        None, help="leave out data before this time of the data set", unit="s", group="data"
     )
     end: float | None = option(
-        None, help="leave out data from this time of the data set on", unit="s"
+        None, help="leave out data from this time of the data set on", unit="s", group="data"
     )
-    filter_noise: bool = option(False, help="smooth raw positions, for NGSIM tables as published")
+    filter_noise: bool = option(
+        False, help="smooth raw positions, for NGSIM tables as published", group="data"
+    )
     units: str | None = option(
         None,
         help="unit of lengths in an NGSIM table; without it ft, as published",
         choices=("ft", "m"),
+        group="data",
     )
     main_lanes: int | None = option(
         None,
         help="number of lanes of an NGSIM site without its ramps, which are left out",
         low=1,
         high=30,
+        group="data",
     )
     location: str | None = option(
-        None, help="site in an NGSIM table of several sites, such as us-101", metavar="NAME"
+        None,
+        help="site in an NGSIM table of several sites, such as us-101",
+        metavar="NAME",
+        group="data",
     )
     direction: int | None = option(
         None,
         help="driving direction of highD-like tracks; without it the one with more vehicles",
         low=1,
         high=2,
+        group="data",
     )
     fcd: Path | None = option(
-        None, help="also write SUMO's floating-car data", metavar="FILE.xml[.gz]"
+        None, help="also write SUMO's floating-car data", metavar="FILE.xml[.gz]", group="output"
     )
 
 
@@ -83,13 +97,14 @@ def run(options: Options) -> int:
     prepare_file(target(options.file), "--file")
     if options.fcd is not None:
         prepare_file(options.fcd, "--fcd")
-    trajectories = read_trajectories(
-        options.data,
-        units=options.units,
-        main_lanes=options.main_lanes,
-        location=options.location,
-        direction=options.direction,
-    )
+    with task("reading the data"):
+        trajectories = read_trajectories(
+            options.data,
+            units=options.units,
+            main_lanes=options.main_lanes,
+            location=options.location,
+            direction=options.direction,
+        )
     if options.begin is not None or options.end is not None:
         begin = -math.inf if options.begin is None else options.begin
         end = math.inf if options.end is None else options.end
@@ -103,8 +118,10 @@ def run(options: Options) -> int:
     if options.filter_noise:
         trajectories = without_noise(trajectories)
     config = ImportConfig(start_station=options.start_station, lane_map=lane_map(options.lanes))
-    recording = import_trajectories(trajectories, load_map(options.map).route(), config)
-    path = recording.save(options.file)
+    route = load_map(options.map).route()
+    with task("placing the trajectories"):
+        recording = import_trajectories(trajectories, route, config)
+        path = recording.save(options.file)
     for note in recording.meta["notes"]:
         print(f"note: {note}")
     print(

@@ -19,10 +19,10 @@ from iits_mj.commands.output import (
     finish,
     pool_of,
     prepare_folder,
-    progress_of,
 )
 from iits_mj.core.options import option
 from iits_mj.core.output_files import TemporaryFolder
+from iits_mj.core.progress import task
 from iits_mj.core.results import Results
 from iits_mj.evaluation import parameter_uncertainty as uncertainty
 from iits_mj.evaluation.parameter_uncertainty import Sample, SampleTask
@@ -36,9 +36,9 @@ class Options(uncertainty.MonteCarloConfig, ClusterOptions, ResultOptions):
     """Flags of `iits-mj montecarlo`."""
 
     folder: Path | None = option(
-        None, help="folder for finished trucks and samples.csv", metavar="DIR"
+        None, help="folder for finished trucks and samples.csv", metavar="DIR", group="output"
     )
-    quick: bool = option(False, help="four trucks, within a minute")
+    quick: bool = option(False, help="four trucks, within a minute", group="run")
 
 
 def run(options: Options) -> int:
@@ -67,11 +67,11 @@ def _measure(options: Options, folder: Path) -> Results:
         what="trucks",
         size=options.shard,
     )
-    with progress_of(len(tasks), "trucks") as advance:
+    with task("measuring", len(tasks), "trucks") as report:
 
         def keep(found: Sequence[Sample]) -> None:
             rows.extend(found)
-            advance(len(found))
+            report(len(rows))
 
         pool = pool_of(options, uncertainty.sample_code)
         run_sharded(plan, tasks, shards, keep, options.jobs, pool)

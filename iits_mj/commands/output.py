@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tqdm import tqdm
-
 import iits_mj
+from iits_mj.commands.terminal import show
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
 from iits_mj.core.own_parts import FORMS, part_name
+from iits_mj.core.progress import task
 from iits_mj.core.results import Results
 from iits_mj.render.cameras import CAMERAS, cameras_of
 from iits_mj.render.weather import WEATHERS
@@ -57,23 +57,15 @@ def _check_writable(folder: Path, shown: str) -> None:
 
 
 @contextmanager
-def progress_bar(duration: float | None) -> Iterator[Callable[[DriveFrame], None]]:
-    """Shows a progress bar over the simulated time [s], if stderr is a terminal.
-
-    Without a duration it shows only the time.
-    """
-    form = "{desc} {n:.0f} s [{elapsed}]"
-    if duration is not None:
-        form = "{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s [{elapsed}<{remaining}]"
+def drive_progress(duration: float | None) -> Iterator[Callable[[DriveFrame], None]]:
+    """Shows progress over the simulated time [s]; without a duration only the time."""
     total = None if duration is None else round(duration, 1)
-    bar = tqdm(total=total, unit="s", disable=None, bar_format=form)
+    with task("driving", total, "s") as report:
 
-    def progress(frame: DriveFrame) -> None:
-        bar.set_description_str(f"{frame.ego.speed * 3.6:3.0f} km/h", refresh=False)
-        time = frame.time if total is None else min(frame.time, total)
-        bar.update(max(0.0, time - bar.n))
+        def progress(frame: DriveFrame) -> None:
+            time = frame.time if total is None else min(frame.time, total)
+            report(time, f"{frame.ego.speed * 3.6:.0f} km/h")
 
-    with bar:
         yield progress
 
 
@@ -81,11 +73,13 @@ def camera_option() -> Any:
     """Returns a dataclass field for the cameras of pictures."""
     return option(
         "chase",
-        help=f"camera of the pictures: {', '.join(CAMERAS)}, or your own as {FORMS}; several with "
-        "commas between them share the picture, as chase,top",
+        help=f"camera of the pictures, or your own as {FORMS}; several with commas between them "
+        "share the picture, as chase,top",
+        names=lambda: tuple(CAMERAS),
         test=cameras_of,
         label=part_name,
         metavar="NAME",
+        group="output",
     )
 
 
@@ -95,6 +89,7 @@ def weather_option() -> Any:
         "day",
         help="weather and time of day of the pictures, which do not change the drive",
         choices=tuple(WEATHERS),
+        group="output",
     )
 
 
@@ -102,9 +97,12 @@ def weather_option() -> Any:
 class ResultOptions:
     """Options of every command that returns results."""
 
-    json: bool = option(False, help="print one JSON object instead of the table")
+    json: bool = option(False, help="print one JSON object instead of the table", group="output")
     report: Path | None = option(
-        None, help="folder for a report with table and plots, as HTML and Markdown", metavar="DIR"
+        None,
+        help="folder for a report with table and plots, as HTML and Markdown",
+        metavar="DIR",
+        group="output",
     )
 
 
@@ -119,12 +117,13 @@ def finish(options: ResultOptions, measure: Callable[[], Results]) -> int:
     if options.report is not None:
         prepare_folder(options.report, "report")
     results = measure()
-    print(results.to_json(iits_mj.__version__) if options.json else results.to_table())
+    show(results.to_json(iits_mj.__version__) if options.json else results.to_table())
     if options.report is not None:
         # Load matplotlib only for reports.
         from iits_mj.render.pages import write_results_page
 
-        page, text = write_results_page(results, iits_mj.__version__, options.report)
+        with task("writing the report"):
+            page, text = write_results_page(results, iits_mj.__version__, options.report)
         stream = sys.stderr if options.json else sys.stdout
         print(f"report: {page} (the same as Markdown: {text})", file=stream)
     return 0 if results.ok else 1
@@ -138,8 +137,11 @@ class ClusterOptions:
         None,
         help="run on a Ray cluster instead of this machine: HOST:PORT of its head, auto, or local",
         metavar="ADDRESS",
+        group="run",
     )
-    shard: int = option(5, help="results that a worker returns at a time", low=1, high=10_000)
+    shard: int = option(
+        5, help="results that a worker returns at a time", low=1, high=10_000, group="run"
+    )
 
 
 def pool_of(options: ClusterOptions, digest: Callable[[], str]) -> Callable[[int], Executor] | None:
@@ -149,10 +151,3 @@ def pool_of(options: ClusterOptions, digest: Callable[[], str]) -> Callable[[int
     """
     address = options.ray
     return None if address is None else lambda _: RayExecutor(address, digest)
-
-
-@contextmanager
-def progress_of(total: int, unit: str) -> Iterator[Callable[[int], None]]:
-    """Shows a progress bar, if stderr is a terminal."""
-    with tqdm(total=total, unit=f" {unit}", disable=None, smoothing=0.05, file=sys.stderr) as bar:
-        yield lambda count: bar.update(count) and None

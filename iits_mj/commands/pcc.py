@@ -14,6 +14,7 @@ from iits_mj.core import options as option_fields
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.core.options import option
+from iits_mj.core.progress import task
 from iits_mj.core.results import Check, Results
 from iits_mj.core.units import KMH
 from iits_mj.parameters import AnyTruck, TruckParameters, truck_option
@@ -55,38 +56,59 @@ class Options(ResultOptions):
         unit="kg",
         low=5_000.0,
         high=200_000.0,
+        group="truck",
     )
-    v_ref: float = option(72.0, help="set speed of the cruise", unit="km/h", low=10.0, high=130.0)
-    v_min: float = option(45.0, help="lowest planned speed", unit="km/h", low=4.0, high=130.0)
+    v_ref: float = option(
+        72.0, help="set speed of the cruise", unit="km/h", low=10.0, high=130.0, group="decision"
+    )
+    v_min: float = option(
+        45.0, help="lowest planned speed", unit="km/h", low=4.0, high=130.0, group="decision"
+    )
     v_max: float = option(
         90.0,
         help="highest planned speed; the EU's speed limiter holds heavy trucks at 90 km/h",
         unit="km/h",
         low=10.0,
         high=200.0,
+        group="decision",
     )
     mean_speed: bool = option(
-        False, help="take --v-ref as the mean speed of the cruise instead of its set speed"
+        False,
+        help="take --v-ref as the mean speed of the cruise instead of its set speed",
+        group="decision",
     )
-    limits: bool = option(True, help="obey the map's speed limits and the limits in curves")
+    limits: bool = option(
+        True, help="obey the map's speed limits and the limits in curves", group="road"
+    )
     k_a: float = option(
-        0.5, help="weight of acceleration squared; 0.5 is the paper's", low=0.0, high=100.0
+        0.5,
+        help="weight of acceleration squared; 0.5 is the paper's",
+        low=0.0,
+        high=100.0,
+        group="decision",
     )
     step: float = option(
-        50.0, help="distance between two grid points", unit="m", low=5.0, high=1_000.0
+        50.0, help="distance between two grid points", unit="m", low=5.0, high=1_000.0, group="road"
     )
-    start: float | None = option(None, help="first station; without it the road's first", unit="m")
+    start: float | None = option(
+        None, help="first station; without it the road's first", unit="m", group="road"
+    )
     length: float | None = option(
-        None, help="length to plan; without it to the end of the road", unit="m", low=100.0
+        None,
+        help="length to plan; without it to the end of the road",
+        unit="m",
+        low=100.0,
+        group="road",
     )
     method: str = option(
         "both",
         help="distance: optimize over distance; hermite: by the paper's Hermite finite elements in "
         "time; both: compare the two",
         choices=METHODS,
+        group="decision",
     )
     profile: Path | None = option(
-        None, help="table to write: planned speed over station", metavar="FILE.csv"
+        None, help="table to write: planned speed over station", metavar="FILE.csv", group="output"
     )
 
     def __post_init__(self) -> None:
@@ -105,6 +127,7 @@ def run(options: Options) -> int:
     return finish(options, lambda: measure(options))
 
 
+@task("planning the speed")
 def measure(config: Options) -> Results:
     """Plans a speed profile and compares it with the cruise.
 

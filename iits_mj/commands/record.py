@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from iits_mj.commands.output import prepare_file, progress_bar
+from iits_mj.commands.output import drive_progress, prepare_file
 from iits_mj.core.options import option
 from iits_mj.simulation import DriveConfig, Simulation
 from iits_mj.simulation.frame import DivergedError
@@ -28,7 +28,7 @@ def run(options: Options) -> int:
     prepare_file(target(options.file), "FILE")
     with Simulation(options, record=True, visuals=False) as simulation:
         try:
-            with progress_bar(options.duration) as progress:
+            with drive_progress(options.duration) as progress:
                 summary = simulation.run(progress=progress)
         except (KeyboardInterrupt, DivergedError):
             simulation.save_recording(options.file)

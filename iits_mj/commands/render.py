@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from PIL import Image
-from tqdm import tqdm
 
 from iits_mj.commands.output import camera_option, prepare_file, weather_option
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
+from iits_mj.core.progress import each
 from iits_mj.parameters import AnyTruck, truck_option
 from iits_mj.render.cameras import Camera
 from iits_mj.render.recorded import Record, RecordedDrive, times_of
@@ -42,21 +42,37 @@ class Options:
         Path("drive.mp4"),
         help="film to write (.mp4), or picture of the first instant (.png, .jpg)",
         metavar="FILE",
+        group="output",
     )
     camera: str | type[Camera] | Camera = camera_option()
     weather: str = weather_option()
-    size: tuple[int, int] = option((960, 540), help="size of the pictures", metavar="WxH")
-    fps: int = option(20, help="pictures per second", low=1, high=50)
+    size: tuple[int, int] = option(
+        (960, 540), help="size of the pictures", metavar="WxH", group="output"
+    )
+    fps: int = option(20, help="pictures per second", low=1, high=50, group="output")
     start: float | None = option(
-        None, help="time of the first picture; without it the recording's begin", unit="s", low=0.0
+        None,
+        help="time of the first picture; without it the recording's begin",
+        unit="s",
+        low=0.0,
+        group="output",
     )
     end: float | None = option(
-        None, help="time of the last picture; without it the recording's end", unit="s", low=0.0
+        None,
+        help="time of the last picture; without it the recording's end",
+        unit="s",
+        low=0.0,
+        group="output",
     )
-    instruments: bool = option(True, help="draw instruments and the map of the lanes")
-    plan: bool = option(True, help="draw the planned path on the road")
+    instruments: bool = option(
+        True, help="draw instruments and the map of the lanes", group="output"
+    )
+    plan: bool = option(True, help="draw the planned path on the road", group="output")
     map: Path | None = option(
-        None, help="OpenDRIVE map of the drive; without it the built-in highway", metavar="FILE"
+        None,
+        help="OpenDRIVE map of the drive; without it the built-in highway",
+        metavar="FILE",
+        group="road",
     )
     truck: AnyTruck | None = truck_option("truck of the drive", "the recorded one")
 
@@ -98,7 +114,7 @@ def run(options: Options) -> int:
     else:
         period = frame_period(options.fps)
         with Film(pictures, Mp4Encoder(options.out, pictures.size, 1.0 / period)) as film:
-            for time in tqdm(times_of(start, end, period).tolist(), unit=" pictures", disable=None):
+            for time in each(times_of(start, end, period).tolist(), "drawing", "{:.1f} s".format):
                 frame = drive.at(min(time, drive.end))
                 film.add(drive.data, frame)
     print(f"{'film' if suffix == '.mp4' else 'picture'}: {options.out}")

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from iits_mj.commands import drive
-from iits_mj.commands.output import progress_bar
+from iits_mj.commands.output import drive_progress
 from iits_mj.core.errors import InputError, TrafficError
 from iits_mj.core.options import option
+from iits_mj.core.progress import task
 from iits_mj.simulation.drive_log import check_options
 from iits_mj.simulation.parts import load_map
 from iits_mj.simulation.redrive import RedriveError, redrive
@@ -31,9 +32,13 @@ class Options(drive.Options):
         metavar="FILE.npz",
         positional=True,
     )
-    verify: bool = option(False, help="repeat the traffic in SUMO and compare, without a drive")
+    verify: bool = option(
+        False, help="repeat the traffic in SUMO and compare, without a drive", group="run"
+    )
     drive: bool = option(
-        False, help="with --verify: repeat the truck's drive from its recorded commands, too"
+        False,
+        help="with --verify: repeat the truck's drive from its recorded commands, too",
+        group="run",
     )
 
 
@@ -70,14 +75,15 @@ def _verify(options: Options) -> int:
 def _traffic_again(path: Path, options: Options) -> list[str]:
     with ReSim(load_map(options.map).route(), path) as traffic:
         check_options(traffic.recording, f"recording {path}", options, options.given)
-        digest = traffic.verify()
+        with task("repeating the traffic"):
+            digest = traffic.verify()
         return [f"re-run bit for bit, {len(traffic)} frames, hash of poses {digest[:12]}"]
 
 
 def _drive_again(path: Path, options: Options) -> list[str]:
     recording, name = Recording.load(path), f"recording {path}"
     check_options(recording, name, options, options.given)
-    with progress_bar(float(recording.time[-1])) as progress:
+    with drive_progress(float(recording.time[-1])) as progress:
         same = redrive(recording, name, options.map, options.truck, progress)
     return [
         f"re-run bit for bit, {same.frames} frames, hash of poses {same.pose_hash[:12]}",

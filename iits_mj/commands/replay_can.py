@@ -17,6 +17,7 @@ import iits_mj
 from iits_mj.commands import drive
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
+from iits_mj.core.progress import task
 from iits_mj.j1939 import Frame, read_log
 from iits_mj.j1939.bus_summary import write_table
 from iits_mj.j1939.network import LAST_ADDRESS
@@ -47,6 +48,7 @@ class Options(drive.Kept, TruckStart):
         unit="s",
         low=1.0,
         high=_LONGEST,
+        group="run",
     )
     source: int | None = option(
         None,
@@ -55,16 +57,20 @@ class Options(drive.Kept, TruckStart):
         low=0,
         high=LAST_ADDRESS,
         metavar="ADDRESS",
+        group="bus",
     )
-    keep_lane: bool = option(False, help="steer along the lane and ignore steering in the log")
-    video: bool = option(False, help="write drive.mp4")
+    keep_lane: bool = option(
+        False, help="steer along the lane and ignore steering in the log", group="bus"
+    )
+    video: bool = option(False, help="write drive.mp4", group="output")
     decode: Path | None = option(
         None,
         help="do not drive: write every signal of the log to this table and summarize the bus",
         metavar="FILE.csv",
+        group="bus",
     )
     all_signals: bool = option(
-        False, help="with --decode: write signals that are 'not available', too"
+        False, help="with --decode: write signals that are 'not available', too", group="bus"
     )
 
 
@@ -113,7 +119,8 @@ def _same(path: Path, other: Path) -> bool:
 
 def _decode(options: Options, path: Path) -> int:
     """Writes the table and prints a summary of the bus as text or JSON."""
-    summary = write_table(read_log(options.file), path, only_values=not options.all_signals)
+    with task("decoding"):
+        summary = write_table(read_log(options.file), path, only_values=not options.all_signals)
     if options.json:
         content = {"command": "replay-can", "version": iits_mj.__version__, "table": str(path)}
         print(json.dumps(content | summary.as_dict(), allow_nan=False))

@@ -17,6 +17,7 @@ from iits_mj.bag.stages import STAGES, Comparison, run_stage
 from iits_mj.commands.output import ResultOptions, finish
 from iits_mj.core.options import option, part_option
 from iits_mj.core.own_parts import AnyPart
+from iits_mj.core.progress import each
 from iits_mj.core.results import Check, Results
 from iits_mj.parameters import AnyTruck, payload_option, truck_option
 from iits_mj.simulation.config import PARTS
@@ -35,9 +36,12 @@ class Options(ResultOptions):
     """Flags of `iits-mj replay-stage`."""
 
     bag: Path = option(help="bag of the drive", positional=True, metavar="DIR")
-    stage: str = option("all", help="module to run", choices=("all", *STAGES))
+    stage: str = option("all", help="module to run", choices=("all", *STAGES), group="run")
     map: Path | None = option(
-        None, help="OpenDRIVE map of the drive; without it the built-in highway", metavar="FILE"
+        None,
+        help="OpenDRIVE map of the drive; without it the built-in highway",
+        metavar="FILE",
+        group="road",
     )
     decision: AnyPart | None = part("decision")
     planner: AnyPart | None = part("planner")
@@ -68,7 +72,7 @@ def compare(options: Options) -> Results:
     if options.stage == "all" and bag.options["traffic_mode"] == "none":
         stages = tuple(name for name in stages if name != "traffic")
     results = Results("replay-stage", seed=int(bag.options["seed"]))
-    for name in stages:
+    for name in each(stages, "running", str):
         _add(results, run_stage(bag, name, options.map, **changes))
     return results
 

@@ -10,13 +10,13 @@ from __future__ import annotations
 import contextlib
 import json
 import signal
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from types import FrameType
 
 import iits_mj
 from iits_mj.core.options import option
+from iits_mj.core.progress import remark
 from iits_mj.simulation import ServeConfig, Server
 
 
@@ -24,14 +24,14 @@ from iits_mj.simulation import ServeConfig, Server
 class Options(ServeConfig):
     """Flags of `iits-mj serve`."""
 
-    json: bool = option(False, help="print the summary as one JSON object")
+    json: bool = option(False, help="print the summary as one JSON object", group="output")
 
 
 def run(options: Options) -> int:
     """Serves and prints the summary; returns the exit code."""
-    with Server(options, tell=_tell) as server, _signals(server.stop):
-        _tell(f"serving on CAN bus {server.bus.link.name}; Ctrl-C ends it")
-        _tell(_access(options))
+    with Server(options, tell=remark) as server, _signals(server.stop):
+        remark(f"serving on CAN bus {server.bus.link.name}; Ctrl-C ends it")
+        remark(_access(options))
         summary = server.run()
     if options.json:
         content = {"command": "serve", "version": iits_mj.__version__}
@@ -64,7 +64,3 @@ def _access(options: Options) -> str:
     if options.reach == "host":
         return f"the truck obeys {sender} on this machine; --reach network opens it to others"
     return f"any machine of the local network can drive the truck as {sender}"
-
-
-def _tell(line: str) -> None:
-    print(f"iits-mj: {line}", file=sys.stderr, flush=True)

@@ -13,52 +13,54 @@ import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
-
-from tqdm import tqdm
 
 from controllers.decision.learning.collection import Interrupted, MakeDrivers, WorldFactory
 from controllers.decision.learning.config import TrainConfig
 from controllers.decision.learning.training import train
 from iits_mj.commands.output import prepare_folder
 from iits_mj.core.options import option
+from iits_mj.core.progress import remark, task
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options(TrainConfig):
     """Flags of `iits-mj train`: the settings of the training, and its output."""
 
-    out: Path = option(Path("out/train"), help="folder for weights and log", metavar="DIR")
+    out: Path = option(
+        Path("out/train"), help="folder for weights and log", metavar="DIR", group="output"
+    )
     world: str = option(
         "fast",
         help="fast: point masses; truck: point masses, then the MuJoCo truck in SUMO traffic",
         choices=("fast", "truck"),
+        group="run",
     )
     ray: str | None = option(
         None,
         help="drive the trips on a Ray cluster: HOST:PORT of its head, auto, or local; learning "
         "stays on this machine",
         metavar="ADDRESS",
+        group="run",
     )
-    json: bool = option(False, help="print the outcome as one JSON object")
+    json: bool = option(False, help="print the outcome as one JSON object", group="output")
 
 
 def run(options: Options) -> int:
     """Trains and prints the outcome; returns the exit code."""
     prepare_folder(options.out)
-    with tqdm(total=options.decisions, unit=" decisions", disable=None) as bar:
+    with task("training", options.decisions, "decisions") as report:
         try:
             summary = train(
                 options,
                 options.out,
-                progress=lambda done, _: _move(bar, done),
+                progress=lambda done, _: report(done),
                 command=" ".join(["iits-mj", *sys.argv[1:]]),
                 world=_world(options.world),
-                note=_note,
+                note=remark,
                 drivers=_drivers(options.ray),
             )
         except Interrupted:
-            _note(f"the checkpoint is in {options.out}; --resume continues from it")
+            remark(f"the checkpoint is in {options.out}; --resume continues from it")
             raise
     score = summary.score if math.isfinite(summary.score) else None
     outcome = {
@@ -97,11 +99,3 @@ def _drivers(address: str | None) -> MakeDrivers | None:
     from iits_mj.scale.ray_executor import ClusterDrivers
 
     return functools.partial(ClusterDrivers, address)
-
-
-def _note(text: str) -> None:
-    tqdm.write(f"iits-mj: {text}", file=sys.stderr)
-
-
-def _move(bar: tqdm[NoReturn], done: int) -> None:
-    bar.update(done - bar.n)

@@ -21,6 +21,7 @@ import iits_mj
 from iits_mj.commands.output import prepare_file, prepare_folder
 from iits_mj.core.errors import InputError, RenderError
 from iits_mj.core.options import option
+from iits_mj.core.progress import each, task
 from iits_mj.parameters import shipped_trucks
 from iits_mj.parameters.schema import truck_schema
 
@@ -45,7 +46,10 @@ class Options:
         metavar="TRUCK",
     )
     out: Path = option(
-        Path("out"), help="HTML page of show and compare, or its folder", metavar="FILE|DIR"
+        Path("out"),
+        help="HTML page of show and compare, or its folder",
+        metavar="FILE|DIR",
+        group="output",
     )
 
 
@@ -69,7 +73,8 @@ def _check(options: Options) -> None:
     # Loads MuJoCo.
     from iits_mj.truck.check import inspect_truck
 
-    print("\n\n".join(inspect_truck(truck).to_text() for truck in options.trucks))
+    found = [inspect_truck(truck).to_text() for truck in each(options.trucks, "checking", str)]
+    print("\n\n".join(found))
 
 
 def _show(options: Options) -> None:
@@ -77,7 +82,8 @@ def _show(options: Options) -> None:
     from iits_mj.render.truck_page import truck_page
 
     path = _page(options)
-    page = truck_page(options.trucks[0], iits_mj.__version__)
+    with task("drawing the truck"):
+        page = truck_page(options.trucks[0], iits_mj.__version__)
     print(f"page: {page.write(path)}")
 
 
@@ -86,7 +92,8 @@ def _compare(options: Options) -> None:
     from iits_mj.render.truck_page import compare_page
 
     path = _page(options)
-    page, text = compare_page(options.trucks, iits_mj.__version__)
+    with task("comparing the trucks"):
+        page, text = compare_page(options.trucks, iits_mj.__version__)
     print(text)
     print(f"page: {page.write(path)}")
 

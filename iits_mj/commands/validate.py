@@ -15,9 +15,22 @@ from iits_mj import validation
 from iits_mj.commands.output import ResultOptions, finish
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
+from iits_mj.core.progress import each, task
 from iits_mj.core.results import Results
 from iits_mj.validation import ValidateConfig
 from iits_mj.validation.traffic.group import MISSING
+
+# Processor time of the groups [s], in full and in the quick form, for the time left.
+SECONDS = {
+    "lateral": (16.0, 8.0),
+    "longitudinal": (65.0, 18.0),
+    "standards": (83.0, 16.0),
+    "pbs": (100.0, 14.0),
+    "step-size": (170.0, 8.0),
+    "plant": (80.0, 12.0),
+    "traffic": (20.0, 3.0),
+    "planning": (40.0, 7.0),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,13 +76,15 @@ def measure(options: Options) -> Results:
                 f"validate {options.what} drives the default truck: leave out --truck, or choose "
                 f"one of {', '.join(allowed)}"
             )
-        return validation.COMMANDS[options.what](options)
+        with task(f"validating {options.what}"):
+            return validation.COMMANDS[options.what](options)
     left_out = {"truck", *(validation.DEFAULT_ONLY if other else ())}
     if options.quick:
         left_out.add("step-size")
         options = replace(options, payload=options.payloads()[0])
     commands = {name: run for name, run in validation.COMMANDS.items() if name not in left_out}
-    whole = Results.merged("validate", [command(options) for command in commands.values()])
+    order = each(commands, "validating", str, lambda name: SECONDS[name][options.quick])
+    whole = Results.merged("validate", [commands[name](options) for name in order])
     if other:
         names = ", ".join(validation.DEFAULT_ONLY)
         whole.command += f" {options.parameters.name}"

@@ -17,6 +17,7 @@ from typing import Any
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import given_names, option, part_option
 from iits_mj.core.timing import CONTROL_PERIOD
+from iits_mj.envs import ENVIRONMENTS
 from iits_mj.render.cameras import CAMERA, Camera
 from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation
 from iits_mj.simulation.drive_log import check_given
@@ -43,22 +44,35 @@ class Options(DriveConfig):
         metavar="FILE",
         positional=True,
     )
-    web: bool = option(False, help="show it in a browser")
+    web: bool = option(False, help="show it in a browser", group="view")
     host: str = option(
         "127.0.0.1",
         help="address to listen on; 0.0.0.0 lets other machines in that know the secret address",
         metavar="ADDRESS",
+        group="view",
     )
-    port: int = option(PORT, help="port of the page; the next free one is used", low=0, high=65_535)
+    port: int = option(
+        PORT, help="port of the page; the next free one is used", low=0, high=65_535, group="view"
+    )
     env: str | None = option(
-        None, help="show this task of the suite or Gymnasium environment instead of a drive"
+        None,
+        help="show this task of the suite or Gymnasium environment instead of a drive",
+        names=lambda: tuple(ENVIRONMENTS),
+        group="view",
     )
-    policy: str = option("scripted", help="driver of the environment", choices=POLICIES)
+    policy: str = option(
+        "scripted", help="driver of the environment", choices=POLICIES, group="view"
+    )
     camera: str | type[Camera] | Camera = part_option(
-        "chase", CAMERA, "camera with which the pages of a drive begin"
+        "chase", CAMERA, "camera with which the pages of a drive begin", group="view"
     )
     pace: float = option(
-        1.0, help="simulated time over wall time", low=0.1, high=20.0, metavar="FACTOR"
+        1.0,
+        help="simulated time over wall time",
+        low=0.1,
+        high=20.0,
+        metavar="FACTOR",
+        group="view",
     )
     given: frozenset[str] = given_names()
 
@@ -167,8 +181,9 @@ def _drive(options: Options) -> int:
 
 
 def _environment(options: Options, name: str) -> int:
-    from iits_mj.web.environments import EnvironmentShow
+    from iits_mj.web.environments import EnvironmentShow, check_name
 
+    check_name(name)
     with (
         announced(options, f"iits-mj {name}", name) as server,
         EnvironmentShow(

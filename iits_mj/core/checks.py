@@ -86,8 +86,21 @@ def one_of(name: str, value: Any, allowed: Iterable[str]) -> Any:
     """Returns a value that is one of those allowed; raises InputError for anything else."""
     choices = list(allowed)
     if value not in choices:
-        raise InputError(f"{name} {value!r} is not known; use one of: {', '.join(choices)}")
+        raise InputError(
+            f"{name} {shown(value)} is not known{did_you_mean(value, choices)}; use one of: "
+            f"{', '.join(choices)}"
+        )
     return value
+
+
+def did_you_mean(value: object, allowed: Iterable[str]) -> str:
+    """Returns a question in brackets that names the allowed word most like a value, or ""."""
+    # Wrong values only.
+    import difflib
+
+    words = {word.casefold(): word for word in allowed}
+    near = difflib.get_close_matches(str(value)[:_SHOWN].casefold(), words, n=1, cutoff=0.6)
+    return f" (did you mean {words[near[0]]}?)" if near else ""
 
 
 def read_action(action: Any, shape: tuple[int, ...], name: str = "action") -> FloatArray:

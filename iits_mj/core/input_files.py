@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from iits_mj.core.checks import did_you_mean
 from iits_mj.core.errors import InputError
 
 TEXT_SIZE_MAX = 4 * 2**20  # bytes of a TOML file
@@ -23,6 +24,14 @@ DEPTH_MAX = 32  # of nested tables
 _DEEP_KEY = re.compile(
     r"""(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){""" f"{DEPTH_MAX}}}", re.ASCII
 )
+
+
+def similar_file(path: Path) -> str:
+    """Returns a question in brackets that names the file in the folder most like a path, or ""."""
+    try:
+        return did_you_mean(path.name, [file.name for file in path.parent.iterdir()])
+    except OSError:
+        return ""
 
 
 def read_toml(path: str | Path, what: str) -> dict[str, Any]:
@@ -42,6 +51,8 @@ def read_toml(path: str | Path, what: str) -> dict[str, Any]:
         if size > TEXT_SIZE_MAX:
             raise InputError(f"{name}: {size} bytes are more than {TEXT_SIZE_MAX} allowed")
         text = Path(path).read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise InputError(f"{name}: {error.strerror}{similar_file(Path(path))}") from error
     except OSError as error:
         raise InputError(f"{name}: {error.strerror or error}") from error
     except UnicodeDecodeError as error:

@@ -20,6 +20,21 @@ from iits_mj.core.timing import PLANTS
 
 _KEY = "iits_mj.option"
 _GIVEN = "iits_mj.given"
+# Subjects of options and their titles, in the order of the help.
+GROUPS = {
+    "truck": "truck",
+    "road": "road and start",
+    "traffic": "traffic",
+    "decision": "decisions and speed",
+    "bus": "CAN bus",
+    "data": "data",
+    "view": "what is shown, and where",
+    "learning": "learning",
+    "run": "run",
+    "output": "output",
+    "": "other options",
+    "general": "configuration and messages",
+}
 # Type of the default, type that a value must have, and its name; in Python a bool is an int.
 _KINDS = (
     (bool, bool, "on or off, True or False"),
@@ -41,6 +56,7 @@ class Option:
       label: a value as a word of the command line.
       metavar: placeholder of the value in the help text.
       positional: True for an argument without a flag.
+      group: subject under which the help shows the flag, one of `GROUPS`; "" for none.
     """
 
     help: str
@@ -53,6 +69,7 @@ class Option:
     label: Callable[[Any], str] = str
     metavar: str | None = None
     positional: bool = False
+    group: str = ""
 
     def allowed(self) -> Sequence[str] | None:
         """The choices; None when every value of the type is allowed."""
@@ -98,23 +115,25 @@ def plant_option() -> Any:
         help="model of the truck's motion; full: MuJoCo's bodies; yaw-roll: planar motion and the "
         "roll of each unit; yaw-sideslip: planar motion; the planar ones take less time",
         choices=PLANTS,
+        group="truck",
     )
 
 
-def part_option(default: str | None, kind: Kind, help: str) -> Any:
+def part_option(default: str | None, kind: Kind, help: str, group: str = "decision") -> Any:
     """Returns a dataclass field for a part that a user may replace by an own one."""
     return option(
         default,
-        help=help,
-        names=lambda: (*kind.shipped, f"or your own as {FORMS}"),
+        help=f"{help}; or your own as {FORMS}",
+        names=lambda: kind.shipped,
         test=kind.check,
         label=part_name,
         metavar="PART",
+        group=group,
     )
 
 
 def given_names() -> Any:
-    """A dataclass field of type `frozenset[str]`: names of the options on the command line.
+    """A dataclass field of type `frozenset[str]`: names of the options that the user gave.
 
     It distinguishes an option that was given with its default value from one that was not given. It
     is empty when the dataclass is made in Python.
@@ -135,15 +154,17 @@ def of(field: dataclasses.Field[Any]) -> Option | None:
 
 
 def words(config: Any) -> list[str]:
-    """The words of a command line that gives these options; those with their default are left out.
+    """The words of a command line that gives these options.
 
-    A truck that is not named, but given as parameters, appears by its name.
+    Options that were not given and have their default are left out. A truck that is not named, but
+    given as parameters, appears by its name.
     """
+    given = {name for holder in holders_of_given(type(config)) for name in getattr(config, holder)}
     flags: list[str] = []
     positional: list[str] = []
     for field in dataclasses.fields(config):
         rule, value = of(field), getattr(config, field.name)
-        if rule is None or value is None or value == field.default:
+        if rule is None or value is None or (value == field.default and field.name not in given):
             continue
         flag = f"--{field.name.replace('_', '-')}"
         if rule.positional:
@@ -153,7 +174,7 @@ def words(config: Any) -> list[str]:
         elif isinstance(value, tuple):
             flags += [flag, "x".join(map(str, value))]
         elif isinstance(value, float):
-            flags += [flag, f"{value:.15g}"]
+            flags += [flag, repr(value).removesuffix(".0")]
         else:
             flags += [flag, rule.label(value)]
     return positional + flags

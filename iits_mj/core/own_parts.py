@@ -11,7 +11,6 @@ what does not fit with one `InputError` that names the part.
 
 from __future__ import annotations
 
-import difflib
 import functools
 import hashlib
 import importlib
@@ -21,12 +20,12 @@ import sys
 import tomllib
 import traceback
 import types
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from iits_mj.core.checks import is_number, shown
+from iits_mj.core.checks import did_you_mean, is_number, shown
 from iits_mj.core.errors import Error, InputError
 
 # Packages whose classes are parts that need no guard.
@@ -94,9 +93,10 @@ class Kind:
         if not isinstance(value, str) or ":" in value:
             return True
         if value not in self.shipped:
+            near = did_you_mean(value, self.shipped)
             raise InputError(
-                f"{self.name} {value!r} is not known{_similar(value, self.shipped)}; use one of: "
-                f"{', '.join(self.shipped)}; or your own as {FORMS}"
+                f"{self.name} {value!r} is not known{near}; use one of: {', '.join(self.shipped)}; "
+                f"or your own as {FORMS}"
             )
         return False
 
@@ -114,7 +114,7 @@ class Kind:
                 if not hasattr(found, part):
                     names = [each for each in dir(found) if not each.startswith("_")]
                     where = "" if found is module else f".{name.partition('.')[0]}"
-                    raise InputError(f"{place}{where} has no {part!r}{_similar(part, names)}")
+                    raise InputError(f"{place}{where} has no {part!r}{did_you_mean(part, names)}")
                 found = getattr(found, part)
             return found, dict(map(_option, words))
         except InputError as error:
@@ -142,9 +142,9 @@ class Kind:
         free = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
         for option in options:
             if option not in takes and not free:
-                has = f"; it has {', '.join(takes)}" if takes else "; it has none"
+                near, has = did_you_mean(option, takes), ", ".join(takes) or "none"
                 raise InputError(
-                    f"{self.name} {name} has no argument {option!r}{_similar(option, takes)}{has}"
+                    f"{self.name} {name} has no argument {option!r}{near}; it has {has}"
                 )
         if offered is None:
             return options
@@ -171,7 +171,7 @@ class Kind:
             # A method of the protocol itself is only its description.
             if not callable(found) or getattr(found, "__func__", found) is method:
                 lacks.append(f"{name}({', '.join(_arguments(method))})")
-                similar = similar or _similar(name, {n for n in dir(part) if n not in wanted})
+                similar = similar or did_you_mean(name, {n for n in dir(part) if n not in wanted})
         if lacks:
             raise InputError(f"{title} lacks {' and '.join(lacks)}{similar}")
         for name, method in wanted.items():
@@ -354,7 +354,7 @@ def _module(place: str) -> types.ModuleType:
     except ModuleNotFoundError as error:
         if error.name is None or not (place == error.name or place.startswith(f"{error.name}.")):
             raise _broken(place, error) from error
-        near = "" if "." in place else _similar(f"{place}.py", _files(Path.cwd()))
+        near = "" if "." in place else did_you_mean(f"{place}.py", _files(Path.cwd()))
         raise InputError(f"there is no module {error.name!r}{near}") from error
     except (Exception, SystemExit) as error:
         raise _broken(place, error) from error
@@ -365,7 +365,7 @@ def _file(path: Path, place: str) -> types.ModuleType:
     try:
         source = path.read_bytes()
     except OSError as error:
-        near = _similar(path.name, _files(path.parent))
+        near = did_you_mean(path.name, _files(path.parent))
         raise InputError(f"file {place!r} cannot be read: {error.strerror}{near}") from error
     name = str(path)
     known = sys.modules.get(name)
@@ -399,9 +399,3 @@ def _search(folder: Path) -> None:
 def _files(folder: Path) -> list[str]:
     """Returns the names of the Python files in a folder."""
     return [path.name for path in folder.glob("*.py") if path.is_file()]
-
-
-def _similar(name: str, names: Iterable[str]) -> str:
-    """Returns a question with the name that is most like a given one, or ""."""
-    near = difflib.get_close_matches(name, list(names), n=1)
-    return f" (did you mean {near[0]}?)" if near else ""

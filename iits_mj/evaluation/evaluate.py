@@ -19,6 +19,7 @@ from controllers.decision.trip import (
 )
 from controllers.own_parts import DECISION
 from iits_mj.core import options
+from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option, plant_option
 from iits_mj.core.own_parts import FORMS
@@ -45,24 +46,33 @@ TRIALS_MAX, SETS_MAX = 1_000, 10
 class EvaluateConfig:
     """Decision makers to compare, their world, and the number of trips."""
 
-    trials: int = option(30, help="trips of each method in each cell", low=1, high=TRIALS_MAX)
+    trials: int = option(
+        30, help="trips of each method in each cell", low=1, high=TRIALS_MAX, group="run"
+    )
     methods: str = option(
         DEFAULT_METHODS,
-        help=f"decision makers, separated by commas: names, or your own as {FORMS}",
+        help=f"decision makers, separated by commas; or your own as {FORMS}",
+        names=lambda: DECISION.shipped,
         metavar="NAMES",
+        group="decision",
     )
     cells: str = option(
         DEFAULT_CELLS,
         help="traffic cells: density and speed limit in m/s, separated by commas",
         metavar="CELLS",
+        group="traffic",
     )
     weights: Path | None = option(
-        None, help="policy of the method ddqn; default: the shipped policy", metavar="FILE.npz"
+        None,
+        help="policy of the method ddqn; default: the shipped policy",
+        metavar="FILE.npz",
+        group="decision",
     )
     world: str = option(
         "full",
         help="full: MuJoCo truck with its stack in SUMO traffic; fast: point mass in NumPy traffic",
         choices=WORLDS,
+        group="run",
     )
     plant: str = plant_option()
     truck: AnyTruck | None = truck_option("truck of all trips")
@@ -70,7 +80,7 @@ class EvaluateConfig:
         help=f"load of the truck; without it {TripConfig.payload:g} kg, or the greatest if less"
     )
     timestep: float = option(
-        TIMESTEP, help="time step of the physics", unit="s", low=0.0005, high=0.005
+        TIMESTEP, help="time step of the physics", unit="s", low=0.0005, high=0.005, group="run"
     )
     length: float = option(
         15_000.0,
@@ -78,6 +88,7 @@ class EvaluateConfig:
         unit="m",
         low=500.0,
         high=1e5,
+        group="road",
     )
     duration: float = option(
         3_000.0,
@@ -85,21 +96,30 @@ class EvaluateConfig:
         unit="s",
         low=10.0,
         high=1e5,
+        group="run",
     )
     seeds: str = option(
         "test",
         help="seeds of the traffic; test: for figures; validation: for choosing a policy",
         choices=tuple(SEEDS),
+        group="traffic",
     )
-    seed: int = option(0, help="number of the set of seeds", low=0, high=SETS_MAX - 1)
-    jobs: int = option(1, help="number of processes; each drives one trip", low=1, high=256)
+    seed: int = option(
+        0, help="number of the set of seeds", low=0, high=SETS_MAX - 1, group="traffic"
+    )
+    jobs: int = option(
+        1, help="number of processes; each drives one trip", low=1, high=256, group="run"
+    )
     file: Path | None = option(
         None,
         help="file of trials; trials that it contains are not driven again; default with --report: "
         "evaluate.csv in that folder",
         metavar="FILE.csv",
+        group="output",
     )
-    drive: bool = option(True, help="drive missing trials; --no-drive: use only those in --file")
+    drive: bool = option(
+        True, help="drive missing trials; --no-drive: use only those in --file", group="run"
+    )
 
     def __post_init__(self) -> None:
         options.check(self)
@@ -134,8 +154,7 @@ class EvaluateConfig:
         known = dict(zip(DEFAULT_CELLS.split(","), CELLS, strict=True))
         asked = [name.strip() for name in self.cells.split(",")]
         for name in asked:
-            if name not in known:
-                raise InputError(f"cell {name!r} is unknown; allowed are: {', '.join(known)}")
+            one_of("cell", name, known)
         return tuple(cell for name, cell in known.items() if name in asked)
 
 

@@ -175,19 +175,28 @@ _STRONGEST = 3
 class MonteCarloConfig:
     """Number of trucks, and how they are drawn."""
 
-    samples: int = option(200, help="number of trucks to draw", low=2, high=SAMPLES_MAX)
+    samples: int = option(
+        200, help="number of trucks to draw", low=2, high=SAMPLES_MAX, group="run"
+    )
     truck: AnyTruck | None = truck_option("truck whose parameters are uncertain")
     payload: float | None = payload_option()
     timestep: float = option(
-        TIMESTEP, help="time step of the physics", unit="s", low=0.0005, high=0.005, metavar="S"
+        TIMESTEP,
+        help="time step of the physics",
+        unit="s",
+        low=0.0005,
+        high=0.005,
+        metavar="S",
+        group="run",
     )
     spread: Path | None = option(
         None,
         help="distributions of the parameters; default: the shipped mjcf/spread.toml",
         metavar="FILE.toml",
+        group="truck",
     )
-    seed: int = option(0, help="number of the set of trucks", low=0, high=1_000)
-    jobs: int = option(1, help="number of processes on this machine", low=1, high=256)
+    seed: int = option(0, help="number of the set of trucks", low=0, high=1_000, group="run")
+    jobs: int = option(1, help="number of processes on this machine", low=1, high=256, group="run")
 
     def __post_init__(self) -> None:
         options.check(self)

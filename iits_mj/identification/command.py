@@ -34,15 +34,20 @@ class IdentifyConfig:
         "",
         help="use these signals only; name=title for a column with another title",
         metavar="NAME,...",
+        group="data",
     )
     grade: str = option(
         "",
         help="grade of the road: a number, or a table of station and grade (CSV)",
         metavar="GRADE|FILE.csv",
+        group="road",
     )
     truck: AnyTruck | None = truck_option("truck with the prior values")
     parameters: Path | None = option(
-        None, help="overlay of the truck with other prior values", metavar="FILE.toml"
+        None,
+        help="overlay of the truck with other prior values",
+        metavar="FILE.toml",
+        group="truck",
     )
     mass: float | None = option(
         None,
@@ -50,12 +55,15 @@ class IdentifyConfig:
         unit="kg",
         low=5e3,
         high=1.2e5,
+        group="truck",
     )
     replay: bool = option(
-        False, help="drive the truck with the log's commands, with prior and identified values"
+        False,
+        help="drive the truck with the log's commands, with prior and identified values",
+        group="run",
     )
     output: Path | None = option(
-        None, help="where to write the identified overlay", metavar="FILE.toml"
+        None, help="where to write the identified overlay", metavar="FILE.toml", group="output"
     )
 
     def __post_init__(self) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from iits_mj.core.errors import InputError
+from iits_mj.core.progress import each, task
 from iits_mj.identification.brakes import circuit_of_axle, identify_brake_response
 from iits_mj.identification.engine import identify_engine
 from iits_mj.identification.estimate import Estimate
@@ -86,7 +87,8 @@ def identify(
     unknown = [name for name in groups if name not in GROUPS]
     if unknown:
         raise InputError(f"cannot identify {unknown[0]!r}; there are {list(GROUPS)}")
-    motion = identify_motion(log, parameters, mass)
+    with task("identifying the motion"):
+        motion = identify_motion(log, parameters, mass)
     shown = any(e.name == "mass" and e.identifiable for e in motion.estimates)
     known = motion.mass if shown or mass is not None else None
     fits: dict[str, Callable[[], Sequence[Estimate]]] = {
@@ -96,7 +98,8 @@ def identify(
         "brakes": lambda: identify_brake_response(log, parameters),
         "steering": lambda: _steering(log, parameters, known),
     }
-    estimates = [estimate for name in GROUPS if name in groups for estimate in fits[name]()]
+    names = each([name for name in GROUPS if name in groups], "identifying", str)
+    estimates = [estimate for name in names for estimate in fits[name]()]
     return Identification(tuple(estimates), motion, known, parameters)
 
 

@@ -17,6 +17,7 @@ from scipy.signal import savgol_filter
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import VehicleCommand, XbrEbiMode, XbrMode
+from iits_mj.core.progress import each
 from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.identification.log import Log
 from iits_mj.j1939.command import XBR_DEMAND_MIN
@@ -106,7 +107,7 @@ def replay(
     }
     steps = round(CONTROL_PERIOD / _STEP)
     simulated = np.empty(len(time))
-    for index in range(len(time)):
+    for index in each(range(len(time)), "replaying the log"):
         simulated[index] = truck.read("tractor_velocity")
         fields: dict[str, Any] = {name: float(values[index]) for name, values in columns.items()}
         for name, kind in _MODES.items():

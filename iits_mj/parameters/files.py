@@ -18,7 +18,7 @@ import numpy as np
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.assets import DEFAULT_TRUCK, mjcf_dir
-from iits_mj.core.checks import is_number, shown
+from iits_mj.core.checks import did_you_mean, is_number, shown
 from iits_mj.core.errors import InputError
 from iits_mj.core.input_files import read_toml
 from iits_mj.parameters.powertrain import EXTENSIVE, EXTENSIVE_TABLES
@@ -64,8 +64,8 @@ def truck_file(truck: str | Path | None, base: Path | None = None) -> Path:
     except (OSError, ValueError):  # a name too long, or with a null character
         pass
     raise InputError(
-        f"truck {shown(name)} is neither a file or folder nor one of the shipped trucks: "
-        f"{', '.join(shipped_trucks())}"
+        f"truck {shown(name)} is neither a file or folder nor one of the shipped trucks"
+        f"{did_you_mean(name, shipped_trucks())}: {', '.join(shipped_trucks())}"
     )
 
 
@@ -390,7 +390,10 @@ def _build_dataclass(kind: Any, node: Any, where: str) -> Any:
         read = [key for section, key in TABLES if section == where and key not in names]
         read += ["power"] if where == "engine" else []
         allowed = [name for name in (*names, *read) if name != "name"]
-        raise InputError(f"parameter {prefix}{unknown[0]} is unknown; allowed are: {allowed}")
+        raise InputError(
+            f"parameter {prefix}{unknown[0]} is unknown{did_you_mean(unknown[0], allowed)}; "
+            f"allowed are: {allowed}"
+        )
     for field in fields:
         optional = (field.default, field.default_factory) != (dataclasses.MISSING,) * 2
         if field.name not in node and not optional:

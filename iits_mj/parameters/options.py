@@ -23,6 +23,7 @@ def truck_option(help: str = "truck", default_is: str = "the first name") -> Any
         test=lambda truck: isinstance(truck, TruckParameters) or truck_file(truck),
         label=lambda truck: truck.name if isinstance(truck, TruckParameters) else str(truck),
         metavar="NAME|FILE",
+        group="truck",
     )
 
 
@@ -31,7 +32,7 @@ def payload_option(
     help: str = "load of the truck; without it the greatest that it may carry",
 ) -> Any:
     """Returns a dataclass field for the payload [kg], which `check_truck` bounds."""
-    return option(default, help=help, unit="kg", low=0.0, metavar="KG")
+    return option(default, help=help, unit="kg", low=0.0, metavar="KG", group="truck")
 
 
 class OfTruck(Protocol):

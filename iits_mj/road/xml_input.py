@@ -14,6 +14,7 @@ from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 from iits_mj.core.errors import MapError
+from iits_mj.core.input_files import similar_file
 
 # A city of 1000 km has 60 MB; Python reads a megabyte in a second.
 SIZE_LIMIT = 64 * 2**20
@@ -28,7 +29,7 @@ def read_file(path: Path, size_limit: int = SIZE_LIMIT) -> bytes:
     """
     try:
         if not path.exists():
-            raise MapError(f"{path}: there is no such file")
+            raise MapError(f"{path}: there is no such file{similar_file(path)}")
         if not path.is_file():
             raise MapError(f"{path}: is not a regular file; give an OpenDRIVE file (.xodr)")
         size = path.stat().st_size

@@ -39,8 +39,10 @@ PARTS = {
 }
 
 
-def _speed_option(default: float | None, help: str, low: float = 1.0) -> Any:
-    return option(default, help=help, unit="m/s", low=low, high=30.0)
+def _speed_option(
+    default: float | None, help: str, group: str = "decision", low: float = 1.0
+) -> Any:
+    return option(default, help=help, unit="m/s", low=low, high=30.0, group=group)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +55,10 @@ class TruckStart:
 
     truck: AnyTruck | None = truck_option("truck to drive")
     map: Path | None = option(
-        None, help="OpenDRIVE map; without it the built-in 15 km highway", metavar="FILE.xodr"
+        None,
+        help="OpenDRIVE map; without it the built-in 15 km highway",
+        metavar="FILE.xodr",
+        group="road",
     )
     payload: float | None = payload_option()
     payload_height: float | None = option(
@@ -61,16 +66,25 @@ class TruckStart:
         help="height of the load's centre of gravity above the road; without it the truck's own",
         unit="m",
         low=0.0,
+        group="truck",
     )
     plant: str = plant_option()
     start_station: float = option(
-        60.0, help="station of the steer axle at the start", unit="m", low=0.0, high=1e6
+        60.0,
+        help="station of the steer axle at the start",
+        unit="m",
+        low=0.0,
+        high=1e6,
+        group="road",
     )
-    start_lane: int = option(0, help="lane at the start; 0 is the rightmost lane", low=0, high=10)
+    start_lane: int = option(
+        0, help="lane at the start; 0 is the rightmost lane", low=0, high=10, group="road"
+    )
     start_speed: float = _speed_option(
         15.0,
         "speed at the start; reduced to the reference speed, to the speed limit and to the speed "
         "that the bends ahead allow",
+        "road",
         low=0.0,
     )
 
@@ -87,48 +101,55 @@ class DriveConfig(TruckStart):
     `iits_mj.core.own_parts`. An object serves one drive at a time.
     """
 
-    density: str = option("dense", help="amount of traffic", choices=DENSITIES)
+    density: str = option("dense", help="amount of traffic", choices=DENSITIES, group="traffic")
     traffic_speed: float = option(
-        12.5, help="speed limit of the traffic", unit="m/s", low=3.0, high=40.0
+        12.5, help="speed limit of the traffic", unit="m/s", low=3.0, high=40.0, group="traffic"
     )
     traffic_mode: str | type[TrafficSource] | TrafficSource = part_option(
         "inter",
         TRAFFIC,
         "inter: SUMO traffic that reacts to the truck; pure: SUMO traffic that does not see the "
         "truck; none: empty road, without SUMO",
+        group="traffic",
     )
     lane_change: str = option(
         "lc2013",
         help="lane-change model of the traffic; lc2013: SUMO's default; mobil: MOBIL, by the "
         "acceleration gained",
         choices=LANE_CHANGE_MODELS,
+        group="traffic",
     )
     lane_discipline: str = option(
         "right",
         help="lane use of the traffic; right: keeps right and overtakes on the left; free: fills "
         "all lanes, overtakes on both sides and never gives way",
         choices=LANE_DISCIPLINES,
+        group="traffic",
     )
     traffic_scope: str = option(
         "route",
         help="roads with traffic; route: the truck's route; both: also the opposite lanes; map: "
         "all roads of the map",
         choices=TRAFFIC_SCOPES,
+        group="traffic",
     )
     events: Path | None = option(
         None,
         help="file of traffic events: lights, limits, closures, stopped vehicles, convoys",
         metavar="FILE.toml",
+        group="traffic",
     )
     recording: Path | None = option(
         None,
         help="drive in this recorded traffic, which does not react, instead of SUMO traffic",
         metavar="FILE.npz",
+        group="traffic",
     )
     reactive: bool = option(
         False,
         help="add SUMO traffic to the recorded traffic; it reacts to the recorded vehicles and to "
         "the truck",
+        group="traffic",
     )
     speed: float = _speed_option(60.0 / 3.6, "reference speed of the truck; 16.67 m/s is 60 km/h")
     speed_planner: str | type[SpeedSource] | SpeedSource = part_option(
@@ -150,6 +171,7 @@ class DriveConfig(TruckStart):
         help="follow this table of speed over station, written by 'iits-mj pcc --profile', instead "
         "of a planned speed",
         metavar="FILE.csv",
+        group="decision",
     )
     decision: str | type[DecisionMaker] | DecisionMaker = part_option(
         "ddqn", own_parts.DECISION, "decision maker for lane changes"
@@ -170,9 +192,12 @@ class DriveConfig(TruckStart):
         help="path of the commands to the truck; direct: unchanged; j1939: as frames at their "
         "rates, through the truck's receiver",
         choices=COMMAND_PATHS,
+        group="decision",
     )
-    duration: float = option(120.0, help="longest simulated time", unit="s", low=1.0, high=86_400.0)
-    seed: int = option(0, help="seed of everything random", low=0, high=2**31 - 1)
+    duration: float = option(
+        120.0, help="longest simulated time", unit="s", low=1.0, high=86_400.0, group="run"
+    )
+    seed: int = option(0, help="seed of everything random", low=0, high=2**31 - 1, group="run")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,20 +213,23 @@ class ServeConfig(TruckStart):
         help="virtual: within this process; socketcan: a Linux CAN interface; udp_multicast: other "
         "processes and machines",
         choices=BUSES,
+        group="bus",
     )
     channel: str | None = option(
         None,
         help="CAN interface (can0), or multicast group with or without port (239.74.163.2:43113)",
         metavar="NAME",
+        group="bus",
     )
     reach: str = option(
         "host",
         help="machines that can drive the truck over udp_multicast; host: this one; network: every "
         "machine of the local network, without authentication",
         choices=REACHES,
+        group="bus",
     )
     start_speed: float = _speed_option(
-        0.0, "speed at the start; at 0 the parking brake holds until commands arrive", low=0.0
+        0.0, "speed at the start; at 0 the parking brake holds until commands arrive", "road", 0.0
     )
     duration: float | None = option(
         None,
@@ -209,19 +237,26 @@ class ServeConfig(TruckStart):
         unit="s",
         low=0.1,
         high=1e7,
+        group="run",
     )
     on_silence: str = option(
         "stop",
         help="behavior while commands are missing; release: release pedal and brakes, hold the "
         "steering; stop: brake smoothly to a stop in the lane and park",
         choices=SILENCE,
+        group="bus",
     )
-    source: int = option(CONTROLLER, help="address of the sender to obey", low=0, high=LAST_ADDRESS)
+    source: int = option(
+        CONTROLLER, help="address of the sender to obey", low=0, high=LAST_ADDRESS, group="bus"
+    )
     any_source: bool = option(
-        False, help="obey every address but the truck's own, each by the priority of its requests"
+        False,
+        help="obey every address but the truck's own, each by the priority of its requests",
+        group="bus",
     )
     can_log: Path | None = option(
         None,
         help="log of all frames sent and received; the suffix selects the format",
         metavar="FILE",
+        group="output",
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -25,6 +24,7 @@ from controllers.planning.speed_reference import (
 from controllers.stack import Stack
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint
+from iits_mj.core.progress import remark, task
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
@@ -76,6 +76,7 @@ def check_start(start: TruckStart, route: Route, footprint: EgoFootprint) -> Non
         )
 
 
+@task("reading the map")
 def load_map(path: Path | None) -> RoadMap:
     """Returns the map of a file; without a path, the built-in highway.
 
@@ -86,10 +87,11 @@ def load_map(path: Path | None) -> RoadMap:
         return RoadMap.builtin()
     with suppress(OSError):
         if _LARGE_MAP < (size := path.stat().st_size) <= SIZE_LIMIT:
-            print(f"iits-mj: reading {path} ({size / 2**20:.0f} MB)", file=sys.stderr, flush=True)
+            remark(f"reading {path} ({size / 2**20:.0f} MB)")
     return RoadMap.from_opendrive(path)
 
 
+@task("building the truck")
 def load_truck(
     config: TruckStart,
     route: Route,
@@ -138,6 +140,7 @@ def make_recorder(config: DriveConfig, route: Route, footprint: EgoFootprint) ->
     return Recorder(traffic)
 
 
+@task("starting the traffic")
 def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> Traffic | None:
     """Returns the configured traffic on the route; None for an empty road.
 

@@ -21,7 +21,7 @@ except ImportError as error:
         "the tasks need dm_control: pip install --no-deps dm-control==1.0.50"
     ) from error
 
-from iits_mj.core.errors import InputError
+from iits_mj.core.checks import one_of
 from iits_mj.suite import truck
 from iits_mj.suite.drivers import DRIVERS
 from iits_mj.suite.physics import Physics
@@ -65,11 +65,8 @@ def build_environment(
     Raises:
       InputError: unknown domain or task.
     """
-    if domain_name not in DOMAINS:
-        raise InputError(f"domain {domain_name!r} is unknown; use: {', '.join(DOMAINS)}")
-    tasks = DOMAINS[domain_name].SUITE
-    if task_name not in tasks:
-        raise InputError(f"task {task_name!r} is unknown; use one of: {', '.join(tasks)}")
+    tasks = DOMAINS[one_of("domain", domain_name, DOMAINS)].SUITE
+    one_of("task", task_name, tasks)
     settings = dict(task_kwargs or {})
     if environment_kwargs is not None:
         settings["environment_kwargs"] = dict(environment_kwargs)

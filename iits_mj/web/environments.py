@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from iits_mj.core.checks import one_of
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import EgoState
@@ -72,6 +73,11 @@ def names() -> tuple[str, ...]:
     return (*suite.TASKS_BY_DOMAIN[_DOMAIN], *ENVIRONMENTS)
 
 
+def check_name(name: str) -> None:
+    """Refuses a name that `open_world` does not know; raises InputError."""
+    one_of("--env", name, names())
+
+
 def open_world(
     name: str,
     *,
@@ -92,9 +98,7 @@ def open_world(
     Raises:
       InputError: the name is unknown, or the environment has no model to show.
     """
-    known = names()
-    if name not in known:
-        raise InputError(f"--env {name!r} is unknown; use one of: {', '.join(known)}")
+    check_name(name)
     if name == "iits_mj/HighwayFast-v0":
         raise InputError(f"{name} has no MuJoCo model to show: use iits_mj/Highway-v0")
     settings = {"truck": truck, "payload": payload, "plant": plant}

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import importlib
 import json
 from pathlib import Path
 
@@ -7,7 +8,9 @@ import pytest
 
 import iits_mj
 from iits_mj import cli
-from iits_mj.commands import doctor
+from iits_mj.commands import arguments, doctor
+from iits_mj.commands.config_file import rules_of
+from iits_mj.core.options import GROUPS
 
 BOMB = """<?xml version="1.0"?>
 <!DOCTYPE OpenDRIVE [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;">
@@ -48,6 +51,49 @@ def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["--help"]) == 0
     shown = capsys.readouterr().out
     assert all(f"  {name} " in shown for name in cli.COMMANDS)
+    assert "\x1b" not in shown
+
+
+def test_no_words_show_the_help_as_wrong_use(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main([]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err == cli.usage() + "\n"
+
+
+def test_help_of_a_command_is_that_of_its_flag(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["help", "record"]) == 0
+    shown = capsys.readouterr().out
+    assert cli.main(["record", "--help"]) == 0
+    assert capsys.readouterr().out == shown
+    assert "did you mean drive" in fails(capsys, "help", "drvie")
+
+
+def test_help_groups_options_by_subject(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["drive", "--help"]) == 0
+    sections = {
+        part.splitlines()[0]: part for part in capsys.readouterr().out.split("\n\n") if part
+    }
+    for title, flag in (
+        ("truck:", "--payload KG"),
+        ("road and start:", "--map FILE.xodr"),
+        ("traffic:", "--density NAME"),
+        ("decisions and speed:", "--decision NAME"),
+        ("run:", "--seed N"),
+        ("output:", "--out DIR"),
+        ("configuration and messages:", "--config FILE.toml"),
+    ):
+        assert f"  {flag}" in sections[title]
+    assert "other options:" not in sections
+
+
+@pytest.mark.parametrize("command", cli.COMMANDS)
+def test_every_option_has_a_known_subject(command: str) -> None:
+    module = importlib.import_module(f"iits_mj.commands.{command.replace('-', '_')}")
+    rules = {name: rule for name, (rule, _) in rules_of(module.Options).items()}
+    general = set(rules_of(arguments.General))
+    assert not general & set(rules)
+    assert all(rule.positional or rule.group in GROUPS for rule in rules.values())
 
 
 @pytest.mark.parametrize("command", cli.COMMANDS)
@@ -61,9 +107,21 @@ def test_every_command_explains_its_flags(command: str, capsys: pytest.CaptureFi
 @pytest.mark.parametrize(
     ("words", "reported"),
     [
-        ((), "a command is missing"),
         (("fly",), "command 'fly' is not known; use one of: drive"),
+        (("drvie",), "(did you mean drive?)"),
         (("drive", "--warp", "9"), "unrecognized arguments: --warp 9"),
+        (("drive", "--densty=dense"), "(did you mean --density?)"),
+        (("drive", "--no-vidio"), "(did you mean --no-video?)"),
+        (("drive", "--density", "Dence"), "(did you mean dense?)"),
+        (("drive", "--truck", "a_doubel"), "(did you mean a_double?)"),
+        (("drive", "--decision", "lokahead"), "(did you mean lookahead?)"),
+        (("drive", "--camera", "chase,tpo"), "(did you mean top?)"),
+        (("view", "--web", "--env", "iits_mj/Dok-v0"), "(did you mean iits_mj/Dock-v0?)"),
+        (("evaluate", "--methods", "ddqn,neutrl"), "(did you mean neutral?)"),
+        (("completion", "fsh"), "(did you mean fish?)"),
+        (("drive", "--config", "/nowhere.toml"), "/nowhere.toml"),
+        (("drive", "--config"), "argument --config: expected one argument"),
+        (("drive", "--save-config", "/"), "is a folder"),
         (("drive", "--payload"), "--payload"),
         (("drive", "--payload", "heavy"), "'heavy' is not a number"),
         (("drive", "--payload", "nan"), "nan is not a finite number"),

@@ -122,7 +122,18 @@ def test_a_python_value_of_another_kind_is_refused(values: dict[str, Any], messa
 
 
 def test_words_of_a_command_line_give_the_options_again() -> None:
-    given = ["road.xodr", "--speed", "22.5", "--no-there", "--size", "128x64", "--log", "a b.csv"]
+    given = [
+        "road.xodr",
+        "--speed",
+        "22.500000000000004",
+        "--no-there",
+        "--size",
+        "128x64",
+        "--log",
+        "a b.csv",
+    ]
     example = arguments.parse(Example, given, "iits-mj", "")
     assert options.words(example) == given
     assert options.words(Example(file=Path("x"))) == ["x"]
+    asked = arguments.parse(Asked, ["x", "--speed", "10"], "iits-mj", "")
+    assert options.words(asked) == ["x", "--speed", "10"]

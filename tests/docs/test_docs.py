@@ -65,8 +65,14 @@ def test_python_examples_of_the_page_run_one_after_the_other(
     assert capsys.readouterr().out
 
 
-def test_the_command_line_accepts_every_printed_command(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(ROOT)
+def test_the_command_line_accepts_every_printed_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    # A configuration begins with its name.
+    for block in blocks(ROOT / "docs" / "cli.md", "toml"):
+        (tmp_path / block.split()[1]).write_text(block)
     lines = [
         line
         for page in PAGES

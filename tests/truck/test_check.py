@@ -94,7 +94,7 @@ def test_limits_are_those_of_the_directive():
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("[units.tractor]\nmas = 7", "units.tractor.mas is unknown; allowed are"),
+        ("[units.tractor]\nmas = 7", "units.tractor.mas is unknown (did you mean mass?)"),
         ("[units.tractor]\nmass = -7", "units.tractor.mass = -7 kg: allowed is 1 to 1e+06 kg"),
         (
             "[units.tractor]\nmass = { value = 7, unit = 'm' }",

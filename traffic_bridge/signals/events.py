@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from iits_mj.core.checks import in_range, is_whole, make_plain, plain
+from iits_mj.core.checks import did_you_mean, in_range, is_whole, make_plain, plain, shown
 from iits_mj.core.errors import InputError
 from iits_mj.core.input_files import read_toml
 from traffic_bridge.vehicles.types import check_changes
@@ -282,11 +282,16 @@ def event_of(values: Mapping[str, Any]) -> Event:
     given = dict(values)
     name = given.pop("event", None)
     if not isinstance(name, str) or name not in EVENTS:
-        raise InputError(f"event = {name!r}: allowed are {', '.join(EVENTS)}")
+        raise InputError(
+            f"event = {shown(name)}{did_you_mean(name, EVENTS)}: allowed are {', '.join(EVENTS)}"
+        )
     fields = {field.name: field for field in dataclasses.fields(EVENTS[name])}
     for field in given:
         if field not in fields:
-            raise InputError(f"{name}: {field!r} is unknown; the fields are {', '.join(fields)}")
+            raise InputError(
+                f"{name}: {field!r} is unknown{did_you_mean(field, fields)}; the fields are "
+                f"{', '.join(fields)}"
+            )
     required = [f.name for f in fields.values() if f.default is dataclasses.MISSING]
     missing = [field for field in required if field not in given]
     if missing:

@@ -21,12 +21,16 @@ CHANGEABLE = frozenset(
 )
 
 
+def _option(default: Any, **settings: Any) -> Any:
+    return option(default, group="learning", **settings)
+
+
 def _share(default: float, help: str) -> Any:
-    return option(default, help=help, low=0.0, high=1.0)
+    return _option(default, help=help, low=0.0, high=1.0)
 
 
 def _decisions(default: int, help: str) -> Any:
-    return option(default, help=help, low=1, high=10**9)
+    return _option(default, help=help, low=1, high=10**9)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,19 +41,19 @@ class LearnerConfig:
       InputError: a value is out of bounds; the message names it.
     """
 
-    learning_rate: float = option(5e-4, help="of Adam", low=1e-8, high=1.0, metavar="RATE")
-    batch_size: int = option(64, help="transitions per update", low=1, high=65536)
-    target_interval: int = option(
+    learning_rate: float = _option(5e-4, help="of Adam", low=1e-8, high=1.0, metavar="RATE")
+    batch_size: int = _option(64, help="transitions per update", low=1, high=65536)
+    target_interval: int = _option(
         250, help="updates between two copies to the target network", low=1, high=10**7
     )
-    target_rate: float = option(
+    target_rate: float = _option(
         0.0,
         help="share by which the target network follows at every update, instead of the copies; "
         "0 for copies",
         low=0.0,
         high=1.0,
     )
-    average_rate: float = option(
+    average_rate: float = _option(
         1e-4,
         help="share by which the policy to validate follows the online network at every update: a "
         "running average over 1 / RATE updates; 0 for the online network itself",
@@ -57,31 +61,31 @@ class LearnerConfig:
         high=1.0,
         metavar="RATE",
     )
-    gradient_norm: float = option(
+    gradient_norm: float = _option(
         10.0, help="longer gradients are shortened to this length", low=1e-6, high=1e9
     )
-    reward_scale: float = option(
+    reward_scale: float = _option(
         0.05, help="factor on the rewards; changes no optimal policy", low=1e-6, high=1e6
     )
-    margin: float = option(
+    margin: float = _option(
         0.0,
         help="by how much the value of a change must exceed that of keeping the lane, in units of "
         "the reward, for the policy to decide on it",
         low=0.0,
         high=1e4,
     )
-    standardized: bool = option(
+    standardized: bool = _option(
         True, help="inputs in units of their typical spread (LeCun et al. 1998)"
     )
-    gap: float = option(
+    gap: float = _option(
         0.8,
         help="share of an action's shortfall from the best one that is charged again: the other "
         "values lie 1 / (1 - gap) times as far below (advantage learning, Bellemare et al. 2016)",
         low=0.0,
         high=0.99,
     )
-    dueling: bool = option(True, help="heads for value and advantage (Wang et al. 2016)")
-    quantiles: int = option(
+    dueling: bool = _option(True, help="heads for value and advantage (Wang et al. 2016)")
+    quantiles: int = _option(
         0, help="quantiles of the return (Dabney et al. 2018), 0 for its mean", low=0, high=256
     )
 
@@ -99,17 +103,21 @@ class TrainConfig(LearnerConfig):
 
     truck: AnyTruck | None = truck_option("truck of all trips")
     decisions: int = _decisions(1_200_000, "decisions of the truck, one per second")
-    fast_decisions: int = option(
+    fast_decisions: int = _option(
         150_000, help="decisions in the fast world, before the other one", low=0, high=10**9
     )
-    seed: int = option(0, help="seed of all randomness", low=0, high=2**31 - 1)
+    seed: int = option(0, help="seed of all randomness", low=0, high=2**31 - 1, group="run")
     jobs: int = option(
-        2, help="processes that drive; the result does not depend on it", low=1, high=256
+        2,
+        help="processes that drive; the result does not depend on it",
+        low=1,
+        high=256,
+        group="run",
     )
-    trips_per_round: int = option(
+    trips_per_round: int = _option(
         2, help="trips driven on one state of the network", low=1, high=1024
     )
-    trip_duration: float = option(
+    trip_duration: float = _option(
         1_000.0,
         help="duration of a trip: platoons take time to form",
         unit="s",
@@ -117,30 +125,30 @@ class TrainConfig(LearnerConfig):
         high=1e5,
         metavar="S",
     )
-    discount: float = option(0.995, help="of a reward one second later", low=0.0, high=0.9999)
-    change_charge: float = option(
+    discount: float = _option(0.995, help="of a reward one second later", low=0.0, high=0.9999)
+    change_charge: float = _option(
         150.0,
         help="of a decision to change lanes, in m/s off the reference speed times seconds",
         low=0.0,
         high=1e4,
     )
     random_share: float = _share(0.4, "share of trips with randomized traffic and load")
-    updates_per_decision: float = option(
+    updates_per_decision: float = _option(
         0.25, help="gradient steps per decision", low=0.0, high=64.0
     )
-    steps: int = option(1, help="n of the n-step returns, 1 for none", low=1, high=64)
-    learning_rate_end: float = option(
+    steps: int = _option(1, help="n of the n-step returns, 1 for none", low=1, high=64)
+    learning_rate_end: float = _option(
         2e-5, help="of Adam at the end", low=1e-8, high=1.0, metavar="RATE"
     )
     learning_rate_decisions: int = _decisions(1_200_000, "decisions over which the rate changes")
-    replay_capacity: int = option(
+    replay_capacity: int = _option(
         300_000, help="greatest number of stored transitions", low=1, high=10**8
     )
-    warm_up: int = option(4_000, help="transitions before the first update", low=1, high=10**8)
-    mirror: bool = option(
+    warm_up: int = _option(4_000, help="transitions before the first update", low=1, high=10**8)
+    mirror: bool = _option(
         True, help="learn also from mirror images of transitions, where traffic does not keep right"
     )
-    prioritized: bool = option(False, help="prioritized replay (Schaul et al. 2016)")
+    prioritized: bool = _option(False, help="prioritized replay (Schaul et al. 2016)")
     priority_exponent: float = _share(0.6, "alpha: 0 draws uniformly, 1 in proportion to the error")
     importance_exponent: float = _share(0.4, "beta at the start; it rises to 1")
     importance_decisions: int = _decisions(1_200_000, "decisions over which beta rises")
@@ -150,17 +158,17 @@ class TrainConfig(LearnerConfig):
     epsilon_decisions: int = _decisions(120_000, "decisions over which the share falls")
     guided_share: float = _share(0.5, "share of the random decisions that the rule MOBIL makes")
     evaluate_interval: int = _decisions(100_000, "decisions between two validations")
-    validation_trips: int = option(
+    validation_trips: int = _option(
         5, help="trips in each of the six cells, in the fast world", low=1, high=1000
     )
-    truck_validation_trips: int = option(
+    truck_validation_trips: int = _option(
         2, help="trips in each cell, in the other world, which takes longer", low=1, high=1000
     )
-    validation_duration: float = option(
+    validation_duration: float = _option(
         1_000.0, help="duration of a validation trip", unit="s", low=10.0, high=1e5, metavar="S"
     )
     checkpoint_interval: int = _decisions(10_000, "decisions between two checkpoints")
-    checkpoint_seconds: float = option(
+    checkpoint_seconds: float = _option(
         120.0,
         help="greatest time between two checkpoints",
         unit="s",
@@ -168,7 +176,7 @@ class TrainConfig(LearnerConfig):
         high=1e6,
         metavar="S",
     )
-    resume: bool = option(False, help="continue from the checkpoint in --out")
+    resume: bool = option(False, help="continue from the checkpoint in --out", group="run")
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -15,6 +15,7 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.assets import DEFAULT_TRUCK
 from iits_mj.core.messages import EgoState, VehicleCommand, XbrMode
+from iits_mj.core.progress import each
 from iits_mj.core.results import Findings, Line, Results
 from iits_mj.core.timing import PLANTS
 from iits_mj.core.units import KMH
@@ -261,7 +262,7 @@ def compare_savings() -> Findings:
 def run(config: ValidateConfig) -> Results:
     """Errors of the planar plants in all maneuvers; the quick form has the default truck only."""
     parts = []
-    for name in (DEFAULT_TRUCK,) if config.quick else shipped_trucks():
+    for name in each((DEFAULT_TRUCK,) if config.quick else shipped_trucks(), "plants", str):
         part = Results(f"validate plant {name}")
         for maneuver in maneuvers(config.quick):
             figure = maneuver.name.split(",")[0].replace(" ", "_")

@@ -50,23 +50,26 @@ class ValidateConfig:
         low=0.0005,
         high=0.005,
         metavar="S",
+        group="run",
     )
     data: Path | None = option(
-        None, help="recorded trajectories to compare the traffic with", metavar="FILE"
+        None, help="recorded trajectories to compare the traffic with", metavar="FILE", group="data"
     )
     roads: Path | None = option(
         None,
         help=f"folder with roads and cycles for fuel measurements: {PAPER_ROAD}, {CYCLE_55}, "
         f"{CYCLE_65}",
         metavar="DIR",
+        group="data",
     )
     runs: Path | None = option(
         None,
         help="folder that keeps finished drives, so that a stopped validation can continue; drives "
         "of another version of the code are not used",
         metavar="DIR",
+        group="run",
     )
-    quick: bool = option(False, help="a shorter form that ends within a minute")
+    quick: bool = option(False, help="a shorter form that ends within a minute", group="run")
 
     def __post_init__(self) -> None:
         options.check(self)

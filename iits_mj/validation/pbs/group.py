@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from iits_mj.core.progress import each
 from iits_mj.core.results import Findings, Results
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.parameters import TruckParameters, shipped_trucks
@@ -33,7 +34,10 @@ def run(config: ValidateConfig) -> Results:
     trucks = [TruckParameters.load(name) for name in shipped_trucks()]
     settings = [replace(config, truck=truck) for truck in trucks] if every else [config]
     step = config.timestep or TIMESTEP
-    found = [assess(one.parameters, one.payloads(), step) for one in settings]
+    found = [
+        assess(one.parameters, one.payloads(), step)
+        for one in each(settings, "assessing", lambda one: one.parameters.name)
+    ]
     if len(found) > 1:
         results.tables["levels"] = _overview(found)
     for truck in found:

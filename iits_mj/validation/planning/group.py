@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from iits_mj.core.progress import each
 from iits_mj.core.results import Results
 from iits_mj.validation.harness.config import ValidateConfig, check_folder
 from iits_mj.validation.planning.path_tracking import run_path_tracking
@@ -34,8 +35,8 @@ def run(config: ValidateConfig) -> Results:
     # Refuse unusable folders before the first measurement.
     missing = check_folder(config)
     results = Results("validate planning")
-    for name, part in PARTS.items():
-        found = part(config)
+    for name in each(PARTS, "planning", str):
+        found = PARTS[name](config)
         results.checks += found.checks
         results.figures |= {f"{name}: {title}": panels for title, panels in found.figures.items()}
         results.notes += [note for note in found.notes if note not in results.notes]

@@ -396,7 +396,10 @@ def test_events_are_read_from_a_file(tmp_path):
         ('[[events]]\nevent = "flood"', "event 1: event = 'flood': allowed are light_state"),
         ("[[events]]\nlane = 0", "event 1: event = None"),
         ('[[events]]\nevent = "speed_limit"', "event 1: speed_limit: limit is missing"),
-        ('[[events]]\nevent = "speed_limit"\nlimit = 9\nlan = 0', "'lan' is unknown; the fields"),
+        (
+            '[[events]]\nevent = "speed_limit"\nlimit = 9\nlan = 0',
+            "'lan' is unknown .did you mean lane",
+        ),
         ('[[events]]\nevent = "speed_limit"\nlimit = "fast"', "limit = 'fast': allowed is 1"),
         ('[[events]]\nevent = "speed_limit"\nlimit = nan', "limit = nan: allowed is 1"),
         ("\xff", "not TOML|UTF-8"),
