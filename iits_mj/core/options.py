@@ -127,7 +127,7 @@ def part_option(default: str | None, kind: Kind, help: str, group: str = "decisi
         names=lambda: kind.shipped,
         test=kind.check,
         label=part_name,
-        metavar="PART",
+        metavar="NAME",
         group=group,
     )
 
