@@ -105,11 +105,11 @@ def part_option(default: str | None, kind: Kind, help: str) -> Any:
     """Returns a dataclass field for a part that a user may replace by an own one."""
     return option(
         default,
-        help=help,
-        names=lambda: (*kind.shipped, f"or your own as {FORMS}"),
+        help=f"{help}; or your own as {FORMS}",
+        names=lambda: kind.shipped,
         test=kind.check,
         label=part_name,
-        metavar="PART",
+        metavar="NAME",
     )
 
 
