@@ -8,10 +8,23 @@ from __future__ import annotations
 import functools
 from typing import TYPE_CHECKING
 
-from controllers.decision.base import DecisionContext, DecisionMaker, Keep
+from controllers.decision.base import DecisionContext, Keep
 from controllers.decision.observation import ObservationHistory, observe_frame
+from controllers.own_parts import (
+    AnyPlanner,
+    guarded_decision,
+    guarded_planner,
+    guarded_speed,
+)
 from controllers.planning.planner import Planner, PlannerConfig, named_decision
 from controllers.planning.speed_reference import CruiseReference, ProfileReference, SpeedReference
+from controllers.protocols import (
+    DecisionMaker,
+    LateralControl,
+    LongitudinalControl,
+    SpeedSource,
+    TrajectoryPlanner,
+)
 from controllers.tracking.controller import Tracker, TrackingConfig
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import (
@@ -22,7 +35,6 @@ from iits_mj.core.messages import (
     Trajectory,
     VehicleCommand,
 )
-from iits_mj.core.neighbors import Neighbor
 from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.parameters import TruckParameters
 
@@ -34,7 +46,8 @@ class Stack:
     """Decision maker, planner and tracker at their own rates.
 
     Call `plan` every 100 ms and `control` every 20 ms; the decision maker decides once every
-    `decision_period` seconds, and not during a lane change.
+    `decision_period` seconds, and not during a lane change. Parts of your own need the methods of
+    `controllers.protocols`.
 
     Attributes:
       last_decision: of the decision maker.
@@ -51,7 +64,10 @@ class Stack:
         parameters: TruckParameters | None = None,
         profile: SpeedProfile | None = None,
         decision_period: float = 1.0,
-        reference: SpeedReference | None = None,
+        reference: SpeedReference | SpeedSource | None = None,
+        trajectory_planner: TrajectoryPlanner | None = None,
+        lateral: LateralControl | None = None,
+        longitudinal: LongitudinalControl | None = None,
     ) -> None:
         """Builds the pipeline.
 
@@ -65,18 +81,28 @@ class Stack:
           decision_period: [s].
           reference: of the speed, as `controllers.pcc.PccReference`; default: the profile, or
             without one the planner's cruise speed.
+          trajectory_planner: default: the paper's planner with the settings `planner`.
+          lateral: controller of the steering; default: with the settings `tracking`.
+          longitudinal: controller of the speed; default: with the settings `tracking`.
 
         Raises:
-          InputError: profile and reference are both given, or the profile is not valid.
+          InputError: profile and reference are both given, the profile is not valid, or a part
+            lacks a method.
         """
         if profile is not None and reference is not None:
             raise InputError("a stack has one speed reference: give profile or reference, not both")
         self.route = route
-        self.decision_maker: DecisionMaker = decision_maker or Keep()
-        self.planner = Planner(route, planner, parameters)
-        self.tracker = Tracker(route, parameters, tracking)
+        self.decision_maker = guarded_decision(Keep() if decision_maker is None else decision_maker)
+        self.planner: AnyPlanner
+        if trajectory_planner is None:
+            self.planner = Planner(route, planner, parameters)
+        else:
+            config = planner or PlannerConfig()
+            self.planner = guarded_planner(trajectory_planner, route, config)
+        self.tracker = Tracker(route, parameters, tracking, lateral, longitudinal)
+        self.reference: SpeedReference
         if reference is not None:
-            self.reference = reference
+            self.reference = guarded_speed(reference)
         elif profile is not None:
             self.reference = ProfileReference(profile)
         else:
@@ -129,7 +155,7 @@ class Stack:
         Raises:
           InputError: a number of the scene is not finite.
         """
-        profile = self.reference.update(scene, lambda: self._leader(scene))
+        profile = self.reference.update(scene, lambda: self.planner.leader(scene))
         reference = self.reference.free(scene.ego.station)
         frame = functools.partial(observe_frame, scene, self.route, reference)
         self.history.add(scene.time, frame)
@@ -149,10 +175,6 @@ class Stack:
         if self.last_trajectory is None:
             raise InputError("control requested before the first plan: call Stack.plan first")
         return self.tracker.command(ego, self.last_trajectory)
-
-    def _leader(self, scene: Scene) -> Neighbor | None:
-        """Returns the vehicle ahead in the lane that the truck keeps or changes to."""
-        return scene.neighbors.leader_along_path(self.planner.path(scene))
 
     def context(self, scene: Scene) -> DecisionContext:
         """Returns the context of a decision in a scene whose frame is in the history."""

@@ -159,6 +159,8 @@ def _report(argv: Sequence[str] | None) -> int:
         code = dispatch(sys.argv[1:] if argv is None else argv)
         sys.stdout.flush()
     except Error as error:
+        if os.environ.get(TRACEBACK_VARIABLE):
+            traceback.print_exc()
         return _fail(str(error), EXIT_USE)
     except BrokenPipeError:
         # The reader has closed the pipe (`iits-mj bench | head`).

@@ -25,6 +25,7 @@ from traffic_bridge.modes.resim import ReSim
 from traffic_bridge.modes.sumo_modes import InterSim, PureSim, Traffic
 from traffic_bridge.network.map_network import MapNetwork
 from traffic_bridge.network.nets import build_network, cache_dir, find_netconvert
+from traffic_bridge.own_traffic import TRAFFIC, OwnTraffic, TrafficSource, vehicle_on
 from traffic_bridge.recording.recorder import Recorder
 from traffic_bridge.recording.recording import PoseDigest, Recording
 from traffic_bridge.session import sumo_runs_here
@@ -53,6 +54,7 @@ from traffic_bridge.vehicles.types import KINDS, VehicleType, default_types, rea
 
 __all__ = [
     "KINDS",
+    "TRAFFIC",
     "Calibration",
     "Departure",
     "IdmParameters",
@@ -66,6 +68,7 @@ __all__ = [
     "MapNetwork",
     "Mirror",
     "MixedSim",
+    "OwnTraffic",
     "PoseDigest",
     "PureSim",
     "ReSim",
@@ -78,6 +81,7 @@ __all__ = [
     "StoppedVehicle",
     "Traffic",
     "TrafficConfig",
+    "TrafficSource",
     "TrafficWorlds",
     "Trajectories",
     "VehicleChange",
@@ -99,4 +103,5 @@ __all__ = [
     "read_types",
     "sumo_runs_here",
     "trimmed",
+    "vehicle_on",
 ]

@@ -2,38 +2,44 @@
 
 from __future__ import annotations
 
-from controllers.decision.base import DecisionContext, DecisionMaker, Keep
+from typing import Any
+
+from controllers.decision.base import DecisionContext, Keep
 from controllers.decision.observation import ObservationHistory, observation, observe_frame
+from controllers.own_parts import DECISION, guarded_decision
+from controllers.protocols import DecisionMaker
 from iits_mj.core.errors import InputError
 
-NAMES = ("keep", "conservative", "neutral", "aggressive", "mobil", "lookahead", "ddqn")
+NAMES = DECISION.shipped
 
 
-def make(name: str, weights: str | None = None) -> DecisionMaker:
-    """Returns a new decision maker.
+def make(name: Any, weights: str | None = None, **offered: Any) -> DecisionMaker:
+    """Returns a decision maker.
 
     Args:
-      name: one of `NAMES`.
+      name: one of `NAMES`, or the user's own, see `iits_mj.core.own_parts`.
       weights: file of the "ddqn" policy; default: the shipped one.
+      **offered: arguments that a user's class may ask for.
 
     Raises:
-      InputError: the name is unknown, or the weights are unusable.
+      InputError: the name is unknown, the weights are unusable, or the part does not fit.
     """
     if weights is not None and name != "ddqn":
         raise InputError(f"decision maker {name!r} takes no weights; only 'ddqn' does")
+    own = DECISION.make(name, **offered)
+    if own is not None:
+        return guarded_decision(own)
     if name == "keep":
         return Keep()
     if name == "ddqn":
         from controllers.decision.policy import load_policy
 
         return load_policy(weights)
-    if name in NAMES:
-        from controllers.decision import rules
+    from controllers.decision import rules
 
-        if name == "mobil":
-            return rules.Mobil()
-        return rules.LookAhead() if name == "lookahead" else rules.ClearanceRule(name)
-    raise InputError(f"decision maker {name!r} is unknown; allowed are: {', '.join(NAMES)}")
+    if name == "mobil":
+        return rules.Mobil()
+    return rules.LookAhead() if name == "lookahead" else rules.ClearanceRule(name)
 
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Decision makers: their protocol, their input, and the one that always keeps its lane.
+"""Decision makers: their input, and the one that always keeps its lane.
 
 A decision maker decides about once a second: change to the left, keep, or change to the right.
 It does not steer: the planner checks the decision again and may refuse it.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,22 +51,6 @@ class DecisionContext:
             lane = self.lane - int(side)
             if self.may_use(lane):
                 yield side, lane
-
-
-class DecisionMaker(Protocol):
-    """Protocol of all decision makers.
-
-    Attributes:
-      name: one of `controllers.decision.NAMES`, or another one.
-    """
-
-    name: str
-
-    def reset(self) -> None:
-        """Clears all memory; called at the start of a drive."""
-
-    def decide(self, context: DecisionContext) -> Decision:
-        """Returns the decision for the next second."""
 
 
 class Memoryless:

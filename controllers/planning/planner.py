@@ -135,6 +135,10 @@ class Planner:
         """Path of that lane, without the limits of speed zones."""
         return self.maneuver.path(scene.ego)
 
+    def leader(self, scene: Scene) -> Neighbor | None:
+        """The vehicle ahead in the lane being kept or changed to."""
+        return scene.neighbors.leader_along_path(self.path(scene))
+
     def bearable_speed(self, station: float, mass: float) -> float:
         """Greatest speed at a station with which the truck rolls over in no bend ahead [m/s]."""
         return self._caps.bearable(station, self._margins.at(mass))

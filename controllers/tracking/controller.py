@@ -5,6 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from controllers.own_parts import (
+    AnyLateral,
+    AnyLongitudinal,
+    guarded_lateral,
+    guarded_longitudinal,
+)
+from controllers.protocols import LateralControl, LongitudinalControl
 from controllers.tracking.lateral import USED, LateralConfig, LateralController, check_finite
 from controllers.tracking.longitudinal import LongitudinalConfig, LongitudinalController
 from iits_mj.core.messages import EgoState, Trajectory, VehicleCommand
@@ -30,7 +37,14 @@ class Tracker:
     Args:
       route: the road, for the grade under the combination.
       parameters: of the truck; default: the shipped one.
-      config: gains.
+      config: gains of the shipped controllers.
+      lateral, longitudinal: the user's own controllers; default: the shipped ones.
+
+    Attributes:
+      lateral, longitudinal: the controllers in use.
+
+    Raises:
+      InputError: a controller lacks a method.
     """
 
     def __init__(
@@ -38,6 +52,8 @@ class Tracker:
         route: Route,
         parameters: TruckParameters | None = None,
         config: TrackingConfig | None = None,
+        lateral: LateralControl | None = None,
+        longitudinal: LongitudinalControl | None = None,
     ) -> None:
         self.route = route
         self.parameters = parameters or TruckParameters.load()
@@ -54,8 +70,16 @@ class Tracker:
             (unit.mass, unit.payload.mass_max / most if unit.payload else 0.0)
             for unit in p.units[:-1]
         )
-        self.lateral = LateralController(self.parameters, self.config.lateral)
-        self.longitudinal = LongitudinalController(self.parameters, self.config.longitudinal)
+        self.lateral: AnyLateral
+        self.longitudinal: AnyLongitudinal
+        if lateral is None:
+            self.lateral = LateralController(self.parameters, self.config.lateral)
+        else:
+            self.lateral = guarded_lateral(lateral)
+        if longitudinal is None:
+            self.longitudinal = LongitudinalController(self.parameters, self.config.longitudinal)
+        else:
+            self.longitudinal = guarded_longitudinal(longitudinal)
 
     def reset(self) -> None:
         """Clears everything but the gains."""

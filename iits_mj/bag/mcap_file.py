@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import json
 import shutil
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -31,8 +31,8 @@ from iits_mj.core.messages import EgoState, Scene, Trajectory, VehicleCommand
 from iits_mj.core.output_files import unwritable
 from iits_mj.j1939 import Frame as BusFrame
 from iits_mj.j1939.state import TruckSender
-from iits_mj.simulation.config import DriveConfig
-from iits_mj.simulation.drive_log import FILES, stored_options, truck_of
+from iits_mj.simulation.config import PARTS, DriveConfig
+from iits_mj.simulation.drive_log import FILES, stored_options, truck_of, without_own_parts
 from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.lock_step import LockStep, Observer
 from iits_mj.simulation.loop import Simulation
@@ -96,15 +96,22 @@ class Bag:
     wanted: list[VehicleCommand]
     obeyed: list[VehicleCommand]
 
-    def config(self, map_path: Path | None = None, **changes: Any) -> DriveConfig:
+    def config(
+        self,
+        map_path: Path | None = None,
+        parts: Collection[str] = tuple(PARTS),
+        **changes: Any,
+    ) -> DriveConfig:
         """The options of the drive.
 
         Args:
           map_path: of the drive's map, if it was not the built-in one.
+          parts: options of the parts that are used; a shipped part replaces any other own one.
           **changes: options with other values.
 
         Raises:
-          InputError: the bag has other options than `DriveConfig`, or needs a map or file.
+          InputError: the bag has other options than `DriveConfig`, or needs a map, a file, or a
+            part of the user's own. No code is run because a bag names it.
         """
         known = {field.name for field in dataclasses.fields(DriveConfig)}
         if set(self.options) != known:
@@ -125,7 +132,14 @@ class Bag:
                 )
         if changes.get("truck") is None:
             changes["truck"] = truck_of(self.options, "the bag", None)
-        return DriveConfig(**{**self.options, "map": map_path, **changes})
+        for name in parts:
+            value = self.options[name]
+            if name not in changes and isinstance(value, str) and PARTS[name].is_own(value):
+                raise InputError(
+                    f"the bag's drive used the {PARTS[name].name} {value}, which a bag does not "
+                    f"hold: name it by --{name.replace('_', '-')}"
+                )
+        return DriveConfig(**{**without_own_parts(self.options), "map": map_path, **changes})
 
 
 def read_bag(path: Path) -> Bag:

@@ -16,14 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from controllers.decision.base import DecisionContext, DecisionMaker
+from controllers.decision.base import DecisionContext
+from controllers.protocols import DecisionMaker
 from controllers.stack import Stack
 from iits_mj.bag.mcap_file import Bag
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import Decision, EgoState, Scene, VehicleCommand
 from iits_mj.core.timing import CONTROL_PERIOD, CYCLE_PERIOD
 from iits_mj.parameters import TruckParameters
-from iits_mj.simulation.config import DriveConfig
+from iits_mj.simulation.config import PARTS, DriveConfig
 from iits_mj.simulation.driver import CommandPlayer
 from iits_mj.simulation.loop import Simulation
 from iits_mj.simulation.parts import load_map, make_stack, make_traffic
@@ -32,6 +33,14 @@ from traffic_bridge import VehicleFrame
 # Types whose values are equal or different, without a distance.
 _WORDS = (str, type(None), dict)
 STAGES = ("traffic", "decision", "planning", "control", "vehicle")
+# Options of the parts that each stage runs.
+_USED = {
+    "traffic": ("traffic_mode",),
+    "decision": ("decision", "planner", "speed_planner"),
+    "planning": ("planner", "speed_planner"),
+    "control": ("lateral", "longitudinal"),
+    "vehicle": (),
+}
 
 
 @dataclass
@@ -86,13 +95,13 @@ def run_stage(bag: Bag, stage: str, map_path: Path | None = None, **changes: Any
     }
     if stage not in stages:
         raise InputError(f"stage {stage!r} is unknown; allowed are: {', '.join(STAGES)}")
-    return stages[stage](bag, bag.config(map_path, **changes))
+    used = _USED[stage]
+    changes = {name: v for name, v in changes.items() if name not in PARTS or name in used}
+    return stages[stage](bag, bag.config(map_path, used, **changes))
 
 
 class _RecordedDecisions:
     """Decision maker that returns the recorded decisions; compares them with another one's."""
-
-    name = "recorded"
 
     def __init__(self, bag: Bag, other: DecisionMaker | None, result: Comparison) -> None:
         self._decided = bag.decided

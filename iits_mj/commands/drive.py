@@ -35,15 +35,18 @@ from iits_mj.core import options as option_fields
 from iits_mj.core.errors import Error, RenderError
 from iits_mj.core.options import option
 from iits_mj.core.output_files import write_whole
+from iits_mj.core.own_parts import part_name, source_digest
 from iits_mj.core.progress import remark, task
 from iits_mj.j1939 import CommandReceiver
 from iits_mj.j1939.log_files import WRITTEN
 from iits_mj.parameters import check_truck
+from iits_mj.render.cameras import Camera
 from iits_mj.render.drive_page import DriveReport
 from iits_mj.render.film_process import FilmProcess, FilmSettings
 from iits_mj.render.pages import Film
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveSummary, Observer, Simulation, Telemetry
+from iits_mj.simulation.config import PARTS
 from iits_mj.simulation.drive_log import BusLog, check_given
 from iits_mj.simulation.drive_table import DriveTable
 from iits_mj.simulation.driver import LogDriver
@@ -77,7 +80,7 @@ class Kept:
     size: tuple[int, int] = option(
         (960, 540), help="size of the video in pixels", metavar="WxH", group="output"
     )
-    camera: str = camera_option()
+    camera: str | type[Camera] | Camera = camera_option()
     weather: str = weather_option()
     fps: int = option(20, help="pictures per second of the video", low=5, high=50, group="output")
     can_log: Path | None = option(
@@ -324,11 +327,14 @@ def _write(job: Job, outcome: Outcome) -> list[tuple[str, Path]]:
         ("seed", str(job.config.seed)),
         ("versions", versions),
     ]
+    for name, own in origin["own_parts"].items():
+        text = f"`{own['part']}`, digest of its file `{own['file_sha256']}`"
+        rows.insert(3, (f"your own {name.replace('_', ' ')}", text))
     if origin["telemetry_sha256"]:
         text = f"`{origin['telemetry_sha256'][:16]}`, the first digits of `sha256sum telemetry.csv`"
         rows.append(("digest of the drive", text))
     video = outcome.video
-    film = None if video is None else Film(f"Film, camera {job.kept.camera}", video)
+    film = None if video is None else Film(f"Film, camera {part_name(job.kept.camera)}", video)
     DriveReport(
         f"iits-mj {job.command}",
         f"{summary.distance / 1e3:.2f} km in {summary.duration:.0f} s on {where}; {summary.ended}",
@@ -354,6 +360,11 @@ def _provenance(job: Job) -> dict[str, Any]:
     """Returns what is needed to make the drive again, and the digest that tells whether it is."""
     parameters, telemetry = check_truck(job.config), job.kept.out / "telemetry.csv"
     digest = hashlib.sha256(telemetry.read_bytes()).hexdigest() if telemetry.is_file() else ""
+    own_parts = {
+        name: {"part": part_name(value), "file_sha256": source_digest(value)}
+        for name, kind in PARTS.items()
+        if kind.is_own(value := getattr(job.config, name))
+    }
     return {
         "command_line": shlex.join(["iits-mj", job.command, *option_fields.words(job.options)]),
         "date": datetime.now().astimezone().isoformat(" ", "seconds"),
@@ -367,6 +378,7 @@ def _provenance(job: Job) -> dict[str, Any]:
             "Python": platform.python_version(),
         },
         "telemetry_sha256": digest,
+        "own_parts": own_parts,
     }
 
 

@@ -15,6 +15,7 @@ import iits_mj
 from iits_mj.commands.terminal import show
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
+from iits_mj.core.own_parts import FORMS, part_name
 from iits_mj.core.progress import task
 from iits_mj.core.results import Results
 from iits_mj.render.cameras import CAMERAS, cameras_of
@@ -72,10 +73,11 @@ def camera_option() -> Any:
     """Returns a dataclass field for the cameras of pictures."""
     return option(
         "chase",
-        help="camera of the pictures; several with commas between them share the picture, as "
-        "chase,top",
+        help=f"camera of the pictures, or your own as {FORMS}; several with commas between them "
+        "share the picture, as chase,top",
         names=lambda: tuple(CAMERAS),
         test=cameras_of,
+        label=part_name,
         metavar="NAME",
         group="output",
     )

@@ -18,6 +18,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
 from iits_mj.core.progress import each
 from iits_mj.parameters import AnyTruck, truck_option
+from iits_mj.render.cameras import Camera
 from iits_mj.render.recorded import Record, RecordedDrive, times_of
 from iits_mj.render.video import Film, Mp4Encoder, Pictures, frame_period
 from iits_mj.simulation.drive_log import FILES
@@ -43,7 +44,7 @@ class Options:
         metavar="FILE",
         group="output",
     )
-    camera: str = camera_option()
+    camera: str | type[Camera] | Camera = camera_option()
     weather: str = weather_option()
     size: tuple[int, int] = option(
         (960, 540), help="size of the pictures", metavar="WxH", group="output"
@@ -134,9 +135,9 @@ def read_record(path: Path, map_path: Path | None, truck: AnyTruck | None) -> Re
     from iits_mj.bag.mcap_file import read_bag
 
     bag = read_bag(path)
-    # Pictures need no file of the drive but its map.
+    # Pictures need no file of the drive but its map, and no part of its stack.
     files = dict.fromkeys(name for name in FILES if name != "map")
-    config = bag.config(map_path, truck=truck, **files)
+    config = bag.config(map_path, (), truck=truck, **files)
     times = [state.time for state in bag.states]
     return Record(
         dataclasses.replace(config, commands="direct"),

@@ -1,9 +1,9 @@
 """Run one module of a recorded drive on its recorded inputs and compare its outputs.
 
 'iits-mj drive --bag DIR' writes the bag. With the same code and settings the outputs are equal bit
-for bit. --decision, --truck and --payload change the module; the table then shows how far its
-outputs are from the recorded ones in the same situations. Exit code 0 when all outputs are equal,
-else 1.
+for bit. --truck, --payload and the options of the parts, such as --decision and --lateral, change
+the module; the table then shows how far its outputs are from the recorded ones in the same
+situations. Exit code 0 when all outputs are equal, else 1.
 """
 
 from __future__ import annotations
@@ -12,17 +12,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from controllers.decision import NAMES
 from iits_mj.bag.mcap_file import read_bag
 from iits_mj.bag.stages import STAGES, Comparison, run_stage
 from iits_mj.commands.output import ResultOptions, finish
-from iits_mj.core.options import option
+from iits_mj.core.options import option, part_option
+from iits_mj.core.own_parts import AnyPart
 from iits_mj.core.progress import each
 from iits_mj.core.results import Check, Results
 from iits_mj.parameters import AnyTruck, payload_option, truck_option
+from iits_mj.simulation.config import PARTS
 
 # Number of differing quantities to show, in alphabetical order.
 _SHOWN = 12
+
+
+def part(name: str) -> Any:
+    """Returns a dataclass field for a part that replaces the recorded one."""
+    return part_option(None, PARTS[name], f"{PARTS[name].name} that replaces the recorded one")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,9 +43,12 @@ class Options(ResultOptions):
         metavar="FILE",
         group="road",
     )
-    decision: str | None = option(
-        None, help="decision maker that replaces the recorded one", choices=NAMES, group="decision"
-    )
+    decision: AnyPart | None = part("decision")
+    planner: AnyPart | None = part("planner")
+    lateral: AnyPart | None = part("lateral")
+    longitudinal: AnyPart | None = part("longitudinal")
+    speed_planner: AnyPart | None = part("speed_planner")
+    traffic_mode: AnyPart | None = part("traffic_mode")
     truck: AnyTruck | None = truck_option(
         "truck that replaces the recorded one", "the recorded one"
     )
@@ -56,7 +65,7 @@ def compare(options: Options) -> Results:
     bag = read_bag(options.bag)
     changes: dict[str, Any] = {
         name: getattr(options, name)
-        for name in ("decision", "truck", "payload")
+        for name in (*PARTS, "truck", "payload")
         if getattr(options, name) is not None
     }
     stages: tuple[str, ...] = STAGES if options.stage == "all" else (options.stage,)

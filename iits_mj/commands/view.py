@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from iits_mj.core.errors import InputError
-from iits_mj.core.options import given_names, option
+from iits_mj.core.options import given_names, option, part_option
 from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.envs import ENVIRONMENTS
+from iits_mj.render.cameras import CAMERA, Camera
 from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation
 from iits_mj.simulation.drive_log import check_given
 from iits_mj.simulation.lock_step import LockStep
@@ -27,7 +28,7 @@ INTERRUPTED = 130
 POLICIES = ("scripted", "random", "manual")
 # A drive in the browser lasts this long unless --duration is given [s].
 _LONG = 86_400.0
-_OF_WEB = ("host", "port", "env", "policy")
+_OF_WEB = ("host", "port", "env", "policy", "camera")
 # Options of a drive that an environment has, too.
 _OF_ENV = ("web", "env", "policy", "host", "port", "pace", "seed", "truck", "payload", "plant")
 _OF_FILE = ("web", "host", "port", "pace", "file", "map", "truck")
@@ -61,6 +62,9 @@ class Options(DriveConfig):
     )
     policy: str = option(
         "scripted", help="driver of the environment", choices=POLICIES, group="view"
+    )
+    camera: str | type[Camera] | Camera = part_option(
+        "chase", CAMERA, "camera with which the pages of a drive begin", group="view"
     )
     pace: float = option(
         1.0,
@@ -167,7 +171,7 @@ def _drive(options: Options) -> int:
         config = replace(options, duration=_LONG)
     with (
         announced(options, "iits-mj drive", "The drive") as server,
-        LiveDrive(server, config, options.pace) as drive,
+        LiveDrive(server, config, options.pace, options.camera) as drive,
     ):
         drive.run()
         summary = drive.summary()

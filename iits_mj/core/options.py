@@ -11,11 +11,11 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
-from pathlib import Path
 from typing import Any
 
 from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
+from iits_mj.core.own_parts import FORMS, Kind, part_name
 from iits_mj.core.timing import PLANTS
 
 _KEY = "iits_mj.option"
@@ -52,7 +52,8 @@ class Option:
       help: one sentence; unit: "" for a number without one.
       low, high: inclusive bounds, or None; choices: allowed values, or a function that lists them.
       names: lists the values that are shipped, for the help; others may be allowed.
-      test: raises InputError for a value that is not allowed.
+      test: raises InputError for a value that is not allowed; it also checks the type.
+      label: a value as a word of the command line.
       metavar: placeholder of the value in the help text.
       positional: True for an argument without a flag.
       group: subject under which the help shows the flag, one of `GROUPS`; "" for none.
@@ -65,6 +66,7 @@ class Option:
     choices: Sequence[str] | Callable[[], Sequence[str]] | None = None
     names: Callable[[], Sequence[str]] | None = None
     test: Callable[[Any], object] | None = None
+    label: Callable[[Any], str] = str
     metavar: str | None = None
     positional: bool = False
     group: str = ""
@@ -79,7 +81,7 @@ class Option:
             return "yes" if value else "no"
         if isinstance(value, tuple):
             return "x".join(str(part) for part in value)
-        shown = f"{value:.6g}" if isinstance(value, float) else str(value)
+        shown = f"{value:.6g}" if isinstance(value, float) else self.label(value)
         return f"{shown} {self.unit}".strip()
 
     def bounds(self) -> str:
@@ -114,6 +116,19 @@ def plant_option() -> Any:
         "roll of each unit; yaw-sideslip: planar motion; the planar ones take less time",
         choices=PLANTS,
         group="truck",
+    )
+
+
+def part_option(default: str | None, kind: Kind, help: str, group: str = "decision") -> Any:
+    """Returns a dataclass field for a part that a user may replace by an own one."""
+    return option(
+        default,
+        help=f"{help}; or your own as {FORMS}",
+        names=lambda: kind.shipped,
+        test=kind.check,
+        label=part_name,
+        metavar="NAME",
+        group=group,
     )
 
 
@@ -161,7 +176,7 @@ def words(config: Any) -> list[str]:
         elif isinstance(value, float):
             flags += [flag, repr(value).removesuffix(".0")]
         else:
-            flags += [flag, str(value if isinstance(value, (str, int, Path)) else value.name)]
+            flags += [flag, rule.label(value)]
     return positional + flags
 
 
@@ -175,7 +190,8 @@ def check(config: Any) -> None:
         rule = of(field)
         if rule is not None:
             name, value = field.name.replace("_", "-"), getattr(config, field.name)
-            _check_kind(name, value, field.default)
+            if rule.test is None:
+                _check_kind(name, value, field.default)
             check_value(name, value, rule)
 
 

@@ -13,9 +13,10 @@ import numpy as np
 
 from controllers import decision as decisions
 from controllers.decision import fast_world
-from controllers.decision.base import DecisionContext, DecisionMaker
+from controllers.decision.base import DecisionContext
 from controllers.decision.fast_world.env import HighwayEnv
 from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig
+from controllers.protocols import DecisionMaker
 from controllers.stack import Stack
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision
@@ -62,7 +63,8 @@ def drive(task: Task, weights: Path | None = None, truck: AnyTruck | None = None
     if not parameters.has_label(task.truck):
         raise InputError(f"the trial is of truck {task.truck!r}, not of {parameters.name!r}")
     policy = str(weights) if weights is not None and task.method == "ddqn" else None
-    maker = _CountingMaker(decisions.make(task.method, policy))
+    offered = {"parameters": parameters, "seed": task.seed}
+    maker = _CountingMaker(decisions.make(task.method, policy, **offered))
     began = time.perf_counter()
     run = _drive_fast if task.world == "fast" else _drive_full
     figures = run(task, maker, parameters)
@@ -75,7 +77,6 @@ class _CountingMaker:
 
     def __init__(self, maker: DecisionMaker) -> None:
         self._maker = maker
-        self.name = maker.name
         self.asked = 0
 
     def reset(self) -> None:

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from controllers.decision import NAMES
 from controllers.decision.policy import load_policy
 from controllers.decision.trip import (
     CELLS,
@@ -18,10 +17,12 @@ from controllers.decision.trip import (
     TripConfig,
     usual_payload,
 )
+from controllers.own_parts import DECISION
 from iits_mj.core import options
 from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option, plant_option
+from iits_mj.core.own_parts import FORMS
 from iits_mj.core.process_pool import run_all
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.evaluation import drives, trials
@@ -50,8 +51,8 @@ class EvaluateConfig:
     )
     methods: str = option(
         DEFAULT_METHODS,
-        help="decision makers, separated by commas",
-        names=lambda: NAMES,
+        help=f"decision makers, separated by commas; or your own as {FORMS}",
+        names=lambda: DECISION.shipped,
         metavar="NAMES",
         group="decision",
     )
@@ -124,7 +125,7 @@ class EvaluateConfig:
         options.check(self)
         check_truck(self)
         for name in self.names():
-            one_of("method", name, NAMES)
+            DECISION.check(name)
         self.chosen_cells()
         if self.world == "fast" and self.plant != "full":
             raise InputError(f"plant {self.plant}: the fast world has a point mass; use world full")

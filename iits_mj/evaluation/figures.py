@@ -288,13 +288,14 @@ def _check_cell(results: Results, cell: CellFigures) -> None:
 
 
 def _cell_table(cell: CellFigures) -> list[str]:
-    """Table of a cell in at most 100 columns."""
+    """Table of a cell in at most 100 columns; a long name of a method makes it wider."""
     counts = sorted({len(rows) for rows in cell.trials.values()})
     shown = " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
     paper = PAPER_LOSS_PERCENT[cell.density, cell.speed]
+    width = max(13, *map(len, cell.trials))
     lines = [
         f"{cell.name} m/s, {shown} trips; free road {cell.floor:.2f} %",
-        "  method        paper   loss [%]  95 %     std   changes  95 %   refused  unsafe  "
+        f"  {'method':{width}s} paper   loss [%]  95 %     std   changes  95 %   refused  unsafe  "
         "collisions",
     ]
     for name, rows in cell.trials.items():
@@ -302,7 +303,7 @@ def _cell_table(cell: CellFigures) -> list[str]:
         reference = f"{paper[name]:5.1f}" if name in paper else "     "
         refused, unsafe = (sum(t.refused for t in rows), sum(t.unsafe for t in rows))
         lines.append(
-            f"  {name:13s} {reference} {loss.mean:10.2f} ±{loss.half:5.2f} {loss.std:7.2f} "
+            f"  {name:{width}s} {reference} {loss.mean:10.2f} ±{loss.half:5.2f} {loss.std:7.2f} "
             f"{changes.mean:9.2f} ±{changes.half:5.2f} {refused / len(rows):8.2f} "
             f"{unsafe / len(rows):7.2f} {sum(t.collisions for t in rows):11d}"
         )

@@ -22,6 +22,7 @@ from controllers.decision.policy import SHIPPED
 from controllers.decision.trip import SPAWN_PROBABILITY, RewardConfig
 from iits_mj.core import tables
 from iits_mj.core.errors import InputError
+from iits_mj.core.own_parts import source_digest
 
 WORLDS = ("full", "fast")
 EMPTY = "empty"
@@ -37,7 +38,8 @@ class Task:
       world: "fast", or the plant of the full chain, one of `PLANTS`; density: "empty" is a road
         without traffic.
       traffic_speed: speed limit of the traffic, and the truck's speed at the start [m/s].
-      method: the decision maker; weights: digest of its policy, "" for a rule.
+      method: the decision maker; weights: digest of its policy or of its own file, "" for a
+        shipped rule.
       truck: see `label_of`; payload: [kg]; timestep: of the physics in the full chain [s].
       length_limit, duration_limit: the trip ends after this distance [m] or at the road's end; it
         is cut off after this time [s].
@@ -115,7 +117,9 @@ def task_of(trial: Task) -> Task:
 
 
 def weights_digest(method: str, weights: Path | None) -> str:
-    """Twelve hexadecimal digits of the file of a policy; "" for a rule.
+    """Twelve hexadecimal digits of the file of a policy or of an own decision maker.
+
+    It is "" for a shipped rule.
 
     Args:
       method: the decision maker.
@@ -125,7 +129,7 @@ def weights_digest(method: str, weights: Path | None) -> str:
       InputError: the file cannot be read.
     """
     if method != "ddqn":
-        return ""
+        return source_digest(method)
     path = weights or SHIPPED
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()[:12]

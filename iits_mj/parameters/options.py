@@ -21,6 +21,7 @@ def truck_option(help: str = "truck", default_is: str = "the first name") -> Any
         help=f"{help}: a name, a truck.toml or its folder; without it {default_is}",
         names=shipped_trucks,
         test=lambda truck: isinstance(truck, TruckParameters) or truck_file(truck),
+        label=lambda truck: truck.name if isinstance(truck, TruckParameters) else str(truck),
         metavar="NAME|FILE",
         group="truck",
     )

@@ -1,17 +1,19 @@
-"""Cameras that follow the truck smoothly."""
+"""Cameras that follow the truck smoothly, and the user's own."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any, Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
 
 from iits_mj.core.angles import wrap_angle
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.checks import one_of
+from iits_mj.core.checks import shown
 from iits_mj.core.errors import InputError
+from iits_mj.core.own_parts import Guard, Kind, is_own
 from iits_mj.parameters import TruckParameters
 
 
@@ -68,15 +70,84 @@ _TUNNEL_VIEWS = {
 _TUNNEL_NEAR, _TUNNEL_TIME = 75.0, 1.2
 
 
-def cameras_of(text: str) -> tuple[str, ...]:
-    """Returns the cameras of a picture from their names, separated by commas.
+@runtime_checkable
+class Camera(Protocol):
+    """Gives the view of each picture.
+
+    A class needs this method and no base class. Its constructor may ask for `parameters`
+    (`TruckParameters`) and `tunnels`, first and last station of each [m]. A `FollowCamera` with a
+    `View` of your own is one, too.
+    """
+
+    def follow(self, data: mujoco.MjData, station: float | None, /) -> mujoco.MjvCamera:
+        """Returns a free camera for the state of this instant.
+
+        Args:
+          data: bodies in the map frame [m]: the truck's units by name ("tractor", "trailer"), x
+            forward, y left, z up, and `data.time` [s], which rises but may skip.
+          station: of the truck on its route [m]; None where it is not known.
+        """
+
+
+CAMERA = Kind("camera", Camera, CAMERAS)
+
+
+class CameraGuard(Guard):
+    """Guard of a user's camera."""
+
+    kind = CAMERA
+
+    def follow(self, data: mujoco.MjData, station: float | None = None) -> mujoco.MjvCamera:
+        """Returns the camera; raises InputError if it is not usable."""
+        camera = self.call("follow", data, station)
+        if not isinstance(camera, mujoco.MjvCamera):
+            raise self.unusable("follow", f"returned {shown(camera)}, must be a mujoco.MjvCamera")
+        numbers = (*camera.lookat, camera.distance, camera.azimuth, camera.elevation)
+        if not np.isfinite(numbers).all() or camera.distance <= 0.0:
+            raise self.unusable(
+                "follow",
+                f"returned lookat {camera.lookat.tolist()}, distance {camera.distance}, azimuth "
+                f"{camera.azimuth}, elevation {camera.elevation}: must be finite, the distance "
+                "above 0",
+            )
+        return camera
+
+
+def make_camera(
+    given: Any,
+    tunnels: tuple[tuple[float, float], ...] = (),
+    truck: TruckParameters | None = None,
+) -> FollowCamera | CameraGuard:
+    """Returns a camera: one of `CAMERAS` by its name, or the user's own.
+
+    Args:
+      given: name, or own part, see `iits_mj.core.own_parts`.
+      tunnels: first and last station of each tunnel [m].
+      truck: that the camera follows; None: a tractor with a semitrailer of 16.5 m.
 
     Raises:
-      InputError: a name is unknown, or there are more than four.
+      InputError: unknown name, or the part does not fit.
     """
-    names = tuple(one_of("camera", name.strip(), CAMERAS) for name in text.split(","))
+    own = CAMERA.make(given, parameters=truck, tunnels=tunnels)
+    if own is None:
+        return FollowCamera(given, tunnels, truck)
+    return own if isinstance(own, FollowCamera) and not is_own(own) else CameraGuard(own)
+
+
+def cameras_of(given: Any) -> tuple[Any, ...]:
+    """Returns the cameras of a picture.
+
+    Args:
+      given: names separated by commas, or one camera of the user's own.
+
+    Raises:
+      InputError: a name is unknown, a camera does not fit, or there are more than four.
+    """
+    names = tuple(map(str.strip, given.split(","))) if isinstance(given, str) else (given,)
+    for name in names:
+        CAMERA.check(name)
     if len(names) > CAMERAS_MAX:
-        raise InputError(f"camera {text!r} has {len(names)} names: use {CAMERAS_MAX} at most")
+        raise InputError(f"camera {given!r} has {len(names)} names: use {CAMERAS_MAX} at most")
     return names
 
 
@@ -91,10 +162,10 @@ def tiles(size: tuple[int, int], count: int) -> list[tuple[int, int, int, int]]:
 
 
 class FollowCamera:
-    """One of `CAMERAS`, moved from frame to frame.
+    """A camera that follows the truck, moved from frame to frame.
 
     Args:
-      name: of the view.
+      view: one of `CAMERAS`, or a view of your own.
       tunnels: first and last station of each tunnel [m].
       truck: that the camera follows; None: a tractor with a semitrailer of 16.5 m.
 
@@ -104,11 +175,14 @@ class FollowCamera:
 
     def __init__(
         self,
-        name: str,
+        view: str | View,
         tunnels: tuple[tuple[float, float], ...] = (),
         truck: TruckParameters | None = None,
     ) -> None:
-        self.view = VIEWS[one_of("camera", name, CAMERAS)]
+        if not isinstance(view, View):
+            CAMERA.is_own(view)
+            view = VIEWS[view]
+        self.view = view
         self._body, scale = _followed(self.view, truck)
         self._outside = _scaled(self.view, scale)
         inside = _TUNNEL_VIEWS.get(self.view.tunnel, self.view)

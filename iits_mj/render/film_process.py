@@ -20,10 +20,10 @@ import numpy as np
 from iits_mj.core.context import Finishing
 from iits_mj.core.errors import Error, InputError, RenderError
 from iits_mj.core.process_pool import single_threaded_workers
-from iits_mj.render.cameras import cameras_of
+from iits_mj.render.cameras import Camera, cameras_of
 from iits_mj.render.offscreen import check_size, make_context
 from iits_mj.render.video import Film, Mp4Encoder, Pictures, frame_period
-from iits_mj.simulation.config import DriveConfig
+from iits_mj.simulation.config import TruckStart
 from iits_mj.simulation.lock_step import LockStep, Observer
 from iits_mj.simulation.parts import load_map, load_truck
 from iits_mj.truck import Truck
@@ -49,14 +49,14 @@ class FilmSettings:
     """What the other process needs to begin.
 
     Attributes:
-      path: of the MP4 file; config: of the drive.
+      path: of the MP4 file; config: truck and road of the drive.
       size, camera, fps, weather: as of `VideoObserver`.
     """
 
     path: Path
-    config: DriveConfig
+    config: TruckStart
     size: tuple[int, int]
-    camera: str
+    camera: str | type[Camera] | Camera
     fps: float
     weather: str = "day"
 
@@ -80,7 +80,10 @@ class FilmProcess(Finishing, Observer):
 
     def __init__(self, settings: FilmSettings) -> None:
         self.path, self.period = settings.path, frame_period(settings.fps)
-        settings = dataclasses.replace(settings, size=check_size(settings.size))
+        # The other process needs no traffic and no driving stack.
+        names = [field.name for field in dataclasses.fields(TruckStart)]
+        config = TruckStart(**{name: getattr(settings.config, name) for name in names})
+        settings = dataclasses.replace(settings, size=check_size(settings.size), config=config)
         cameras_of(settings.camera)
         self._messages: queue.Queue[bytes] = queue.Queue(BEHIND)
         self._ready, self._loaded = threading.Event(), threading.Event()

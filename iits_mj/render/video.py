@@ -19,7 +19,7 @@ from iits_mj.core.context import Closing, Finishing
 from iits_mj.core.errors import InputError, RenderError
 from iits_mj.core.output_files import OutputFile
 from iits_mj.core.timing import TIMESTEP
-from iits_mj.render.cameras import FollowCamera, cameras_of, tiles
+from iits_mj.render.cameras import Camera, cameras_of, make_camera, tiles
 from iits_mj.render.lane_sketch import trajectory_boxes
 from iits_mj.render.offscreen import Offscreen, check_size
 from iits_mj.render.overlay import Overlay
@@ -151,7 +151,7 @@ class Pictures(Closing):
     Args:
       truck: to follow on its route; its model has the scene.
       size: of the pictures; camera: of `iits_mj.render.cameras.CAMERAS`, several with commas
-        between their names share the picture.
+        between their names share the picture; or one of your own.
       weather: one of `iits_mj.render.weather.WEATHERS`; None: MuJoCo's look.
       overlay: whether to draw the instruments; plan: whether to draw the planned path.
 
@@ -163,7 +163,7 @@ class Pictures(Closing):
         self,
         truck: Truck,
         size: tuple[int, int],
-        camera: str = "chase",
+        camera: str | type[Camera] | Camera = "chase",
         weather: str | None = "day",
         *,
         overlay: bool = True,
@@ -172,9 +172,7 @@ class Pictures(Closing):
         names, self.size = cameras_of(camera), check_size(size)
         self._plan = plan
         self._tiles = tiles(self.size, len(names))
-        self._cameras = [
-            FollowCamera(name, truck.route.tunnels, truck.parameters) for name in names
-        ]
+        self._cameras = [make_camera(name, truck.route.tunnels, truck.parameters) for name in names]
         self._overlay = Overlay(self.size, truck.route, len(names)) if overlay else None
         self.offscreen = Offscreen(truck.model, self._tiles[0][2:], weather)
 
@@ -256,7 +254,7 @@ class VideoObserver(Finishing, Observer):
         path: str | Path,
         truck: Truck,
         size: tuple[int, int] = (960, 540),
-        camera: str = "chase",
+        camera: str | type[Camera] | Camera = "chase",
         fps: float = 20.0,
         *,
         weather: str | None = "day",

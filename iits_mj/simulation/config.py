@@ -6,22 +6,37 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from controllers import decision
+from controllers import own_parts
+from controllers.protocols import (
+    DecisionMaker,
+    LateralControl,
+    LongitudinalControl,
+    SpeedSource,
+    TrajectoryPlanner,
+)
 from iits_mj.core import options
-from iits_mj.core.options import option, plant_option
+from iits_mj.core.options import option, part_option, plant_option
 from iits_mj.j1939.bus import REACHES
 from iits_mj.j1939.network import CONTROLLER, LAST_ADDRESS
 from iits_mj.parameters import AnyTruck, check_truck, payload_option, truck_option
+from traffic_bridge import TRAFFIC, TrafficSource
 
 DENSITIES = ("dense", "medium", "sparse", "empty")
-TRAFFIC_MODES = ("inter", "pure", "none")
 LANE_CHANGE_MODELS = ("lc2013", "mobil")
 LANE_DISCIPLINES = ("right", "free")
 TRAFFIC_SCOPES = ("route", "both", "map")
 COMMAND_PATHS = ("direct", "j1939")
-SPEED_PLANNERS = ("pcc", "cruise")
 BUSES = ("virtual", "socketcan", "udp_multicast")
 SILENCE = ("release", "stop")
+# The parts of a drive that a user may replace, by option.
+PARTS = {
+    "decision": own_parts.DECISION,
+    "planner": own_parts.PLANNER,
+    "lateral": own_parts.LATERAL,
+    "longitudinal": own_parts.LONGITUDINAL,
+    "speed_planner": own_parts.SPEED,
+    "traffic_mode": TRAFFIC,
+}
 
 
 def _speed_option(
@@ -80,17 +95,21 @@ class TruckStart:
 
 @dataclass(frozen=True, kw_only=True)
 class DriveConfig(TruckStart):
-    """A drive of the truck and its driving stack along a route in traffic."""
+    """A drive of the truck and its driving stack along a route in traffic.
+
+    The options of `PARTS` also take the user's own class, function or object; see
+    `iits_mj.core.own_parts`. An object serves one drive at a time.
+    """
 
     density: str = option("dense", help="amount of traffic", choices=DENSITIES, group="traffic")
     traffic_speed: float = option(
         12.5, help="speed limit of the traffic", unit="m/s", low=3.0, high=40.0, group="traffic"
     )
-    traffic_mode: str = option(
+    traffic_mode: str | type[TrafficSource] | TrafficSource = part_option(
         "inter",
-        help="inter: SUMO traffic that reacts to the truck; pure: SUMO traffic that does not see "
-        "the truck; none: empty road, without SUMO",
-        choices=TRAFFIC_MODES,
+        TRAFFIC,
+        "inter: SUMO traffic that reacts to the truck; pure: SUMO traffic that does not see the "
+        "truck; none: empty road, without SUMO",
         group="traffic",
     )
     lane_change: str = option(
@@ -133,12 +152,11 @@ class DriveConfig(TruckStart):
         group="traffic",
     )
     speed: float = _speed_option(60.0 / 3.6, "reference speed of the truck; 16.67 m/s is 60 km/h")
-    speed_planner: str = option(
+    speed_planner: str | type[SpeedSource] | SpeedSource = part_option(
         "pcc",
-        help="source of the planned speed; pcc: predictive cruise control, which saves fuel on "
-        "hills in the trip time of a cruise; cruise: constant speed",
-        choices=SPEED_PLANNERS,
-        group="decision",
+        own_parts.SPEED,
+        "source of the planned speed; pcc: predictive cruise control, which saves fuel on hills in "
+        "the trip time of a cruise; cruise: constant speed",
     )
     speed_min: float | None = _speed_option(
         None, "lowest speed that pcc plans on a free road; without it 0.75 of the reference speed"
@@ -155,8 +173,19 @@ class DriveConfig(TruckStart):
         metavar="FILE.csv",
         group="decision",
     )
-    decision: str = option(
-        "ddqn", help="decision maker for lane changes", choices=decision.NAMES, group="decision"
+    decision: str | type[DecisionMaker] | DecisionMaker = part_option(
+        "ddqn", own_parts.DECISION, "decision maker for lane changes"
+    )
+    planner: str | type[TrajectoryPlanner] | TrajectoryPlanner = part_option(
+        "paper", own_parts.PLANNER, "trajectory planner; paper: the paper's Algorithm 1"
+    )
+    lateral: str | type[LateralControl] | LateralControl = part_option(
+        "preview", own_parts.LATERAL, "steering controller; preview: linear-quadratic, with preview"
+    )
+    longitudinal: str | type[LongitudinalControl] | LongitudinalControl = part_option(
+        "inverse",
+        own_parts.LONGITUDINAL,
+        "speed controller; inverse: inverse powertrain and brake blending",
     )
     commands: str = option(
         "direct",

@@ -17,11 +17,12 @@ import numpy as np
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Scene, Trajectory, VehicleCommand
+from iits_mj.core.own_parts import part_name
 from iits_mj.j1939 import Frame, LogWriter
 from iits_mj.j1939.state import TruckSender
 from iits_mj.parameters import AnyTruck, TruckParameters, shipped_trucks
 from iits_mj.plugin import library_path
-from iits_mj.simulation.config import DriveConfig
+from iits_mj.simulation.config import PARTS, DriveConfig
 from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.lock_step import LockStep, Observer
 from iits_mj.truck import Truck
@@ -50,13 +51,28 @@ def truck_versions(parameters: TruckParameters) -> dict[str, str]:
 
 
 def stored_options(config: DriveConfig) -> dict[str, Any]:
-    """Returns the options of a drive as plain values: files and the truck by name."""
+    """Returns the options of a drive as plain values: files, truck and own parts by name."""
     values = {field.name: getattr(config, field.name) for field in dataclasses.fields(DriveConfig)}
     parameters = TruckParameters.load(config.truck)
     values |= {"truck": parameters.name, "payload": parameters.check_payload(config.payload)}
+    values |= {name: part_name(values[name]) for name in PARTS}
     return {
         name: value.name if isinstance(value, Path) else value for name, value in values.items()
     }
+
+
+def without_own_parts(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the options of a stored drive with shipped parts in place of the user's own.
+
+    It suffices where the drive's commands or pictures are repeated and nothing is planned.
+    """
+    defaults = {field.name: field.default for field in dataclasses.fields(DriveConfig)}
+
+    def own(name: str, value: Any) -> bool:
+        # Anything but text is a fault of the file, which `DriveConfig` refuses.
+        return name in PARTS and isinstance(value, str) and PARTS[name].is_own(value)
+
+    return {name: defaults[name] if own(name, v) else v for name, v in options.items()}
 
 
 def truck_of(options: Mapping[str, Any], name: str, given: AnyTruck | None) -> AnyTruck:

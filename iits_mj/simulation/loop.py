@@ -105,6 +105,8 @@ class Simulation(LockStep):
             planner = stack.planner
         else:
             made = driver(self.route, truck)
+            planner = None
+        if not isinstance(planner, Planner):
             planner = Planner(self.route, parameters=truck.parameters)
         mass = truck.parameters.gross_mass(truck.payload)
         self._safe_speed = planner.bearable_speed(config.start_station, mass)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import mujoco
 
 from controllers import decision
+from controllers.own_parts import LATERAL, LONGITUDINAL, PLANNER, SPEED, guarded_speed
 from controllers.planning.planner import PlannerConfig
 from controllers.planning.speed_reference import (
     CruiseReference,
@@ -32,9 +33,11 @@ from iits_mj.simulation.config import DriveConfig, TruckStart
 from iits_mj.simulation.frame import END_MARGIN
 from iits_mj.truck import Truck
 from traffic_bridge import (
+    TRAFFIC,
     InterSim,
     Mirror,
     MixedSim,
+    OwnTraffic,
     PureSim,
     Recorder,
     RepSim,
@@ -90,7 +93,7 @@ def load_map(path: Path | None) -> RoadMap:
 
 @task("building the truck")
 def load_truck(
-    config: DriveConfig,
+    config: TruckStart,
     route: Route,
     mirror: Mirror,
     *,
@@ -124,13 +127,16 @@ def make_recorder(config: DriveConfig, route: Route, footprint: EgoFootprint) ->
     """Returns a recorder of the configured traffic on the route.
 
     Raises:
-      InputError: the events cannot be used, or the traffic is not SUMO's alone.
+      InputError: the events cannot be used, or the traffic is recorded or none.
     """
     traffic = None
     if config.recording is None:
         traffic = make_traffic(config, route, footprint)
-    if not isinstance(traffic, PureSim):
-        raise InputError("only SUMO traffic can be recorded: use traffic-mode inter or pure")
+    if not isinstance(traffic, (PureSim, OwnTraffic)):
+        raise InputError(
+            "only SUMO traffic and your own can be recorded: use another traffic-mode and no "
+            "recording"
+        )
     return Recorder(traffic)
 
 
@@ -143,6 +149,9 @@ def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> 
     """
     if config.reactive and config.recording is None:
         raise InputError("reactive adds traffic to a recording: name one, or leave reactive out")
+    own = TRAFFIC.is_own(config.traffic_mode)
+    if own and config.recording is not None:
+        raise InputError("a recording is a traffic, too: leave recording or your traffic-mode out")
     if config.reactive and config.traffic_mode != "inter":
         raise InputError("reactive adds SUMO traffic that sees the truck: use traffic-mode inter")
     replayed = config.recording is not None and not config.reactive
@@ -162,10 +171,20 @@ def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> 
         footprint=footprint,
         events=() if config.events is None else read_events(config.events),
     )
+    if own:
+        return _own_traffic(config, route, settings)
     if config.recording is not None:
         return MixedSim(route, config.recording, settings, seed=config.seed)
     mode = InterSim if config.traffic_mode == "inter" else PureSim
     return mode(route, settings, seed=config.seed)
+
+
+def _own_traffic(config: DriveConfig, route: Route, settings: TrafficConfig) -> OwnTraffic:
+    offered = {"config": settings, "seed": config.seed, "footprint": settings.footprint}
+    part = TRAFFIC.make(config.traffic_mode, route=route, **offered)
+    if config.events is not None and not isinstance(part, PureSim):
+        raise InputError("only SUMO traffic has events: use traffic-mode inter or pure")
+    return OwnTraffic(part, route)
 
 
 def make_stack(
@@ -183,28 +202,42 @@ def make_stack(
       reference: source of the reference speed; default: `make_reference`.
 
     Raises:
-      InputError: the speed profile or the range of speeds is not usable.
+      InputError: the speed profile or the range of speeds is not usable, or a part of the user's
+        own does not fit.
     """
     planner = PlannerConfig()
     speed = dataclasses.replace(planner.speed, cruise_speed=config.speed)
+    planner = dataclasses.replace(planner, speed=speed)
+    offered = {"route": route, "parameters": parameters}
     return Stack(
         route,
-        decision.make(config.decision),
-        planner=dataclasses.replace(planner, speed=speed),
+        decision.make(config.decision, parameters=parameters, seed=config.seed),
+        planner=planner,
         parameters=parameters,
         reference=reference or make_reference(config, route, parameters),
+        trajectory_planner=PLANNER.make(config.planner, config=planner, **offered),
+        lateral=LATERAL.make(config.lateral, **offered),
+        longitudinal=LONGITUDINAL.make(config.longitudinal, **offered),
     )
 
 
 def make_reference(
     config: DriveConfig, route: Route, parameters: TruckParameters
 ) -> SpeedReference:
-    """Returns the source of the reference speed: a speed profile, PCC, or a constant.
+    """Returns the source of the reference speed: a speed profile, PCC, a constant, or an own one.
 
     Raises:
       InputError: the profile is not usable or of another road, or the range is empty.
     """
     banded = config.speed_min is not None or config.speed_max is not None
+    own = SPEED.make(config.speed_planner, route=route, parameters=parameters, speed=config.speed)
+    if own is not None:
+        if banded or config.speed_profile is not None:
+            raise InputError(
+                "a speed-planner of your own uses neither speed-min, speed-max nor speed-profile: "
+                "leave them out"
+            )
+        return guarded_speed(own)
     if config.speed_profile is not None:
         if banded:
             raise InputError(

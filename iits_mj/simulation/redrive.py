@@ -15,7 +15,14 @@ from iits_mj.core.messages import EgoState, VehicleCommand
 from iits_mj.parameters import AnyTruck
 from iits_mj.road import Route
 from iits_mj.simulation.config import DriveConfig
-from iits_mj.simulation.drive_log import FILES, StateHash, options_of, truck_of, truck_versions
+from iits_mj.simulation.drive_log import (
+    FILES,
+    StateHash,
+    options_of,
+    truck_of,
+    truck_versions,
+    without_own_parts,
+)
 from iits_mj.simulation.driver import CommandPlayer
 from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.loop import Simulation
@@ -131,7 +138,7 @@ def recorded_config(
     files = dict.fromkeys(known.intersection(FILES))
     changed = {"map": map_path, "truck": truck_of(options, name, truck), "commands": "direct"}
     try:
-        return DriveConfig(**{**options, **files, **changed})
+        return DriveConfig(**{**without_own_parts(options), **files, **changed})
     except (TypeError, InputError) as error:
         raise InputError(f"{name}: a stored option is not usable: {error}") from error
 

@@ -32,8 +32,6 @@ class PendingDecision:
       pending: the next decision; None after its use.
     """
 
-    name = "asked"
-
     def __init__(self) -> None:
         self.pending: Decision | None = None
 

@@ -75,7 +75,7 @@ def build_environment(
     return environment
 
 
-load = build_environment
+load, register = build_environment, truck.register
 
 
 def twin(environment: control.Environment) -> control.Environment:
@@ -108,5 +108,6 @@ __all__ = [
     "Physics",
     "build_environment",
     "load",
+    "register",
     "twin",
 ]

@@ -11,6 +11,7 @@ from dm_control.utils import containers
 
 from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig, usual_payload
 from iits_mj.core.checks import one_of
+from iits_mj.core.errors import InputError
 from iits_mj.core.timing import CYCLE_PERIOD, TIMESTEP
 from iits_mj.parameters import AnyTruck, TruckParameters
 from iits_mj.simulation.truck_world import TruckWorld
@@ -62,7 +63,7 @@ def _factory(name: str, kind: type[DrivingTask]) -> Callable[..., control.Enviro
         )
 
     build.__name__ = name
-    build.__doc__ = f"""{(kind.__doc__ or "").splitlines()[0]}
+    build.__doc__ = f"""{(kind.__doc__ or name).splitlines()[0]}
 
     Args:
       time_limit: end of an episode [s]; default: {kind.time_limit:g} s.
@@ -77,8 +78,19 @@ def _factory(name: str, kind: type[DrivingTask]) -> Callable[..., control.Enviro
     return build
 
 
+def register(name: str, kind: type[DrivingTask], *tags: str) -> None:
+    """Adds a task to the domain, for `suite.load` and `iits_mj.envs.driving.DrivingEnv`.
+
+    Raises:
+      InputError: the name is taken.
+    """
+    if name in SUITE:
+        raise InputError(f"task {name!r} is there already: use another name")
+    SUITE.add(*tags)(_factory(name, kind))
+
+
 for _name, _kind in DRIVING_TASKS.items():
-    SUITE.add("benchmarking", *_kind.tags)(_factory(_name, _kind))
+    register(_name, _kind, "benchmarking", *_kind.tags)
 
 
 @SUITE.add("hard")

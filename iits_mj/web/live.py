@@ -15,6 +15,7 @@ from iits_mj.core.timing import CONTROL_PERIOD, CYCLE_PERIOD
 from iits_mj.core.units import KMH
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.parameters import check_truck
+from iits_mj.render.cameras import Camera
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveFrame, DriveSummary, Observer, Simulation
 from iits_mj.simulation.config import DENSITIES
@@ -60,14 +61,21 @@ class LiveDrive(Stage, Observer, Closing):
       server: of the pages.
       config: of the first drive.
       pace: simulated time over wall time.
+      camera: with which the pages begin, one of `iits_mj.web.scene.VIEWS` or your own.
 
     Attributes:
       simulation: that runs; driver: of its truck; events: that can be triggered.
       inputs: a person's inputs, each from a time [s] on.
     """
 
-    def __init__(self, server: WebServer, config: DriveConfig, pace: float = 1.0) -> None:
-        self.config = config
+    def __init__(
+        self,
+        server: WebServer,
+        config: DriveConfig,
+        pace: float = 1.0,
+        camera: str | type[Camera] | Camera = "chase",
+    ) -> None:
+        self.config, self.camera = config, camera
         self.friction: float | None = None
         self.inputs: list[tuple[float, Hands]] = []
         self._reverse = False
@@ -264,7 +272,11 @@ class LiveDrive(Stage, Observer, Closing):
             route = self.simulation.route
             before = self.scene
             self.scene = TruckScene(
-                self.server.viser, truck.model, truck.parameters, tuple(route.tunnels)
+                self.server.viser,
+                truck.model,
+                truck.parameters,
+                tuple(route.tunnels),
+                camera=self.camera,
             )
             self.scene.keep_views(before)
             self.scene.initial_camera(Poses.of(truck.data))

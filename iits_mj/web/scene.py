@@ -17,8 +17,9 @@ from mjviser.conversions import get_geom_texture_id, is_fixed_body, merge_geoms
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import Trajectory
+from iits_mj.core.own_parts import part_name
 from iits_mj.core.vehicles import VehicleFrame
-from iits_mj.render.cameras import CAMERAS, FollowCamera
+from iits_mj.render.cameras import CAMERAS, Camera, CameraGuard, FollowCamera, make_camera
 from iits_mj.render.offscreen import camera_pose
 
 if TYPE_CHECKING:
@@ -90,6 +91,7 @@ class TruckScene(ViserMujocoScene):
       tunnels: first and last station of each on the route [m].
       near: only the landscape near these places (n, 2) is sent [m]; None: all of it.
       overlays: whether path, gaps and forces can be drawn.
+      camera: of new viewers: one of `VIEWS`, or your own.
 
     Attributes:
       show_path, show_forces, show_gaps: which overlays are drawn.
@@ -104,8 +106,9 @@ class TruckScene(ViserMujocoScene):
         *,
         near: FloatArray | None = None,
         overlays: bool = True,
+        camera: str | type[Camera] | Camera = "chase",
     ) -> None:
-        self._near = near
+        self._near, self._first = near, camera
         self._chunks: list[tuple[Any, FloatArray]] = []
         server.scene.set_background_image(_sky(), format="png")
         server.scene.configure_fog(900.0, 4_500.0, color=tuple(_HAZE.astype(int)))
@@ -116,7 +119,7 @@ class TruckScene(ViserMujocoScene):
         last = "trailer" if parameters is None else parameters.last.name
         self._units = {self._tracked, model.body(last).id}
         self._mocap = model.body_mocapid >= 0
-        self._views: dict[int, tuple[str, FollowCamera | None]] = {}
+        self._views: dict[int, tuple[str, FollowCamera | CameraGuard | None]] = {}
         self.show_path = self.show_forces = self.show_gaps = True
         self._fovy = math.radians(float(model.vis.global_.fovy))
         self._marks = (0.0, np.zeros((0, 3)), np.zeros((0, 3)))
@@ -254,10 +257,11 @@ class TruckScene(ViserMujocoScene):
         self.server.flush()
 
     def use_view(self, client: int, view: str) -> None:
-        """Gives a viewer one of `VIEWS`; with "orbit" the mouse alone moves its camera."""
+        """Gives a viewer one of `VIEWS` or the first camera; "orbit" leaves it to the mouse."""
         follow = None
         if view != ORBIT:
-            follow = FollowCamera(view, self._tunnels, self._parameters)
+            given = self._first if view == part_name(self._first) else view
+            follow = make_camera(given, self._tunnels, self._parameters)
         self._views[client] = view, follow
 
     def keep_views(self, before: TruckScene | None) -> None:
@@ -266,8 +270,8 @@ class TruckScene(ViserMujocoScene):
             self.use_view(client, view)
 
     def view_of(self, client: int) -> str:
-        """Returns the view of a viewer; new viewers have "chase"."""
-        return self._views.get(client, ("chase", None))[0]
+        """Returns the view of a viewer."""
+        return self._views.get(client, (part_name(self._first), None))[0]
 
     def _move_cameras(self, poses: Poses, station: float | None, time: float) -> None:
         clients = self.server.get_clients()
@@ -275,7 +279,7 @@ class TruckScene(ViserMujocoScene):
             del self._views[number]
         for number, client in clients.items():
             if number not in self._views:
-                self.use_view(number, "chase")
+                self.use_view(number, part_name(self._first))
                 client.camera.fov = self._fovy
                 client.camera.near, client.camera.far = 0.3, 6_000.0
             follow = self._views[number][1]
@@ -288,7 +292,7 @@ class TruckScene(ViserMujocoScene):
             client.flush()
 
     def _camera(
-        self, follow: FollowCamera, poses: Poses, station: float | None, time: float
+        self, follow: FollowCamera | CameraGuard, poses: Poses, station: float | None, time: float
     ) -> tuple[FloatArray, FloatArray]:
         """Returns place and point looked at of a camera, relative to the truck."""
         data = self.mj_data
@@ -304,11 +308,12 @@ class TruckScene(ViserMujocoScene):
         return eye + self._scene_offset, ahead + self._scene_offset
 
     def initial_camera(
-        self, poses: Poses, view: str = "chase", turned: float | None = None
+        self, poses: Poses, view: str | None = None, turned: float | None = None
     ) -> None:
         """Sets the camera with which pages and exported pages start; see `show`."""
         self._scene_offset = -poses.position[self._tracked]
-        follow = FollowCamera(view, self._tunnels, self._parameters)
+        given = self._first if view is None else view
+        follow = make_camera(given, self._tunnels, self._parameters)
         places = np.array(self._camera(follow, poses, None, 0.0))
         if turned is not None:
             about = np.array([math.cos(0.5 * turned), 0.0, 0.0, -math.sin(0.5 * turned)])

@@ -13,12 +13,14 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from iits_mj.core.errors import Error
+from iits_mj.core.own_parts import part_name
 from iits_mj.web.manual import Hands
 from iits_mj.web.requests import Handler, Requests
 
 if TYPE_CHECKING:
     import viser
 
+    from iits_mj.render.cameras import Camera
     from iits_mj.web.scene import TruckScene
     from iits_mj.web.server import WebServer
 
@@ -39,6 +41,7 @@ class Stage:
       pace: simulated time over wall time.
 
     Attributes:
+      camera: with which the pages begin.
       server: as given; scene: what the pages show, None before the first model.
       requests: that change the simulation; looks: that change what is seen.
       holder: number of the page that has the wheel, 0 for none; given: its newest inputs and when
@@ -46,6 +49,7 @@ class Stage:
     """
 
     scene: TruckScene | None = None
+    camera: str | type[Camera] | Camera = "chase"
 
     def __init__(self, server: WebServer, pace: float = 1.0) -> None:
         self.server = server
@@ -271,7 +275,9 @@ class Stage:
         """Adds the choice of camera, one for each page."""
         from iits_mj.web.scene import VIEWS
 
-        view = client.gui.add_dropdown("Camera", VIEWS, initial_value="chase", order=-1.0)
+        first = part_name(self.camera)
+        views = VIEWS if first in VIEWS else (*VIEWS, first)
+        view = client.gui.add_dropdown("Camera", views, initial_value=first, order=-1.0)
         view.on_update(lambda _: self.looks.put("view", (client.client_id, view.value)))
 
     def add_overlays(self, names: dict[str, str]) -> None:

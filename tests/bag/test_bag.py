@@ -25,6 +25,7 @@ from iits_mj.core.messages import (
 from iits_mj.simulation import DriveConfig, Observer, Simulation
 from iits_mj.simulation.drive_log import BusLog
 from tests.combinations import load
+from tests.paths import ROOT
 
 pytest.importorskip("rosbags")
 pytest.importorskip("libsumo")
@@ -272,6 +273,22 @@ def test_unusable_bags_are_refused(drive, tmp_path):
         writer.write(connection, 0, store.serialize_cdr(message, kind))
     with pytest.raises(InputError, match=r"holds no drive: it lacks /drive"):
         read_bag(tmp_path / "other")
+
+
+def test_own_parts_of_a_bag_must_be_named_again(drive, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    bag = read_bag(drive[0] / "bag")
+    own = {"decision": "os:abort", "lateral": "examples/own_lateral.py:Stanley"}
+    bag = dataclasses.replace(bag, options=bag.options | own)
+    assert bag.config(parts=()).lateral == "preview"
+    assert run_stage(bag, "vehicle").differing == 0
+    with pytest.raises(InputError, match="decision maker os:abort, which a bag does not hold"):
+        run_stage(bag, "decision")
+    with pytest.raises(InputError, match=r"name it by --lateral$"):
+        run_stage(bag, "control")
+    assert run_stage(bag, "control", lateral="preview").differing == 0
+    found = run_stage(bag, "control", lateral="examples/own_lateral.py:Stanley:gain=0.2")
+    assert list(found.largest) == ["steering_wheel_angle"]
 
 
 def test_a_drive_that_fails_leaves_no_bag(tmp_path):

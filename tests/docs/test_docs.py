@@ -16,6 +16,7 @@ PAGES = [
     *sorted((ROOT / "docs").glob("*.md")),
     *sorted((ROOT / "docs" / "environments").glob("*.md")),
     *sorted((ROOT / "docs" / "tutorials").glob("*.md")),
+    *sorted((ROOT / "docs" / "how_to").glob("*.md")),
 ]
 
 
@@ -68,6 +69,7 @@ def test_the_command_line_accepts_every_printed_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
     # A configuration begins with its name.
     for block in blocks(ROOT / "docs" / "cli.md", "toml"):
         (tmp_path / block.split()[1]).write_text(block)

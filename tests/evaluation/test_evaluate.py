@@ -26,6 +26,7 @@ from iits_mj.evaluation.evaluate import (
 )
 from iits_mj.validation.harness import run_cache
 from tests.evaluation.rows_of import die_once, task, trial
+from tests.paths import ROOT
 
 CONFIG = EvaluateConfig(trials=2, methods="keep,aggressive", cells="dense-12.5,medium-15")
 
@@ -196,7 +197,7 @@ def test_no_drive_uses_only_the_trials_of_the_file(tmp_path):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"methods": "best"}, "method 'best' is not known"),
+        ({"methods": "best"}, "decision maker 'best' is not known"),
         ({"cells": "dense-13"}, "cell .dense-13. is not known .* use one of: dense-12.5"),
         ({"seed": 10}, "seed 10 is not allowed; use 0 to 9"),
         ({"weights": SHIPPED.with_name("none.npz")}, "cannot be read"),
@@ -302,3 +303,17 @@ def test_a_row_that_does_not_fit_on_the_disk_leaves_the_file_whole(tmp_path, ful
     with full_disk(len(whole) + 20), pytest.raises(InputError, match=r"trials.csv' cannot be wri"):
         trials.append_trial(path, trial(task("keep", 2), 0.1))
     assert path.read_bytes() == whole
+
+
+def test_an_own_decision_maker_is_compared_in_several_processes(monkeypatch, tmp_path):
+    monkeypatch.chdir(ROOT)
+    own = "examples/own_decision.py:Impatient:room=30"
+    settings = {"methods": f"keep,{own}", "trials": 2, "length": 500.0, "cells": "dense-12.5"}
+    file = tmp_path / "trials.csv"
+    config = EvaluateConfig(world="fast", jobs=2, file=file, **settings)
+    trials = [trial for trial in run(config) if trial.method == own]
+    assert [len(trial.weights) for trial in trials] == [12, 12]
+    kept = run(replace(config, drive=False))[-1]
+    assert (kept.task, kept.speed_loss) == (trials[-1].task, trials[-1].speed_loss)
+    with pytest.raises(InputError, match=r"decision maker .* has no 'Impatent' \(did you mean"):
+        EvaluateConfig(methods="keep,examples/own_decision.py:Impatent")

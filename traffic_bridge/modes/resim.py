@@ -50,7 +50,10 @@ def traffic_of(recording: Recording, name: str, route: Route) -> PureSim:
     meta = recording.meta
     mode = meta.get("mode")
     if mode not in MODES:
-        raise InputError(f"{name}: mode {mode!r} cannot be re-run; RepSim replays it")
+        raise InputError(
+            f"{name}: mode {mode!r} cannot be re-run; 'iits-mj replay' and RepSim replay its "
+            "vehicles"
+        )
     if len(recording) == 0:
         raise InputError(f"{name}: has no frames")
     check_map(recording, name, route)

@@ -14,6 +14,7 @@ from iits_mj.core.messages import EgoState, VehicleCommand
 from iits_mj.core.vehicles import VehicleFrame
 from traffic_bridge.modes.sumo_modes import Mode, PureSim
 from traffic_bridge.network.nets import build_network
+from traffic_bridge.own_traffic import OwnTraffic
 from traffic_bridge.recording.provenance import net_hash, versions
 from traffic_bridge.recording.recording import PoseDigest, Recording
 from traffic_bridge.recording.rows import (
@@ -113,13 +114,13 @@ class Recorder(Mode):
     Long drives need little memory, because the data are in a temporary file.
 
     Args:
-      traffic: a PureSim or InterSim.
+      traffic: a PureSim or InterSim, which can be run again, or your own, which can be replayed.
 
     Attributes:
       drive: data (JSON) that the re-run of a whole drive needs besides the traffic.
     """
 
-    def __init__(self, traffic: PureSim) -> None:
+    def __init__(self, traffic: PureSim | OwnTraffic) -> None:
         self.traffic = traffic
         self.route = traffic.route
         self.drive: dict[str, Any] | None = None
@@ -154,7 +155,8 @@ class Recorder(Mode):
         truck = ego_row(ego)
         self._tables["frame"] = SpillTable(_frame_type(len(truck)))
         frame = self._note(truck, self.traffic.reset(ego))
-        self._net = self._net or net_hash(build_network(self.route).path)
+        if isinstance(self.traffic, PureSim):
+            self._net = self._net or net_hash(build_network(self.route).path)
         return frame
 
     def step(self, ego: EgoState | None = None) -> VehicleFrame:
@@ -247,11 +249,14 @@ class Recorder(Mode):
 
     def _meta(self) -> dict[str, Any]:
         road_map = self.route.road_map
+        traffic = self.traffic
+        sumo: dict[str, Any] = {}
+        if isinstance(traffic, PureSim):
+            sumo = {"seed": traffic.seed, "config": traffic.config.as_dict()}
         meta: dict[str, Any] = {
             "schema": SCHEMA,
-            "mode": self.traffic.mode,
-            "seed": self.traffic.seed,
-            "config": self.traffic.config.as_dict(),
+            "mode": traffic.mode,
+            **sumo,
             "map_hash": road_map.content_hash,
             "map_name": road_map.path.name,
             "net_hash": self._net,

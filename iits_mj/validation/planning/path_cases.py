@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from controllers.decision.base import DecisionContext, DecisionMaker
+from controllers.decision.base import DecisionContext
 from controllers.planning.planner import PlannerConfig
 from controllers.planning.speed_plan import SpeedConfig
+from controllers.protocols import DecisionMaker
 from controllers.stack import Stack
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import Decision, EgoState, Scene, VehicleCommand, XbrMode
