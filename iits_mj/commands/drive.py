@@ -60,6 +60,7 @@ DEMO: Mapping[str, Any] = {
     "decision": "lookahead",
     "events": Path(__file__).with_name("demo.toml"),
 }
+LONGEST_REPLAY = 300.0  # [s]; a minute takes 1 to 2 MB of the replay's page
 UNSTEERED = (
     "No steering command (IITS_COMMAND) was accepted, and the truck does not obey the accelerator "
     "without steering: use replay-can --keep-lane, which steers instead of the log."
@@ -87,6 +88,9 @@ class Kept:
         help="write the messages between the modules as a ROS 2 bag (MCAP), for Foxglove, "
         "'ros2 bag' and 'iits-mj replay-stage'",
         metavar="DIR",
+    )
+    replay: bool = option(
+        False, help="write replay.html, the drive in 3-D for a browser; the report opens it"
     )
     json: bool = option(False, help="print the summary as one JSON object")
 
@@ -124,6 +128,7 @@ class Outcome:
       summary, telemetry: of the drive; video: path, or None; notes: for the report.
       receiver: of command frames, None for direct commands; logged: number of logged frames.
       driver: of the truck; route: the road; lights: stations of the stop lines of lights [m].
+      replay: page with the drive in 3-D, or None.
     """
 
     summary: DriveSummary
@@ -135,6 +140,7 @@ class Outcome:
     driver: Driver
     route: Route
     lights: tuple[float, ...]
+    replay: Path | None = None
 
     def frames(self) -> dict[str, Mapping[str, int]]:
         """Returns the counts of command frames by outcome; empty for direct commands."""
@@ -216,6 +222,13 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
 
             video = film.path if film else None
             observers.append(bags.enter_context(BagWriter(kept.bag, simulation, video)))
+        track = None
+        if kept.replay:
+            # Load viser only for replays.
+            from iits_mj.web.track import TrackObserver
+
+            track = TrackObserver(simulation)
+            observers.append(track)
         notes: tuple[str, ...] = ()
         if film is not None:
             film, notes = _checked(film)
@@ -232,6 +245,11 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
         except DivergedError:
             summary = simulation.summary()
         lights = _stop_lines(simulation)
+    replay = None
+    if track is not None and len(track.track.states) > 1:
+        from iits_mj.web.playback import replay_page
+
+        replay = replay_page(track.track, kept.out / "replay.html", duration=LONGEST_REPLAY)
     receiver = _receiver(simulation)
     if receiver is not None and not receiver.accepted["IITS_COMMAND"]:
         print(f"iits-mj: {UNSTEERED}", file=sys.stderr)
@@ -250,7 +268,7 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
     logged = log.count if log else 0
     driver = simulation.driver
     parts = (summary, telemetry, video, notes, receiver, logged, driver, simulation.route, lights)
-    return Outcome(*parts), interrupted
+    return Outcome(*parts, replay), interrupted
 
 
 def _stop_lines(simulation: Simulation) -> tuple[float, ...]:
@@ -321,11 +339,14 @@ def _write(job: Job, outcome: Outcome) -> list[tuple[str, Path]]:
         rows,
         _settings(job),
         film,
+        outcome.replay,
     ).page().write(out / "report.html")
     pages = [
         ("report", out / "report.html"),
         ("telemetry", out / "telemetry.csv"),
     ]
+    if outcome.replay is not None:
+        pages.append(("replay in 3-D", outcome.replay))
     if job.kept.can_log is not None:
         pages.append((f"CAN log, {outcome.logged} frames", job.kept.can_log))
     return [*pages, ("video", outcome.video)] if outcome.video is not None else pages

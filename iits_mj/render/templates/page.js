@@ -362,6 +362,14 @@ if (clock) {
   moveTo(group, group.at);
 }
 
+byId("replay")?.addEventListener("click", (event) => {
+  const frame = document.createElement("iframe");
+  Object.assign(frame, { src: event.target.dataset.source, title: "The drive in 3-D" });
+  event.target.closest("p").before(frame);
+  event.target.remove();
+  frame.focus();
+});
+
 // A plot is drawn when it comes near the window: pages have up to some hundred plots.
 const watch = new IntersectionObserver((entries) => entries.forEach((entry) => {
   if (entry.isIntersecting && !entry.target.plot.drawn) draw(entry.target.plot);
