@@ -1,8 +1,8 @@
 """Pages as HTML and Markdown, from the templates beside this module.
 
 An HTML page is one self-contained file with plots that answer, see `interactive`; only films and
-3-D replays lie beside it. A Markdown page has its plots as pictures in a folder beside it, so that a repository can
-hold both.
+3-D replays lie beside it. A Markdown page has its plots as pictures in a folder beside it, so that
+a repository can hold both.
 """
 
 from __future__ import annotations
