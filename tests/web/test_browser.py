@@ -14,11 +14,10 @@ from iits_mj.core.errors import Error
 from iits_mj.simulation import DriveConfig, Simulation
 from iits_mj.web import WebServer
 from iits_mj.web.stage import Stage
-from tests.web.browser import chromium, find_chromium
+from tests.browser import chromium, needs_chromium
 
 pytest.importorskip("mjviser")
-if find_chromium() is None:
-    pytest.skip("no Chromium is installed", allow_module_level=True)
+pytestmark = needs_chromium
 
 SPEED = "document.querySelector('#iits .dash:not([hidden]) .speed')?.textContent"
 ROWS = (
@@ -95,8 +94,7 @@ def test_a_drive_is_shown_paused_steered_and_ended(view, browser):
     words = page.value("document.querySelector('#iits').innerText")
     assert not re.search(r"\b(None|NaN|undefined|inf)\b", words)
 
-    page.key("Space", down=True)
-    page.key("Space", down=False)
+    page.press("Space")
     page.wait(f"{BUTTONS}.some(b => b.textContent == 'Resume')")
     held = time_shown()
     time.sleep(1.0)
@@ -118,8 +116,7 @@ def test_a_drive_is_shown_paused_steered_and_ended(view, browser):
     page.key("ArrowLeft", down=True)
     page.wait(f"parseFloat(({ROWS})['steering wheel']) > 8", 60.0)
     page.key("ArrowLeft", down=False)
-    page.key("Escape", down=True)
-    page.key("Escape", down=False)
+    page.press("Escape")
     page.wait("document.querySelector('#iits .help').hidden")
 
     page.close()
