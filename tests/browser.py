@@ -100,7 +100,7 @@ class Tab:
     def wait(self, condition: str, seconds: float = _TIMEOUT) -> None:
         """Waits until an expression is true."""
         # An element of the page itself has no value here.
-        _wait(lambda: self.value(f"Boolean({condition})"), seconds, condition)
+        wait(lambda: self.value(f"Boolean({condition})"), seconds, condition)
 
     def key(self, key: str, *, down: bool, shift: bool = False) -> None:
         """Presses or releases a key where the focus is: "ArrowLeft" or "w"."""
@@ -166,13 +166,13 @@ def chromium(folder: Path) -> Iterator[Browser]:
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         try:
             port = folder / "DevToolsActivePort"
-            lines = _wait(lambda: port.is_file() and port.read_text().split(), _TIMEOUT, "DevTools")
+            lines = wait(lambda: port.is_file() and port.read_text().split(), _TIMEOUT, "DevTools")
             yield Browser(int(lines[0]))
         finally:
             process.terminate()
 
 
-def _wait(found: Callable[[], Any], seconds: float, what: str) -> Any:
+def wait(found: Callable[[], Any], seconds: float, what: str) -> Any:
     """Returns the first true value of a function.
 
     Raises:
