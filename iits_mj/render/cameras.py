@@ -19,8 +19,8 @@ from iits_mj.parameters import TruckParameters
 class View:
     """Position of a camera relative to the smoothed heading of the unit that it follows.
 
-    Distance and `ahead` are those for a combination of `_LENGTH` that ends `_REAR` behind the origin
-    of its last unit.
+    Distance and `ahead` are those for a combination of `_LENGTH`, whose last unit ends `_REAR` behind
+    its origin.
 
     Attributes:
       distance: from the point looked at [m]; azimuth, elevation: viewing direction [deg].
@@ -58,7 +58,7 @@ VIEWS = {
 }
 CAMERAS = tuple(VIEWS)
 CAMERAS_MAX = 4  # in one picture
-# Length of the combination, and distance of its rear from the origin of its last unit, for which the
+# Length of the combination, and distance of its rear from the last unit's origin, for which the
 # views are defined [m].
 _LENGTH, _REAR = 16.5, 11.5
 _SCALE_MIN = 0.65  # a short truck does not hide the road ahead

@@ -155,7 +155,7 @@ def replay_page(
     """Writes one HTML file that replays a drive in 3-D; it needs no server and no network.
 
     The page has a time line with play, pause and speed. The mouse turns and moves the camera, which
-    stays behind the truck. Inside the report of the drive, it follows and moves the report's cursor.
+    stays behind the truck. Inside the drive's report, it follows and moves the report's cursor.
 
     Args:
       drive: recording, bag, or the track of a drive (`iits_mj.web.track.TrackObserver`).
