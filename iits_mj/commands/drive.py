@@ -1,8 +1,9 @@
 """Drive the truck along a road in SUMO traffic, controlled by its driving stack.
 
-Without options of the drive itself it is a demo of a minute: the truck overtakes two slow trucks in
-a tunnel, returns before a broken-down van, and descends on its retarder. With any such option, for
-instance --duration, it is a drive in ordinary traffic from --start-station on.
+Without options of the drive itself it is a demo of a minute: leaving a tunnel the truck overtakes
+two slow trucks, returns to the right lane, and brakes with its retarder behind slower traffic on a
+descent. With any such option, for instance --duration, it is a drive in ordinary traffic from
+--start-station on.
 
 Writes drive.mp4, telemetry.csv, summary.json, and report.html, a page with plots that answers to
 the reader, into --out. Exit code: 0 after a drive without failure; 1 after a collision, a roll-over
@@ -54,9 +55,13 @@ from iits_mj.truck import Truck
 INTERRUPTED = 130
 # The drive without options; found by trying seeds and stations.
 DEMO: Mapping[str, Any] = {
-    "start_station": 990.0,
-    "seed": 2,
+    "start_station": 1420.0,
+    "seed": 4,
     "duration": 60.0,
+    "density": "medium",
+    "traffic_speed": 14.0,
+    "speed": 20.0,
+    "speed_planner": "cruise",
     "decision": "lookahead",
     "events": Path(__file__).with_name("demo.toml"),
 }

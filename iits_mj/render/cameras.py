@@ -19,8 +19,8 @@ from iits_mj.parameters import TruckParameters
 class View:
     """Position of a camera relative to the smoothed heading of the unit that it follows.
 
-    Distance and `ahead` are those for a combination of `_LENGTH`, whose last unit ends `_REAR` behind
-    its origin.
+    Distance and `ahead` are those for a combination of `_LENGTH` and a last unit with its rear
+    `_REAR` behind its origin.
 
     Attributes:
       distance: from the point looked at [m]; azimuth, elevation: viewing direction [deg].

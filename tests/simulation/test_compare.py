@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from iits_mj import cli
+from iits_mj.commands.drive import Kept
 from iits_mj.core.errors import InputError
 from iits_mj.render.compare_page import Comparison
-from iits_mj.commands.drive import Kept
 from iits_mj.simulation.compare import Run, differing, figures, partings, resample
 from iits_mj.simulation.drive_table import DriveTable
 from tests.render.drives import Content, drive, plotted
