@@ -1,9 +1,10 @@
-"""Cameras that follow the truck smoothly."""
+"""Cameras that follow the truck smoothly, and the pose of a camera."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -198,3 +199,24 @@ def _scaled(view: View, scale: float, shift: float) -> View:
 def _share(elapsed: float, time_constant: float) -> float:
     """Returns the share of a step that a first-order lag covers in a time."""
     return 1.0 if time_constant <= 0.0 else 1.0 - math.exp(-elapsed / time_constant)
+
+
+def camera_pose(camera: mujoco.MjvCamera) -> tuple[FloatArray, FloatArray]:
+    """Returns position and viewing direction of a free camera."""
+    azimuth, elevation = math.radians(camera.azimuth), math.radians(camera.elevation)
+    forward = np.array(
+        [
+            math.cos(elevation) * math.cos(azimuth),
+            math.cos(elevation) * math.sin(azimuth),
+            math.sin(elevation),
+        ]
+    )
+    return np.asarray(camera.lookat) - camera.distance * forward, forward
+
+
+def follow(window: Any, model: mujoco.MjModel, prefix: str = "") -> None:
+    """Makes a viewer's camera follow the center of mass of the truck with this prefix."""
+    window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
+    window.cam.trackbodyid = model.body(f"{prefix}tractor").id
+    window.cam.distance, window.cam.elevation = 28.0, -18.0
+    window.cam.azimuth = 180.0

@@ -18,8 +18,7 @@ from mjviser.conversions import get_geom_texture_id, is_fixed_body, merge_geoms
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import Trajectory
 from iits_mj.core.vehicles import VehicleFrame
-from iits_mj.render.cameras import CAMERAS, FollowCamera
-from iits_mj.render.offscreen import camera_pose
+from iits_mj.render.cameras import CAMERAS, FollowCamera, camera_pose
 
 if TYPE_CHECKING:
     import viser

@@ -12,10 +12,10 @@ from iits_mj.core.errors import InputError, RenderError
 from iits_mj.core.messages import EgoState, PlanMode, Scene, Trajectory
 from iits_mj.model.scenery.structures import TUNNEL_ROOF, WALL_GAP
 from iits_mj.parameters import TruckParameters, check_truck, shipped_trucks
-from iits_mj.render import offscreen
-from iits_mj.render.cameras import CAMERAS, FollowCamera, cameras_of, tiles
+from iits_mj.render.cameras import CAMERAS, FollowCamera, camera_pose, cameras_of, tiles
+from iits_mj.render.context import make_context
 from iits_mj.render.lane_sketch import trajectory_boxes
-from iits_mj.render.offscreen import Offscreen, camera_pose, check_size
+from iits_mj.render.offscreen import Offscreen, check_size
 from iits_mj.render.video import Mp4Encoder, VideoObserver
 from iits_mj.road import RoadMap
 from iits_mj.simulation import DriveConfig
@@ -263,7 +263,7 @@ def test_missing_opengl_is_named_with_its_packages(monkeypatch):
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     monkeypatch.setitem(sys.modules, "mujoco.egl", None)
     with pytest.raises(RenderError, match="libegl1 libgl1-mesa-dri libopengl0"):
-        offscreen.make_context(16, 16)
+        make_context(16, 16)
 
 
 def test_ribbon_begins_ahead_of_the_truck_and_takes_the_colour_of_the_mode():
@@ -299,7 +299,7 @@ def test_pictures_show_what_stands_beside_the_truck(scene):
 def mujocos_picture(model, data, camera):
     """MuJoCo's own picture, with the settings of `Offscreen`."""
     model.vis.quality.offsamples = 0
-    context = offscreen.make_context(*SIZE)
+    context = make_context(*SIZE)
     try:
         target = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, target)

@@ -21,8 +21,8 @@ from iits_mj.core.context import Closing
 from iits_mj.core.errors import RenderError
 from iits_mj.core.results import Findings
 from iits_mj.render.cameras import FollowCamera
+from iits_mj.render.context import make_context
 from iits_mj.render.film_process import FilmProcess, FilmSettings
-from iits_mj.render.offscreen import make_context
 from iits_mj.render.video import Pictures, VideoObserver
 from iits_mj.render.weather import WEATHERS
 from iits_mj.simulation import DriveConfig, Simulation
