@@ -1,8 +1,9 @@
 """Drive the truck along a road in SUMO traffic, controlled by its driving stack.
 
-Without options of the drive itself it is a demo of a minute: the truck overtakes two slow trucks in
-a tunnel, returns before a broken-down van, and descends on its retarder. With any such option, for
-instance --duration, it is a drive in ordinary traffic from --start-station on.
+Without options of the drive itself it is a demo of a minute: leaving a tunnel the truck overtakes
+two slow trucks, returns to the right lane, and brakes with its retarder behind slower traffic on a
+descent. With any such option, for instance --duration, it is a drive in ordinary traffic from
+--start-station on.
 
 Writes drive.mp4, telemetry.csv, summary.json, and report.html, a page with plots that answers to
 the reader, into --out. Exit code: 0 after a drive without failure; 1 after a collision, a roll-over
@@ -59,12 +60,17 @@ from iits_mj.truck import Truck
 INTERRUPTED = 130
 # The drive without options; found by trying seeds and stations.
 DEMO: Mapping[str, Any] = {
-    "start_station": 990.0,
-    "seed": 2,
+    "start_station": 1420.0,
+    "seed": 4,
     "duration": 60.0,
+    "density": "medium",
+    "traffic_speed": 14.0,
+    "speed": 20.0,
+    "speed_planner": "cruise",
     "decision": "lookahead",
     "events": Path(__file__).with_name("demo.toml"),
 }
+LONGEST_REPLAY = 300.0  # [s]; a minute takes 1 to 2 MB of the replay's page
 UNSTEERED = (
     "No steering command (IITS_COMMAND) was accepted, and the truck does not obey the accelerator "
     "without steering: use replay-can --keep-lane, which steers instead of the log."
@@ -95,6 +101,11 @@ class Kept:
         help="write the messages between the modules as a ROS 2 bag (MCAP), for Foxglove, "
         "'ros2 bag' and 'iits-mj replay-stage'",
         metavar="DIR",
+        group="output",
+    )
+    replay: bool = option(
+        False,
+        help="write replay.html, the drive in 3-D for a browser; the report opens it",
         group="output",
     )
     json: bool = option(False, help="print the summary as one JSON object", group="output")
@@ -133,6 +144,7 @@ class Outcome:
       summary, telemetry: of the drive; video: path, or None; notes: for the report.
       receiver: of command frames, None for direct commands; logged: number of logged frames.
       driver: of the truck; route: the road; lights: stations of the stop lines of lights [m].
+      replay: page with the drive in 3-D, or None.
     """
 
     summary: DriveSummary
@@ -144,6 +156,7 @@ class Outcome:
     driver: Driver
     route: Route
     lights: tuple[float, ...]
+    replay: Path | None = None
 
     def frames(self) -> dict[str, Mapping[str, int]]:
         """Returns the counts of command frames by outcome; empty for direct commands."""
@@ -238,6 +251,13 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
 
             video = film.path if film else None
             observers.append(bags.enter_context(BagWriter(kept.bag, simulation, video)))
+        track = None
+        if kept.replay:
+            # Load viser only for replays.
+            from iits_mj.web.track import TrackObserver
+
+            track = TrackObserver(simulation)
+            observers.append(track)
         notes: tuple[str, ...] = ()
         if film is not None:
             film, notes = _checked(film)
@@ -254,6 +274,11 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
         except DivergedError:
             summary = simulation.summary()
         lights = _stop_lines(simulation)
+    replay = None
+    if track is not None and len(track.track.states) > 1:
+        from iits_mj.web.playback import replay_page
+
+        replay = replay_page(track.track, kept.out / "replay.html", duration=LONGEST_REPLAY)
     receiver = _receiver(simulation)
     if receiver is not None and not receiver.accepted["IITS_COMMAND"]:
         print(f"iits-mj: {UNSTEERED}", file=sys.stderr)
@@ -272,7 +297,7 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
     logged = log.count if log else 0
     driver = simulation.driver
     parts = (summary, telemetry, video, notes, receiver, logged, driver, simulation.route, lights)
-    return Outcome(*parts), interrupted
+    return Outcome(*parts, replay), interrupted
 
 
 def _stop_lines(simulation: Simulation) -> tuple[float, ...]:
@@ -346,11 +371,14 @@ def _write(job: Job, outcome: Outcome) -> list[tuple[str, Path]]:
         rows,
         _settings(job),
         film,
+        outcome.replay,
     ).page().write(out / "report.html")
     pages = [
         ("report", out / "report.html"),
         ("telemetry", out / "telemetry.csv"),
     ]
+    if outcome.replay is not None:
+        pages.append(("replay in 3-D", outcome.replay))
     if job.kept.can_log is not None:
         pages.append((f"CAN log, {outcome.logged} frames", job.kept.can_log))
     return [*pages, ("video", outcome.video)] if outcome.video is not None else pages

@@ -117,7 +117,8 @@ def _in_window(options: Options) -> int:
     # Load OpenGL for a window only here.
     import mujoco.viewer
 
-    from iits_mj.render.offscreen import check_display, follow
+    from iits_mj.render.cameras import follow
+    from iits_mj.render.context import check_display
 
     check_display()
     with Simulation(options) as simulation:

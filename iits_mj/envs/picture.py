@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from iits_mj.core.checks import one_of
 from iits_mj.core.context import Closing
-from iits_mj.render.offscreen import Offscreen, check_display, follow
+from iits_mj.render.cameras import follow
+from iits_mj.render.context import check_display
+from iits_mj.render.offscreen import Offscreen
 from iits_mj.suite.physics import CAMERAS, Observed
 
 Observation = NDArray[np.float32]

@@ -1,4 +1,4 @@
-"""Cameras that follow the truck smoothly, and the user's own."""
+"""Cameras that follow the truck smoothly, the user's own, and the pose of a camera."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ from iits_mj.parameters import TruckParameters
 class View:
     """Position of a camera relative to the smoothed heading of the unit that it follows.
 
-    Distance and `ahead` are those for the combination, or the last unit, of `_LENGTH`.
+    Distance and `ahead` are those for a combination of `_LENGTH` and a last unit with its rear
+    `_REAR` behind its origin.
 
     Attributes:
       distance: from the point looked at [m]; azimuth, elevation: viewing direction [deg].
@@ -31,7 +32,8 @@ class View:
       tunnel: view inside a tunnel, whose roof and walls would hide the truck: "behind" or
         "ahead"; "" to keep the view.
       slopes: whether the elevation follows the grade of the road.
-      scales: whether distance and `ahead` grow with the length of what the view shows.
+      scales: whether the view depends on the truck's size: of the combination, distance and `ahead`
+        grow with its length; the rear of the last unit is seen from the same place.
     """
 
     distance: float
@@ -58,8 +60,9 @@ VIEWS = {
 }
 CAMERAS = tuple(VIEWS)
 CAMERAS_MAX = 4  # in one picture
-# Lengths [m] of the combination and of its last unit for which the views are defined.
-_LENGTH = {"lead": 16.5, "last": 12.7}
+# Length of the combination, and distance of its rear from the last unit's origin, for which the
+# views are defined [m].
+_LENGTH, _REAR = 16.5, 11.5
 _SCALE_MIN = 0.65  # a short truck does not hide the road ahead
 _LAST_DISTANCE = 0.55  # of the views along the truck when they follow its last unit
 # These views are nearly along the truck, which may drive close to either wall.
@@ -183,15 +186,15 @@ class FollowCamera:
             CAMERA.is_own(view)
             view = VIEWS[view]
         self.view = view
-        self._body, scale = _followed(self.view, truck)
-        self._outside = _scaled(self.view, scale)
+        self._body, scale, shift = _followed(self.view, truck)
+        self._outside = _scaled(self.view, scale, shift)
         inside = _TUNNEL_VIEWS.get(self.view.tunnel, self.view)
         # A camera that is farther away in a tunnel is not higher.
         rise = math.sin(math.radians(inside.elevation)) / max(scale, 1.0)
         inside = replace(inside, elevation=math.degrees(math.asin(rise)))
         if self.view.follows == "last":
             inside = replace(inside, distance=_LAST_DISTANCE * inside.distance, ahead=-4.0)
-        self._inside = _scaled(inside, scale)
+        self._inside = _scaled(inside, scale, shift)
         self.camera = mujoco.MjvCamera()
         self.camera.type = mujoco.mjtCamera.mjCAMERA_FREE
         self._tunnels = tunnels
@@ -251,20 +254,42 @@ class FollowCamera:
         camera.elevation = max(blend("elevation") + tilt, -89.0)
 
 
-def _followed(view: View, truck: TruckParameters | None) -> tuple[str, float]:
-    """Returns the body that a view follows, and the scale of its distances."""
+def _followed(view: View, truck: TruckParameters | None) -> tuple[str, float, float]:
+    """Returns the body that a view follows, the scale of its distances and their shift [m]."""
     if truck is None:
-        return {"lead": "tractor", "last": "trailer"}[view.follows], 1.0
-    body = truck.lead.name if view.follows == "lead" else truck.last.name
-    length = truck.length if view.follows == "lead" else truck.last.length
-    scale = max(length / _LENGTH[view.follows], _SCALE_MIN)
-    return body, scale if view.scales else 1.0
+        return {"lead": "tractor", "last": "trailer"}[view.follows], 1.0, 0.0
+    if view.follows == "last":
+        last = truck.last
+        return last.name, 1.0, _REAR - (last.length - last.front_overhang)
+    scale = max(truck.length / _LENGTH, _SCALE_MIN) if view.scales else 1.0
+    return truck.lead.name, scale, 0.0
 
 
-def _scaled(view: View, scale: float) -> View:
-    return replace(view, distance=scale * view.distance, ahead=scale * view.ahead)
+def _scaled(view: View, scale: float, shift: float) -> View:
+    return replace(view, distance=scale * view.distance, ahead=scale * view.ahead + shift)
 
 
 def _share(elapsed: float, time_constant: float) -> float:
     """Returns the share of a step that a first-order lag covers in a time."""
     return 1.0 if time_constant <= 0.0 else 1.0 - math.exp(-elapsed / time_constant)
+
+
+def camera_pose(camera: mujoco.MjvCamera) -> tuple[FloatArray, FloatArray]:
+    """Returns position and viewing direction of a free camera."""
+    azimuth, elevation = math.radians(camera.azimuth), math.radians(camera.elevation)
+    forward = np.array(
+        [
+            math.cos(elevation) * math.cos(azimuth),
+            math.cos(elevation) * math.sin(azimuth),
+            math.sin(elevation),
+        ]
+    )
+    return np.asarray(camera.lookat) - camera.distance * forward, forward
+
+
+def follow(window: Any, model: mujoco.MjModel, prefix: str = "") -> None:
+    """Makes a viewer's camera follow the center of mass of the truck with this prefix."""
+    window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
+    window.cam.trackbodyid = model.body(f"{prefix}tractor").id
+    window.cam.distance, window.cam.elevation = 28.0, -18.0
+    window.cam.azimuth = 180.0

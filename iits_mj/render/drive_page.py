@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -32,7 +33,7 @@ class DriveReport:
       title, lead: of the page; notes: remarks on the drive.
       drive: its columns; route: the road; lights: stations of the stop lines of lights [m].
       figures, origin, settings: names and values for tables.
-      film: of the drive, beside the page.
+      film: of the drive; replay: a page with the drive in 3-D; both lie beside the page.
     """
 
     title: str
@@ -45,6 +46,7 @@ class DriveReport:
     origin: Rows
     settings: Rows
     film: Film | None = None
+    replay: Path | None = None
 
     def page(self) -> Page:
         """The page; a drive that ended before its second row has no plots."""
@@ -61,6 +63,7 @@ class DriveReport:
                 drive_map({"truck": drive}, road),
                 [clock_of(drive)],
                 [self.film] if self.film else [],
+                self.replay,
             )
             sections.append(_events(self.drive, self.lights))
         sections += [

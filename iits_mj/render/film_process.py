@@ -21,7 +21,8 @@ from iits_mj.core.context import Finishing
 from iits_mj.core.errors import Error, InputError, RenderError
 from iits_mj.core.process_pool import single_threaded_workers
 from iits_mj.render.cameras import Camera, cameras_of
-from iits_mj.render.offscreen import check_size, make_context
+from iits_mj.render.context import make_context
+from iits_mj.render.offscreen import check_size
 from iits_mj.render.video import Film, Mp4Encoder, Pictures, frame_period
 from iits_mj.simulation.config import TruckStart
 from iits_mj.simulation.lock_step import LockStep, Observer

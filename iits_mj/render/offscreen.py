@@ -1,12 +1,8 @@
-"""Pictures of a model without a window (EGL), and checks for the viewer's window."""
+"""Pictures of a model without a window."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
-import os
-import platform
-import sys
 from typing import Any
 
 import mujoco
@@ -15,64 +11,36 @@ from numpy.typing import NDArray
 
 from iits_mj.core.checks import one_of
 from iits_mj.core.context import Closing
-from iits_mj.core.errors import InputError, RenderError
+from iits_mj.core.errors import InputError
+from iits_mj.render.cameras import camera_pose
+from iits_mj.render.context import make_context
 from iits_mj.render.geometry import CELLS, Geometry, plane_repeat, turn_of
 from iits_mj.render.lamps import Lamps, Signals, beams, glints, glow
+from iits_mj.render.looks import SKY, lighting_of, looks_of, textures_of
 from iits_mj.render.shade import Shades
 from iits_mj.render.shaders import BEAMS_MAX, GLINTS_MAX
+from iits_mj.render.shot import Shot
 from iits_mj.render.spots import COLUMNS, rain
 from iits_mj.render.weather import WEATHERS, Weather
-
-
-def check_display() -> None:
-    """Checks that a window can be shown.
-
-    Raises:
-      RenderError: there is no display.
-    """
-    shown = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    if platform.system() == "Linux" and not shown:
-        raise RenderError(
-            "there is no display for the viewer (DISPLAY and WAYLAND_DISPLAY are not set); "
-            "watch in a browser with 'iits-mj view --web', or make a video with 'iits-mj drive'"
-        )
-
-
-def follow(window: Any, model: mujoco.MjModel, prefix: str = "") -> None:
-    """Makes a viewer's camera follow the center of mass of the truck with this prefix."""
-    window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
-    window.cam.trackbodyid = model.body(f"{prefix}tractor").id
-    window.cam.distance, window.cam.elevation = 28.0, -18.0
-    window.cam.azimuth = 180.0
-
 
 Boxes = tuple[NDArray[np.float64], NDArray[np.float32]]
 """Half-sizes times axes as columns, and center, (n, 3, 4); color with alpha, emission, specular and
 shininess from 0 to 128, (n, 7)."""
 Vectors = tuple[NDArray[np.float64], ...]
-VERSION = (4, 3)  # of OpenGL
-PACKAGES = "libegl1 libgl1-mesa-dri libopengl0"
 SIZE_MIN, SIZE_MAX = 64, 4096
 # Static geoms beyond these distances [m] are not drawn.
 DRAW_DISTANCE = {"fine": 900.0, "coarse": 4000.0}
-_DEFAULT_COLOR = (0.5, 0.5, 0.5, 1.0)
 _FINE = ("steel", "post", "reflector", "trunk", "conifer", "leaves", "gravel", "marking")
-# The sky is this share of the largest distance away, as in MuJoCo, and hides what is beyond.
-SKY = 0.7
 _LAST_GROUP = 2
 # Geoms with a smaller alpha are blended.
 _OPAQUE = 0.995
 # A coarser form is drawn where its cubes are smaller than a pixel by this factor.
 _CELL_PIXELS = 0.7
-# Light of a tunnel's lamps from above, and from the road; distances from the lamps within which a
-# body is in it [m].
-_TUNNEL_ABOVE, _TUNNEL_BELOW = (0.80, 0.77, 0.68), (0.44, 0.42, 0.38)
+# Distances from a tunnel's lamps within which a body is in their light [m].
 _TUNNEL_NEAR, _TUNNEL_FAR = 11.0, 24.0
 _TUNNEL, _TUNNEL_LIGHT = "tunnel", 1.25
 # Answer to head lamps by a part of the geom's name: paint and reflectors return much of the light.
 _ANSWER = {"marking": 2.2, "reflector": 9.0, "post": 2.5, "sign": 4.0, "steel": 1.6}
-_MEADOW = math.pi  # patches of grass over the texture's coordinates
-_KNEE = 0.68
 _ROD = 0.03  # [m], half the thickness of what casts no shadow
 
 
@@ -92,52 +60,6 @@ def check_size(size: tuple[int, int]) -> tuple[int, int]:
                 f"size {width}x{height} is not allowed: use {SIZE_MIN} to {SIZE_MAX} for each side"
             )
     return width - width % 2, height - height % 2
-
-
-def make_context(width: int, height: int) -> Any:
-    """Returns a new OpenGL context, by EGL unless the variable MUJOCO_GL names another backend.
-
-    Raises:
-      RenderError: OpenGL is too old, or missing; the message has the Debian packages with it.
-    """
-    wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
-    if wanted in ("disable", "disabled", "off", "false", "0"):
-        raise RenderError(f"MUJOCO_GL={wanted} switches pictures off; set MUJOCO_GL=egl")
-    try:
-        if wanted == "osmesa":
-            from mujoco.osmesa import GLContext
-        else:
-            from mujoco.egl import GLContext
-        context = GLContext(width, height)
-        context.make_current()
-        # PyOpenGL must not be loaded before the context has chosen its platform.
-        from OpenGL import GL
-
-        version = tuple(
-            int(GL.glGetIntegerv(n)) for n in (GL.GL_MAJOR_VERSION, GL.GL_MINOR_VERSION)
-        )
-    # PyOpenGL raises errors of many types: AttributeError on None, ImportError, GLError.
-    except Exception as error:
-        remedy = f"on Debian or Ubuntu: apt-get install {PACKAGES}"
-        if wanted != "osmesa" and _for_a_display():
-            remedy = (
-                "another module has loaded OpenGL for a display in this process; set "
-                "MUJOCO_GL=egl before Python starts"
-            )
-        raise RenderError(
-            f"no offscreen OpenGL ({type(error).__name__}: {error}); {remedy}"
-        ) from error
-    if version < VERSION:
-        context.free()
-        raise RenderError(f"OpenGL {version[0]}.{version[1]} is too old: 4.3 is needed")
-    return context
-
-
-def _for_a_display() -> bool:
-    """Returns whether PyOpenGL was loaded for another platform than EGL."""
-    platform = sys.modules.get("OpenGL.platform")
-    chosen = getattr(platform, "PLATFORM", None)
-    return chosen is not None and "egl" not in type(chosen).__name__.lower()
 
 
 class Offscreen(Closing):
@@ -175,7 +97,7 @@ class Offscreen(Closing):
                 model,
                 self._geometry,
                 (self.width, self.height),
-                _lighting(model, self._sun, self._weather),
+                lighting_of(model, self._sun, self._weather),
             )
         except BaseException:
             self.close()
@@ -186,10 +108,10 @@ class Offscreen(Closing):
         suns = model.light_active & model.light_castshadow
         suns &= model.light_type == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
         self._sun = int(np.flatnonzero(suns)[0]) if suns.any() else None
-        self._looks = _looks(model)
+        self._looks = looks_of(model)
         part = geometry.geom[:-1]
         self._box = len(part)
-        self._texture = _textures(model)[part]
+        self._texture = textures_of(model)[part]
         self._part = part
         alpha = self._looks[part, 3]
         drawn = (model.geom_group[part] <= _LAST_GROUP) & (alpha > 0.0)
@@ -309,8 +231,6 @@ class Offscreen(Closing):
 
     def draw(self) -> NDArray[np.uint8]:
         """Returns a new array of pixels (height, width, 3), top row first."""
-        from iits_mj.render.painter import Shot
-
         self._gl.make_current()
         model, radius = self._model, self._geometry.radius[:-1]
         distance = np.sqrt(np.einsum("ij,ij->i", self._center, self._center))
@@ -433,97 +353,3 @@ class Offscreen(Closing):
         found[:3, 3] = found[:3, :3] @ eye - place
         found[2, 3] += far / (far - near)
         return found
-
-
-def _looks(model: mujoco.MjModel) -> NDArray[np.float32]:
-    """Returns color with alpha, emission, specular and shininess of each geom, (n, 9).
-
-    The last columns, light of a tunnel and answer to head lamps, are 0 and 1.
-    """
-    looks = np.zeros((model.ngeom, 9), np.float32)
-    looks[:, :4] = model.geom_rgba
-    looks[:, 5:7] = 0.5
-    looks[:, 8] = 1.0
-    material = model.geom_matid
-    made = material >= 0
-    which = material[made]
-    looks[made, 4] = model.mat_emission[which]
-    looks[made, 5] = model.mat_specular[which]
-    looks[made, 6] = model.mat_shininess[which]
-    # A geom's own color counts where it is not MuJoCo's default.
-    plain = made & (model.geom_rgba == _DEFAULT_COLOR).all(axis=1)
-    looks[plain, :4] = model.mat_rgba[material[plain]]
-    looks[:, 6] *= 128.0
-    return looks
-
-
-def _textures(model: mujoco.MjModel) -> NDArray[np.int64]:
-    """Returns the number of the 2D texture on each geom, -1 without one."""
-    found = np.full(model.ngeom, -1)
-    made = np.flatnonzero(model.geom_matid >= 0)
-    role = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
-    found[made] = model.mat_texid[model.geom_matid[made], role]
-    for geom in np.flatnonzero(found >= 0):
-        mesh, kind = model.geom_dataid[geom], model.geom_type[geom]
-        mapped = kind == mujoco.mjtGeom.mjGEOM_PLANE
-        if kind == mujoco.mjtGeom.mjGEOM_MESH:
-            mapped = model.mesh_texcoordadr[mesh] >= 0
-        if not mapped or model.tex_type[found[geom]] != mujoco.mjtTexture.mjTEXTURE_2D:
-            found[geom] = -1
-    return found
-
-
-def _lighting(model: mujoco.MjModel, sun: int | None, weather: Weather | None) -> Any:
-    from iits_mj.render.painter import Lighting
-
-    black = np.zeros(3, np.float32)
-    head = model.vis.headlight
-    extent = model.stat.extent
-    ambient = head.ambient + (black if sun is None else model.light_ambient[sun])
-    found = Lighting(
-        ambient=ambient,
-        ground=ambient,
-        head_diffuse=head.diffuse,
-        head_specular=head.specular,
-        sun_diffuse=black if sun is None else model.light_diffuse[sun],
-        sun_specular=black if sun is None else model.light_specular[sun],
-        shadow_size=0 if sun is None else model.vis.quality.shadowsize,
-        fog=model.vis.rgba.fog[:3],
-        fog_range=(extent * model.vis.map.fogstart, extent * model.vis.map.fogend),
-        sky_radius=SKY * extent * model.vis.map.zfar,
-        tunnel_above=np.array(_TUNNEL_ABOVE, np.float32),
-        tunnel_below=np.array(_TUNNEL_BELOW, np.float32),
-    )
-    if weather is None:
-        return found
-    sunlight = np.array(weather.sunlight, np.float32)
-    return dataclasses.replace(
-        found,
-        ambient=np.array(weather.above, np.float32),
-        ground=np.array(weather.below, np.float32),
-        head_diffuse=0.15 * np.array(weather.above, np.float32),
-        head_specular=0.06 * np.array(weather.above, np.float32),
-        sun_diffuse=sunlight,
-        sun_specular=0.5 * sunlight,
-        fog=np.array(weather.fog, np.float32),
-        knee=_KNEE,
-        mist=weather.mist,
-        beams=weather.beams,
-        wet=weather.wet,
-        meadow=_MEADOW,
-        smooth=True,
-        sky=np.round(255.0 * weather.faces()).astype(np.uint8),
-    )
-
-
-def camera_pose(camera: mujoco.MjvCamera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns position and viewing direction of a free camera."""
-    azimuth, elevation = math.radians(camera.azimuth), math.radians(camera.elevation)
-    forward = np.array(
-        [
-            math.cos(elevation) * math.cos(azimuth),
-            math.cos(elevation) * math.sin(azimuth),
-            math.sin(elevation),
-        ]
-    )
-    return np.asarray(camera.lookat) - camera.distance * forward, forward

@@ -40,7 +40,7 @@ MODE_NAMES = {
     PlanMode.ABORT: "ABORT",
     PlanMode.EMERGENCY: "EMERGENCY",
 }
-_PANEL_SIZE = (362.0, 112.0)
+_PANEL_SIZE = (382.0, 112.0)
 _PLAN_HEIGHT = 27.0
 _OVERSAMPLING = 4
 
@@ -117,7 +117,9 @@ class Overlay:
     def _pedals(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         pedal = min(max(frame.command.accelerator_pedal, 0.0), 1.0)
         brake = min(max(-frame.command.xbr_demand / 4.0, 0.0), 1.0)
-        for x, share, color in ((200, pedal, GREEN), (220, brake, RED)):
+        # Of engine brake and retarder, the stronger demand.
+        slow = min(max(frame.command.engine_brake, frame.command.retarder, 0.0), 1.0)
+        for x, share, color in ((200, pedal, GREEN), (220, slow, BLUE), (240, brake, RED)):
             if share > 0.005:
                 pen.rectangle(self._box(x, 78 - 58 * share, x + 12, 78), fill=color)
 
@@ -125,7 +127,7 @@ class Overlay:
         for i, pressure in enumerate(frame.ego.brake_pressures):
             share = min(max(pressure / BRAKE_PRESSURE_MAX, 0.0), 1.0)
             if share > 0.005:
-                x = 240 + 11 * i
+                x = 260 + 11 * i
                 pen.rectangle(self._box(x, 78 - 58 * share, x + 8, 78), fill=AMBER)
 
     def _grade(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
@@ -133,13 +135,13 @@ class Overlay:
         # The wedge is six times as steep as the road.
         rise = 6.0 * min(max(slope, -0.1), 0.1) * 36.0
         base = 62.0
-        points = [(304, base + 0.5 * rise), (350, base - 0.5 * rise)]
+        points = [(324, base + 0.5 * rise), (370, base - 0.5 * rise)]
         low = max(y for _, y in points) + 4.0
-        polygon = [*points, (350, low), (304, low)]
+        polygon = [*points, (370, low), (324, low)]
         pen.polygon([self._point(x, y) for x, y in polygon], fill=BLUE if slope >= 0 else GREEN)
-        self._text(pen, 327, 34, f"{100.0 * slope:+.1f} %", 15, INK, "mm")
+        self._text(pen, 347, 34, f"{100.0 * slope:+.1f} %", 15, INK, "mm")
         used = frame.ego.fuel_used / DIESEL_DENSITY
-        self._text(pen, 350, 102, f"{used:.2f} l", 12, INK, "rs")
+        self._text(pen, 370, 102, f"{used:.2f} l", 12, INK, "rs")
 
     def _plan(self, pen: ImageDraw.ImageDraw, frame: DriveFrame) -> None:
         mode = frame.trajectory.mode
@@ -212,10 +214,10 @@ class Overlay:
         pen.arc(box(132, 17, 192, 77), 135, 405, fill=TRACK, width=round(5 * large))
         end = 135.0 + 270.0 * RPM_RED / RPM_MAX
         pen.arc(box(129, 14, 195, 80), end, 405, fill=RED, width=round(1.6 * large))
-        for x in (200, 220):
+        for x in (200, 220, 240):
             pen.rectangle(box(x, 20, x + 12, 78), fill=TRACK)
         for i in range(5):
-            pen.rectangle(box(240 + 11 * i, 20, 248 + 11 * i, 78), fill=TRACK)
+            pen.rectangle(box(260 + 11 * i, 20, 268 + 11 * i, 78), fill=TRACK)
         pen.line(
             (12 * large, 86 * large, (_PANEL_SIZE[0] - 12) * large, 86 * large),
             fill=TRACK,
@@ -229,9 +231,10 @@ class Overlay:
         labels = (
             (162, 12, "rpm"),
             (206, 12, "gas"),
-            (227, 12, "xbr"),
-            (266, 12, "brakes"),
-            (327, 12, "grade"),
+            (226, 12, "ret"),
+            (246, 12, "xbr"),
+            (286, 12, "brakes"),
+            (347, 12, "grade"),
         )
         for x, y, text in labels:
             pen.text((x * k, y * k), text, font=self._fonts[10], fill=DIM, anchor="mm")

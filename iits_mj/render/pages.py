@@ -1,8 +1,8 @@
 """Pages as HTML and Markdown, from the templates beside this module.
 
-An HTML page is one self-contained file with plots that answer, see `interactive`; only films lie
-beside it. A Markdown page has its plots as pictures in a folder beside it, so that a repository can
-hold both.
+An HTML page is one self-contained file with plots that answer, see `interactive`; only films and
+3-D replays lie beside it. A Markdown page has its plots as pictures in a folder beside it, so that
+a repository can hold both.
 """
 
 from __future__ import annotations
@@ -72,11 +72,13 @@ class Stage:
       map: a plan view with the paths.
       clocks: columns "time" [s], "station", "x", "y" [m] and "yaw" [rad] of each drive.
       films: of the drives, in the same order; times of film and drive are equal.
+      replay: a page with the first drive in 3-D, beside this one.
     """
 
     map: Plot
     clocks: Sequence[Mapping[str, FloatArray]]
     films: Sequence[Film] = ()
+    replay: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,97 +6,21 @@ a graphics card that takes about three times as long as the one pass here.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
 
-from iits_mj.core.arrays import FloatArray, IndexArray
+from iits_mj.core.arrays import IndexArray
 from iits_mj.core.errors import RenderError
 from iits_mj.render import shaders
-from iits_mj.render.geometry import Floats, Geometry
+from iits_mj.render.geometry import Geometry
+from iits_mj.render.programs import Program, describe, load_textures, make_program, set_vectors
+from iits_mj.render.shot import Lighting, Shot
 
 ASPHALT, GRASS = "road_asphalt", "road_grass"  # textures that the weather changes
 WHITE = 0.97  # the brightest color
 SHADOW_LEVEL = 2  # of detail of what casts shadows
-
-
-@dataclass(frozen=True)
-class Lighting:
-    """Lights, fog and sky of a scene.
-
-    Attributes:
-      ambient, ground: light from above, and from the ground, with that of the lamp at the camera.
-      head_diffuse, head_specular: of the lamp at the camera.
-      sun_diffuse, sun_specular: of the sun, black without one.
-      shadow_size: side of the shadow map in pixels, 0 for no shadows.
-      fog, fog_range: its color, and the distances where it begins and hides everything [m].
-      sky_radius: of the cylinder with the sky [m].
-      tunnel_above, tunnel_below: light in tunnels.
-      knee: brightness from which colors approach white; 1 cuts them off.
-      mist: extinction of the air [1/m].
-      beams: whether head lamps light the scene; wet: film of water on the road, 0 to 1.
-      meadow: scale of patches of grass over the texture's coordinates [rad], 0 for none.
-      smooth: whether to smooth edges.
-      sky: faces of the sky's cube instead of the model's, (6 n, n, 3), or None.
-    """
-
-    ambient: Floats
-    ground: Floats
-    head_diffuse: Floats
-    head_specular: Floats
-    sun_diffuse: Floats
-    sun_specular: Floats
-    shadow_size: int
-    fog: Floats
-    fog_range: tuple[float, float]
-    sky_radius: float
-    tunnel_above: Floats
-    tunnel_below: Floats
-    knee: float = 1.0
-    mist: float = 0.0
-    beams: bool = False
-    wet: float = 0.0
-    meadow: float = 0.0
-    smooth: bool = False
-    sky: NDArray[np.uint8] | None = None
-
-
-@dataclass(frozen=True)
-class Shot:
-    """What one picture shows.
-
-    Attributes:
-      places: rotation and position of each instance relative to the eye, rows of (n, 3, 4).
-      looks: color with alpha, emission, specular, shininess, light of a tunnel and answer to head
-        lamps of each instance, (n, 9).
-      opaque: parts by texture (-1 for none); casters: parts that cast shadows.
-      transparent: parts, in the order of drawing.
-      instances: of the transparent parts; level: of detail of each part.
-      view, light: from places to the picture and to the shadow map, (4, 4).
-      forward, to_sun: directions of view and to the sun.
-      axes: from (right, down, 1) on the picture to the sky's directions, (3, 3).
-      spots: as of `iits_mj.render.spots`; beams, glints: place, direction and color, and place and
-        color, of lamps.
-    """
-
-    places: Floats
-    looks: Floats
-    opaque: dict[int, IndexArray]
-    casters: IndexArray
-    transparent: IndexArray
-    instances: IndexArray
-    level: IndexArray
-    view: FloatArray
-    light: FloatArray
-    forward: FloatArray
-    to_sun: FloatArray
-    axes: FloatArray
-    spots: FloatArray
-    beams: tuple[FloatArray, ...]
-    glints: tuple[FloatArray, ...]
 
 
 class Painter:
@@ -133,18 +57,20 @@ class Painter:
             )
             if on
         ]
-        self._plain = _program(shaders.VERTEX, shaders.FRAGMENT, *switches)
-        self._textured = _program(shaders.VERTEX, shaders.FRAGMENT, "TEXTURED", *switches)
+        self._plain = make_program(shaders.VERTEX, shaders.FRAGMENT, *switches)
+        self._textured = make_program(shaders.VERTEX, shaders.FRAGMENT, "TEXTURED", *switches)
         self._road = self._textured
         if lighting.wet > 0.0:
-            self._road = _program(shaders.VERTEX, shaders.FRAGMENT, "TEXTURED", "WET", *switches)
+            self._road = make_program(
+                shaders.VERTEX, shaders.FRAGMENT, "TEXTURED", "WET", *switches
+            )
         self._surfaces = {program.name: program for program in (self._plain, self._textured)}
         self._surfaces[self._road.name] = self._road
-        self._shadow = _program(shaders.SHADOW, shaders.SHADOW_FRAGMENT)
-        self._sky = _program(shaders.SKY, shaders.SKY_FRAGMENT)
-        self._spot = _program(shaders.SPOT, shaders.SPOT_FRAGMENT)
-        self._smooth = _program(shaders.SMOOTH, shaders.SMOOTH_FRAGMENT)
-        self._textures, self._sky_texture = _textures(model, lighting.sky)
+        self._shadow = make_program(shaders.SHADOW, shaders.SHADOW_FRAGMENT)
+        self._sky = make_program(shaders.SKY, shaders.SKY_FRAGMENT)
+        self._spot = make_program(shaders.SPOT, shaders.SPOT_FRAGMENT)
+        self._smooth = make_program(shaders.SMOOTH, shaders.SMOOTH_FRAGMENT)
+        self._textures, self._sky_texture = load_textures(model, lighting.sky)
         self._of_texture = {
             name: next((i for i in range(model.ntex) if model.texture(i).name == name), -2)
             for name in (ASPHALT, GRASS)
@@ -278,7 +204,7 @@ class Painter:
         GL.glDisable(GL.GL_DEPTH_CLAMP)
         GL.glDisable(GL.GL_POLYGON_OFFSET_FILL)
 
-    def _use(self, program: _Program, shot: Shot) -> None:
+    def _use(self, program: Program, shot: Shot) -> None:
         GL.glUseProgram(program.name)
         for name, matrix in (("view", shot.view), ("light", shot.light)):
             GL.glUniformMatrix4fv(program[name], 1, GL.GL_TRUE, matrix.astype(np.float32))
@@ -289,11 +215,11 @@ class Painter:
         if lighting.beams:
             GL.glUniform1i(program["beams"], len(shot.beams[0]))
             for name, values in zip(("beam_at", "beam_to", "beam_color"), shot.beams, strict=True):
-                _vectors(program[name], values)
+                set_vectors(program[name], values)
         if lighting.wet > 0.0 and program is self._road:
             GL.glUniform1i(program["glints"], len(shot.glints[0]))
             for name, values in zip(("glint_at", "glint_color"), shot.glints, strict=True):
-                _vectors(program[name], values)
+                set_vectors(program[name], values)
 
     def _constants(self) -> None:
         GL.glClipControl(GL.GL_LOWER_LEFT, GL.GL_ZERO_TO_ONE)
@@ -352,19 +278,19 @@ class Painter:
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, vertices)
         data = geometry.vertices
         GL.glBufferData(GL.GL_ARRAY_BUFFER, data.nbytes, data, GL.GL_STATIC_DRAW)
-        _attributes(((0, 3), (1, 3), (2, 2)), 0)
+        describe(((0, 3), (1, 3), (2, 2)), 0)
         GL.glBindBuffer(GL.GL_ELEMENT_ARRAY_BUFFER, indices)
         corners = geometry.indices
         GL.glBufferData(GL.GL_ELEMENT_ARRAY_BUFFER, corners.nbytes, corners, GL.GL_STATIC_DRAW)
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._places)
-        _attributes(((3, 4), (4, 4), (5, 4)), 1)
+        describe(((3, 4), (4, 4), (5, 4)), 1)
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._looks)
-        _attributes(((6, 4), (7, 3), (8, 2)), 1)
+        describe(((6, 4), (7, 3), (8, 2)), 1)
         self._spot_array = GL.glGenVertexArrays(1)
         GL.glBindVertexArray(self._spot_array)
         self._spots = GL.glGenBuffers(1)
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._spots)
-        _attributes(((0, 3), (1, 3), (2, 3), (3, 4), (4, 1)), 1)
+        describe(((0, 3), (1, 3), (2, 3), (3, 4), (4, 1)), 1)
 
     def _targets(self, size: tuple[int, int]) -> None:
         self._frame, self._shadow_frame, self._smooth_frame = GL.glGenFramebuffers(3)
@@ -410,96 +336,3 @@ class Painter:
         )
         GL.glDrawBuffer(GL.GL_NONE)
         GL.glReadBuffer(GL.GL_NONE)
-
-
-class _Program:
-    """A shader program; its items are the locations of its uniforms."""
-
-    def __init__(self, name: int) -> None:
-        self.name = name
-        self._places: dict[str, int] = {}
-
-    def __getitem__(self, uniform: str) -> int:
-        if uniform not in self._places:
-            self._places[uniform] = GL.glGetUniformLocation(self.name, uniform)
-        return self._places[uniform]
-
-
-def _vectors(place: int, values: FloatArray) -> None:
-    if len(values):
-        GL.glUniform3fv(place, len(values), np.ascontiguousarray(values, np.float32))
-
-
-def _program(vertex: str, fragment: str, *switches: str) -> _Program:
-    sizes = ("BEAMS_MAX", shaders.BEAMS_MAX), ("GLINTS_MAX", shaders.GLINTS_MAX)
-    lines = [f"#define {name}" for name in switches]
-    lines += [f"#define {name} {number}" for name, number in sizes]
-    head = "\n".join(["#version 430", *lines])
-    program = GL.glCreateProgram()
-    for kind, source in ((GL.GL_VERTEX_SHADER, vertex), (GL.GL_FRAGMENT_SHADER, fragment)):
-        shader = GL.glCreateShader(kind)
-        GL.glShaderSource(shader, source.replace("#version 430", head, 1))
-        GL.glCompileShader(shader)
-        if not GL.glGetShaderiv(shader, GL.GL_COMPILE_STATUS):
-            raise RenderError(f"OpenGL refuses a shader: {GL.glGetShaderInfoLog(shader)!r}")
-        GL.glAttachShader(program, shader)
-    GL.glLinkProgram(program)
-    if not GL.glGetProgramiv(program, GL.GL_LINK_STATUS):
-        raise RenderError(f"OpenGL refuses a shader: {GL.glGetProgramInfoLog(program)!r}")
-    return _Program(program)
-
-
-def _attributes(columns: tuple[tuple[int, int], ...], divisor: int) -> None:
-    """Describes the float columns (location, width) of the bound buffer's rows."""
-    stride = 4 * sum(width for _, width in columns)
-    start = 0
-    for location, width in columns:
-        GL.glEnableVertexAttribArray(location)
-        GL.glVertexAttribPointer(
-            location, width, GL.GL_FLOAT, GL.GL_FALSE, stride, GL.GLvoidp(start)
-        )
-        GL.glVertexAttribDivisor(location, divisor)
-        start += 4 * width
-
-
-def _textures(
-    model: mujoco.MjModel, other_sky: NDArray[np.uint8] | None
-) -> tuple[dict[int, int], int]:
-    """Returns the 2D textures by number, and the sky, 0 without one."""
-    flat, sky = {}, 0
-    GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
-    GL.glActiveTexture(GL.GL_TEXTURE0)
-    for i in range(model.ntex):
-        width, height, channels = model.tex_width[i], model.tex_height[i], model.tex_nchannel[i]
-        start = model.tex_adr[i]
-        data = model.tex_data[start : start + width * height * channels]
-        cube = model.tex_type[i] != mujoco.mjtTexture.mjTEXTURE_2D
-        if cube and other_sky is not None:
-            width, channels, data = other_sky.shape[1], 3, other_sky.ravel()
-        if cube and (sky or model.tex_type[i] != mujoco.mjtTexture.mjTEXTURE_SKYBOX):
-            continue
-        target = GL.GL_TEXTURE_CUBE_MAP if cube else GL.GL_TEXTURE_2D
-        name = GL.glGenTextures(1)
-        GL.glBindTexture(target, name)
-        kind = GL.GL_RGB if channels == 3 else GL.GL_RGBA
-        if cube:
-            sky = name
-            faces = data.reshape(-1, width * width * channels)
-            for face in range(6):
-                GL.glTexImage2D(
-                    GL.GL_TEXTURE_CUBE_MAP_POSITIVE_X + face,
-                    *(0, GL.GL_RGB8, width, width, 0, kind, GL.GL_UNSIGNED_BYTE),
-                    faces[face % len(faces)],
-                )
-        else:
-            flat[i] = name
-            GL.glTexImage2D(
-                target, 0, GL.GL_RGB8, width, height, 0, kind, GL.GL_UNSIGNED_BYTE, data
-            )
-        GL.glTexParameteri(target, GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR)
-        GL.glTexParameteri(target, GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR_MIPMAP_LINEAR)
-        edge = GL.GL_CLAMP_TO_EDGE if cube else GL.GL_REPEAT
-        for axis in (GL.GL_TEXTURE_WRAP_S, GL.GL_TEXTURE_WRAP_T, GL.GL_TEXTURE_WRAP_R):
-            GL.glTexParameteri(target, axis, edge)
-        GL.glGenerateMipmap(target)
-    return flat, sky

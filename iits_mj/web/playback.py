@@ -155,7 +155,7 @@ def replay_page(
     """Writes one HTML file that replays a drive in 3-D; it needs no server and no network.
 
     The page has a time line with play, pause and speed. The mouse turns and moves the camera, which
-    stays behind the truck.
+    stays behind the truck. Inside the drive's report, it follows and moves the report's cursor.
 
     Args:
       drive: recording, bag, or the track of a drive (`iits_mj.web.track.TrackObserver`).
@@ -213,5 +213,12 @@ def replay_page(
             if progress is not None:
                 progress((number + 1) / len(instants))
         page = serializer.as_html()
-    write_whole(path, page.encode(), "replay")
+    times_shown = track.states[0].time + instants[[0, -1]]
+    write_whole(path, (page + _script(*times_shown)).encode(), "replay")
     return path
+
+
+def _script(first: float, last: float) -> str:
+    """Returns the script that ties a replay to the report around it, times in [s]."""
+    text = Path(__file__).with_name("page").joinpath("replay.js").read_text(encoding="utf-8")
+    return f"<script>\nconst FIRST = {first:.3f}, LAST = {last:.3f};\n{text}</script>\n"

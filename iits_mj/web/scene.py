@@ -19,8 +19,14 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import Trajectory
 from iits_mj.core.own_parts import part_name
 from iits_mj.core.vehicles import VehicleFrame
-from iits_mj.render.cameras import CAMERAS, Camera, CameraGuard, FollowCamera, make_camera
-from iits_mj.render.offscreen import camera_pose
+from iits_mj.render.cameras import (
+    CAMERAS,
+    Camera,
+    CameraGuard,
+    FollowCamera,
+    camera_pose,
+    make_camera,
+)
 
 if TYPE_CHECKING:
     import viser

@@ -244,3 +244,15 @@ def test_a_drive_beyond_the_range_of_its_plant_says_so(
     assert capsys.readouterr().err.count(text) == 1
     assert text in (tmp_path / "report.html").read_text()
     assert limit in (tmp_path / "summary.json").read_text()
+
+
+def test_replay_in_3d_lies_beside_the_report_which_opens_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["drive", *SHORT, "--no-video", "--traffic-mode", "none", "--out", str(tmp_path)]
+    assert cli.main([*words, "--replay"]) == 0
+    assert f"replay in 3-D: {tmp_path / 'replay.html'}" in capsys.readouterr().out
+    content = Content((tmp_path / "report.html").read_text())
+    assert content.sources == ["replay.html"]
+    button = next(e for e in content.of("button") if e.get("id") == "replay")
+    assert (tmp_path / str(button["data-source"])).stat().st_size > 1_000_000

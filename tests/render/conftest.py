@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from iits_mj.core.errors import RenderError
-from iits_mj.render.offscreen import make_context
+from iits_mj.render.context import make_context
 
 
 @pytest.fixture(scope="session")

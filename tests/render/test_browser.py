@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import imageio_ffmpeg
@@ -14,7 +14,7 @@ from iits_mj.core.results import Line, Panel, Results
 from iits_mj.render.compare_page import Comparison
 from iits_mj.render.pages import write_results_page
 from iits_mj.simulation.compare import Run
-from tests.render.browser import Tab, browser, needs_chromium
+from tests.browser import Browser, Tab, chromium, needs_chromium
 from tests.render.drives import drive, report
 
 pytestmark = needs_chromium
@@ -24,9 +24,9 @@ CANVAS = "document.querySelector('.canvas[tabindex]')"
 
 
 @pytest.fixture(scope="module")
-def tabs() -> Iterator[Callable[[], Tab]]:
-    with browser() as opened:
-        yield opened
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with chromium(tmp_path_factory.mktemp("profile")) as made:
+        yield made
 
 
 @pytest.fixture(scope="module")
@@ -43,9 +43,8 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def tab(tabs: Callable[[], Tab], page: Path) -> Iterator[Tab]:
-    made = tabs()
-    made.open(page)
+def tab(browser: Browser, page: Path) -> Iterator[Tab]:
+    made = browser.tab(page)
     made.wait(f"{DRAWN} > 4")
     # All plots, also those far below the window.
     made.value("dispatchEvent(new Event('beforeprint'))")
@@ -176,7 +175,7 @@ def test_a_phone_shows_everything_in_its_width(tab: Tab) -> None:
     assert tab.value("document.documentElement.scrollWidth") == 390
 
 
-def test_print_has_all_plots_in_light_colors_without_controls(tab: Tab, tmp_path: Path) -> None:
+def test_print_has_all_plots_in_light_colors_without_controls(tab: Tab) -> None:
     tab.media(prefers_color_scheme="dark")
     tab.call("Emulation.setEmulatedMedia", media="print")
     tab.wait("document.querySelector('.canvas').layout.font.color === 'rgb(27, 39, 51)'")
@@ -184,16 +183,14 @@ def test_print_has_all_plots_in_light_colors_without_controls(tab: Tab, tmp_path
     assert tab.value(f"{hidden}.every(e => e.offsetParent === null)")
     width = "[...document.querySelectorAll('.canvas')].map(c => c.layout.width)"
     tab.wait(f"{width}.every(w => w === 680)")
-    tab.pdf(tmp_path / "page.pdf")
-    assert (tmp_path / "page.pdf").read_bytes().startswith(b"%PDF")
+    assert tab.pdf().startswith(b"%PDF")
     tab.call("Emulation.setEmulatedMedia", media="")
     tab.wait(f"{width}.some(w => w !== 680)")
 
 
-def test_the_page_works_without_its_film(tabs: Callable[[], Tab], tmp_path: Path) -> None:
+def test_the_page_works_without_its_film(browser: Browser, tmp_path: Path) -> None:
     page = report(drive(), tmp_path / "gone.mp4").page().write(tmp_path / "report.html")
-    tab = tabs()
-    tab.open(page)
+    tab = browser.tab(page)
     tab.wait(f"{DRAWN} > 4 && document.querySelector('video').hidden")
     assert "which is missing" in tab.value("document.querySelector('.film').innerText")
     tab.value("document.getElementById('play').click()")
@@ -204,7 +201,7 @@ def test_the_page_works_without_its_film(tabs: Callable[[], Tab], tmp_path: Path
 
 
 def test_pages_of_results_and_of_comparisons_draw_without_errors(
-    tabs: Callable[[], Tab], tmp_path: Path
+    browser: Browser, tmp_path: Path
 ) -> None:
     x = np.linspace(0.0, 4.0, 30)
     circle = Panel("Path", "x [m]", "y [m]", (Line("truck", np.cos(x), np.sin(x)),))
@@ -214,8 +211,7 @@ def test_pages_of_results_and_of_comparisons_draw_without_errors(
     first, second = (Run("a", drive(), True, {}, {}), Run("b", drive(250, 1.0), True, {}, {}))
     comparison = Comparison(first, second).page("1.0").write(tmp_path / "compare.html")
     for page, plots in ((results, 2), (comparison, 10)):
-        tab = tabs()
-        tab.open(page)
+        tab = browser.tab(page)
         tab.wait(f"{CANVAS}?.tabIndex === 0")
         tab.value("dispatchEvent(new Event('beforeprint'))")
         tab.wait(f"{DRAWN} >= {plots}")

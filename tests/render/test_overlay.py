@@ -83,6 +83,8 @@ def test_overlay_changes_only_its_corners(route):
         {"ego": {"brake_pressures": (3e5, 3e5, 2e5, 2e5, 4e5)}},
         {"command": VehicleCommand(accelerator_pedal=0.7)},
         {"command": VehicleCommand(xbr_demand=-2.0)},
+        {"command": VehicleCommand(retarder=0.5)},
+        {"command": VehicleCommand(engine_brake=0.5)},
         {"grade": 0.04},
         {"mode": PlanMode.EMERGENCY},
         {"lane_changes": 3},

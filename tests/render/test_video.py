@@ -11,13 +11,14 @@ import pytest
 from iits_mj.core.errors import InputError, RenderError
 from iits_mj.core.messages import EgoState, PlanMode, Scene, Trajectory
 from iits_mj.model.scenery.structures import TUNNEL_ROOF, WALL_GAP
-from iits_mj.parameters import TruckParameters
-from iits_mj.render import offscreen
-from iits_mj.render.cameras import CAMERAS, FollowCamera, cameras_of, tiles
+from iits_mj.parameters import TruckParameters, check_truck, shipped_trucks
+from iits_mj.render.cameras import CAMERAS, FollowCamera, camera_pose, cameras_of, tiles
+from iits_mj.render.context import make_context
 from iits_mj.render.lane_sketch import trajectory_boxes
-from iits_mj.render.offscreen import Offscreen, camera_pose, check_size
+from iits_mj.render.offscreen import Offscreen, check_size
 from iits_mj.render.video import Mp4Encoder, VideoObserver
 from iits_mj.road import RoadMap
+from iits_mj.simulation import DriveConfig
 from iits_mj.truck import Truck
 
 SIZE = (160, 120)
@@ -165,9 +166,18 @@ def test_camera_of_the_trailer_shows_the_last_unit(long_scene):
 
 def test_cameras_are_closer_to_a_truck_without_trailer(scene):
     _, data = scene
-    for name in ("chase", "trailer"):
-        shown = FollowCamera(name, truck=ALONE).follow(data)
-        assert 0.6 < shown.distance / FollowCamera(name).follow(data).distance < 0.7
+    shown = FollowCamera("chase", truck=ALONE).follow(data)
+    assert 0.6 < shown.distance / FollowCamera("chase").follow(data).distance < 0.7
+
+
+@pytest.mark.parametrize("name", shipped_trucks())
+def test_camera_of_the_trailer_sees_the_rear_of_every_truck_from_the_same_place(scene, name):
+    truck = check_truck(DriveConfig(truck=name))
+    assert truck.last.name in ("tractor", "trailer")
+    _, data = scene
+    eye, _ = camera_pose(FollowCamera("trailer", truck=truck).follow(data))
+    rear = truck.last.length - truck.last.front_overhang
+    assert data.body(truck.last.name).xpos[0] - rear - eye[0] == pytest.approx(6.73, abs=0.01)
 
 
 @pytest.mark.parametrize("name", CAMERAS)
@@ -253,7 +263,7 @@ def test_missing_opengl_is_named_with_its_packages(monkeypatch):
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     monkeypatch.setitem(sys.modules, "mujoco.egl", None)
     with pytest.raises(RenderError, match="libegl1 libgl1-mesa-dri libopengl0"):
-        offscreen.make_context(16, 16)
+        make_context(16, 16)
 
 
 def test_ribbon_begins_ahead_of_the_truck_and_takes_the_colour_of_the_mode():
@@ -289,7 +299,7 @@ def test_pictures_show_what_stands_beside_the_truck(scene):
 def mujocos_picture(model, data, camera):
     """MuJoCo's own picture, with the settings of `Offscreen`."""
     model.vis.quality.offsamples = 0
-    context = offscreen.make_context(*SIZE)
+    context = make_context(*SIZE)
     try:
         target = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, target)

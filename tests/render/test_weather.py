@@ -11,9 +11,9 @@ import pytest
 from iits_mj.core.errors import InputError
 from iits_mj.model.visuals.shapes import VISUAL_GROUP
 from iits_mj.parameters import shipped_trucks
-from iits_mj.render.cameras import FollowCamera
+from iits_mj.render.cameras import FollowCamera, camera_pose
 from iits_mj.render.lamps import BLINK, Lamps, Signals
-from iits_mj.render.offscreen import Offscreen, camera_pose
+from iits_mj.render.offscreen import Offscreen
 from iits_mj.render.overlay import Overlay
 from iits_mj.render.video import Pictures
 from iits_mj.render.weather import WEATHERS

@@ -1,6 +1,7 @@
 """Two drives compared: a planted difference is found where it is, figures, and input errors."""
 
 import csv
+import dataclasses
 import json
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from iits_mj import cli
+from iits_mj.commands.drive import Kept
 from iits_mj.core.errors import InputError
 from iits_mj.render.compare_page import Comparison
 from iits_mj.simulation.compare import Run, differing, figures, partings, resample
@@ -95,6 +97,8 @@ def test_only_settings_that_change_a_drive_are_compared(tmp_path: Path) -> None:
     a, b = runs(tmp_path, drive())
     assert Comparison(a, b).configuration() == [("density", "dense", "sparse")]
     assert differing({"out": "x", "seed": "1"}, {"out": "y"}) == [("seed", "1", "not set")]
+    outputs = [field.name.replace("_", " ") for field in dataclasses.fields(Kept)]
+    assert differing(dict.fromkeys(outputs, "x"), dict.fromkeys(outputs, "y")) == []
 
 
 def test_page_has_curves_differences_and_no_empty_plot(tmp_path: Path) -> None:

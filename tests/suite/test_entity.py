@@ -111,7 +111,7 @@ def test_dm_controls_viewer_runs_a_task():
 def test_error_of_pictures_after_the_viewer_names_the_wrong_opengl(monkeypatch):
     program = (
         "import OpenGL.platform\n"
-        "from iits_mj.render.offscreen import make_context\n"
+        "from iits_mj.render.context import make_context\n"
         "make_context(64, 64)\n"
     )
     monkeypatch.delenv("MUJOCO_GL", raising=False)

@@ -10,15 +10,15 @@ import time
 import numpy as np
 import pytest
 
+from iits_mj import cli
 from iits_mj.core.errors import Error
 from iits_mj.simulation import DriveConfig, Simulation
 from iits_mj.web import WebServer
 from iits_mj.web.stage import Stage
-from tests.web.browser import chromium, find_chromium
+from tests.browser import chromium, needs_chromium, wait
 
 pytest.importorskip("mjviser")
-if find_chromium() is None:
-    pytest.skip("no Chromium is installed", allow_module_level=True)
+pytestmark = needs_chromium
 
 SPEED = "document.querySelector('#iits .dash:not([hidden]) .speed')?.textContent"
 ROWS = (
@@ -95,8 +95,7 @@ def test_a_drive_is_shown_paused_steered_and_ended(view, browser):
     words = page.value("document.querySelector('#iits').innerText")
     assert not re.search(r"\b(None|NaN|undefined|inf)\b", words)
 
-    page.key("Space", down=True)
-    page.key("Space", down=False)
+    page.press("Space")
     page.wait(f"{BUTTONS}.some(b => b.textContent == 'Resume')")
     held = time_shown()
     time.sleep(1.0)
@@ -118,8 +117,7 @@ def test_a_drive_is_shown_paused_steered_and_ended(view, browser):
     page.key("ArrowLeft", down=True)
     page.wait(f"parseFloat(({ROWS})['steering wheel']) > 8", 60.0)
     page.key("ArrowLeft", down=False)
-    page.key("Escape", down=True)
-    page.key("Escape", down=False)
+    page.press("Escape")
     page.wait("document.querySelector('#iits .help').hidden")
 
     page.close()
@@ -194,3 +192,38 @@ def test_an_error_of_the_simulation_stays_in_the_page(browser):
     time.sleep(1.5)
     assert "diverged" in page.value(BANNER)
     page.close()
+
+
+def test_the_replay_and_the_report_around_it_move_together(browser, tmp_path):
+    words = "drive --duration 4 --no-video --replay --traffic-mode none --speed-planner cruise"
+    assert cli.main([*words.split(), "--out", os.fspath(tmp_path)]) == 0
+    page = browser.tab(tmp_path / "report.html", 800, 900)
+    assert not page.value("document.querySelector('iframe')")
+    page.wait("document.getElementById('time').max > 3.8")
+    page.value("document.getElementById('time').value = 2.5")
+    page.value("document.getElementById('time').dispatchEvent(new Event('input'))")
+    # A page of a file may not look into another: this one notes what the replay tells it.
+    page.value("addEventListener('message', e => window.told ??= e.data.time)")
+    page.value("document.getElementById('replay').click()")
+    frame = "document.querySelector('iframe')"
+    page.wait(f"{frame}?.clientHeight > 300")
+    page.value(f"{frame}.scrollIntoView()")
+    left, top, right, bottom = page.value(
+        f"(b => [b.left, b.top, b.right, b.bottom])({frame}.getBoundingClientRect())"
+    )
+
+    def stripes():
+        shown = page.picture()[int(top) : int(bottom), int(left) : int(right)].astype(int)
+        red, green, blue = shown.transpose(2, 0, 1)
+        return int(((red > 120) & (green < 60) & (blue < 70)).sum())
+
+    wait(lambda: stripes() > 20, 240.0, "the truck")
+    # It stands still at the cursor until it is played there.
+    time.sleep(1.0)
+    assert page.value("window.told") is None
+    for kind in ("mousePressed", "mouseReleased"):
+        page.mouse(kind, left + 20.0, bottom - 18.0, "left")
+    page.wait("window.told", 120.0)
+    assert 2.5 < page.value("window.told") < 3.5
+    page.wait("document.getElementById('time').value > 2.6")
+    assert page.problems == []

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import copy
+import functools
 import math
 import os
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 
 import mujoco
@@ -19,9 +21,10 @@ from iits_mj.core.context import Closing
 from iits_mj.core.errors import RenderError
 from iits_mj.core.results import Findings
 from iits_mj.render.cameras import FollowCamera
+from iits_mj.render.context import make_context
 from iits_mj.render.film_process import FilmProcess, FilmSettings
-from iits_mj.render.offscreen import make_context
-from iits_mj.render.video import VideoObserver
+from iits_mj.render.video import Pictures, VideoObserver
+from iits_mj.render.weather import WEATHERS
 from iits_mj.simulation import DriveConfig, Simulation
 
 SIZE, DEFAULT_SIZE = (1280, 720), (960, 540)
@@ -33,7 +36,7 @@ def film(rounds: int) -> Findings:
     """Returns the speed of films.
 
     Args:
-      rounds: of pictures, and twice the simulated seconds of the drive; three take less than 20 s
+      rounds: of pictures, and twice the simulated seconds of the drive; three take less than 30 s
         on two free cores without a graphics card.
     """
     found = Findings("film")
@@ -42,47 +45,76 @@ def film(rounds: int) -> Findings:
     except RenderError:
         return found
     with tempfile.TemporaryDirectory() as folder:
-        _pictures(found, rounds, Path(folder))
+        with Simulation(DriveConfig(duration=60.0)) as simulation:
+            for _ in range(20):
+                simulation.cycle()
+            _pictures(found, simulation, rounds, Path(folder))
+            _weathers(found, simulation, rounds)
         _whole_drive(found, 2.0 * rounds, Path(folder))
     return found
 
 
-def _pictures(found: Findings, rounds: int, folder: Path) -> None:
+def _pictures(found: Findings, simulation: Simulation, rounds: int, folder: Path) -> None:
     """Adds the pictures of a film with overlay and encoding over those of MuJoCo's renderer."""
-    walls, processor = {"film": math.inf, "bare": math.inf}, {"film": math.inf, "bare": math.inf}
-    with Simulation(DriveConfig(duration=60.0)) as simulation:
-        for _ in range(20):
-            simulation.cycle()
-        truck, frame = simulation.truck, simulation.frame
-        before, count = _children_time(), 0
-        with (
-            VideoObserver(folder / "film.mp4", truck, SIZE, fps=FPS) as video,
-            _BareRenderer(truck.model) as bare,
-        ):
-            camera = FollowCamera("chase").follow(truck.data)
-            players: dict[str, Callable[[], object]] = {
+    truck, frame = simulation.truck, simulation.frame
+    before, count = _children_time(), 0
+    with (
+        VideoObserver(folder / "film.mp4", truck, SIZE, fps=FPS) as video,
+        _BareRenderer(truck.model) as bare,
+    ):
+        camera = FollowCamera("chase").follow(truck.data)
+        walls, processor = _times(
+            {
                 "film": lambda: video.observe(None, frame),
                 "bare": lambda: bare.draw(truck.data, camera),
-            }
-            # In turns, so that other work on the machine affects both; the first pictures compile
-            # shaders.
-            for turn in range(rounds + 1):
-                for name, play in players.items():
-                    start = time.perf_counter(), time.process_time()
-                    for _ in range(PICTURES):
-                        play()
-                    if turn:
-                        walls[name] = min(walls[name], time.perf_counter() - start[0])
-                        processor[name] = min(processor[name], time.process_time() - start[1])
-            count = video.frames
-        # The encoder is another process, whose time is known at its end.
-        processor["film"] += PICTURES * (_children_time() - before) / count
+            },
+            rounds,
+        )
+        count = video.frames
+    # The encoder is another process, whose time is known at its end.
+    processor["film"] += PICTURES * (_children_time() - before) / count
     for kind, times in (("wall time", walls), ("processor time", processor)):
         ratio = times["bare"] / times["film"]
         found.check(f"film over MuJoCo's bare renderer, {kind}", ratio, "1", 0.85, ">= 0.7")
     found.check(
         "a picture of the film, 1280x720", MILLISECONDS * processor["film"] / PICTURES, "ms"
     )
+
+
+def _weathers(found: Findings, simulation: Simulation, rounds: int) -> None:
+    """Adds the processor time of a picture in each weather over that of one by day."""
+    truck, frame = simulation.truck, simulation.frame
+    with ExitStack() as stack:
+        drawn = {
+            name: stack.enter_context(Pictures(truck, DEFAULT_SIZE, weather=name))
+            for name in WEATHERS
+        }
+        players = {
+            name: functools.partial(pictures.draw, truck.data, frame)
+            for name, pictures in drawn.items()
+        }
+        _, processor = _times(players, rounds)
+    for name in WEATHERS:
+        if name != "day":
+            ratio = processor[name] / processor["day"]
+            found.check(f"a picture in {name} over one by day, processor time", ratio, "1")
+
+
+def _times(
+    players: Mapping[str, Callable[[], object]], rounds: int
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Returns wall and processor times of some pictures by each player [s]."""
+    walls, processor = dict.fromkeys(players, math.inf), dict.fromkeys(players, math.inf)
+    # In turns, so that other work on the machine affects all; the first pictures compile shaders.
+    for turn in range(rounds + 1):
+        for name, play in players.items():
+            start = time.perf_counter(), time.process_time()
+            for _ in range(PICTURES):
+                play()
+            if turn:
+                walls[name] = min(walls[name], time.perf_counter() - start[0])
+                processor[name] = min(processor[name], time.process_time() - start[1])
+    return walls, processor
 
 
 def _whole_drive(found: Findings, duration: float, folder: Path) -> None:

@@ -43,7 +43,7 @@ try {
 const clocks = (page.clocks || []).map((clock) => Object.fromEntries(
   Object.entries(clock).map(([name, place]) => [name, arrays[place]])));
 const clock = clocks[0];
-let axis = 0, now = 0, playing = false, dark = matchMedia("(prefers-color-scheme: dark)");
+let axis = 0, now = 0, playing = false, replay = null, dark = matchMedia("(prefers-color-scheme: dark)");
 const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 const last = (values) => values[values.length - 1];
 // The first place whose value is not less; the values never decrease.
@@ -232,8 +232,8 @@ function follow() {
   const tall = reach * (height - MARGIN.t - MARGIN.b) / (width - MARGIN.l - MARGIN.r);
   Plotly.relayout(map.canvas, { "xaxis.range": [x - reach, x + reach], "yaxis.range": [y - tall, y + tall] });
 }
-// Moves the cursor of a group; `film` has moved it, if any.
-function moveTo(group, at, film) {
+// Moves the cursor of a group; `cause`, a film or the replay, has moved it, if any.
+function moveTo(group, at, cause) {
   const clocked = clock && group.plots[0].clocked;
   const [low, high] = clocked ? [clock.time[0], last(clock.time)] : fullRange(group);
   group.at = clamp(at, low, high);
@@ -244,7 +244,8 @@ function moveTo(group, at, film) {
     byId("time").value = group.at;
     byId("time").setAttribute("aria-valuetext", words);
     byId("now").textContent = words;
-    for (const other of films) if (other !== film) seek(other, timeOf(other.clock, group.at));
+    for (const film of films) if (film !== cause) seek(film, timeOf(film.clock, group.at));
+    if (replay && replay !== cause) replay.contentWindow.postMessage({ time: now }, "*");
     follow();
     showTrucks();
   }
@@ -361,6 +362,21 @@ if (clock) {
   now = group.at;
   moveTo(group, group.at);
 }
+
+byId("replay")?.addEventListener("click", (event) => {
+  replay = document.createElement("iframe");
+  Object.assign(replay, { src: event.target.dataset.source, title: "The drive in 3-D" });
+  event.target.closest("p").before(replay);
+  event.target.remove();
+  replay.addEventListener("load", () => moveTo(groups.get("drive"), now));
+  replay.focus();
+});
+addEventListener("message", ({ source, data }) => {
+  if (replay && source === replay.contentWindow && Number.isFinite(data?.time)) {
+    play(false);
+    moveTo(groups.get("drive"), data.time, replay);
+  }
+});
 
 // A plot is drawn when it comes near the window: pages have up to some hundred plots.
 const watch = new IntersectionObserver((entries) => entries.forEach((entry) => {
