@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 
+from controllers.decision.base import DecisionContext
+from controllers.decision.fast_world.config import LANES
 from controllers.decision.fast_world.env import HighwayEnv as FastWorld
 from controllers.decision.observation import OBSERVATION_SIZE
 from controllers.decision.trip import ACTIONS, SPAWN_PROBABILITY, RewardTerms, TripConfig, World
@@ -19,7 +21,7 @@ from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.envs.family import Family, Trucks
-from iits_mj.envs.picture import RENDER_MODES, Observation, Picture
+from iits_mj.envs.picture import RENDER_MODES, Observation, Picture, top_view
 
 if TYPE_CHECKING:
     from iits_mj.simulation import Simulation
@@ -83,6 +85,14 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
         step = self._open().step(ACTIONS[int(action)])
         info = self._info(step.reward)
         return step.observation, float(step.reward.total), step.terminated, step.truncated, info
+
+    def context(self) -> DecisionContext:
+        """Returns what the decision makers of `controllers.decision` decide by, at this instant.
+
+        Raises:
+          InputError: no episode has begun.
+        """
+        return self._open().context()
 
     def _open(self) -> World:
         """Returns the world, which the first call makes."""
@@ -244,8 +254,8 @@ class HighwayFastEnv(DecisionEnv):
     follow the same car-following and lane-change laws, implemented in NumPy. The shipped policy was
     trained here, see `docs/training.md`.
 
-    Terminated by a collision; truncated at the end of the time or of the road. No pictures.
-    Version history: v0, first.
+    Terminated by a collision; truncated at the end of the time or of the road. Version history: v0,
+    first.
 
     Args:
       density: of the traffic, "dense", "medium", "sparse" or "empty".
@@ -256,18 +266,25 @@ class HighwayFastEnv(DecisionEnv):
       truck: see `Truck.load`; of several, each episode drives one, drawn with the environment's
         generator, whose name is in `info` as `truck`.
       payload: of all units together [kg]; default: the greatest of each truck.
-      render_mode: None; there are no pictures.
+      render_mode: None, or "rgb_array": the road from above.
 
     Raises:
       InputError: an argument is not allowed.
     """
 
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - Gymnasium's way
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 - Gymnasium's way
 
     _world: FastWorld | None = None
 
-    def render(self) -> None:
-        """Returns None: there are no pictures."""
+    def render(self) -> Any:
+        """Returns a picture (360, 640, 3) of bytes; None without a render mode."""
+        if self.render_mode is None:
+            return None
+        scene = self.context().scene
+        others = scene.neighbors
+        columns = others.front_distance, others.offset, others.length
+        truck = (0.0, scene.ego.offset, scene.footprint.length)
+        return top_view([truck, *zip(*(c.tolist() for c in columns), strict=True)], LANES)
 
     def close(self) -> None:
         """Ends the episode."""

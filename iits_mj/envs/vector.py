@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from iits_mj.core.checks import read_action
 from iits_mj.core.errors import InputError
+from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.envs.driving import Action, DrivingEnv, Observation
 from iits_mj.truck.truck import without_sensors
 
@@ -41,7 +42,7 @@ class DrivingVectorEnv(SyncVectorEnv):
     Args:
       num_envs: number of environments.
       threads: number that steps the physics; 0 uses the caller's thread.
-      autoreset_mode: see Gymnasium.
+      autoreset_mode, max_episode_steps: see Gymnasium.
       **settings: of each environment, see `DrivingEnv`.
 
     Raises:
@@ -54,10 +55,15 @@ class DrivingVectorEnv(SyncVectorEnv):
         *,
         threads: int = 0,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None,
         **settings: Any,
     ) -> None:
         if num_envs < 1 or threads < 0:
             raise InputError(f"num_envs {num_envs}, threads {threads}: use 1 or more, 0 or more")
+        if max_episode_steps is not None:
+            # Gymnasium wraps single environments in its `TimeLimit` for this.
+            limit = max_episode_steps / round(1.0 / CYCLE_PERIOD)
+            settings["time_limit"] = min(settings.get("time_limit") or limit, limit)
         first = _Member(**settings)
         make = [lambda: first]
         make += [functools.partial(_Member, like=first, **settings)] * (num_envs - 1)
