@@ -11,7 +11,6 @@ task.
 from __future__ import annotations
 
 import csv
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -19,7 +18,7 @@ import gymnasium
 import numpy as np
 from scipy import stats
 
-import iits_mj.envs  # noqa: F401 - registers the environments
+from iits_mj.envs import ENVIRONMENTS
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 TABLES, PAGE = DOCS / "benchmark", DOCS / "benchmark.md"
@@ -72,8 +71,7 @@ def planned() -> set[tuple[str, str]]:
 def score_table(rows: list[dict[str, str]]) -> str:
     """Returns the table of scores; a cell without all its seeds says how many it has."""
     found, cells = returns(rows), planned()
-    environments = list(dict.fromkeys(e for e in gymnasium.registry if (e, "ppo") in cells
-                                      or (e, "dqn") in cells))  # fmt: skip
+    environments = [name for name in ENVIRONMENTS if name in {name for name, _ in cells}]
     lines = ["| environment | threshold | " + " | ".join(_METHODS) + " |", "|---" * 7 + "|"]
     for environment in environments:
         shown = []
@@ -103,10 +101,9 @@ def summary_table(rows: list[dict[str, str]]) -> str:
     for method in _METHODS[2:]:
         samples = []
         for (environment, name), values in found.items():
-            ends = [found.get((environment, other)) for other in _METHODS[:2]]
-            if name == method and len(values) == SEEDS and None not in [type(e) and e is None or e for e in ends]:
-                low, high = (end[0] for end in ends if end is not None)
-                samples.append((values - low) / (high - low))
+            ends = [found[key][0] for end in _METHODS[:2] if (key := (environment, end)) in found]
+            if name == method and len(values) == SEEDS and len(ends) == 2:
+                samples.append((values - ends[0]) / (ends[1] - ends[0]))
         if samples:
             middle, low, high = interquartile_mean(samples)
             lines.append(f"| {method} | {len(samples)} | {middle:.2f} | {low:.2f} to {high:.2f} |")
@@ -132,9 +129,10 @@ def cost_table(rows: list[dict[str, str]]) -> str:
         text = ", ".join(f"{key} {value}" for key, value in settings.items()) or "defaults"
         taken = seconds.get((task.environment, task.algorithm))
         minutes = f"{np.mean(taken) / 60.0:.0f}" if taken else "pending"
+        steps = f"{task.steps:,}".replace(",", " ")
         lines.append(
-            f"| `{task.environment}` {task.algorithm} | {task.steps:,} | {task.environments} |"
-            f" {text} | {minutes} |".replace(",", " ", task.steps // 10**6 + 1)
+            f"| `{task.environment}` {task.algorithm} | {steps} | {task.environments} | {text} |"
+            f" {minutes} |"
         )
     return "\n".join(lines)
 
@@ -148,12 +146,9 @@ def page(text: str) -> str:
     rows = read("scores")
     tables = {"scores": score_table, "summary": summary_table, "costs": cost_table}
     for name, table in tables.items():
-        text = re.sub(
-            f"(<!-- {name} -->\n).*?(<!-- end -->)",
-            lambda match, made=table(rows): f"{match[1]}\n{made}\n\n{match[2]}",
-            text,
-            flags=re.DOTALL,
-        )
+        begin, end = f"<!-- {name} -->\n", "<!-- end -->"
+        before, _, rest = text.partition(begin)
+        text = f"{before}{begin}\n{table(rows)}\n\n{end}{rest.partition(end)[2]}"
     return text
 
 

@@ -32,7 +32,6 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-import iits_mj.envs
 from benchmarks import rl_results
 from controllers import decision
 from controllers.decision.trip import ACTIONS, TEST_SEEDS, TRAINING_SEEDS, VALIDATION_SEEDS
@@ -100,7 +99,9 @@ def train(task: Training, folder: Path) -> None:
         seconds = time.process_time() - begin + (float(curve[-1]["cpu_seconds"]) if curve else 0.0)
         policy = exported(model)
         model.env.close()
-        returns, _ = score(task.environment, _network(policy), VALIDATION_SEEDS, VALIDATION_EPISODES)
+        returns, _ = score(
+            task.environment, _network(policy), VALIDATION_SEEDS, VALIDATION_EPISODES
+        )
         figures = (model.num_timesteps, f"{np.mean(returns):.4f}", f"{seconds:.1f}")
         row = (task.environment, task.algorithm, task.seed, *figures)
         curve.append(dict(zip(CURVES, map(str, row), strict=True)))
@@ -124,8 +125,8 @@ def finished_parts(folder: Path) -> int:
 def _model(task: Training, part: Path | None) -> Any:
     """Returns the model of a stored part, or an untrained one."""
     import stable_baselines3
-    from stable_baselines3.common.vec_env import DummyVecEnv
     from stable_baselines3.common.monitor import Monitor
+    from stable_baselines3.common.vec_env import DummyVecEnv
 
     kind: Any = getattr(stable_baselines3, task.algorithm.upper())
     arguments = task.arguments or {}

@@ -25,7 +25,6 @@ from iits_mj.envs.platoon import PlatoonEnv
 from iits_mj.envs.speed_planning import SpeedPlanningEnv
 from iits_mj.suite import tasks
 from iits_mj.suite.tasks import DRIVING_TASKS, DrivingTask, Platoon
-from iits_mj.suite.tasks.base import BRAKE_MAX
 
 OTHERS: dict[str, type[gymnasium.Env[Any, Any]]] = {
     "Highway": HighwayEnv,
@@ -196,7 +195,7 @@ def _actions(kind: type[DrivingTask]) -> str:
             "`drive`",
             "-1",
             "1",
-            f"above 0 the accelerator pedal; below 0 a deceleration of up to {BRAKE_MAX:g} m/s2",
+            f"above 0 the accelerator pedal; below 0 a deceleration of up to {kind.brake_max:g} m/s2",
             "`accelerator_pedal`; `xbr_demand`, `xbr_mode`",
         )
     ]
@@ -212,7 +211,7 @@ def _actions(kind: type[DrivingTask]) -> str:
             )
         )
     head = ("num", "action", "min", "max", "meaning", "control in the XML")
-    return "## Actions\n\nHeld for 0.1 s each.\n\n" + _table(head, rows)
+    return f"## Actions\n\nHeld for {kind.period:g} s each.\n\n" + _table(head, rows)
 
 
 def _observations(kind: type[DrivingTask | tasks.Highway], heading: str = "##") -> str:

@@ -36,15 +36,15 @@ def _other(entry_point: str, steps: int, threshold: float) -> dict[str, Any]:
 # Ids and their registrations. An episode's last step is the time limit of a default environment. A
 # threshold is about what the scripted driver of docs/benchmark.md scores on the test episodes.
 ENVIRONMENTS: dict[str, dict[str, Any]] = {
-    "iits_mj/Cruise-v0": _driving("cruise", 600, 500.0),
+    "iits_mj/Cruise-v0": _driving("cruise", 120, 90.0),
     "iits_mj/Stop-v0": _driving("stop", 400, 380.0),
     "iits_mj/HillStart-v0": _driving("hill_start", 200, 110.0),
     "iits_mj/LaneKeep-v0": _driving("lane_keep", 600, 590.0),
     "iits_mj/LaneChange-v0": _driving("lane_change", 300, 255.0),
     "iits_mj/TightTurn-v0": _driving("tight_turn", 300, 295.0),
     "iits_mj/Dock-v0": _driving("dock", 600, 450.0),
-    "iits_mj/Highway-v0": _other("highway:HighwayEnv", 120, -40.0),
-    "iits_mj/HighwayFast-v0": _other("highway:HighwayFastEnv", 120, -30.0),
+    "iits_mj/Highway-v0": _other("highway:HighwayEnv", 120, -4.0),
+    "iits_mj/HighwayFast-v0": _other("highway:HighwayFastEnv", 120, -4.0),
     "iits_mj/SpeedPlanning-v0": _other("speed_planning:SpeedPlanningEnv", 120, 0.0),
 }
 

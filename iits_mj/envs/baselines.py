@@ -14,6 +14,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -27,8 +28,11 @@ from iits_mj.core.output_files import OutputFile
 
 FOLDER = Path(__file__).resolve().parent / "weights"
 _SIZE_MAX = 2**24
-_ACTIVATIONS = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0.0)}
-_HEADS = {
+_ACTIVATIONS: dict[str, Callable[[Any], Any]] = {
+    "tanh": np.tanh,
+    "relu": lambda x: np.maximum(x, 0.0),
+}
+_HEADS: dict[str, Callable[[Any], Any]] = {
     "clip": lambda x: np.clip(x, -1.0, 1.0).astype(np.float32),
     "tanh": lambda x: np.tanh(x).astype(np.float32),
     "argmax": lambda x: np.int64(np.argmax(x)),

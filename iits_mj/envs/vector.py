@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from iits_mj.core.checks import read_action
 from iits_mj.core.errors import InputError
-from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.envs.driving import Action, DrivingEnv, Observation
 from iits_mj.truck.truck import without_sensors
 
@@ -60,11 +59,12 @@ class DrivingVectorEnv(SyncVectorEnv):
     ) -> None:
         if num_envs < 1 or threads < 0:
             raise InputError(f"num_envs {num_envs}, threads {threads}: use 1 or more, 0 or more")
+        first = _Member(**settings)
         if max_episode_steps is not None:
             # Gymnasium wraps single environments in its `TimeLimit` for this.
-            limit = max_episode_steps / round(1.0 / CYCLE_PERIOD)
-            settings["time_limit"] = min(settings.get("time_limit") or limit, limit)
-        first = _Member(**settings)
+            limit = max_episode_steps / round(1.0 / first.task.period)
+            if limit < (settings.get("time_limit") or first.task.time_limit):
+                first = _Member(**(settings := {**settings, "time_limit": limit}))
         make = [lambda: first]
         make += [functools.partial(_Member, like=first, **settings)] * (num_envs - 1)
         super().__init__(make, autoreset_mode=autoreset_mode)
@@ -81,7 +81,7 @@ class DrivingVectorEnv(SyncVectorEnv):
         NDArray[np.bool_],
         dict[str, Any],
     ]:
-        """Holds each action for 0.1 s.
+        """Holds each action for the task's `period`.
 
         Raises:
           InputError: the actions have another shape or are not finite.
