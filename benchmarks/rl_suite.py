@@ -232,7 +232,7 @@ def scripted(environment: str) -> Act:
         maker = decision.make("lookahead")
         return lambda env, _: np.int64(ACTIONS.index(maker.decide(env.unwrapped.context())))
     if name.startswith("SpeedPlanning"):
-        return lambda env, _: np.full(1, 1.0 / 3.0, np.float32)
+        return lambda *_: np.full(1, 1.0 / 3.0, np.float32)
     driver = suite.DRIVERS[gymnasium.spec(environment).kwargs["task"]]
 
     def act(env: Any, observation: Any) -> Any:

@@ -195,7 +195,8 @@ def _actions(kind: type[DrivingTask]) -> str:
             "`drive`",
             "-1",
             "1",
-            f"above 0 the accelerator pedal; below 0 a deceleration of up to {kind.brake_max:g} m/s2",
+            "above 0 the accelerator pedal; below 0 a deceleration of up to "
+            f"{kind.brake_max:g} m/s2",
             "`accelerator_pedal`; `xbr_demand`, `xbr_mode`",
         )
     ]

@@ -85,7 +85,7 @@ class Policy:
         return _HEADS[self.head](self.weights[-1] @ x + self.biases[-1])
 
     def save(self, path: str | Path, **metadata: Any) -> None:
-        """Writes an npz file without Python objects; keyword arguments are added to the metadata."""
+        """Writes an npz file without Python objects; keyword arguments join the metadata."""
         header = {
             **self.metadata,
             **metadata,

@@ -24,10 +24,10 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
     """A task of the suite, with its scaled observations as one vector.
 
     An action has the task's controls (`drive`, and `steer` where it is used), each in [-1, 1], and
-    is held for the task's `period`. Each observation is divided by the task's scale and clipped to [-5, 5];
-    `observation_names` names the vector's elements. The reward is the task's, in [0, 1]; its
-    factors are in `info` as `reward_<name>`. An episode is terminated when the task fails (truck
-    off its lane) and truncated at the task's time limit. All versions are v0.
+    is held for the task's `period`. Each observation is divided by the task's scale and clipped to
+    [-5, 5]; `observation_names` names the vector's elements. The reward is the task's, in [0, 1];
+    its factors are in `info` as `reward_<name>`. An episode is terminated when the task fails
+    (truck off its lane) and truncated at the task's time limit. All versions are v0.
 
     Args:
       task: name in `iits_mj.suite.TASKS_BY_DOMAIN["truck"]`.

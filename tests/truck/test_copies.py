@@ -19,7 +19,6 @@ from iits_mj.core.errors import InputError, TrafficError
 from iits_mj.envs import ENVIRONMENTS
 
 
-
 def drive(truck: iits_mj.Truck) -> bytes:
     """Half a second in a curve; the bits of the state and of the last reading of all sensors."""
     truck.command(accelerator_pedal=0.6, steering_wheel_angle=0.4)
