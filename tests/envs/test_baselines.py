@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 import pytest
 
@@ -10,8 +12,7 @@ def _policy(activation="tanh", head="clip"):
     generator = np.random.default_rng(0)
     sizes = (3, 4, 2)
     weights = tuple(
-        generator.normal(size=(m, n)).astype(np.float32)
-        for n, m in zip(sizes[:-1], sizes[1:], strict=True)
+        generator.normal(size=(m, n)).astype(np.float32) for n, m in itertools.pairwise(sizes)
     )
     return Policy(weights, tuple(np.ones(len(w), np.float32) for w in weights), activation, head)
 

@@ -58,7 +58,7 @@ def test_reset_in_the_same_step_gives_the_last_observation_in_the_info():
     for _ in range(3):
         _, _, _, truncated, infos = environments.step(np.zeros((2, 1), np.float32))
     assert truncated.all()
-    assert infos["final_obs"][0].shape == (13,)
+    assert infos["final_obs"][0].shape == (7,)
     environments.close()
 
 
