@@ -45,7 +45,7 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
     "iits_mj/Dock-v0": _driving("dock", 600, 450.0),
     "iits_mj/Highway-v0": _other("highway:HighwayEnv", 120, -4.0),
     "iits_mj/HighwayFast-v0": _other("highway:HighwayFastEnv", 120, -4.0),
-    "iits_mj/SpeedPlanning-v0": _other("speed_planning:SpeedPlanningEnv", 120, 0.0),
+    "iits_mj/SpeedPlanning-v0": _other("speed_planning:SpeedPlanningEnv", 120, -3.6),
 }
 
 # Trucks of which a hard environment draws one for each episode; the agent does not see which.
