@@ -157,7 +157,7 @@ def write_page() -> None:
     PAGE.write_text(page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
     curves = read("curves")
     if curves:
-        draw_curves(curves, read("scores"), TABLES / "curves.svg")
+        draw_curves(curves, read("scores"), TABLES / "curves.png")
 
 
 def draw_curves(curves: list[dict[str, str]], rows: list[dict[str, str]], path: Path) -> None:
@@ -190,7 +190,7 @@ def draw_curves(curves: list[dict[str, str]], rows: list[dict[str, str]], path: 
         axes.tick_params(labelsize=7)
     figure.supxlabel("steps of the environment", fontsize=9)
     figure.supylabel("return of validation episodes", fontsize=9)
-    figure.savefig(path, metadata={"Date": None})
+    figure.savefig(path, dpi=100)
 
 
 if __name__ == "__main__":
