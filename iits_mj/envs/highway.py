@@ -150,8 +150,8 @@ class HighwayEnv(DecisionEnv):
     | collision | -30                                                                         |
 
     The terms are the paper's with corrected signs. Relative to the speed, the paper's charges of a
-    change are ten times as high; PPO and DQN then learn never to change lanes, because a change
-    costs at once and gains speed 10 to 60 s later. `reward=RewardConfig()` and
+    change are ten times as high; PPO with its defaults then learned never to change lanes, because
+    a change costs at once and gains speed 10 to 60 s later. `reward=RewardConfig()` and
     `standardized=False` give the paper's reward and the observation in [-1, 1].
 
     Terminated by a collision or a roll-over; truncated at the end of the time or of the road.
