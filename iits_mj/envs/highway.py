@@ -12,20 +12,33 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 
+from controllers.decision.base import DecisionContext
+from controllers.decision.fast_world.config import LANES
 from controllers.decision.fast_world.env import HighwayEnv as FastWorld
-from controllers.decision.observation import OBSERVATION_SIZE
-from controllers.decision.trip import ACTIONS, SPAWN_PROBABILITY, RewardTerms, TripConfig, World
+from controllers.decision.observation import OBSERVATION_SIZE, usual_and_spread
+from controllers.decision.trip import (
+    ACTIONS,
+    SPAWN_PROBABILITY,
+    RewardConfig,
+    RewardTerms,
+    TripConfig,
+    World,
+)
 from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.envs.family import Family, Trucks
-from iits_mj.envs.picture import RENDER_MODES, Observation, Picture
+from iits_mj.envs.picture import RENDER_MODES, Observation, Picture, top_view
 
 if TYPE_CHECKING:
     from iits_mj.simulation import Simulation
     from iits_mj.simulation.truck_world import TruckWorld
 
 DENSITIES = {**SPAWN_PROBABILITY, "empty": 0.0}
+# The paper's charges of a change are ten times as high, relative to that of the speed.
+REWARD = RewardConfig(change=0.1, danger=0.2, speed=0.1, collision=30.0)
+STANDARDIZED_MAX = 20.0
+_USUAL, _SPREAD = usual_and_spread()
 
 
 class DecisionEnv(gymnasium.Env[Observation, np.int64]):
@@ -42,6 +55,8 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
         truck: Trucks = None,
         payload: float | None = None,
         payload_height: float | None = None,
+        reward: RewardConfig = REWARD,
+        standardized: bool = True,
         render_mode: str | None = None,
     ) -> None:
         one_of("density", density, DENSITIES)
@@ -58,8 +73,11 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
             duration=duration,
             payload=payload,
             reference_speed=speed,
+            reward=reward,
         )
-        self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (OBSERVATION_SIZE,), np.float32)
+        self.standardized = standardized
+        most = STANDARDIZED_MAX if standardized else 1.0
+        self.observation_space = gymnasium.spaces.Box(-most, most, (OBSERVATION_SIZE,), np.float32)
         self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
 
     def reset(
@@ -70,7 +88,7 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
         self._number = self.family.draw(self.np_random)
         trip = dataclasses.replace(self.trip, truck=self.family.members[self._number])
         observation = self._open().reset(self.np_random, trip)
-        return observation, self._info(RewardTerms())
+        return self._scaled(observation), self._info(RewardTerms())
 
     def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Carries out a decision until the next one is due.
@@ -82,7 +100,21 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
             raise InputError(f"action {action!r} is unknown; use 0, 1 or 2")
         step = self._open().step(ACTIONS[int(action)])
         info = self._info(step.reward)
-        return step.observation, float(step.reward.total), step.terminated, step.truncated, info
+        observation, reward = self._scaled(step.observation), float(step.reward.total)
+        return observation, reward, step.terminated, step.truncated, info
+
+    def _scaled(self, observation: Observation) -> Observation:
+        if not self.standardized:
+            return observation
+        return np.clip((observation - _USUAL) / _SPREAD, -STANDARDIZED_MAX, STANDARDIZED_MAX)
+
+    def context(self) -> DecisionContext:
+        """Returns what the decision makers of `controllers.decision` decide by, at this instant.
+
+        Raises:
+          InputError: no episode has begun.
+        """
+        return self._open().context()
 
     def _open(self) -> World:
         """Returns the world, which the first call makes."""
@@ -104,16 +136,23 @@ class HighwayEnv(DecisionEnv):
     planner refuses a change that is not possible or not safe. A step lasts 1 s, or to the end of
     the lane change that it starts.
 
-    Observation (216, float32 in [-1, 1]): see `controllers.decision.observation`.
+    Observation (216, float32): that of `controllers.decision.observation`, less its usual values
+    and divided by its usual spread, in [-20, 20]. Without this, a difference of speed is 0.05, and
+    a learner does not see it.
 
-    Reward, the paper's with corrected signs, in `info` as `reward_<name>`:
+    Reward in `info` as `reward_<name>`:
 
     | term      | value                                                                       |
     |-----------|-----------------------------------------------------------------------------|
-    | change    | -10 for action 0 or 2, refused or not                                       |
-    | danger    | -20 more when a vehicle is the reason of the refusal                        |
-    | speed     | minus the distance of the speed from the reference, per m/s and second      |
-    | collision | -300                                                                        |
+    | change    | -0.1 for action 0 or 2, refused or not                                      |
+    | danger    | -0.2 more when a vehicle is the reason of the refusal                       |
+    | speed     | -0.1 per second and m/s of difference from the reference speed              |
+    | collision | -30                                                                         |
+
+    The terms are the paper's with corrected signs. Relative to the speed, the paper's charges of a
+    change are ten times as high; PPO with its defaults then learned never to change lanes, because
+    a change costs at once and gains speed 10 to 60 s later. `reward=RewardConfig()` and
+    `standardized=False` give the paper's reward and the observation in [-1, 1].
 
     Terminated by a collision or a roll-over; truncated at the end of the time or of the road.
     Version history: v0, first.
@@ -128,6 +167,8 @@ class HighwayEnv(DecisionEnv):
         generator, whose name is in `info` as `truck`.
       payload: of all units together [kg]; default: the greatest of each truck.
       payload_height: of the loads' centers of gravity above the road [m].
+      reward: weights of the terms, see `controllers.decision.trip.RewardConfig`.
+      standardized: whether the observation is standardized.
       plant: model of the truck's motion; see `iits_mj.Truck.load`. For a planar one, `info` has the
         limits of its validity that the episode has exceeded as `left_range`.
       render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
@@ -151,6 +192,8 @@ class HighwayEnv(DecisionEnv):
         truck: Trucks = None,
         payload: float | None = None,
         payload_height: float | None = None,
+        reward: RewardConfig = REWARD,
+        standardized: bool = True,
         plant: str = "full",
         render_mode: str | None = None,
         camera: str = "chase",
@@ -166,6 +209,8 @@ class HighwayEnv(DecisionEnv):
             truck=truck,
             payload=payload,
             payload_height=payload_height,
+            reward=reward,
+            standardized=standardized,
             render_mode=render_mode,
         )
         self.payload_height = payload_height
@@ -244,8 +289,8 @@ class HighwayFastEnv(DecisionEnv):
     follow the same car-following and lane-change laws, implemented in NumPy. The shipped policy was
     trained here, see `docs/training.md`.
 
-    Terminated by a collision; truncated at the end of the time or of the road. No pictures.
-    Version history: v0, first.
+    Terminated by a collision; truncated at the end of the time or of the road. Version history: v0,
+    first.
 
     Args:
       density: of the traffic, "dense", "medium", "sparse" or "empty".
@@ -256,18 +301,27 @@ class HighwayFastEnv(DecisionEnv):
       truck: see `Truck.load`; of several, each episode drives one, drawn with the environment's
         generator, whose name is in `info` as `truck`.
       payload: of all units together [kg]; default: the greatest of each truck.
-      render_mode: None; there are no pictures.
+      reward: weights of the terms, see `controllers.decision.trip.RewardConfig`.
+      standardized: whether the observation is standardized.
+      render_mode: None, or "rgb_array": the road from above.
 
     Raises:
       InputError: an argument is not allowed.
     """
 
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - Gymnasium's way
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 - Gymnasium's way
 
     _world: FastWorld | None = None
 
-    def render(self) -> None:
-        """Returns None: there are no pictures."""
+    def render(self) -> Any:
+        """Returns a picture (360, 640, 3) of bytes; None without a render mode."""
+        if self.render_mode is None:
+            return None
+        scene = self.context().scene
+        others = scene.neighbors
+        columns = others.front_distance, others.offset, others.length
+        truck = (0.0, scene.ego.offset, scene.footprint.length)
+        return top_view([truck, *zip(*(c.tolist() for c in columns), strict=True)], LANES)
 
     def close(self) -> None:
         """Ends the episode."""

@@ -9,6 +9,11 @@ pytest.importorskip("stable_baselines3")
 import torch
 from stable_baselines3 import DQN, PPO
 from stable_baselines3.common.env_checker import check_env
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.vec_env import SubprocVecEnv
+
+import iits_mj.envs  # noqa: F401 - registers the environments
+from controllers.decision.trip import RewardConfig
 
 EPISODES = 5
 
@@ -63,7 +68,9 @@ def test_ppo_learns_to_start_on_a_hill():
 
 
 def test_dqn_learns_to_avoid_refused_changes():
-    name, settings = "iits_mj/HighwayFast-v0", {"duration": 60.0}
+    # The paper's reward charges most for them.
+    settings = {"duration": 60.0, "reward": RewardConfig()}
+    name = "iits_mj/HighwayFast-v0"
     model = DQN(
         "MlpPolicy", gymnasium.make(name, **settings), learning_rate=5e-4, learning_starts=200,
         train_freq=1, target_update_interval=200, exploration_fraction=0.5, seed=0, device="cpu",
@@ -79,3 +86,15 @@ def test_stable_baselines3_checker_has_no_complaint(name):
     check_env(environment, skip_render_check=True)
     assert environment.observation_space.dtype == np.float32
     environment.close()
+
+
+def test_an_environment_drives_in_worker_processes_as_it_does_here():
+    name = "iits_mj:iits_mj/Cruise-v0"
+    processes = make_vec_env(name, 2, seed=3, vec_env_cls=SubprocVecEnv)
+    here = make_vec_env(name, 2, seed=3)
+    np.testing.assert_array_equal(processes.reset(), here.reset())
+    actions = np.full((2, 1), 0.4, np.float32)
+    for _ in range(3):
+        np.testing.assert_array_equal(processes.step(actions)[0], here.step(actions)[0])
+    processes.close()
+    here.close()

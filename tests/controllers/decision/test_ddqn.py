@@ -8,7 +8,7 @@ import pytest
 from controllers.decision import make
 from controllers.decision.fast_world.env import HighwayEnv
 from controllers.decision.learning.replay import Batch
-from controllers.decision.observation import FEATURES, OBSERVATION_SIZE, ROWS
+from controllers.decision.observation import FEATURES, OBSERVATION_SIZE, ROWS, usual_and_spread
 from controllers.decision.policy import LAYERS
 from controllers.decision.trip import cell_trip
 from iits_mj.core.errors import Error
@@ -22,7 +22,6 @@ from controllers.decision.learning.ddqn import (  # noqa: E402
     double_q_target,
     quantile_huber,
     shortfall,
-    usual_and_spread,
 )
 
 
