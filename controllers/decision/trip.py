@@ -109,7 +109,12 @@ class TrafficDemand:
         if self.truck_speed_limit is not None:
             require_positive(self, "truck_speed_limit")
         in_range("ramp_probability", self.ramp_probability, 0.0, 1.0)
-        in_range("ramp_interval", self.ramp_interval, 500.0, math.inf, "m")
+        in_range("ramp_interval", self.ramp_interval, 500.0, 1e6, "m")
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the mirror image of the traffic on the two lanes is as probable."""
+        return self.lanes == 2 and not self.keeps_right and self.ramp_probability == 0.0
 
 
 @dataclass(frozen=True)

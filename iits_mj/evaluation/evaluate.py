@@ -58,7 +58,7 @@ class EvaluateConfig:
     )
     world: str = option(
         "full",
-        help="full: MuJoCo truck with its stack in SUMO traffic; fast: point mass in NumPy traffic",
+        help="full: MuJoCo truck with its stack in SUMO traffic; fast: point mass in traffic of its own",
         choices=WORLDS,
     )
     plant: str = plant_option()

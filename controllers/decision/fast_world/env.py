@@ -6,14 +6,14 @@ from typing import Any, cast
 
 import numpy as np
 
-from controllers.decision.base import DecisionContext, Observation
+from controllers.decision.base import DecisionContext, DecisionMaker, Observation
 from controllers.decision.fast_world.config import HighwayRoad
 from controllers.decision.fast_world.traffic import HighwayTraffic
 from controllers.decision.fast_world.worlds import FastWorlds
+from controllers.decision.rules import compiled
 from controllers.decision.trip import RewardTerms, TripConfig, TripStep, TripSummary
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision, EgoState, Scene
-from iits_mj.kernels import Table
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 
@@ -105,17 +105,24 @@ class HighwayEnv:
             bool(state["truncated"]),
         )
 
-    def drive(self, rule: Table) -> None:
-        """Drives to the trip's end by a rule, see `controllers.decision.rules.compiled`.
+    def drive(self, maker: DecisionMaker) -> None:
+        """Drives to the trip's end; by a rule without Python.
 
         Raises:
           InputError: no trip has begun, or it is over.
         """
         self._running()
-        self._worlds.drive(rule)
+        rule = compiled(maker)
+        if rule is not None:
+            self._worlds.drive(rule)
+        while not self._over:
+            self.step(maker.decide(self.context()))
+
+    @property
+    def _over(self) -> bool:
+        return bool(self.state["terminated"] or self.state["truncated"])
 
     def _running(self) -> TripConfig:
-        state = self.state
-        if self._trip is None or state["terminated"] or state["truncated"]:
+        if self._trip is None or self._over:
             raise InputError("the trip has not begun: call reset(generator) first")
         return self._trip

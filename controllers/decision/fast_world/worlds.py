@@ -110,7 +110,7 @@ class FastWorlds:
     @property
     def observations(self) -> NDArray[np.float32]:
         """What each truck sees, shape (n, 216); a copy."""
-        return self.states["frames"].reshape(len(self), OBSERVATION_SIZE)
+        return self.states["frames"].reshape(len(self), OBSERVATION_SIZE).copy()
 
     def allowed(self) -> BoolArray:
         """Which decisions would be carried out now: the planner's gaps, its pause and the lanes.
