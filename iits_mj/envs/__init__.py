@@ -32,7 +32,10 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
     "iits_mj/TightTurn-v0": _driving("tight_turn"),
     "iits_mj/Dock-v0": _driving("dock"),
     "iits_mj/Highway-v0": {"entry_point": "iits_mj.envs.highway:HighwayEnv"},
-    "iits_mj/HighwayFast-v0": {"entry_point": "iits_mj.envs.highway:HighwayFastEnv"},
+    "iits_mj/HighwayFast-v0": {
+        "entry_point": "iits_mj.envs.highway:HighwayFastEnv",
+        "vector_entry_point": "iits_mj.envs.highway_vector:HighwayFastVectorEnv",
+    },
     "iits_mj/SpeedPlanning-v0": {"entry_point": "iits_mj.envs.speed_planning:SpeedPlanningEnv"},
 }
 

@@ -28,6 +28,18 @@ if TYPE_CHECKING:
 DENSITIES = {**SPAWN_PROBABILITY, "empty": 0.0}
 
 
+# Entries of a fast world's `info`, and the fields of its state.
+FAST_INFO = {
+    "time": "time",
+    "speed": "speed",
+    "station": "front",
+    "lane": "lane",
+    "lane_changes": "changes",
+    "refused": "refused",
+    "unsafe": "dangerous",
+}
+
+
 class DecisionEnv(gymnasium.Env[Observation, np.int64]):
     """The decision task in a world; its arguments are those of the environments."""
 
@@ -237,12 +249,12 @@ class HighwayEnv(DecisionEnv):
 
 
 class HighwayFastEnv(DecisionEnv):
-    """`iits_mj/Highway-v0` without MuJoCo and SUMO, some forty times as fast.
+    """`iits_mj/Highway-v0` without MuJoCo and SUMO, some thousand times as fast.
 
     Actions, observation, reward and traffic parameters are those of `HighwayEnv`. The truck is a
     point mass with the same power limits, the highway has random hills, and the other vehicles
-    follow the same car-following and lane-change laws, implemented in NumPy. The shipped policy was
-    trained here, see `docs/training.md`.
+    follow the same car-following and lane-change laws, in C++. The shipped policy was trained here,
+    see `docs/training.md`. `gymnasium.make_vec` steps many environments in one call.
 
     Terminated by a collision; truncated at the end of the time or of the road. No pictures.
     Version history: v0, first.
@@ -256,6 +268,9 @@ class HighwayFastEnv(DecisionEnv):
       truck: see `Truck.load`; of several, each episode drives one, drawn with the environment's
         generator, whose name is in `info` as `truck`.
       payload: of all units together [kg]; default: the greatest of each truck.
+      lanes: of the highway, 2 or 3.
+      truck_speed_limit: of the other trucks [m/s]; default: the traffic's.
+      ramp_probability: of a vehicle per second on each on-ramp, every 2 km; 0 without ramps.
       render_mode: None; there are no pictures.
 
     Raises:
@@ -264,27 +279,48 @@ class HighwayFastEnv(DecisionEnv):
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - Gymnasium's way
 
-    _world: FastWorld | None = None
+    def __init__(
+        self,
+        *,
+        density: str = "medium",
+        traffic_speed: float = 15.0,
+        keeps_right: bool = False,
+        speed: float = 60.0 / 3.6,
+        duration: float = 120.0,
+        truck: Trucks = None,
+        payload: float | None = None,
+        lanes: int = 2,
+        truck_speed_limit: float | None = None,
+        ramp_probability: float = 0.0,
+        render_mode: str | None = None,
+    ) -> None:
+        super().__init__(
+            density=density,
+            traffic_speed=traffic_speed,
+            keeps_right=keeps_right,
+            speed=speed,
+            duration=duration,
+            truck=truck,
+            payload=payload,
+            render_mode=render_mode,
+        )
+        self.trip = dataclasses.replace(
+            self.trip,
+            lanes=lanes,
+            truck_speed_limit=truck_speed_limit,
+            ramp_probability=ramp_probability,
+        )
+        self._world = FastWorld()
 
     def render(self) -> None:
         """Returns None: there are no pictures."""
 
     def close(self) -> None:
-        """Ends the episode."""
-        self._world = None
+        """Does nothing."""
 
     def _open(self) -> FastWorld:
-        self._world = self._world or FastWorld()
         return self._world
 
     def _state(self) -> dict[str, Any]:
-        world = self._open()
-        return {
-            "time": world.time,
-            "speed": world.truck.speed,
-            "station": world.truck.front,
-            "lane": world.lane,
-            "lane_changes": world.summary.changes,
-            "refused": world.summary.refused,
-            "unsafe": world.summary.dangerous,
-        }
+        state = self._world.state
+        return {name: state[field].item() for name, field in FAST_INFO.items()}

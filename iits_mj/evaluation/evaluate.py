@@ -58,7 +58,7 @@ class EvaluateConfig:
     )
     world: str = option(
         "full",
-        help="full: MuJoCo truck with its stack in SUMO traffic; fast: point mass in traffic of its own",
+        help="full: MuJoCo truck with its stack in SUMO traffic; fast: point mass, no SUMO",
         choices=WORLDS,
     )
     plant: str = plant_option()

@@ -713,11 +713,14 @@ IITS_KERNEL void iits_worlds_redraw(char* rows, std::ptrdiff_t stride, std::ptrd
   for (std::ptrdiff_t i = 0; i < n; ++i) Traffic(At(rows, stride, i), laws).Redraw();
 }
 
-// Copies worlds of equal capacity: `from[indices[i]]` to row i of `to`.
+// Copies `from[indices[i]]` to row i of `to`, which has `capacity` places for vehicles.
 IITS_KERNEL void iits_worlds_copy(char* from, std::ptrdiff_t stride, const std::int64_t* indices,
-                                  std::ptrdiff_t n, char* to) {
+                                  std::ptrdiff_t n, char* to, std::ptrdiff_t capacity) {
+  const std::ptrdiff_t to_stride = sizeof(World) + capacity * sizeof(Vehicle);
   for (std::ptrdiff_t i = 0; i < n; ++i) {
     const World* world = At(from, stride, indices[i]);
-    std::memcpy(to + i * stride, world, sizeof(World) + world->count * sizeof(Vehicle));
+    World* copy = At(to, to_stride, i);
+    std::memcpy(copy, world, sizeof(World) + world->count * sizeof(Vehicle));
+    copy->capacity = capacity;
   }
 }

@@ -104,7 +104,10 @@ _TYPES = tomllib.loads(VEHICLE_TYPES.read_text(encoding="utf-8"))
 KINDS = tuple(
     Kind(kind=kind, **{name: _TYPES[kind][name] for name in NUMBERS}) for kind, _ in DEFAULT_MIX
 )
+# Share of the traffic's limit with which the road is filled, as in SUMO.
+MEAN_DESIRED_SPEED = 0.92
 SHARES = tuple(share for _, share in DEFAULT_MIX)
+
 
 @dataclass(frozen=True)
 class HighwayConfig(TrafficDemand):

@@ -54,7 +54,10 @@ class HighwayEnv:
 
         The trip takes the generator's next 2^64 random numbers.
         """
-        self._trip = trip or TripConfig()
+        trip = trip or TripConfig()
+        if self._trip is None or trip.truck is not self._trip.truck:
+            self._footprint = TruckParameters.load(trip.truck).footprint
+        self._trip = trip
         self._worlds.reset(0, generator, self._trip)
         return self._worlds.observations[0]
 
@@ -63,9 +66,9 @@ class HighwayEnv:
 
     def context(self) -> DecisionContext:
         """Returns the context of a decision now."""
-        state, trip = self.state, self._running()
-        footprint = TruckParameters.load(trip.truck).footprint
-        station = float(state["front"]) - footprint.front_overhang
+        self._running()
+        state = self.state
+        station = float(state["front"]) - self._footprint.front_overhang
         ego = EgoState(
             time=float(state["time"]),
             x=station,
@@ -80,7 +83,7 @@ class HighwayEnv:
         )
         vehicles = self.traffic.tracked(float(state["front"]))
         return DecisionContext(
-            scene=Scene(ego.time, ego, vehicles, footprint),
+            scene=Scene(ego.time, ego, vehicles, self._footprint),
             route=cast(Route, self.road),
             lane=int(state["lane"]),
             lanes=tuple(range(int(state["lanes"]))),
@@ -122,7 +125,6 @@ class HighwayEnv:
     def _over(self) -> bool:
         return bool(self.state["terminated"] or self.state["truncated"])
 
-    def _running(self) -> TripConfig:
+    def _running(self) -> None:
         if self._trip is None or self._over:
             raise InputError("the trip has not begun: call reset(generator) first")
-        return self._trip

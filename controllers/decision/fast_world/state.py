@@ -12,13 +12,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.decision.fast_world.config import KINDS, NUMBERS, SHARES, HighwayConfig
+from controllers.decision.fast_world.config import (
+    KINDS,
+    MEAN_DESIRED_SPEED,
+    NUMBERS,
+    SHARES,
+    HighwayConfig,
+)
 from controllers.decision.observation import FRAME_AGES, FRAME_SHAPE, SCALE
 from controllers.decision.rules import MODEL
 from controllers.planning.config import FollowingConfig, LaneChangeConfig
 from iits_mj import kernels
+from iits_mj.core.arrays import IntArray
 from iits_mj.core.errors import InputError
-from iits_mj.kernels import Address, Integer, Real, Table
+from iits_mj.kernels import Address, Integer, Table
 
 States = NDArray[np.void]
 
@@ -50,7 +57,11 @@ _WORLD = [
     *(("random", np.uint64, (6,)),),
     *_numbers("capacity count spawned", np.int64),
     *_numbers("clock round_due"),
-    *((f"{kind}_{end}", np.float64, (LANES_MOST,)) for kind in ("wait", "most") for end in ("ahead", "behind")),
+    *(
+        (f"{kind}_{end}", np.float64, (LANES_MOST,))
+        for kind in ("wait", "most")
+        for end in ("ahead", "behind")
+    ),
     *_numbers("time front speed acceleration offset lateral_speed"),
     *_numbers("change_left change_lasts changed_at"),
     *_numbers("lane source", np.int64),
@@ -76,18 +87,38 @@ LAWS = Table(
         *SCALE.tolist(),
     ]
 )
-_SHORTEST = min(kind.length for kind in KINDS)
+_copy = kernels.function(
+    "iits_worlds_copy", None, Address, Integer, Address, Integer, Address, Integer
+)
 
 
-def new_states(count: int, config: HighwayConfig) -> States:
-    """Returns worlds, shape (count,), that hold any traffic of the window's lanes and its ramps."""
+def capacity_of(config: HighwayConfig) -> int:
+    """Returns the number of vehicles for which a world needs places: twice the usual one, and more.
+
+    No vehicle enters a full world.
+    """
     window = config.window_behind + config.window_ahead
-    capacity = (LANES_MOST + 1) * math.ceil(window / _SHORTEST + 2.0)
+    speed, rate = config.traffic_speed, config.spawn_probability
+    a_lane = window * rate / (MEAN_DESIRED_SPEED * speed)
+    a_lane = min(a_lane, window / (KINDS[0].length + KINDS[0].minimum_gap + 1.5 * speed))
+    ramps = window / config.ramp_interval + 1.0 if config.ramp_probability > 0.0 else 0.0
+    return math.ceil(config.lanes * (2.0 * a_lane + 32.0) + 40.0 * ramps)
+
+
+def new_states(count: int, capacity: int) -> States:
+    """Returns worlds, shape (count,), with places for a number of vehicles each."""
     dtype = np.dtype([*_WORLD, ("vehicles", VEHICLE, (capacity,))])
-    # Memory is used as far as there are vehicles.
     states = np.zeros(count, dtype)
     states["capacity"] = capacity
     return states
+
+
+def copied(states: States, indices: IntArray, capacity: int) -> States:
+    """Returns copies of the worlds of some indices, with places for a number of vehicles each."""
+    copies = np.empty(indices.size, np.dtype([*_WORLD, ("vehicles", VEHICLE, (capacity,))]))
+    source = kernels.address(states), states.dtype.itemsize
+    _copy(*source, kernels.address(indices), indices.size, kernels.address(copies), capacity)
+    return copies
 
 
 def set_traffic(state: Any, config: HighwayConfig, generator: np.random.Generator) -> None:
@@ -107,7 +138,9 @@ def set_random(state: Any, generator: np.random.Generator) -> None:
     """
     bits: Any = generator.bit_generator
     if not isinstance(bits, np.random.PCG64):
-        raise InputError(f"generator uses {type(bits).__name__}; use numpy.random.default_rng(seed)")
+        raise InputError(
+            f"generator uses {type(bits).__name__}; use numpy.random.default_rng(seed)"
+        )
     stream = bits.state
     words = [stream["state"]["state"], stream["state"]["inc"]]
     state["random"] = [
@@ -118,7 +151,7 @@ def set_random(state: Any, generator: np.random.Generator) -> None:
 
 
 def function(name: str, result: Any, *arguments: Any) -> Any:
-    """Returns a compiled function of one world, whose first arguments are its state and the laws."""
+    """Returns a compiled function of one world, which takes its state, shape (1,), first."""
     found = kernels.function(name, result, Address, Address, *arguments)
     return lambda state, *rest: found(kernels.address(state), LAWS.address, *rest)
 

@@ -20,6 +20,7 @@ from controllers.decision.fast_world.state import (
     OBSTACLE,
     VEHICLE,
     States,
+    capacity_of,
     function,
     new_states,
     set_traffic,
@@ -28,6 +29,7 @@ from iits_mj import kernels
 from iits_mj.core.messages import TrackedVehicle
 from iits_mj.kernels import Address, Integer, Real
 
+_NAMES = VEHICLE.names or ()
 _start = function("iits_traffic_start", None, Address)
 _spawn = function("iits_traffic_spawn", None, Integer, Real)
 _step = function("iits_traffic_step", None, Address, Integer)
@@ -49,7 +51,7 @@ class HighwayTraffic:
     @classmethod
     def of(cls, config: HighwayConfig, generator: np.random.Generator) -> HighwayTraffic:
         """Returns the traffic of a configuration, without vehicles."""
-        traffic = cls(new_states(1, config))
+        traffic = cls(new_states(1, capacity_of(config)))
         set_traffic(traffic.state[0], config, generator)
         return traffic
 
@@ -66,7 +68,7 @@ class HighwayTraffic:
         _spawn(self.state, lane, front)
 
     def __getattr__(self, name: str) -> Any:
-        if name not in VEHICLE.names:
+        if name not in _NAMES:
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
         return self.state["vehicles"][name][0, : self.state["count"][0]]
 

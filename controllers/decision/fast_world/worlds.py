@@ -15,13 +15,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from controllers.decision.fast_world.config import WAVES, HighwayConfig, HighwayRoad
-from controllers.decision.fast_world.state import batch_function, new_states, set_random, set_traffic
+from controllers.decision.fast_world.state import (
+    batch_function,
+    capacity_of,
+    copied,
+    new_states,
+    set_random,
+    set_traffic,
+)
 from controllers.decision.observation import OBSERVATION_SIZE
 from controllers.decision.trip import ACTIONS, RewardTerms, TrafficDemand, TripConfig, TripSummary
 from iits_mj import kernels
 from iits_mj.core.arrays import BoolArray, IntArray
 from iits_mj.core.errors import InputError
-from iits_mj.kernels import Address, Integer, Real, Table
+from iits_mj.kernels import Address, Real, Table
 from iits_mj.parameters import AnyTruck, TruckParameters
 from iits_mj.parameters.mass_state import rolling_resistance
 
@@ -31,7 +38,6 @@ _decide = batch_function("iits_worlds_decide", Address, Address)
 _drive = batch_function("iits_worlds_drive", Address, Real)
 _allowed = batch_function("iits_worlds_allowed", Address)
 _redraw = batch_function("iits_worlds_redraw")
-_copy = kernels.function("iits_worlds_copy", None, Address, Integer, Address, Integer, Address)
 # Fields of `TripSummary` in the state.
 _TOTALS = (
     *("distance", "decisions", "changes", "refused", "dangerous", "collisions"),
@@ -54,7 +60,7 @@ class FastWorlds:
     """
 
     def __init__(self, count: int, grade_max: float = 0.045) -> None:
-        self.states = new_states(count, HighwayConfig())
+        self.states = new_states(count, 1)
         self._grade_max = grade_max
         self._trucks: dict[tuple[int, float | None], tuple[AnyTruck | None, dict[str, float]]] = {}
 
@@ -69,8 +75,10 @@ class FastWorlds:
         Raises:
           InputError: the generator is not one of `numpy.random.default_rng`.
         """
-        state, truck, reward = self.states[index], self._truck(trip), trip.reward
-        demand = {f.name: getattr(trip, f.name) for f in fields(TrafficDemand)}
+        truck, reward = self._truck(trip), trip.reward
+        config = HighwayConfig(**{f.name: getattr(trip, f.name) for f in fields(TrafficDemand)})
+        self._reserve(capacity_of(config))
+        state = self.states[index]
         values = {
             **truck,
             "front": trip.start_station + truck["front_overhang"],
@@ -88,7 +96,7 @@ class FastWorlds:
         }
         for name, value in values.items():
             state[name] = value
-        set_traffic(state, HighwayConfig(**demand), generator)
+        set_traffic(state, config, generator)
         _start(self.states[index : index + 1])
 
     def step(self, decisions: ArrayLike) -> None:
@@ -122,7 +130,11 @@ class FastWorlds:
         return allowed
 
     def decide(self, rule: Table) -> IntArray:
-        """Returns the decisions of a rule, see `controllers.decision.rules.compiled`, shape (n,)."""
+        """Returns the decisions of a rule, shape (n,).
+
+        Args:
+          rule: of `controllers.decision.rules.compiled`.
+        """
         decisions = np.empty(len(self), dtype=np.int64)
         _decide(self.states, rule.address, kernels.address(decisions))
         return decisions
@@ -137,9 +149,7 @@ class FastWorlds:
         if chosen.ndim != 1 or not ((chosen >= 0) & (chosen < len(self))).all():
             raise InputError(f"indices of {len(self)} worlds are 0 to {len(self) - 1}")
         copies = copy.copy(self)
-        copies.states = np.zeros(chosen.size, self.states.dtype)
-        addresses = [kernels.address(a) for a in (self.states, chosen, copies.states)]
-        _copy(addresses[0], self.states.dtype.itemsize, addresses[1], chosen.size, addresses[2])
+        copies.states = copied(self.states, chosen, self._capacity)
         return copies
 
     def redraw(self, generator: np.random.Generator) -> None:
@@ -163,6 +173,15 @@ class FastWorlds:
         state = self.states[index]
         waves = state["grade_amplitude"].tolist(), state["grade_phase"].tolist()
         return HighwayRoad(float(state["end"]), int(state["lanes"]), *waves)
+
+    @property
+    def _capacity(self) -> int:
+        return int(self.states["vehicles"].shape[1])
+
+    def _reserve(self, capacity: int) -> None:
+        """Makes places for a number of vehicles in each world."""
+        if capacity > self._capacity:
+            self.states = copied(self.states, np.arange(len(self)), capacity)
 
     def _truck(self, trip: TripConfig) -> dict[str, float]:
         """The truck's constants, by their names in the state."""

@@ -88,9 +88,10 @@ class Vehicles:
             there = there[np.argsort(self.front[there], kind="stable")]
             fronts = self.front[deciders[asks]]
             last = np.searchsorted(self.front[there], fronts, side="right")
-            first = np.searchsorted(self.front[there], fronts, side="left")
+            # The decider is among the vehicles of its own lane.
+            own = self.lane[deciders[asks]] == lane
             padded = np.concatenate([[-1], there, [-1]])
-            found[0, asks], found[1, asks] = padded[last + 1], padded[first]
+            found[0, asks], found[1, asks] = padded[last + 1], padded[last - own]
         return found
 
     def gap(self, behind, leader):

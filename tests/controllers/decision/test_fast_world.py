@@ -83,7 +83,8 @@ def test_density_stays_constant_around_a_slower_and_a_faster_truck(truck_speed):
         truck = Obstacle(truck.front + truck_speed * 0.2, 16.5, truck_speed, 7)
         traffic.step([truck])
         counts.append(traffic.front.size)
-    wanted = 2 * (config.window_ahead + config.window_behind) / config.mean_headway
+    headway = 0.92 * config.traffic_speed / config.spawn_probability
+    wanted = 2 * (config.window_ahead + config.window_behind) / headway
     assert np.mean(counts[1000:]) == pytest.approx(wanted, rel=0.35)
 
 
