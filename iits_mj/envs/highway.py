@@ -316,7 +316,8 @@ class HighwayFastEnv(DecisionEnv):
         """Returns None: there are no pictures."""
 
     def close(self) -> None:
-        """Does nothing."""
+        """Ends the episode."""
+        self._world.close()
 
     def _open(self) -> FastWorld:
         return self._world

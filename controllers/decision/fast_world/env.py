@@ -62,7 +62,8 @@ class HighwayEnv:
         return self._worlds.observations[0]
 
     def close(self) -> None:
-        """Does nothing."""
+        """Ends the trip."""
+        self._trip = None
 
     def context(self) -> DecisionContext:
         """Returns the context of a decision now."""

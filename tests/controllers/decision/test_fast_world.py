@@ -1,4 +1,7 @@
-"""The fast world: traffic, the truck on hills, reward, ends of a trip."""
+"""The fast world: traffic, the truck on hills, reward, ends of a trip.
+
+`test_fast_world_agreement.py` compares it with its NumPy form.
+"""
 
 import dataclasses
 
@@ -20,7 +23,9 @@ from controllers.decision.trip import CELLS, TripConfig, TripLog, cell_trip
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision
 from iits_mj.core.units import GRAVITY
+from tests.controllers.decision import numpy_world
 from traffic_bridge import TrafficConfig, default_types
+from traffic_bridge.vehicles import mobil
 
 UNSEEN = np.zeros(OBSERVATION_SIZE, np.float32)
 
@@ -53,6 +58,65 @@ def test_kinds_and_shares_are_those_of_the_sumo_traffic():
             assert getattr(kind, name) == getattr(types[kind.kind], name), (kind.kind, name)
         assert share == pytest.approx(shares[kind.kind] / sum(shares.values()))
     assert len(KINDS) == len(shares)
+
+
+def brute_gain(vehicles, kinds, i, keeps_right):
+    """Returns the gain by the SUMO traffic's MOBIL, one vehicle at a time."""
+    types = {kind.kind: kind for kind in default_types()}
+
+    def driver(j):
+        changed = {} if keeps_right else {"keep_right_bias": 0.0, "politeness": 0.0}
+        kind = dataclasses.replace(types[KINDS[kinds[j]].kind], **changed)
+        kind = dataclasses.replace(kind, length=float(vehicles.length[j]))
+        return mobil.MobilDriver(str(j), float(vehicles.speed[j]), float(vehicles.desired[j]), kind)
+
+    def around(lane):
+        others = [j for j in range(len(vehicles.front)) if j != i and vehicles.lane[j] == lane]
+        ahead = [j for j in others if vehicles.front[j] > vehicles.front[i]]
+        behind = [j for j in others if vehicles.front[j] <= vehicles.front[i]]
+        found = {}
+        if ahead:
+            j = min(ahead, key=lambda j: vehicles.front[j])
+            gap = vehicles.front[j] - vehicles.length[j] - vehicles.front[i]
+            found |= {"gap_ahead": float(gap), "speed_ahead": float(vehicles.speed[j])}
+        if behind:
+            j = max(behind, key=lambda j: vehicles.front[j])
+            gap = vehicles.front[i] - vehicles.length[i] - vehicles.front[j]
+            found |= {"gap_behind": float(gap), "follower": driver(j)}
+        return mobil.LaneNeighbors(**found)
+
+    lane = int(vehicles.lane[i])
+    return mobil.incentive(driver(i), around(lane), around(1 - lane), to_right=lane == 1)
+
+
+@pytest.mark.parametrize("keeps_right", [False, True])
+def test_mobil_in_numpy_gives_the_gains_of_the_sumo_traffic(keeps_right):
+    rng = np.random.default_rng(7)
+    compared = refused = 0
+    for _ in range(60):
+        n = 9
+        kind = rng.integers(len(KINDS), size=n)
+        # Speeds on both sides of the critical speed, above which the keep-right rule differs.
+        vehicles = numpy_world.Vehicles(
+            front=np.cumsum(rng.uniform(8.0, 45.0, n)),
+            length=np.array([KINDS[k].length for k in kind]),
+            speed=(speed := rng.uniform(9.0, 22.0, n)),
+            desired=speed + rng.uniform(0.5, 5.0, n),
+            lane=rng.integers(2, size=n),
+            drivers=numpy_world.Drivers(kind),
+        )
+        sides = [numpy_world.gains(vehicles, np.arange(n), k, keeps_right) for k in (1, -1)]
+        found = np.where(vehicles.lane == 0, *sides)
+        for i in range(n):
+            wanted = brute_gain(vehicles, kind, i, keeps_right)
+            if wanted is None:
+                assert found[i] == -np.inf
+                refused += 1
+            else:
+                assert found[i] == pytest.approx(wanted, abs=1e-9)
+                compared += 1
+    assert compared > 100
+    assert refused > 100
 
 
 def test_traffic_never_overlaps_in_a_lane():
