@@ -84,8 +84,14 @@ struct World {
   double change_left, change_lasts, changed_at;
   std::int64_t lane, source;
   // Totals of the trip, and the last step.
-  double distance, driven_time, time_gap_min, loss_integral, right_time;
+  double distance, driven_time, time_gap_min, loss_integral;
   std::int64_t decisions, changes, refused, dangerous, collisions;
+  // Time in the right lane and time with a vehicle beside [s]; of changes: the least time to a
+  // collision at the start [s], and those that made the new follower brake harder than 2 m/s2
+  // within 8 s; this follower's number, 0 for none, and the end of the 8 s.
+  double right_time, beside_time, change_collision_time_min;
+  std::int64_t imposed_brakings, watched;
+  double watched_until;
   Terms total, reward;
   double seconds;
   std::int64_t terminated, truncated;
