@@ -33,8 +33,8 @@ def check_display() -> None:
     shown = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if platform.system() == "Linux" and not shown:
         raise RenderError(
-            "there is no display for the viewer (DISPLAY and WAYLAND_DISPLAY are not set); run it "
-            "from a desktop session, or make a video with 'iits-mj drive'"
+            "there is no display for the viewer (DISPLAY and WAYLAND_DISPLAY are not set); "
+            "watch in a browser with 'iits-mj view --web', or make a video with 'iits-mj drive'"
         )
 
 

@@ -6,11 +6,16 @@ The module mirrors `dm_control.suite`: `ALL_TASKS`, `BENCHMARKING`, `EASY`, `HAR
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
 try:
-    from dm_control.rl import control
+    with warnings.catch_warnings():
+        # dm_control.mujoco looks for a display through GLFW, which warns where there is none.
+        warnings.filterwarnings("ignore", message=".*DISPLAY environment variable is missing")
+        import dm_control.mujoco  # noqa: F401 (imported later anyway, with the warning)
+        from dm_control.rl import control
 except ImportError as error:
     raise ImportError(
         "the tasks need dm_control: pip install --no-deps dm-control==1.0.50"
