@@ -195,6 +195,10 @@ AREAS = {
         "planning",
         "controllers/planning/|simulation/|core/",
     ),
+    "decision_rules|fast_traffic|fast_world|numpy_random": (
+        "decision",
+        "controllers/decision/",
+    ),
     "interior_point|node_system|vectors|speed_passes": (
         "predictive cruise control",
         "controllers/pcc/",

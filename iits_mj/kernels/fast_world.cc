@@ -391,13 +391,13 @@ IITS_KERNEL void iits_worlds_decide(char* rows, std::ptrdiff_t stride, std::ptrd
   }
 }
 
-// Drives by a rule until the trips end, or for some seconds.
+// Drives by a rule until the trips end, or for some seconds each.
 IITS_KERNEL void iits_worlds_drive(char* rows, std::ptrdiff_t stride, std::ptrdiff_t n,
-                                   const Laws* laws, const Rule* rule, double seconds) {
+                                   const Laws* laws, const Rule* rule, const double* seconds) {
   for (std::ptrdiff_t i = 0; i < n; ++i) {
     World* world = At(rows, stride, i);
     Trip trip(world, laws);
-    const double until = world->time + seconds - 1e-6;
+    const double until = world->time + seconds[i] - 1e-6;
     while (!Ended(*world) && world->time < until) trip.Step(trip.Decide(*rule));
   }
 }

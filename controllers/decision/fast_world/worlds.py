@@ -28,14 +28,14 @@ from controllers.decision.trip import ACTIONS, RewardTerms, TrafficDemand, TripC
 from iits_mj import kernels
 from iits_mj.core.arrays import BoolArray, IntArray
 from iits_mj.core.errors import InputError
-from iits_mj.kernels import Address, Real, Table
+from iits_mj.kernels import Address, Table
 from iits_mj.parameters import AnyTruck, TruckParameters
 from iits_mj.parameters.mass_state import rolling_resistance
 
 _start = batch_function("iits_worlds_start")
 _step = batch_function("iits_worlds_step", Address)
 _decide = batch_function("iits_worlds_decide", Address, Address)
-_drive = batch_function("iits_worlds_drive", Address, Real)
+_drive = batch_function("iits_worlds_drive", Address, Address)
 _allowed = batch_function("iits_worlds_allowed", Address)
 _redraw = batch_function("iits_worlds_redraw")
 # Fields of `TripSummary` in the state.
@@ -139,9 +139,15 @@ class FastWorlds:
         _decide(self.states, rule.address, kernels.address(decisions))
         return decisions
 
-    def drive(self, rule: Table, seconds: float = math.inf) -> None:
-        """Drives by a rule until the trips are over, or for some seconds; a change is completed."""
-        _drive(self.states, rule.address, seconds)
+    def drive(self, rule: Table, seconds: ArrayLike = math.inf) -> None:
+        """Drives by a rule until the trips are over, or for some seconds; a change is completed.
+
+        Args:
+          rule: see `decide`.
+          seconds: of all worlds, or of each, shape (n,).
+        """
+        spans = np.full(len(self), seconds, dtype=float)
+        _drive(self.states, rule.address, kernels.address(spans))
 
     def copy(self, indices: ArrayLike) -> FastWorlds:
         """Returns copies of worlds, in any order and number, which drive on independently."""
@@ -150,6 +156,29 @@ class FastWorlds:
             raise InputError(f"indices of {len(self)} worlds are 0 to {len(self) - 1}")
         copies = copy.copy(self)
         copies.states = copied(self.states, chosen, self._capacity)
+        return copies
+
+    def roll_out(self, decisions: ArrayLike, rule: Table, seconds: float) -> FastWorlds:
+        """Returns copies of each world after a first decision and a drive by a rule.
+
+        Copies of a world have the same future traffic, so that their decisions are compared by the
+        same chance. Differences of their `states` are what a decision gains.
+
+        Args:
+          decisions: m of each world, shape (n, m); see `step`.
+          rule: that continues, see `decide`.
+          seconds: of the decision and the drive together.
+
+        Returns:
+          n m worlds; number i m + j has the decision j of world i.
+        """
+        chosen = np.asarray(decisions)
+        if chosen.ndim != 2 or len(chosen) != len(self):
+            raise InputError(f"decisions of shape {chosen.shape}: use ({len(self)}, m)")
+        copies = self.copy(np.repeat(np.arange(len(self)), chosen.shape[1]))
+        until = copies.states["time"] + seconds
+        copies.step(chosen.ravel())
+        copies.drive(rule, until - copies.states["time"])
         return copies
 
     def redraw(self, generator: np.random.Generator) -> None:

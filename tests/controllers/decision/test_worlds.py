@@ -93,6 +93,22 @@ def test_allowed_decisions_are_those_that_are_carried_out():
     assert 0.1 < allowed[:, [0, 2]].mean() < 0.9
 
 
+def test_a_roll_out_compares_decisions_in_the_same_future_traffic():
+    worlds = started(3)
+    worlds.drive(MOBIL, 40.0)
+    before = worlds.observations
+    after = worlds.roll_out([[0, -1, 0]] * 3, MOBIL, 60.0)
+    assert np.array_equal(worlds.observations, before)
+    late = after.states["time"].reshape(3, 3) - worlds.states["time"][:, None] - 60.0
+    assert ((late > -1e-6) & (late < 9.0)).all()
+    for world in range(3):
+        first, _, again = range(3 * world, 3 * world + 3)
+        assert vehicles(after, first) == vehicles(after, again)
+    way = after.states["distance"].reshape(3, 3) - worlds.states["distance"][:, None]
+    assert (way > 300.0).all()
+    assert (way[:, 0] != way[:, 1]).any()
+
+
 def test_hidden_wishes_are_drawn_again_without_moving_anybody():
     worlds = started(1)
     worlds.drive(MOBIL, 30.0)
@@ -171,6 +187,8 @@ def test_nonsense_is_refused_with_the_allowed_values():
         worlds.step([0])
     with pytest.raises(InputError, match="2 of -1"):
         worlds.step([0, 2])
+    with pytest.raises(InputError, match=r"use \(2, m\)"):
+        worlds.roll_out([0, 0], MOBIL, 60.0)
     with pytest.raises(InputError, match="0 to 1"):
         worlds.copy([2])
     with pytest.raises(InputError, match="MT19937"):
@@ -178,3 +196,45 @@ def test_nonsense_is_refused_with_the_allowed_values():
     for wrong in ({"lanes": 4}, {"ramp_probability": 2.0}, {"truck_speed_limit": 0.0}):
         with pytest.raises(InputError, match=next(iter(wrong))):
             TripConfig(**wrong)
+
+
+def test_time_to_a_collision_and_time_in_the_right_lane_are_those_of_the_trip():
+    worlds = started(1, replace(DENSE, traffic_speed=15.0))
+    rule = compiled(LookAhead())
+    times, right = [], 0.0
+    while not worlds.states["truncated"][0]:
+        before = worlds.copy([0]).states[0]
+        worlds.step(worlds.decide(rule))
+        now = worlds.states[0]
+        right += float(now["seconds"]) * (now["lane"] == 0)
+        if now["changes"] == before["changes"]:
+            continue
+        front, speed = float(before["front"]), float(before["speed"])
+        rows = before["vehicles"][: before["count"]]
+        rows = rows[rows["lane"] == now["lane"]]
+        times += [
+            (v["front"] - v["length"] - front) / (speed - v["speed"])
+            for v in rows[rows["front"] > front][:1]
+            if v["speed"] < speed
+        ]
+        times += [
+            (front - float(before["truck_length"]) - v["front"]) / (v["speed"] - speed)
+            for v in rows[rows["front"] <= front][-1:]
+            if v["speed"] > speed
+        ]
+    assert len(times) > 3
+    assert now["change_collision_time_min"] == pytest.approx(min(times))
+    assert now["right_time"] == pytest.approx(right)
+
+
+def test_wide_gaps_impose_no_hard_braking_and_spend_less_time_beside_others():
+    figures = {}
+    for name in ("conservative", "lookahead"):
+        worlds = started(60)
+        worlds.drive(compiled(make(name)))
+        states = worlds.states
+        share = states["imposed_brakings"].sum() / states["changes"].sum()
+        figures[name] = share, (states["beside_time"] / states["driven_time"]).mean()
+    assert figures["conservative"][0] == 0.0
+    assert 0.0 < figures["lookahead"][0] < 0.2
+    assert figures["conservative"][1] < figures["lookahead"][1] < 0.5
