@@ -62,7 +62,7 @@ struct Random {
   std::uint64_t half;
 
   std::uint64_t Next() {
-    __extension__ using Wide = unsigned __int128;
+    __extension__ typedef unsigned __int128 Wide;
     const Wide factor = (Wide{2549297995355413924u} << 64) + 4865540595714422341u;
     Wide state = (Wide{state_high} << 64) + state_low;
     state = state * factor + ((Wide{increment_high} << 64) + increment_low);
