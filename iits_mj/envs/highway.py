@@ -249,7 +249,7 @@ class HighwayEnv(DecisionEnv):
 
 
 class HighwayFastEnv(DecisionEnv):
-    """`iits_mj/Highway-v0` without MuJoCo and SUMO, some thousand times as fast.
+    """`iits_mj/Highway-v0` without MuJoCo and SUMO, hundreds of times as fast.
 
     Actions, observation, reward and traffic parameters are those of `HighwayEnv`. The truck is a
     point mass with the same power limits, the highway has random hills, and the other vehicles
