@@ -18,13 +18,13 @@ import gymnasium
 from controllers.decision.observation import FEATURES, FRAME_AGES, FRAME_SHAPE, ROWS
 from controllers.decision.observation import __doc__ as observation_text
 from iits_mj import suite
+from iits_mj.envs import ENVIRONMENTS, LEVELS
 from iits_mj.envs.driving import DrivingEnv
 from iits_mj.envs.highway import DecisionEnv, HighwayEnv, HighwayFastEnv
 from iits_mj.envs.platoon import PlatoonEnv
 from iits_mj.envs.speed_planning import SpeedPlanningEnv
 from iits_mj.suite import tasks
 from iits_mj.suite.tasks import DRIVING_TASKS, DrivingTask, Platoon
-from iits_mj.suite.tasks.base import BRAKE_MAX
 
 OTHERS: dict[str, type[gymnasium.Env[Any, Any]]] = {
     "Highway": HighwayEnv,
@@ -62,6 +62,7 @@ def _driving(task: str, env: str) -> str:
                     f'`gymnasium.make_vec("iits_mj:iits_mj/{env}-v0", num_envs=64, threads=8)`',
                 ),
                 ("scripted driver", f'`suite.DRIVERS["{task}"]`'),
+                *_registered(env),
             ],
         ),
         _actions(kind),
@@ -86,6 +87,7 @@ def _highway() -> str:
         _picture("highway", "Highway"),
         '`gymnasium.make("iits_mj:iits_mj/Highway-v0")`',
         _body(HighwayEnv),
+        _table(("", ""), _registered("Highway")),
         _decision_observation(),
         "## Arguments\n\n" + _arguments(HighwayEnv),
         "## In dm_control",
@@ -108,6 +110,7 @@ def _other(name: str) -> str:
         shown,
         f'`gymnasium.make("iits_mj:iits_mj/{name}-v0")`',
         _body(kind),
+        _table(("", ""), _registered(name)),
         _decision_observation() if issubclass(kind, DecisionEnv) else "",
         "## Arguments\n\n" + _arguments(kind),
     )
@@ -175,6 +178,11 @@ def _index() -> str:
         "environment; after `import iits_mj.envs` the id alone is enough. In Gymnasium, an "
         "observation is one vector, each number divided by its scale and clipped to [-5, 5].",
         _table(("", "dm_control", "Gymnasium", "actions", ""), rows),
+        "Every id has an easier and a harder level, as `iits_mj/CruiseEasy-v0` and "
+        "`iits_mj/CruiseHard-v0`; each page says how they differ. `max_episode_steps` ends an "
+        "episode also where `time_limit`, `duration` or `length` allow a longer one: give both to "
+        "`gymnasium.make`. Scores of random, scripted and trained drivers: "
+        "[benchmark](../benchmark.md).",
         "How to train on them, roll out thousands at once and put several trucks into one scene: "
         "[reinforcement learning and rollouts](../learning.md).",
     )
@@ -187,7 +195,8 @@ def _actions(kind: type[DrivingTask]) -> str:
             "`drive`",
             "-1",
             "1",
-            f"above 0 the accelerator pedal; below 0 a deceleration of up to {BRAKE_MAX:g} m/s2",
+            "above 0 the accelerator pedal; below 0 a deceleration of up to "
+            f"{kind.brake_max:g} m/s2",
             "`accelerator_pedal`; `xbr_demand`, `xbr_mode`",
         )
     ]
@@ -203,7 +212,7 @@ def _actions(kind: type[DrivingTask]) -> str:
             )
         )
     head = ("num", "action", "min", "max", "meaning", "control in the XML")
-    return "## Actions\n\nHeld for 0.1 s each.\n\n" + _table(head, rows)
+    return f"## Actions\n\nHeld for {kind.period:g} s each.\n\n" + _table(head, rows)
 
 
 def _observations(kind: type[DrivingTask | tasks.Highway], heading: str = "##") -> str:
@@ -261,6 +270,24 @@ def _own_names(kind: type[DrivingTask]) -> set[str]:
         if base.__module__.startswith("iits_mj")
         for name in vars(base)
     }
+
+
+def _registered(name: str) -> list[tuple[str, str]]:
+    """Rows about the registration of an environment and of its levels."""
+    settings = ENVIRONMENTS[f"iits_mj/{name}-v0"]
+    levels = []
+    for level, arguments in LEVELS[f"iits_mj/{name}-v0"].items():
+        words = (f"{key} {_value(value)}" for key, value in arguments.items())
+        levels.append(f"`iits_mj/{name}{level}-v0`: {', '.join(words)}")
+    return [
+        ("`max_episode_steps`", f"{settings['max_episode_steps']}"),
+        ("`reward_threshold`", f"{settings['reward_threshold']:g}"),
+        ("other levels", "; ".join(levels)),
+    ]
+
+
+def _value(value: object) -> str:
+    return " or ".join(value) if isinstance(value, tuple) else f"{value}"
 
 
 def _picture(stem: str, title: str) -> str:

@@ -40,6 +40,7 @@ def draw(folder: Path) -> None:
     for task, (time, camera) in SHOTS.items():
         _save(folder / f"{task}.png", _driven(task, time, camera))
     _save(folder / "highway.png", _stepped("Highway", 40, 3, density="dense", traffic_speed=12.5))
+    _save(folder / "highway_fast.png", _stepped("HighwayFast", 20, 1, density="dense"))
     _save(folder / "speed_planning.png", _stepped("SpeedPlanning", 6, 1))
     with PlatoonEnv(render_mode="rgb_array") as environment:
         environment.reset(seed=0)

@@ -49,11 +49,25 @@ OBSERVATION_SIZE = len(FRAME_AGES) * len(ROWS) * len(FEATURES)
 RANGE_AHEAD = 250.0
 SCALE = np.array([1.0, RANGE_AHEAD, 8.0, 40.0, 40.0, 40.0])
 RANGE_BEHIND = 50.0
+# Rounded means and deviations of the inputs in drives of the six cells:
+# presence, dx, dy, relative speed, lateral speed, reference speed
+_TRUCK_USUAL = (0.0, 1.0, 0.25, 0.4, 0.0, 0.4)
+_TRUCK_SPREAD = (1.0, 0.3, 0.25, 0.05, 0.01, 0.05)
+_OTHERS_USUAL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.1)
+_OTHERS_SPREAD = (1.0, 0.3, 0.4, 0.05, 0.01, 0.05)
 _BEHIND, _AHEAD = 2, 6
 _LANE_PROBE = 25.0
 _DY, _LATERAL_SPEED = FEATURES.index("dy"), FEATURES.index("lateral_speed")
 
 Frame = NDArray[np.float32]
+
+
+def usual_and_spread() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Returns usual value and spread of the 216 inputs; standardized: (x - usual) / spread."""
+    others = len(ROWS) - 1
+    usual = np.array([_TRUCK_USUAL, *[_OTHERS_USUAL] * others], np.float32)
+    spread = np.array([_TRUCK_SPREAD, *[_OTHERS_SPREAD] * others], np.float32)
+    return np.tile(usual.ravel(), len(FRAME_AGES)), np.tile(spread.ravel(), len(FRAME_AGES))
 
 
 def observe_frame(scene: Scene, route: Route, reference_speed: float) -> Frame:

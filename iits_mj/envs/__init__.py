@@ -13,36 +13,74 @@ from typing import Any
 from gymnasium.envs import registration
 
 
-def _driving(task: str) -> dict[str, Any]:
+def _driving(task: str, steps: int, threshold: float) -> dict[str, Any]:
     """Returns the registration of a task of the suite, alone and vectorized."""
     return {
         "entry_point": "iits_mj.envs.driving:DrivingEnv",
         "vector_entry_point": "iits_mj.envs.vector:DrivingVectorEnv",
         "kwargs": {"task": task},
+        "max_episode_steps": steps,
+        "reward_threshold": threshold,
     }
 
 
-# Ids and their registrations.
+def _other(entry_point: str, steps: int, threshold: float) -> dict[str, Any]:
+    """Returns the registration of another environment."""
+    return {
+        "entry_point": f"iits_mj.envs.{entry_point}",
+        "max_episode_steps": steps,
+        "reward_threshold": threshold,
+    }
+
+
+# Ids and their registrations. An episode's last step is the time limit of a default environment. A
+# threshold is about what the scripted driver of docs/benchmark.md scores on the test episodes.
 ENVIRONMENTS: dict[str, dict[str, Any]] = {
-    "iits_mj/Cruise-v0": _driving("cruise"),
-    "iits_mj/Stop-v0": _driving("stop"),
-    "iits_mj/HillStart-v0": _driving("hill_start"),
-    "iits_mj/LaneKeep-v0": _driving("lane_keep"),
-    "iits_mj/LaneChange-v0": _driving("lane_change"),
-    "iits_mj/TightTurn-v0": _driving("tight_turn"),
-    "iits_mj/Dock-v0": _driving("dock"),
-    "iits_mj/Highway-v0": {"entry_point": "iits_mj.envs.highway:HighwayEnv"},
+    "iits_mj/Cruise-v0": _driving("cruise", 120, 90.0),
+    "iits_mj/Stop-v0": _driving("stop", 400, 380.0),
+    "iits_mj/HillStart-v0": _driving("hill_start", 200, 110.0),
+    "iits_mj/LaneKeep-v0": _driving("lane_keep", 600, 590.0),
+    "iits_mj/LaneChange-v0": _driving("lane_change", 300, 255.0),
+    "iits_mj/TightTurn-v0": _driving("tight_turn", 300, 295.0),
+    "iits_mj/Dock-v0": _driving("dock", 600, 450.0),
+    "iits_mj/Highway-v0": _other("highway:HighwayEnv", 120, -4.0),
     "iits_mj/HighwayFast-v0": {
-        "entry_point": "iits_mj.envs.highway:HighwayFastEnv",
+        **_other("highway:HighwayFastEnv", 120, -4.0),
         "vector_entry_point": "iits_mj.envs.highway_vector:HighwayFastVectorEnv",
     },
-    "iits_mj/SpeedPlanning-v0": {"entry_point": "iits_mj.envs.speed_planning:SpeedPlanningEnv"},
+    "iits_mj/SpeedPlanning-v0": _other("speed_planning:SpeedPlanningEnv", 120, 0.0),
 }
+
+# Trucks of which a hard environment draws one for each episode; the agent does not see which.
+_FAMILY = {"truck": ("tractor_semitrailer_6x4", "tractor_semitrailer_6x2", "vecto_40t")}
+# Arguments of the easier and harder forms of an environment: `iits_mj/CruiseHard-v0`.
+LEVELS: dict[str, dict[str, dict[str, Any]]] = {
+    name: {"Easy": {"density": "sparse"}, "Hard": {"density": "dense", "traffic_speed": 12.5}}
+    if "Highway" in name
+    else {"Easy": {"payload": 0.0}, "Hard": _FAMILY}
+    for name in ENVIRONMENTS
+}
+
+
+def registrations() -> dict[str, dict[str, Any]]:
+    """Returns all ids with their registrations: the environments, and their levels.
+
+    The thresholds are those of the environments themselves, so the levels have none.
+    """
+    found = dict(ENVIRONMENTS)
+    for name, settings in ENVIRONMENTS.items():
+        for level, arguments in LEVELS[name].items():
+            found[name.replace("-v", f"{level}-v")] = {
+                **settings,
+                "kwargs": {**settings.get("kwargs", {}), **arguments},
+                "reward_threshold": None,
+            }
+    return found
 
 
 def register() -> None:
     """Registers the environments that Gymnasium does not have yet."""
-    for name, settings in ENVIRONMENTS.items():
+    for name, settings in registrations().items():
         if name not in registration.registry:
             registration.register(name, **settings)
 

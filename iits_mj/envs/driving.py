@@ -24,10 +24,10 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
     """A task of the suite, with its scaled observations as one vector.
 
     An action has the task's controls (`drive`, and `steer` where it is used), each in [-1, 1], and
-    is held for 0.1 s. Each observation is divided by the task's scale and clipped to [-5, 5];
-    `observation_names` names the vector's elements. The reward is the task's, in [0, 1]; its
-    factors are in `info` as `reward_<name>`. An episode is terminated when the task fails (truck
-    off its lane) and truncated at the task's time limit. All versions are v0.
+    is held for the task's `period`. Each observation is divided by the task's scale and clipped to
+    [-5, 5]; `observation_names` names the vector's elements. The reward is the task's, in [0, 1];
+    its factors are in `info` as `reward_<name>`. An episode is terminated when the task fails
+    (truck off its lane) and truncated at the task's time limit. All versions are v0.
 
     Args:
       task: name in `iits_mj.suite.TASKS_BY_DOMAIN["truck"]`.
@@ -88,6 +88,7 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         self.steps_per_action = round(
             self._environment.control_timestep() / self.physics.timestep()
         )
+        self.metadata = {**self.metadata, "render_fps": round(1.0 / self.task.period)}
         self._environment.reset()
         self._scaled = ScaledObservations(self.task.observed)
         self.observation_names = self._scaled.names
@@ -108,7 +109,7 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         return self._seen(), self._info(self.task.reward_terms(self.physics))
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Holds the action for 0.1 s.
+        """Holds the action for the task's `period`.
 
         Raises:
           InputError: not one finite number for each of the task's actions, or no episode has begun.
@@ -133,7 +134,7 @@ class DrivingEnv(gymnasium.Env[Observation, Action]):
         self.task.act(values, self.physics)
 
     def advance(self) -> None:
-        """Steps the physics by 0.1 s."""
+        """Steps the physics by the task's `period`."""
         self.physics.step(self.steps_per_action)
 
     def finish(self) -> tuple[Observation, float, bool, bool, dict[str, Any]]:

@@ -12,20 +12,32 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 
+from controllers.decision.base import DecisionContext
 from controllers.decision.fast_world.env import HighwayEnv as FastWorld
-from controllers.decision.observation import OBSERVATION_SIZE
-from controllers.decision.trip import ACTIONS, SPAWN_PROBABILITY, RewardTerms, TripConfig, World
+from controllers.decision.observation import OBSERVATION_SIZE, usual_and_spread
+from controllers.decision.trip import (
+    ACTIONS,
+    SPAWN_PROBABILITY,
+    RewardConfig,
+    RewardTerms,
+    TripConfig,
+    World,
+)
 from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.envs.family import Family, Trucks
-from iits_mj.envs.picture import RENDER_MODES, Observation, Picture
+from iits_mj.envs.picture import RENDER_MODES, Observation, Picture, top_view
 
 if TYPE_CHECKING:
     from iits_mj.simulation import Simulation
     from iits_mj.simulation.truck_world import TruckWorld
 
 DENSITIES = {**SPAWN_PROBABILITY, "empty": 0.0}
+# The paper's charges of a change are ten times as high, relative to that of the speed.
+REWARD = RewardConfig(change=0.1, danger=0.2, speed=0.1, collision=30.0)
+STANDARDIZED_MAX = 20.0
+_USUAL, _SPREAD = usual_and_spread()
 
 
 # Entries of a fast world's `info`, and the fields of its state.
@@ -54,6 +66,8 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
         truck: Trucks = None,
         payload: float | None = None,
         payload_height: float | None = None,
+        reward: RewardConfig = REWARD,
+        standardized: bool = True,
         render_mode: str | None = None,
     ) -> None:
         one_of("density", density, DENSITIES)
@@ -70,8 +84,11 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
             duration=duration,
             payload=payload,
             reference_speed=speed,
+            reward=reward,
         )
-        self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (OBSERVATION_SIZE,), np.float32)
+        self.standardized = standardized
+        most = STANDARDIZED_MAX if standardized else 1.0
+        self.observation_space = gymnasium.spaces.Box(-most, most, (OBSERVATION_SIZE,), np.float32)
         self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
 
     def reset(
@@ -82,7 +99,7 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
         self._number = self.family.draw(self.np_random)
         trip = dataclasses.replace(self.trip, truck=self.family.members[self._number])
         observation = self._open().reset(self.np_random, trip)
-        return observation, self._info(RewardTerms())
+        return self.scaled(observation), self._info(RewardTerms())
 
     def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Carries out a decision until the next one is due.
@@ -94,7 +111,22 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
             raise InputError(f"action {action!r} is unknown; use 0, 1 or 2")
         step = self._open().step(ACTIONS[int(action)])
         info = self._info(step.reward)
-        return step.observation, float(step.reward.total), step.terminated, step.truncated, info
+        observation, reward = self.scaled(step.observation), float(step.reward.total)
+        return observation, reward, step.terminated, step.truncated, info
+
+    def scaled(self, observation: Observation) -> Observation:
+        """Returns observations of a world as the agent gets them, shape (..., 216)."""
+        if not self.standardized:
+            return observation
+        return np.clip((observation - _USUAL) / _SPREAD, -STANDARDIZED_MAX, STANDARDIZED_MAX)
+
+    def context(self) -> DecisionContext:
+        """Returns what the decision makers of `controllers.decision` decide by, at this instant.
+
+        Raises:
+          InputError: no episode has begun.
+        """
+        return self._open().context()
 
     def _open(self) -> World:
         """Returns the world, which the first call makes."""
@@ -116,16 +148,23 @@ class HighwayEnv(DecisionEnv):
     planner refuses a change that is not possible or not safe. A step lasts 1 s, or to the end of
     the lane change that it starts.
 
-    Observation (216, float32 in [-1, 1]): see `controllers.decision.observation`.
+    Observation (216, float32): that of `controllers.decision.observation`, less its usual values
+    and divided by its usual spread, in [-20, 20]. Without this, a difference of speed is 0.05, and
+    a learner does not see it.
 
-    Reward, the paper's with corrected signs, in `info` as `reward_<name>`:
+    Reward in `info` as `reward_<name>`:
 
     | term      | value                                                                       |
     |-----------|-----------------------------------------------------------------------------|
-    | change    | -10 for action 0 or 2, refused or not                                       |
-    | danger    | -20 more when a vehicle is the reason of the refusal                        |
-    | speed     | minus the distance of the speed from the reference, per m/s and second      |
-    | collision | -300                                                                        |
+    | change    | -0.1 for action 0 or 2, refused or not                                      |
+    | danger    | -0.2 more when a vehicle is the reason of the refusal                       |
+    | speed     | -0.1 per second and m/s of difference from the reference speed              |
+    | collision | -30                                                                         |
+
+    The terms are the paper's with corrected signs. Relative to the speed, the paper's charges of a
+    change are ten times as high; PPO and DQN then learn never to change lanes, because a change
+    costs at once and gains speed 10 to 60 s later. `reward=RewardConfig()` and
+    `standardized=False` give the paper's reward and the observation in [-1, 1].
 
     Terminated by a collision or a roll-over; truncated at the end of the time or of the road.
     Version history: v0, first.
@@ -140,6 +179,8 @@ class HighwayEnv(DecisionEnv):
         generator, whose name is in `info` as `truck`.
       payload: of all units together [kg]; default: the greatest of each truck.
       payload_height: of the loads' centers of gravity above the road [m].
+      reward: weights of the terms, see `controllers.decision.trip.RewardConfig`.
+      standardized: whether the observation is standardized.
       plant: model of the truck's motion; see `iits_mj.Truck.load`. For a planar one, `info` has the
         limits of its validity that the episode has exceeded as `left_range`.
       render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
@@ -163,6 +204,8 @@ class HighwayEnv(DecisionEnv):
         truck: Trucks = None,
         payload: float | None = None,
         payload_height: float | None = None,
+        reward: RewardConfig = REWARD,
+        standardized: bool = True,
         plant: str = "full",
         render_mode: str | None = None,
         camera: str = "chase",
@@ -178,6 +221,8 @@ class HighwayEnv(DecisionEnv):
             truck=truck,
             payload=payload,
             payload_height=payload_height,
+            reward=reward,
+            standardized=standardized,
             render_mode=render_mode,
         )
         self.payload_height = payload_height
@@ -256,8 +301,8 @@ class HighwayFastEnv(DecisionEnv):
     follow the same car-following and lane-change laws, in C++. The shipped policy was trained here,
     see `docs/training.md`. `gymnasium.make_vec` steps many environments in one call.
 
-    Terminated by a collision; truncated at the end of the time or of the road. No pictures.
-    Version history: v0, first.
+    Terminated by a collision; truncated at the end of the time or of the road. Version history: v0,
+    first.
 
     Args:
       density: of the traffic, "dense", "medium", "sparse" or "empty".
@@ -271,13 +316,15 @@ class HighwayFastEnv(DecisionEnv):
       lanes: of the highway, 2 or 3.
       truck_speed_limit: of the other trucks [m/s]; default: the traffic's.
       ramp_probability: of a vehicle per second on each on-ramp, every 2 km; 0 without ramps.
-      render_mode: None; there are no pictures.
+      reward: weights of the terms, see `controllers.decision.trip.RewardConfig`.
+      standardized: whether the observation is standardized.
+      render_mode: None, or "rgb_array": the road from above.
 
     Raises:
       InputError: an argument is not allowed.
     """
 
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - Gymnasium's way
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 - Gymnasium's way
 
     def __init__(
         self,
@@ -292,6 +339,8 @@ class HighwayFastEnv(DecisionEnv):
         lanes: int = 2,
         truck_speed_limit: float | None = None,
         ramp_probability: float = 0.0,
+        reward: RewardConfig = REWARD,
+        standardized: bool = True,
         render_mode: str | None = None,
     ) -> None:
         super().__init__(
@@ -302,6 +351,8 @@ class HighwayFastEnv(DecisionEnv):
             duration=duration,
             truck=truck,
             payload=payload,
+            reward=reward,
+            standardized=standardized,
             render_mode=render_mode,
         )
         self.trip = dataclasses.replace(
@@ -312,8 +363,15 @@ class HighwayFastEnv(DecisionEnv):
         )
         self._world = FastWorld()
 
-    def render(self) -> None:
-        """Returns None: there are no pictures."""
+    def render(self) -> Any:
+        """Returns a picture (360, 640, 3) of bytes; None without a render mode."""
+        if self.render_mode is None:
+            return None
+        scene = self.context().scene
+        others = scene.neighbors
+        columns = others.front_distance, others.offset, others.length
+        truck = (0.0, scene.ego.offset, scene.footprint.length)
+        return top_view([truck, *zip(*(c.tolist() for c in columns), strict=True)], self.trip.lanes)
 
     def close(self) -> None:
         """Ends the episode."""

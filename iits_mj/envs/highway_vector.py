@@ -8,6 +8,7 @@ Each environment gives the bits that it gives alone. Its generator is that of it
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -34,6 +35,7 @@ class HighwayFastVectorEnv(VectorEnv[_Observations, NDArray[np.int64], NDArray[A
     Args:
       num_envs: number of environments.
       autoreset_mode: see Gymnasium, NEXT_STEP or SAME_STEP.
+      max_episode_steps: truncates episodes after as many decisions.
       **settings: of each environment, see `HighwayFastEnv`.
 
     Raises:
@@ -45,6 +47,7 @@ class HighwayFastVectorEnv(VectorEnv[_Observations, NDArray[np.int64], NDArray[A
         num_envs: int = 1,
         *,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None,
         **settings: Any,
     ) -> None:
         if num_envs < 1:
@@ -60,11 +63,15 @@ class HighwayFastVectorEnv(VectorEnv[_Observations, NDArray[np.int64], NDArray[A
         self.single_action_space = one.action_space
         self.observation_space = batch_space(one.observation_space, num_envs)
         self.action_space = batch_space(one.action_space, num_envs)
+        self._scaled = one.scaled
+        self._steps_most = max_episode_steps or math.inf
         self._family = one.family
         self._trips = [dataclasses.replace(one.trip, truck=truck) for truck in one.family.members]
         self._worlds = FastWorlds(num_envs)
         self._generators: list[np.random.Generator] = []
         self._numbers = np.zeros(num_envs, dtype=np.intp)
+        self._steps = np.zeros(num_envs, dtype=np.intp)
+        self._over = np.zeros(num_envs, dtype=bool)
 
     def reset(
         self,
@@ -97,7 +104,8 @@ class HighwayFastVectorEnv(VectorEnv[_Observations, NDArray[np.int64], NDArray[A
             self._generators = [seeding.np_random(one)[0] for one in seeds]
         for index in range(self.num_envs):
             self._begin(index)
-        return self._worlds.observations, self._info(np.ones(self.num_envs, dtype=bool))
+        self._over[:] = False
+        return self._observations, self._info(np.ones(self.num_envs, dtype=bool))
 
     def step(
         self, actions: Any
@@ -112,25 +120,30 @@ class HighwayFastVectorEnv(VectorEnv[_Observations, NDArray[np.int64], NDArray[A
             raise InputError("no episode has begun: call reset first")
         if chosen.shape != (self.num_envs,) or not np.isin(chosen, (0, 1, 2)).all():
             raise InputError(f"actions are {self.num_envs} of 0, 1 and 2, not {chosen}")
-        over_before = self._over()
         self._worlds.step(chosen.astype(np.int64) - 1)
+        self._steps += 1
         infos: dict[str, Any] = {}
         if self._mode is AutoresetMode.SAME_STEP:
             outcome = self._outcome()
-            over = self._over()
+            over = outcome[1] | outcome[2]
             if over.any():
                 last = np.full(self.num_envs, None, dtype=object)
-                observations = self._worlds.observations
+                observations = self._observations
                 for index in np.flatnonzero(over).tolist():
                     last[index] = observations[index]
                 infos = {"final_obs": last, "final_info": self._info(over)}
                 infos |= {"_final_obs": over, "_final_info": over}
             self._begin_all(over)
         else:
-            self._begin_all(over_before)
+            self._begin_all(self._over)
             outcome = self._outcome()
+            self._over = outcome[1] | outcome[2]
         infos |= self._info(np.ones(self.num_envs, dtype=bool))
-        return self._worlds.observations, *outcome, infos
+        return self._observations, *outcome, infos
+
+    @property
+    def _observations(self) -> _Observations:
+        return self._scaled(self._worlds.observations)
 
     def _begin_all(self, over: BoolArray) -> None:
         for index in np.flatnonzero(over).tolist():
@@ -139,17 +152,15 @@ class HighwayFastVectorEnv(VectorEnv[_Observations, NDArray[np.int64], NDArray[A
     def _begin(self, index: int) -> None:
         """Starts an episode of one environment, as `DecisionEnv.reset` does."""
         generator = self._generators[index]
+        self._steps[index] = 0
         number = self._numbers[index] = self._family.draw(generator)
         self._worlds.reset(index, generator, self._trips[number])
 
     def _outcome(self) -> tuple[NDArray[np.float64], BoolArray, BoolArray]:
         states = self._worlds.states
+        late = self._steps >= self._steps_most
         rewards = states["reward"].sum(axis=1)
-        return rewards, states["terminated"] != 0, states["truncated"] != 0
-
-    def _over(self) -> BoolArray:
-        states = self._worlds.states
-        return np.asarray((states["terminated"] | states["truncated"]) != 0)
+        return rewards, states["terminated"] != 0, late | (states["truncated"] != 0)
 
     def _info(self, given: BoolArray) -> dict[str, Any]:
         """The entries of `info` as arrays, and which environments give them."""

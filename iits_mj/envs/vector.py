@@ -41,7 +41,7 @@ class DrivingVectorEnv(SyncVectorEnv):
     Args:
       num_envs: number of environments.
       threads: number that steps the physics; 0 uses the caller's thread.
-      autoreset_mode: see Gymnasium.
+      autoreset_mode, max_episode_steps: see Gymnasium.
       **settings: of each environment, see `DrivingEnv`.
 
     Raises:
@@ -54,11 +54,17 @@ class DrivingVectorEnv(SyncVectorEnv):
         *,
         threads: int = 0,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None,
         **settings: Any,
     ) -> None:
         if num_envs < 1 or threads < 0:
             raise InputError(f"num_envs {num_envs}, threads {threads}: use 1 or more, 0 or more")
         first = _Member(**settings)
+        if max_episode_steps is not None:
+            # Gymnasium wraps single environments in its `TimeLimit` for this.
+            limit = max_episode_steps / round(1.0 / first.task.period)
+            if limit < (settings.get("time_limit") or first.task.time_limit):
+                first = _Member(**(settings := {**settings, "time_limit": limit}))
         make = [lambda: first]
         make += [functools.partial(_Member, like=first, **settings)] * (num_envs - 1)
         super().__init__(make, autoreset_mode=autoreset_mode)
@@ -75,7 +81,7 @@ class DrivingVectorEnv(SyncVectorEnv):
         NDArray[np.bool_],
         dict[str, Any],
     ]:
-        """Holds each action for 0.1 s.
+        """Holds each action for the task's `period`.
 
         Raises:
           InputError: the actions have another shape or are not finite.

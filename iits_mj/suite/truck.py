@@ -11,7 +11,7 @@ from dm_control.utils import containers
 
 from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig, usual_payload
 from iits_mj.core.checks import one_of
-from iits_mj.core.timing import CYCLE_PERIOD, TIMESTEP
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.parameters import AnyTruck, TruckParameters
 from iits_mj.simulation.truck_world import TruckWorld
 from iits_mj.suite import scene
@@ -53,7 +53,7 @@ def _factory(name: str, kind: type[DrivingTask]) -> Callable[..., control.Enviro
             visuals=visuals,
             edit_spec=edit_spec,
         )
-        options = {"control_timestep": CYCLE_PERIOD, "legacy_step": False}
+        options = {"control_timestep": kind.period, "legacy_step": False}
         return control.Environment(
             Physics.from_truck(made),
             kind(random=random),

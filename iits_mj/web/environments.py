@@ -184,7 +184,7 @@ def _gymnasium(name: str, settings: dict[str, Any]) -> World:
 
     return World(
         name,
-        0.1,
+        environment.task.period if task is not None else 0.1,
         reset,
         step,
         lambda: environment.physics.truck if task is not None else environment.simulation.truck,

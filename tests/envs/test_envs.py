@@ -11,15 +11,18 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from controllers import decision
+from controllers.decision.trip import ACTIONS
 from iits_mj import suite
 from iits_mj.core.errors import InputError, RenderError
-from iits_mj.envs import ENVIRONMENTS, register
+from iits_mj.envs import ENVIRONMENTS, LEVELS, register, registrations
 from iits_mj.envs.driving import DrivingEnv
 from iits_mj.envs.highway import HighwayFastEnv
 from iits_mj.suite.tasks import DRIVING_TASKS
 from iits_mj.truck import Truck
 
 LOW_LEVEL = [name for name, settings in ENVIRONMENTS.items() if "kwargs" in settings]
+HARD = [name for name in registrations() if "Hard-v" in name]
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +45,7 @@ def test_an_id_with_the_packages_name_is_found_in_any_order_of_imports(imports):
         "print(environment.reset(seed=0)[0].shape)\n"
     )
     names, shape = _printed(program)
-    assert tuple(names.split()) == tuple(sorted(ENVIRONMENTS))
+    assert tuple(names.split()) == tuple(sorted(registrations()))
     assert "iits_mj/Highway-v0" in names.split()
     assert shape == "(13,)"
 
@@ -68,11 +71,59 @@ def _printed(program):
 def test_registering_twice_changes_nothing():
     register()
     register()
-    assert set(ENVIRONMENTS) <= set(gymnasium.registry)
+    assert set(registrations()) <= set(gymnasium.registry)
 
 
 def test_every_driving_task_of_the_suite_has_an_environment():
     assert [ENVIRONMENTS[name]["kwargs"]["task"] for name in LOW_LEVEL] == list(DRIVING_TASKS)
+
+
+@pytest.mark.parametrize("name", LOW_LEVEL)
+def test_the_specification_ends_an_episode_at_the_tasks_time_limit(name):
+    spec = gymnasium.spec(name)
+    task = DRIVING_TASKS[spec.kwargs["task"]]
+    assert spec.max_episode_steps == task.time_limit / task.period
+    assert 0.0 < spec.reward_threshold < spec.max_episode_steps
+
+
+def test_max_episode_steps_ends_an_episode_alone_and_vectorized_alike():
+    settings = {"max_episode_steps": 3, "time_limit": 8.0}
+    alone = gymnasium.make("iits_mj/Cruise-v0", **settings)
+    together = gymnasium.make_vec("iits_mj/Cruise-v0", num_envs=2, **settings)
+    for environment, action in ((alone, np.zeros(1)), (together, np.zeros((2, 1)))):
+        environment.reset(seed=0)
+        ends = [np.all(environment.step(action.astype(np.float32))[3]) for _ in range(3)]
+        assert ends == [False, False, True]
+        environment.close()
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_a_hard_level_differs_only_by_its_arguments_and_starts(name):
+    if name == "iits_mj/HighwayHard-v0":
+        pytest.importorskip("libsumo")
+    base = name.replace("Hard", "")
+    assert set(LEVELS[base]) == {"Easy", "Hard"}
+    environment, plain = gymnasium.make(name), gymnasium.make(base)
+    assert environment.observation_space == plain.observation_space
+    assert environment.spec.max_episode_steps == plain.spec.max_episode_steps
+    environment.reset(seed=0)
+    environment.step(environment.action_space.sample())
+    environment.close()
+
+
+def test_the_thin_traffic_of_an_easy_highway_holds_the_truck_back_less():
+    losses = []
+    for level in ("Easy", "Hard"):
+        environment = gymnasium.make(f"iits_mj/HighwayFast{level}-v0")
+        total = 0.0
+        for seed in range(5):
+            environment.reset(seed=seed)
+            over = False
+            while not over:
+                _, reward, terminated, truncated, _ = environment.step(np.int64(1))
+                total, over = total + reward, terminated or truncated
+        losses.append(total)
+    assert losses[0] > losses[1]
 
 
 @pytest.mark.parametrize("name", LOW_LEVEL)
@@ -134,7 +185,7 @@ def test_seeds_decide_the_episode():
 
 
 def test_the_time_limit_truncates_without_termination():
-    environment = gymnasium.make("iits_mj/Cruise-v0", time_limit=0.5)
+    environment = gymnasium.make("iits_mj/Stop-v0", time_limit=0.5)
     environment.reset(seed=0)
     outcomes = [environment.step(np.zeros(1, np.float32))[2:4] for _ in range(5)]
     assert outcomes[-1] == (False, True)
@@ -193,7 +244,7 @@ def test_highway_gives_the_papers_observation_and_reward_terms(highway):
 def test_highway_charges_a_change_to_a_lane_that_is_not_there(highway):
     highway.reset(seed=2)
     _, _, _, _, info = highway.step(np.int64(2))
-    assert info["reward_change"] == -10.0
+    assert info["reward_change"] == pytest.approx(-0.1)
     assert info["refused"] == 1
     assert info["lane_changes"] == 0
 
@@ -206,7 +257,7 @@ def test_the_fast_highway_is_the_same_task(highway):
     _, expected = highway.reset(seed=2)
     assert set(info) == set(expected) - {"ended"}
     _, _, _, _, info = fast.step(np.int64(2))
-    assert (info["reward_change"], info["refused"], info["lane_changes"]) == (-10.0, 1, 0)
+    assert (info["reward_change"], info["refused"], info["lane_changes"]) == (-0.1, 1, 0)
 
 
 def test_the_fast_highway_passes_gymnasiums_checker_and_refuses_nonsense():
@@ -352,10 +403,41 @@ def test_a_step_before_reset_or_after_close_is_refused_and_reset_begins_again(na
             environment.step(action)
 
 
-def test_an_environment_without_pictures_refuses_render_modes():
-    with pytest.raises(InputError, match="render_mode 'rgb_array' is not known; use one of: None"):
-        gymnasium.make("iits_mj/HighwayFast-v0", render_mode="rgb_array")
-    assert HighwayFastEnv(render_mode=None).render() is None
+def test_the_fast_highway_draws_the_road_from_above_and_opens_no_window():
+    with pytest.raises(InputError, match="render_mode 'human' is not known; use one of: None, rgb"):
+        HighwayFastEnv(render_mode="human")
+    assert HighwayFastEnv().render() is None
+    environment = gymnasium.make("iits_mj/HighwayFast-v0", render_mode="rgb_array", density="dense")
+    environment.reset(seed=1)
+    for _ in range(20):
+        environment.step(np.int64(1))
+    picture = environment.render()
+    assert picture.shape == (360, 640, 3)
+    red, blue = ((picture == color).all(axis=-1) for color in ((190, 30, 30), (40, 90, 180)))
+    # The truck is in the right lane, 16.5 m long at 2 pixels a meter, its front at a quarter.
+    rows, columns = np.nonzero(red)
+    assert rows.min() > 180
+    assert columns.max() == 159
+    assert 30 <= np.ptp(columns) + 1 <= 36
+    assert blue.any()
+
+
+def test_decision_makers_decide_in_the_environments():
+    environment = gymnasium.make("iits_mj/HighwayFast-v0").unwrapped
+    environment.reset(seed=1)
+    maker = decision.make("lookahead")
+    assert maker.decide(environment.context()) in ACTIONS
+
+
+def test_videos_are_recorded(tmp_path):
+    pytest.importorskip("moviepy")
+    environment = gymnasium.make("iits_mj/HighwayFast-v0", render_mode="rgb_array")
+    recorded = gymnasium.wrappers.RecordVideo(environment, str(tmp_path), video_length=3)
+    recorded.reset(seed=0)
+    for _ in range(4):
+        recorded.step(np.int64(1))
+    recorded.close()
+    assert [path.suffix for path in tmp_path.iterdir()] == [".mp4"]
 
 
 def test_the_info_of_a_planar_plant_tells_the_limits_that_it_left(monkeypatch):

@@ -9,6 +9,8 @@ pytest.importorskip("stable_baselines3")
 import torch
 from stable_baselines3 import DQN, PPO
 from stable_baselines3.common.env_checker import check_env
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.vec_env import SubprocVecEnv
 
 EPISODES = 5
 
@@ -79,3 +81,15 @@ def test_stable_baselines3_checker_has_no_complaint(name):
     check_env(environment, skip_render_check=True)
     assert environment.observation_space.dtype == np.float32
     environment.close()
+
+
+def test_an_environment_drives_in_worker_processes_as_it_does_here():
+    name = "iits_mj:iits_mj/Cruise-v0"
+    processes = make_vec_env(name, 2, seed=3, vec_env_cls=SubprocVecEnv)
+    here = make_vec_env(name, 2, seed=3)
+    np.testing.assert_array_equal(processes.reset(), here.reset())
+    actions = np.full((2, 1), 0.4, np.float32)
+    for _ in range(3):
+        np.testing.assert_array_equal(processes.step(actions)[0], here.step(actions)[0])
+    processes.close()
+    here.close()

@@ -16,8 +16,7 @@ import pytest
 import iits_mj
 from iits_mj import suite
 from iits_mj.core.errors import InputError, TrafficError
-
-ENVIRONMENTS = sorted(name for name in gymnasium.registry if name.startswith("iits_mj/"))
+from iits_mj.envs import ENVIRONMENTS
 
 
 def drive(truck: iits_mj.Truck) -> bytes:

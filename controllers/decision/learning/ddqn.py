@@ -36,25 +36,9 @@ from torch import Tensor, nn
 
 from controllers.decision.learning.config import LearnerConfig
 from controllers.decision.learning.replay import Batch
-from controllers.decision.observation import FRAME_AGES, ROWS
+from controllers.decision.observation import usual_and_spread
 from controllers.decision.policy import LAYERS, QNetwork
 from iits_mj.core.errors import Error
-
-# Rounded means and deviations of the inputs in drives of the six cells:
-# presence, dx, dy, relative speed, lateral speed, reference speed
-_TRUCK_USUAL = (0.0, 1.0, 0.25, 0.4, 0.0, 0.4)
-_TRUCK_SPREAD = (1.0, 0.3, 0.25, 0.05, 0.01, 0.05)
-_OTHERS_USUAL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.1)
-_OTHERS_SPREAD = (1.0, 0.3, 0.4, 0.05, 0.01, 0.05)
-
-
-def usual_and_spread() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Returns usual value and spread of the 216 inputs; standardized: (x - usual) / spread."""
-    others = len(ROWS) - 1
-    usual = np.array([_TRUCK_USUAL, *[_OTHERS_USUAL] * others], np.float32)
-    spread = np.array([_TRUCK_SPREAD, *[_OTHERS_SPREAD] * others], np.float32)
-    return np.tile(usual.ravel(), len(FRAME_AGES)), np.tile(spread.ravel(), len(FRAME_AGES))
-
 
 ACTION_COUNT = LAYERS[-1]
 

@@ -18,13 +18,12 @@ from dm_env import specs
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import read_action
 from iits_mj.core.messages import EgoState, TransmissionMode, VehicleCommand, XbrMode
+from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.road import Route
 from iits_mj.suite.physics import Observed, Physics
 
 Observations = collections.OrderedDict[str, FloatArray]
 
-# Deceleration that a full negative `drive` demands [m/s2].
-BRAKE_MAX = 4.0
 # Scale of the Gaussian that is 0.1 at a distance of 1.
 _GAUSS = float(np.sqrt(-2.0 * np.log(0.1)))
 # Settings of a tolerance that falls linearly to 0 at its margin.
@@ -36,7 +35,7 @@ class DrivingTask(base.Task, abc.ABC):
 
     | action  | range   | meaning                                                          |
     |---------|---------|------------------------------------------------------------------|
-    | `drive` | -1 .. 1 | above 0: accelerator pedal; below: XBR demand down to -4 m/s2      |
+    | `drive` | -1 .. 1 | above 0: accelerator pedal; below: XBR demand down to -`brake_max` |
     | `steer` | -1 .. 1 | steering-wheel angle up to `steer_max`, left positive (where used) |
 
     The method with the name of an observation, of the task or else of the physics, returns it.
@@ -45,6 +44,8 @@ class DrivingTask(base.Task, abc.ABC):
       time_limit: of an episode [s]; tags: in the suite, in addition to "benchmarking".
       target: speed to hold or to reach [m/s].
       actions: names of the actions.
+      period: for which an action is held [s].
+      brake_max: deceleration that a full negative `drive` demands [m/s2].
       steer_max: steering-wheel angle of a full `steer` [rad].
       gear_mode: of the transmission.
       observed: the observations, in their order.
@@ -55,6 +56,8 @@ class DrivingTask(base.Task, abc.ABC):
     tags: ClassVar[tuple[str, ...]] = ()
     target: float = 0.0
     actions: ClassVar[tuple[str, ...]] = ("drive",)
+    period: ClassVar[float] = CYCLE_PERIOD
+    brake_max: ClassVar[float] = 4.0
     steer_max: ClassVar[float] = 0.5 * math.pi
     gear_mode: ClassVar[TransmissionMode] = TransmissionMode.DRIVE
     observed: ClassVar[dict[str, Observed]]
@@ -100,7 +103,7 @@ class DrivingTask(base.Task, abc.ABC):
         physics.command(
             VehicleCommand(
                 accelerator_pedal=max(drive, 0.0),
-                xbr_demand=BRAKE_MAX * min(drive, 0.0),
+                xbr_demand=self.brake_max * min(drive, 0.0),
                 xbr_mode=XbrMode.MAXIMUM if drive < 0.0 else XbrMode.OFF,
                 steering_wheel_angle=self.steer_max * steer,
                 transmission_mode=self.gear_mode,

@@ -22,7 +22,6 @@ from controllers.decision.learning.ddqn import (  # noqa: E402
     double_q_target,
     quantile_huber,
     shortfall,
-    usual_and_spread,
 )
 
 

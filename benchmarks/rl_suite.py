@@ -1,0 +1,372 @@
+"""Trains and scores the baselines of docs/benchmark.md with Stable-Baselines3; resumable.
+
+    python benchmarks/rl_suite.py train --out out/rl             # all, seed 0 of every task first
+    python benchmarks/rl_suite.py train --out out/rl --only Cruise --seeds 0
+    python benchmarks/rl_suite.py status --out out/rl
+    python benchmarks/rl_suite.py results --out out/rl           # tables, figures and weights
+
+`train` may be killed at any time and started again. Start it twice to use two cores: each process
+takes trainings that no other one holds. rl_suite.toml has the tasks, budgets and hyperparameters.
+
+A training is cut into parts. Every part, also the first and also without an interruption, begins
+from the stored model, with random numbers and episodes that follow from the seed and the part. So a
+training that was interrupted ends with the same policy as one that was not, on the same machine
+with the same versions. Other processors and versions of PyTorch round differently.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import fcntl
+import os
+import shutil
+import time
+import tomllib
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from benchmarks import rl_results
+from controllers import decision
+from controllers.decision.trip import ACTIONS, TEST_SEEDS, TRAINING_SEEDS, VALIDATION_SEEDS
+from iits_mj import suite
+from iits_mj.envs.baselines import FOLDER, Policy
+
+SETTINGS = Path(__file__).with_suffix(".toml")
+SEEDS = range(5)
+VALIDATION_EPISODES = 5
+TEST_EPISODES = 50
+SCORES = ("environment", "method", "seed", "episode", "return", "steps")
+CURVES = ("environment", "method", "seed", "steps", "return", "cpu_seconds")
+
+
+@dataclass(frozen=True)
+class Training:
+    """A training: environment, algorithm, its settings, and a seed."""
+
+    environment: str
+    algorithm: str
+    seed: int
+    steps: int
+    parts: int
+    environments: int = 1
+    arguments: dict[str, Any] | None = None
+    hyperparameters: dict[str, Any] | None = None
+
+    @property
+    def name(self) -> str:
+        return f"{short(self.environment)}-{self.algorithm}-{self.seed}"
+
+
+def short(environment: str) -> str:
+    """Returns an id without namespace and version."""
+    return environment.partition("/")[2].rpartition("-v")[0]
+
+
+def trainings() -> list[Training]:
+    """Returns all trainings, seed 0 of every task first."""
+    tasks = tomllib.loads(SETTINGS.read_text(encoding="utf-8"))["training"]
+    return [Training(seed=seed, **task) for seed in SEEDS for task in tasks]
+
+
+# --- training --------------------------------------------------------------------------------
+
+
+def train(task: Training, folder: Path) -> None:
+    """Runs or continues a training; a finished one ends at once.
+
+    The newest complete folder `part-N` has the model after N parts, the replay buffer and the
+    learning curve so far.
+    """
+    import torch
+
+    torch.set_num_threads(1)
+    done = finished_parts(folder)
+    while done < task.parts:
+        begin = time.process_time()
+        part = folder / f"part-{done}"
+        model = _model(task, part if done else None)
+        _begin_part(model, task, done)
+        target = task.steps * (done + 1) // task.parts
+        model.learn(target - model.num_timesteps, reset_num_timesteps=False)
+        curve = _rows(part / "curve.csv") if done else []
+        seconds = time.process_time() - begin + (float(curve[-1]["cpu_seconds"]) if curve else 0.0)
+        policy = exported(model)
+        model.env.close()
+        returns, _ = score(
+            task.environment, _network(policy), VALIDATION_SEEDS, VALIDATION_EPISODES
+        )
+        figures = (model.num_timesteps, f"{np.mean(returns):.4f}", f"{seconds:.1f}")
+        row = (task.environment, task.algorithm, task.seed, *figures)
+        curve.append(dict(zip(CURVES, map(str, row), strict=True)))
+        done += 1
+        _store(folder, done, model, curve, policy)
+        print(f"{task.name} part {done}/{task.parts}", *figures, flush=True)
+    if not (folder / "scores.csv").exists():
+        policy = Policy.load(folder / f"part-{done}" / "policy.npz")
+        returns, lengths = score(task.environment, _network(policy), TEST_SEEDS, TEST_EPISODES)
+        _write(folder / "scores.csv", SCORES, score_rows(task, returns, lengths))
+        print(f"{task.name} test {np.mean(returns):.4f}", flush=True)
+        for name in ("model.zip", "buffer.pkl"):
+            (folder / f"part-{done}" / name).unlink(missing_ok=True)
+
+
+def finished_parts(folder: Path) -> int:
+    """Returns the number of parts that are complete."""
+    return max((int(path.name[5:]) for path in folder.glob("part-*")), default=0)
+
+
+def _model(task: Training, part: Path | None) -> Any:
+    """Returns the model of a stored part, or an untrained one."""
+    import stable_baselines3
+    from stable_baselines3.common.monitor import Monitor
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    kind: Any = getattr(stable_baselines3, task.algorithm.upper())
+    arguments = task.arguments or {}
+    make = lambda: Monitor(gymnasium.make(task.environment, **arguments))  # noqa: E731
+    vector = DummyVecEnv([make] * task.environments)
+    if part is not None:
+        model = kind.load(part / "model.zip", env=vector, device="cpu")
+        if (part / "buffer.pkl").exists():
+            model.load_replay_buffer(part / "buffer.pkl")
+        return model
+    settings = task.hyperparameters or {}
+    model = kind("MlpPolicy", vector, seed=task.seed, device="cpu", **settings)
+    # The exploration of DQN depends on the share of the whole training, not of a part.
+    model.budget = task.steps
+    return model
+
+
+def _begin_part(model: Any, task: Training, part: int) -> None:
+    """Gives a model the random numbers, the first episodes and the schedules of a part."""
+    seed = TRAINING_SEEDS + 10_000 * task.seed + 100 * part
+    model.set_random_seed(seed)
+    # New episodes: the ones that were under way are not in the stored model.
+    model._last_obs = None
+    plain = type(model)._update_current_progress_remaining
+    model._update_current_progress_remaining = lambda steps, _: plain(model, steps, model.budget)
+
+
+def _store(
+    folder: Path, done: int, model: Any, curve: list[dict[str, str]], policy: Policy
+) -> None:
+    """Writes a part beside its place, moves it there, and removes the previous one."""
+    partial = folder / "partial"
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    model.save(partial / "model.zip", exclude=["_update_current_progress_remaining"])
+    if getattr(model, "replay_buffer", None) is not None:
+        model.save_replay_buffer(partial / "buffer.pkl")
+    policy.save(partial / "policy.npz")
+    _write(partial / "curve.csv", CURVES, curve)
+    os.replace(partial, folder / f"part-{done}")
+    shutil.rmtree(folder / f"part-{done - 1}", ignore_errors=True)
+
+
+def exported(model: Any) -> Policy:
+    """Returns the network of a model's deterministic action."""
+    from stable_baselines3 import DQN, SAC
+    from torch import nn
+
+    policy = model.policy
+    if isinstance(model, DQN):
+        networks, activation, head = [policy.q_net.q_net], "relu", "argmax"
+    elif isinstance(model, SAC):
+        networks, activation, head = [policy.actor.latent_pi, policy.actor.mu], "relu", "tanh"
+    else:
+        networks, activation = [policy.mlp_extractor.policy_net, policy.action_net], "tanh"
+        head = "argmax" if isinstance(model.action_space, gymnasium.spaces.Discrete) else "clip"
+    layers = [m for network in networks for m in network.modules() if isinstance(m, nn.Linear)]
+    arrays = [[p.detach().numpy().copy() for p in (m.weight, m.bias)] for m in layers]
+    return Policy(tuple(w for w, _ in arrays), tuple(b for _, b in arrays), activation, head)
+
+
+# --- scores ----------------------------------------------------------------------------------
+
+Act = Callable[[Any, Any], Any]
+
+
+def score(
+    environment: str, act: Act, first_seed: int, episodes: int
+) -> tuple[list[float], list[int]]:
+    """Returns return and length of each episode; episode k begins with the seed first + k."""
+    env = gymnasium.make(environment)
+    returns, lengths = [], []
+    for episode in range(episodes):
+        observation, _ = env.reset(seed=first_seed + episode)
+        env.action_space.seed(first_seed + episode)
+        total, steps, over = 0.0, 0, False
+        while not over:
+            observation, reward, terminated, truncated, _ = env.step(act(env, observation))
+            total, steps, over = total + float(reward), steps + 1, terminated or truncated
+        returns.append(total)
+        lengths.append(steps)
+    env.close()
+    return returns, lengths
+
+
+def _network(policy: Policy) -> Act:
+    return lambda _, observation: policy(observation)
+
+
+def _random(env: Any, observation: Any) -> Any:
+    del observation
+    return env.action_space.sample()
+
+
+def scripted(environment: str) -> Act:
+    """Returns the scripted driver of an environment.
+
+    Highways have the rule `lookahead`, and the speed planning has cruise control at the reference
+    speed.
+    """
+    name = short(environment)
+    if name.startswith("Highway"):
+        maker = decision.make("lookahead")
+        return lambda env, _: np.int64(ACTIONS.index(maker.decide(env.unwrapped.context())))
+    if name.startswith("SpeedPlanning"):
+        return lambda *_: np.full(1, 1.0 / 3.0, np.float32)
+    driver = suite.DRIVERS[gymnasium.spec(environment).kwargs["task"]]
+
+    def act(env: Any, observation: Any) -> Any:
+        del observation
+        unwrapped = env.unwrapped
+        seen = unwrapped.task.get_observation(unwrapped.physics)
+        return driver(seen).astype(np.float32)
+
+    return act
+
+
+def score_rows(
+    task: Training, returns: Sequence[float], lengths: Sequence[int]
+) -> list[dict[str, str]]:
+    """Returns the rows of a table of scores."""
+    first = (task.environment, task.algorithm, task.seed)
+    rows = [
+        (*first, TEST_SEEDS + k, f"{value:.4f}", length)
+        for k, (value, length) in enumerate(zip(returns, lengths, strict=True))
+    ]
+    return [dict(zip(SCORES, map(str, row), strict=True)) for row in rows]
+
+
+def score_fixed(environment: str, out: Path) -> None:
+    """Scores the random and the scripted driver of an environment, unless that is done."""
+    for name, act in (("random", _random), ("scripted", scripted(environment))):
+        folder = out / f"{short(environment)}-{name}"
+        with held(folder) as free:
+            if not free or (folder / "scores.csv").exists():
+                continue
+            returns, lengths = score(environment, act, TEST_SEEDS, TEST_EPISODES)
+            rows = score_rows(Training(environment, name, 0, 0, 0), returns, lengths)
+            _write(folder / "scores.csv", SCORES, rows)
+            print(f"{folder.name} test {np.mean(returns):.4f}", flush=True)
+
+
+# --- files and processes ---------------------------------------------------------------------
+
+
+@contextmanager
+def held(folder: Path) -> Iterator[bool]:
+    """Holds a folder against other processes; yields whether it could."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "lock").open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            yield False
+        else:
+            yield True
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
+def _write(path: Path, columns: Sequence[str], rows: list[dict[str, str]]) -> None:
+    partial = path.with_suffix(".partial")
+    with partial.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    os.replace(partial, path)
+
+
+def results(out: Path) -> None:
+    """Writes the tables of `docs/benchmark`, the shipped policies, and the page's tables."""
+    scores, curves = [], []
+    for folder in sorted(path for path in out.iterdir() if path.is_dir()):
+        parts = finished_parts(folder)
+        curve = _rows(folder / f"part-{parts}" / "curve.csv") if parts else []
+        curves += curve
+        if (folder / "scores.csv").exists():
+            rows = _rows(folder / "scores.csv")
+            returns = [float(row["return"]) for row in rows]
+            seconds = float(curve[-1]["cpu_seconds"]) if curve else 0.0
+            scores.append(
+                {
+                    **{key: rows[0][key] for key in ("environment", "method", "seed")},
+                    "return": f"{np.mean(returns):.4f}",
+                    "deviation": f"{np.std(returns):.4f}",
+                    "steps": f"{np.mean([int(row['steps']) for row in rows]):.1f}",
+                    "cpu_seconds": f"{seconds:.0f}",
+                }
+            )
+    rl_results.TABLES.mkdir(parents=True, exist_ok=True)
+    _write(rl_results.TABLES / "scores.csv", rl_results.SCORES, scores)
+    _write(rl_results.TABLES / "curves.csv", CURVES, curves)
+    _ship(out, scores)
+    rl_results.write_page()
+
+
+def _ship(out: Path, scores: list[dict[str, str]]) -> None:
+    """Copies the policy of the median seed of each finished task."""
+    FOLDER.mkdir(exist_ok=True)
+    for environment, method in sorted({(row["environment"], row["method"]) for row in scores}):
+        rows = [r for r in scores if (r["environment"], r["method"]) == (environment, method)]
+        if len(rows) < len(SEEDS):
+            continue
+        row = sorted(rows, key=lambda row: float(row["return"]))[len(rows) // 2]
+        folder = out / f"{short(environment)}-{method}-{row['seed']}"
+        policy = Policy.load(folder / f"part-{finished_parts(folder)}" / "policy.npz")
+        policy.save(FOLDER / f"{environment.partition('/')[2]}-{method}.npz", **row)
+
+
+def main() -> None:
+    """Runs a command."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
+    parser.add_argument("command", choices=("train", "status", "results"))
+    parser.add_argument("--out", type=Path, required=True, help="folder of the trainings")
+    parser.add_argument("--only", nargs="+", default=[], help="environments, without version")
+    parser.add_argument("--seeds", nargs="+", type=int, default=list(SEEDS))
+    asked = parser.parse_args()
+    tasks = [
+        task
+        for task in trainings()
+        if task.seed in asked.seeds and (not asked.only or short(task.environment) in asked.only)
+    ]
+    asked.out.mkdir(parents=True, exist_ok=True)
+    if asked.command == "results":
+        results(asked.out)
+        return
+    for task in tasks:
+        folder = asked.out / task.name
+        if asked.command == "status":
+            tested = ", tested" if (folder / "scores.csv").exists() else ""
+            print(f"{task.name}: {finished_parts(folder)} of {task.parts} parts{tested}")
+            continue
+        score_fixed(task.environment, asked.out)
+        with held(folder) as free:
+            if free:
+                train(task, folder)
+
+
+if __name__ == "__main__":
+    main()

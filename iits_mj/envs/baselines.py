@@ -1,0 +1,136 @@
+"""Baseline policies of the benchmark: small networks that need NumPy only.
+
+    import gymnasium
+    from iits_mj.envs.baselines import load_baseline
+
+    environment = gymnasium.make("iits_mj:iits_mj/Cruise-v0")
+    policy = load_baseline("iits_mj/Cruise-v0", "ppo")
+    observation, _ = environment.reset(seed=1)
+    action = policy(observation)
+
+`docs/benchmark.md` has their scores; `benchmarks/rl_suite.py` trains and writes them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iits_mj.core.errors import InputError
+from iits_mj.core.input_files import read_npz
+from iits_mj.core.output_files import OutputFile
+
+FOLDER = Path(__file__).resolve().parent / "weights"
+_SIZE_MAX = 2**24
+_ACTIVATIONS: dict[str, Callable[[Any], Any]] = {
+    "tanh": np.tanh,
+    "relu": lambda x: np.maximum(x, 0.0),
+}
+_HEADS: dict[str, Callable[[Any], Any]] = {
+    "clip": lambda x: np.clip(x, -1.0, 1.0).astype(np.float32),
+    "tanh": lambda x: np.tanh(x).astype(np.float32),
+    "argmax": lambda x: np.int64(np.argmax(x)),
+}
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A network that maps an observation to an action, without noise.
+
+    Attributes:
+      weights: of the layers, of shape (outputs, inputs); biases: (outputs,).
+      activation: between the layers, "tanh" or "relu".
+      head: what makes the action of the last layer: "clip", "tanh" or "argmax".
+      metadata: JSON values: environment, algorithm, seed, steps, score.
+
+    Raises:
+      InputError: unknown activation or head, or layers that do not fit.
+    """
+
+    weights: tuple[NDArray[np.float32], ...]
+    biases: tuple[NDArray[np.float32], ...]
+    activation: str
+    head: str
+    metadata: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.activation not in _ACTIVATIONS or self.head not in _HEADS:
+            raise InputError(f"network has activation {self.activation!r} and head {self.head!r}")
+        sizes = [self.weights[0].shape[-1], *(len(b) for b in self.biases)]
+        shapes = list(zip(sizes[1:], sizes[:-1], strict=True))
+        if [w.shape for w in self.weights] != shapes:
+            raise InputError(f"network has layers of shape {[w.shape for w in self.weights]}")
+        if not all(np.isfinite(a).all() for a in (*self.weights, *self.biases)):
+            raise InputError("network contains numbers that are not finite")
+
+    def __call__(self, observation: NDArray[np.floating[Any]]) -> Any:
+        """Returns the action: numbers in [-1, 1], or the number of a discrete action.
+
+        Raises:
+          InputError: the observation has another shape.
+        """
+        x = np.asarray(observation, np.float32)
+        if x.shape != self.weights[0].shape[1:]:
+            raise InputError(
+                f"observation has shape {x.shape}; the policy needs {self.weights[0].shape[1:]}"
+            )
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            x = _ACTIVATIONS[self.activation](weight @ x + bias)
+        return _HEADS[self.head](self.weights[-1] @ x + self.biases[-1])
+
+    def save(self, path: str | Path, **metadata: Any) -> None:
+        """Writes an npz file without Python objects; keyword arguments join the metadata."""
+        header = {
+            **self.metadata,
+            **metadata,
+            "layers": len(self.weights),
+            "activation": self.activation,
+            "head": self.head,
+        }
+        arrays: dict[str, Any] = {"metadata": np.array(json.dumps(header, sort_keys=True))}
+        for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            arrays[f"w{i}"], arrays[f"b{i}"] = weight, bias
+        with OutputFile(path, "policy") as partial, partial.open("wb") as stream:
+            np.savez_compressed(stream, **arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Policy:
+        """Reads a file written by `save`.
+
+        Raises:
+          InputError: the file does not exist, is not such a file, or its layers do not fit.
+        """
+        text = read_npz(path, "policy", _SIZE_MAX, ("metadata",))["metadata"]
+        try:
+            header = json.loads(str(text))
+            count, activation, head = header["layers"], header["activation"], header["head"]
+            names = [f"{kind}{i}" for i in range(count) for kind in "wb"]
+        except (ValueError, KeyError, TypeError) as error:
+            raise InputError(f"policy {str(path)!r}: its metadata cannot be read") from error
+        found = read_npz(path, "policy", _SIZE_MAX, names)
+        arrays = [found[name].astype(np.float32) for name in names]
+        return cls(tuple(arrays[::2]), tuple(arrays[1::2]), activation, head, header)
+
+
+def load_baseline(environment: str, algorithm: str) -> Policy:
+    """Returns the shipped policy of an environment: of the five seeds the median one.
+
+    Args:
+      environment: id, with or without "iits_mj:" before it.
+      algorithm: "ppo", "sac" or "dqn".
+
+    Raises:
+      InputError: there is no such policy; the message names those that exist.
+    """
+    name = environment.rpartition(":")[2].rpartition("/")[2]
+    path = FOLDER / f"{name}-{algorithm}.npz"
+    if not path.exists():
+        known = ", ".join(sorted(p.stem for p in FOLDER.glob("*.npz"))) or "none"
+        raise InputError(f"there is no policy {name}-{algorithm}; shipped are: {known}")
+    return Policy.load(path)

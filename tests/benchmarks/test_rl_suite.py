@@ -1,0 +1,110 @@
+"""The benchmark's trainings continue after a kill, and its page shows its tables."""
+
+import gymnasium
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3")
+
+from benchmarks import rl_results, rl_suite
+from controllers.decision.trip import TEST_SEEDS
+from iits_mj.envs import ENVIRONMENTS
+from iits_mj.envs.baselines import Policy
+
+
+class Killed(Exception):
+    """Stands for a kill."""
+
+
+@pytest.mark.parametrize(
+    ("environment", "algorithm", "steps", "hyperparameters"),
+    [
+        ("iits_mj/HillStart-v0", "ppo", 192, {"n_steps": 32, "batch_size": 16}),
+        ("iits_mj/HighwayFast-v0", "dqn", 150, {"buffer_size": 100, "learning_starts": 20}),
+        ("iits_mj/HillStart-v0", "sac", 60, {"learning_starts": 10, "batch_size": 8}),
+    ],
+)
+def test_a_killed_training_ends_with_the_same_policy(
+    environment, algorithm, steps, hyperparameters, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(rl_suite, "VALIDATION_EPISODES", 1)
+    monkeypatch.setattr(rl_suite, "TEST_EPISODES", 1)
+    task = rl_suite.Training(environment, algorithm, 1, steps, 3, 2, None, hyperparameters)
+    through, stopped = tmp_path / "through", tmp_path / "stopped"
+    rl_suite.train(task, through)
+    store, calls = rl_suite._store, []
+
+    def kill(*arguments):
+        calls.append(arguments)
+        if len(calls) == 2:
+            (stopped / "partial").mkdir()
+            raise Killed
+        store(*arguments)
+
+    monkeypatch.setattr(rl_suite, "_store", kill)
+    with pytest.raises(Killed):
+        rl_suite.train(task, stopped)
+    assert rl_suite.finished_parts(stopped) == 1
+    rl_suite.train(task, stopped)
+    files = [folder / "part-3" / "policy.npz" for folder in (through, stopped)]
+    policies = [Policy.load(file) for file in files]
+    for first, second in zip(policies[0].weights, policies[1].weights, strict=True):
+        np.testing.assert_array_equal(first, second)
+    assert (through / "scores.csv").read_text() == (stopped / "scores.csv").read_text()
+    curve = rl_suite._rows(stopped / "part-3" / "curve.csv")
+    assert len(curve) == 3
+    assert int(curve[-1]["steps"]) >= steps
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "dqn", "sac"])
+def test_the_exported_network_acts_as_the_model(algorithm):
+    environment = "iits_mj/HighwayFast-v0" if algorithm == "dqn" else "iits_mj/LaneKeep-v0"
+    settings = {} if algorithm == "ppo" else {"buffer_size": 10}
+    task = rl_suite.Training(environment, algorithm, 0, 1, 1, 1, None, settings)
+    model = rl_suite._model(task, None)
+    policy = rl_suite.exported(model)
+    observation = model.env.reset()[0]
+    expected = model.predict(observation, deterministic=True)[0]
+    np.testing.assert_allclose(policy(observation), expected, atol=1e-5)
+
+
+def test_the_interquartile_mean_leaves_out_the_quarters_and_lies_in_its_interval():
+    sample = np.array([0.0, 1.0, 2.0, 3.0, 100.0, 4.0, 5.0, 6.0])
+    middle, low, high = rl_results.interquartile_mean([sample])
+    assert middle == pytest.approx(np.mean([2.0, 3.0, 4.0, 5.0]))
+    assert low < middle < high
+    assert np.isnan(rl_results.interquartile_mean([np.ones(1)])[1])
+    # Strata without spread leave none to the mean.
+    assert rl_results.interquartile_mean([np.ones(5), np.ones(5)])[1:] == (1.0, 1.0)
+
+
+def test_every_environment_is_trained_with_five_seeds_and_has_a_scripted_driver():
+    tasks = rl_suite.trainings()
+    assert {task.environment for task in tasks} == set(ENVIRONMENTS)
+    assert len({task.name for task in tasks}) == len(tasks)
+    assert [task.seed for task in tasks] == sorted(task.seed for task in tasks)
+    environment = gymnasium.make("iits_mj/Stop-v0")
+    observation, _ = environment.reset(seed=TEST_SEEDS)
+    action = rl_suite.scripted("iits_mj/Stop-v0")(environment, observation)
+    assert environment.action_space.contains(action)
+
+
+def test_scores_repeat_with_their_seeds():
+    act = rl_suite._random
+    runs = [rl_suite.score("iits_mj/HighwayFast-v0", act, TEST_SEEDS, 2) for _ in range(2)]
+    assert runs[0] == runs[1]
+
+
+def test_the_page_shows_the_tables_of_its_files():
+    text = rl_results.PAGE.read_text(encoding="utf-8")
+    assert rl_results.page(text) == text, "python benchmarks/rl_results.py makes the page"
+
+
+def test_an_incomplete_cell_is_pending_with_its_seeds():
+    rows = [
+        {"environment": "iits_mj/Stop-v0", "method": "ppo", "seed": f"{seed}", "return": "3"}
+        for seed in range(2)
+    ]
+    line = next(x for x in rl_results.score_table(rows).splitlines() if "Stop-v0" in x)
+    assert "3 [3, 3] pending (2 of 5)" in line
+    assert "pending (0 of 1)" in line
