@@ -23,6 +23,7 @@ SETTINGS = {
     "limit of trucks": {"lanes": 3, "truck_speed_limit": 11.0},
     "ramps": {"ramp_probability": 0.15, "ramp_interval": 500.0},
     "end of the road": {"length": 900.0},
+    "laden on hills": {"payload": 36_000.0, "spawn_probability": 0.005, "reference_speed": 22.0},
     "all": {
         "keeps_right": True,
         "lanes": 3,
