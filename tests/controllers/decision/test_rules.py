@@ -204,13 +204,16 @@ def test_a_compiled_rule_decides_as_its_python_form(maker):
     assert min(counts.values()) > 3
 
 
-def test_the_planners_gaps_are_those_of_the_compiled_rules():
+@pytest.mark.parametrize("speed", [12.5, 15.6, 17.0])
+def test_the_planners_gaps_are_those_of_the_compiled_rules(speed):
     """A change is just allowed, and just not allowed, at the gap that the planner needs."""
-    rule = LookAhead(change_cost=0.0)
-    needed = front_gap_needed(16.0, 15.0, SafetyConfig())
-    slow = ahead(12.0, 0, 11.0)
-    allowed = [rule.decide(context(slow, ahead(needed + d, 1, 15.0, "new"))) for d in (0.01, -0.01)]
-    assert allowed == [Decision.LEFT, Decision.KEEP]
+    rule, slow, config = LookAhead(change_cost=0.0), ahead(12.0, 0, 9.0), SafetyConfig()
+    for place, needed in (
+        (ahead, front_gap_needed(16.0, speed, config)),
+        (behind, rear_gap_needed(16.0, speed, config)),
+    ):
+        scenes = [context(slow, place(needed + d, 1, speed, "new")) for d in (0.01, -0.01)]
+        assert [rule.decide(scene) for scene in scenes] == [Decision.LEFT, Decision.KEEP]
 
 
 def test_parameters_of_rules_out_of_range_are_refused():
