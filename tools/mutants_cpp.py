@@ -168,6 +168,8 @@ TEST_FILES = {
     KERNELS: (
         *("kernels/test_*.py", "controllers/tracking/test_*.py", "controllers/planning/test_*.py"),
         *("controllers/pcc/test_*.py", "traffic_bridge/m*/test_*.py"),
+        *("controllers/decision/test_rules.py", "controllers/decision/test_worlds.py"),
+        "controllers/decision/test_fast_world*.py",
         *("traffic_bridge/network/test_lane_poses.py", "road/test_reference_line.py"),
         *("truck/test_state.py", "simulation/test_gaps.py", "core/test_neighbors.py"),
     ),
@@ -194,6 +196,10 @@ AREAS = {
     "trajectory|boxes|following|neighbors|speed_plan|interpolation": (
         "planning",
         "controllers/planning/|simulation/|core/",
+    ),
+    "decision_rules|fast_traffic|fast_world|numpy_random": (
+        "decision",
+        "controllers/decision/",
     ),
     "interior_point|node_system|vectors|speed_passes": (
         "predictive cruise control",

@@ -70,6 +70,8 @@ KERNEL_TESTS = (
     "tests/traffic_bridge/modes/test_smoothing.py",
     *("tests/traffic_bridge/network/test_lane_poses.py", "tests/road/test_reference_line.py"),
     *("tests/truck/test_state.py", "tests/simulation/test_gaps.py"),
+    *("tests/controllers/decision/test_rules.py", "tests/controllers/decision/test_worlds.py"),
+    "tests/controllers/decision/test_fast_world_agreement.py",
     # The runtime ends a process that loads IPOPT, which CasADi opens with RTLD_DEEPBIND.
     *("-k", "not ipopt"),
 )

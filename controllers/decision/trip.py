@@ -22,7 +22,7 @@ from typing import Protocol
 import numpy as np
 
 from controllers.decision.base import DecisionContext, Observation
-from iits_mj.core.checks import in_range, require_positive
+from iits_mj.core.checks import in_range, require_positive, whole
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision
 from iits_mj.parameters import AnyTruck, TruckParameters
@@ -85,6 +85,10 @@ class TrafficDemand:
       traffic_speed: speed limit of the traffic [m/s].
       keeps_right: whether the traffic keeps to the right lane; the paper's table can only come from
         traffic that fills both.
+      lanes: of the highway, 2 or 3.
+      truck_speed_limit: of rigid and articulated trucks [m/s]; None: the traffic's.
+      ramp_probability: of a vehicle per second on each on-ramp, 0 to 1; 0 without ramps.
+      ramp_interval: distance between on-ramps [m], 500 or more.
 
     Raises:
       InputError: a value is out of its range; the message names it.
@@ -93,10 +97,24 @@ class TrafficDemand:
     spawn_probability: float = 0.05
     traffic_speed: float = 12.5
     keeps_right: bool = False
+    lanes: int = 2
+    truck_speed_limit: float | None = None
+    ramp_probability: float = 0.0
+    ramp_interval: float = 2_000.0
 
     def __post_init__(self) -> None:
         require_positive(self, "traffic_speed")
         in_range("spawn_probability", self.spawn_probability, 0.0, 1.0)
+        in_range("lanes", whole("lanes", self.lanes), 2, 3)
+        if self.truck_speed_limit is not None:
+            require_positive(self, "truck_speed_limit")
+        in_range("ramp_probability", self.ramp_probability, 0.0, 1.0)
+        in_range("ramp_interval", self.ramp_interval, 500.0, 1e6, "m")
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the mirror image of the traffic on the two lanes is as probable."""
+        return self.lanes == 2 and not self.keeps_right and self.ramp_probability == 0.0
 
 
 @dataclass(frozen=True)
@@ -272,13 +290,11 @@ class TripLog:
 
 
 class World(Protocol):
-    """Drives trips: traffic, road and truck of any model.
+    """Drives trips: traffic, road and truck of any model."""
 
-    Attributes:
-      summary: of the trip so far.
-    """
-
-    summary: TripSummary
+    @property
+    def summary(self) -> TripSummary:
+        """Totals of the trip so far."""
 
     def reset(self, generator: np.random.Generator, trip: TripConfig) -> Observation:
         """Starts a trip; returns the observation. All randomness comes from the generator."""

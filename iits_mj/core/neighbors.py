@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -289,9 +290,9 @@ class Neighbors:
         """The nearest vehicle of a lane behind the front bumper, or beside the truck."""
         return self._nearest(self.in_lane(lanes, lane) & (self.station <= self.front))
 
-    def is_lane_free(self, lanes: Lanes, lane: int, distance: float) -> bool:
-        """Whether every bumper gap of a lane, ahead, beside and behind, is at least this [m]."""
-        return bool((self.gap[self.in_lane(lanes, lane)] >= distance).all())
+    def least_gap(self, lanes: Lanes, lane: int) -> float:
+        """The least bumper gap of a lane, ahead, beside or behind [m]; inf in an empty lane."""
+        return float(self.gap[self.in_lane(lanes, lane)].min(initial=math.inf))
 
     def corridor_gaps(self, lane: int) -> tuple[float, float]:
         """Bumper gaps to the vehicles ahead of and behind the truck's own corridor [m].

@@ -44,7 +44,10 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
     "iits_mj/TightTurn-v0": _driving("tight_turn", 300, 295.0),
     "iits_mj/Dock-v0": _driving("dock", 600, 450.0),
     "iits_mj/Highway-v0": _other("highway:HighwayEnv", 120, -4.0),
-    "iits_mj/HighwayFast-v0": _other("highway:HighwayFastEnv", 120, -4.0),
+    "iits_mj/HighwayFast-v0": {
+        **_other("highway:HighwayFastEnv", 120, -4.0),
+        "vector_entry_point": "iits_mj.envs.highway_vector:HighwayFastVectorEnv",
+    },
     "iits_mj/SpeedPlanning-v0": _other("speed_planning:SpeedPlanningEnv", 120, -3.6),
 }
 

@@ -13,7 +13,6 @@ import gymnasium
 import numpy as np
 
 from controllers.decision.base import DecisionContext
-from controllers.decision.fast_world.config import LANES
 from controllers.decision.fast_world.env import HighwayEnv as FastWorld
 from controllers.decision.observation import OBSERVATION_SIZE, usual_and_spread
 from controllers.decision.trip import (
@@ -39,6 +38,18 @@ DENSITIES = {**SPAWN_PROBABILITY, "empty": 0.0}
 REWARD = RewardConfig(change=0.1, danger=0.2, speed=0.1, collision=30.0)
 STANDARDIZED_MAX = 20.0
 _USUAL, _SPREAD = usual_and_spread()
+
+
+# Entries of a fast world's `info`, and the fields of its state.
+FAST_INFO = {
+    "time": "time",
+    "speed": "speed",
+    "station": "front",
+    "lane": "lane",
+    "lane_changes": "changes",
+    "refused": "refused",
+    "unsafe": "dangerous",
+}
 
 
 class DecisionEnv(gymnasium.Env[Observation, np.int64]):
@@ -88,7 +99,7 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
         self._number = self.family.draw(self.np_random)
         trip = dataclasses.replace(self.trip, truck=self.family.members[self._number])
         observation = self._open().reset(self.np_random, trip)
-        return self._scaled(observation), self._info(RewardTerms())
+        return self.scaled(observation), self._info(RewardTerms())
 
     def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Carries out a decision until the next one is due.
@@ -100,10 +111,11 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
             raise InputError(f"action {action!r} is unknown; use 0, 1 or 2")
         step = self._open().step(ACTIONS[int(action)])
         info = self._info(step.reward)
-        observation, reward = self._scaled(step.observation), float(step.reward.total)
+        observation, reward = self.scaled(step.observation), float(step.reward.total)
         return observation, reward, step.terminated, step.truncated, info
 
-    def _scaled(self, observation: Observation) -> Observation:
+    def scaled(self, observation: Observation) -> Observation:
+        """Returns observations of a world as the agent gets them, shape (..., 216)."""
         if not self.standardized:
             return observation
         return np.clip((observation - _USUAL) / _SPREAD, -STANDARDIZED_MAX, STANDARDIZED_MAX)
@@ -282,12 +294,12 @@ class HighwayEnv(DecisionEnv):
 
 
 class HighwayFastEnv(DecisionEnv):
-    """`iits_mj/Highway-v0` without MuJoCo and SUMO, some forty times as fast.
+    """`iits_mj/Highway-v0` without MuJoCo and SUMO, hundreds of times as fast.
 
     Actions, observation, reward and traffic parameters are those of `HighwayEnv`. The truck is a
     point mass with the same power limits, the highway has random hills, and the other vehicles
-    follow the same car-following and lane-change laws, implemented in NumPy. The shipped policy was
-    trained here, see `docs/training.md`.
+    follow the same car-following and lane-change laws, in C++. The shipped policy was trained here,
+    see `docs/training.md`. `gymnasium.make_vec` steps many environments in one call.
 
     Terminated by a collision; truncated at the end of the time or of the road. Version history: v0,
     first.
@@ -301,6 +313,9 @@ class HighwayFastEnv(DecisionEnv):
       truck: see `Truck.load`; of several, each episode drives one, drawn with the environment's
         generator, whose name is in `info` as `truck`.
       payload: of all units together [kg]; default: the greatest of each truck.
+      lanes: of the highway, 2 or 3.
+      truck_speed_limit: of the other trucks [m/s]; default: the traffic's.
+      ramp_probability: of a vehicle per second on each on-ramp, every 2 km; 0 without ramps.
       reward: weights of the terms, see `controllers.decision.trip.RewardConfig`.
       standardized: whether the observation is standardized.
       render_mode: None, or "rgb_array": the road from above.
@@ -311,7 +326,42 @@ class HighwayFastEnv(DecisionEnv):
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 - Gymnasium's way
 
-    _world: FastWorld | None = None
+    def __init__(
+        self,
+        *,
+        density: str = "medium",
+        traffic_speed: float = 15.0,
+        keeps_right: bool = False,
+        speed: float = 60.0 / 3.6,
+        duration: float = 120.0,
+        truck: Trucks = None,
+        payload: float | None = None,
+        lanes: int = 2,
+        truck_speed_limit: float | None = None,
+        ramp_probability: float = 0.0,
+        reward: RewardConfig = REWARD,
+        standardized: bool = True,
+        render_mode: str | None = None,
+    ) -> None:
+        super().__init__(
+            density=density,
+            traffic_speed=traffic_speed,
+            keeps_right=keeps_right,
+            speed=speed,
+            duration=duration,
+            truck=truck,
+            payload=payload,
+            reward=reward,
+            standardized=standardized,
+            render_mode=render_mode,
+        )
+        self.trip = dataclasses.replace(
+            self.trip,
+            lanes=lanes,
+            truck_speed_limit=truck_speed_limit,
+            ramp_probability=ramp_probability,
+        )
+        self._world = FastWorld()
 
     def render(self) -> Any:
         """Returns a picture (360, 640, 3) of bytes; None without a render mode."""
@@ -321,24 +371,15 @@ class HighwayFastEnv(DecisionEnv):
         others = scene.neighbors
         columns = others.front_distance, others.offset, others.length
         truck = (0.0, scene.ego.offset, scene.footprint.length)
-        return top_view([truck, *zip(*(c.tolist() for c in columns), strict=True)], LANES)
+        return top_view([truck, *zip(*(c.tolist() for c in columns), strict=True)], self.trip.lanes)
 
     def close(self) -> None:
         """Ends the episode."""
-        self._world = None
+        self._world.close()
 
     def _open(self) -> FastWorld:
-        self._world = self._world or FastWorld()
         return self._world
 
     def _state(self) -> dict[str, Any]:
-        world = self._open()
-        return {
-            "time": world.time,
-            "speed": world.truck.speed,
-            "station": world.truck.front,
-            "lane": world.lane,
-            "lane_changes": world.summary.changes,
-            "refused": world.summary.refused,
-            "unsafe": world.summary.dangerous,
-        }
+        state = self._world.state
+        return {name: state[field].item() for name, field in FAST_INFO.items()}

@@ -64,12 +64,12 @@ def drive(task: Task, weights: Path | None = None, truck: AnyTruck | None = None
         raise InputError(f"the trial is of truck {task.truck!r}, not of {parameters.name!r}")
     policy = str(weights) if weights is not None and task.method == "ddqn" else None
     offered = {"parameters": parameters, "seed": task.seed}
-    maker = _CountingMaker(decisions.make(task.method, policy, **offered))
+    maker = decisions.make(task.method, policy, **offered)
     began = time.perf_counter()
     run = _drive_fast if task.world == "fast" else _drive_full
     figures = run(task, maker, parameters)
     wall_time = round(time.perf_counter() - began, 3)
-    return Trial(**vars(task), **figures, asked=maker.asked, wall_time=wall_time, code=code)
+    return Trial(**vars(task), **figures, wall_time=wall_time, code=code)
 
 
 class _CountingMaker:
@@ -156,10 +156,10 @@ def full_chain(
     return Simulation(config, driver=driver, visuals=False, timestep=task.timestep)
 
 
-def _drive_full(task: Task, maker: _CountingMaker, parameters: TruckParameters) -> dict[str, Any]:
+def _drive_full(task: Task, maker: DecisionMaker, parameters: TruckParameters) -> dict[str, Any]:
     """Figures of a trip in the full chain."""
-    observer = _TripObserver(task.length_limit)
-    with full_chain(task, maker, parameters) as simulation:
+    observer, counting = _TripObserver(task.length_limit), _CountingMaker(maker)
+    with full_chain(task, counting, parameters) as simulation:
         try:
             result = simulation.run([observer])
         except DivergedError:
@@ -171,6 +171,7 @@ def _drive_full(task: Task, maker: _CountingMaker, parameters: TruckParameters) 
         "speed_loss": 1.0 - result.mean_speed / REFERENCE_SPEED,
         "speed_error": observer.speed_error,
         "changes": result.lane_changes,
+        "asked": counting.asked,
         "refused": result.refused,
         "unsafe": unsafe,
         "collisions": int(result.collision),
@@ -185,8 +186,8 @@ def _drive_full(task: Task, maker: _CountingMaker, parameters: TruckParameters) 
     }
 
 
-def _drive_fast(task: Task, maker: _CountingMaker, parameters: TruckParameters) -> dict[str, Any]:
-    """Figures of a trip in the fast world: a point-mass truck in NumPy traffic."""
+def _drive_fast(task: Task, maker: DecisionMaker, parameters: TruckParameters) -> dict[str, Any]:
+    """Figures of a trip in the fast world: a point-mass truck in simulated traffic."""
     empty = task.density == EMPTY
     trip = TripConfig(
         truck=parameters,
@@ -199,16 +200,14 @@ def _drive_fast(task: Task, maker: _CountingMaker, parameters: TruckParameters) 
     env = HighwayEnv()
     maker.reset()
     env.reset(np.random.default_rng(task.seed), trip)
-    over = False
-    while not over:
-        step = env.step(maker.decide(env.context()))
-        over = step.terminated or step.truncated
+    env.drive(maker)
     result = env.summary
     timed_out = not result.collisions and result.time >= task.duration_limit
     ended = "collision" if result.collisions else "reached the end of the trip"
     return dict(
         speed_loss=result.speed_loss,
         changes=result.changes,
+        asked=result.changes + result.refused,
         refused=result.refused,
         unsafe=result.dangerous,
         collisions=result.collisions,

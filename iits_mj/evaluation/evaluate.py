@@ -70,7 +70,7 @@ class EvaluateConfig:
     )
     world: str = option(
         "full",
-        help="full: MuJoCo truck with its stack in SUMO traffic; fast: point mass in NumPy traffic",
+        help="full: MuJoCo truck with its stack in SUMO traffic; fast: point mass, no SUMO",
         choices=WORLDS,
         group="run",
     )

@@ -14,7 +14,7 @@ from iits_mj.evaluation.trials import EMPTY, LEFT_RANGE, Trial
 from iits_mj.validation.harness.statistics import Estimate, Paired, estimate, holm, paired
 
 WORLD_TEXT = {
-    "fast": "fast world: point-mass truck in numpy IDM and MOBIL traffic, no SUMO, no MuJoCo",
+    "fast": "fast world: point-mass truck in IDM and MOBIL traffic, no SUMO, no MuJoCo",
     "full": "full chain: MuJoCo truck, planner and tracking in SUMO traffic that fills both lanes "
     "and reacts to it, built-in highway, reference 16.67 m/s, start at the traffic's limit",
 }

@@ -94,6 +94,11 @@ class TruckWorld(Closing):
         """
         self.close()
         self.trip = trip = trip or TripConfig()
+        if (trip.lanes, trip.truck_speed_limit, trip.ramp_probability) != (2, None, 0.0):
+            raise InputError(
+                "the built-in highway has two lanes, no on-ramps and one speed limit; more lanes, "
+                "ramps and a limit of trucks are for the fast world"
+            )
         seed = int(generator.integers(2**31 - 1))
         config = DriveConfig(
             speed=trip.reference_speed,

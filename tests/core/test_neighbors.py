@@ -37,7 +37,7 @@ def test_a_vehicle_beside_the_trailer_is_a_follower_in_the_lane_and_behind_by_it
     beside = TrackedVehicle("a", station=995.0, offset=LEFT, lane=1)
     seen = around(beside)
     assert seen.follower_in_lane(ROUTE, 1).gap < 0.0
-    assert not seen.is_lane_free(ROUTE, 1, 0.0)
+    assert seen.least_gap(ROUTE, 1) < 0.0
     assert seen.is_beside(PREVIEW.follow(1, 1000.0, 400.0))
     ahead, behind = seen.nearest_by_front(250.0, 50.0)
     assert (len(ahead), behind.tolist()) == (0, [0])

@@ -1,4 +1,4 @@
-"""Road and traffic of the fast world: lanes, kinds of vehicles, density, the IDM."""
+"""Road and traffic of the fast world: lanes, kinds of vehicles, density."""
 
 from __future__ import annotations
 
@@ -10,34 +10,37 @@ from typing import Any
 import numpy as np
 
 from controllers.decision.trip import TrafficDemand
-from iits_mj.core.arrays import FloatArray, IntArray
 from iits_mj.core.assets import DEFAULT_MIX, VEHICLE_TYPES
 from iits_mj.core.checks import require_positive
 from iits_mj.road import RoadPoint
 
-LANES = 2
 LANE_WIDTH = 4.0
+# Shares of the greatest grade, and periods [m], of the hills' two waves.
+WAVES = np.array([0.65, 0.35])
+PERIODS = (1900.0, 730.0)
+Pair = tuple[float, float]
 
 
 class HighwayRoad:
-    """Two lanes of 4 m, straight in plan, hilly in profile.
+    """Lanes of 4 m, straight in plan, hilly in profile.
 
     The reference line is the center of lane 0, so that a lane's offset is its index times 4 m.
     Grades are two sine waves with random phases, at most `grade_max`, like those of the paper's
     road, whose grades are within 5 %. It has those functions of `iits_mj.road.Route` that decision
     makers call.
+
+    Args:
+      length: [m]; lanes: their number.
+      amplitude, phase: of the waves' grades, [-] and [rad].
     """
 
-    def __init__(self, generator: np.random.Generator, length: float, grade_max: float) -> None:
-        self.length = length
-        self._amplitude = (0.65 * grade_max, 0.35 * grade_max)
-        self._period = (1900.0, 730.0)
-        self._phase = tuple(generator.uniform(0.0, 2.0 * math.pi, 2).tolist())
+    def __init__(self, length: float, lanes: int, amplitude: Pair, phase: Pair) -> None:
+        self.length, self.lanes = length, lanes
+        self._waves = tuple(zip(amplitude, PERIODS, phase, strict=True))
 
     def smoothed_grade(self, station: float) -> float:
         """Returns the grade dz/ds."""
-        waves = zip(self._amplitude, self._period, self._phase, strict=True)
-        return sum(a * math.sin(2.0 * math.pi * station / p + phase) for a, p, phase in waves)
+        return sum(a * math.sin(2.0 * math.pi * station / p + phase) for a, p, phase in self._waves)
 
     def evaluate(self, station: float, offset: float = 0.0) -> RoadPoint:
         """Returns the pose at a station and offset; height is not modeled."""
@@ -47,8 +50,8 @@ class HighwayRoad:
         return RoadPoint(*values)
 
     def lane_exists(self, lane: int, station: float) -> bool:
-        """Returns whether a lane is 0 or 1 and the station is on the road."""
-        return 0 <= lane < LANES and station <= self.length + 1000.0
+        """Returns whether the highway has a lane and the station is on the road."""
+        return 0 <= lane < self.lanes and station <= self.length + 1000.0
 
     def lane_offset(self, lane: int, station: float) -> float:
         """Returns the offset of a lane's center [m]."""
@@ -64,7 +67,7 @@ class HighwayRoad:
         """Returns the lane at an offset, -1 beside the road."""
         del station
         lane = math.floor(offset / LANE_WIDTH + 0.5)
-        return lane if 0 <= lane < LANES else -1
+        return lane if 0 <= lane < self.lanes else -1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,39 +99,14 @@ class Kind:
     safe_braking: float
 
 
-_NUMBERS = tuple(field.name for field in fields(Kind) if field.name != "kind")
+NUMBERS = tuple(field.name for field in fields(Kind) if field.name != "kind")
 _TYPES = tomllib.loads(VEHICLE_TYPES.read_text(encoding="utf-8"))
 KINDS = tuple(
-    Kind(kind=kind, **{name: _TYPES[kind][name] for name in _NUMBERS}) for kind, _ in DEFAULT_MIX
+    Kind(kind=kind, **{name: _TYPES[kind][name] for name in NUMBERS}) for kind, _ in DEFAULT_MIX
 )
-SHARES = tuple(share for _, share in DEFAULT_MIX)
-# The traffic treats the truck as the last kind, an articulated truck, as in SUMO.
-TRUCK_KIND = len(KINDS) - 1
 # Share of the traffic's limit with which the road is filled, as in SUMO.
 MEAN_DESIRED_SPEED = 0.92
-
-
-class Drivers:
-    """Parameters of n drivers: an array of shape (n,) for each number of `Kind`.
-
-    Args:
-      kinds: indices into `KINDS`, shape (n,).
-    """
-
-    def __init__(self, kinds: IntArray) -> None:
-        self._kinds = kinds
-
-    def __getattr__(self, name: str) -> FloatArray:
-        values: FloatArray = _TABLE[name][self._kinds]
-        setattr(self, name, values)
-        return values
-
-    def of(self, index: IntArray) -> Drivers:
-        """Returns the drivers of an index array, in its order."""
-        return Drivers(self._kinds[index])
-
-
-_TABLE = {name: np.array([getattr(kind, name) for kind in KINDS]) for name in _NUMBERS}
+SHARES = tuple(share for _, share in DEFAULT_MIX)
 
 
 @dataclass(frozen=True)
@@ -152,12 +130,6 @@ class HighwayConfig(TrafficDemand):
         super().__post_init__()
         require_positive(self, "window_behind", "window_ahead", "timestep")
 
-    @property
-    def mean_headway(self) -> float:
-        """Mean distance between the fronts of a lane's vehicles [m]; inf without traffic."""
-        rate = self.spawn_probability
-        return MEAN_DESIRED_SPEED * self.traffic_speed / rate if rate > 0.0 else math.inf
-
 
 @dataclass(frozen=True)
 class Obstacle:
@@ -167,21 +139,3 @@ class Obstacle:
     length: float
     speed: float
     lane: int
-
-
-def idm_acceleration(
-    speed: FloatArray,
-    desired: FloatArray,
-    gap: FloatArray,
-    leader_speed: FloatArray,
-    drivers: Drivers,
-) -> FloatArray:
-    """Returns IDM accelerations [m/s2], Treiber et al. (2000) eq. 3, gap inf on a free road.
-
-    The free term is bounded at -b above the desired speed; the original leaves it unbounded.
-    """
-    a, b = drivers.acceleration, drivers.deceleration
-    free = a * np.maximum(1.0 - (speed / desired) ** 4, -b / a)
-    dynamic = speed * (speed - leader_speed) / (2.0 * np.sqrt(a * b))
-    wanted = drivers.minimum_gap + np.maximum(0.0, speed * drivers.time_headway + dynamic)
-    return free - a * (wanted / np.maximum(gap, 0.1)) ** 2

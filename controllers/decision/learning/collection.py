@@ -89,7 +89,7 @@ def drive_trip(world: World, job: Drive, network: QNetwork) -> Driven:
             # After a truncation the next value still counts.
             future = 0.0 if step.terminated else job.trip.reward.discount**step.seconds
             reward = step.reward.total
-            symmetric = not job.trip.keeps_right
+            symmetric = job.trip.symmetric
             single = Transition(observation, action, reward, future, step.observation, symmetric)
             transitions += returns.add(single, over)
         observation = step.observation

@@ -12,14 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.decision.base import Observation
-from controllers.decision.fast_world.config import LANE_WIDTH, LANES
+from controllers.decision.fast_world.config import LANE_WIDTH
 from controllers.decision.observation import mirrored
 from controllers.decision.policy import ACTIONS
+from controllers.decision.trip import TripConfig
 from iits_mj.core.arrays import IndexArray
 from iits_mj.core.errors import InputError
 
 # Width between the middles of the outermost lanes [m]; the built-in road's lanes have the same.
-_WIDTH = (LANES - 1) * LANE_WIDTH
+_WIDTH = (TripConfig.lanes - 1) * LANE_WIDTH
 _FLOOR = 1e-3  # of a priority
 
 

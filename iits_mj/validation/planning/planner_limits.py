@@ -227,7 +227,7 @@ def ordinary_drive(probability: float, duration: float, seed: int = 0) -> Ordina
     """
     route = Route.straight(length=30_000.0, lanes=2, lane_width=LANE_WIDTH)
     config = HighwayConfig(probability, traffic_speed=12.5, timestep=CYCLE_PERIOD)
-    traffic = HighwayTraffic(config, np.random.default_rng(seed))
+    traffic = HighwayTraffic.of(config, np.random.default_rng(seed))
     drive = IdealDrive(route, 400.0, 0, 12.5)
     traffic.fill(_obstacles(drive.ego, route)[0])
     right = float(route.lane_offset(0, 0.0))

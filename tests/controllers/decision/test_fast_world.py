@@ -1,33 +1,32 @@
-"""The fast world: traffic, the truck on hills, reward, ends of a trip."""
+"""The fast world: traffic, the truck on hills, reward, ends of a trip.
+
+`test_fast_world_agreement.py` compares it with its NumPy form.
+"""
 
 import dataclasses
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from controllers.decision import make
-from controllers.decision.fast_world.changes import Vehicles, gains
 from controllers.decision.fast_world.config import (
     KINDS,
     SHARES,
-    Drivers,
     HighwayConfig,
     Kind,
     Obstacle,
-    idm_acceleration,
 )
-from controllers.decision.fast_world.env import HighwayEnv, HighwayTruck
+from controllers.decision.fast_world.env import HighwayEnv
 from controllers.decision.fast_world.traffic import HighwayTraffic
 from controllers.decision.observation import OBSERVATION_SIZE
 from controllers.decision.trip import CELLS, TripConfig, TripLog, cell_trip
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision
-from iits_mj.parameters import TruckParameters
+from iits_mj.core.units import GRAVITY
+from tests.controllers.decision import numpy_world
 from traffic_bridge import TrafficConfig, default_types
 from traffic_bridge.vehicles import mobil
 
-PARAMETERS = TruckParameters.load()
 UNSEEN = np.zeros(OBSERVATION_SIZE, np.float32)
 
 
@@ -40,7 +39,7 @@ def trip(decision_name, density="dense", speed=12.5, seed=0, duration=240.0):
     over = False
     while not over:
         step = env.step(maker.decide(env.context()))
-        poses.append((env.truck.front, env.truck.speed, env.lane, *env.traffic.front.tolist()))
+        poses.append((*env.state[["front", "speed", "lane"]].tolist(), *env.traffic.front.tolist()))
         over = step.terminated or step.truncated
     return env, poses
 
@@ -48,14 +47,6 @@ def trip(decision_name, density="dense", speed=12.5, seed=0, duration=240.0):
 def test_the_same_seed_gives_the_same_trip_to_the_bit():
     assert trip("aggressive", seed=4)[1] == trip("aggressive", seed=4)[1]
     assert trip("aggressive", seed=4)[1] != trip("aggressive", seed=5)[1]
-
-
-def test_idm_holds_its_equilibrium_gap():
-    kind, v, v0 = KINDS[0], 10.0, 15.0
-    gap = (kind.minimum_gap + v * kind.time_headway) / np.sqrt(1.0 - (v / v0) ** 4)
-    one = np.ones(1)
-    a = idm_acceleration(v * one, v0 * one, gap * one, v * one, Drivers(np.array([0])))
-    assert a[0] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_kinds_and_shares_are_those_of_the_sumo_traffic():
@@ -69,13 +60,13 @@ def test_kinds_and_shares_are_those_of_the_sumo_traffic():
     assert len(KINDS) == len(shares)
 
 
-def brute_gain(vehicles, i, keeps_right):
+def brute_gain(vehicles, kinds, i, keeps_right):
     """Returns the gain by the SUMO traffic's MOBIL, one vehicle at a time."""
     types = {kind.kind: kind for kind in default_types()}
 
     def driver(j):
         changed = {} if keeps_right else {"keep_right_bias": 0.0, "politeness": 0.0}
-        kind = dataclasses.replace(types[KINDS[vehicles.kind[j]].kind], **changed)
+        kind = dataclasses.replace(types[KINDS[kinds[j]].kind], **changed)
         kind = dataclasses.replace(kind, length=float(vehicles.length[j]))
         return mobil.MobilDriver(str(j), float(vehicles.speed[j]), float(vehicles.desired[j]), kind)
 
@@ -99,25 +90,25 @@ def brute_gain(vehicles, i, keeps_right):
 
 
 @pytest.mark.parametrize("keeps_right", [False, True])
-def test_mobil_in_arrays_gives_the_gains_of_the_sumo_traffic(keeps_right):
+def test_mobil_in_numpy_gives_the_gains_of_the_sumo_traffic(keeps_right):
     rng = np.random.default_rng(7)
     compared = refused = 0
     for _ in range(60):
         n = 9
         kind = rng.integers(len(KINDS), size=n)
         # Speeds on both sides of the critical speed, above which the keep-right rule differs.
-        vehicles = SimpleNamespace(
+        vehicles = numpy_world.Vehicles(
             front=np.cumsum(rng.uniform(8.0, 45.0, n)),
             length=np.array([KINDS[k].length for k in kind]),
             speed=(speed := rng.uniform(9.0, 22.0, n)),
             desired=speed + rng.uniform(0.5, 5.0, n),
             lane=rng.integers(2, size=n),
-            kind=kind,
+            drivers=numpy_world.Drivers(kind),
         )
-        fields = {k: v for k, v in vars(vehicles).items() if k != "kind"}
-        found = gains(Vehicles(**fields, drivers=Drivers(kind)), np.arange(n), keeps_right)
+        sides = [numpy_world.gains(vehicles, np.arange(n), k, keeps_right) for k in (1, -1)]
+        found = np.where(vehicles.lane == 0, *sides)
         for i in range(n):
-            wanted = brute_gain(vehicles, i, keeps_right)
+            wanted = brute_gain(vehicles, kind, i, keeps_right)
             if wanted is None:
                 assert found[i] == -np.inf
                 refused += 1
@@ -129,7 +120,7 @@ def test_mobil_in_arrays_gives_the_gains_of_the_sumo_traffic(keeps_right):
 
 
 def test_traffic_never_overlaps_in_a_lane():
-    traffic = HighwayTraffic(
+    traffic = HighwayTraffic.of(
         HighwayConfig(spawn_probability=0.12, traffic_speed=13.0), np.random.default_rng(0)
     )
     truck = Obstacle(0.0, 16.5, 11.0, 0)
@@ -147,7 +138,7 @@ def test_traffic_never_overlaps_in_a_lane():
 @pytest.mark.parametrize("truck_speed", [9.0, 16.67])
 def test_density_stays_constant_around_a_slower_and_a_faster_truck(truck_speed):
     config = HighwayConfig(spawn_probability=0.05, traffic_speed=12.5)
-    traffic = HighwayTraffic(config, np.random.default_rng(1))
+    traffic = HighwayTraffic.of(config, np.random.default_rng(1))
     # The truck drives on a lane of its own, so that it delays no vehicle.
     truck = Obstacle(0.0, 16.5, truck_speed, 7)
     traffic.fill(truck)
@@ -156,12 +147,13 @@ def test_density_stays_constant_around_a_slower_and_a_faster_truck(truck_speed):
         truck = Obstacle(truck.front + truck_speed * 0.2, 16.5, truck_speed, 7)
         traffic.step([truck])
         counts.append(traffic.front.size)
-    wanted = 2 * (config.window_ahead + config.window_behind) / config.mean_headway
+    headway = 0.92 * config.traffic_speed / config.spawn_probability
+    wanted = 2 * (config.window_ahead + config.window_behind) / headway
     assert np.mean(counts[1000:]) == pytest.approx(wanted, rel=0.35)
 
 
 def test_followers_brake_for_the_truck():
-    traffic = HighwayTraffic(HighwayConfig(spawn_probability=0.0), np.random.default_rng(0))
+    traffic = HighwayTraffic.of(HighwayConfig(spawn_probability=0.0), np.random.default_rng(0))
     traffic.spawn(0, 0.0)
     for _ in range(300):
         traffic.step([Obstacle(80.0, 16.5, 0.0, 0), Obstacle(80.0, 16.5, 0.0, 1)])
@@ -170,12 +162,12 @@ def test_followers_brake_for_the_truck():
 
 
 def test_lateral_motion_of_a_change_is_smooth_and_ends_in_the_lane():
-    traffic = HighwayTraffic(HighwayConfig(spawn_probability=0.0), np.random.default_rng(0))
+    traffic = HighwayTraffic.of(HighwayConfig(spawn_probability=0.0), np.random.default_rng(0))
     traffic.spawn(0, 0.0)
     traffic.lane[0], traffic.change_time[0], traffic.change_from[0] = 1, 0.0, 0.0
     offsets = []
     for _ in range(25):
-        traffic.clock += 0.2
+        traffic.state["clock"] += 0.2
         offsets.append(traffic.tracked()[0].offset)
     assert offsets[-1] == pytest.approx(4.0)
     assert (np.diff(offsets) >= 0.0).all()
@@ -183,12 +175,15 @@ def test_lateral_motion_of_a_change_is_smooth_and_ends_in_the_lane():
 
 
 def test_truck_climbs_at_the_speed_that_full_power_sustains():
-    truck = HighwayTruck(PARAMETERS, 36_000.0)
-    truck.speed = 16.0
-    for _ in range(2000):
-        truck.step(0.2, 16.67, [], 0.05)
-    assert truck.power_limit(0.05) == pytest.approx(0.0, abs=1e-3)
-    assert 11.0 < truck.speed < 15.0
+    env = HighwayEnv(grade_max=0.0)
+    trip = TripConfig(spawn_probability=0.0, payload=36_000.0, duration=600.0)
+    env.reset(np.random.default_rng(0), trip)
+    state = env.state
+    state["rolling"] += np.sin(np.arctan(0.05))  # resists as a grade of 5 % does
+    env.drive(make("keep"))
+    force = state["power"] / state["speed"] - state["drag"] * state["speed"] ** 2
+    assert force == pytest.approx(GRAVITY * state["mass"] * state["rolling"], rel=1e-3)
+    assert 11.0 < state["speed"] < 15.0
 
 
 def test_keeping_the_lane_never_ends_in_a_collision():
@@ -214,7 +209,7 @@ def test_a_change_takes_six_to_nine_seconds_and_costs_ten():
     step = env.step(Decision.LEFT)
     assert 6.0 <= step.seconds <= 9.0
     assert step.reward.change == -10.0
-    assert env.lane == 1
+    assert int(env.state["lane"]) == 1
     assert env.context().scene.ego.offset == pytest.approx(4.0)
 
 
@@ -223,7 +218,7 @@ def test_a_change_to_a_missing_lane_is_refused_and_still_costs_ten():
     env.reset(np.random.default_rng(0), TripConfig(spawn_probability=0.0))
     step = env.step(Decision.RIGHT)
     assert (step.seconds, step.reward.change, step.reward.danger) == (1.0, -10.0, 0.0)
-    assert (env.lane, env.summary.refused, env.summary.changes) == (0, 1, 0)
+    assert (int(env.state["lane"]), env.summary.refused, env.summary.changes) == (0, 1, 0)
 
 
 def test_after_a_change_the_next_one_is_refused_for_three_seconds():
@@ -233,16 +228,16 @@ def test_after_a_change_the_next_one_is_refused_for_three_seconds():
     steps = [env.step(Decision.RIGHT) for _ in range(4)]
     assert [step.seconds > 1.0 for step in steps] == [False, False, False, True]
     assert [step.reward.danger for step in steps] == [0.0] * 4
-    assert (env.lane, env.summary.refused, env.summary.changes) == (0, 3, 2)
+    assert (int(env.state["lane"]), env.summary.refused, env.summary.changes) == (0, 3, 2)
 
 
 def test_a_change_beside_a_vehicle_is_refused_and_costs_thirty():
     env = HighwayEnv()
     env.reset(np.random.default_rng(0), TripConfig(spawn_probability=0.0))
-    env.traffic.spawn(1, env.truck.front - 5.0)
+    env.traffic.spawn(1, float(env.state["front"]) - 5.0)
     step = env.step(Decision.LEFT)
     assert (step.reward.change, step.reward.danger) == (-10.0, -20.0)
-    assert (env.lane, env.summary.dangerous) == (0, 1)
+    assert (int(env.state["lane"]), env.summary.dangerous) == (0, 1)
 
 
 def test_a_trip_is_truncated_after_its_duration():
@@ -262,7 +257,7 @@ def test_a_trip_is_truncated_after_its_duration():
 def test_a_collision_terminates_the_trip_and_costs_300():
     env = HighwayEnv()
     env.reset(np.random.default_rng(0), TripConfig(spawn_probability=0.0))
-    env.traffic.spawn(0, env.truck.front + 1.0)
+    env.traffic.spawn(0, float(env.state["front"]) + 1.0)
     env.traffic.change_time[0] = 0.0  # it has just changed lanes and does not change again
     step = env.step(Decision.KEEP)
     assert step.terminated

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from controllers.decision.fast_world.config import LANE_WIDTH, HighwayConfig, Obstacle
-from controllers.decision.fast_world.traffic import COLUMNS, HighwayTraffic
+from controllers.decision.fast_world.traffic import HighwayTraffic
 from controllers.decision.learning.replay import Batch, Transition, mirror_half
 from controllers.decision.observation import OBSERVATION_SIZE, mirrored
 from iits_mj.road import RoadMap
@@ -56,16 +56,17 @@ def test_transitions_in_traffic_that_keeps_right_are_not_mirrored():
 
 def fronts_by_lane(flipped, keeps_right):
     """Simulates a minute of dense traffic behind a slow truck; no vehicle enters or leaves."""
-    dense = HighwayTraffic(HighwayConfig(0.1, keeps_right=keeps_right), np.random.default_rng(3))
+    dense = HighwayTraffic.of(HighwayConfig(0.1, keeps_right=keeps_right), np.random.default_rng(3))
     dense.fill(Obstacle(0.0, 16.5, 8.0, 0))
     # Vehicles that enter are drawn for each lane separately and have no mirror image.
     closed = HighwayConfig(0.0, keeps_right=keeps_right, window_behind=1e5, window_ahead=1e5)
-    traffic = HighwayTraffic(closed, np.random.default_rng(3))
-    inside = (dense.front > -250.0) & (dense.front < 400.0)
-    for name in COLUMNS:
-        setattr(traffic, name, getattr(dense, name)[inside])
+    traffic = HighwayTraffic.of(closed, np.random.default_rng(3))
+    traffic.fill(Obstacle(0.0, 16.5, 8.0, 0))  # nothing
+    inside = dense.state["vehicles"][0][: dense.front.size][dense.front < 400.0]
+    traffic.state["count"] = inside.size
+    traffic.state["vehicles"][0][: inside.size] = inside
     if flipped:
-        traffic.lane = 1 - traffic.lane
+        traffic.lane[:] = 1 - traffic.lane
     before = traffic.lane.copy()
     for k in range(300):
         traffic.step([Obstacle(8.0 * 0.2 * k, 16.5, 8.0, int(flipped))])
