@@ -7,7 +7,9 @@ Nothing is copied in the repository.
 
 from __future__ import annotations
 
+import contextlib
 import html
+import io
 import os
 import posixpath
 import re
@@ -20,8 +22,10 @@ from mkdocs.plugins import event_priority
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
+from iits_mj import cli
+
 ROOT = Path(__file__).resolve().parents[1]
-CODE_FOLDERS = ("mjcf", "iits_mj", "controllers", "traffic_bridge", "tests")
+CODE_FOLDERS = ("mjcf", "iits_mj", "controllers", "traffic_bridge", "tests", "notebooks")
 # A fenced block, code in a line, or the target of a link; only the last has a group.
 LINK = re.compile(r"^```.*?^```|`[^`\n]+`|\]\(([^)\s]+)\)|(?:src|href)=\"([^\"]+)\"", re.M | re.S)
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[\[(](.*?)\\[\])]</\1>', re.S)
@@ -33,6 +37,17 @@ def pages_beside_the_code() -> list[str]:
     notebooks = (ROOT / "notebooks").glob("*.ipynb")
     others = (ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md")
     return sorted(page.relative_to(ROOT).as_posix() for page in (*manuals, *notebooks, *others))
+
+
+def commands_page() -> str:
+    """Returns the page with the help text of every command."""
+    parts = ["# Commands", "The help texts. [Driving from the shell](drive.md) is the manual."]
+    for name in cli.COMMANDS:
+        output = io.StringIO()
+        with contextlib.redirect_stdout(output), contextlib.suppress(SystemExit):
+            cli.main([name, "--help"])
+        parts += [f"## {name}", f"```text\n{output.getvalue().rstrip()}\n```"]
+    return "\n\n".join(parts)
 
 
 def source_of(address: str) -> str:
@@ -66,6 +81,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Adds the pages beside the code, and the files that pages link to."""
     for path in pages_beside_the_code():
         files.append(File.generated(config, path, abs_src_path=str(ROOT / path)))
+    files.append(File.generated(config, "commands.md", content=commands_page()))
     for page in [file for file in files if file.src_uri.endswith(".md")]:
         for link in links(page.content_string):
             target = target_of(link, source_of(page.src_uri))

@@ -207,7 +207,8 @@ class Film(Finishing):
     """Draws a drive's pictures and encodes them.
 
     Args:
-      pictures, encoder: for pictures of the same size; closed with the film.
+      pictures: of the same size as those of the encoder; closed with the film.
+      encoder: closed with the film.
     """
 
     def __init__(self, pictures: Pictures, encoder: Mp4Encoder) -> None:
@@ -239,7 +240,8 @@ class VideoObserver(Finishing, Observer):
       path: of the MP4 file; it appears when the observer is closed without an error.
       truck: to draw.
       size: width and height in pixels, rounded down to even numbers.
-      camera, weather: as of `Pictures`.
+      camera: as of `Pictures`.
+      weather: as of `Pictures`.
       fps: pictures per second; the time between pictures is rounded to 2 ms.
       overlay: whether to draw the instruments.
 
