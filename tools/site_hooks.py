@@ -76,11 +76,16 @@ def links(text: str) -> Iterator[str]:
             yield link
 
 
+def file_of(path: str, config: MkDocsConfig) -> File:
+    """Returns a file of the repository as a file of the site."""
+    return File(path, str(ROOT), config.site_dir, config.use_directory_urls)
+
+
 @event_priority(100)  # before the plugins, which read notebooks and navigation
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Adds the pages beside the code, and the files that pages link to."""
     for path in pages_beside_the_code():
-        files.append(File.generated(config, path, abs_src_path=str(ROOT / path)))
+        files.append(file_of(path, config))
     files.append(File.generated(config, "commands.md", content=commands_page()))
     for page in [file for file in files if file.src_uri.endswith(".md")]:
         for link in links(page.content_string):
@@ -88,7 +93,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
             if target is None or target.startswith("docs/"):
                 continue
             if files.get_file_from_path(target) is None and not target.endswith(".md"):
-                files.append(File.generated(config, target, abs_src_path=str(ROOT / target)))
+                files.append(file_of(target, config))
     return files
 
 
