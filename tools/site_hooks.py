@@ -118,7 +118,9 @@ def on_page_content(content: str, page: Page, config: MkDocsConfig, files: Files
     """Turns formulas into MathML, which browsers draw without a script."""
 
     def drawn(match: re.Match[str]) -> str:
-        display = "inline" if match[1] == "span" else "block"
-        return convert(html.unescape(match[2]), display=display)
+        if match[1] == "span":
+            return convert(html.unescape(match[2]), display="inline")
+        formula = convert(html.unescape(match[2]), display="block")
+        return f'<div class="formula">{formula}</div>'
 
     return FORMULA.sub(drawn, content)
