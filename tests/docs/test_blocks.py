@@ -68,7 +68,9 @@ def commands(block: Block) -> Iterator[list[str]]:
 
 
 def with_language(*languages: str) -> list[str]:
-    return [name for name, page in PAGES.items() if any(b.language in languages for b in blocks(page))]
+    return [
+        name for name, page in PAGES.items() if any(b.language in languages for b in blocks(page))
+    ]
 
 
 def runnable(mark: str) -> list[str]:

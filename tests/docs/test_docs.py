@@ -38,32 +38,6 @@ def test_each_python_example_of_the_page_runs_on_its_own(name: str, count: int) 
         exec(compile(example.replace("duration=60.0", "duration=1.0"), name, "exec"), {})
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "docs/powertrain.md",
-        "docs/brakes.md",
-        "docs/j1939_drive.md",
-        "docs/j1939_logs.md",
-        "docs/j1939_serve.md",
-        "iits_mj/j1939/README.md",
-    ],
-)
-def test_python_examples_of_the_page_run_one_after_the_other(
-    name: str,
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    examples = blocks(ROOT / name, "python")
-    assert examples
-    names: dict[str, object] = {}
-    for example in examples:
-        exec(compile(example, name, "exec"), names)
-    assert capsys.readouterr().out
-
-
 def test_the_command_line_accepts_every_printed_command() -> None:
     lines = [
         line
