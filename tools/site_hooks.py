@@ -41,6 +41,7 @@ def pages_beside_the_code() -> list[str]:
 
 def commands_page() -> str:
     """Returns the page with the help text of every command."""
+    os.environ["COLUMNS"] = "84"  # argparse's width of a line
     parts = ["# Commands", "The help texts. [Driving from the shell](drive.md) is the manual."]
     for name in cli.COMMANDS:
         output = io.StringIO()
