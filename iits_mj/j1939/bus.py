@@ -275,11 +275,8 @@ class Link(Closing):
     controller that recovers from bus-off by itself is used again at once.
 
     Args:
-      interface: see `Bus`.
-      channel: see `Bus`.
-      reach: see `Bus`.
-      first_wait: before the bus is opened again [s].
-      longest_wait: the same after repeated failures [s].
+      interface, channel, reach: see `Bus`.
+      first_wait, longest_wait: before the bus is opened again [s].
       patience: longest time with every frame refused [s].
       clock: monotonic time [s].
 

@@ -207,8 +207,7 @@ class Film(Finishing):
     """Draws a drive's pictures and encodes them.
 
     Args:
-      pictures: of the same size as those of the encoder; closed with the film.
-      encoder: closed with the film.
+      pictures, encoder: for pictures of the same size; closed with the film.
     """
 
     def __init__(self, pictures: Pictures, encoder: Mp4Encoder) -> None:
@@ -240,8 +239,7 @@ class VideoObserver(Finishing, Observer):
       path: of the MP4 file; it appears when the observer is closed without an error.
       truck: to draw.
       size: width and height in pixels, rounded down to even numbers.
-      camera: as of `Pictures`.
-      weather: as of `Pictures`.
+      camera, weather: as of `Pictures`.
       fps: pictures per second; the time between pictures is rounded to 2 ms.
       overlay: whether to draw the instruments.
 

@@ -142,9 +142,7 @@ class Truck:
 
     Args:
       model: a compiled scene with the truck in it; use `load` to make one.
-      parameters: of the scene's truck.
-      payload: of the scene's truck [kg].
-      route: of the scene.
+      parameters, payload, route: of the scene.
       prefix: of the truck's names in a model of several (`iits_mj.truck.fleet`).
       plant: of `PLANTS`; see `load`.
       data: of the scene; default: new data, with the truck at the beginning of its road.
