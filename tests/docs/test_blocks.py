@@ -94,7 +94,7 @@ def run_page(name: str, folder: Path) -> None:
             for words in commands(block):
                 assert words[0] == "iits-mj", f"only commands of the package run: {words}"
                 assert cli.main(words[1:]) == 0, " ".join(words)
-        elif block.language in ("toml", "csv") and (file := named_above(PAGES[name], block)):
+        elif block.language in ("toml", "csv") and (file := file_named(PAGES[name], block)):
             (folder / file).write_text(block.text, encoding="utf-8")
 
 
@@ -105,8 +105,10 @@ def in_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
 
 
-def named_above(page: Path, block: Block) -> str | None:
-    """Returns the file that the line above a block names, as in "A file of events. `a.toml`:"."""
+def file_named(page: Path, block: Block) -> str | None:
+    """Returns the file that a block shows: `a.toml` in the line above it, or # a.toml on top."""
+    if first := re.match(r"# ([\w-]+\.\w+)\n", block.text):
+        return first[1]
     before = page.read_text(encoding="utf-8").partition(block.text)[0]
     lines = before.rstrip().splitlines()[:-1]
     named = re.search(r"`([\w.-]+)`:$", "\n".join(lines).rstrip())
@@ -144,9 +146,13 @@ def test_blocks_that_do_not_run_are_well_formed(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", with_language("sh", "console"))
-def test_the_commands_of_the_page_exist(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(ROOT)
+def test_the_commands_of_the_page_exist(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    in_folder(tmp_path, monkeypatch)
     for block in blocks(PAGES[name]):
+        if block.language == "toml" and (file := file_named(PAGES[name], block)):
+            (tmp_path / file).write_text(block.text, encoding="utf-8")
         if block.language not in ("sh", "console") or name == "docs/tutorials/own_truck.md":
             continue
         for words in commands(block):

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from iits_mj import cli
 from tests.paths import ROOT
 
 PAGES = [
@@ -16,6 +15,7 @@ PAGES = [
     *sorted((ROOT / "docs").glob("*.md")),
     *sorted((ROOT / "docs" / "environments").glob("*.md")),
     *sorted((ROOT / "docs" / "tutorials").glob("*.md")),
+    *sorted((ROOT / "docs" / "how_to").glob("*.md")),
 ]
 
 
@@ -36,20 +36,6 @@ def test_each_python_example_of_the_page_runs_on_its_own(name: str, count: int) 
     assert len(examples) == count
     for example in examples:
         exec(compile(example.replace("duration=60.0", "duration=1.0"), name, "exec"), {})
-
-
-def test_the_command_line_accepts_every_printed_command() -> None:
-    lines = [
-        line
-        for page in PAGES
-        for block in blocks(page, "sh")
-        for line in block.splitlines()
-        if line.startswith("iits-mj ")
-    ]
-    assert len(lines) > 8
-    for line in lines:
-        words = line.split("#")[0].split()[1:]
-        assert cli.understood(words), line
 
 
 def test_the_tests_named_in_the_manual_exist() -> None:
