@@ -18,7 +18,7 @@ DM_CONTROL = @$(BIN)/python -c 'import dm_control' 2>/dev/null || \
   $(PIP) -c constraints.txt --no-deps dm-control
 
 .PHONY: help drive validation test test-slow lint check check-mujoco4 coverage fuzz mutants \
-	references determinism sanitize soak format generate pictures build wheel clean
+	references determinism sanitize soak format generate pictures docs docs-serve build wheel clean
 
 help:
 	@echo "make drive      set up and drive: video, telemetry, plots and report in $(OUT)/"
@@ -36,6 +36,8 @@ help:
 	@echo "make format     format Python and C++"
 	@echo "make generate   write the files that are made from code: manuals, model, messages, map"
 	@echo "make pictures   draw the environments' pictures; needs OpenGL"
+	@echo "make docs       the site of the manual: $(OUT)/site; warnings are errors"
+	@echo "make docs-serve the site at 127.0.0.1:8000, built again when a page changes"
 	@echo "make build      rebuild the engine plugin after a change of its C++"
 	@echo "make wheel      the manylinux wheel in dist/"
 	@echo "make check-mujoco4  compile the plugin's sources against MuJoCo 4.0.0, too"
@@ -172,6 +174,24 @@ generate: $(VENV)/installed-test
 
 pictures: $(VENV)/installed-test
 	$(BIN)/python tools/environment_pictures.py
+
+# --- the site -------------------------------------------------------------------------------
+
+$(VENV)/installed-docs: $(BUILD) constraints.txt | $(VENV)/installed
+	$(PIP) -c constraints.txt -e '.[docs]'
+	$(DM_CONTROL)
+	@touch $(VENV)/installed $@
+
+# NOTEBOOKS=false leaves the notebooks' outputs out. Material's note about MkDocs 2 is known: see
+# the upper bounds in pyproject.toml.
+docs: export NO_MKDOCS_2_WARNING = 1
+docs: $(VENV)/installed-docs
+	$(BIN)/mkdocs build --strict --site-dir "$(abspath $(OUT))/site"
+
+docs-serve: export NO_MKDOCS_2_WARNING = 1
+docs-serve: export NOTEBOOKS ?= false
+docs-serve: $(VENV)/installed-docs
+	$(BIN)/mkdocs serve
 
 # --- releasing ------------------------------------------------------------------------------
 

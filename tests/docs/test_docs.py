@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from iits_mj import cli
 from tests.paths import ROOT
 
 PAGES = [
@@ -31,59 +30,12 @@ def test_links_lead_to_existing_files(page: Path) -> None:
     assert missing == []
 
 
-@pytest.mark.parametrize(("name", "count"), [("README.md", 3), ("docs/learning.md", 7)])
+@pytest.mark.parametrize(("name", "count"), [("README.md", 3), ("docs/learning.md", 6)])
 def test_each_python_example_of_the_page_runs_on_its_own(name: str, count: int) -> None:
     examples = blocks(ROOT / name, "python")
     assert len(examples) == count
     for example in examples:
         exec(compile(example.replace("duration=60.0", "duration=1.0"), name, "exec"), {})
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "docs/powertrain.md",
-        "docs/brakes.md",
-        "docs/j1939_drive.md",
-        "docs/j1939_logs.md",
-        "docs/j1939_serve.md",
-        "iits_mj/j1939/README.md",
-    ],
-)
-def test_python_examples_of_the_page_run_one_after_the_other(
-    name: str,
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    examples = blocks(ROOT / name, "python")
-    assert examples
-    names: dict[str, object] = {}
-    for example in examples:
-        exec(compile(example, name, "exec"), names)
-    assert capsys.readouterr().out
-
-
-def test_the_command_line_accepts_every_printed_command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "examples").symlink_to(ROOT / "examples")
-    # A configuration begins with its name.
-    for block in blocks(ROOT / "docs" / "cli.md", "toml"):
-        (tmp_path / block.split()[1]).write_text(block)
-    lines = [
-        line
-        for page in PAGES
-        for block in blocks(page, "sh")
-        for line in block.splitlines()
-        if line.startswith("iits-mj ")
-    ]
-    assert len(lines) > 8
-    for line in lines:
-        words = line.split("#")[0].split()[1:]
-        assert cli.understood(words), line
 
 
 def test_the_tests_named_in_the_manual_exist() -> None:
