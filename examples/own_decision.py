@@ -16,6 +16,6 @@ class Impatient:
         slow = leader is not None and leader.speed < 0.95 * context.reference_speed
         for side, lane in context.sides():
             wanted = slow if side is Decision.LEFT else not slow
-            if wanted and traffic.is_lane_free(route, lane, self.room):
+            if wanted and traffic.least_gap(route, lane) > self.room:
                 return side
         return Decision.KEEP

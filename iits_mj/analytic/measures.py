@@ -47,6 +47,11 @@ class UnitHistories:
         return self.lateral_accelerations[:, 0]
 
     @property
+    def roll(self) -> FloatArray:
+        """Of the lead unit [rad]."""
+        return self.rolls[:, 0]
+
+    @property
     def articulation(self) -> FloatArray:
         """Of the first coupling [rad]."""
         return self.articulations[:, 0]

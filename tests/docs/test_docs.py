@@ -30,7 +30,7 @@ def test_links_lead_to_existing_files(page: Path) -> None:
     assert missing == []
 
 
-@pytest.mark.parametrize(("name", "count"), [("README.md", 3), ("docs/learning.md", 6)])
+@pytest.mark.parametrize(("name", "count"), [("README.md", 3), ("docs/learning.md", 7)])
 def test_each_python_example_of_the_page_runs_on_its_own(name: str, count: int) -> None:
     examples = blocks(ROOT / name, "python")
     assert len(examples) == count
