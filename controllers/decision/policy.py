@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,32 @@ _SIZE_MAX = 64 * 2**20
 SHIPPED = Path(__file__).resolve().parent / "weights" / "ddqn.npz"
 
 FloatArray = NDArray[np.float32]
+
+
+def write_layers(
+    path: str | Path,
+    what: str,
+    header: Mapping[str, Any],
+    weights: Sequence[FloatArray],
+    biases: Sequence[FloatArray],
+) -> None:
+    """Writes a network as an npz file without Python objects: `metadata`, `w0`, `b0`, `w1` ...
+
+    Args:
+      path: of the file.
+      what: its kind, for messages.
+      header: what JSON can hold.
+      weights: of the layers, each of shape (outputs, inputs).
+      biases: of the layers, each of shape (outputs,).
+
+    Raises:
+      InputError: the file cannot be written.
+    """
+    arrays: dict[str, Any] = {"metadata": np.array(json.dumps(header, sort_keys=True))}
+    for i, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
+        arrays[f"w{i}"], arrays[f"b{i}"] = weight, bias
+    with OutputFile(path, what) as partial, partial.open("wb") as stream:
+        np.savez_compressed(stream, **arrays)
 
 
 @dataclass(frozen=True)
@@ -111,11 +138,7 @@ class QNetwork:
             "layers": list(LAYERS),
             "margin": self.margin,
         }
-        arrays: dict[str, Any] = {"metadata": np.array(json.dumps(header, sort_keys=True))}
-        for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            arrays[f"w{i}"], arrays[f"b{i}"] = weight, bias
-        with OutputFile(path, "weights file") as partial, partial.open("wb") as stream:
-            np.savez_compressed(stream, **arrays)
+        write_layers(path, "weights file", header, self.weights, self.biases)
 
     @classmethod
     def load(cls, path: str | Path) -> QNetwork:

@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.decision.policy import write_layers
 from iits_mj.core.errors import InputError
 from iits_mj.core.input_files import read_npz
-from iits_mj.core.output_files import OutputFile
 
 FOLDER = Path(__file__).resolve().parent / "weights"
 _SIZE_MAX = 2**24
@@ -93,11 +93,7 @@ class Policy:
             "activation": self.activation,
             "head": self.head,
         }
-        arrays: dict[str, Any] = {"metadata": np.array(json.dumps(header, sort_keys=True))}
-        for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            arrays[f"w{i}"], arrays[f"b{i}"] = weight, bias
-        with OutputFile(path, "policy") as partial, partial.open("wb") as stream:
-            np.savez_compressed(stream, **arrays)
+        write_layers(path, "policy", header, self.weights, self.biases)
 
     @classmethod
     def load(cls, path: str | Path) -> Policy:

@@ -57,10 +57,10 @@ class Page(Protocol):
     """What a page in a browser does; the methods are called in the server's thread."""
 
     def message(self, page: int, content: dict[str, Any]) -> None:
-        """Receives a message of the page of a number."""
+        """Receives a message from a page; pages are numbered from 1."""
 
     def left(self, page: int) -> None:
-        """Is told that a page was closed."""
+        """Forgets a page that was closed."""
 
 
 class WebServer(Closing):
