@@ -7,6 +7,8 @@
 
 `train` may be killed at any time and started again. Start it twice to use two cores: each process
 takes trainings that no other one holds. rl_suite.toml has the tasks, budgets and hyperparameters.
+`results` adds the finished trainings to docs/benchmark/*.csv; `train` leaves those out, also when
+their folder is gone. Remove a training's rows to train it again.
 
 A training is cut into parts. Every part, also the first and also without an interruption, begins
 from the stored model, with random numbers and episodes that follow from the seed and the part. So a
@@ -36,7 +38,7 @@ from benchmarks import rl_results
 from controllers import decision
 from controllers.decision.trip import ACTIONS, TEST_SEEDS, TRAINING_SEEDS, VALIDATION_SEEDS
 from iits_mj import suite
-from iits_mj.envs.baselines import FOLDER, Policy
+from iits_mj.envs.baselines import FOLDER, Policy, shipped_file
 
 SETTINGS = Path(__file__).with_suffix(".toml")
 SEEDS = range(5)
@@ -263,10 +265,24 @@ def score_fixed(environment: str, out: Path) -> None:
         with held(folder) as free:
             if not free or (folder / "scores.csv").exists():
                 continue
+            task = Training(environment, name, 0, 0, 0)
+            if recorded(task):
+                continue
             returns, lengths = score(environment, act, TEST_SEEDS, TEST_EPISODES)
-            rows = score_rows(Training(environment, name, 0, 0, 0), returns, lengths)
-            _write(folder / "scores.csv", SCORES, rows)
+            _write(folder / "scores.csv", SCORES, score_rows(task, returns, lengths))
             print(f"{folder.name} test {np.mean(returns):.4f}", flush=True)
+
+
+def recorded(task: Training) -> bool:
+    """Returns whether the tables have a task with all of its steps, and the policy of seed 0."""
+    key = (task.environment, task.algorithm, str(task.seed))
+    if key not in _by_training(rl_results.read("scores")):
+        return False
+    if task.steps == 0:
+        return True
+    curve = _by_training(rl_results.read("curves")).get(key, [])
+    complete = bool(curve) and int(curve[-1]["steps"]) >= task.steps
+    return complete and (task.seed > 0 or shipped_file(task.environment, task.algorithm).exists())
 
 
 # --- files and processes ---------------------------------------------------------------------
@@ -299,44 +315,51 @@ def _write(path: Path, columns: Sequence[str], rows: list[dict[str, str]]) -> No
     os.replace(partial, path)
 
 
+def _by_training(rows: list[dict[str, str]]) -> dict[tuple[str, ...], list[dict[str, str]]]:
+    """Returns the rows of each environment, method and seed."""
+    found: dict[tuple[str, ...], list[dict[str, str]]] = {}
+    for row in rows:
+        found.setdefault((row["environment"], row["method"], row["seed"]), []).append(row)
+    return found
+
+
 def results(out: Path) -> None:
-    """Writes the tables of `docs/benchmark`, the shipped policies, and the page's tables."""
-    scores, curves = [], []
+    """Adds to the tables of `docs/benchmark`; writes the shipped policies and the page's tables."""
+    scores = _by_training(rl_results.read("scores"))
+    curves = _by_training(rl_results.read("curves"))
     for folder in sorted(path for path in out.iterdir() if path.is_dir()):
         parts = finished_parts(folder)
         curve = _rows(folder / f"part-{parts}" / "curve.csv") if parts else []
-        curves += curve
-        if (folder / "scores.csv").exists():
-            rows = _rows(folder / "scores.csv")
-            returns = [float(row["return"]) for row in rows]
-            seconds = float(curve[-1]["cpu_seconds"]) if curve else 0.0
-            scores.append(
-                {
-                    **{key: rows[0][key] for key in ("environment", "method", "seed")},
-                    "return": f"{np.mean(returns):.4f}",
-                    "deviation": f"{np.std(returns):.4f}",
-                    "steps": f"{np.mean([int(row['steps']) for row in rows]):.1f}",
-                    "cpu_seconds": f"{seconds:.0f}",
-                }
-            )
-    rl_results.TABLES.mkdir(parents=True, exist_ok=True)
-    _write(rl_results.TABLES / "scores.csv", rl_results.SCORES, scores)
-    _write(rl_results.TABLES / "curves.csv", CURVES, curves)
-    _ship(out, scores)
-    rl_results.write_page()
-
-
-def _ship(out: Path, scores: list[dict[str, str]]) -> None:
-    """Copies the policy of the median seed of each finished task."""
-    FOLDER.mkdir(exist_ok=True)
-    for environment, method in sorted({(row["environment"], row["method"]) for row in scores}):
-        rows = [r for r in scores if (r["environment"], r["method"]) == (environment, method)]
-        if len(rows) < len(SEEDS):
+        if not (folder / "scores.csv").exists():
             continue
-        row = sorted(rows, key=lambda row: float(row["return"]))[len(rows) // 2]
-        folder = out / f"{short(environment)}-{method}-{row['seed']}"
-        policy = Policy.load(folder / f"part-{finished_parts(folder)}" / "policy.npz")
-        policy.save(FOLDER / f"{environment.partition('/')[2]}-{method}.npz", **row)
+        rows = _rows(folder / "scores.csv")
+        key = next(iter(_by_training(rows)))
+        returns = [float(row["return"]) for row in rows]
+        seconds = float(curve[-1]["cpu_seconds"]) if curve else 0.0
+        scores[key] = [
+            {
+                **dict(zip(SCORES, key, strict=False)),
+                "return": f"{np.mean(returns):.4f}",
+                "deviation": f"{np.std(returns):.4f}",
+                "steps": f"{np.mean([int(row['steps']) for row in rows]):.1f}",
+                "cpu_seconds": f"{seconds:.0f}",
+            }
+        ]
+        if not curve:
+            continue
+        curves[key] = curve
+        if key[2] == "0":
+            FOLDER.mkdir(exist_ok=True)
+            policy = Policy.load(folder / f"part-{parts}" / "policy.npz")
+            policy.save(shipped_file(key[0], key[1]), **scores[key][0])
+    rl_results.TABLES.mkdir(parents=True, exist_ok=True)
+    for name, columns, tables in (
+        ("scores", rl_results.SCORES, scores),
+        ("curves", CURVES, curves),
+    ):
+        rows = [row for key in sorted(tables) for row in tables[key]]
+        _write(rl_results.TABLES / f"{name}.csv", columns, rows)
+    rl_results.write_page()
 
 
 def main() -> None:
@@ -360,11 +383,12 @@ def main() -> None:
         folder = asked.out / task.name
         if asked.command == "status":
             tested = ", tested" if (folder / "scores.csv").exists() else ""
+            tested = ", in the tables" if recorded(task) else tested
             print(f"{task.name}: {finished_parts(folder)} of {task.parts} parts{tested}")
             continue
         score_fixed(task.environment, asked.out)
         with held(folder) as free:
-            if free:
+            if free and not recorded(task):
                 train(task, folder)
 
 

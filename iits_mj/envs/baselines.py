@@ -115,7 +115,7 @@ class Policy:
 
 
 def load_baseline(environment: str, algorithm: str) -> Policy:
-    """Returns the shipped policy of an environment: of the five seeds the median one.
+    """Returns the shipped policy of an environment: the one of the training with seed 0.
 
     Args:
       environment: id, with or without "iits_mj:" before it.
@@ -124,9 +124,14 @@ def load_baseline(environment: str, algorithm: str) -> Policy:
     Raises:
       InputError: there is no such policy; the message names those that exist.
     """
-    name = environment.rpartition(":")[2].rpartition("/")[2]
-    path = FOLDER / f"{name}-{algorithm}.npz"
+    path = shipped_file(environment, algorithm)
     if not path.exists():
         known = ", ".join(sorted(p.stem for p in FOLDER.glob("*.npz"))) or "none"
-        raise InputError(f"there is no policy {name}-{algorithm}; shipped are: {known}")
+        raise InputError(f"there is no policy {path.stem}; shipped are: {known}")
     return Policy.load(path)
+
+
+def shipped_file(environment: str, algorithm: str) -> Path:
+    """Returns the place of a shipped policy, whether it exists or not."""
+    name = environment.rpartition(":")[2].rpartition("/")[2]
+    return FOLDER / f"{name}-{algorithm}.npz"

@@ -11,6 +11,8 @@ from controllers.decision.trip import TEST_SEEDS
 from iits_mj.envs import ENVIRONMENTS
 from iits_mj.envs.baselines import Policy
 
+PAGE = "".join(f"<!-- {name} -->\n<!-- end -->\n" for name in ("scores", "summary", "costs"))
+
 
 class Killed(Exception):
     """Stands for a kill."""
@@ -98,6 +100,38 @@ def test_scores_repeat_with_their_seeds():
 def test_the_page_shows_the_tables_of_its_files():
     text = rl_results.PAGE.read_text(encoding="utf-8")
     assert rl_results.page(text) == text, "python benchmarks/rl_results.py makes the page"
+
+
+def test_finished_trainings_join_the_tables_and_are_not_trained_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(rl_results, "TABLES", tmp_path / "tables")
+    monkeypatch.setattr(rl_results, "PAGE", tmp_path / "page.md")
+    monkeypatch.setattr(rl_suite, "FOLDER", tmp_path / "weights")
+    monkeypatch.setattr("iits_mj.envs.baselines.FOLDER", tmp_path / "weights")
+    monkeypatch.setattr(rl_suite, "VALIDATION_EPISODES", 1)
+    monkeypatch.setattr(rl_suite, "TEST_EPISODES", 1)
+    rl_results.PAGE.write_text(PAGE, encoding="utf-8")
+    settings = {"n_steps": 16, "batch_size": 16}
+    tasks = [
+        rl_suite.Training("iits_mj/HillStart-v0", "ppo", seed, 32, 1, 1, None, settings)
+        for seed in (0, 1)
+    ]
+    for task in tasks:
+        # Another machine: only the tables and the weights are left of the first training.
+        out = tmp_path / f"out-{task.seed}"
+        assert not rl_suite.recorded(task)
+        rl_suite.train(task, out / task.name)
+        rl_suite.results(out)
+    assert all(rl_suite.recorded(task) for task in tasks)
+    assert [row["seed"] for row in rl_results.read("scores")] == ["0", "1"]
+    shipped = rl_suite.shipped_file("iits_mj/HillStart-v0", "ppo")
+    metadata = Policy.load(shipped).metadata
+    assert (metadata["seed"], metadata["return"]) == ("0", rl_results.read("scores")[0]["return"])
+    assert "pending (2 of 5)" in rl_results.PAGE.read_text(encoding="utf-8")
+    # With more steps, or without the policy of seed 0, a training is to be done.
+    longer = [rl_suite.Training(task.environment, "ppo", task.seed, 64, 1) for task in tasks]
+    assert not any(rl_suite.recorded(task) for task in longer)
+    shipped.unlink()
+    assert [rl_suite.recorded(task) for task in tasks] == [False, True]
 
 
 def test_an_incomplete_cell_is_pending_with_its_seeds():
