@@ -96,12 +96,11 @@ def test_a_drive_is_shown_paused_steered_and_ended(view, browser):
     assert not re.search(r"\b(None|NaN|undefined|inf)\b", words)
 
     page.wait("document.querySelectorAll('canvas').length", 60.0)
-    # A page that is paused while the scene still arrives shows it in haze until something moves.
-    picture = wait_for_truck(page)
     page.press("Space")
     page.wait(f"{BUTTONS}.some(b => b.textContent == 'Resume')")
     held = time_shown()
-    time.sleep(1.0)
+    # The scene still arrives, and the drive waits meanwhile.
+    picture = wait_for_truck(page)
     assert time_shown() == held
     colors = np.unique(picture.reshape(-1, 3) // 32, axis=0)
     assert len(colors) > 20
@@ -136,7 +135,7 @@ def press(page, name):
 def wait_for_truck(page):
     """Returns a picture with the truck's red and blue stripes, without the instruments."""
     page.value("document.querySelector('#iits').style.visibility = 'hidden'")
-    end = time.monotonic() + 120.0
+    end = time.monotonic() + 240.0
     while time.monotonic() < end:
         picture = page.picture()
         red, green, blue = picture[200:, 100:700].astype(int).transpose(2, 0, 1)
