@@ -51,7 +51,8 @@ class EvaluateConfig:
     )
     methods: str = option(
         DEFAULT_METHODS,
-        help=f"decision makers, separated by commas; or your own as {FORMS}",
+        help="decision makers, separated by commas, with options as "
+        f"lookahead:horizon=30:change_cost=25; or your own as {FORMS}",
         names=lambda: DECISION.shipped,
         metavar="NAMES",
         group="decision",
@@ -142,8 +143,19 @@ class EvaluateConfig:
         return float(self.payload)
 
     def names(self) -> tuple[str, ...]:
-        """The methods, each once."""
-        return tuple(dict.fromkeys(name.strip() for name in self.methods.split(",")))
+        """The methods, each once; the same text for each way to write a rule's options.
+
+        Raises:
+          InputError: a method is unknown, or an option is not allowed.
+        """
+        names: list[str] = []
+        for word in (word.strip() for word in self.methods.split(",")):
+            key, equals, _ = word.partition("=")
+            if names and equals and key.isidentifier():
+                names[-1] += f":{word}"  # a further option of the method before
+            else:
+                names.append(word)
+        return tuple(dict.fromkeys(map(DECISION.normal_name, names)))
 
     def chosen_cells(self) -> tuple[tuple[str, float], ...]:
         """Density and traffic speed of the cells, in the paper's order.

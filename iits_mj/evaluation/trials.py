@@ -20,6 +20,7 @@ from pathlib import Path
 
 from controllers.decision.policy import SHIPPED
 from controllers.decision.trip import SPAWN_PROBABILITY, RewardConfig
+from controllers.own_parts import DECISION
 from iits_mj.core import tables
 from iits_mj.core.errors import InputError
 from iits_mj.core.own_parts import source_digest
@@ -129,7 +130,7 @@ def weights_digest(method: str, weights: Path | None) -> str:
       InputError: the file cannot be read.
     """
     if method != "ddqn":
-        return source_digest(method)
+        return source_digest(method) if DECISION.is_own(method) else ""
     path = weights or SHIPPED
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()[:12]

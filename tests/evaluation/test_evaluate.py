@@ -84,6 +84,15 @@ def test_free_road_is_driven_once_for_each_speed():
     assert [(t.traffic_speed, t.method) for t in free] == [(12.5, "keep"), (15.0, "keep")]
 
 
+def test_a_rule_with_options_is_a_method_of_its_own():
+    texts = "lookahead,lookahead:change_cost=25:horizon=30,mobil:threshold=0.40,politeness=0.2"
+    config = EvaluateConfig(methods=f"{texts},lookahead:horizon=30.0,change_cost=25", trials=1)
+    names = ("lookahead", "lookahead:horizon=30:change_cost=25", "mobil:threshold=0.4")
+    assert config.names() == names
+    tasks = [t for t in tasks_of(config) if t.density != "empty"]
+    assert {(t.method, t.weights) for t in tasks} == {(name, "") for name in names}
+
+
 def test_trials_in_the_file_are_not_driven_again(tmp_path):
     config = replace(CONFIG, file=tmp_path / "trials.csv")
     first, second = Fake(), Fake()
@@ -198,6 +207,9 @@ def test_no_drive_uses_only_the_trials_of_the_file(tmp_path):
     ("settings", "message"),
     [
         ({"methods": "best"}, "decision maker 'best' is not known"),
+        ({"methods": "keep:gap=2"}, "'keep' is a shipped one, without options"),
+        ({"methods": "mobil:threshold=nan"}, "threshold is nan: a finite number"),
+        ({"methods": "horizon=30"}, "decision maker 'horizon=30' is not known"),
         ({"cells": "dense-13"}, "cell .dense-13. is not known .* use one of: dense-12.5"),
         ({"seed": 10}, "seed 10 is not allowed; use 0 to 9"),
         ({"weights": SHIPPED.with_name("none.npz")}, "cannot be read"),
