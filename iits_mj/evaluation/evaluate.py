@@ -35,6 +35,7 @@ from iits_mj.parameters import (
     payload_option,
     truck_option,
 )
+from iits_mj.simulation.config import LANE_DISCIPLINES
 
 SEEDS = {"test": TEST_SEEDS, "validation": VALIDATION_SEEDS}
 DEFAULT_METHODS = "conservative,neutral,aggressive,mobil,lookahead,ddqn"
@@ -61,6 +62,12 @@ class EvaluateConfig:
         DEFAULT_CELLS,
         help="traffic cells: density and speed limit in m/s, separated by commas",
         metavar="CELLS",
+        group="traffic",
+    )
+    lane_discipline: str = option(
+        "free",
+        help="lane use of the traffic, as of a drive; free: fills both lanes; right: keeps right",
+        choices=LANE_DISCIPLINES,
         group="traffic",
     )
     weights: Path | None = option(
@@ -188,7 +195,8 @@ def tasks_of(config: EvaluateConfig) -> list[Task]:
 
     def task(density: str, speed: float, method: str, weights: str, seed: int) -> Task:
         limits = (truck, payload, config.timestep, config.length, config.duration)
-        return Task(config.trial_world, density, speed, method, weights, *limits, seed)
+        where = (config.trial_world, density, speed, method, weights)
+        return Task(*where, *limits, seed, lane_discipline=config.lane_discipline)
 
     free = [task(EMPTY, speed, "keep", "", 0) for speed in sorted({speed for _, speed in cells})]
     return free + [

@@ -3,6 +3,7 @@
 import csv
 import functools
 import itertools
+import math
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -126,6 +127,43 @@ def test_incomplete_last_row_is_removed_with_a_message_and_driven_again(tmp_path
     assert len(again.driven) == 1
     assert "ended with an incomplete row" in messages[0]
     assert config.file.read_bytes() == whole
+
+
+def test_trials_of_earlier_versions_are_read_and_get_the_new_columns(tmp_path):
+    config = replace(CONFIG, file=tmp_path / "trials.csv")
+    made = run(config, drive_all=Fake())
+    whole = config.file.read_bytes()
+    with config.file.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    columns = list(rows[0])
+    old = columns[: columns.index("code") + 1]
+    old.remove("lane_discipline")
+    with config.file.open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, old, extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(rows)
+    # The last row was cut off by a kill.
+    config.file.write_bytes(config.file.read_bytes()[:-7])
+    again = Fake()
+    found = run(config, say=lambda text: None, drive_all=again)
+    assert len(again.driven) == 1
+    assert [t.task for t in found] == [t.task for t in made]
+    unknown = [math.isnan(t.imposed_brakings) for t in found]
+    assert unknown.count(False) == 1
+    # The new file has the columns of this version.
+    assert config.file.read_bytes().split(b"\n")[0] == whole.split(b"\n")[0]
+
+
+def test_traffic_that_keeps_right_has_trials_of_its_own():
+    right = replace(CONFIG, lane_discipline="right")
+    assert not set(tasks_of(CONFIG)) & set(tasks_of(right))
+    config = replace(right, world="fast", cells="medium-15", methods="keep", length=3_000.0)
+    free, kept = (
+        drives.drive(next(t for t in tasks_of(c) if t.density == "medium"))
+        for c in (replace(config, lane_discipline="free"), config)
+    )
+    assert free.distance != kept.distance
+    assert free.right_share == kept.right_share == 1.0
 
 
 def test_incomplete_header_counts_as_an_empty_file(tmp_path):
