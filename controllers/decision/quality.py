@@ -18,8 +18,10 @@ from iits_mj.core.messages import PlanMode, Scene, Trajectory
 if TYPE_CHECKING:
     from iits_mj.road import Route
 
-# A new follower that brakes harder [m/s2] within this time [s] of a change was made to.
-IMPOSED, IMPOSED_TIME = 2.0, 8.0
+# A new follower that brakes harder [m/s2] within this time [s] of a change was made to. Braking
+# counts when it lasts [s]: a vehicle of SUMO may lose 1 m/s in one step, with gentle braking before
+# and after it, when the truck enters its lane. The time step of the fast world is as long.
+IMPOSED, IMPOSED_TIME, LASTS = 2.0, 8.0, 0.2
 # Below this speed a time gap has no meaning [m/s].
 SLOWEST = 1.0
 
@@ -34,7 +36,8 @@ class Quality:
       imposed_brakings: changes whose new follower brakes harder than `IMPOSED` within
         `IMPOSED_TIME` of the change's start.
       imposed_deceleration: the new follower's hardest braking within that time [m/s2], positive,
-        summed over the changes; a change without a follower adds zero.
+        summed over the changes; a change without a follower adds zero. It counts as far as it lasts
+        for `LASTS`.
       collision_time_front, collision_time_rear: least time to a collision with the new leader and
         of the new follower with the truck, at constant speeds, at the start of a change [s]; inf
         if they never close in.
@@ -64,6 +67,7 @@ class QualityLog:
         self._lane: int | None = None
         self._watched = ""
         self._until = self._braking = 0.0
+        self._recent: list[float] = []
 
     def add_plan(self, scene: Scene, route: Route, plan: Trajectory, seconds: float) -> None:
         """Adds some seconds of a drive, from the scene and the plan at their begin."""
@@ -88,6 +92,7 @@ class QualityLog:
             figures.change_time_gap_rear = min(figures.change_time_gap_rear, time_gap)
         self._watched = "" if follower is None else follower.id
         self._until, self._braking = scene.time + IMPOSED_TIME, 0.0
+        self._recent.clear()
 
     def add(self, scene: Scene, lane: int, seconds: float) -> None:
         """Adds some seconds.
@@ -101,11 +106,16 @@ class QualityLog:
         figures.right_time += seconds * (lane == 0)
         beside = (neighbors.gap < 0.0) & (neighbors.lane >= 0) & (abs(neighbors.lane - lane) == 1)
         figures.beside_time += seconds * bool(np.any(beside))
-        if not self._watched:
-            return
+        if self._watched:
+            self._note_braking(scene, seconds)
+
+    def _note_braking(self, scene: Scene, seconds: float) -> None:
+        figures, neighbors = self.quality, scene.neighbors
         if self._watched in neighbors.ids:
             place = neighbors.ids.index(self._watched)
-            braking = -float(neighbors.acceleration[place])
+            self._recent.append(-float(neighbors.acceleration[place]))
+            count = max(1, round(LASTS / seconds))
+            braking = min(self._recent[-count:]) if len(self._recent) >= count else 0.0
             if braking > self._braking:
                 figures.imposed_brakings += self._braking <= IMPOSED < braking
                 figures.imposed_deceleration += braking - self._braking

@@ -6,17 +6,17 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from controllers.decision.quality import IMPOSED, IMPOSED_TIME
+from controllers.decision.quality import IMPOSED, IMPOSED_TIME, LASTS
 from iits_mj.core.units import DIESEL_DENSITY
 from iits_mj.evaluation.trials import Trial
 
 EXPLANATION = (
     f"Hard braking: share of the changes whose new follower brakes harder than {IMPOSED:g} m/s2 "
-    f"within {IMPOSED_TIME:g} s of the start. Braking: hardest braking of the new follower in that "
-    "time, mean over the changes. Time to collision and time gap, to the new leader (front) and of "
-    "the new follower (rear): the least of all trips at the start of a change. Right lane: share "
-    "of the time in which the truck keeps or enters it. Beside: share of the time in which a "
-    "vehicle of a neighboring lane overlaps the truck's length."
+    f"within {IMPOSED_TIME:g} s of the start, for {LASTS:g} s or longer. Braking: hardest braking "
+    "of the new follower in that time, mean over the changes. Time to collision and time gap, to "
+    "the new leader (front) and of the new follower (rear): the least of all trips at the start of "
+    "a change. Right lane: share of the time in which the truck keeps or enters it. Beside: share "
+    "of the time in which a vehicle of a neighboring lane overlaps the truck's length."
 )
 
 

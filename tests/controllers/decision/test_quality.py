@@ -75,6 +75,15 @@ def test_the_hardest_braking_of_the_new_follower_counts_once(brakings, count, ha
     assert log.quality.imposed_deceleration == pytest.approx(hardest)
 
 
+def test_braking_that_lasts_for_one_short_step_is_not_imposed():
+    log = QualityLog()
+    log.begin_change(follower(0.0, 0.0), ROUTE, 1)
+    for step, braking in enumerate((0.1, 8.0, 0.4, 0.3, 1.2, 1.4, 0.0), 1):
+        log.add(follower(braking, 0.1 * step), 1, 0.1)
+    assert log.quality.imposed_brakings == 0
+    assert log.quality.imposed_deceleration == pytest.approx(1.2)
+
+
 def test_braking_of_others_and_later_braking_is_not_imposed():
     log = QualityLog()
     log.begin_change(follower(0.0, 0.0), ROUTE, 1)
