@@ -103,8 +103,8 @@ class _TripObserver(Observer):
 
     period = CYCLE_PERIOD
 
-    def __init__(self, length: float) -> None:
-        self._length = length
+    def __init__(self, length: float, route: Route) -> None:
+        self._length, self._route = length, route
         self.quality = QualityLog()
         self.time_gap = math.inf
         self._close = self._frames = 0
@@ -112,7 +112,7 @@ class _TripObserver(Observer):
 
     def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         speed = frame.ego.speed
-        self.quality.add_plan(frame.scene, simulation.route, frame.trajectory, self.period)
+        self.quality.add_plan(frame.scene, self._route, frame.trajectory, self.period)
         self._frames += 1
         self._error += abs(speed - REFERENCE_SPEED)
         self.time_gap = min(self.time_gap, frame.time_gap)
@@ -169,8 +169,9 @@ def full_chain(
 
 def _drive_full(task: Task, maker: DecisionMaker, parameters: TruckParameters) -> dict[str, Any]:
     """Figures of a trip in the full chain."""
-    observer, counting = _TripObserver(task.length_limit), _CountingMaker(maker)
+    counting = _CountingMaker(maker)
     with full_chain(task, counting, parameters) as simulation:
+        observer = _TripObserver(task.length_limit, simulation.route)
         try:
             result = simulation.run([observer])
         except DivergedError:

@@ -87,7 +87,8 @@ struct World {
   double distance, driven_time, time_gap_min, loss_integral;
   std::int64_t decisions, changes, refused, dangerous, collisions;
   // The figures of `Quality` in controllers/decision/quality.py; then the vehicle behind the last
-  // change, 0 for none, until when it is watched [s], and its hardest braking so far [m/s2], that of a time step.
+  // change, 0 for none, until when it is watched [s], and its hardest braking so far [m/s2], that
+  // of a time step.
   double right_time, beside_time;
   std::int64_t imposed_brakings;
   double imposed_deceleration, collision_time_front, collision_time_rear;
