@@ -39,10 +39,20 @@ if TYPE_CHECKING:
     from controllers.decision.base import DecisionContext
     from iits_mj.road import Route
 
+
+def _rule(name: str) -> type[Any] | None:
+    """Returns the class of a decision maker that takes options."""
+    # The rules need this module.
+    from controllers.decision import rules
+
+    return {"mobil": rules.Mobil, "lookahead": rules.LookAhead}.get(name)
+
+
 DECISION = Kind(
     "decision maker",
     protocols.DecisionMaker,
     ("keep", "conservative", "neutral", "aggressive", "mobil", "lookahead", "ddqn"),
+    _rule,
 )
 PLANNER = Kind("planner", protocols.TrajectoryPlanner, ("paper",))
 LATERAL = Kind("lateral controller", protocols.LateralControl, ("preview",))

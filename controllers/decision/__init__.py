@@ -17,7 +17,8 @@ def make(name: Any, weights: str | None = None, **offered: Any) -> DecisionMaker
     """Returns a decision maker.
 
     Args:
-      name: one of `NAMES`, or the user's own, see `iits_mj.core.own_parts`.
+      name: one of `NAMES`, with options as `lookahead:horizon=30:change_cost=25`; or the user's
+        own, see `iits_mj.core.own_parts`.
       weights: file of the "ddqn" policy; default: the shipped one.
       **offered: arguments that a user's class may ask for.
 

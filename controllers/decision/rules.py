@@ -150,7 +150,7 @@ class LookAhead(Rule):
     number = 3
 
     def __post_init__(self) -> None:
-        require_positive(self, "step")
+        in_range("step", self.step, 0.05, 5.0, "s")
         require_positive(self, "change_cost", "right_gain", zero=True)
         in_range("horizon", self.horizon, self.step, 600.0, "s")
 

@@ -22,6 +22,7 @@ from typing import Protocol
 import numpy as np
 
 from controllers.decision.base import DecisionContext, Observation
+from controllers.decision.quality import Quality, QualityLog
 from iits_mj.core.checks import in_range, require_positive, whole
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision
@@ -183,6 +184,7 @@ class TripSummary:
       time_gap_min: least time gap to the leader in the truck's lane [s], inf without a leader.
       loss_integral: of (v_ref - v) / v_ref over time [s].
       reward: its terms, each the plain sum over the steps.
+      quality: what lane changes impose on others, and the use of lanes.
     """
 
     distance: float = 0.0
@@ -195,6 +197,7 @@ class TripSummary:
     time_gap_min: float = math.inf
     loss_integral: float = 0.0
     reward: RewardTerms = field(default_factory=RewardTerms)
+    quality: Quality = field(default_factory=Quality)
 
     @property
     def speed_loss(self) -> float:
@@ -225,11 +228,13 @@ class TripLog:
 
     Attributes:
       summary: of the trip so far; elapsed: since the last decision [s].
+      quality: measures that part of the summary.
     """
 
     def __init__(self, trip: TripConfig) -> None:
         self.trip = trip
-        self.summary = TripSummary()
+        self.quality = QualityLog()
+        self.summary = TripSummary(quality=self.quality.quality)
         self.begin()
 
     def begin(self) -> None:

@@ -3,7 +3,8 @@
 A part is given as the name of a shipped one; as text, `FILE.py:NAME` or `MODULE:NAME`, that names a
 class, a function that makes the part, or an object; or, in Python, as such a class, function or
 object itself. Options may follow a text: `my.py:Mine:gain=2:side=left` calls
-`Mine(gain=2, side="left")`. Their values are read as in TOML; everything else is text.
+`Mine(gain=2, side="left")`. Their values are read as in TOML; everything else is text. Some shipped
+parts take options, too: `lookahead:horizon=30:change_cost=25`, where a comma may replace a colon.
 
 A `Kind` finds, checks and makes parts, and a `Guard` calls a user's part in a drive. Both refuse
 what does not fit with one `InputError` that names the part.
@@ -11,11 +12,13 @@ what does not fit with one `InputError` that names the part.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import hashlib
 import importlib
 import inspect
 import os
+import re
 import sys
 import tomllib
 import traceback
@@ -44,11 +47,14 @@ class Kind:
       name: for messages.
       protocol: whose methods a part must have.
       shipped: names of the shipped parts.
+      maker: class of a shipped part that takes options, a dataclass whose fields have defaults, by
+        the part's name; None for a part without options.
     """
 
     name: str
     protocol: type
     shipped: tuple[str, ...]
+    maker: Callable[[str], type[Any] | None] = lambda _: None
 
     def check(self, value: Any) -> None:
         """Checks a part that was given, without making it.
@@ -56,7 +62,9 @@ class Kind:
         Raises:
           InputError: it names neither a shipped part nor an own one, or does not fit.
         """
-        if self.is_own(value):
+        if not self.is_own(value):
+            self._tuned(value)
+        else:
             found, options = self._find(value)
             if _makes(found):
                 self._bind(found, options, part_name(found))
@@ -66,7 +74,9 @@ class Kind:
                 self.require(found)
 
     def make(self, value: Any, **offered: Any) -> Any:
-        """Returns a user's part, for its guard; None if a shipped one is named.
+        """Returns a user's part, for its guard, or a shipped one with the options that it has.
+
+        It is None if a shipped one is named without options.
 
         Args:
           value: the part that was given.
@@ -76,7 +86,7 @@ class Kind:
           InputError: see `check`; or it cannot be made.
         """
         if not self.is_own(value):
-            return None
+            return self._tuned(value)
         found, options = self._find(value)
         if _makes(found):
             name = part_name(found)
@@ -90,23 +100,60 @@ class Kind:
         Raises:
           InputError: it is the name of no shipped part.
         """
-        if not isinstance(value, str) or ":" in value:
+        if not isinstance(value, str):
             return True
-        if value not in self.shipped:
+        name, options, _ = value.partition(":")
+        if name in self.shipped:
+            return False
+        if not options:
             near = did_you_mean(value, self.shipped)
             raise InputError(
                 f"{self.name} {value!r} is not known{near}; use one of: {', '.join(self.shipped)}; "
                 f"or your own as {FORMS}"
             )
-        return False
+        return True
+
+    def normal_name(self, value: str) -> str:
+        """Returns the text of a part, the same for each way to write a shipped part's options.
+
+        It has the options that differ from their defaults, in the order of the part's fields. An
+        own part's text stays as it is.
+
+        Raises:
+          InputError: see `check`.
+        """
+        part = None if self.is_own(value) else self._tuned(value)
+        if part is None:
+            return value
+        given = {f.name: getattr(part, f.name) for f in dataclasses.fields(part)}
+        words = [
+            f"{f.name}={str(given[f.name]).removesuffix('.0')}"
+            for f in dataclasses.fields(part)
+            if given[f.name] != f.default
+        ]
+        return ":".join((value.partition(":")[0], *words))
+
+    def _tuned(self, value: str) -> Any:
+        """Returns a shipped part with its options; None for a name without options."""
+        name, colon, text = value.partition(":")
+        if not colon:
+            return None
+        made_by = self.maker(name)
+        if made_by is None:
+            raise InputError(f"{self.name} {value!r}: {name!r} is a shipped one, without options")
+        try:
+            options = _options(re.split("[:,]", text))
+            self._bind(made_by, options, name)
+            return made_by(**options)
+        except InputError as error:
+            about = "" if str(error).startswith(self.name) else f"{self.name} {value!r}: "
+            raise InputError(f"{about}{error}") from error
 
     def _find(self, value: Any) -> tuple[Any, dict[str, Any]]:
         """Returns the class, function or object that was given, and the options."""
         if not isinstance(value, str):
             return value, {}
         place, name, *words = value.split(":")
-        if place in self.shipped:
-            raise InputError(f"{self.name} {value!r}: {place!r} is a shipped one, without options")
         try:
             module = _module(place)
             found = module
@@ -116,9 +163,10 @@ class Kind:
                     where = "" if found is module else f".{name.partition('.')[0]}"
                     raise InputError(f"{place}{where} has no {part!r}{did_you_mean(part, names)}")
                 found = getattr(found, part)
-            return found, dict(map(_option, words))
+            return found, _options(words)
         except InputError as error:
-            raise InputError(f"{self.name} {value!r}: {error}") from error.__cause__
+            near = "" if "did you mean" in str(error) else did_you_mean(place, self.shipped)
+            raise InputError(f"{self.name} {value!r}: {error}{near}") from error.__cause__
 
     def _bind(
         self,
@@ -323,6 +371,16 @@ def _makes(found: Any) -> bool:
 def _arguments(method: Any) -> list[str]:
     """Returns the names of a protocol's arguments without `self`."""
     return list(inspect.signature(method).parameters)[1:]
+
+
+def _options(words: list[str]) -> dict[str, Any]:
+    """Returns the values of options by their keys."""
+    options = dict(map(_option, words))
+    if len(options) < len(words):
+        keys = [word.partition("=")[0] for word in words]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise InputError(f"option {twice!r} is given twice")
+    return options
 
 
 def _option(word: str) -> tuple[str, Any]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import MISSING, asdict, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -94,7 +94,8 @@ def read_rows(path: Path, row_type: type[Row], what: str) -> list[Row]:
 
     Args:
       path: of the file.
-      row_type: a dataclass whose fields are str, int or float; they are the columns.
+      row_type: a dataclass whose fields are str, int or float; they are the columns. The file may
+        lack those that have a default.
       what: what the rows are, for error messages.
 
     Raises:
@@ -104,16 +105,22 @@ def read_rows(path: Path, row_type: type[Row], what: str) -> list[Row]:
         return []
     kinds: dict[str, Any] = {f.name: _KINDS[str(f.type)] for f in fields(row_type)}  # type: ignore[arg-type]
     names, table = read_table(path, f"file of {what}")
-    if names != list(kinds):
+    if not are_columns(names, row_type):
         raise InputError(f"{str(path)!r} is not a file of {what}: its columns differ")
     try:
         return [
-            row_type(**{n: kind(cell) for (n, kind), cell in zip(kinds.items(), row, strict=False)})
+            row_type(**{n: kinds[n](cell) for n, cell in zip(names, row, strict=False)})
             for row in table
-            if len(row) >= len(kinds)
+            if len(row) >= len(names)
         ]
     except ValueError as error:
         raise InputError(f"file of {what} {str(path)!r} cannot be read: {error}") from error
+
+
+def are_columns(names: Sequence[str], row_type: type[Any]) -> bool:
+    """Returns whether names are the columns of a dataclass; those with a default may be missing."""
+    needed = [f.name for f in fields(row_type) if f.default is MISSING or f.name in names]
+    return list(names) == needed
 
 
 def write_rows(path: Path, row_type: type[Row], rows: Iterable[Row], what: str) -> None:

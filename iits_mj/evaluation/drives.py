@@ -15,6 +15,7 @@ from controllers import decision as decisions
 from controllers.decision import fast_world
 from controllers.decision.base import DecisionContext
 from controllers.decision.fast_world.env import HighwayEnv
+from controllers.decision.quality import QualityLog
 from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig
 from controllers.protocols import DecisionMaker
 from controllers.stack import Stack
@@ -22,7 +23,15 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision
 from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.evaluation import trials
-from iits_mj.evaluation.trials import CLOSE, EMPTY, LEFT_RANGE, Task, Trial, weights_digest
+from iits_mj.evaluation.trials import (
+    CLOSE,
+    EMPTY,
+    LEFT_RANGE,
+    Task,
+    Trial,
+    quality_columns,
+    weights_digest,
+)
 from iits_mj.parameters import AnyTruck, TruckParameters
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation
@@ -90,18 +99,20 @@ class _CountingMaker:
 
 
 class _TripObserver(Observer):
-    """Measures time gaps and the speed error every 100 ms, and ends the trip after its length."""
+    """Measures time gaps, speed error and quality every 100 ms, and ends the trip at its length."""
 
     period = CYCLE_PERIOD
 
-    def __init__(self, length: float) -> None:
-        self._length = length
+    def __init__(self, length: float, route: Route) -> None:
+        self._length, self._route = length, route
+        self.quality = QualityLog()
         self.time_gap = math.inf
         self._close = self._frames = 0
         self._error = 0.0
 
     def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         speed = frame.ego.speed
+        self.quality.add_plan(frame.scene, self._route, frame.trajectory, self.period)
         self._frames += 1
         self._error += abs(speed - REFERENCE_SPEED)
         self.time_gap = min(self.time_gap, frame.time_gap)
@@ -137,7 +148,7 @@ def full_chain(
         traffic_speed=task.traffic_speed,
         traffic_mode="none" if task.density == EMPTY else "inter",
         lane_change=LANE_CHANGE,
-        lane_discipline="free",
+        lane_discipline=task.lane_discipline,
         decision="keep",  # replaced in `driver`
         duration=task.duration_limit,
         seed=task.seed,
@@ -158,8 +169,9 @@ def full_chain(
 
 def _drive_full(task: Task, maker: DecisionMaker, parameters: TruckParameters) -> dict[str, Any]:
     """Figures of a trip in the full chain."""
-    observer, counting = _TripObserver(task.length_limit), _CountingMaker(maker)
+    counting = _CountingMaker(maker)
     with full_chain(task, counting, parameters) as simulation:
+        observer = _TripObserver(task.length_limit, simulation.route)
         try:
             result = simulation.run([observer])
         except DivergedError:
@@ -183,6 +195,7 @@ def _drive_full(task: Task, maker: DecisionMaker, parameters: TruckParameters) -
         "fuel": result.fuel,
         "distance": result.distance,
         "time": result.duration,
+        **quality_columns(observer.quality.quality, result.lane_changes, result.duration),
     }
 
 
@@ -193,6 +206,7 @@ def _drive_fast(task: Task, maker: DecisionMaker, parameters: TruckParameters) -
         truck=parameters,
         spawn_probability=0.0 if empty else SPAWN_PROBABILITY[task.density],
         traffic_speed=task.traffic_speed,
+        keeps_right=task.lane_discipline == "right",
         payload=task.payload,
         length=task.length_limit,
         duration=task.duration_limit,
@@ -216,5 +230,6 @@ def _drive_fast(task: Task, maker: DecisionMaker, parameters: TruckParameters) -
         time_gap=result.time_gap_min,
         distance=result.distance,
         time=result.time,
+        **quality_columns(result.quality, result.changes, result.time),
         **dict.fromkeys(("speed_error", "close_share", "box_distance", "fuel"), math.nan),
     )

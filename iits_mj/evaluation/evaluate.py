@@ -35,6 +35,7 @@ from iits_mj.parameters import (
     payload_option,
     truck_option,
 )
+from iits_mj.simulation.config import LANE_DISCIPLINES
 
 SEEDS = {"test": TEST_SEEDS, "validation": VALIDATION_SEEDS}
 DEFAULT_METHODS = "conservative,neutral,aggressive,mobil,lookahead,ddqn"
@@ -51,7 +52,8 @@ class EvaluateConfig:
     )
     methods: str = option(
         DEFAULT_METHODS,
-        help=f"decision makers, separated by commas; or your own as {FORMS}",
+        help="decision makers, separated by commas, with options as "
+        f"lookahead:horizon=30:change_cost=25; or your own as {FORMS}",
         names=lambda: DECISION.shipped,
         metavar="NAMES",
         group="decision",
@@ -60,6 +62,12 @@ class EvaluateConfig:
         DEFAULT_CELLS,
         help="traffic cells: density and speed limit in m/s, separated by commas",
         metavar="CELLS",
+        group="traffic",
+    )
+    lane_discipline: str = option(
+        "free",
+        help="lane use of the traffic, as of a drive; free: fills both lanes; right: keeps right",
+        choices=LANE_DISCIPLINES,
         group="traffic",
     )
     weights: Path | None = option(
@@ -142,8 +150,19 @@ class EvaluateConfig:
         return float(self.payload)
 
     def names(self) -> tuple[str, ...]:
-        """The methods, each once."""
-        return tuple(dict.fromkeys(name.strip() for name in self.methods.split(",")))
+        """The methods, each once; the same text for each way to write a rule's options.
+
+        Raises:
+          InputError: a method is unknown, or an option is not allowed.
+        """
+        names: list[str] = []
+        for word in (word.strip() for word in self.methods.split(",")):
+            key, equals, _ = word.partition("=")
+            if names and equals and key.isidentifier():
+                names[-1] += f":{word}"  # a further option of the method before
+            else:
+                names.append(word)
+        return tuple(dict.fromkeys(map(DECISION.normal_name, names)))
 
     def chosen_cells(self) -> tuple[tuple[str, float], ...]:
         """Density and traffic speed of the cells, in the paper's order.
@@ -176,7 +195,8 @@ def tasks_of(config: EvaluateConfig) -> list[Task]:
 
     def task(density: str, speed: float, method: str, weights: str, seed: int) -> Task:
         limits = (truck, payload, config.timestep, config.length, config.duration)
-        return Task(config.trial_world, density, speed, method, weights, *limits, seed)
+        where = (config.trial_world, density, speed, method, weights)
+        return Task(*where, *limits, seed, lane_discipline=config.lane_discipline)
 
     free = [task(EMPTY, speed, "keep", "", 0) for speed in sorted({speed for _, speed in cells})]
     return free + [

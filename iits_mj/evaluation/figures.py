@@ -10,19 +10,22 @@ import numpy as np
 
 from iits_mj.core.results import Check, Findings, Results
 from iits_mj.evaluation.evaluate import EvaluateConfig
+from iits_mj.evaluation.quality import quality_figures
 from iits_mj.evaluation.trials import EMPTY, LEFT_RANGE, Trial
 from iits_mj.validation.harness.statistics import Estimate, Paired, estimate, holm, paired
 
 WORLD_TEXT = {
-    "fast": "fast world: point-mass truck in IDM and MOBIL traffic, no SUMO, no MuJoCo",
-    "full": "full chain: MuJoCo truck, planner and tracking in SUMO traffic that fills both lanes "
-    "and reacts to it, built-in highway, reference 16.67 m/s, start at the traffic's limit",
+    "fast": "fast world: point-mass truck in IDM and MOBIL traffic that {lanes}, no SUMO, no "
+    "MuJoCo",
+    "full": "full chain: MuJoCo truck, planner and tracking in SUMO traffic that {lanes} and "
+    "reacts to it, built-in highway, reference 16.67 m/s, start at the traffic's limit",
 }
+LANES_TEXT = {"free": "fills both lanes", "right": "keeps right"}
 
 
 def world_text(config: EvaluateConfig) -> str:
     """Returns the world of the trials in words."""
-    text = WORLD_TEXT[config.world]
+    text = WORLD_TEXT[config.world].format(lanes=LANES_TEXT[config.lane_discipline])
     return text if config.plant == "full" else f"{text}, with the plant {config.plant}"
 
 
@@ -262,6 +265,9 @@ def _check_cell(results: Results, cell: CellFigures) -> None:
         found.check("lane changes", cell.changes[name].mean, "1")
         found.check("collisions", sum(t.collisions for t in rows), "1", must="<= 0")
         found.check("trips that failed", sum(t.failures for t in rows), "1", must="<= 0")
+        for figure in quality_figures(rows):
+            if math.isfinite(figure.value):
+                found.check(figure.name, figure.value, figure.unit)
         results.add("", found)
     if not cell.verdict:
         return
@@ -307,4 +313,24 @@ def _cell_table(cell: CellFigures) -> list[str]:
             f"{changes.mean:9.2f} ±{changes.half:5.2f} {refused / len(rows):8.2f} "
             f"{unsafe / len(rows):7.2f} {sum(t.collisions for t in rows):11d}"
         )
-    return lines
+    return [*lines, *_quality_table(cell, width)]
+
+
+def _quality_table(cell: CellFigures, width: int) -> list[str]:
+    """Table of the quality of a cell's trips; empty if no trip has its figures."""
+    found = {name: quality_figures(rows) for name, rows in cell.trials.items()}
+    rows = {name: figures for name, figures in found.items() if figures}
+    if not rows:
+        return []
+    heads = [(f.short, f"[{f.unit}]") for f in next(iter(rows.values()))]
+    columns = [max(6, *map(len, head)) for head in heads]
+
+    def line(name: str, cells: Sequence[str]) -> str:
+        shown = (f"{cell:>{size}s}" for cell, size in zip(cells, columns, strict=True))
+        return f"  {name:{width}s} {' '.join(shown)}"
+
+    return [
+        line("method", [head for head, _ in heads]),
+        line("", [unit for _, unit in heads]),
+        *(line(name, [f.text for f in figures]) for name, figures in rows.items()),
+    ]

@@ -26,6 +26,7 @@ from iits_mj.evaluation.figures import (
     world_text,
 )
 from iits_mj.evaluation.pictures import draw_balance, draw_trips
+from iits_mj.evaluation.quality import EXPLANATION, quality_figures
 from iits_mj.evaluation.trials import CLOSE, Trial, codes_of
 from iits_mj.parameters import TruckParameters, label_of
 from iits_mj.render import plots
@@ -94,6 +95,7 @@ def sections(
         _pairs(cells),
         _details(cells),
         _safety(cells),
+        *_quality(cells),
         _effort(cells),
     ]
 
@@ -274,6 +276,22 @@ def _safety(cells: Sequence[CellFigures]) -> Section:
         f"its median over trips | time under {CLOSE:g} s [%] | closest box [m]"
     )
     return _by_method("Safety", [sentence], header, cells, row)
+
+
+def _quality(cells: Sequence[CellFigures]) -> list[Section]:
+    """The section about lane changes and use of lanes, if the trips have its figures."""
+    found = [
+        (cell.name, name, figures)
+        for cell in cells
+        for name, own in cell.trials.items()
+        if (figures := quality_figures(own))
+    ]
+    if not found:
+        return []
+    heads = [f"{figure.name} [{figure.unit}]" for figure in found[0][2]]
+    rows = [(cell, name, *(f.text for f in figures)) for cell, name, figures in found]
+    header = " | ".join(("cell", "method", *heads))
+    return [_table("Lane changes and use of lanes", [EXPLANATION], header, rows)]
 
 
 def _effort(cells: Sequence[CellFigures]) -> Section:

@@ -28,6 +28,8 @@ _COLORS = {
     "ddqn": PALETTE[1],
     "keep": _GRAY,
 }
+# Of rules with options, and of your own decision makers.
+_OTHERS = ("#117a65", "#a0522d", "#6c3483", "#b7950b", "#cb4335", "#2e4053")
 _SPREAD = 0.28  # greatest sideways shift of the dots of a method
 # Margin above and below all trips, as a share of their range. A figure of the paper beyond it is
 # written at the edge of the panel.
@@ -66,7 +68,13 @@ def draw_trips(cells: Sequence[CellFigures], methods: Sequence[str]) -> Figure:
                 continue
             loss = [100.0 * t.speed_loss for t in cell.trials[name]]
             ax.scatter(
-                i + _swarm(loss), loss, s=13, color=_COLORS[name], alpha=0.55, linewidth=0, zorder=3
+                i + _swarm(loss),
+                loss,
+                s=13,
+                color=_color(name, methods),
+                alpha=0.55,
+                linewidth=0,
+                zorder=3,
             )
             known = cell.loss[name]
             ax.errorbar(i, known.mean, _bar(known), fmt="_", markersize=15, **_BAR)
@@ -99,7 +107,7 @@ def draw_balance(cells: Sequence[CellFigures], methods: Sequence[str]) -> Figure
                 yerr=_bar(loss),
                 fmt="o",
                 markersize=6,
-                color=_COLORS[name],
+                color=_color(name, methods),
                 elinewidth=1.4,
                 capsize=3,
                 zorder=3,
@@ -108,7 +116,9 @@ def draw_balance(cells: Sequence[CellFigures], methods: Sequence[str]) -> Figure
         ax.set_xlim(left=min(0.0, ax.get_xlim()[0]))
         ax.margins(y=0.15)
 
-    handles = [_handle(name, marker="o", color=_COLORS[name], linestyle="") for name in methods]
+    handles = [
+        _handle(name, marker="o", color=_color(name, methods), linestyle="") for name in methods
+    ]
     handles.append(_handle("free road", color=_GRAY, linestyle="--"))
     return _grid(cells, panel, "lane changes a trip", handles)
 
@@ -143,6 +153,11 @@ def _grid(
         handles=list(handles), loc="outside lower center", ncols=7, fontsize=8, frameon=False
     )
     return figure
+
+
+def _color(name: str, methods: Sequence[str]) -> str:
+    others = [method for method in methods if method not in _COLORS]
+    return _COLORS.get(name) or _OTHERS[others.index(name) % len(_OTHERS)]
 
 
 def _handle(label: str, **style: Any) -> Line2D:

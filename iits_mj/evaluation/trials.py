@@ -15,11 +15,13 @@ import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
 from controllers.decision.policy import SHIPPED
+from controllers.decision.quality import Quality
 from controllers.decision.trip import SPAWN_PROBABILITY, RewardConfig
+from controllers.own_parts import DECISION
 from iits_mj.core import tables
 from iits_mj.core.errors import InputError
 from iits_mj.core.own_parts import source_digest
@@ -44,6 +46,7 @@ class Task:
       length_limit, duration_limit: the trip ends after this distance [m] or at the road's end; it
         is cut off after this time [s].
       seed: of the traffic.
+      lane_discipline: of the traffic, see `DriveConfig`.
     """
 
     world: str
@@ -57,6 +60,7 @@ class Task:
     length_limit: float
     duration_limit: float
     seed: int
+    lane_discipline: str = field(default="free", kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,13 @@ class Trial(Task):
       close_share: share of time with a time gap below `CLOSE`.
       box_distance: least distance to any vehicle, box to box [m]; fuel: [kg].
       distance: [m]; time: of the trip [s]; wall_time: [s]; code: digest of the code of the drive.
+      imposed_brakings: changes whose new follower braked hard, see `Quality`; imposed_deceleration:
+        hardest braking of the new follower of a change, mean over the trip's changes [m/s2], nan
+        without a change.
+      collision_time_front, collision_time_rear, change_time_gap_front, change_time_gap_rear: least
+        at the start of a change [s], inf without one, see `Quality`.
+      right_share: share of the time in the right lane; beside_share: share of the time with a
+        vehicle beside the truck.
     """
 
     speed_loss: float
@@ -95,6 +106,15 @@ class Trial(Task):
     time: float
     wall_time: float
     code: str
+    # Trials of earlier versions lack these figures.
+    imposed_brakings: float = math.nan
+    imposed_deceleration: float = math.nan
+    collision_time_front: float = math.nan
+    collision_time_rear: float = math.nan
+    change_time_gap_front: float = math.nan
+    change_time_gap_rear: float = math.nan
+    right_share: float = math.nan
+    beside_share: float = math.nan
 
     @property
     def task(self) -> Task:
@@ -109,6 +129,27 @@ class Trial(Task):
         config = RewardConfig()
         changes, danger = config.change * self.asked, config.danger * self.unsafe
         return -changes / self.time, -danger / self.time, -config.speed * self.speed_error
+
+
+def quality_columns(quality: Quality, changes: int, time: float) -> dict[str, float]:
+    """Returns the columns of a trial that describe its quality.
+
+    Args:
+      quality: of the trip.
+      changes: completed.
+      time: of the trip [s].
+    """
+    least = (
+        *("collision_time_front", "collision_time_rear"),
+        *("change_time_gap_front", "change_time_gap_rear"),
+    )
+    return {
+        "imposed_brakings": float(quality.imposed_brakings),
+        "imposed_deceleration": quality.imposed_deceleration / changes if changes else math.nan,
+        **{name: getattr(quality, name) for name in least},
+        "right_share": quality.right_time / time if time > 0.0 else math.nan,
+        "beside_share": quality.beside_time / time if time > 0.0 else math.nan,
+    }
 
 
 def task_of(trial: Task) -> Task:
@@ -129,7 +170,7 @@ def weights_digest(method: str, weights: Path | None) -> str:
       InputError: the file cannot be read.
     """
     if method != "ddqn":
-        return source_digest(method)
+        return source_digest(method) if DECISION.is_own(method) else ""
     path = weights or SHIPPED
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()[:12]
@@ -239,7 +280,7 @@ def _order(task: Task) -> tuple[object, ...]:
         task.duration_limit,
         task.seed,
     )
-    return (task.world, *cell, *rest, task.method, task.weights)
+    return (task.world, task.lane_discipline, *cell, *rest, task.method, task.weights)
 
 
 def _repair(path: Path, say: Callable[[str], None]) -> None:
@@ -249,9 +290,10 @@ def _repair(path: Path, say: Callable[[str], None]) -> None:
         whole = content.rfind(b"\n") + 1
         if whole == len(content):
             return
+        header = content[: content.find(b"\n") + 1]
         if _HEADER.startswith(content):
             path.unlink()
-        elif content.startswith(_HEADER):
+        elif tables.are_columns(header.decode(errors="replace").strip().split(","), Trial):
             with path.open("r+b") as stream:
                 stream.truncate(whole)
         else:

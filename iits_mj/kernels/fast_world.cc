@@ -15,8 +15,8 @@ constexpr double kGravity = 9.81;
 // Share of a change during which the truck also occupies the lane that it leaves.
 constexpr double kLeaves = 0.7;
 constexpr double kShortestChange = 6.0;  // [s]; up to 3 s more
-// A follower that brakes harder within this time of a change was made to [m/s2], [s].
-constexpr double kImposed = 2.0, kImposedTime = 8.0;
+// `IMPOSED`, `IMPOSED_TIME` and `SLOWEST` of controllers/decision/quality.py.
+constexpr double kImposed = 2.0, kImposedTime = 8.0, kSlowest = 1.0;
 // The observation: ranges and step of the road left [m].
 constexpr double kRangeAhead = 250.0, kRangeBehind = 50.0, kProbe = 25.0;
 constexpr int kBehind = 2, kAhead = 6;
@@ -42,8 +42,9 @@ class Trip {
     w.changed_at = -kInfinity;
     w.lane = w.source = 0;
     w.distance = w.driven_time = w.loss_integral = w.right_time = w.seconds = 0.0;
-    w.beside_time = w.watched_until = 0.0;
-    w.time_gap_min = w.change_collision_time_min = kInfinity;
+    w.beside_time = w.watched_until = w.watched_braking = w.imposed_deceleration = 0.0;
+    w.time_gap_min = w.collision_time_front = w.collision_time_rear = kInfinity;
+    w.change_time_gap_front = w.change_time_gap_rear = kInfinity;
     w.imposed_brakings = w.watched = 0;
     w.decisions = w.changes = w.refused = w.dangerous = w.collisions = 0;
     w.total = w.reward = {};
@@ -199,38 +200,50 @@ class Trip {
     w.speed = speed;
   }
 
-  // Notes the vehicle behind at the start of a change, and the time to a collision there.
+  // Notes the vehicles ahead and behind in the new lane, at the start of a change.
   void Watch() {
-    const Vehicle *lead = traffic_.Ahead(w.front, w.lane),
-                  *follow = traffic_.Behind(w.front, w.lane);
-    const auto note = [this](double gap, double closing) {
-      if (closing > 0.0)
-        w.change_collision_time_min = std::min(w.change_collision_time_min, gap / closing);
+    std::vector<Seen> seen;
+    See(&seen);
+    const Vehicle* behind = nullptr;
+    const LaneAround lane = Around(seen, w.lane, &behind);
+    const auto note = [](double gap, double speed, double ahead, double* time, double* time_gap) {
+      if (speed > ahead) *time = std::min(*time, gap / (speed - ahead));
+      if (speed > kSlowest) *time_gap = std::min(*time_gap, gap / speed);
     };
-    if (lead) note(lead->front - lead->length - w.front, w.speed - lead->speed);
-    if (follow) note(w.front - w.truck_length - follow->front, follow->speed - w.speed);
-    w.watched = follow ? follow->serial : 0;
+    if (lane.leader.exists()) {
+      note(lane.leader.gap, w.speed, lane.leader.speed, &w.collision_time_front,
+           &w.change_time_gap_front);
+    }
+    if (lane.follower.exists()) {
+      note(lane.follower.gap, lane.follower.speed, w.speed, &w.collision_time_rear,
+           &w.change_time_gap_rear);
+    }
+    w.watched = behind ? behind->serial : 0;
     w.watched_until = w.time + kImposedTime;
+    w.watched_braking = 0.0;
   }
 
   void NoteBraking() {
     if (w.watched == 0) return;
     for (const Vehicle& v : traffic_) {
-      if (v.serial != w.watched || !(v.acceleration < -kImposed)) continue;
-      ++w.imposed_brakings;
-      w.watched = 0;
-      return;
+      if (v.serial != w.watched || !(v.acceleration < -w.watched_braking)) continue;
+      const double braking = -v.acceleration;
+      w.imposed_brakings += w.watched_braking <= kImposed && braking > kImposed;
+      w.imposed_deceleration += braking - w.watched_braking;
+      w.watched_braking = braking;
     }
     if (w.time >= w.watched_until) w.watched = 0;
   }
 
-  // Whether a vehicle of a lane beside the truck's overlaps with its length.
+  // Whether a vehicle in a lane beside the truck's overlaps with its length.
   bool Beside() const {
     for (const Vehicle& v : traffic_) {
-      if (v.front > w.front - w.truck_length && v.front - v.length < w.front &&
-          std::abs(v.lane - w.lane) == 1) {
-        return true;
-      }
+      if (!(v.front > w.front - w.truck_length)) continue;
+      if (!(v.front - v.length < w.front)) continue;
+      double offset, lateral_speed;
+      traffic_.Place(v, &offset, &lateral_speed);
+      const double lane = std::floor(offset / kLaneWidth + 0.5);
+      if (lane >= 0.0 && std::abs(lane - static_cast<double>(w.lane)) == 1.0) return true;
     }
     return false;
   }
@@ -262,7 +275,9 @@ class Trip {
     }
   }
 
-  LaneAround Around(const std::vector<Seen>& seen, std::int64_t lane) const {
+  // Writes the follower, too, if asked for.
+  LaneAround Around(const std::vector<Seen>& seen, std::int64_t lane,
+                    const Vehicle** behind = nullptr) const {
     const double usable = lane >= 0 && lane < w.lanes ? 1.0 : 0.0;
     LaneAround found{usable, {kInfinity, 0.0}, {kInfinity, 0.0}, kInfinity};
     // Stations as the scene has them.
@@ -275,7 +290,10 @@ class Trip {
       const double half = 0.5 * s.vehicle->length;
       const double gap = std::max(s.station - half - front, rear - s.station - half);
       Neighbor* end = s.station > front ? &found.leader : &found.follower;
-      if (gap < end->gap) *end = {gap, s.vehicle->speed};
+      if (gap < end->gap) {
+        *end = {gap, s.vehicle->speed};
+        if (behind && end == &found.follower) *behind = s.vehicle;
+      }
       found.least_gap = std::min(found.least_gap, gap);
     }
     return found;

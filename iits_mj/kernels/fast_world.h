@@ -86,12 +86,15 @@ struct World {
   // Totals of the trip, and the last step.
   double distance, driven_time, time_gap_min, loss_integral;
   std::int64_t decisions, changes, refused, dangerous, collisions;
-  // Time in the right lane and time with a vehicle beside [s]; of changes: the least time to a
-  // collision at the start [s], and those that made the new follower brake harder than 2 m/s2
-  // within 8 s; this follower's number, 0 for none, and the end of the 8 s.
-  double right_time, beside_time, change_collision_time_min;
-  std::int64_t imposed_brakings, watched;
-  double watched_until;
+  // The figures of `Quality` in controllers/decision/quality.py; then the vehicle behind the last
+  // change, 0 for none, until when it is watched [s], and its hardest braking so far [m/s2], that
+  // of a time step.
+  double right_time, beside_time;
+  std::int64_t imposed_brakings;
+  double imposed_deceleration, collision_time_front, collision_time_rear;
+  double change_time_gap_front, change_time_gap_rear;
+  std::int64_t watched;
+  double watched_until, watched_braking;
   Terms total, reward;
   double seconds;
   std::int64_t terminated, truncated;

@@ -162,6 +162,7 @@ class TruckWorld(Closing):
             frame = simulation.cycle()
             log.charge_speed(frame.ego.speed, CYCLE_PERIOD)
             log.drive(frame.ego.speed, CYCLE_PERIOD)
+            log.quality.add_plan(frame.scene, simulation.route, frame.trajectory, CYCLE_PERIOD)
             self.summary.distance = frame.distance
             self.summary.time_gap_min = min(self.summary.time_gap_min, frame.time_gap)
             if self._asks_next(simulation):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import functools
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -107,6 +108,56 @@ def test_options_are_read_as_in_toml(text: str, value: Any) -> None:
     assert HORN.make(f"horns.py:Brass:tone={text}", route=None).tone == value
 
 
+@dataclass(frozen=True)
+class Bell:
+    size: float = 1.0
+    tone: str = "c"
+
+    def __post_init__(self) -> None:
+        if self.size <= 0.0:
+            raise InputError(f"size is {self.size}: a number above zero is needed")
+
+    def blow(self, force: float) -> str:
+        return f"{self.tone} {self.size:g}"
+
+
+BELLS = Kind("bell", Horn, ("small", "fixed"), {"small": Bell}.get)
+
+
+@pytest.mark.parametrize(
+    "text", ["small:tone=d:size=2", "small:size=2,tone=d", "small:size=2.0:tone=d"]
+)
+def test_a_shipped_part_takes_options_and_has_one_normal_name(text: str) -> None:
+    assert BELLS.make(text) == Bell(2.0, "d")
+    assert BELLS.normal_name(text) == "small:size=2:tone=d"
+    BELLS.check(text)
+
+
+def test_the_normal_name_leaves_out_defaults_and_own_parts_as_they_are() -> None:
+    assert BELLS.normal_name("small:size=1") == BELLS.normal_name("small") == "small"
+    assert BELLS.normal_name("horns.py:Brass:pitch=2") == "horns.py:Brass:pitch=2"
+    assert BELLS.make("small") is None
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("fixed:size=2", "^bell 'fixed:size=2': 'fixed' is a shipped one, without options$"),
+        (
+            "small:sise=2",
+            r"bell small has no argument 'sise' \(did you mean size\?\); it has size, t",
+        ),
+        ("small:size=-1", "^bell 'small:size=-1': size is -1: a number above zero is needed$"),
+        ("small:size=2:size=3", "^bell 'small:size=2:size=3': option 'size' is given twice$"),
+        ("small:", "option '' must be KEY=VALUE"),
+    ],
+)
+def test_options_that_a_shipped_part_cannot_use_are_refused(value: str, message: str) -> None:
+    for use in (BELLS.check, BELLS.make, BELLS.normal_name):
+        with pytest.raises(InputError, match=message):
+            use(value)
+
+
 @pytest.mark.parametrize(
     ("value", "message"),
     [
@@ -119,6 +170,7 @@ def test_options_are_read_as_in_toml(text: str, value: Any) -> None:
         ("horns.py:Bras", r"horns.py has no 'Bras' \(did you mean Brass\?\)"),
         ("horns.py:Inner.Tim", r"horns.py.Inner has no 'Tim' \(did you mean Tin\?\)"),
         ("horns.py:", "horns.py has no ''"),
+        ("loudd:pitch=2", r"there is no module 'loudd' \(did you mean loud\?\)"),
         ("horn:Brass", r"there is no module 'horn' \(did you mean horns.py\?\)"),
         ("no.such:Brass", "there is no module 'no'"),
         ("a b:Brass", "'a b' is not the name of a module, nor a file that ends in .py"),

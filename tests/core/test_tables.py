@@ -1,12 +1,16 @@
 """Columns of numbers from CSV files."""
 
+from __future__ import annotations
+
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
 from controllers.pcc import RoadProfile
 from controllers.planning.speed_reference import read_profile
 from iits_mj.core.errors import InputError
-from iits_mj.core.tables import read_columns, read_names
+from iits_mj.core.tables import read_columns, read_names, read_rows
 from iits_mj.road.measured import route_from_csv
 from iits_mj.validation.planning.pcc_roads import read_cycle
 
@@ -43,6 +47,24 @@ def test_an_unusable_table_is_refused_with_its_file_name(tmp_path, text, words):
     with pytest.raises(InputError, match=words) as refused:
         read_columns(write(tmp_path, text), "road", NAMES)
     assert "table.csv" in str(refused.value)
+
+
+@dataclass(frozen=True)
+class Axle:
+    name: str
+    load: float
+    wheels: int = 4
+
+
+def test_rows_take_the_defaults_of_columns_that_a_file_lacks(tmp_path):
+    rows = read_rows(write(tmp_path, "name,load\nsteer,7.1\ncut\n"), Axle, "axles")
+    assert rows == [Axle("steer", 7.1, 4)]
+    assert read_rows(write(tmp_path, "name,load,wheels\nsteer,7.1,2\n"), Axle, "axles") == [
+        Axle("steer", 7.1, 2)
+    ]
+    for header in ("name,wheels", "load,name", "name,load,color"):
+        with pytest.raises(InputError, match="not a file of axles: its columns differ"):
+            read_rows(write(tmp_path, f"{header}\n1,1,1\n"), Axle, "axles")
 
 
 def test_missing_files_and_binary_files_are_refused(tmp_path):

@@ -27,6 +27,14 @@ def trial(task: Task, loss: float, changes: int = 3, **figures) -> Trial:
         "time": 14_930.0 / (1.0 - loss) * 3.6 / 60.0,
         "wall_time": 60.0,
         "code": "0123456789ab",
+        "imposed_brakings": 1.0,
+        "imposed_deceleration": 0.8,
+        "collision_time_front": 20.0,
+        "collision_time_rear": math.inf,
+        "change_time_gap_front": 2.5,
+        "change_time_gap_rear": 1.2,
+        "right_share": 0.6,
+        "beside_share": 0.2,
     }
     return Trial(**vars(task), **(known | figures))
 

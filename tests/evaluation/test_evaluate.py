@@ -3,6 +3,7 @@
 import csv
 import functools
 import itertools
+import math
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -84,6 +85,15 @@ def test_free_road_is_driven_once_for_each_speed():
     assert [(t.traffic_speed, t.method) for t in free] == [(12.5, "keep"), (15.0, "keep")]
 
 
+def test_a_rule_with_options_is_a_method_of_its_own():
+    texts = "lookahead,lookahead:change_cost=25:horizon=30,mobil:threshold=0.40,politeness=0.2"
+    config = EvaluateConfig(methods=f"{texts},lookahead:horizon=30.0,change_cost=25", trials=1)
+    names = ("lookahead", "lookahead:horizon=30:change_cost=25", "mobil:threshold=0.4")
+    assert config.names() == names
+    tasks = [t for t in tasks_of(config) if t.density != "empty"]
+    assert {(t.method, t.weights) for t in tasks} == {(name, "") for name in names}
+
+
 def test_trials_in_the_file_are_not_driven_again(tmp_path):
     config = replace(CONFIG, file=tmp_path / "trials.csv")
     first, second = Fake(), Fake()
@@ -117,6 +127,43 @@ def test_incomplete_last_row_is_removed_with_a_message_and_driven_again(tmp_path
     assert len(again.driven) == 1
     assert "ended with an incomplete row" in messages[0]
     assert config.file.read_bytes() == whole
+
+
+def test_trials_of_earlier_versions_are_read_and_get_the_new_columns(tmp_path):
+    config = replace(CONFIG, file=tmp_path / "trials.csv")
+    made = run(config, drive_all=Fake())
+    whole = config.file.read_bytes()
+    with config.file.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    columns = list(rows[0])
+    old = columns[: columns.index("code") + 1]
+    old.remove("lane_discipline")
+    with config.file.open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, old, extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(rows)
+    # The last row was cut off by a kill.
+    config.file.write_bytes(config.file.read_bytes()[:-7])
+    again = Fake()
+    found = run(config, say=lambda text: None, drive_all=again)
+    assert len(again.driven) == 1
+    assert [t.task for t in found] == [t.task for t in made]
+    unknown = [math.isnan(t.imposed_brakings) for t in found]
+    assert unknown.count(False) == 1
+    # The new file has the columns of this version.
+    assert config.file.read_bytes().split(b"\n")[0] == whole.split(b"\n")[0]
+
+
+def test_traffic_that_keeps_right_has_trials_of_its_own():
+    right = replace(CONFIG, lane_discipline="right")
+    assert not set(tasks_of(CONFIG)) & set(tasks_of(right))
+    config = replace(right, world="fast", cells="medium-15", methods="keep", length=3_000.0)
+    free, kept = (
+        drives.drive(next(t for t in tasks_of(c) if t.density == "medium"))
+        for c in (replace(config, lane_discipline="free"), config)
+    )
+    assert free.distance != kept.distance
+    assert free.right_share == kept.right_share == 1.0
 
 
 def test_incomplete_header_counts_as_an_empty_file(tmp_path):
@@ -198,6 +245,9 @@ def test_no_drive_uses_only_the_trials_of_the_file(tmp_path):
     ("settings", "message"),
     [
         ({"methods": "best"}, "decision maker 'best' is not known"),
+        ({"methods": "keep:gap=2"}, "'keep' is a shipped one, without options"),
+        ({"methods": "mobil:threshold=nan"}, "threshold is nan: a finite number"),
+        ({"methods": "horizon=30"}, "decision maker 'horizon=30' is not known"),
         ({"cells": "dense-13"}, "cell .dense-13. is not known .* use one of: dense-12.5"),
         ({"seed": 10}, "seed 10 is not allowed; use 0 to 9"),
         ({"weights": SHIPPED.with_name("none.npz")}, "cannot be read"),

@@ -1,7 +1,9 @@
 """The page of decision makers from a file of trials."""
 
 import json
+import math
 import re
+from dataclasses import MISSING, fields, replace
 
 import pytest
 
@@ -48,6 +50,10 @@ def test_page_has_tables_pictures_and_the_origin_of_the_figures(file, tmp_path, 
     # Two unsafe decisions in 14.93 km.
     safety = text.split("## Safety")[1].split("##")[0]
     assert "| dense 12.5 | neutral | 0 | 0 | 13.40 | 6.70 | 1.50 | 1.50 | 1.00 | 0.90 |" in safety
+    quality = text.split("## Lane changes and use of lanes")[1].split("##")[0]
+    # One hard braking in three changes a trip; 4 kg in 14.93 km.
+    row = "| dense 12.5 | neutral | 33.33 | 0.80 | 20.00 | - | 2.50 | 1.20 | 60.0 | 20.0 | 32.2 |"
+    assert row in quality
     assert str(tmp_path) not in text
     for picture in re.findall(r"\]\((evaluate/[^)]+\.png)\)", text):
         assert (out / picture).stat().st_size > 10_000
@@ -72,10 +78,35 @@ def test_page_of_a_part_of_the_rows(file, tmp_path, capsys):
     assert "has none of these trials" in capsys.readouterr().err
 
 
+def test_trials_without_figures_of_quality_have_no_table_of_them(file, tmp_path, capsys):
+    unknown = {f.name: math.nan for f in fields(trials.Trial) if f.default is not MISSING}
+    unknown.pop("lane_discipline")
+    known = trials.read_trials(file, print).values()
+    trials.write_trials(file, [replace(trial, **unknown) for trial in known])
+    show(file, "--report", str(tmp_path / "page"))
+    assert "use of lanes" not in (tmp_path / "page" / "evaluate.md").read_text()
+    assert "TTC" not in capsys.readouterr().out
+
+
+def test_the_page_of_rules_with_options_has_their_points(tmp_path, capsys):
+    names = "lookahead,lookahead:horizon=30,mobil:threshold=0.4"
+    config = EvaluateConfig(trials=2, methods=names, cells="dense-15")
+    path = tmp_path / "trials.csv"
+    trials.write_trials(
+        path, [trial(task, 0.1 + 1e-3 * (task.seed % 7)) for task in tasks_of(config)]
+    )
+    words = ["--trials", "2", "--methods", names, "--cells", "dense-15"]
+    show(path, *words, "--report", str(tmp_path / "page"))
+    text = (tmp_path / "page" / "evaluate.md").read_text()
+    assert "| dense 15 | lookahead:horizon=30 |" in text
+
+
 def test_json_has_the_checks(file, capsys):
     assert show(file, "--json") == 1
     shown = json.loads(capsys.readouterr().out)
     checks = {check["name"]: check for check in shown["checks"]}
+    hard = checks["dense 12.5, mobil: changes that impose hard braking"]
+    assert (hard["unit"], round(hard["value"], 2)) == ("%", 33.33)
     assert checks["dense 12.5, conservative: speed loss"]["reference"] == 38.9
     assert checks["dense 12.5: speed loss, ddqn less aggressive"]["ok"]
 
@@ -83,7 +114,8 @@ def test_json_has_the_checks(file, capsys):
 def test_tables_for_the_terminal_fit_100_columns(file, capsys):
     show(file)
     table = [line for line in capsys.readouterr().out.splitlines() if line.startswith("  ")]
-    assert len(table) == 6 * 7
+    # Cells, methods and the names of the columns, the second table with a row of units.
+    assert len(table) == 6 * (7 + 8)
     assert max(map(len, table)) <= 100
 
 

@@ -24,6 +24,7 @@ from controllers.decision.fast_world.state import (
     set_traffic,
 )
 from controllers.decision.observation import OBSERVATION_SIZE
+from controllers.decision.quality import Quality
 from controllers.decision.trip import ACTIONS, RewardTerms, TrafficDemand, TripConfig, TripSummary
 from iits_mj import kernels
 from iits_mj.core.arrays import BoolArray, IntArray
@@ -195,7 +196,9 @@ class FastWorlds:
         state = self.states[index]
         numbers = {name: state[name].item() for name in _TOTALS}
         reward = RewardTerms(*state["total"].tolist())
-        return TripSummary(time=state["driven_time"].item(), reward=reward, **numbers)
+        quality = Quality(**{field.name: state[field.name].item() for field in fields(Quality)})
+        time = state["driven_time"].item()
+        return TripSummary(time=time, reward=reward, quality=quality, **numbers)
 
     def road(self, index: int) -> HighwayRoad:
         """Returns the road of a world."""

@@ -441,6 +441,7 @@ class HighwayEnv:
         seconds = 1.0
         if changes and not refused:
             self._source, self.lane = self.lane, target
+            self.log.quality.begin_change(self._scene, self.road, target)
             seconds = float(self._random.integers(6, 9, endpoint=True))
             self._change_left = self._change_lasts = seconds
         log, collided = self.log, False
@@ -479,6 +480,7 @@ class HighwayEnv:
             self._change_left = max(0.0, self._change_left - dt)
             self.log.drive(self.truck.speed, dt)
             self.summary.distance += self.truck.speed * dt
+            self.log.quality.add(self._see(), self.lane, dt)
             collided = collided or self._collided()
         self._observe()
         return collided
@@ -516,6 +518,12 @@ class HighwayEnv:
 
     def _observe(self):
         """Makes the scene and adds its frame to the history."""
+        self._scene = self._see()
+        self._history.add(
+            self.time, observe_frame(self._scene, self.road, self.log.trip.reference_speed)
+        )
+
+    def _see(self):
         step = (self.lane - self._source) * LANE_WIDTH
         blend, rate = blended(self._phase(), self._change_lasts)
         offset = self._source * LANE_WIDTH + step * blend
@@ -532,7 +540,4 @@ class HighwayEnv:
             offset=offset,
             trailer_offset=offset,
         )
-        self._scene = Scene(self.time, ego, self.traffic.tracked(self.truck.front), self._footprint)
-        self._history.add(
-            self.time, observe_frame(self._scene, self.road, self.log.trip.reference_speed)
-        )
+        return Scene(self.time, ego, self.traffic.tracked(self.truck.front), self._footprint)

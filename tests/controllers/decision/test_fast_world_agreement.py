@@ -84,8 +84,9 @@ def test_random_decisions_have_the_same_outcomes_and_observations(setting):
 
 def check_totals(reference, world):
     expected, found = dict(vars(reference.summary)), dict(vars(world.summary))
-    rewards = [vars(totals.pop("reward")) for totals in (expected, found)]
-    assert rewards[1] == pytest.approx(rewards[0], abs=1e-6)
+    for part in ("reward", "quality"):
+        parts = [vars(totals.pop(part)) for totals in (expected, found)]
+        assert parts[1] == pytest.approx(parts[0], abs=1e-6), part
     assert found == pytest.approx(expected, abs=1e-6)
 
 

@@ -222,3 +222,17 @@ def test_parameters_of_rules_out_of_range_are_refused():
             LookAhead(**wrong)
     with pytest.raises(InputError, match="politeness"):
         Mobil(politeness=-0.1)
+    for text in ("lookahead:horizon=nan", "lookahead:step=1e-9", "mobil:threshold=high"):
+        with pytest.raises(
+            InputError, match=f"decision maker '{text}': .*(horizon|step|threshold)"
+        ):
+            make(text)
+
+
+def test_a_rule_is_named_with_its_options():
+    assert make("lookahead:horizon=30,change_cost=25") == LookAhead(horizon=30, change_cost=25)
+    assert make("mobil:threshold=0.4") == Mobil(threshold=0.4)
+    # The vehicle ahead costs 5 m/s; behind the other one a change gains 3 m/s.
+    scene = context(ahead(60.0, 0, 11.0), ahead(60.0, 1, 14.0, "faster"))
+    for cost, decision in ((5.0, Decision.LEFT), (200.0, Decision.KEEP)):
+        assert make(f"lookahead:horizon=30:change_cost={cost}").decide(scene) is decision
