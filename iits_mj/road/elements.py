@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from iits_mj.road.geometry import Geometry, PlanView
+from iits_mj.road.objects import MapObject
 from iits_mj.road.polynomials import Cubic, PiecewiseCubic, combine
 
 DRIVING_TYPES = frozenset(
@@ -106,7 +107,10 @@ class RoadType:
 
 @dataclass(frozen=True)
 class Signal:
-    """A sign or traffic light; `value` with `unit` is the limit of a speed sign."""
+    """A sign or traffic light; `value` with `unit` is the limit of a speed sign.
+
+    `heading` is that of its face against its orientation [rad], for pictures.
+    """
 
     id: str
     s: float
@@ -122,6 +126,7 @@ class Signal:
     z_offset: float = 0.0
     height: float = 0.0
     width: float = 0.0
+    heading: float = field(default=0.0, repr=False, compare=False)
 
     @property
     def is_traffic_light(self) -> bool:
@@ -143,7 +148,10 @@ class Structure:
 
 @dataclass(frozen=True)
 class Road:
-    """A road: reference line, profiles, lanes, links, signals and structures."""
+    """A road: reference line, profiles, lanes, links, signals and structures.
+
+    `objects` are for pictures; maps that differ in nothing else are equal, with equal hashes.
+    """
 
     id: str
     length: float
@@ -159,6 +167,7 @@ class Road:
     lane_offsets: tuple[Cubic, ...] = ()
     signals: tuple[Signal, ...] = ()
     structures: tuple[Structure, ...] = ()
+    objects: tuple[MapObject, ...] = field(default=(), repr=False, compare=False)
 
     @cached_property
     def plan(self) -> PlanView:

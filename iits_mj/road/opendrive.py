@@ -1,7 +1,7 @@
 """Parses OpenDRIVE (1.4 to 1.8, right-hand traffic) into the records of `elements`.
 
-Element and attribute names follow ASAM OpenDRIVE 1.6. Content that affects neither the road's place
-nor driving (outlines of objects, controllers, vendor data) is not read. Other unsupported content
+Element and attribute names follow ASAM OpenDRIVE 1.6. Content that affects neither the road's
+place, nor driving, nor pictures (controllers, vendor data) is not read. Other unsupported content
 is refused, or left out with a note.
 """
 
@@ -24,6 +24,7 @@ from iits_mj.road.elements import (
     Structure,
 )
 from iits_mj.road.geometry import Arc, Geometry, Line, ParamPoly3, Poly3, Spiral
+from iits_mj.road.objects import read_objects
 from iits_mj.road.polynomials import Cubic
 from iits_mj.road.xml_input import Reader, parse_xml
 
@@ -135,6 +136,7 @@ def _read_road(reader: Reader, item: Element, notes: list[str]) -> Road:
         lane_offsets=_read_cubics(place, lanes, "laneOffset"),
         signals=_read_signals(place, item.find("signals")),
         structures=_read_structures(place, item.find("objects")),
+        objects=read_objects(place, item.find("objects"), notes),
     )
     _check_plan(place, road)
     return road
@@ -266,6 +268,7 @@ def _read_signals(place: Reader, signals: Element | None) -> tuple[Signal, ...]:
                 z_offset=where.number(item, "zOffset", 0.0),
                 height=where.number(item, "height", 0.0),
                 width=where.number(item, "width", 0.0),
+                heading=where.number(item, "hOffset", 0.0),
             )
         )
     return tuple(result)

@@ -195,6 +195,11 @@ class Route:
         ahead = self.line.evaluate(station + half).z
         return (ahead - self.line.evaluate(station - half).z) / GRADE_WINDOW
 
+    @property
+    def bands(self) -> tuple[LaneBand, ...]:
+        """The stretches of road with one set of lanes, in the order of travel."""
+        return tuple(self._bands)
+
     def lane_count(self, station: float) -> int:
         """Number of driving lanes of the lane section here, opening and closing ones included."""
         return len(self._band(station)[0].lanes)
