@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from iits_mj.commands.arguments import General
 
 EXIT_SHORT, EXIT_USE, EXIT_FAULT, EXIT_INTERRUPTED, EXIT_TERMINATED = 1, 2, 70, 130, 143
-# As of tools that the signal SIGPIPE ends: 128 and its number. Success would claim that checks hold.
+# As of tools that the signal SIGPIPE ends: 128 and its number. 0 would claim that checks hold.
 EXIT_PIPE = 141
 _HELP, _VERSION = ("help", "-h", "--help"), ("-V", "--version")
 _NAME_MAX = 60  # shown characters of an unknown command
