@@ -32,6 +32,7 @@ EXIT_SHORT, EXIT_USE, EXIT_FAULT, EXIT_INTERRUPTED, EXIT_TERMINATED = 1, 2, 70, 
 EXIT_PIPE = 141
 _HELP, _VERSION = ("help", "-h", "--help"), ("-V", "--version")
 _NAME_MAX = 60  # shown characters of an unknown command
+_LOADING = 1.0  # usual time to load the modules of a command [s]
 TRACEBACK_VARIABLE = "IITS_MJ_TRACEBACK"
 
 
@@ -85,7 +86,7 @@ def _run(name: str, words: Sequence[str]) -> int:
     from iits_mj.core.progress import task
 
     silent = not {"--quiet", "-h", "--help"}.isdisjoint(words)
-    with progress.shown(quiet=silent), task("loading"):
+    with progress.shown(quiet=silent), task("loading", usual=_LOADING):
         module = _module(name)
     options, general = _options(module, name, words)
     if general.save_config is not None:
