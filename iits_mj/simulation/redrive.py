@@ -6,7 +6,7 @@ import dataclasses
 import functools
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -108,7 +108,7 @@ def redrive(
 
 
 def own_traffic_of(
-    recording: Recording, name: str, route: Route, traffic_mode: AnyPart, world: DriveConfig
+    recording: Recording, name: str, route: Route, traffic_mode: Any, world: DriveConfig
 ) -> OwnTraffic | None:
     """Returns the user's traffic of a recorded drive, ready for a reset; None for SUMO's.
 

@@ -75,7 +75,7 @@ def traffic_of(
     seed = meta.get("seed")
     if not isinstance(seed, int):
         raise InputError(f"{name}: has no seed")
-    return MODES[mode](route, config_of(recording, name), seed)
+    return MODES[str(mode)](route, config_of(recording, name), seed)
 
 
 def config_of(recording: Recording, name: str) -> TrafficConfig:
