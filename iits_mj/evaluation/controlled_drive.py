@@ -7,6 +7,7 @@ from typing import Any
 
 from iits_mj.core.own_parts import AnyPart, part_name, source_digest
 from iits_mj.parameters import TruckParameters
+from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveFrame, Simulation
 from iits_mj.simulation.frame import DivergedError, find_leaving
 from iits_mj.simulation.lock_step import LockStep, Observer
@@ -72,8 +73,8 @@ def follow(
         duration=DURATION,
         **{name: part for name, part in controllers.items() if part is not None},
     )
-    seen = _Seen()
     with Simulation(config, visuals=False, timestep=timestep) as simulation:
+        seen = _Seen(simulation.route)
         try:
             simulation.run([seen])
         except DivergedError:
@@ -84,17 +85,18 @@ def follow(
 class _Seen(Observer):
     """Sums the errors of a drive."""
 
-    def __init__(self) -> None:
+    def __init__(self, route: Route) -> None:
+        self._route = route
         self.path, self.speed, self.time, self.count = 0.0, 0.0, 0.0, 0
 
     def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         """Adds the errors of a state."""
-        ego, route = frame.ego, simulation.truck.route
-        middle = float(route.lane_offset(0, ego.station))
+        ego = frame.ego
+        middle = float(self._route.lane_offset(0, ego.station))
         self.path = max(self.path, abs(ego.offset - middle))
         self.speed += abs(ego.speed - frame.reference_speed)
         self.count += 1
-        if find_leaving(ego, route, simulation.truck.footprint) is not None:
+        if find_leaving(ego, self._route, frame.scene.footprint) is not None:
             simulation.stop("left the road")
         else:
             self.time = frame.time
