@@ -202,11 +202,12 @@ def draw_curves(curves: list[dict[str, str]], rows: list[dict[str, str]], path: 
             if points:
                 steps = sorted(points)
                 middles = np.array([interquartile_mean([np.array(points[s])]) for s in steps])
-                axes.plot(steps, middles[:, 0], color=colors[method], label=method)
-                axes.fill_between(steps, *middles[:, 1:].T, color=colors[method], alpha=0.2)
+                places = np.array(steps) / 1e3
+                axes.plot(places, middles[:, 0], color=colors[method], label=method)
+                axes.fill_between(places, *middles[:, 1:].T, color=colors[method], alpha=0.2)
         axes.legend(fontsize=7)
         axes.tick_params(labelsize=7)
-    figure.supxlabel("steps of the environment", fontsize=9)
+    figure.supxlabel("thousand steps of the environment", fontsize=9)
     figure.supylabel("return of validation episodes", fontsize=9)
     figure.savefig(path, dpi=100)
 
