@@ -22,7 +22,7 @@ from iits_mj.core import options
 from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option, plant_option
-from iits_mj.core.own_parts import FORMS
+from iits_mj.core.own_parts import FILES, FORMS
 from iits_mj.core.process_pool import run_all
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.evaluation import drives, trials
@@ -56,6 +56,7 @@ class EvaluateConfig:
         f"lookahead:horizon=30:change_cost=25; or your own as {FORMS}",
         names=lambda: DECISION.shipped,
         metavar="NAMES",
+        files=FILES,
         group="decision",
     )
     cells: str = option(

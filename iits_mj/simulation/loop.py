@@ -17,6 +17,7 @@ from controllers.planning.planner import Planner
 from controllers.stack import Stack
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import EgoFootprint, EgoState, Scene, positional
+from iits_mj.core.progress import task
 from iits_mj.core.timing import CYCLE_PERIOD, TIMESTEP
 from iits_mj.road import Route
 from iits_mj.simulation.config import DriveConfig
@@ -146,7 +147,8 @@ class Simulation(LockStep):
         self.path.reset()
         self.vehicles = VehicleFrame.empty()
         if self.traffic is not None:
-            self.vehicles = VehicleFrame.of(self.traffic.reset(ego))
+            with task("starting the traffic", usual=0.5):
+                self.vehicles = VehicleFrame.of(self.traffic.reset(ego))
         self._start()
         self._log: tuple[Observer, ...] = ()
         if self._recorder is not None:

@@ -91,7 +91,7 @@ def load_map(path: Path | None) -> RoadMap:
     return RoadMap.from_opendrive(path)
 
 
-@task("building the truck")
+@task("building the truck", usual=1.5)
 def load_truck(
     config: TruckStart,
     route: Route,
@@ -140,7 +140,6 @@ def make_recorder(config: DriveConfig, route: Route, footprint: EgoFootprint) ->
     return Recorder(traffic)
 
 
-@task("starting the traffic")
 def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> Traffic | None:
     """Returns the configured traffic on the route; None for an empty road.
 
