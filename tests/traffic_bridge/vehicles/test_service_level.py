@@ -1,4 +1,5 @@
 import dataclasses
+import itertools
 import json
 import math
 
@@ -47,7 +48,7 @@ def test_speed_falls_with_density_and_meets_the_free_speed_on_an_empty_road():
     for free in (12.0, 22.0, 30.0, 36.0):
         speeds = [speed_at(density, free) for density in densities]
         assert speeds[0] == free
-        assert all(a >= b - 1e-9 for a, b in zip(speeds, speeds[1:], strict=False))
+        assert all(a >= b - 1e-9 for a, b in itertools.pairwise(speeds))
         assert speeds[-1] > 0.6 * free
 
 
@@ -61,7 +62,7 @@ def test_drivers_along_a_lane_have_the_density_of_the_level_and_their_least_gaps
     level = LevelTraffic(config.shares, LIMIT, config.steady)
     drawn = list(level.along(0, 1, 100_000.0, np.random.default_rng(0)))
     assert len(drawn) / 100_000.0 == pytest.approx(config.steady.density, rel=0.03)
-    for (back, follower, _), (front, leader, _) in zip(drawn, drawn[1:], strict=False):
+    for (back, follower, _), (front, leader, _) in itertools.pairwise(drawn):
         least = follower.minimum_gap + follower.time_headway * config.steady.speed
         assert front - leader.length - back >= least - 1e-6
 
