@@ -20,8 +20,10 @@ from iits_mj.j1939.bus import REACHES
 from iits_mj.j1939.network import CONTROLLER, LAST_ADDRESS
 from iits_mj.parameters import AnyTruck, check_truck, payload_option, truck_option
 from traffic_bridge import TRAFFIC, TrafficSource
+from traffic_bridge.config import HIGHEST_HEAVY_SHARE
+from traffic_bridge.vehicles.service_level import BOUNDS
 
-DENSITIES = ("dense", "medium", "sparse", "empty")
+DENSITIES = ("dense", "medium", "sparse", "empty", *BOUNDS)
 LANE_CHANGE_MODELS = ("lc2013", "mobil")
 LANE_DISCIPLINES = ("right", "free")
 TRAFFIC_SCOPES = ("route", "both", "map")
@@ -101,9 +103,28 @@ class DriveConfig(TruckStart):
     `iits_mj.core.own_parts`. An object serves one drive at a time.
     """
 
-    density: str = option("dense", help="amount of traffic", choices=DENSITIES, group="traffic")
-    traffic_speed: float = option(
-        12.5, help="speed limit of the traffic", unit="m/s", low=3.0, high=40.0, group="traffic"
+    density: str = option(
+        "dense",
+        help="amount of traffic; A to F: level of service of the Highway Capacity Manual, with "
+        "headways and lane changes as on motorways",
+        choices=DENSITIES,
+        group="traffic",
+    )
+    heavy_share: float | None = option(
+        None,
+        help="share of trucks in the traffic; without it 0.18",
+        low=0.0,
+        high=HIGHEST_HEAVY_SHARE,
+        group="traffic",
+    )
+    traffic_speed: float | None = option(
+        None,
+        help="speed limit of the traffic; without it 12.5 m/s, or the road's limit with a level of "
+        "service (36.1 m/s on a road without limit)",
+        unit="m/s",
+        low=3.0,
+        high=40.0,
+        group="traffic",
     )
     traffic_mode: str | type[TrafficSource] | TrafficSource = part_option(
         "inter",

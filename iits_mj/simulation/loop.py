@@ -40,6 +40,7 @@ from iits_mj.simulation.parts import (
     make_traffic,
 )
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
+from iits_mj.simulation.traffic_flow import FlowMeter
 from iits_mj.truck import Truck
 from traffic_bridge import Mirror, Recorder, Traffic, VehicleFrame
 
@@ -155,7 +156,7 @@ class Simulation(LockStep):
             self._log = (DriveLog(self._recorder, self, self.truck, config),)
         self.observers = self._log
         self.collision = self.failed = False
-        self._summary = SummaryBuilder()
+        self._summary = SummaryBuilder(FlowMeter(self.route))
         self._touched: tuple[float, str, str] | None = None
         self._fuel_start = ego.fuel_used
         self._distance, self._odometer_time, self._odometer_speed = 0.0, 0.0, ego.speed

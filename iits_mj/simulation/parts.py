@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable
 from contextlib import suppress
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import mujoco
+import numpy as np
 
 from controllers import decision
 from controllers.own_parts import LATERAL, LONGITUDINAL, PLANNER, SPEED, guarded_speed
@@ -45,6 +47,7 @@ from traffic_bridge import (
     TrafficConfig,
     read_events,
 )
+from traffic_bridge.vehicles.service_level import BOUNDS
 
 if TYPE_CHECKING:
     from controllers.pcc import PccConfig
@@ -52,6 +55,11 @@ if TYPE_CHECKING:
 _LARGE_MAP = 4 * 2**20  # bytes that take seconds to read
 SPEED_LIMITER = 25.0  # [m/s]: 90 km/h, directive 92/6/EEC
 SLOWEST_SHARE = 0.75  # of the reference speed: a slower truck would obstruct the traffic
+PAPER_TRAFFIC_SPEED = 12.5  # [m/s] speed limit of the traffic without a level of service
+UNLIMITED_SPEED = (
+    36.1  # [m/s] of traffic where a road has no limit: 130 km/h, as advised in Germany
+)
+LIMIT_SAMPLES = 200
 # Least road between the start and the end of the drive [m].
 _ROOM = 10.0
 
@@ -163,7 +171,8 @@ def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> 
         return None
     settings = TrafficConfig(
         density=config.density,
-        speed_limit=config.traffic_speed,
+        heavy_share=config.heavy_share,
+        speed_limit=traffic_speed(config, route),
         lane_change=config.lane_change,
         lane_discipline=config.lane_discipline,
         scope=config.traffic_scope,
@@ -176,6 +185,23 @@ def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> 
         return MixedSim(route, config.recording, settings, seed=config.seed)
     mode = InterSim if config.traffic_mode == "inter" else PureSim
     return mode(route, settings, seed=config.seed)
+
+
+def traffic_speed(config: DriveConfig, route: Route) -> float:
+    """Returns the speed limit of the traffic [m/s].
+
+    It is the option `traffic_speed`, else the paper's speed, or with a level of service the limit
+    of most of the route.
+    """
+    if config.traffic_speed is not None:
+        return config.traffic_speed
+    if config.density not in BOUNDS:
+        return PAPER_TRAFFIC_SPEED
+    lengths: dict[float, float] = {}
+    for begin, end in itertools.pairwise(np.linspace(0.0, route.length, LIMIT_SAMPLES).tolist()):
+        limit = min(float(route.speed_limit(0.5 * (begin + end))), UNLIMITED_SPEED)
+        lengths[limit] = lengths.get(limit, 0.0) + end - begin
+    return max(lengths, key=lambda limit: (lengths[limit], limit))
 
 
 def _own_traffic(config: DriveConfig, route: Route, settings: TrafficConfig) -> OwnTraffic:

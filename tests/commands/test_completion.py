@@ -119,7 +119,7 @@ def test_tab_in_zsh_completes_the_line(
         ("iits-mj do", {"doctor"}),
         ("iits-mj help dri", {"drive"}),
         ("iits-mj drive --densi", {"--density"}),
-        ("iits-mj drive --density ", {"dense", "medium", "sparse", "empty"}),
+        ("iits-mj drive --density ", {"dense", "medium", "sparse", "empty", *"ABCDEF"}),
         ("iits-mj drive --quiet --seed 3 --decision look", {"lookahead"}),
         ("iits-mj drive --truck a_", {"a_double"}),
         ("iits-mj validate long", {"longitudinal"}),
