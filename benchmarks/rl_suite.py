@@ -11,7 +11,8 @@
 `train` may be killed at any time and started again. Start it twice to use two cores: each process
 takes trainings that no other one holds. rl_suite.toml has the tasks, budgets and hyperparameters.
 `results` adds the finished trainings to docs/benchmark/*.csv; `train` leaves those out, also when
-their folder is gone. Remove a training's rows to train it again.
+their folder is gone, but never a variant (--steps, --set). Remove a training's rows to train it
+again.
 
 A training is cut into parts. Every part, also the first and also without an interruption, begins
 from the stored model, with random numbers and episodes that follow from the seed and the part. So a
@@ -405,6 +406,10 @@ def main() -> None:
         "--set", nargs="+", type=_setting, default=[], metavar="KEY=VALUE", help="hyperparameters"
     )
     asked = parser.parse_args()
+    variant = asked.steps is not None or bool(asked.set)
+    known = {short(task.environment) for task in trainings()}
+    if unknown := sorted(set(asked.only) - known):
+        parser.error(f"--only {' '.join(unknown)}: must be of {', '.join(sorted(known))}")
     tasks = [
         replace(
             task,
@@ -416,6 +421,10 @@ def main() -> None:
         and task.algorithm in asked.algorithms
         and (not asked.only or short(task.environment) in asked.only)
     ]
+    if not tasks:
+        parser.error("no training has these --only, --algorithms and --seeds; see rl_suite.toml")
+    if variant and asked.command in ("levels", "results"):
+        parser.error(f"--steps and --set are of train and status, not of {asked.command}")
     asked.out.mkdir(parents=True, exist_ok=True)
     if asked.command == "results":
         results(asked.out)
@@ -429,13 +438,15 @@ def main() -> None:
         if asked.command == "status":
             done = (folder / "scores.csv").exists()
             tested = f", test {_summary(folder, 0.0)['return']}" if done else ""
-            tested = ", in the tables" if recorded(task) else tested
+            tested = ", in the tables" if not variant and recorded(task) else tested
             print(f"{task.name}: {finished_parts(folder)} of {task.parts} parts{tested}")
             continue
         score_fixed(task.environment, asked.out)
         with held(folder) as free:
-            if free and not recorded(task):
+            if free and (variant or not recorded(task)):
                 train(task, folder)
+            else:
+                print(f"{task.name} is {'in the tables' if free else 'with another process'}")
 
 
 if __name__ == "__main__":

@@ -1,12 +1,16 @@
 """Draws the pictures on the environments' manual pages; needs OpenGL.
 
     python tools/environment_pictures.py
+    python tools/environment_pictures.py stop dock
 
 Each picture shows a task some seconds into an episode of its scripted driver.
 """
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,26 +32,30 @@ SHOTS = {
     "lane_keep": (8.0, "chase"),
     "lane_change": (8.0, "chase"),
     "tight_turn": (11.0, "chase"),
-    "dock": (10.0, "side"),
+    "dock": (25.0, "side"),
 }
 SIZE = (640, 360)
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "environments" / "images"
 
 
-def draw(folder: Path) -> None:
-    """Writes a PNG file for each page."""
+def draw(folder: Path, names: Sequence[str] = ()) -> None:
+    """Writes a PNG file for each page, or for the named ones.
+
+    Raises:
+        ValueError: A name has no picture.
+    """
+    pictures: dict[str, Callable[[], Any]] = {
+        task: partial(_driven, task, time, camera) for task, (time, camera) in SHOTS.items()
+    }
+    pictures["highway"] = partial(_stepped, "Highway", 40, 3, density="dense", traffic_speed=12.5)
+    pictures["highway_fast"] = partial(_stepped, "HighwayFast", 20, 1, density="dense")
+    pictures["speed_planning"] = partial(_stepped, "SpeedPlanning", 6, 1)
+    pictures["platoon"] = _platoon
+    if unknown := set(names) - set(pictures):
+        raise ValueError(f"no picture {sorted(unknown)}; pictures: {', '.join(pictures)}")
     folder.mkdir(parents=True, exist_ok=True)
-    for task, (time, camera) in SHOTS.items():
-        _save(folder / f"{task}.png", _driven(task, time, camera))
-    _save(folder / "highway.png", _stepped("Highway", 40, 3, density="dense", traffic_speed=12.5))
-    _save(folder / "highway_fast.png", _stepped("HighwayFast", 20, 1, density="dense"))
-    _save(folder / "speed_planning.png", _stepped("SpeedPlanning", 6, 1))
-    with PlatoonEnv(render_mode="rgb_array") as environment:
-        environment.reset(seed=0)
-        for _ in range(40):
-            actions = {a: platoon(environment.seen(a)) for a in environment.agents}
-            environment.step({a: v.astype(np.float32) for a, v in actions.items()})
-        _save(folder / "platoon.png", environment.render())
+    for name in names or pictures:
+        _save(folder / f"{name}.png", pictures[name]())
 
 
 def _driven(task: str, time: float, camera: str) -> Any:
@@ -74,9 +82,18 @@ def _stepped(name: str, steps: int, seed: int, **settings: Any) -> Any:
     return picture
 
 
+def _platoon() -> Any:
+    with PlatoonEnv(render_mode="rgb_array") as environment:
+        environment.reset(seed=0)
+        for _ in range(40):
+            actions = {a: platoon(environment.seen(a)) for a in environment.agents}
+            environment.step({a: v.astype(np.float32) for a, v in actions.items()})
+        return environment.render()
+
+
 def _save(path: Path, picture: Any) -> None:
     Image.fromarray(picture).quantize(128).save(path, optimize=True)
 
 
 if __name__ == "__main__":
-    draw(FOLDER)
+    draw(FOLDER, sys.argv[1:])

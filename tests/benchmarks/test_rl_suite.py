@@ -171,3 +171,32 @@ def test_an_incomplete_cell_is_pending_with_its_seeds():
     line = next(x for x in rl_results.score_table(rows).splitlines() if "Stop-v0" in x)
     assert "3 [3, 3] pending (2 of 5)" in line
     assert "pending (0 of 1)" in line
+
+
+def test_a_variant_is_trained_although_the_tables_have_the_training(tmp_path, monkeypatch):
+    trained = []
+    monkeypatch.setattr(rl_suite, "recorded", lambda task: True)
+    monkeypatch.setattr(rl_suite, "score_fixed", lambda *_: None)
+    monkeypatch.setattr(rl_suite, "train", lambda task, folder: trained.append(task))
+    command = ["rl_suite", "train", "--out", f"{tmp_path}", "--only", "Stop", "--seeds", "0"]
+    monkeypatch.setattr("sys.argv", command)
+    rl_suite.main()
+    assert trained == []
+    monkeypatch.setattr("sys.argv", [*command, "--algorithms", "ppo", "--set", "gamma=0.9"])
+    rl_suite.main()
+    assert [task.hyperparameters["gamma"] for task in trained] == [0.9]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["train", "--only", "Stpo"], "--only Stpo: must be of Cruise, Dock"),
+        (["train", "--only", "Stop", "--algorithms", "dqn"], "no training has"),
+        (["levels", "--steps", "5"], "--steps and --set are of train"),
+    ],
+)
+def test_a_wrong_choice_of_trainings_is_refused(arguments, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["rl_suite", *arguments, "--out", f"{tmp_path}"])
+    with pytest.raises(SystemExit):
+        rl_suite.main()
+    assert said in capsys.readouterr().err
