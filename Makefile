@@ -74,6 +74,7 @@ compiler:
 
 # Editable, so that changes of Python and MJCF count at once; the plugin is compiled here.
 $(VENV)/installed: $(BUILD) $(CXX_SOURCES) | compiler $(BIN)/python
+	@echo "make: installs the package into $(VENV): downloads and compiles for some minutes"
 	$(PIP) -c constraints.txt -e .
 	$(DM_CONTROL)
 	@touch $@

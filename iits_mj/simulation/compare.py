@@ -257,6 +257,19 @@ def _fuel(drive: DriveTable) -> float:
     return _of("fuel_used [kg]", lambda v: v[-1] - v[0], 1.0)(drive)
 
 
+def _deviation(column: str, planned: str, scale: float) -> Callable[[DriveTable], float]:
+    """The greatest magnitude of a column less another one."""
+
+    def figure(drive: DriveTable) -> float:
+        if column not in drive or planned not in drive:
+            return math.nan
+        errors = np.abs(drive.column(column) - drive.column(planned))
+        errors = errors[np.isfinite(errors)]
+        return scale * float(errors.max()) if len(errors) else math.nan
+
+    return figure
+
+
 def _consumption(drive: DriveTable) -> float:
     way = _distance(drive)
     return _fuel(drive) / DIESEL_DENSITY / (way / 1e5) if way >= _SHORTEST else math.nan
@@ -292,6 +305,18 @@ _FIGURES: tuple[tuple[str, str, int, Callable[[DriveTable], float]], ...] = (
         "deg",
         2,
         _of("articulation [rad]", lambda v: np.abs(v).max(), _DEGREES),
+    ),
+    (
+        "largest deviation from the planned offset",
+        "m",
+        3,
+        _deviation("offset [m]", "planned_offset [m]", 1.0),
+    ),
+    (
+        "largest deviation from the planned speed",
+        "km/h",
+        2,
+        _deviation("speed [m/s]", "planned_speed [m/s]", 1.0 / KMH),
     ),
 )
 

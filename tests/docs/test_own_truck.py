@@ -9,21 +9,26 @@ from iits_mj.parameters import TruckParameters
 from tests.paths import ROOT
 
 PAGE = (ROOT / "docs" / "tutorials" / "own_truck.md").read_text(encoding="utf-8")
-FILES = ("my_truck/full_load.csv", "my_truck/gears.csv", "my_truck/truck.toml")
+FILES = (
+    *("my_truck/full_load.csv", "my_truck/gears.csv", "my_truck/truck.toml"),
+    "geared/truck.toml",
+)
+DRIVES = ("drive", "drive", "compare")
 # A short drive without pictures stands for the video.
 SHORT = ["--duration", "1", "--no-video", "--traffic-mode", "none"]
 
 
 def test_files_and_commands_of_the_page_work(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "my_truck").mkdir()
+    for folder in ("my_truck", "geared"):
+        (tmp_path / folder).mkdir()
     texts = re.findall(r"```(?:csv|toml)\n(.*?)```", PAGE, re.DOTALL)
     for name, text in zip(FILES, texts, strict=True):
         assert f"`{name}`" in PAGE
         (tmp_path / name).write_text(text, encoding="utf-8")
     lines = "\n".join(re.findall(r"```console\n(.*?)```", PAGE, re.DOTALL)).split("\n")
     commands = [line.split(">")[0].split()[1:] for line in lines if line.startswith("iits-mj ")]
-    assert [words[0] for words in commands] == ["truck", "truck", "truck", "truck", "drive"]
+    assert [words[0] for words in commands] == [*["truck"] * 4, "drive", "truck", *DRIVES]
     for words in commands:
         capsys.readouterr()
         if words[0] == "drive":
@@ -40,3 +45,4 @@ def test_files_and_commands_of_the_page_work(tmp_path, monkeypatch, capsys):
     truck = TruckParameters.load("my_truck")
     assert truck.engine.full_load_power == pytest.approx(360e3, rel=0.002)
     assert truck.gross_mass(truck.payload_max) == 40_000.0
+    assert TruckParameters.load("geared").gearbox.final_drive == 3.08

@@ -93,6 +93,20 @@ def test_figures_have_their_difference(tmp_path: Path) -> None:
     assert "closest vehicle" not in found  # Neither drive has a value.
 
 
+def test_tracking_is_compared_by_the_largest_deviation_from_the_plan(tmp_path: Path) -> None:
+    table = drive()
+    planned = table.column("offset [m]") + 0.1
+    planned[5] += 0.2
+    planned[7] = np.nan  # A row without a plan does not count.
+    columns = {**table.columns, "planned_offset [m]": planned}
+    _, b = runs(tmp_path, DriveTable(columns))
+    found = {figure.name: figure for figure in figures(b, b)}
+    assert found["largest deviation from the planned offset"].first == pytest.approx(0.3)
+    del columns["planned_offset [m]"]
+    c = Run.read(write(DriveTable(columns), tmp_path / "c"))
+    assert not any("planned offset" in figure.name for figure in figures(c, c))
+
+
 def test_only_settings_that_change_a_drive_are_compared(tmp_path: Path) -> None:
     a, b = runs(tmp_path, drive())
     assert Comparison(a, b).configuration() == [("density", "dense", "sparse")]
