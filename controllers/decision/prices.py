@@ -88,6 +88,6 @@ class PriceOptions:
         if self.lane_change_price is None:
             for name in given:
                 flag = f"{name.replace('_', '-')}-price"
-                raise InputError(f"{flag} needs lane-change-price: add it, or leave {flag} out")
+                raise InputError(f"{flag} needs lane-change-price: give both, or none")
             return None
         return Prices(self.lane_change_price, **given)

@@ -206,22 +206,24 @@ class RolloutConfig:
       InputError: a value is out of bounds; the message names it.
     """
 
-    rounds: int = _option(5, help="rounds of roll-outs, each followed by a fit", low=1, high=100)
+    rounds: int = _option(4, help="rounds of roll-outs, each followed by a fit", low=1, high=100)
     chunks: int = _option(40, help="chunks of labels in each round", low=1, high=10_000)
-    chunk_trips: int = _option(64, help="trips that a chunk drives in parallel", low=1, high=10_000)
+    chunk_trips: int = _option(
+        128, help="trips that a chunk drives in parallel", low=1, high=10_000
+    )
     chunk_windows: int = _option(
-        8, help="states that a chunk takes from each trip, one a minute", low=1, high=1_000
+        8, help="states that a chunk takes from each trip, one of 30 decisions", low=1, high=1_000
     )
     horizon: float = _option(
         100.0, help="time of a roll-out", unit="s", low=10.0, high=1_000.0, metavar="S"
     )
     draws: int = _option(
-        2, help="draws of the hidden desired speeds for each state", low=1, high=100
+        1, help="draws of the hidden desired speeds for each state", low=1, high=100
     )
     more_draws: int = _option(
-        4, help="further draws where the decisions are nearly equal", low=0, high=100
+        0, help="further draws where the decisions are nearly equal", low=0, high=100
     )
-    epochs: int = _option(30, help="passes of a fit over the labels", low=1, high=10_000)
+    epochs: int = _option(8, help="passes of a fit over the labels", low=1, high=10_000)
     members: int = _option(3, help="networks of the last fit, whose mean decides", low=1, high=20)
 
     def __post_init__(self) -> None:

@@ -8,6 +8,7 @@ is as probable and the right lane has no price. The inputs are standardized as t
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Sequence
@@ -34,8 +35,11 @@ _SCALES = np.array([40.0, 1.0, 0.5, 30.0], np.float32)
 # Usual size of the worth of a change: a part of it grows with the price [m].
 _WORTH, _WORTH_SHARE = 30.0, 0.4
 _PARTS = 0.2  # weight of the loss of the parts
+# Errors beyond this many usual sizes count linearly. It is wide: the network is to tell the mean of
+# what a change adds, and few states add much.
+_DELTA = 4.0
 _BATCH = 512
-_RATE, _RATE_END, _DECAY = 1e-3, 1e-5, 1e-4
+_RATE, _RATE_END, _DECAY = 1e-3, 1e-5, 1e-3
 
 
 def mirror_images(labels: Labels) -> Labels:
@@ -67,6 +71,7 @@ def fit(labels: Labels, seed: int, epochs: int) -> PricedNetwork:
     Raises:
       Error: the loss is not finite.
     """
+    torch.set_num_threads(1)
     labels = joined([labels, mirror_images(labels)])
     usual, spread = usual_and_spread()
     inputs = np.concatenate(
@@ -116,9 +121,9 @@ def _loss(found: Tensor, wanted: Tensor, prices: Tensor, weight: Tensor) -> Tens
     charges = torch.cat([-torch.ones(len(prices), 1), prices], dim=1)[:, None]
     size = _WORTH + _WORTH_SHARE * prices[:, :1]
     error = ((found * scales - wanted) * charges).sum(2) / size
-    huber = nn.functional.smooth_l1_loss
-    whole = huber(error, torch.zeros_like(error), reduction="none")
-    parts = huber(found, wanted / scales, reduction="none").mean(2)
+    huber = functools.partial(nn.functional.huber_loss, reduction="none", delta=_DELTA)
+    whole = huber(error, torch.zeros_like(error))
+    parts = huber(found, wanted / scales).mean(2)
     return ((whole + _PARTS * parts) * weight).sum() / weight.sum()
 
 

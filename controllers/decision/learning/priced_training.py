@@ -69,12 +69,11 @@ def train_priced(
       Error: the fit diverged.
     """
     try:
-        import torch
+        import torch  # noqa: F401
     except ImportError as error:
         raise InputError("training needs torch: pip install 'iits-mj[train]'") from error
     from controllers.decision.learning import fitting
 
-    torch.set_num_threads(1)
     settings = {**vars_of(config), "seed": seed}
     _begin(out, settings, resume)
     policy: Path | None = None
@@ -176,7 +175,7 @@ def _used(out: Path, number: int, config: RolloutConfig) -> list[Path]:
 
 def _chunks(config: RolloutConfig, number: int) -> int:
     """Returns the number of chunks of a round; the rule's labels only begin the training."""
-    return config.chunks if number else max(1, config.chunks // 2)
+    return config.chunks if number else max(1, config.chunks // 4)
 
 
 def _read(path: Path) -> Labels:

@@ -1,7 +1,7 @@
 """What lane changes add, measured by roll-outs in the fast world: the labels of the priced policy.
 
-A chunk of labels is made from trips that drive in parallel. In each minute of each trip one state
-is drawn, states of nearly equal decisions with a greater probability. From copies of this state the
+A chunk of labels is made from trips that drive in parallel. Of 30 decisions of a trip one is
+drawn, nearly equal ones with a greater probability. From copies of this state the
 truck keeps its lane, changes to the left and changes to the right, and then follows a policy for
 some time. What the truck cannot see, the wishes of the other drivers and later arrivals, is drawn
 again, the same for the decisions that are compared.
@@ -41,7 +41,7 @@ Policy = Callable[[FastWorlds, FloatArray, FloatArray], IntArray]
 
 _ENDLESS = 1e6  # [m], [s]
 _WARM_UP = 40.0  # [s]
-_WINDOW = 60  # decisions, of which one is drawn
+_WINDOW = 30  # decisions, of which one is drawn
 _REACH = 300.0  # [m] ahead: the observation's range
 _COLLISION = 1_000.0  # [m] of way
 # Costs [m] of the look-ahead rule that drives the first round, as shares of the price of a change.
@@ -50,8 +50,10 @@ _RULE_COSTS = (5.0, 10.0, 20.0, 40.0, 80.0, 140.0)
 # Draws of the hidden: for all states, and further ones where the decisions are nearly equal.
 _NEARLY_EQUAL = 40.0  # [m]
 # Trips with three lanes, and in traffic that keeps right, where the right lane has a price.
-_THREE_LANES, _KEEPS_RIGHT = 0.1, 0.3
-_FREE = 0.5  # share of trips in which a further price is zero
+_THREE_LANES, _KEEPS_RIGHT = 0.1, 0.15
+# Shares of trips without a price of braking, and of the right lane, this one also where the traffic
+# keeps right.
+_BRAKING_FREE, _LEFT_FREE, _LEFT_FREE_KEEPS_RIGHT = 0.65, 0.8, 0.25
 _RANDOM = 0.05  # share of random changes in the trips
 
 
@@ -116,8 +118,8 @@ class NetworkPolicy:
 def draw_prices(trip: TripConfig, generator: np.random.Generator) -> FloatArray:
     """Draws the prices of a trip, shape (3,)."""
     change = np.exp(generator.uniform(np.log(10.0), np.log(400.0)))
-    braking = 60.0 * generator.random() ** 2 if generator.random() > _FREE else 0.0
-    free = 0.2 if trip.keeps_right else 0.7
+    braking = 60.0 * generator.random() ** 2 if generator.random() > _BRAKING_FREE else 0.0
+    free = _LEFT_FREE_KEEPS_RIGHT if trip.keeps_right else _LEFT_FREE
     left = np.exp(generator.uniform(np.log(0.1), np.log(4.0)))
     return np.array([change, braking, left if generator.random() > free else 0.0])
 
