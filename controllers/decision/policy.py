@@ -214,6 +214,10 @@ class GreedyPolicy(Memoryless):
     def __init__(self, network: QNetwork) -> None:
         self.network = network
 
+    def values(self, observation: NDArray[np.floating[Any]]) -> FloatArray:
+        """Returns Q of (left, keep, right), shape (3,)."""
+        return self.network.values(observation)
+
     def decide(self, context: DecisionContext) -> Decision:
         """Returns the greedy decision; KEEP if the truck may not use the lane that it asks for."""
         decision = self.network.greedy(context.observation)

@@ -201,6 +201,11 @@ class PricedPolicy(Memoryless):
     def __init__(self, network: PricedNetwork, prices: Prices) -> None:
         self.network, self.prices = network, prices
 
+    def values(self, observation: NDArray[np.floating[Any]]) -> FloatArray:
+        """Returns what left, keep and right are worth [m], shape (3,)."""
+        left, right = self.network.gains(observation, self.prices.numbers).mean(0)
+        return np.array([left, 0.0, right], np.float32)
+
     def decide(self, context: DecisionContext) -> Decision:
         """Returns the decision of greatest worth; KEEP where no change is possible."""
         braking = imposed_braking(context)

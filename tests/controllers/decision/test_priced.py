@@ -146,7 +146,7 @@ def test_a_change_that_gains_less_than_its_price_is_not_made():
 
 def test_worlds_and_contexts_agree_on_imposed_braking():
     env, worlds = HighwayEnv(), FastWorlds(1)
-    trip = cell_trip("dense", 12.5)
+    trip = cell_trip("medium", 12.5)
     env.reset(np.random.default_rng(4), trip)
     worlds.reset(0, np.random.default_rng(4), trip)
     rule = compiled(make("lookahead"))
