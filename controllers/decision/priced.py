@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controllers.decision.base import DecisionContext, Memoryless
+from controllers.decision.base import DecisionContext
 from controllers.decision.observation import OBSERVATION_SIZE, OBSERVATION_VERSION
 from controllers.decision.policy import (
     LAYERS,
@@ -33,7 +34,8 @@ from controllers.decision.policy import (
     write_layers,
 )
 from controllers.decision.prices import Prices
-from controllers.decision.rules import imposed_braking
+from controllers.decision.rules import LookAhead, imposed_braking
+from iits_mj.core.checks import is_number
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision
 
@@ -44,6 +46,10 @@ SIDES = (Decision.LEFT, Decision.RIGHT)
 FORMAT = "iits_mj.priced_network.1"
 # A change that asks more braking of the new follower is not made [m/s2].
 IMPOSED_BRAKING_MAX = 1.4
+# Most lanes of the roads of the training.
+LANES_MAX = 3
+# Horizon [s] of the rule where the policy is unsure, and its cost as a share of the price.
+RULE_HORIZON, RULE_SHARE = 30.0, 0.35
 
 
 PRICED_LAYERS = (
@@ -58,6 +64,31 @@ def price_inputs(prices: ArrayLike) -> FloatArray:
     values = np.asarray(prices, dtype=float)
     change, braking, left = np.moveaxis(values, -1, 0)
     return np.stack([np.log(change / 60.0), braking / 20.0, left], -1).astype(np.float32)
+
+
+def usual_worth(lane_change_price: ArrayLike) -> NDArray[np.float64]:
+    """Returns the usual size of what a change is worth at a price [m], of the price's shape."""
+    return 30.0 + 0.4 * np.asarray(lane_change_price, dtype=float)
+
+
+def disagreement(gains: FloatArray, prices: ArrayLike) -> NDArray[np.float64]:
+    """Returns the members' standard deviation in units of `usual_worth`, shape (..., 2).
+
+    Args:
+      gains: of the members, shape (members, ..., 2).
+      prices: shape (..., 3).
+    """
+    size = usual_worth(np.asarray(prices)[..., 0])
+    return np.std(gains, axis=0, dtype=float) / size[..., None]
+
+
+def fallback_rule(lane_change_price: float) -> LookAhead:
+    """Returns the rule that decides where the policy is unsure.
+
+    Its cost of a change fits the price: the rule counts what it gains in 30 s alone.
+    """
+    cost = RULE_SHARE * lane_change_price
+    return LookAhead(horizon=RULE_HORIZON, change_cost=cost, right_gain=0.0)
 
 
 def worth(components: FloatArray, prices: ArrayLike) -> FloatArray:
@@ -75,6 +106,7 @@ class PricedNetwork:
       weights: of the layers, each of shape (members, outputs, inputs), float32.
       biases: of shape (members, outputs).
       metadata: JSON values of the file.
+      disagreement_max: greatest `disagreement` of the members at which they decide.
 
     Raises:
       InputError: the shapes are not those of `PRICED_LAYERS`, or a number is not finite.
@@ -83,6 +115,7 @@ class PricedNetwork:
     weights: tuple[FloatArray, ...]
     biases: tuple[FloatArray, ...]
     metadata: dict[str, Any] = field(default_factory=dict)
+    disagreement_max: float = math.inf
 
     def __post_init__(self) -> None:
         members = len(self.weights[0]) if self.weights and self.weights[0].ndim else 0
@@ -99,6 +132,9 @@ class PricedNetwork:
             )
         if not all(np.isfinite(a).all() for a in (*self.weights, *self.biases)):
             raise InputError("network contains numbers that are not finite")
+        limit = self.disagreement_max
+        if (not is_number(limit) and limit != math.inf) or limit < 0.0:
+            raise InputError(f"network has the disagreement_max {limit!r}; use zero or more")
 
     @classmethod
     def joined(cls, networks: Sequence[PricedNetwork], **metadata: Any) -> PricedNetwork:
@@ -145,12 +181,14 @@ class PricedNetwork:
 
     def save(self, path: str | Path, **metadata: Any) -> None:
         """Writes the npz file with numbers of 16 bits; keyword arguments extend its metadata."""
+        limit = self.disagreement_max
         header = {
             **self.metadata,
             **metadata,
             "format": FORMAT,
             "observation_version": OBSERVATION_VERSION,
             "layers": list(PRICED_LAYERS),
+            "disagreement_max": None if math.isinf(limit) else limit,
         }
         weights, biases = ([a.astype(np.float16) for a in k] for k in (self.weights, self.biases))
         write_layers(path, "weights file", header, weights, biases)
@@ -164,9 +202,10 @@ class PricedNetwork:
             version of the observation, or a number is not finite; the message gives the reason.
         """
         path = SHIPPED_PRICED if path is None else path
-        layers = read_layers(path, FORMAT, len(PRICED_LAYERS) - 1)
+        weights, biases, metadata = read_layers(path, FORMAT, len(PRICED_LAYERS) - 1)
+        limit = metadata.get("disagreement_max")
         try:
-            return cls(*layers)
+            return cls(weights, biases, metadata, math.inf if limit is None else limit)
         except InputError as error:
             raise InputError(f"weights file {str(path)!r}: {error}") from error
 
@@ -185,21 +224,31 @@ def chosen(gains: NDArray[np.floating[Any]], braking: NDArray[np.float64]) -> ND
     return np.where(gained, 2 * best - 1, 0)
 
 
-class PricedPolicy(Memoryless):
+class PricedPolicy:
     """Makes the lane change that is worth most at given prices, if it is worth more than nothing.
 
     It makes no change for which the planner's gaps are not free, and none that asks more than
-    `IMPOSED_BRAKING_MAX` of the new follower.
+    `IMPOSED_BRAKING_MAX` of the new follower. Where the members of the network disagree more than
+    in their training, or the road has more lanes, look-ahead decides instead.
 
     Args:
       network: tells what a change adds.
       prices: of the drive.
+
+    Attributes:
+      unsure: whether look-ahead made the last decision; unsure_decisions: how many since `reset`.
     """
 
     name = "ddqn"
 
     def __init__(self, network: PricedNetwork, prices: Prices) -> None:
         self.network, self.prices = network, prices
+        self.rule = fallback_rule(prices.lane_change)
+        self.reset()
+
+    def reset(self) -> None:
+        """Prepares the policy for a new drive."""
+        self.unsure, self.unsure_decisions = False, 0
 
     def values(self, observation: NDArray[np.floating[Any]]) -> FloatArray:
         """Returns what left, keep and right are worth [m], shape (3,)."""
@@ -208,11 +257,20 @@ class PricedPolicy(Memoryless):
 
     def decide(self, context: DecisionContext) -> Decision:
         """Returns the decision of greatest worth; KEEP where no change is possible."""
-        braking = imposed_braking(context)
-        if min(braking.values()) >= IMPOSED_BRAKING_MAX:
+        self.unsure = False
+        braking = np.array([imposed_braking(context)[side] for side in SIDES])
+        possible = braking < IMPOSED_BRAKING_MAX
+        if not possible.any():
             return Decision.KEEP
-        gains = self.network.gains(context.observation, self.prices.numbers).mean(0)
-        return Decision(int(chosen(gains, np.array([braking[side] for side in SIDES]))))
+        gains = self.network.gains(context.observation, self.prices.numbers)
+        spread = disagreement(gains, self.prices.numbers)[possible].max()
+        if spread > self.network.disagreement_max or len(context.lanes) > LANES_MAX:
+            self.unsure = True
+            self.unsure_decisions += 1
+            decision = self.rule.decide(context)
+            asked = dict(zip(SIDES, possible.tolist(), strict=True))
+            return decision if asked.get(decision, False) else Decision.KEEP
+        return Decision(int(chosen(gains.mean(0), braking)))
 
 
 def load_priced(path: str | Path | None = None, **prices: float) -> PricedPolicy:

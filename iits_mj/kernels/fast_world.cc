@@ -427,7 +427,8 @@ IITS_KERNEL void iits_worlds_allowed(char* rows, std::ptrdiff_t stride, std::ptr
 // Writes for each world the braking that left, keep and right ask of the new follower [m/s2].
 IITS_KERNEL void iits_worlds_braking(char* rows, std::ptrdiff_t stride, std::ptrdiff_t n,
                                      const Laws* laws, double* braking) {
-  for (std::ptrdiff_t i = 0; i < n; ++i) Trip(At(rows, stride, i), laws).ImposedBraking(braking + 3 * i);
+  for (std::ptrdiff_t i = 0; i < n; ++i)
+    Trip(At(rows, stride, i), laws).ImposedBraking(braking + 3 * i);
 }
 
 // Draws the hidden wishes of all other drivers again.

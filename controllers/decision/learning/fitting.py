@@ -8,6 +8,7 @@ is as probable and the right lane has no price. The inputs are standardized as t
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import itertools
 import math
@@ -26,19 +27,21 @@ from controllers.decision.priced import (
     PRICED_LAYERS,
     SIDES,
     PricedNetwork,
+    disagreement,
     price_inputs,
+    usual_worth,
 )
 from iits_mj.core.errors import Error
 
 # Usual sizes of the parts, in their order and units.
 _SCALES = np.array([40.0, 1.0, 0.5, 30.0], np.float32)
-# Usual size of the worth of a change: a part of it grows with the price [m].
-_WORTH, _WORTH_SHARE = 30.0, 0.4
 _PARTS = 0.2  # weight of the loss of the parts
 # Errors beyond this many usual sizes count linearly. It is wide: the network is to tell the mean of
 # what a change adds, and few states add much.
 _DELTA = 4.0
 _BATCH = 512
+# Share of the labels that the members agree on well enough to decide.
+_SURE = 0.998
 _RATE, _RATE_END, _DECAY = 1e-3, 1e-5, 1e-3
 
 
@@ -80,6 +83,7 @@ def fit(labels: Labels, seed: int, epochs: int) -> PricedNetwork:
     x, wanted = torch.from_numpy(inputs), torch.from_numpy(labels.components)
     prices = torch.from_numpy(labels.prices)
     weight = _weights(labels)
+    size = torch.from_numpy(usual_worth(labels.prices[:, :1]).astype(np.float32))
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         network = _network()
@@ -91,7 +95,7 @@ def fit(labels: Labels, seed: int, epochs: int) -> PricedNetwork:
         for _ in range(epochs):
             for rows in torch.randperm(len(x)).split(_BATCH):
                 found = network(x[rows]).unflatten(1, (len(SIDES), len(COMPONENTS)))
-                loss = _loss(found, wanted[rows], prices[rows], weight[rows])
+                loss = _loss(found, wanted[rows], prices[rows], size[rows], weight[rows])
                 optimizer.zero_grad()
                 loss.backward()
                 nn.utils.clip_grad_norm_(network.parameters(), 1.0)
@@ -100,6 +104,15 @@ def fit(labels: Labels, seed: int, epochs: int) -> PricedNetwork:
             if not math.isfinite(loss.item()):
                 raise Error(f"training diverged: the loss of the fit is {loss.item()}")
     return PricedNetwork(*_layers(network, usual, spread))
+
+
+def with_limit(network: PricedNetwork, labels: Labels) -> PricedNetwork:
+    """Returns a network with the disagreement of its members that labels hardly exceed."""
+    if len(network) == 1:
+        return network
+    gains = network.gains(labels.observation, labels.prices)
+    found = disagreement(gains, labels.prices)[labels.possible]
+    return dataclasses.replace(network, disagreement_max=float(np.quantile(found, _SURE)))
 
 
 def _network() -> nn.Sequential:
@@ -115,11 +128,18 @@ def _weights(labels: Labels) -> Tensor:
     return torch.from_numpy((labels.possible * draws[:, None]).astype(np.float32))
 
 
-def _loss(found: Tensor, wanted: Tensor, prices: Tensor, weight: Tensor) -> Tensor:
-    """Returns the loss of outputs (n, 2, 4), in units of `_SCALES`, against components."""
+def _loss(found: Tensor, wanted: Tensor, prices: Tensor, size: Tensor, weight: Tensor) -> Tensor:
+    """Returns the loss of outputs (n, 2, 4), in units of `_SCALES`, against components.
+
+    Args:
+      found: outputs.
+      wanted: components, shape (n, 2, 4).
+      prices: shape (n, 3).
+      size: of what a change is worth, shape (n, 1).
+      weight: of the sides, shape (n, 2).
+    """
     scales = torch.from_numpy(_SCALES)
     charges = torch.cat([-torch.ones(len(prices), 1), prices], dim=1)[:, None]
-    size = _WORTH + _WORTH_SHARE * prices[:, :1]
     error = ((found * scales - wanted) * charges).sum(2) / size
     huber = functools.partial(nn.functional.huber_loss, reduction="none", delta=_DELTA)
     whole = huber(error, torch.zeros_like(error))

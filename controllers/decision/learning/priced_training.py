@@ -88,6 +88,7 @@ def train_priced(
         network = PricedNetwork.joined(
             [fitting.fit(labels, seed * 1000 + number * 100 + m, config.epochs) for m in members]
         )
+        network = fitting.with_limit(network, labels)
         network.save(policy, command=command, config=settings, round=number)
     assert policy is not None
     return policy

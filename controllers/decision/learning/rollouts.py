@@ -28,9 +28,11 @@ from controllers.decision.priced import (
     SIDES,
     PricedNetwork,
     chosen,
+    fallback_rule,
+    usual_worth,
     worth,
 )
-from controllers.decision.rules import LookAhead, compiled
+from controllers.decision.rules import compiled
 from controllers.decision.trip import TripConfig
 from iits_mj.core.arrays import BoolArray, FloatArray, IntArray
 from iits_mj.parameters import TruckParameters
@@ -44,9 +46,8 @@ _WARM_UP = 40.0  # [s]
 _WINDOW = 30  # decisions, of which one is drawn
 _REACH = 300.0  # [m] ahead: the observation's range
 _COLLISION = 1_000.0  # [m] of way
-# Costs [m] of the look-ahead rule that drives the first round, as shares of the price of a change.
-_RULE_HORIZON, _RULE_SHARE = 30.0, 0.35
-_RULE_COSTS = (5.0, 10.0, 20.0, 40.0, 80.0, 140.0)
+# Prices of the rule that drives the first round [m].
+_RULE_PRICES = np.geomspace(14.0, 400.0, 6)
 # Draws of the hidden: for all states, and further ones where the decisions are nearly equal.
 _NEARLY_EQUAL = 40.0  # [m]
 # Trips with three lanes, and in traffic that keeps right, where the right lane has a price.
@@ -81,13 +82,11 @@ class Labels:
 
 
 def rule_policy(worlds: FastWorlds, prices: FloatArray, braking: FloatArray) -> IntArray:
-    """Returns decisions of look-ahead at costs that fit the prices: the policy before the first."""
-    costs = np.array(_RULE_COSTS)
-    wanted = np.log(_RULE_SHARE * prices[:, :1])
-    nearest = np.abs(np.log(costs) - wanted).argmin(axis=1)
+    """Returns decisions of look-ahead near the prices: the policy before the first."""
+    nearest = np.abs(np.log(_RULE_PRICES / prices[:, :1])).argmin(axis=1)
     decisions = np.zeros(len(worlds), dtype=np.int64)
     for number in np.unique(nearest):
-        rule = compiled(LookAhead(horizon=_RULE_HORIZON, change_cost=costs[number], right_gain=0.0))
+        rule = compiled(fallback_rule(float(_RULE_PRICES[number])))
         assert rule is not None
         rows = np.flatnonzero(nearest == number)
         decisions[rows] = worlds.copy(rows).decide(rule)
@@ -291,7 +290,7 @@ def _drawn_states(
                 gains = learned.gains(worlds, prices, braking)
                 decisions = chosen(gains, braking)
                 closest = np.where(possible, np.abs(gains), np.inf).min(axis=1)
-                weight = 0.1 + 1.0 / (1.0 + (closest / (20.0 + 0.3 * prices[:, 0])) ** 2)
+                weight = 0.1 + 1.0 / (1.0 + (closest / usual_worth(prices[:, 0])) ** 2)
             key = np.where(possible.any(axis=1), generator.random(count) ** (1.0 / weight), 0.0)
             better = np.flatnonzero(key > best)
             best[better] = key[better]

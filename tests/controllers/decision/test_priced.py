@@ -144,6 +144,51 @@ def test_a_change_that_gains_less_than_its_price_is_not_made():
     assert PricedPolicy(half, Prices(lane_change=400.0)).decide(at) is Decision.KEEP
 
 
+def divided(spread):
+    """A network of two members, one of which values a change to the left more by a way [m]."""
+    members = [network(members=1, bias=[500.0 + x, 1.0, *[0.0] * 6]) for x in (0.0, spread)]
+    return dataclasses.replace(PricedNetwork.joined(members), disagreement_max=0.5)
+
+
+def test_members_that_disagree_leave_the_decision_to_the_rule():
+    # The usual worth of a change is 70 m at a price of 100 m, and half of it is 35 m.
+    sure, unsure = (PricedPolicy(divided(spread), Prices()) for spread in (69.0, 71.0))
+    at, behind_slow = context(), context(ahead(40.0, 0, 8.0))
+    assert sure.decide(at) is Decision.LEFT
+    assert not sure.unsure
+    # On a free road the rule gains nothing from a change; it passes a slow vehicle.
+    assert unsure.decide(at) is Decision.KEEP
+    assert unsure.unsure
+    assert unsure.decide(behind_slow) is Decision.LEFT
+    assert unsure.unsure_decisions == 2
+    unsure.reset()
+    assert unsure.unsure_decisions == 0
+
+
+def test_a_road_of_five_lanes_leaves_the_decision_to_the_rule():
+    policy = PricedPolicy(EAGER, Prices())
+    five = dataclasses.replace(context(), lanes=(0, 1, 2, 3, 4))
+    assert policy.decide(five) is Decision.KEEP
+    assert policy.unsure_decisions == 1
+
+
+def test_the_rule_also_makes_no_follower_brake_hard():
+    policy = PricedPolicy(divided(500.0), Prices(20.0))
+    close = context(ahead(30.0, 0, 8.0), behind(16.0, 1, 12.0), speed=12.0)
+    assert policy.rule.decide(close) is Decision.LEFT
+    assert imposed_braking(close)[Decision.LEFT] > IMPOSED_BRAKING_MAX
+    assert policy.decide(close) is Decision.KEEP
+
+
+def test_a_file_keeps_the_limit_of_disagreement(tmp_path):
+    path = tmp_path / "priced.npz"
+    for limit in (0.5, math.inf):
+        dataclasses.replace(divided(1.0), disagreement_max=limit).save(path)
+        assert PricedNetwork.load(path).disagreement_max == limit
+    with pytest.raises(InputError, match="disagreement_max"):
+        dataclasses.replace(divided(1.0), disagreement_max=math.nan)
+
+
 def test_worlds_and_contexts_agree_on_imposed_braking():
     env, worlds = HighwayEnv(), FastWorlds(1)
     trip = cell_trip("medium", 12.5)
