@@ -106,11 +106,17 @@ class NetworkPolicy:
 
     def gains(self, worlds: FastWorlds, prices: FloatArray, braking: FloatArray) -> FloatArray:
         """Returns the worth of changes [m], shape (n, 2), minus infinity where none is possible."""
+        return self.member_gains(worlds, prices, braking).mean(axis=0)
+
+    def member_gains(
+        self, worlds: FastWorlds, prices: FloatArray, braking: FloatArray
+    ) -> FloatArray:
+        """Returns the same for each member, shape (members, n, 2)."""
         rows = np.flatnonzero(np.isfinite(braking).any(axis=1))
-        gains = np.full(braking.shape, -np.inf)
+        gains = np.full((len(self.network), *braking.shape), -np.inf)
         if rows.size:
             seen = worlds.states["frames"][rows].reshape(rows.size, -1)
-            gains[rows] = self.network.gains(seen, prices[rows]).mean(axis=0)
+            gains[:, rows] = self.network.gains(seen, prices[rows])
         return gains
 
 

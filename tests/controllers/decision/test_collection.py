@@ -1,4 +1,4 @@
-"""Trips for the learner: greedy, random and guided decisions; ends of n-step returns."""
+"""Trips for the learner: greedy, random and guided decisions."""
 
 import dataclasses
 import itertools

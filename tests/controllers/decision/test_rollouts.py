@@ -109,11 +109,12 @@ def test_a_fit_finds_a_law_of_its_labels():
     from controllers.decision.learning.fitting import fit
 
     known = labels()
-    network = fit(known, 0, 120)
-    found = network.components(known.observation, known.prices)[0]
-    error = found - known.components
-    assert np.sqrt((error[:, 0, 0] ** 2).mean()) < 0.3 * known.components[:, 0, 0].std()
-    assert np.sqrt((error[:, :, 1] ** 2).mean()) < 0.1
+    half = len(known.prices) // 2
+    network = fit(Labels(*(column[:half] for column in vars(known).values())), 0, 100)
+    found = network.components(known.observation[half:], known.prices[half:])[0]
+    wanted = known.components[half:]
+    assert np.corrcoef(found[:, 0, 0], wanted[:, 0, 0])[0, 1] > 0.95
+    assert np.abs(found[..., 1] - 1.0).mean() < 0.2
 
 
 def test_mirror_images_exchange_the_sides_and_the_time_in_the_lanes():
