@@ -109,7 +109,8 @@ class PricedNetwork:
       disagreement_max: greatest `disagreement` of the members at which they decide.
 
     Raises:
-      InputError: the shapes are not those of `PRICED_LAYERS`, or a number is not finite.
+      InputError: the layers do not fit each other, 219 inputs and 8 outputs, or a number is not
+        finite.
     """
 
     weights: tuple[FloatArray, ...]
@@ -118,17 +119,17 @@ class PricedNetwork:
     disagreement_max: float = math.inf
 
     def __post_init__(self) -> None:
-        members = len(self.weights[0]) if self.weights and self.weights[0].ndim else 0
-        shapes = [(members, m, n) for n, m in itertools.pairwise(PRICED_LAYERS)]
         found = [w.shape for w in self.weights]
-        if (
-            not members
-            or found != shapes
-            or [b.shape for b in self.biases] != [shape[:2] for shape in shapes]
-        ):
+        wanted: list[tuple[int, ...]] = []
+        if len(found) == len(PRICED_LAYERS) - 1 and all(len(shape) == 3 for shape in found):
+            sizes = (PRICED_LAYERS[0], *self.layers[1:-1], PRICED_LAYERS[-1])
+            wanted = [(found[0][0], m, n) for n, m in itertools.pairwise(sizes)]
+        biases = [b.shape for b in self.biases]
+        fit = found == wanted and biases == [shape[:2] for shape in wanted]
+        if not (wanted and fit and found[0][0]):
             raise InputError(
-                f"network has layers of shape {', '.join(map(str, found))}; must be of "
-                f"{', '.join(str(shape[1:]) for shape in shapes)} for each member"
+                f"network has layers of shape {', '.join(map(str, found))}; must be members times "
+                f"outputs times inputs of {'-'.join(map(str, PRICED_LAYERS))} or other hidden sizes"
             )
         if not all(np.isfinite(a).all() for a in (*self.weights, *self.biases)):
             raise InputError("network contains numbers that are not finite")
@@ -144,6 +145,11 @@ class PricedNetwork:
         return cls(
             tuple(map(np.concatenate, weights)), tuple(map(np.concatenate, biases)), metadata
         )
+
+    @property
+    def layers(self) -> tuple[int, ...]:
+        """Numbers of inputs, of hidden units and of outputs."""
+        return (self.weights[0].shape[2], *(weight.shape[1] for weight in self.weights))
 
     def __len__(self) -> int:
         return len(self.weights[0])
@@ -187,7 +193,7 @@ class PricedNetwork:
             **metadata,
             "format": FORMAT,
             "observation_version": OBSERVATION_VERSION,
-            "layers": list(PRICED_LAYERS),
+            "layers": list(self.layers),
             "disagreement_max": None if math.isinf(limit) else limit,
         }
         weights, biases = ([a.astype(np.float16) for a in k] for k in (self.weights, self.biases))

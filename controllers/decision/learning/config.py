@@ -192,7 +192,9 @@ class RolloutConfig:
     """
 
     rounds: int = _option(4, help="rounds of roll-outs, each followed by a fit", low=1, high=100)
-    chunks: int = _option(40, help="chunks of labels in each round", low=1, high=10_000)
+    chunks: int = _option(
+        70, help="chunks of labels in a round; less in the first two", low=1, high=10_000
+    )
     chunk_trips: int = _option(
         128, help="trips that a chunk drives in parallel", low=1, high=10_000
     )

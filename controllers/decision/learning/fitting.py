@@ -68,8 +68,16 @@ def joined(labels: Sequence[Labels]) -> Labels:
     return Labels(*(np.concatenate(column) for column in columns))
 
 
-def fit(labels: Labels, seed: int, epochs: int) -> PricedNetwork:
+def fit(
+    labels: Labels, seed: int, epochs: int, layers: Sequence[int] = PRICED_LAYERS
+) -> PricedNetwork:
     """Returns a network of one member, fitted to labels.
+
+    Args:
+      labels: of roll-outs.
+      seed: of the initial weights and the order of the labels.
+      epochs: passes over the labels.
+      layers: sizes of the network.
 
     Raises:
       Error: the loss is not finite.
@@ -86,7 +94,7 @@ def fit(labels: Labels, seed: int, epochs: int) -> PricedNetwork:
     size = torch.from_numpy(usual_worth(labels.prices[:, :1]).astype(np.float32))
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        network = _network()
+        network = _network(layers)
         optimizer = torch.optim.AdamW(network.parameters(), lr=_RATE, weight_decay=_DECAY)
         batches = math.ceil(len(x) / _BATCH)
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(
@@ -115,9 +123,9 @@ def with_limit(network: PricedNetwork, labels: Labels) -> PricedNetwork:
     return dataclasses.replace(network, disagreement_max=float(np.quantile(found, _SURE)))
 
 
-def _network() -> nn.Sequential:
+def _network(sizes: Sequence[int]) -> nn.Sequential:
     layers: list[nn.Module] = []
-    for inputs, outputs in itertools.pairwise(PRICED_LAYERS):
+    for inputs, outputs in itertools.pairwise(sizes):
         layers += [nn.Linear(inputs, outputs), nn.ReLU()]
     return nn.Sequential(*layers[:-1])
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from controllers.decision.learning.config import RolloutConfig
 from controllers.decision.learning.rollouts import Chunk, Labels, make_labels
-from controllers.decision.priced import PricedNetwork
+from controllers.decision.priced import PRICED_LAYERS, PricedNetwork
 from controllers.decision.trip import TRAINING_SEEDS
 from iits_mj.core.errors import InputError
 from iits_mj.core.input_files import read_json, read_npz
@@ -28,7 +28,11 @@ from iits_mj.core.process_pool import run_all
 
 RESULT, LABELS, POLICIES, SETTINGS = "priced.npz", "labels", "policies", "settings.json"
 # A fit uses the labels of this many rounds, of the rule's only while there are no others.
-_ROUNDS_USED = 3
+_ROUNDS_USED = 2
+# Of the networks that drive the roll-outs: a small one takes a tenth of the time.
+_ROUND_LAYERS = (PRICED_LAYERS[0], 96, 96, 64, PRICED_LAYERS[-1])
+# Shares of the chunks in the first rounds, whose labels only begin the training.
+_SHARES = (0.25, 0.5)
 _LABELS_MAX = 2**30  # bytes
 
 
@@ -85,8 +89,10 @@ def train_priced(
             continue
         labels = fitting.joined([_read(part) for part in _used(out, number, config)])
         members = range(config.members if last else 1)
+        layers = PRICED_LAYERS if last else _ROUND_LAYERS
+        first = seed * 1000 + number * 100
         network = PricedNetwork.joined(
-            [fitting.fit(labels, seed * 1000 + number * 100 + m, config.epochs) for m in members]
+            [fitting.fit(labels, first + m, config.epochs, layers) for m in members]
         )
         network = fitting.with_limit(network, labels)
         network.save(policy, command=command, config=settings, round=number)
@@ -175,8 +181,9 @@ def _used(out: Path, number: int, config: RolloutConfig) -> list[Path]:
 
 
 def _chunks(config: RolloutConfig, number: int) -> int:
-    """Returns the number of chunks of a round; the rule's labels only begin the training."""
-    return config.chunks if number else max(1, config.chunks // 4)
+    """Returns the number of chunks of a round."""
+    share = _SHARES[number] if number < len(_SHARES) else 1.0
+    return max(1, round(share * config.chunks))
 
 
 def _read(path: Path) -> Labels:

@@ -74,7 +74,7 @@ def test_members_of_several_networks_are_joined():
 
 def test_a_network_of_other_shapes_or_not_finite_is_refused():
     good = network()
-    with pytest.raises(InputError, match="must be of"):
+    with pytest.raises(InputError, match="must be members"):
         dataclasses.replace(good, weights=good.weights[:2])
     broken = good.weights[0].copy()
     broken[0, 0, 0] = np.nan
