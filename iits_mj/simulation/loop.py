@@ -243,6 +243,7 @@ class Simulation(LockStep):
             failed=self.failed,
             fuel=self.frame.ego.fuel_used - self._fuel_start,
             warnings=warnings,
+            unsure_decisions=getattr(self.driver, "unsure_decisions", 0),
         )
 
     def save_recording(self, path: Path) -> Path:

@@ -236,7 +236,9 @@ def make_stack(
     offered = {"route": route, "parameters": parameters}
     return Stack(
         route,
-        decision.make(config.decision, parameters=parameters, seed=config.seed),
+        decision.make(
+            config.decision, prices=config.prices(), parameters=parameters, seed=config.seed
+        ),
         planner=planner,
         parameters=parameters,
         reference=reference or make_reference(config, route, parameters),
