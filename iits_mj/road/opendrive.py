@@ -25,10 +25,21 @@ from iits_mj.road.elements import (
 )
 from iits_mj.road.geometry import Arc, Geometry, Line, ParamPoly3, Poly3, Spiral
 from iits_mj.road.polynomials import Cubic
+from iits_mj.road.seams import (
+    HEADING_STEP_LIMIT,
+    HEIGHT_STEP_LIMIT,
+    heading_step,
+    height_step,
+)
 from iits_mj.road.xml_input import Reader, parse_xml
 
 LENGTH_LIMIT = 1e6
+# Some writers leave roads of less than a millimeter between others [m].
+LENGTH_MIN = 1e-6
+FRICTION_LIMIT = 2.0
 CURVATURE_LIMIT = 10.0
+# On a shorter record a larger curvature is a rounding error of the writer, and is reduced [m].
+SHORTEST_BEND = 0.05
 TURN_LIMIT = 200.0
 PLAN_JUMP_LIMIT = 3.0
 SIGNALS_MAX = 10_000
@@ -58,14 +69,20 @@ def parse(content: bytes, source: str) -> OpenDriveMap:
     junctions = tuple(_read_junction(reader, item, notes) for item in root.findall("junction"))
     roads = []
     seen: set[str] = set()
+    fault: MapError | None = None
     for item in root.findall("road"):
-        road = _read_road(reader, item, notes)
-        if road.id in seen:
-            reader.fail(f"road {road.id!r} is defined twice")
-        seen.add(road.id)
-        roads.append(road)
+        identity = reader.text(item, "id")
+        if identity in seen:
+            reader.fail(f"road {identity!r} is defined twice")
+        seen.add(identity)
+        try:
+            roads.append(_read_road(reader, item, notes))
+        except MapError as error:
+            # One road that cannot be used does not make the others useless.
+            fault = fault or error
+            notes.append(f"left out: {str(error).removeprefix(source + ': ')}")
     if not roads:
-        reader.fail("the map has no <road>")
+        raise fault or MapError(f"{source}: the map has no <road>")
     reference = None if header is None else header.find("geoReference")
     return OpenDriveMap(
         roads=tuple(roads),
@@ -80,15 +97,14 @@ def _read_junction(reader: Reader, item: Element, notes: list[str]) -> Junction:
     identity = reader.text(item, "id")
     place = reader.within(f"junction {identity!r}")
     kind = item.get("type", "default")
-    if kind == "direct":
+    if kind not in ("default", "direct", "virtual", "crossing"):
         place.fail(
-            "is a direct junction (OpenDRIVE 1.7), which is not supported (SUMO's netconvert "
-            "refuses it, too); give it connecting roads, or take another map"
+            f"has the type {kind!r}; supported are 'default', 'direct', 'virtual' and 'crossing'"
         )
-    if kind not in ("default", "virtual", "crossing"):
-        place.fail(f"has the type {kind!r}; supported are 'default', 'virtual' and 'crossing'")
+    interrupts = kind in ("default", "direct")
+    connecting_name = "linkedRoad" if kind == "direct" else "connectingRoad"
     connections = []
-    for connection in item.findall("connection") if kind == "default" else ():
+    for connection in item.findall("connection") if interrupts else ():
         links = tuple(
             (place.integer(link, "from"), place.integer(link, "to"))
             for link in connection.findall("laneLink")
@@ -97,9 +113,9 @@ def _read_junction(reader: Reader, item: Element, notes: list[str]) -> Junction:
         if contact not in ("start", "end"):
             place.fail(f"<connection contactPoint={contact!r}> must be 'start' or 'end'")
         incoming = place.text(connection, "incomingRoad")
-        connecting = place.text(connection, "connectingRoad")
+        connecting = place.text(connection, connecting_name)
         connections.append(Connection(incoming, connecting, contact, links))
-    if kind != "default":
+    if not interrupts:
         notes.append(f"junction {identity!r}: a {kind} junction does not interrupt a road, ignored")
     return Junction(identity, kind, tuple(connections))
 
@@ -109,7 +125,7 @@ def _read_road(reader: Reader, item: Element, notes: list[str]) -> Road:
     place = reader.within(f"road {identity!r}")
     if item.get("rule", "RHT") == "LHT":
         place.fail("has left-hand traffic (rule='LHT'); only right-hand traffic is supported")
-    length = place.number(item, "length", low=1e-3, high=LENGTH_LIMIT)
+    length = max(place.number(item, "length", low=0.0, high=LENGTH_LIMIT), LENGTH_MIN)
     geometries = _read_plan(place, item)
     lateral = item.find("lateralProfile")
     for name in ("shape", "crossfall"):
@@ -124,7 +140,7 @@ def _read_road(reader: Reader, item: Element, notes: list[str]) -> Road:
         id=identity,
         length=length,
         geometries=geometries,
-        sections=_read_lanes(place, lanes, length),
+        sections=_read_lanes(place, lanes, length, notes),
         name=item.get("name", ""),
         junction=None if junction in ("", "-1") else junction,
         predecessor=_read_link(place, link, "predecessor", notes),
@@ -158,6 +174,12 @@ def _check_plan(place: Reader, road: Road) -> None:
                 f"the plan view jumps by {math.hypot(jump.dx, jump.dy):.1f} m at s = {jump.s:g}; "
                 f"up to {PLAN_JUMP_LIMIT:g} m are blended"
             )
+        if abs(jump.heading) > HEADING_STEP_LIMIT:
+            place.fail(f"at s = {jump.s:g} {heading_step(abs(jump.heading))}")
+    for s in road.elevation.breaks()[1:]:
+        before, after = (float(road.elevation.evaluate(s, 0, side)) for side in (-1, 1))
+        if abs(after - before) > HEIGHT_STEP_LIMIT and 0.0 < s < road.length:
+            place.fail(f"at s = {s:g} {height_step(after - before)}")
 
 
 def _read_plan(place: Reader, item: Element) -> tuple[Geometry, ...]:
@@ -183,6 +205,9 @@ def _read_geometry(place: Reader, record: Element) -> Geometry:
         return Line(s, x, y, heading, length)
 
     def curvature(name: str) -> float:
+        value = where.number(shape, name)
+        if length < SHORTEST_BEND:
+            return min(max(value, -CURVATURE_LIMIT), CURVATURE_LIMIT)
         value = where.number(shape, name, low=-CURVATURE_LIMIT, high=CURVATURE_LIMIT)
         if abs(value) * length > TURN_LIMIT:
             where.fail(f"<{tag} {name}={value:g}> turns by more than {TURN_LIMIT:g} rad")
@@ -285,9 +310,11 @@ def _read_structures(place: Reader, objects: Element | None) -> tuple[Structure,
     return tuple(sorted(result, key=lambda structure: structure.s))
 
 
-def _read_lanes(place: Reader, lanes: Element, road_length: float) -> tuple[LaneSection, ...]:
+def _read_lanes(
+    place: Reader, lanes: Element, road_length: float, notes: list[str]
+) -> tuple[LaneSection, ...]:
     """Lane sections that begin on the road, in order of s."""
-    found = (_read_section(place, item) for item in lanes.findall("laneSection"))
+    found = (_read_section(place, item, notes) for item in lanes.findall("laneSection"))
     sections = tuple(
         section for section in sorted(found, key=lambda one: one.s) if section.s < road_length
     )
@@ -306,14 +333,14 @@ def _read_speed(place: Reader, record: Element) -> float:
     return place.number(record, "max", low=0.0, high=1000.0) * _UNITS[unit]
 
 
-def _read_section(place: Reader, item: Element) -> LaneSection:
+def _read_section(place: Reader, item: Element, notes: list[str]) -> LaneSection:
     s = place.number(item, "s", low=0.0)
     where = place.within(f"lane section at s = {s:g}")
     lanes: list[Lane] = []
     for side, sign in (("left", 1), ("center", 0), ("right", -1)):
         group = item.find(side)
         for element in () if group is None else group.findall("lane"):
-            lane = _read_lane(where, element)
+            lane = _read_lane(where, element, notes)
             if (lane.id > 0) - (lane.id < 0) != sign:
                 where.fail(f"lane {lane.id} is in <{side}>")
             if any(other.id == lane.id for other in lanes):
@@ -323,7 +350,7 @@ def _read_section(place: Reader, item: Element) -> LaneSection:
     return LaneSection(s, tuple(lanes))
 
 
-def _read_lane(place: Reader, element: Element) -> Lane:
+def _read_lane(place: Reader, element: Element, notes: list[str]) -> Lane:
     identity = place.integer(element, "id")
     where = place.within(f"lane {identity}")
     widths = _read_widths(where, element, "width")
@@ -344,13 +371,21 @@ def _read_lane(place: Reader, element: Element) -> Lane:
             for record in element.findall("speed")
         ),
         frictions=tuple(
-            (_offset(where, record), where.number(record, "friction", low=0.0, high=2.0))
+            (_offset(where, record), _read_friction(where, record, notes))
             for record in element.findall("material")
             if record.get("friction") is not None
         ),
         predecessor=_lane_link(where, element, "predecessor"),
         successor=_lane_link(where, element, "successor"),
     )
+
+
+def _read_friction(place: Reader, record: Element, notes: list[str]) -> float:
+    """A coefficient of friction, at most `FRICTION_LIMIT`."""
+    value = place.number(record, "friction", low=0.0)
+    if value > FRICTION_LIMIT:
+        notes.append(f"{place.place}: friction {value:g} is reduced to {FRICTION_LIMIT:g}")
+    return min(value, FRICTION_LIMIT)
 
 
 def _offset(place: Reader, record: Element) -> float:
