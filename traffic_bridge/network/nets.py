@@ -4,30 +4,24 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
-import math
 import os
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
-import xml.etree.ElementTree as ElementTree
 from functools import cache
 from pathlib import Path
-from xml.etree.ElementTree import Element
 
 from iits_mj.core.errors import InputError, MapError, TrafficError
 from iits_mj.road import RoadMap, Route
-from iits_mj.road.elements import Lane, LaneSection, Road
 from iits_mj.road.route import MAPS, USABLE_LANE_WIDTH
-from iits_mj.road.writer import to_xml
-from iits_mj.road.xml_input import content_hash, parse_xml, read_file
-from traffic_bridge.network.net_file import NetFile
+from traffic_bridge.network.net_file import ORIGIN, NetFile
+from traffic_bridge.network.netconvert_input import BRIDGE, opendrive_for_netconvert
 
 CACHE_VARIABLE = "IITS_MJ_CACHE"
 TIMEOUT = 120.0  # [s]; the largest test map takes 0.3 s
 MEMORY_MAX = 4 * 2**30  # bytes of netconvert
-UNLIMITED = 70.0  # [m/s], the limit in the net for a road without one
 TURN_ACCELERATION = 3.0  # [m/s2] lateral, accepted by drivers at junctions in town (judgement)
 # With these options the net agrees with the exact geometry within 0.02 m, names the OpenDRIVE lane
 # of each of its lanes, and has no U-turns at the ends of roads.
@@ -132,6 +126,8 @@ def _make(content: bytes, target: Path, name: str) -> None:
         # The leading comment holds a date and paths; without it one map gives one file.
         text = re.sub(r"<!--.*?-->\s*", "", text, count=1, flags=re.DOTALL)
         text = re.sub(r"<lane [^>]*>", _close_if_narrow, text)
+        # Lanes through a direct junction belong to no road of the map.
+        text = re.sub(rf'\s*<param key="{ORIGIN}" value="{BRIDGE}[^"]*"/>', "", text)
         digest = hashlib.sha256(text.encode()).hexdigest()
         made.write_text(f"{text}{_SEAL}{digest} -->\n", encoding="utf-8", newline="\n")
         made.replace(target)
@@ -211,75 +207,3 @@ def run_netconvert(arguments: list[str], name: str = "netconvert") -> str:
             f"{reason or result.stderr.strip() or f'exit code {result.returncode}'}"[:600]
         )
     return result.stdout
-
-
-def opendrive_for_netconvert(road_map: RoadMap) -> bytes:
-    """The map as OpenDRIVE text that netconvert interprets as `RoadMap` does.
-
-    netconvert reads speed limits of lanes but not of roads, reads an empty `junction` as a number,
-    ignores "no limit", and crashes on direct junctions. The geometry is unchanged. A map without a
-    file is written from memory.
-
-    Raises:
-      MapError: the file cannot be read, has changed since the map was read, or has direct
-        junctions.
-    """
-    if road_map.path.is_file():
-        content = read_file(road_map.path)
-        if content_hash(content) != road_map.content_hash:
-            raise MapError(
-                f"{road_map.path}: the file has changed since the map was read; read it again"
-            )
-    else:
-        content = to_xml(road_map.content).encode()
-    root = parse_xml(content, str(road_map.path))
-    for junction in root.findall("junction"):
-        if junction.get("type") == "direct":
-            raise MapError(
-                f"{road_map.path}: the map has direct junctions (OpenDRIVE 1.7), "
-                "which SUMO's netconvert cannot read; drive it without traffic or use another map"
-            )
-    for item in root.findall("road"):
-        if not item.get("junction", "").strip():
-            item.set("junction", "-1")
-        road = road_map.roads.get(item.get("id", ""))
-        if road is not None:
-            _set_speeds(item, road)
-    return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
-
-
-def _set_speeds(item: Element, road: Road) -> None:
-    """Writes the limit of every driving lane into the lane itself, in m/s."""
-    sections = sorted(item.iter("laneSection"), key=lambda section: float(section.get("s", "0")))
-    # The file may contain sections that begin beyond the road's end.
-    for element, (start, end, section) in zip(sections, road.section_spans(), strict=False):
-        for lane_item in element.iter("lane"):
-            lane = section.lane(int(lane_item.get("id", "0")))
-            if lane is None or not lane.is_driving or lane.id == 0:
-                continue
-            speeds = _speeds(road, section, lane, start, end)
-            if not speeds:
-                continue
-            for old in lane_item.findall("speed"):
-                lane_item.remove(old)
-            for offset, limit in speeds:
-                value = f"{UNLIMITED if math.isinf(limit) else min(limit, UNLIMITED):.6g}"
-                ElementTree.SubElement(
-                    lane_item, "speed", {"sOffset": repr(offset), "max": value, "unit": "m/s"}
-                )
-
-
-def _speeds(
-    road: Road, section: LaneSection, lane: Lane, start: float, end: float
-) -> list[tuple[float, float]]:
-    """(distance from the section's start [m], limit [m/s]): the lane's own, else the road's.
-
-    A road inside a junction without limits gets none: netconvert uses the limits of the roads
-    before and after it and the speed that its bend allows.
-    """
-    if lane.speeds:
-        return list(lane.speeds)
-    if not road.types and road.junction is not None:
-        return []
-    inner = [record.s for record in road.types if start < record.s < end]
-    return [(s - section.s, road.speed_at(s)) for s in (start, *inner)]
