@@ -1,4 +1,4 @@
-"""Parses OpenDRIVE (1.4 to 1.8, right-hand traffic) into the records of `elements`.
+"""Parses OpenDRIVE (1.4 to 1.8) into the records of `elements`.
 
 Element and attribute names follow ASAM OpenDRIVE 1.6. Content that affects neither the road's place
 nor driving (outlines of objects, controllers, vendor data) is not read. Other unsupported content
@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from xml.etree.ElementTree import Element
 
+from iits_mj.core.errors import MapError
 from iits_mj.road.elements import (
     Connection,
     Junction,
@@ -68,6 +69,11 @@ def parse(content: bytes, source: str) -> OpenDriveMap:
     notes: list[str] = []
     junctions = tuple(_read_junction(reader, item, notes) for item in root.findall("junction"))
     roads = []
+    rules = [item.get("rule", "RHT") for item in root.findall("road")]
+    left_hand = 2 * rules.count("LHT") > len(rules)
+    if 0 < rules.count("LHT") < len(rules):
+        side = "left" if left_hand else "right"
+        notes.append(f"roads differ in their rule (RHT, LHT): all are driven on the {side}")
     seen: set[str] = set()
     fault: MapError | None = None
     for item in root.findall("road"):
@@ -76,7 +82,7 @@ def parse(content: bytes, source: str) -> OpenDriveMap:
             reader.fail(f"road {identity!r} is defined twice")
         seen.add(identity)
         try:
-            roads.append(_read_road(reader, item, notes))
+            roads.append(_read_road(reader, item, left_hand, notes))
         except MapError as error:
             # One road that cannot be used does not make the others useless.
             fault = fault or error
@@ -120,11 +126,9 @@ def _read_junction(reader: Reader, item: Element, notes: list[str]) -> Junction:
     return Junction(identity, kind, tuple(connections))
 
 
-def _read_road(reader: Reader, item: Element, notes: list[str]) -> Road:
+def _read_road(reader: Reader, item: Element, left_hand: bool, notes: list[str]) -> Road:
     identity = reader.text(item, "id")
     place = reader.within(f"road {identity!r}")
-    if item.get("rule", "RHT") == "LHT":
-        place.fail("has left-hand traffic (rule='LHT'); only right-hand traffic is supported")
     length = max(place.number(item, "length", low=0.0, high=LENGTH_LIMIT), LENGTH_MIN)
     geometries = _read_plan(place, item)
     lateral = item.find("lateralProfile")
@@ -151,6 +155,7 @@ def _read_road(reader: Reader, item: Element, notes: list[str]) -> Road:
         lane_offsets=_read_cubics(place, lanes, "laneOffset"),
         signals=_read_signals(place, item.find("signals")),
         structures=_read_structures(place, item.find("objects")),
+        left_hand=left_hand,
     )
     _check_plan(place, road)
     return road

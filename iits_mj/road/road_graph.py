@@ -32,7 +32,7 @@ class RoadEnd(NamedTuple):
 class RoadGraph:
     """Successors of every road, in each direction of travel that has driving lanes.
 
-    A node is (road id, direction): +1 along s on the right lanes, -1 against s on the left ones.
+    A node is (road id, direction): +1 along s, -1 against s.
 
     Attributes:
       roads: by id.
@@ -167,12 +167,14 @@ class RoadGraph:
         link = road.link(direction)
         if link is None:
             return
-        lanes = {lane.id for lane in road.sections[-1 if direction > 0 else 0].driving(direction)}
+        last = road.sections[-1 if direction > 0 else 0]
+        lanes = {lane.id for lane in last.driving(road.side(direction))}
         if link.element == "road":
             follower = (link.id, -1 if link.contact == "end" else 1)
             if link.id in self.roads:
-                first = self.roads[link.id].sections[0 if follower[1] > 0 else -1]
-                yield follower, min(len(lanes), len(first.driving(follower[1])))
+                after = self.roads[link.id]
+                first = after.sections[0 if follower[1] > 0 else -1]
+                yield follower, min(len(lanes), len(first.driving(after.side(follower[1]))))
             return
         junction = self._junctions.get(link.id)
         if junction is not None and junction.kind == "direct":

@@ -58,6 +58,7 @@ class RoadMap:
       path: the file, or a name in words for a road made in memory.
       roads: by id, in the order of the file.
       content_hash: SHA-256 of the file.
+      left_hand: whether vehicles drive on the left.
     """
 
     def __init__(self, content: OpenDriveMap, path: str | Path, digest: str | None = None) -> None:
@@ -66,6 +67,7 @@ class RoadMap:
         self.content = content
         self.roads: dict[str, Road] = {road.id: road for road in content.roads}
         self.content_hash = content_hash(repr(content).encode()) if digest is None else digest
+        self.left_hand = any(road.left_hand for road in content.roads)
         self._graph = RoadGraph(content, str(self.path))
 
     @classmethod
@@ -240,11 +242,11 @@ class Route:
         return self._profile(station, width)
 
     def boundary_offset(self, i: int, station: Stations) -> Stations:
-        """Offset of the i-th lane boundary from the right, 0 to `lane_count` [m]."""
+        """Offset of the i-th lane boundary from the outside, 0 to `lane_count` [m]."""
         return self._profile(station, lambda band: ((1.0, band.boundary(i)),))
 
     def boundary_mark(self, i: int, station: float) -> RoadMark:
-        """Paint on the i-th boundary from the right: kind "none", "solid", "broken" ..., width."""
+        """Paint on the i-th boundary from the outside: kind "none", "solid", "broken" ..., width."""
         band, p = self._band(station)
         return band.marks[min(max(i, 0), len(band.lanes))].at(p)
 
@@ -273,7 +275,7 @@ class Route:
         return _lane(band, lane).speed.at(p)
 
     def lane_boundaries_at(self, station: float) -> list[float]:
-        """Offsets of all lane boundaries here, from the right [m]."""
+        """Offsets of all lane boundaries here, from the outside [m]."""
         band, p = self._band(station)
         return [band.boundary(i).at(p) for i in range(len(band.lanes) + 1)]
 
@@ -355,8 +357,9 @@ class Route:
             if patch.start <= station < patch.end:
                 return patch.left, patch.right, patch.split
         band, p = self._band(station)
-        right = band.lanes[0].friction.at(p)
-        for lane in band.lanes[1:]:
+        lanes = band.lanes[::-1] if band.piece.road.left_hand else band.lanes
+        right = lanes[0].friction.at(p)
+        for lane in lanes[1:]:
             left = lane.friction.at(p)
             if left != right:
                 return left, right, lane.right.at(p)

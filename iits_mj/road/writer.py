@@ -66,7 +66,7 @@ def _add_cubics(
 
 def _write_road(root: Element, road: Road) -> None:
     item = _add(
-        root, "road", rule="RHT", name=road.name, length=road.length, id=road.id,
+        root, "road", rule="LHT" if road.left_hand else "RHT", name=road.name, length=road.length, id=road.id,
         junction="-1" if road.junction is None else road.junction,
     )  # fmt: skip
     link = SubElement(item, "link")

@@ -15,6 +15,8 @@ from iits_mj.road.xml_input import content_hash, parse_xml, read_file
 
 UNLIMITED = 70.0  # [m/s], the limit in the net for a road without one
 BRIDGE = "direct_junction_"  # beginning of the ids of roads that this module adds
+FLAT_SPIRAL = 0.005  # [m]
+STRAIGHT_TURN = 1e-6  # [rad]
 BRIDGE_LENGTH = 0.1  # [m] of those roads: the shortest lane of a net
 
 
@@ -45,6 +47,8 @@ def opendrive_for_netconvert(road_map: RoadMap) -> bytes:
         if not item.get("junction", "").strip():
             item.set("junction", "-1")
         _drop_lost_links(item, road_map)
+        for record in item.iter("geometry"):
+            _replace_flat_spiral(record)
         _set_signals(item)
         _set_speeds(item, road)
     junctions = {junction.id: junction for junction in road_map.content.junctions}
@@ -56,6 +60,8 @@ def opendrive_for_netconvert(road_map: RoadMap) -> bytes:
             named = (connection.get("incomingRoad"), connection.get("connectingRoad"))
             if not all(name in road_map.roads or str(name).startswith(BRIDGE) for name in named):
                 item.remove(connection)
+    if road_map.left_hand:
+        _swap_sides(root)
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
 
 
@@ -107,6 +113,27 @@ def _drop_lost_links(item: Element, road_map: RoadMap) -> None:
                     link.remove(element)
 
 
+def _replace_flat_spiral(record: Element) -> None:
+    """Makes a spiral of nearly constant curvature an arc or a line.
+
+    netconvert divides by the change of curvature and then needs all memory of the machine.
+    """
+    spiral = record.find("spiral")
+    if spiral is None:
+        return
+    start, end = (float(spiral.get(name, "0")) for name in ("curvStart", "curvEnd"))
+    length = float(record.get("length", "0"))
+    # Ends of an arc and a spiral of the same mean curvature are apart by less than this.
+    if abs(end - start) * length**2 > FLAT_SPIRAL:
+        return
+    record.remove(spiral)
+    mean = 0.5 * (start + end)
+    if abs(mean) * length < STRAIGHT_TURN:
+        SubElement(record, "line")
+    else:
+        SubElement(record, "arc", curvature=repr(mean))
+
+
 def _set_signals(item: Element) -> None:
     """Gives signals without a type or with an empty one OpenDRIVE's value for "no type"."""
     for signal in item.iter("signal"):
@@ -134,7 +161,8 @@ def _bridge(root: Element, item: Element, junction: Junction, road_map: RoadMap)
                 connectingRoad=identity,
                 contactPoint="start",
             )
-            SubElement(made, "laneLink", {"from": str(before[2]), "to": "-1"})
+            to = "1" if road_map.left_hand else "-1"
+            SubElement(made, "laneLink", {"from": str(before[2]), "to": to})
 
 
 _LaneEnd = tuple[Road, int, int]  # road, direction of travel, lane id
@@ -156,8 +184,8 @@ def _lane_pairs(
     ]
     for first, second in connection.lane_links:
         for direction in ends_here[:1]:
-            into = first * direction < 0
-            if into != (second * onward < 0):
+            into = incoming.travel(first) == direction
+            if into != (linked.travel(second) == onward):
                 continue  # the lanes lead in opposite directions
             if into:
                 yield (incoming, direction, first), (linked, onward, second)
@@ -172,14 +200,15 @@ def _add_bridge(
     road, direction, lane = before
     s = road.length if direction > 0 else 0.0
     section = road.sections[-1 if direction > 0 else 0]
-    borders = lane_borders(road, section, direction)
-    sides = [borders[each].at(s) for each in (lane, lane + direction) if each in borders]
-    if len(sides) < 2:
+    borders = lane_borders(road, section, road.side(direction))
+    inside = lane - 1 if lane > 0 else lane + 1
+    if lane not in borders or inside not in borders:
         return
     end = road.plan.evaluate(s, -direction)
     heading = float(end.heading) + (0.0 if direction > 0 else math.pi)
     # Seen in travel, t changes its sign on a road that is driven against its s.
-    outer, inner = sorted(direction * side for side in sides)
+    inner, outer = (direction * borders[each].at(s) for each in (inside, lane))
+    side, made_lane = ("left", "1") if road.left_hand else ("right", "-1")
     item = SubElement(
         root, "road", name="", length=repr(BRIDGE_LENGTH), id=identity, junction=junction
     )
@@ -202,10 +231,38 @@ def _add_bridge(
     SubElement(lanes, "laneOffset", s="0", a=repr(inner), b="0", c="0", d="0")
     made = SubElement(lanes, "laneSection", s="0")
     SubElement(SubElement(made, "center"), "lane", id="0", type="none", level="false")
-    element = SubElement(SubElement(made, "right"), "lane", id="-1", type="driving", level="false")
+    element = SubElement(SubElement(made, side), "lane", id=made_lane, type="driving", level="false")
     lane_link = SubElement(element, "link")
     SubElement(lane_link, "predecessor", id=str(lane))
     SubElement(lane_link, "successor", id=str(after[2]))
-    SubElement(
-        element, "width", sOffset="0", a=repr(inner - outer), b="0", c="0", d="0"
-    )
+    SubElement(element, "width", sOffset="0", a=repr(abs(inner - outer)), b="0", c="0", d="0")
+
+
+def _swap_sides(root: Element) -> None:
+    """Mirrors everything beside the reference lines, as netconvert's `--lefthand` expects it.
+
+    With that option netconvert reads right lanes and puts them on the left.
+    """
+    for section in root.iter("laneSection"):
+        for group in section:
+            group.tag = {"left": "right", "right": "left"}.get(group.tag, group.tag)
+            for lane in group.findall("lane"):
+                for element in (lane, *lane.findall("link/*")):
+                    _negate(element, "id")
+                for border in lane.findall("border"):
+                    _negate(border, *"abcd")
+    for offset in root.iter("laneOffset"):
+        _negate(offset, *"abcd")
+    for signal in root.iter("signal"):
+        _negate(signal, "t")
+        for validity in signal.findall("validity"):
+            _negate(validity, "fromLane", "toLane")
+    for link in root.iter("laneLink"):
+        _negate(link, "from", "to")
+
+
+def _negate(element: Element, *names: str) -> None:
+    for name in names:
+        value = element.get(name, "").strip()
+        if value and float(value):
+            element.set(name, value[1:] if value.startswith("-") else f"-{value.lstrip('+')}")

@@ -38,6 +38,11 @@ OPENDRIVE_OPTIONS = (
     "--precision",
     "3",
 )
+# netconvert puts the shapes inside junctions on the wrong side with this option.
+LEFT_HAND_OPTIONS = (
+    *(option for option in OPENDRIVE_OPTIONS if option != "--opendrive.internal-shapes"),
+    "--lefthand",
+)
 REVISION = "2"  # of the changes that this module makes to a net; part of the cache key
 _SEAL = "<!-- sha256 "
 
@@ -76,14 +81,15 @@ def build_network(source: RoadMap | Route) -> NetFile:
     if road_map.path.resolve().parent == MAPS.resolve() and shipped.is_file():
         return NetFile.read(shipped)
     content = opendrive_for_netconvert(road_map)
-    target = _cached_file(content)
+    options = LEFT_HAND_OPTIONS if road_map.left_hand else OPENDRIVE_OPTIONS
+    target = _cached_file(content, options)
     if not _is_whole(target):
-        _make(content, target, str(road_map.path))
+        _make(content, options, target, str(road_map.path))
     return NetFile.read(target)
 
 
-def _cached_file(content: bytes) -> Path:
-    made_by = " ".join((*OPENDRIVE_OPTIONS, netconvert_version(), REVISION))
+def _cached_file(content: bytes, options: tuple[str, ...]) -> Path:
+    made_by = " ".join((*options, netconvert_version(), REVISION))
     key = content + made_by.encode()
     folder = cache_dir() / "nets"
     try:
@@ -109,7 +115,7 @@ def _is_whole(net: Path) -> bool:
     return bool(seal) and digest.split()[:1] == [hashlib.sha256(body).hexdigest().encode()]
 
 
-def _make(content: bytes, target: Path, name: str) -> None:
+def _make(content: bytes, options: tuple[str, ...], target: Path, name: str) -> None:
     try:
         # In the target's folder, so that the file can be moved in one operation.
         folder = tempfile.TemporaryDirectory(dir=target.parent, prefix="making_")
@@ -118,7 +124,7 @@ def _make(content: bytes, target: Path, name: str) -> None:
     with folder:
         source, made = Path(folder.name) / "map.xodr", Path(folder.name) / "made.net.xml"
         source.write_bytes(content)
-        arguments = ["--opendrive", str(source), *OPENDRIVE_OPTIONS, "--output-file", str(made)]
+        arguments = ["--opendrive", str(source), *options, "--output-file", str(made)]
         run_netconvert(arguments, name)
         text = made.read_text(encoding="utf-8") if made.is_file() else ""
         if "<edge " not in text:
@@ -126,11 +132,20 @@ def _make(content: bytes, target: Path, name: str) -> None:
         # The leading comment holds a date and paths; without it one map gives one file.
         text = re.sub(r"<!--.*?-->\s*", "", text, count=1, flags=re.DOTALL)
         text = re.sub(r"<lane [^>]*>", _close_if_narrow, text)
+        if "--lefthand" in options:
+            text = re.sub(rf'(<param key="{ORIGIN}" value=")([^"]*)"', _swapped_origin, text)
         # Lanes through a direct junction belong to no road of the map.
         text = re.sub(rf'\s*<param key="{ORIGIN}" value="{BRIDGE}[^"]*"/>', "", text)
         digest = hashlib.sha256(text.encode()).hexdigest()
         made.write_text(f"{text}{_SEAL}{digest} -->\n", encoding="utf-8", newline="\n")
         made.replace(target)
+
+
+def _swapped_origin(param: re.Match[str]) -> str:
+    """Names the lanes of a net with left-hand traffic as the map does; see `_swap_sides`."""
+    names = [name.rpartition("_") for name in param[2].split()]
+    swapped = " ".join(f"{road}_{-int(lane)}" for road, _, lane in names)
+    return f'{param[1]}{swapped}"'
 
 
 def _close_if_narrow(lane: re.Match[str]) -> str:
