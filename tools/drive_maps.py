@@ -1,7 +1,7 @@
 """Drives every OpenDRIVE file of some folders for a short time and tabulates the outcomes.
 
     python tools/drive_maps.py --table out/maps.csv maps/ road.xodr
-    python tools/drive_maps.py --table out/maps.csv --page      # the table in Markdown, and the sums
+    python tools/drive_maps.py --table out/maps.csv --page      # table in Markdown, and sums
 
 Each drive has a process of its own with a time limit. A row is appended when a drive is complete;
 the same command continues after an interruption and skips the maps that have a row. Outcomes:

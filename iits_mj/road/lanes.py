@@ -3,8 +3,8 @@
 Lanes have borders, limits, paint and friction over the route's chain parameter.
 
 They are counted from the outside, 0 being the outermost driving lane: the rightmost one, in
-left-hand traffic the leftmost one. Offsets are positive to the left of the route's reference line. Widths are horizontal, as in SUMO's network (a cross slope of
-0.1 rad changes them by 0.5 %).
+left-hand traffic the leftmost one. Offsets are positive to the left of the route's reference line.
+Widths are horizontal, as in SUMO's network (a cross slope of 0.1 rad changes them by 0.5 %).
 """
 
 from __future__ import annotations

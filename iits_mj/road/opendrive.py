@@ -86,7 +86,7 @@ def parse(content: bytes, source: str) -> OpenDriveMap:
         except MapError as error:
             # One road that cannot be used does not make the others useless.
             fault = fault or error
-            notes.append(f"left out: {str(error).removeprefix(source + ': ')}")
+            notes.append(f"left out: {reader.own(error)}")
     if not roads:
         raise fault or MapError(f"{source}: the map has no <road>")
     reference = None if header is None else header.find("geoReference")
@@ -153,7 +153,7 @@ def _read_road(reader: Reader, item: Element, left_hand: bool, notes: list[str])
         elevations=_read_cubics(place, item.find("elevationProfile"), "elevation"),
         superelevations=_read_cubics(place, lateral, "superelevation"),
         lane_offsets=_read_cubics(place, lanes, "laneOffset"),
-        signals=_read_signals(place, item.find("signals")),
+        signals=_read_signals(place, item.find("signals"), notes),
         structures=_read_structures(place, item.find("objects")),
         left_hand=left_hand,
     )
@@ -258,7 +258,7 @@ def _read_link(place: Reader, link: Element | None, name: str, notes: list[str])
     contact = element.get("contactPoint")
     if kind == "road" and contact is None:
         contact = "start" if name == "successor" else "end"
-        notes.append(f"{place.place}: <{name}> has no contactPoint, {contact!r} is taken")
+        notes.append(f"{place.inside}: <{name}> has no contactPoint, {contact!r} is taken")
     if contact not in (None, "start", "end"):
         place.fail(f"<{name} contactPoint={contact!r}> must be 'start' or 'end'")
     return Link(kind, place.text(element, "elementId"), contact if kind == "road" else None)
@@ -273,32 +273,37 @@ def _read_type(place: Reader, record: Element) -> RoadType:
     )
 
 
-def _read_signals(place: Reader, signals: Element | None) -> tuple[Signal, ...]:
-    """Signs and traffic lights in the order of the file."""
+def _read_signals(place: Reader, signals: Element | None, notes: list[str]) -> tuple[Signal, ...]:
+    """Signs and traffic lights in the order of the file; unreadable ones are left out."""
     result = []
     for item in () if signals is None else signals.findall("signal"):
-        identity = place.text(item, "id")
-        where = place.within(f"signal {identity!r}")
-        value = item.get("value")
-        result.append(
-            Signal(
-                id=identity,
-                s=where.number(item, "s", low=0.0),
-                t=where.number(item, "t", 0.0),
-                kind=item.get("type", ""),
-                subtype=item.get("subtype", ""),
-                country=item.get("country", ""),
-                name=item.get("name", ""),
-                dynamic=item.get("dynamic", "no") == "yes",
-                orientation=item.get("orientation", "none"),
-                value=where.number(item, "value") if value and value.strip() else None,
-                unit=item.get("unit", ""),
-                z_offset=where.number(item, "zOffset", 0.0),
-                height=where.number(item, "height", 0.0),
-                width=where.number(item, "width", 0.0),
-            )
-        )
+        try:
+            result.append(_read_signal(place, item))
+        except MapError as error:
+            notes.append(f"left out: {place.own(error)}")
     return tuple(result)
+
+
+def _read_signal(place: Reader, item: Element) -> Signal:
+    identity = place.text(item, "id")
+    where = place.within(f"signal {identity!r}")
+    value = item.get("value")
+    return Signal(
+        id=identity,
+        s=where.number(item, "s", low=0.0),
+        t=where.number(item, "t", 0.0),
+        kind=item.get("type", ""),
+        subtype=item.get("subtype", ""),
+        country=item.get("country", ""),
+        name=item.get("name", ""),
+        dynamic=item.get("dynamic", "no") == "yes",
+        orientation=item.get("orientation", "none"),
+        value=where.number(item, "value") if value and value.strip() else None,
+        unit=item.get("unit", ""),
+        z_offset=where.number(item, "zOffset", 0.0),
+        height=where.number(item, "height", 0.0),
+        width=where.number(item, "width", 0.0),
+    )
 
 
 def _read_structures(place: Reader, objects: Element | None) -> tuple[Structure, ...]:
@@ -389,7 +394,7 @@ def _read_friction(place: Reader, record: Element, notes: list[str]) -> float:
     """A coefficient of friction, at most `FRICTION_LIMIT`."""
     value = place.number(record, "friction", low=0.0)
     if value > FRICTION_LIMIT:
-        notes.append(f"{place.place}: friction {value:g} is reduced to {FRICTION_LIMIT:g}")
+        notes.append(f"{place.inside}: friction {value:g} is reduced to {FRICTION_LIMIT:g}")
     return min(value, FRICTION_LIMIT)
 
 

@@ -246,7 +246,7 @@ class Route:
         return self._profile(station, lambda band: ((1.0, band.boundary(i)),))
 
     def boundary_mark(self, i: int, station: float) -> RoadMark:
-        """Paint on the i-th boundary from the outside: kind "none", "solid", "broken" ..., width."""
+        """Paint on the i-th boundary from the outside: kind ("none", "solid" ...) and width."""
         band, p = self._band(station)
         return band.marks[min(max(i, 0), len(band.lanes))].at(p)
 

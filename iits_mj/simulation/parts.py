@@ -88,15 +88,16 @@ def placed(start: Start, route: Route, footprint: EgoFootprint) -> Start:
             f"{first:.0f} to {last:.0f} m of its {route.length:.0f} m"
         )
     lanes = route.lane_count(station)
-    if lanes == 0:
-        raise InputError(
-            f"the route has no lane of {USABLE_LANE_WIDTH:g} m or more at station {station:g} m: "
-            "choose another start-station or route"
-        )
     if not 0 <= start.start_lane < lanes:
         raise InputError(
             f"start-lane {start.start_lane} does not exist at station "
             f"{station:g} m; use 0 to {lanes - 1}"
+        )
+    if not route.lane_exists(start.start_lane, station):
+        width = float(route.lane_width(start.start_lane, station))
+        raise InputError(
+            f"lane {start.start_lane} is {width:.2g} m "
+            f"wide at station {station:g} m; vehicles use lanes of {USABLE_LANE_WIDTH:g} m or more"
         )
     return start
 

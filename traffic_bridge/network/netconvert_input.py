@@ -218,9 +218,7 @@ def _add_bridge(
         ("successor", after, ("start", "end")),
     ):
         contact = contacts[0 if way > 0 else 1]
-        SubElement(
-            link, name, elementType="road", elementId=other.id, contactPoint=contact
-        )
+        SubElement(link, name, elementType="road", elementId=other.id, contactPoint=contact)
     place = {"s": "0", "x": repr(float(end.x)), "y": repr(float(end.y)), "hdg": repr(heading)}
     view = SubElement(item, "planView")
     SubElement(SubElement(view, "geometry", place, length=repr(BRIDGE_LENGTH)), "line")
@@ -231,7 +229,9 @@ def _add_bridge(
     SubElement(lanes, "laneOffset", s="0", a=repr(inner), b="0", c="0", d="0")
     made = SubElement(lanes, "laneSection", s="0")
     SubElement(SubElement(made, "center"), "lane", id="0", type="none", level="false")
-    element = SubElement(SubElement(made, side), "lane", id=made_lane, type="driving", level="false")
+    element = SubElement(
+        SubElement(made, side), "lane", id=made_lane, type="driving", level="false"
+    )
     lane_link = SubElement(element, "link")
     SubElement(lane_link, "predecessor", id=str(lane))
     SubElement(lane_link, "successor", id=str(after[2]))
