@@ -61,8 +61,9 @@ Start = TypeVar("Start", bound=TruckStart)
 def placed(start: Start, route: Route, footprint: EgoFootprint) -> Start:
     """Returns the configuration with a start that fits the route.
 
-    The default station is reduced on a route that is too short for it. On one that is hardly
-    longer than the truck, the trailer starts before the route, whose plane continues there.
+    On a route that is too short for the default station the drive starts as early as possible. If
+    the route is hardly longer than the truck, the trailer starts before it, where its plane
+    continues.
 
     Raises:
       InputError: the start is not on the route, its lane does not exist there, or the route is too
@@ -79,7 +80,7 @@ def placed(start: Start, route: Route, footprint: EgoFootprint) -> Start:
         )
     station = start.start_station
     if station == TruckStart.start_station and not first <= station <= last:
-        station = min(max(station, first), last)
+        station = first
         remark(f"the route is {route.length:.0f} m long: the start is at station {station:.1f} m")
         start = dataclasses.replace(start, start_station=station)
     if not first <= station <= last:

@@ -108,7 +108,7 @@ def test_unusable_configuration_is_one_clear_error(
 
 
 @pytest.mark.parametrize(
-    ("length", "station"), [(1000.0, 60.0), (70.0, 55.0), (40.0, 25.0), (25.0, 17.6), (20.0, 12.6)]
+    ("length", "station"), [(1000.0, 60.0), (70.0, 16.5), (40.0, 16.5), (25.0, 11.1), (20.0, 11.1)]
 )
 def test_the_default_start_fits_a_short_road(length: float, station: float) -> None:
     start = placed(DriveConfig(), Route.straight(length=length), EgoFootprint())

@@ -10,11 +10,13 @@ from xml.etree.ElementTree import Element, SubElement
 from iits_mj.core.errors import MapError
 from iits_mj.road import RoadMap
 from iits_mj.road.elements import Connection, Junction, Lane, LaneSection, Road, lane_borders
+from iits_mj.road.opendrive import LENGTH_MIN
 from iits_mj.road.writer import to_xml
 from iits_mj.road.xml_input import content_hash, parse_xml, read_file
 
 UNLIMITED = 70.0  # [m/s], the limit in the net for a road without one
 BRIDGE = "direct_junction_"  # beginning of the ids of roads that this module adds
+SIGNAL_DEFAULTS = {"type": "-1", "subtype": "-1", "orientation": "none", "dynamic": "no"}
 FLAT_SPIRAL = 0.005  # [m]
 STRAIGHT_TURN = 1e-6  # [rad]
 BRIDGE_LENGTH = 0.1  # [m] of those roads: the shortest lane of a net
@@ -47,8 +49,12 @@ def opendrive_for_netconvert(road_map: RoadMap) -> bytes:
         if not item.get("junction", "").strip():
             item.set("junction", "-1")
         _drop_lost_links(item, road_map)
+        if road.length <= LENGTH_MIN:
+            item.set("length", repr(road.length))
         for record in item.iter("geometry"):
             _replace_flat_spiral(record)
+            if road.length <= LENGTH_MIN:
+                record.set("length", repr(road.length))
         _set_signals(item)
         _set_speeds(item, road)
     junctions = {junction.id: junction for junction in road_map.content.junctions}
@@ -135,11 +141,11 @@ def _replace_flat_spiral(record: Element) -> None:
 
 
 def _set_signals(item: Element) -> None:
-    """Gives signals without a type or with an empty one OpenDRIVE's value for "no type"."""
+    """Completes signals; OpenDRIVE's value for "no type" is -1."""
     for signal in item.iter("signal"):
-        for name in ("type", "subtype"):
+        for name, value in SIGNAL_DEFAULTS.items():
             if not signal.get(name, "").strip():
-                signal.set(name, "-1")
+                signal.set(name, value)
 
 
 def _bridge(root: Element, item: Element, junction: Junction, road_map: RoadMap) -> None:
