@@ -37,7 +37,8 @@ from iits_mj.road.xml_input import Reader, parse_xml
 LENGTH_LIMIT = 1e6
 # Some writers leave roads of less than a millimeter between others [m].
 LENGTH_MIN = 1e-6
-FRICTION_LIMIT = 2.0
+# Wet ice has 0.05; the tires' equations need some friction.
+FRICTION_LEAST, FRICTION_LIMIT = 0.05, 2.0
 CURVATURE_LIMIT = 10.0
 # On a shorter record a larger curvature is a rounding error of the writer, and is reduced [m].
 SHORTEST_BEND = 0.05
@@ -391,11 +392,12 @@ def _read_lane(place: Reader, element: Element, notes: list[str]) -> Lane:
 
 
 def _read_friction(place: Reader, record: Element, notes: list[str]) -> float:
-    """A coefficient of friction, at most `FRICTION_LIMIT`."""
+    """A coefficient of friction, at least `FRICTION_LEAST` and at most `FRICTION_LIMIT`."""
     value = place.number(record, "friction", low=0.0)
-    if value > FRICTION_LIMIT:
-        notes.append(f"{place.inside}: friction {value:g} is reduced to {FRICTION_LIMIT:g}")
-    return min(value, FRICTION_LIMIT)
+    used = min(max(value, FRICTION_LEAST), FRICTION_LIMIT)
+    if used != value:
+        notes.append(f"{place.inside}: friction {value:g} is changed to {used:g}")
+    return used
 
 
 def _offset(place: Reader, record: Element) -> float:

@@ -104,6 +104,8 @@ class RoadGraph:
             # The first of equal chains is kept, so that the result does not depend on rounding.
             if length > longest + 1e-6:
                 best, longest = chain, length
+        if not best:
+            raise MapError(f"{self.source}: no road is long enough to drive on")
         return best
 
     def _node(self, start: str) -> Node:

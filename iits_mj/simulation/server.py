@@ -447,7 +447,7 @@ class Server(Closing):
 
     def _check_end(self) -> None:
         place = (self.state, self.route, self.truck.footprint)
-        found = find_ending(*place) or find_leaving(*place)
+        found = find_ending(*place) or find_leaving(self.state, self.route)
         duration = self.config.duration
         if found is not None:
             self._end(found)

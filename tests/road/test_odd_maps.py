@@ -103,13 +103,14 @@ def test_a_tiny_road_does_not_interrupt_the_route(length):
     assert float(route.evaluate(150.0).x) == pytest.approx(150.0, abs=1e-5)
 
 
-def test_friction_beyond_2_is_reduced_with_a_note():
-    material = '<material sOffset="0" friction="5"/>'
+@pytest.mark.parametrize(("given", "used"), [(5, 2.0), (0, 0.05)])
+def test_friction_beyond_its_bounds_is_changed_with_a_note(given, used):
+    material = f'<material sOffset="0" friction="{given}"/>'
     road_map = read(
         document(road(lanes=LANES.replace("</lane>\n</right>", f"{material}</lane></right>")))
     )
-    assert road_map.route().friction(50.0, -1.0) == 2.0
-    assert any("friction 5 is reduced to 2" in note for note in road_map.notes)
+    assert road_map.route().friction(50.0, -1.0) == used
+    assert any(f"friction {given} is changed to {used:g}" in note for note in road_map.notes)
 
 
 def test_a_direct_junction_leads_from_lane_to_lane():

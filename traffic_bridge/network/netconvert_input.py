@@ -150,8 +150,8 @@ def _set_signals(item: Element) -> None:
 
 def _bridge(root: Element, item: Element, junction: Junction, road_map: RoadMap) -> None:
     """Makes a direct junction one with connecting roads, one for each pair of lanes."""
-    for connection in item.findall("connection"):
-        item.remove(connection)
+    for old in item.findall("connection"):
+        item.remove(old)
     item.attrib.pop("type", None)
     count = 0
     for connection in junction.connections:
