@@ -43,7 +43,10 @@ def positional(message: type[M]) -> Callable[..., M]:
 
 
 class Decision(enum.IntEnum):
-    """High-level decision, with the paper's numbers."""
+    """High-level decision, with the paper's numbers.
+
+    LEFT is the next inner lane, RIGHT the next outer one; in left-hand traffic the sides are swapped.
+    """
 
     LEFT = -1
     KEEP = 0

@@ -6,10 +6,12 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
+import numpy as np
+
 from iits_mj.core.angles import wrap_angle
 from iits_mj.core.errors import MapError
 from iits_mj.road.chain import CHAIN_LENGTH_LIMIT, GAP_LIMIT, SHIFT_LIMIT, LinkError, Node, apart
-from iits_mj.road.elements import Junction, OpenDriveMap, Road
+from iits_mj.road.elements import Junction, OpenDriveMap, Road, lane_borders
 from iits_mj.road.seams import (
     HEADING_STEP_LIMIT,
     HEIGHT_STEP_LIMIT,
@@ -18,6 +20,11 @@ from iits_mj.road.seams import (
 )
 
 SEARCH_BUDGET = 20_000
+# A laden articulated truck neither turns on a smaller radius nor climbs a steeper grade; a route
+# over such roads is taken only if the others are shorter than `LEAST_ROUTE` (judgement).
+LEAST_RADIUS, STEEPEST = 6.0, 0.20  # [m], [1]
+LEAST_ROUTE = 50.0  # [m]
+WIDE_RADIUS = 30.0  # [m] of a reference line on which every lane is wide enough for a truck
 
 
 class RoadEnd(NamedTuple):
@@ -52,6 +59,8 @@ class RoadGraph:
             if road.has_lanes(direction)
         ]
         self.notes: list[str] = []
+        self._closed: set[Node] = set()
+        self._obstacles: dict[Node, str] = {}
         self._ends: dict[Node, tuple[RoadEnd, RoadEnd]] = {}
         known = set(self.nodes)
         self._next = {
@@ -65,14 +74,17 @@ class RoadGraph:
 
     def followers(self, node: Node) -> list[Node]:
         """Returns the successors of a node, the one that continues most lanes first."""
-        return self._next[node]
+        if not self._closed:
+            return self._next[node]
+        return [follower for follower in self._next[node] if follower not in self._closed]
 
     def starts(self) -> list[Node]:
         """Returns the nodes where a chain can begin: without predecessor, and one per loop."""
-        reached = {follower for followers in self._next.values() for follower in followers}
-        starts = [node for node in self.nodes if node not in reached]
+        nodes = [node for node in self.nodes if node not in self._closed]
+        reached = {follower for node in nodes for follower in self.followers(node)}
+        starts = [node for node in nodes if node not in reached]
         covered = self._reachable(starts)
-        for node in sorted(self.nodes, key=lambda n: self.roads[n[0]].junction is not None):
+        for node in sorted(nodes, key=lambda n: self.roads[n[0]].junction is not None):
             if node not in covered:
                 starts.append(node)
                 covered |= self._reachable([node])
@@ -88,15 +100,32 @@ class RoadGraph:
         """Returns the longest chain, or the longest from `start`: "ID" (along s) or "ID:-1".
 
         Every road is driven at most once, so a closed loop gives one lap. The search is exhaustive
-        on maps of some dozens of roads; on large ones it ends after a fixed number of steps.
+        on maps of some dozens of roads; on large ones it ends after a fixed number of steps. Roads
+        that are too tight or too steep for a truck are avoided if another chain is long enough.
 
         Raises:
           MapError: no road has driving lanes, or there is no such start.
         """
         if not self.nodes:
             raise MapError(f"{self.source}: no road has driving lanes from its start to its end")
+        best = self._longest(start)
+        if any(self._obstacle(node) for node in best):
+            first = {self._node(start)} if start is not None else set()
+            self._closed = {node for node in self.nodes if self._obstacle(node)} - first
+            easy = self._longest(start)
+            self._closed = set()
+            if sum(self.roads[identity].length for identity, _ in easy) >= LEAST_ROUTE:
+                for node in best:
+                    if (reason := self._obstacle(node)) and node not in easy:
+                        self._note(reason)
+                return easy
+        if not best:
+            raise MapError(f"{self.source}: no road is long enough to drive on")
+        return best
+
+    def _longest(self, start: str | None) -> list[Node]:
         starts = self.starts() if start is None else [self._node(start)]
-        budget = max(200, SEARCH_BUDGET // len(starts))
+        budget = max(200, SEARCH_BUDGET // max(len(starts), 1))
         best: list[Node] = []
         longest = 0.0
         for node in starts:
@@ -104,9 +133,42 @@ class RoadGraph:
             # The first of equal chains is kept, so that the result does not depend on rounding.
             if length > longest + 1e-6:
                 best, longest = chain, length
-        if not best:
-            raise MapError(f"{self.source}: no road is long enough to drive on")
         return best
+
+    def _obstacle(self, node: Node) -> str:
+        """The reason why a truck cannot drive along a road, or ""."""
+        if node not in self._obstacles:
+            road, direction = self.roads[node[0]], node[1]
+            s = np.linspace(0.0, road.length, max(math.ceil(road.length / 2.0), 4) + 1)[1:-1]
+            bend = direction * road.plan.evaluate(s).curvature
+            # Only there the lane's place beside the reference line matters.
+            sharp = np.abs(bend) > 1.0 / WIDE_RADIUS
+            offset = [self._outermost(road, direction, float(each)) for each in s[sharp]]
+            radius = np.abs(1.0 / bend[sharp] - np.array(offset))
+            steep = float(np.abs(road.elevation.evaluate(s, 1)).max())
+            reason = ""
+            if (tightest := float(radius.min(initial=math.inf))) < LEAST_RADIUS:
+                reason = (
+                    f"road {road.id!r} bends with a radius of {tightest:.1f} m; a truck needs "
+                    f"{LEAST_RADIUS:g} m"
+                )
+            elif steep > STEEPEST:
+                reason = (
+                    f"road {road.id!r} has a grade of {100.0 * steep:.0f} %; a truck drives "
+                    f"{100.0 * STEEPEST:g} %"
+                )
+            self._obstacles[node] = reason
+        return self._obstacles[node]
+
+    @staticmethod
+    def _outermost(road: Road, direction: int, s: float) -> float:
+        """Offset of the outermost driving lane's center in travel [m]."""
+        section = [each for start, _, each in road.section_spans() if start <= s][-1]
+        side = road.side(direction)
+        borders = lane_borders(road, section, side)
+        lane = section.driving(side)[0].id
+        inside = lane - 1 if lane > 0 else lane + 1
+        return 0.5 * direction * (borders[lane].at(s) + borders[inside].at(s))
 
     def _node(self, start: str) -> Node:
         if (start, 1) in self._next:
@@ -125,7 +187,7 @@ class RoadGraph:
         path = [start]
         visited = {start[0]}
         lengths = [self.roads[start[0]].length]
-        pending = [iter(self._next[start])]
+        pending = [iter(self.followers(start))]
         best, longest = list(path), lengths[-1]
         while pending and budget > 0:
             follower = next(pending[-1], None)
@@ -143,7 +205,7 @@ class RoadGraph:
             path.append(follower)
             visited.add(follower[0])
             lengths.append(length)
-            pending.append(iter(self._next[follower]))
+            pending.append(iter(self.followers(follower)))
             if length > longest:
                 best, longest = list(path), length
         return best, longest
@@ -152,7 +214,7 @@ class RoadGraph:
         found = set(starts)
         pending = list(starts)
         while pending:
-            for follower in self._next[pending.pop()]:
+            for follower in self.followers(pending.pop()):
                 if follower not in found:
                     found.add(follower)
                     pending.append(follower)

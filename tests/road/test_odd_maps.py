@@ -213,3 +213,31 @@ def test_roads_that_differ_in_their_rule_are_driven_on_the_side_of_most():
     road_map = read(text)
     assert road_map.left_hand
     assert any("differ in their rule" in note for note in road_map.notes)
+
+
+@pytest.mark.parametrize(
+    ("branch", "reason"),
+    [
+        (road("2", line(100.0).replace("<line/>", '<arc curvature="-0.2"/>')), "radius of"),
+        (road("2", line(100.0), elevation='<elevation s="0" a="0" b="0.4" c="0" d="0"/>'), "40 %"),
+    ],
+    ids=["tight", "steep"],
+)
+def test_the_route_avoids_roads_that_a_truck_cannot_drive(branch, reason):
+    """The longest chain leads over road 2 and 4; the truck takes the shorter one over road 3."""
+    junction_9 = (
+        '<junction id="9"><connection id="0" incomingRoad="1" connectingRoad="2" '
+        'contactPoint="start"/><connection id="1" incomingRoad="1" connectingRoad="3" '
+        'contactPoint="start"/></junction>'
+    )
+    into = '<successor elementType="junction" elementId="9"/>'
+    text = document(
+        road("1", link=into), branch, road("3", line(100.0, length=60.0), 60), extra=junction_9
+    )
+    road_map = read(text)
+    assert [segment.road_id for segment in road_map.route().segments] == ["1", "3"]
+    assert any(reason in note for note in road_map.notes)
+    # It has no choice where the other roads are too short, or the user asks for it.
+    alone = read(document(branch, road("3", line(0.0, 90.0, length=40.0), 40)))
+    assert [segment.road_id for segment in alone.route().segments] == ["2"]
+    assert [segment.road_id for segment in road_map.route("2").segments] == ["2"]

@@ -142,8 +142,9 @@ def _replace_flat_spiral(record: Element) -> None:
 
 def _set_signals(item: Element) -> None:
     """Completes signals; OpenDRIVE's value for "no type" is -1."""
-    for signal in item.iter("signal"):
-        for name, value in SIGNAL_DEFAULTS.items():
+    for number, signal in enumerate(item.iter("signal")):
+        nameless = {"id": f"{item.get('id')}_signal_{number}"}
+        for name, value in (SIGNAL_DEFAULTS | nameless).items():
             if not signal.get(name, "").strip():
                 signal.set(name, value)
 

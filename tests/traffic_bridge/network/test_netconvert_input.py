@@ -87,9 +87,9 @@ def test_a_spiral_of_constant_curvature_does_not_exhaust_the_memory(tmp_path):
     assert distance(found, "-1_0") < 0.02
 
 
-@pytest.mark.parametrize("kind", ['type="" subtype=""', "", 'type="274" subtype=""'])
-def test_a_signal_without_a_type_does_not_refuse_the_map(tmp_path, kind):
-    signal = f'<signals><signal id="0" s="10" t="-4" {kind}/></signals>'
+@pytest.mark.parametrize("kind", ['id="0" type="" subtype=""', "", 'id="7" type="274" subtype=""'])
+def test_an_incomplete_signal_does_not_refuse_the_map(tmp_path, kind):
+    signal = f'<signals><signal s="10" t="-4" {kind}/></signals>'
     assert network(tmp_path, document(road(extra=signal))).entrances == ("-1",)
 
 
