@@ -45,7 +45,7 @@ def positional(message: type[M]) -> Callable[..., M]:
 class Decision(enum.IntEnum):
     """High-level decision, with the paper's numbers.
 
-    LEFT is the next inner lane, RIGHT the next outer one; in left-hand traffic the sides are swapped.
+    LEFT is the next inner lane, RIGHT the next outer one; left-hand traffic swaps the sides.
     """
 
     LEFT = -1
