@@ -45,7 +45,7 @@ from controllers.decision.trip import (
 SEEDS = {"validation": VALIDATION_SEEDS + 500_000, "test": TEST_SEEDS + 900_000}
 COMPARED = [cell for cell in CELLS if cell != ("sparse", 15.0)]
 # Columns of a trip.
-FIGURES = ("loss", "changes", "imposed_brakings", "collisions", "right_share", "time_to_collision")
+FIGURES = ("loss", "changes", "imposed_brakings", "collisions", "right_share")
 Trips = NDArray[np.float64]  # shape (cells, trips, figures)
 Drive = Callable[[FastWorlds], None]
 
@@ -110,7 +110,6 @@ def figures(worlds: FastWorlds) -> NDArray[np.float64]:
         state["imposed_brakings"],
         state["collisions"],
         state["right_time"] / state["driven_time"],
-        state["change_collision_time_min"],
     )
     return np.stack(columns, axis=-1).astype(float)
 
