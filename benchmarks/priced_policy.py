@@ -92,7 +92,7 @@ def drive(worlds: FastWorlds, network: PricedNetwork, prices: tuple[float, ...])
         braking = braking_of_changes(worlds)
         gains = policy.member_gains(worlds, table, braking)
         decisions = chosen(gains.mean(axis=0), braking)
-        spread = np.where(np.isfinite(braking), disagreement(gains, table), 0.0).max(axis=1)
+        spread = disagreement(np.where(np.isfinite(braking), gains, 0.0), table).max(axis=1)
         unsure = np.flatnonzero(spread > network.disagreement_max)
         if unsure.size:
             ruled = worlds.copy(unsure).decide(rule)
@@ -275,8 +275,9 @@ def spreads(
     found = []
     for _ in range(20 if event else 100):
         braking = braking_of_changes(worlds)
-        spread = disagreement(policy.member_gains(worlds, prices, braking), prices)
-        found.append(spread[np.isfinite(braking)])
+        possible = np.isfinite(braking)
+        gains = np.where(possible, policy.member_gains(worlds, prices, braking), 0.0)
+        found.append(disagreement(gains, prices)[possible])
         worlds.step(np.zeros(count, dtype=np.int64))
     return np.concatenate(found) / network.disagreement_max
 
