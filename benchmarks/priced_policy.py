@@ -45,7 +45,7 @@ from controllers.decision.trip import (
 SEEDS = {"validation": VALIDATION_SEEDS + 500_000, "test": TEST_SEEDS + 900_000}
 COMPARED = [cell for cell in CELLS if cell != ("sparse", 15.0)]
 # Columns of a trip.
-FIGURES = ("loss", "changes", "imposed_brakings", "collisions", "right_share", "time_to_collision")
+FIGURES = ("loss", "changes", "imposed_brakings", "collisions", "right_share")
 Trips = NDArray[np.float64]  # shape (cells, trips, figures)
 Drive = Callable[[FastWorlds], None]
 
@@ -92,7 +92,7 @@ def drive(worlds: FastWorlds, network: PricedNetwork, prices: tuple[float, ...])
         braking = braking_of_changes(worlds)
         gains = policy.member_gains(worlds, table, braking)
         decisions = chosen(gains.mean(axis=0), braking)
-        spread = np.where(np.isfinite(braking), disagreement(gains, table), 0.0).max(axis=1)
+        spread = disagreement(np.where(np.isfinite(braking), gains, 0.0), table).max(axis=1)
         unsure = np.flatnonzero(spread > network.disagreement_max)
         if unsure.size:
             ruled = worlds.copy(unsure).decide(rule)
@@ -110,7 +110,6 @@ def figures(worlds: FastWorlds) -> NDArray[np.float64]:
         state["imposed_brakings"],
         state["collisions"],
         state["right_time"] / state["driven_time"],
-        state["change_collision_time_min"],
     )
     return np.stack(columns, axis=-1).astype(float)
 
@@ -276,8 +275,9 @@ def spreads(
     found = []
     for _ in range(20 if event else 100):
         braking = braking_of_changes(worlds)
-        spread = disagreement(policy.member_gains(worlds, prices, braking), prices)
-        found.append(spread[np.isfinite(braking)])
+        possible = np.isfinite(braking)
+        gains = np.where(possible, policy.member_gains(worlds, prices, braking), 0.0)
+        found.append(disagreement(gains, prices)[possible])
         worlds.step(np.zeros(count, dtype=np.int64))
     return np.concatenate(found) / network.disagreement_max
 

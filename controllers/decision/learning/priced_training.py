@@ -1,9 +1,9 @@
 """Training of the priced policy: rounds of roll-outs in the fast world, each followed by a fit.
 
 Round 0 labels the decisions of the look-ahead rule, each later round those of the network before.
-The labels of a round are made in chunks by several processes. Each chunk and each network is a
-file, so an interrupted training continues from the last one, and the result depends neither on the
-number of processes nor on interruptions.
+Several processes make the labels of a round in chunks and fit the members of a network. Each chunk
+and each member is a file, so an interrupted training continues from the last one, and the result
+depends neither on the number of processes nor on interruptions.
 """
 
 from __future__ import annotations
@@ -46,6 +46,17 @@ class Part:
     file: Path
 
 
+@dataclass(frozen=True)
+class Member:
+    """One member of a network: the labels that it is fitted to, and its file."""
+
+    labels: tuple[Path, ...]
+    seed: int
+    epochs: int
+    layers: tuple[int, ...]
+    file: Path
+
+
 def train_priced(
     config: RolloutConfig,
     out: Path,
@@ -69,8 +80,7 @@ def train_priced(
 
     Raises:
       InputError: torch is missing, or the folder is not usable or is of another training.
-      TasksError: chunks failed; the others are kept.
-      Error: the fit diverged.
+      TasksError: chunks or fits failed; the others are kept.
     """
     try:
         import torch  # noqa: F401
@@ -87,13 +97,20 @@ def train_priced(
         policy = out / RESULT if last else out / POLICIES / f"priced_{number:02d}.npz"
         if policy.exists():
             continue
-        labels = fitting.joined([_read(part) for part in _used(out, number, config)])
-        members = range(config.members if last else 1)
-        layers = PRICED_LAYERS if last else _ROUND_LAYERS
+        used = tuple(_used(out, number, config))
         first = seed * 1000 + number * 100
-        network = PricedNetwork.joined(
-            [fitting.fit(labels, first + m, config.epochs, layers) for m in members]
-        )
+        members = [
+            Member(
+                used,
+                first + member,
+                config.epochs,
+                PRICED_LAYERS if last else _ROUND_LAYERS,
+                out / POLICIES / f"member_{number:02d}_{member}.npz",
+            )
+            for member in range(config.members if last else 1)
+        ]
+        network = _fit_members(members, jobs)
+        labels = fitting.joined([_read(part) for part in used])
         network = fitting.with_limit(network, labels)
         network.save(policy, command=command, config=settings, round=number)
     assert policy is not None
@@ -147,6 +164,23 @@ def make_part(part: Part, config: RolloutConfig, seed: int) -> Part:
     return part
 
 
+def fit_member(member: Member) -> Member:
+    """Fits a member and writes its file; returns the member."""
+    from controllers.decision.learning import fitting
+
+    labels = fitting.joined([_read(part) for part in member.labels])
+    network = fitting.fit(labels, member.seed, member.epochs, member.layers)
+    network.save(member.file)
+    return member
+
+
+def _fit_members(members: list[Member], jobs: int) -> PricedNetwork:
+    """Fits the missing members; returns the network of all."""
+    missing = [member for member in members if not member.file.exists()]
+    run_all(missing, jobs, fit_member, lambda _: None, _described_fit, what="fits")
+    return PricedNetwork.joined([PricedNetwork.load(member.file) for member in members])
+
+
 def _begin(out: Path, settings: dict[str, Any], resume: bool) -> None:
     path = out / SETTINGS
     try:
@@ -194,3 +228,7 @@ def _read(path: Path) -> Labels:
 
 def _described(part: Part) -> str:
     return f"chunk {part.chunk} of round {part.round}"
+
+
+def _described_fit(member: Member) -> str:
+    return f"fit of {member.file.name}"

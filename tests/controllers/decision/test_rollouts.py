@@ -136,9 +136,10 @@ def test_a_training_continues_to_the_same_bits(tmp_path):
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     first = train_priced(SMALL, whole, seed=3, jobs=1)
     train_priced(dataclasses.replace(SMALL), parts, seed=3, jobs=1)
-    for name in (RESULT, "policies/priced_00.npz", "labels/01_0000.npz"):
+    policies = ("policies/priced_00.npz", "policies/member_00_0.npz", "policies/member_01_1.npz")
+    for name in (RESULT, "labels/01_0000.npz", *policies):
         (parts / name).unlink()
-    again = train_priced(SMALL, parts, seed=3, jobs=1, resume=True)
+    again = train_priced(SMALL, parts, seed=3, jobs=2, resume=True)
     assert first.read_bytes() == again.read_bytes()
     network = PricedNetwork.load(first)
     assert len(network) == SMALL.members
