@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -71,6 +71,10 @@ class RoadGraph:
             ]
             for node in self.nodes
         }
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the places of the roads' ends, which are found again where they are needed."""
+        return self.__dict__ | {"_ends": {}}
 
     def followers(self, node: Node) -> list[Node]:
         """Returns the successors of a node, the one that continues most lanes first."""

@@ -29,6 +29,7 @@ from iits_mj.road.lanes import (
     lane_bands,
     structure_spans,
 )
+from iits_mj.road.map_cache import SIZE_MIN, MapCache
 from iits_mj.road.opendrive import parse
 from iits_mj.road.polynomials import PiecewiseCubic
 from iits_mj.road.reference_line import KNOT_SPACING, ReferenceLine, RoadPoint
@@ -63,22 +64,39 @@ class RoadMap:
 
     def __init__(self, content: OpenDriveMap, path: str | Path, digest: str | None = None) -> None:
         """Takes parsed records; use `from_opendrive` for a file."""
-        self.path = Path(path)
-        self.content = content
-        self.roads: dict[str, Road] = {road.id: road for road in content.roads}
-        self.content_hash = content_hash(repr(content).encode()) if digest is None else digest
-        self.left_hand = any(road.left_hand for road in content.roads)
-        self._graph = RoadGraph(content, str(self.path))
+        digest = content_hash(repr(content).encode()) if digest is None else digest
+        self._fill(path, digest, content, RoadGraph(content, str(Path(path))))
 
     @classmethod
     def from_opendrive(cls, path: str | Path) -> RoadMap:
-        """Reads an OpenDRIVE file.
+        """Reads an OpenDRIVE file; a large one that was read before comes from the cache.
 
         Raises:
           MapError: it cannot be used; the message names file, road and reason.
         """
         content = read_file(Path(path))
-        return cls(parse(content, str(path)), path, content_hash(content))
+        digest = content_hash(content)
+        if len(content) < SIZE_MIN:
+            return cls(parse(content, str(path)), path, digest)
+        cache = MapCache(digest, str(path))
+        state = cache.recall("map")
+        if state is None:
+            made = cls(parse(content, str(path)), path, digest)
+            cache.keep("map", (made.content, made._graph))
+        else:
+            made = cls.__new__(cls)
+            made._fill(path, digest, *state)
+        made._cache = cache
+        return made
+
+    def _fill(self, path: str | Path, digest: str, content: OpenDriveMap, graph: RoadGraph) -> None:
+        self.path = Path(path)
+        self.content = content
+        self.roads: dict[str, Road] = {road.id: road for road in content.roads}
+        self.content_hash = digest
+        self.left_hand = any(road.left_hand for road in content.roads)
+        self._graph = graph
+        self._cache: MapCache | None = None
 
     @classmethod
     def builtin(cls) -> RoadMap:
@@ -102,6 +120,20 @@ class RoadMap:
         Raises:
           MapError: no drivable road, or no such start.
         """
+        if self._cache is None:
+            return self._search(start, superelevation_limit, knot_spacing)
+        what = f"route {start} {superelevation_limit} {knot_spacing}"
+        shared = {"map": self} | {f"road {name}": road for name, road in self.roads.items()}
+        found = self._cache.recall(what, shared)
+        if found is None:
+            route = self._search(start, superelevation_limit, knot_spacing)
+            self._cache.keep(what, (route, self._graph.notes), shared)
+            return route
+        made: Route = found[0]
+        self._graph.notes = found[1]
+        return made
+
+    def _search(self, start: str | None, superelevation_limit: float, knot_spacing: float) -> Route:
         for _ in range(LINKS_CUT_MAX):
             try:
                 return self._route(start, superelevation_limit, knot_spacing)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
-import os
 import re
 import shutil
 import subprocess
@@ -13,13 +12,13 @@ import tempfile
 from functools import cache
 from pathlib import Path
 
+from iits_mj.core.cache import CACHE_VARIABLE, cache_folder
 from iits_mj.core.errors import InputError, MapError, TrafficError
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.route import MAPS, USABLE_LANE_WIDTH
 from traffic_bridge.network.net_file import ORIGIN, NetFile
 from traffic_bridge.network.netconvert_input import BRIDGE, opendrive_for_netconvert
 
-CACHE_VARIABLE = "IITS_MJ_CACHE"
 TIMEOUT = 120.0  # [s]; the largest test map takes 0.3 s
 MEMORY_MAX = 4 * 2**30  # bytes of netconvert
 TURN_ACCELERATION = 3.0  # [m/s2] lateral, accepted by drivers at junctions in town (judgement)
@@ -49,15 +48,12 @@ _SEAL = "<!-- sha256 "
 
 def cache_dir() -> Path:
     """The folder of cached nets: $IITS_MJ_CACHE, else iits_mj in the user's cache folder."""
-    chosen, base = os.environ.get(CACHE_VARIABLE), os.environ.get("XDG_CACHE_HOME")
-    try:
-        if chosen:
-            return Path(chosen).expanduser()
-        return (Path(base) if base else Path.home() / ".cache") / "iits_mj"
-    except RuntimeError as error:
+    folder = cache_folder()
+    if folder is None:
         raise TrafficError(
             f"there is no home folder for cached nets; set {CACHE_VARIABLE} to a folder"
-        ) from error
+        )
+    return folder
 
 
 def build_network(source: RoadMap | Route) -> NetFile:
