@@ -150,6 +150,10 @@ class RoadMap:
                 self._graph.cut(error)
         return self._route(start, along, superelevation_limit, knot_spacing)
 
+    def unusable(self) -> frozenset[str]:
+        """Returns the ids of the roads that are too tight or too steep for a truck."""
+        return frozenset(node[0] for node in self._graph.nodes if self._graph.obstacle(node))
+
     @property
     def notes(self) -> tuple[str, ...]:
         """Parts of the file that are not used, in words."""

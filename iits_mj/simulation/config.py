@@ -143,7 +143,7 @@ class DriveConfig(PriceOptions, TruckStart):
         "inter",
         TRAFFIC,
         "inter: SUMO traffic that reacts to the truck; pure: SUMO traffic that does not see the "
-        "truck; none: empty road, without SUMO",
+        "truck; none: empty road, without SUMO and its net of the map",
         group="traffic",
     )
     lane_change: str = option(

@@ -43,6 +43,7 @@ LEFT_HAND_OPTIONS = (
     "--lefthand",
 )
 REVISION = "2"  # of the changes that this module makes to a net; part of the cache key
+ADVICE = "; a drive with traffic-mode none needs no net"
 _SEAL = "<!-- sha256 "
 
 
@@ -124,7 +125,7 @@ def _make(content: bytes, options: tuple[str, ...], target: Path, name: str) -> 
         run_netconvert(arguments, name)
         text = made.read_text(encoding="utf-8") if made.is_file() else ""
         if "<edge " not in text:
-            raise MapError(f"{name}: netconvert found no road in the map that cars may use")
+            raise MapError(f"{name}: netconvert found no road in the map that cars may use{ADVICE}")
         # The leading comment holds a date and paths; without it one map gives one file.
         text = re.sub(r"<!--.*?-->\s*", "", text, count=1, flags=re.DOTALL)
         text = re.sub(r"<lane [^>]*>", _close_if_narrow, text)
@@ -174,7 +175,7 @@ def find_netconvert() -> Path:
             return candidate
     raise TrafficError(
         "netconvert is missing: SUMO needs it to read a map other than the built-in highway; "
-        "install it with: pip install 'iits-mj[maps]'"
+        f"install it with: pip install 'iits-mj[maps]'{ADVICE}"
     )
 
 
@@ -202,13 +203,13 @@ def run_netconvert(arguments: list[str], name: str = "netconvert") -> str:
         )
     except subprocess.TimeoutExpired as error:
         raise TrafficError(
-            f"{name}: SUMO's netconvert did not finish this map within {TIMEOUT:g} s"
+            f"{name}: SUMO's netconvert did not finish this map within {TIMEOUT:g} s{ADVICE}"
         ) from error
     except OSError as error:
         raise TrafficError(f"{name}: netconvert cannot be run: {error}") from error
     if "bad_alloc" in result.stderr:
         raise TrafficError(
-            f"{name}: SUMO's netconvert needs more than {MEMORY_MAX >> 30} GB for this map"
+            f"{name}: SUMO's netconvert needs more than {MEMORY_MAX >> 30} GB for this map{ADVICE}"
         )
     errors = [line for line in result.stderr.splitlines() if line.startswith("Error:")]
     if result.returncode != 0 or errors:
@@ -216,5 +217,6 @@ def run_netconvert(arguments: list[str], name: str = "netconvert") -> str:
         raise MapError(
             f"{name}: SUMO's netconvert cannot use the map: "
             f"{reason or result.stderr.strip() or f'exit code {result.returncode}'}"[:600]
+            + ADVICE
         )
     return result.stdout
