@@ -48,9 +48,8 @@ def draw_map(road_map: RoadMap, route: Route | None, odd: Collection[str] = ()) 
             for kind, shape in _lanes(road, section, start, end):
                 name = _UNUSABLE if kind == "driving" and road.id in odd else kind
                 shapes.setdefault(name, []).append(shape)
-    every = np.concatenate(
-        [shape for found in shapes.values() for shape in found] or [[(0.0, 0.0)]]
-    )
+    outlines = [shape for found in shapes.values() for shape in found]
+    every = np.concatenate(outlines or [np.zeros((1, 2))])
     low, high = every.min(axis=0), every.max(axis=0)
     width, height = np.maximum(high - low, 1.0)
     scale = LARGEST / max(width, height)
