@@ -148,7 +148,7 @@ def test_a_route_that_the_map_does_not_have_is_refused() -> None:
     with pytest.raises(InputError, match="there is no road 'elm' for the route"):
         Simulation(DriveConfig(route="elm,oak"), visuals=False)
     with pytest.raises(InputError, match="'up' is no turn"):
-        DriveConfig(route="turns:up,down,up")
+        DriveConfig(route="turns:east,up,down")
 
 
 def test_a_road_shorter_than_the_truck_is_refused_with_its_least_length() -> None:

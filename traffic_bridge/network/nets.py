@@ -14,6 +14,7 @@ from pathlib import Path
 
 from iits_mj.core.cache import CACHE_VARIABLE, cache_folder
 from iits_mj.core.errors import InputError, MapError, TrafficError
+from iits_mj.core.progress import remark
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.route import MAPS, USABLE_LANE_WIDTH
 from traffic_bridge.network.net_file import ORIGIN, NetFile
@@ -57,8 +58,11 @@ def cache_dir() -> Path:
     return folder
 
 
-def build_network(source: RoadMap | Route) -> NetFile:
+def build_network(source: RoadMap | Route, whole: bool = True) -> NetFile:
     """Returns the SUMO net of a map (or a route's map): shipped, cached or newly made.
+
+    If netconvert refuses the map of a route, and the net need not be `whole`, the net has the
+    roads of the route only.
 
     A cached net belongs to the map's content, netconvert's version and the options used; a damaged
     file is made again. Processes that make the same net at the same time each write their own file
@@ -77,12 +81,28 @@ def build_network(source: RoadMap | Route) -> NetFile:
     # Only a net shipped with the package certainly belongs to the map in the same folder.
     if road_map.path.resolve().parent == MAPS.resolve() and shipped.is_file():
         return NetFile.read(shipped)
-    content = opendrive_for_netconvert(road_map)
+    if whole or not isinstance(source, Route):
+        return NetFile.read(_net_file(road_map, None))
+    try:
+        return NetFile.read(_net_file(road_map, None))
+    except MapError as error:
+        roads = {part.road_id for part in source.segments}
+        try:
+            target = _net_file(road_map, roads)
+        except MapError:
+            raise error from None
+        remark(f"{str(error).removesuffix(ADVICE)}; the traffic has the roads of the route only")
+        return NetFile.read(target)
+
+
+def _net_file(road_map: RoadMap, only: set[str] | None) -> Path:
+    """The net of a map, or of some of its roads, in the cache."""
+    content = opendrive_for_netconvert(road_map, only)
     options = LEFT_HAND_OPTIONS if road_map.left_hand else OPENDRIVE_OPTIONS
     target = _cached_file(content, options)
     if not _is_whole(target):
         _make(content, options, target, str(road_map.path))
-    return NetFile.read(target)
+    return target
 
 
 def _cached_file(content: bytes, options: tuple[str, ...]) -> Path:
@@ -213,7 +233,8 @@ def run_netconvert(arguments: list[str], name: str = "netconvert") -> str:
         )
     errors = [line for line in result.stderr.splitlines() if line.startswith("Error:")]
     if result.returncode != 0 or errors:
-        reason = "; ".join(dict.fromkeys(line.removeprefix("Error:").strip() for line in errors))
+        told = (line.removeprefix("Error:").strip().rstrip(".") for line in errors)
+        reason = "; ".join(dict.fromkeys(told))
         raise MapError(
             f"{name}: SUMO's netconvert cannot use the map: "
             f"{reason or result.stderr.strip() or f'exit code {result.returncode}'}"[:600]
