@@ -18,6 +18,9 @@ SECTIONS = {
         "serve": "serve the truck on a CAN bus in real time, for an external controller",
         "replay-can": "drive the truck with the commands of a CAN log, or decode the log",
     },
+    "roads": {
+        "road": "check a map: what is repaired, left out or refused, with a picture",
+    },
     "trucks": {
         "truck": "check, show, compare and export trucks; JSON Schema of truck files",
         "identify": "fit the truck's parameters to a recorded log",

@@ -18,7 +18,7 @@ from iits_mj.commands.output import drive_progress
 from iits_mj.core.errors import InputError, TrafficError
 from iits_mj.core.options import option
 from iits_mj.core.progress import task
-from iits_mj.simulation.drive_log import check_options
+from iits_mj.simulation.drive_log import check_options, options_of
 from iits_mj.simulation.parts import load_map
 from iits_mj.simulation.redrive import RedriveError, own_traffic_of, redrive
 from traffic_bridge import Recording, ReSim
@@ -74,12 +74,11 @@ def _verify(options: Options) -> int:
 
 
 def _traffic_again(path: Path, options: Options) -> list[str]:
-    recording, name, route = (
-        Recording.load(path),
-        f"recording {path}",
-        load_map(options.map).route(),
-    )
-    own = None
+    recording, name = Recording.load(path), f"recording {path}"
+    along, own = options.route, None
+    if "drive" in recording.meta:
+        along = options_of(recording, name).get("route")
+    route = load_map(options.map).route(along=along)
     if "drive" in recording.meta:
         own = own_traffic_of(recording, name, route, options.traffic_mode, options)
     with ReSim(route, path, own=own) as traffic:

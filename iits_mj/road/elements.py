@@ -7,8 +7,9 @@ the road's own: s along the reference line, t to the left of it; SI units.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
+from typing import Any
 
 from iits_mj.road.geometry import Geometry, PlanView
 from iits_mj.road.objects import MapObject
@@ -170,6 +171,10 @@ class Road:
     structures: tuple[Structure, ...] = ()
     objects: tuple[MapObject, ...] = field(default=(), repr=False, compare=False)
     left_hand: bool = False
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The fields, without the profiles that are made of them."""
+        return {each.name: self.__dict__[each.name] for each in fields(self)}
 
     @cached_property
     def plan(self) -> PlanView:

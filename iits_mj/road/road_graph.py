@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -72,6 +72,10 @@ class RoadGraph:
             for node in self.nodes
         }
 
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the places of the roads' ends, which are found again where they are needed."""
+        return self.__dict__ | {"_ends": {}}
+
     def followers(self, node: Node) -> list[Node]:
         """Returns the successors of a node, the one that continues most lanes first."""
         if not self._closed:
@@ -109,14 +113,14 @@ class RoadGraph:
         if not self.nodes:
             raise MapError(f"{self.source}: no road has driving lanes from its start to its end")
         best = self._longest(start)
-        if any(self._obstacle(node) for node in best):
+        if any(self.obstacle(node) for node in best):
             first = {self._node(start)} if start is not None else set()
-            self._closed = {node for node in self.nodes if self._obstacle(node)} - first
+            self._closed = {node for node in self.nodes if self.obstacle(node)} - first
             easy = self._longest(start)
             self._closed = set()
             if sum(self.roads[identity].length for identity, _ in easy) >= LEAST_ROUTE:
                 for node in best:
-                    if (reason := self._obstacle(node)) and node not in easy:
+                    if (reason := self.obstacle(node)) and node not in easy:
                         self._note(reason)
                 return easy
         if not best:
@@ -135,8 +139,8 @@ class RoadGraph:
                 best, longest = chain, length
         return best
 
-    def _obstacle(self, node: Node) -> str:
-        """The reason why a truck cannot drive along a road, or ""."""
+    def obstacle(self, node: Node) -> str:
+        """Returns the reason why a truck cannot drive along a road, or ""."""
         if node not in self._obstacles:
             road, direction = self.roads[node[0]], node[1]
             s = np.linspace(0.0, road.length, max(math.ceil(road.length / 2.0), 4) + 1)[1:-1]

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import in_range, positive
+from iits_mj.core.errors import InputError
 from iits_mj.road.chain import LinkError, join
 from iits_mj.road.elements import DEFAULT_FRICTION, OpenDriveMap, Road, RoadMark
 from iits_mj.road.lanes import (
@@ -29,10 +30,12 @@ from iits_mj.road.lanes import (
     lane_bands,
     structure_spans,
 )
+from iits_mj.road.map_cache import SIZE_MIN, MapCache
 from iits_mj.road.opendrive import parse
 from iits_mj.road.polynomials import PiecewiseCubic
 from iits_mj.road.reference_line import KNOT_SPACING, ReferenceLine, RoadPoint
 from iits_mj.road.road_graph import RoadGraph
+from iits_mj.road.route_choice import Choice, choose
 from iits_mj.road.seams import ContinuousChain
 from iits_mj.road.straight import straight_road
 from iits_mj.road.xml_input import content_hash, read_file
@@ -63,22 +66,39 @@ class RoadMap:
 
     def __init__(self, content: OpenDriveMap, path: str | Path, digest: str | None = None) -> None:
         """Takes parsed records; use `from_opendrive` for a file."""
-        self.path = Path(path)
-        self.content = content
-        self.roads: dict[str, Road] = {road.id: road for road in content.roads}
-        self.content_hash = content_hash(repr(content).encode()) if digest is None else digest
-        self.left_hand = any(road.left_hand for road in content.roads)
-        self._graph = RoadGraph(content, str(self.path))
+        digest = content_hash(repr(content).encode()) if digest is None else digest
+        self._fill(path, digest, content, RoadGraph(content, str(Path(path))))
 
     @classmethod
     def from_opendrive(cls, path: str | Path) -> RoadMap:
-        """Reads an OpenDRIVE file.
+        """Reads an OpenDRIVE file; a large one that was read before comes from the cache.
 
         Raises:
           MapError: it cannot be used; the message names file, road and reason.
         """
         content = read_file(Path(path))
-        return cls(parse(content, str(path)), path, content_hash(content))
+        digest = content_hash(content)
+        if len(content) < SIZE_MIN:
+            return cls(parse(content, str(path)), path, digest)
+        cache = MapCache(digest, str(path))
+        state = cache.recall("map")
+        if state is None:
+            made = cls(parse(content, str(path)), path, digest)
+            cache.keep("map", (made.content, made._graph))
+        else:
+            made = cls.__new__(cls)
+            made._fill(path, digest, *state)
+        made._cache = cache
+        return made
+
+    def _fill(self, path: str | Path, digest: str, content: OpenDriveMap, graph: RoadGraph) -> None:
+        self.path = Path(path)
+        self.content = content
+        self.roads: dict[str, Road] = {road.id: road for road in content.roads}
+        self.content_hash = digest
+        self.left_hand = any(road.left_hand for road in content.roads)
+        self._graph = graph
+        self._cache: MapCache | None = None
 
     @classmethod
     def builtin(cls) -> RoadMap:
@@ -90,6 +110,7 @@ class RoadMap:
         start: str | None = None,
         superelevation_limit: float = SUPERELEVATION_LIMIT,
         knot_spacing: float = KNOT_SPACING,
+        along: str | None = None,
     ) -> Route:
         """Returns a chain of roads as one road.
 
@@ -98,25 +119,55 @@ class RoadMap:
           superelevation_limit: a route whose cross slope exceeds it anywhere [rad] has all its
             cross slopes scaled down to it, because a truck would tip over.
           knot_spacing: of the reference line's samples [m].
+          along: the route in words, in place of `start`; see `route_choice`.
 
         Raises:
+          InputError: `along` describes no route of this map.
           MapError: no drivable road, or no such start.
         """
+        if start is not None and along is not None:
+            raise InputError("a route has a start or a description, not both")
+        if self._cache is None:
+            return self._search(start, along, superelevation_limit, knot_spacing)
+        what = f"route {start} {along} {superelevation_limit} {knot_spacing}"
+        shared = {"map": self} | {f"road {name}": road for name, road in self.roads.items()}
+        found = self._cache.recall(what, shared)
+        if found is None:
+            route = self._search(start, along, superelevation_limit, knot_spacing)
+            self._cache.keep(what, (route, self._graph.notes), shared)
+            return route
+        made: Route = found[0]
+        self._graph.notes = found[1]
+        return made
+
+    def _search(
+        self, start: str | None, along: str | None, superelevation_limit: float, knot_spacing: float
+    ) -> Route:
         for _ in range(LINKS_CUT_MAX):
             try:
-                return self._route(start, superelevation_limit, knot_spacing)
+                return self._route(start, along, superelevation_limit, knot_spacing)
             except LinkError as error:
                 self._graph.cut(error)
-        return self._route(start, superelevation_limit, knot_spacing)
+        return self._route(start, along, superelevation_limit, knot_spacing)
+
+    def unusable(self) -> frozenset[str]:
+        """Returns the ids of the roads that are too tight or too steep for a truck."""
+        return frozenset(node[0] for node in self._graph.nodes if self._graph.obstacle(node))
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Parts of the file that are not used, in words."""
         return (*self.content.notes, *dict.fromkeys(self._graph.notes))
 
-    def _route(self, start: str | None, superelevation_limit: float, knot_spacing: float) -> Route:
+    def _route(
+        self, start: str | None, along: str | None, superelevation_limit: float, knot_spacing: float
+    ) -> Route:
         source = str(self.path)
-        pieces = join(self.roads, self._graph.chain(start), source)
+        if along is None:
+            choice = Choice(self._graph.chain(start), None)
+        else:
+            choice = choose(self._graph, along)
+        pieces = join(self.roads, choice.chain, source)
         steepest = max(piece.steepest() for piece in pieces)
         notes, scale = self.notes, 1.0
         if steepest > superelevation_limit:
@@ -126,7 +177,12 @@ class RoadMap:
                 f"cross slopes up to {math.degrees(steepest):.1f} degrees are scaled down to "
                 f"{math.degrees(superelevation_limit):.1f}, at which a truck stays upright",
             )
-        return Route(self, ContinuousChain(pieces, source, scale), knot_spacing, notes)
+        route = Route(self, ContinuousChain(pieces, source, scale), knot_spacing, notes)
+        if choice.start is not None:
+            route.start = float(
+                np.clip(route.line.station(pieces[0].p_at(choice.start)), 0.0, route.length)
+            )
+        return route
 
 
 class Route:
@@ -139,6 +195,7 @@ class Route:
       tunnels, bridges: (start, end) stations of each.
       signals: signs and lights that face the route, by station.
       notes: unused or changed parts of the map, in words.
+      start: station where a drive begins unless it says otherwise; None where no point says so.
     """
 
     def __init__(
@@ -154,6 +211,7 @@ class Route:
         self.length = self.line.length
         self.chain = chain
         self.notes = notes
+        self.start: float | None = None
         self.patches: tuple[FrictionPatch, ...] = ()
         self._bands = [band for piece in chain.pieces for band in lane_bands(piece)]
         self._starts = [band.p_start for band in self._bands]

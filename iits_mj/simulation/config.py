@@ -22,6 +22,7 @@ from iits_mj.core.own_parts import part_name
 from iits_mj.j1939.bus import REACHES
 from iits_mj.j1939.network import CONTROLLER, LAST_ADDRESS
 from iits_mj.parameters import AnyTruck, check_truck, payload_option, truck_option
+from iits_mj.road.route_choice import read_words
 from traffic_bridge import TRAFFIC, TrafficSource
 from traffic_bridge.config import HIGHEST_HEAVY_SHARE
 from traffic_bridge.vehicles.service_level import BOUNDS
@@ -65,6 +66,14 @@ class TruckStart:
         metavar="FILE.xodr",
         group="road",
     )
+    route: str | None = option(
+        None,
+        help="route on the map, by roads or lanes (roads:12,15_-2), by points (points:X,Y,X,Y) or "
+        "by turns (turns:12,left,straight); without it the longest one",
+        test=read_words,
+        metavar="ROUTE",
+        group="road",
+    )
     payload: float | None = payload_option()
     payload_height: float | None = option(
         None,
@@ -76,7 +85,8 @@ class TruckStart:
     plant: str = plant_option()
     start_station: float = option(
         60.0,
-        help="station of the steer axle at the start",
+        help="station of the steer axle at the start; without it 60 m, or the first point of the "
+        "route",
         unit="m",
         low=0.0,
         high=1e6,
@@ -133,7 +143,7 @@ class DriveConfig(PriceOptions, TruckStart):
         "inter",
         TRAFFIC,
         "inter: SUMO traffic that reacts to the truck; pure: SUMO traffic that does not see the "
-        "truck; none: empty road, without SUMO",
+        "truck; none: empty road, without SUMO and its net of the map",
         group="traffic",
     )
     lane_change: str = option(

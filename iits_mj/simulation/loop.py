@@ -32,7 +32,7 @@ from iits_mj.simulation.frame import (
 from iits_mj.simulation.gaps import nearest_box_distance
 from iits_mj.simulation.lock_step import CommandPath, Driver, LockStep, Observer
 from iits_mj.simulation.parts import (
-    load_map,
+    load_route,
     load_truck,
     make_recorder,
     make_stack,
@@ -90,7 +90,7 @@ class Simulation(LockStep):
         timestep: float = TIMESTEP,
     ) -> None:
         self.config = config
-        self.route: Route = load_map(config.map).route() if route is None else route
+        self.route: Route = load_route(config) if route is None else route
         self.mirror = Mirror(visuals=visuals)
         truck = load_truck(
             config,

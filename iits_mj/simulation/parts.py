@@ -87,9 +87,15 @@ def placed(start: Start, route: Route, footprint: EgoFootprint) -> Start:
             f"{route.length + first - last:.1f} m or more: choose another route or map"
         )
     station = start.start_station
-    if station == TruckStart.start_station and not first <= station <= last:
-        station = first
-        remark(f"the route is {route.length:.0f} m long: the start is at station {station:.1f} m")
+    if station == TruckStart.start_station:
+        wanted = station if route.start is None else route.start
+        station = wanted if first <= wanted <= last else first
+        if wanted > last and route.start is not None:
+            station = last
+        if station != wanted:
+            remark(
+                f"the route is {route.length:.0f} m long: the start is at station {station:.1f} m"
+            )
         start = dataclasses.replace(start, start_station=station)
     if not first <= station <= last:
         raise InputError(
@@ -128,6 +134,16 @@ def load_map(path: Path | None) -> RoadMap:
         first, more = road_map.notes[0], len(road_map.notes) - 1
         remark(f"{path}: {first}" + (f" (and {more} more)" if more else ""))
     return road_map
+
+
+def load_route(config: TruckStart) -> Route:
+    """Returns the configured route on the configured map.
+
+    Raises:
+      InputError: the map has no such route.
+      MapError: the map cannot be used.
+    """
+    return load_map(config.map).route(along=config.route)
 
 
 @task("building the truck", usual=1.5)

@@ -27,7 +27,7 @@ from iits_mj.simulation.drive_log import (
 from iits_mj.simulation.driver import CommandPlayer
 from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.loop import Simulation
-from iits_mj.simulation.parts import load_map, make_traffic
+from iits_mj.simulation.parts import load_route, make_traffic
 from iits_mj.truck import Truck
 from traffic_bridge import TRAFFIC, OwnTraffic, PoseDigest, Recording, VehicleFrame
 from traffic_bridge.modes.resim import difference, traffic_of
@@ -79,7 +79,7 @@ def redrive(
     config = recorded_config(recording, name, map_path, truck)
     if len(recording) == 0 or len(recording.truck_hash) == 0:
         raise InputError(f"{name}: has no states of the truck, so that nothing can be compared")
-    route = load_map(map_path).route()
+    route = load_route(config)
     own = own_traffic_of(recording, name, route, traffic_mode, config)
     traffic = traffic_of(recording, name, route, own)
 

@@ -20,7 +20,7 @@ from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveFrame, DriveSummary, Observer, Simulation
 from iits_mj.simulation.config import DENSITIES
 from iits_mj.simulation.lock_step import LockStep
-from iits_mj.simulation.parts import load_map, make_stack
+from iits_mj.simulation.parts import load_route, make_stack
 from iits_mj.truck import Truck
 from iits_mj.web import instruments
 from iits_mj.web.events import WIND_MAX, Events
@@ -245,7 +245,7 @@ class LiveDrive(Stage, Observer, Closing):
         self.say("")
 
     def _simulate(self, config: DriveConfig) -> Simulation:
-        route = load_map(config.map).route()
+        route = load_route(config)
         if self.friction is not None:
             route = route.with_friction(self.friction)
 
@@ -264,7 +264,7 @@ class LiveDrive(Stage, Observer, Closing):
         from iits_mj.web.scene import Poses, TruckScene
 
         truck, config = self.simulation.truck, self.config
-        key = (config.payload, config.map, config.truck, config.payload_height)
+        key = (config.payload, config.map, config.route, config.truck, config.payload_height)
         if self._built != key:
             if self.scene is not None:
                 self.scene.remove()

@@ -245,7 +245,9 @@ def _empty(name: str, map_path: Path | None, truck: AnyTruck, options: dict[str,
         parameters = parameters.with_payload_height(height)
     payload = options.get("payload")
     found = parameters.check_payload(payload if isinstance(payload, float) else None)
-    return Track(name, load_map(map_path).route(), parameters, found)
+    along = options.get("route")
+    route = load_map(map_path).route(along=along if isinstance(along, str) else None)
+    return Track(name, route, parameters, found)
 
 
 def _check_map(recorded: object, given: Path | None, name: str) -> None:

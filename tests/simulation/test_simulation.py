@@ -6,13 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from iits_mj.core.errors import InputError
+from iits_mj.core.errors import InputError, TrafficError
 from iits_mj.core.messages import EgoFootprint, TrackedVehicle
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation, Telemetry
 from iits_mj.simulation.frame import DivergedError
 from iits_mj.simulation.parts import placed
 from iits_mj.simulation.telemetry import COLUMNS
+from tests.road.opendrive_text import document, line, road, successor
+from traffic_bridge.network import nets
 
 
 class Listener(Observer):
@@ -113,6 +115,40 @@ def test_unusable_configuration_is_one_clear_error(
 def test_the_default_start_fits_a_short_road(length: float, station: float) -> None:
     start = placed(DriveConfig(), Route.straight(length=length), EgoFootprint())
     assert start.start_station == pytest.approx(station)
+
+
+@pytest.mark.parametrize(("point", "station"), [(250.0, 250.0), (3.0, 16.5), (499.0, 485.0)])
+def test_a_drive_starts_at_the_first_point_of_its_route(point: float, station: float) -> None:
+    route = Route.straight(length=500.0)
+    route.start = point
+    start = placed(DriveConfig(), route, EgoFootprint()).start_station
+    assert start == pytest.approx(station)
+    assert placed(DriveConfig(start_station=100.0), route, EgoFootprint()).start_station == 100.0
+
+
+def test_without_traffic_a_map_drives_along_its_route_without_netconvert(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "two.xodr"
+    path.write_text(document(road("a", link=successor("b")), road("b", line(100.0)), road("c")))
+
+    def missing() -> Path:
+        raise TrafficError("netconvert is missing")
+
+    monkeypatch.setattr(nets, "find_netconvert", missing)
+    monkeypatch.setenv("IITS_MJ_CACHE", str(tmp_path / "cache"))
+    settings = {"map": path, "route": "a,b", "duration": 1.0}
+    simulation = drive(**settings, traffic_mode="none", traffic_scope="map")[1]
+    assert [part.road_id for part in simulation.route.segments] == ["a", "b"]
+    with pytest.raises(TrafficError, match="netconvert is missing"):
+        drive(**settings)
+
+
+def test_a_route_that_the_map_does_not_have_is_refused() -> None:
+    with pytest.raises(InputError, match="there is no road 'elm' for the route"):
+        Simulation(DriveConfig(route="elm,oak"), visuals=False)
+    with pytest.raises(InputError, match="'up' is no turn"):
+        DriveConfig(route="turns:east,up,down")
 
 
 def test_a_road_shorter_than_the_truck_is_refused_with_its_least_length() -> None:

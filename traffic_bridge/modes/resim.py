@@ -70,7 +70,7 @@ def traffic_of(
     demand_same(found, versions(), name, advice)
     if own is not None:
         return own
-    net = {"a SUMO net of hash": net_hash(build_network(route).path)}
+    net = {"a SUMO net of hash": net_hash(build_network(route, whole=False).path)}
     demand_same({"a SUMO net of hash": str(meta.get("net_hash"))}, net, name, advice)
     seed = meta.get("seed")
     if not isinstance(seed, int):

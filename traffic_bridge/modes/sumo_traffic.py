@@ -53,7 +53,7 @@ class SumoTraffic:
         self.config = config
         self.replayed: ReplayedVehicles | None = None
         self._steps = 0
-        net = build_network(route)
+        net = build_network(route, whole=config.scope == "map")
         types = "".join(t.to_sumo_xml(config.speed_limit) for t in config.types)
         self.session = Session(
             net.path,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
@@ -22,8 +22,8 @@ STRAIGHT_TURN = 1e-6  # [rad]
 BRIDGE_LENGTH = 0.1  # [m] of those roads: the shortest lane of a net
 
 
-def opendrive_for_netconvert(road_map: RoadMap) -> bytes:
-    """The map as OpenDRIVE text that netconvert interprets as `RoadMap` does.
+def opendrive_for_netconvert(road_map: RoadMap, only: Collection[str] | None = None) -> bytes:
+    """The map, or `only` the roads of some ids, as text that netconvert reads as `RoadMap` does.
 
     netconvert reads speed limits of lanes but not of roads, reads an empty `junction` as a number,
     ignores "no limit", and refuses direct junctions, links to roads that do not exist and signals
@@ -41,14 +41,15 @@ def opendrive_for_netconvert(road_map: RoadMap) -> bytes:
     else:
         content = to_xml(road_map.content).encode()
     root = parse_xml(content, str(road_map.path))
+    roads = {name: r for name, r in road_map.roads.items() if only is None or name in only}
     for item in root.findall("road"):
-        road = road_map.roads.get(item.get("id", ""))
+        road = roads.get(item.get("id", ""))
         if road is None:
             root.remove(item)
             continue
         if not item.get("junction", "").strip():
             item.set("junction", "-1")
-        _drop_lost_links(item, road_map)
+        _drop_lost_links(item, roads)
         if road.length <= LENGTH_MIN:
             item.set("length", repr(road.length))
         for record in item.iter("geometry"):
@@ -61,10 +62,10 @@ def opendrive_for_netconvert(road_map: RoadMap) -> bytes:
     for item in root.findall("junction"):
         junction = junctions.get(item.get("id", ""))
         if junction is not None and junction.kind == "direct":
-            _bridge(root, item, junction, road_map)
+            _bridge(root, item, junction, roads)
         for connection in item.findall("connection"):
             named = (connection.get("incomingRoad"), connection.get("connectingRoad"))
-            if not all(name in road_map.roads or str(name).startswith(BRIDGE) for name in named):
+            if not all(name in roads or str(name).startswith(BRIDGE) for name in named):
                 item.remove(connection)
     if road_map.left_hand:
         _swap_sides(root)
@@ -108,14 +109,14 @@ def _speeds(
     return [(s - section.s, road.speed_at(s)) for s in (start, *inner)]
 
 
-def _drop_lost_links(item: Element, road_map: RoadMap) -> None:
-    """Removes links to roads that the map does not have."""
+def _drop_lost_links(item: Element, roads: Mapping[str, Road]) -> None:
+    """Removes links to roads that the net does not get."""
     for link in item.findall("link"):
         for name in ("predecessor", "successor"):
             for element in link.findall(name):
                 if element.get("elementType", "road") != "road":
                     continue
-                if element.get("elementId") not in road_map.roads:
+                if element.get("elementId") not in roads:
                     link.remove(element)
 
 
@@ -149,14 +150,14 @@ def _set_signals(item: Element) -> None:
                 signal.set(name, value)
 
 
-def _bridge(root: Element, item: Element, junction: Junction, road_map: RoadMap) -> None:
+def _bridge(root: Element, item: Element, junction: Junction, roads: Mapping[str, Road]) -> None:
     """Makes a direct junction one with connecting roads, one for each pair of lanes."""
     for old in item.findall("connection"):
         item.remove(old)
     item.attrib.pop("type", None)
     count = 0
     for connection in junction.connections:
-        for before, after in _lane_pairs(connection, junction, road_map):
+        for before, after in _lane_pairs(connection, junction, roads):
             identity = f"{BRIDGE}{junction.id}_{count}"
             count += 1
             _add_bridge(root, identity, junction.id, before, after)
@@ -168,7 +169,7 @@ def _bridge(root: Element, item: Element, junction: Junction, road_map: RoadMap)
                 connectingRoad=identity,
                 contactPoint="start",
             )
-            to = "1" if road_map.left_hand else "-1"
+            to = "1" if before[0].left_hand else "-1"
             SubElement(made, "laneLink", {"from": str(before[2]), "to": to})
 
 
@@ -176,11 +177,11 @@ _LaneEnd = tuple[Road, int, int]  # road, direction of travel, lane id
 
 
 def _lane_pairs(
-    connection: Connection, junction: Junction, road_map: RoadMap
+    connection: Connection, junction: Junction, roads: Mapping[str, Road]
 ) -> Iterator[tuple[_LaneEnd, _LaneEnd]]:
     """The lanes that a connection of a direct junction joins, in their directions of travel."""
-    incoming = road_map.roads.get(connection.incoming)
-    linked = road_map.roads.get(connection.connecting)
+    incoming = roads.get(connection.incoming)
+    linked = roads.get(connection.connecting)
     if incoming is None or linked is None:
         return
     onward = 1 if connection.contact == "start" else -1

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
-import os
 import re
 import shutil
 import subprocess
@@ -13,13 +12,14 @@ import tempfile
 from functools import cache
 from pathlib import Path
 
+from iits_mj.core.cache import CACHE_VARIABLE, cache_folder
 from iits_mj.core.errors import InputError, MapError, TrafficError
+from iits_mj.core.progress import remark
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.route import MAPS, USABLE_LANE_WIDTH
 from traffic_bridge.network.net_file import ORIGIN, NetFile
 from traffic_bridge.network.netconvert_input import BRIDGE, opendrive_for_netconvert
 
-CACHE_VARIABLE = "IITS_MJ_CACHE"
 TIMEOUT = 120.0  # [s]; the largest test map takes 0.3 s
 MEMORY_MAX = 4 * 2**30  # bytes of netconvert
 TURN_ACCELERATION = 3.0  # [m/s2] lateral, accepted by drivers at junctions in town (judgement)
@@ -44,24 +44,25 @@ LEFT_HAND_OPTIONS = (
     "--lefthand",
 )
 REVISION = "2"  # of the changes that this module makes to a net; part of the cache key
+ADVICE = "; a drive with traffic-mode none needs no net"
 _SEAL = "<!-- sha256 "
 
 
 def cache_dir() -> Path:
     """The folder of cached nets: $IITS_MJ_CACHE, else iits_mj in the user's cache folder."""
-    chosen, base = os.environ.get(CACHE_VARIABLE), os.environ.get("XDG_CACHE_HOME")
-    try:
-        if chosen:
-            return Path(chosen).expanduser()
-        return (Path(base) if base else Path.home() / ".cache") / "iits_mj"
-    except RuntimeError as error:
+    folder = cache_folder()
+    if folder is None:
         raise TrafficError(
             f"there is no home folder for cached nets; set {CACHE_VARIABLE} to a folder"
-        ) from error
+        )
+    return folder
 
 
-def build_network(source: RoadMap | Route) -> NetFile:
+def build_network(source: RoadMap | Route, whole: bool = True) -> NetFile:
     """Returns the SUMO net of a map (or a route's map): shipped, cached or newly made.
+
+    If netconvert refuses the map of a route, and the net need not be `whole`, the net has the
+    roads of the route only.
 
     A cached net belongs to the map's content, netconvert's version and the options used; a damaged
     file is made again. Processes that make the same net at the same time each write their own file
@@ -80,12 +81,28 @@ def build_network(source: RoadMap | Route) -> NetFile:
     # Only a net shipped with the package certainly belongs to the map in the same folder.
     if road_map.path.resolve().parent == MAPS.resolve() and shipped.is_file():
         return NetFile.read(shipped)
-    content = opendrive_for_netconvert(road_map)
+    if whole or not isinstance(source, Route):
+        return NetFile.read(_net_file(road_map, None))
+    try:
+        return NetFile.read(_net_file(road_map, None))
+    except MapError as error:
+        roads = {part.road_id for part in source.segments}
+        try:
+            target = _net_file(road_map, roads)
+        except MapError:
+            raise error from None
+        remark(f"{str(error).removesuffix(ADVICE)}; the traffic has the roads of the route only")
+        return NetFile.read(target)
+
+
+def _net_file(road_map: RoadMap, only: set[str] | None) -> Path:
+    """The net of a map, or of some of its roads, in the cache."""
+    content = opendrive_for_netconvert(road_map, only)
     options = LEFT_HAND_OPTIONS if road_map.left_hand else OPENDRIVE_OPTIONS
     target = _cached_file(content, options)
     if not _is_whole(target):
         _make(content, options, target, str(road_map.path))
-    return NetFile.read(target)
+    return target
 
 
 def _cached_file(content: bytes, options: tuple[str, ...]) -> Path:
@@ -128,7 +145,7 @@ def _make(content: bytes, options: tuple[str, ...], target: Path, name: str) -> 
         run_netconvert(arguments, name)
         text = made.read_text(encoding="utf-8") if made.is_file() else ""
         if "<edge " not in text:
-            raise MapError(f"{name}: netconvert found no road in the map that cars may use")
+            raise MapError(f"{name}: netconvert found no road in the map that cars may use{ADVICE}")
         # The leading comment holds a date and paths; without it one map gives one file.
         text = re.sub(r"<!--.*?-->\s*", "", text, count=1, flags=re.DOTALL)
         text = re.sub(r"<lane [^>]*>", _close_if_narrow, text)
@@ -178,7 +195,7 @@ def find_netconvert() -> Path:
             return candidate
     raise TrafficError(
         "netconvert is missing: SUMO needs it to read a map other than the built-in highway; "
-        "install it with: pip install 'iits-mj[maps]'"
+        f"install it with: pip install 'iits-mj[maps]'{ADVICE}"
     )
 
 
@@ -206,19 +223,21 @@ def run_netconvert(arguments: list[str], name: str = "netconvert") -> str:
         )
     except subprocess.TimeoutExpired as error:
         raise TrafficError(
-            f"{name}: SUMO's netconvert did not finish this map within {TIMEOUT:g} s"
+            f"{name}: SUMO's netconvert did not finish this map within {TIMEOUT:g} s{ADVICE}"
         ) from error
     except OSError as error:
         raise TrafficError(f"{name}: netconvert cannot be run: {error}") from error
     if "bad_alloc" in result.stderr:
         raise TrafficError(
-            f"{name}: SUMO's netconvert needs more than {MEMORY_MAX >> 30} GB for this map"
+            f"{name}: SUMO's netconvert needs more than {MEMORY_MAX >> 30} GB for this map{ADVICE}"
         )
     errors = [line for line in result.stderr.splitlines() if line.startswith("Error:")]
     if result.returncode != 0 or errors:
-        reason = "; ".join(dict.fromkeys(line.removeprefix("Error:").strip() for line in errors))
+        told = (line.removeprefix("Error:").strip().rstrip(".") for line in errors)
+        reason = "; ".join(dict.fromkeys(told))
         raise MapError(
             f"{name}: SUMO's netconvert cannot use the map: "
             f"{reason or result.stderr.strip() or f'exit code {result.returncode}'}"[:600]
+            + ADVICE
         )
     return result.stdout

@@ -156,7 +156,7 @@ class Recorder(Mode):
         self._tables["frame"] = SpillTable(_frame_type(len(truck)))
         frame = self._note(truck, self.traffic.reset(ego))
         if isinstance(self.traffic, PureSim):
-            self._net = self._net or net_hash(build_network(self.route).path)
+            self._net = self._net or net_hash(build_network(self.route, whole=False).path)
         return frame
 
     def step(self, ego: EgoState | None = None) -> VehicleFrame:

@@ -9,6 +9,7 @@ import pytest
 from iits_mj.core.errors import MapError, TrafficError
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.writer import to_xml, write
+from tests.road.opendrive_text import document, line, road
 from tests.traffic_bridge.esmini_maps import MAPS, esmini
 from tests.traffic_bridge.merge_map import two_way_road
 from traffic_bridge import MapNetwork, PureSim, TrafficConfig, build_network, cache_dir
@@ -245,3 +246,22 @@ def test_a_user_without_a_home_gets_the_same_message(monkeypatch):
     monkeypatch.setattr(Path, "home", unknown)
     with pytest.raises(TrafficError, match="set IITS_MJ_CACHE to a folder"):
         build_network(Route.straight())
+
+
+def test_traffic_on_the_route_needs_no_net_of_roads_that_netconvert_refuses(tmp_path, capsys):
+    path = tmp_path / "blank.xodr"
+    path.write_text(
+        document(road("main", line(0.0, length=300.0), 300.0), road("side road", line(0.0, 50.0)))
+    )
+    route = RoadMap.from_opendrive(path).route()
+    with pytest.raises(MapError, match=r"blank\.xodr: .*side road"):
+        build_network(route)
+    net = build_network(route, whole=False)
+    assert {lane.edge for lane in net.lanes.values() if not lane.internal} == {"-main"}
+    with PureSim(route, TrafficConfig(density="dense"), seed=1) as traffic:
+        assert traffic.reset() is not None
+    with (
+        pytest.raises(MapError, match="side road"),
+        PureSim(route, TrafficConfig(density="dense", scope="map"), seed=1) as traffic,
+    ):
+        traffic.reset()
