@@ -70,6 +70,12 @@ class EvaluateConfig:
         choices=LANE_DISCIPLINES,
         group="traffic",
     )
+    keep_right: str = option(
+        "off",
+        help="on: the truck returns to the right lane, as of a drive",
+        choices=("on", "off"),
+        group="decision",
+    )
     weights: Path | None = option(
         None,
         help="policy of the method ddqn; default: the shipped policy",
@@ -196,7 +202,8 @@ def tasks_of(config: EvaluateConfig) -> list[Task]:
     def task(density: str, speed: float, method: str, weights: str, seed: int) -> Task:
         limits = (truck, payload, config.timestep, config.length, config.duration)
         where = (config.trial_world, density, speed, method, weights)
-        return Task(*where, *limits, seed, lane_discipline=config.lane_discipline)
+        rules = {"lane_discipline": config.lane_discipline, "keep_right": config.keep_right}
+        return Task(*where, *limits, seed, **rules)
 
     free = [task(EMPTY, speed, "keep", "", 0) for speed in sorted({speed for _, speed in cells})]
     return free + [
