@@ -202,8 +202,11 @@ def tasks_of(config: EvaluateConfig) -> list[Task]:
     def task(density: str, speed: float, method: str, weights: str, seed: int) -> Task:
         limits = (truck, payload, config.timestep, config.length, config.duration)
         where = (config.trial_world, density, speed, method, weights)
-        rules = {"lane_discipline": config.lane_discipline, "keep_right": config.keep_right}
-        return Task(*where, *limits, seed, **rules)
+        return Task(
+            *(*where, *limits, seed),
+            lane_discipline=config.lane_discipline,
+            keep_right=config.keep_right,
+        )
 
     free = [task(EMPTY, speed, "keep", "", 0) for speed in sorted({speed for _, speed in cells})]
     return free + [

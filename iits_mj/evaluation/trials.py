@@ -281,7 +281,8 @@ def _order(task: Task) -> tuple[object, ...]:
         task.duration_limit,
         task.seed,
     )
-    return (task.world, task.lane_discipline, task.keep_right, *cell, *rest, task.method, task.weights)
+    rules = task.lane_discipline, task.keep_right
+    return (task.world, *rules, *cell, *rest, task.method, task.weights)
 
 
 def _repair(path: Path, say: Callable[[str], None]) -> None:

@@ -285,8 +285,7 @@ class Trip {
   // The laws of a truck that keeps right; see controllers/planning/keep_right.py.
   bool StaysFree(const LaneAround& lane) const {
     const double speed = std::max(w.speed, w.reference_speed);
-    return laws_.truck.StaysFree(speed, lane.leader.gap, lane.leader.speed,
-                                 laws_.keep_right_time);
+    return laws_.truck.StaysFree(speed, lane.leader.gap, lane.leader.speed, laws_.keep_right_time);
   }
 
   bool MayPass() const {

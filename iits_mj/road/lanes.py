@@ -32,10 +32,10 @@ T = TypeVar("T")
 
 # Right-hand countries of the European Union and EFTA, as OpenDRIVE names them (ISO 3166-1), whose
 # traffic laws make vehicles keep right outside towns; in Germany StVO, section 2 (2).
-KEEP_RIGHT_COUNTRIES = frozenset(
+KEEP_RIGHT_COUNTRIES = (
     "AT AUT BE BEL BG BGR CH CHE CZ CZE DE DEU DK DNK EE EST ES ESP FI FIN FR FRA GR GRC HR HRV "
     "HU HUN IS ISL IT ITA LI LIE LT LTU LU LUX LV LVA NL NLD NO NOR PL POL PT PRT RO ROU SE SWE "
-    "SI SVN SK SVK".split()
+    "SI SVN SK SVK"
 )
 _OUTSIDE_TOWNS = ("motorway", "rural")
 # Countries of signals with numbers of the German catalogue, OpenDRIVE's own list included.
@@ -274,4 +274,4 @@ def keeps_right(pieces: Sequence[Piece]) -> bool:
     records = [record for piece in pieces for record in piece.road.types]
     countries = {record.country.upper() for record in records} - {""}
     outside = all(record.kind in _OUTSIDE_TOWNS for record in records)
-    return outside and bool(countries) and countries <= KEEP_RIGHT_COUNTRIES
+    return outside and bool(countries) and countries <= set(KEEP_RIGHT_COUNTRIES.split())

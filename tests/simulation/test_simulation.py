@@ -88,8 +88,12 @@ def test_rows_are_100_ms_apart_and_the_distance_is_that_of_the_stations() -> Non
 @pytest.mark.parametrize(("asked", "lane"), [("map", 1), ("off", 1), ("on", 0)])
 def test_a_truck_that_keeps_right_leaves_the_left_lane(asked: str, lane: int) -> None:
     _, simulation = drive(
-        **{"duration": 10.0, "traffic_mode": "none", "speed_planner": "cruise"},
-        **{"decision": "keep", "start_lane": 1, "keep_right": asked},
+        duration=10.0,
+        traffic_mode="none",
+        speed_planner="cruise",
+        decision="keep",
+        start_lane=1,
+        keep_right=asked,
     )
     assert simulation.frame.lane == lane
     assert simulation.stack.lane_changes == 1 - lane

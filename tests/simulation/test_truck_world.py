@@ -132,7 +132,7 @@ def test_a_truck_that_keeps_right_does_not_pass_on_an_empty_road(world):
     assert step.seconds == pytest.approx(1.0)
     assert (world.summary.refused, world.summary.dangerous, world.summary.changes) == (1, 0, 0)
     assert not world.context().may_pass
-    assert not list(s for s, _ in world.context().sides())
+    assert not [*world.context().sides()]
 
 
 def test_a_step_that_does_not_fit_the_commands_is_refused(world):
