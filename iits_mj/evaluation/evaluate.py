@@ -26,6 +26,7 @@ from iits_mj.core.own_parts import FORMS
 from iits_mj.core.process_pool import run_all
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.evaluation import drives, trials
+from iits_mj.evaluation.hulls import SWEEP
 from iits_mj.evaluation.trials import EMPTY, WORLDS, Task, Trial, weights_digest
 from iits_mj.parameters import (
     AnyTruck,
@@ -56,6 +57,12 @@ class EvaluateConfig:
         f"lookahead:horizon=30:change_cost=25; or your own as {FORMS}",
         names=lambda: DECISION.shipped,
         metavar="NAMES",
+        group="decision",
+    )
+    sweep: bool = option(
+        False,
+        help="drive mobil and lookahead with swept thresholds, horizons and costs, too, for the "
+        "comparison at equal lane changes",
         group="decision",
     )
     cells: str = option(
@@ -170,6 +177,11 @@ class EvaluateConfig:
                 names.append(word)
         return tuple(dict.fromkeys(map(DECISION.normal_name, names)))
 
+    def driven(self) -> tuple[str, ...]:
+        """The methods, and the rules of the sweep."""
+        swept = map(DECISION.normal_name, SWEEP if self.sweep else ())
+        return tuple(dict.fromkeys((*self.names(), *swept)))
+
     def chosen_cells(self) -> tuple[tuple[str, float], ...]:
         """Density and traffic speed of the cells, in the paper's order.
 
@@ -196,7 +208,7 @@ def tasks_of(config: EvaluateConfig) -> list[Task]:
       InputError: the policy's file cannot be read.
     """
     truck, payload = label_of(config.truck), config.used_payload()
-    digests = {name: weights_digest(name, config.weights) for name in config.names()}
+    digests = {name: weights_digest(name, config.weights) for name in config.driven()}
     cells = config.chosen_cells()
 
     def task(density: str, speed: float, method: str, weights: str, seed: int) -> Task:
@@ -214,7 +226,7 @@ def tasks_of(config: EvaluateConfig) -> list[Task]:
         for number in range(config.trials)
         for cell, (density, speed) in enumerate(CELLS)
         if (density, speed) in cells
-        for name in config.names()
+        for name in config.driven()
     ]
 
 
