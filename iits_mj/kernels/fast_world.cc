@@ -121,6 +121,14 @@ class Trip {
     return rule.Decide(Sees(), laws_.rules);
   }
 
+  // Writes the braking that each decision asks of the new follower; infinite where it is refused.
+  void ImposedBraking(double* braking) const {
+    const Situation at = Sees();
+    braking[0] = Refusal(-1) ? kInfinity : laws_.rules.ImposedBraking(at.speed, at.left);
+    braking[1] = 0.0;
+    braking[2] = Refusal(1) ? kInfinity : laws_.rules.ImposedBraking(at.speed, at.right);
+  }
+
  private:
   Obstacle Occupied(std::int64_t lane) const { return {w.front, w.truck_length, w.speed, lane}; }
 
@@ -456,6 +464,13 @@ IITS_KERNEL void iits_worlds_allowed(char* rows, std::ptrdiff_t stride, std::ptr
       *allowed++ = side == 0 || trip.Refusal(side) == 0;
     }
   }
+}
+
+// Writes for each world the braking that left, keep and right ask of the new follower [m/s2].
+IITS_KERNEL void iits_worlds_braking(char* rows, std::ptrdiff_t stride, std::ptrdiff_t n,
+                                     const Laws* laws, double* braking) {
+  for (std::ptrdiff_t i = 0; i < n; ++i)
+    Trip(At(rows, stride, i), laws).ImposedBraking(braking + 3 * i);
 }
 
 // Draws the hidden wishes of all other drivers again.

@@ -94,6 +94,7 @@ class ReferenceLine:
         knots[_HEADING] = np.unwrap(np.arctan2(state[1, Y], state[1, X]))
         knots[_P] = p
         self._knots = knots
+        self._grid = np.arange(p.size) * self.spacing
         self._last = p.size - 2
         table = np.zeros((p.size + 1, _ROWS))
         table[0, :3] = self.length, self.spacing, self._last
@@ -109,8 +110,7 @@ class ReferenceLine:
         if self._p_is_station:
             return station
         inside = np.clip(station, 0.0, self.length)
-        grid = np.arange(self._knots.shape[1]) * self.spacing
-        return np.interp(inside, grid, self._knots[_P]) + (station - inside)
+        return np.interp(inside, self._grid, self._knots[_P]) + (station - inside)
 
     def parameter_at(self, station: float) -> float:
         """Chain parameter at one station; the fast form of `parameter`."""
@@ -128,7 +128,7 @@ class ReferenceLine:
         p = np.asarray(p, dtype=float)
         if self._p_is_station:
             return p
-        return np.interp(p, self._knots[_P], np.arange(self._knots.shape[1]) * self.spacing)
+        return np.interp(p, self._knots[_P], self._grid)
 
     def evaluate(self, station: ArrayLike, offset: ArrayLike = 0.0) -> RoadPoint:
         """Road points; shapes of station and offset are broadcast. Ends extend along tangents."""

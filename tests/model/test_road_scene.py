@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import LinearNDInterpolator
 
-from iits_mj.model.scenery.corridor import MARKING_LIFT, Corridor, markings, run_outs
+from iits_mj.model.scenery.corridor import Corridor, run_outs
 from iits_mj.model.scenery.landscape import OVERLAP, Landscape, is_plain
+from iits_mj.model.scenery.paint import MARKING_LIFT, markings
 from iits_mj.model.scenery.road_scene import ROAD_GROUP, add_road
+from iits_mj.model.scenery.streets import Street
 from iits_mj.model.scenery.structures import tunnel
 from iits_mj.road import RoadMap, Route
 from iits_mj.suite.scene import turn
@@ -127,7 +129,8 @@ def test_tunnel_is_below_ground_and_bridge_above(highway, landscape):
 
 
 def test_dashes_are_six_meters_long_every_fifteen(highway):
-    paint = markings(Corridor.sample(highway), 2500.0, 2800.0)["road_marking"]
+    street, corridor = Street.of_route(highway), Corridor.sample(highway)
+    paint = markings(street, corridor, 2500.0, 2800.0)["road_marking"]
     stations = sorted(
         round(highway.locate(x, y, 2600.0)[0], 1)
         for x, y, _ in paint.vertices

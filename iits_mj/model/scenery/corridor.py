@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from iits_mj.core.arrays import FloatArray
+from iits_mj.model.scenery.streets import Street
 from iits_mj.model.visuals.shapes import Shape, merge, surface
 from iits_mj.road import Route
 
@@ -17,15 +18,13 @@ RUN_OUT = 400.0  # [m] drawn beyond an end of the route that leads away from it
 CHORD_ERROR = 0.02  # [m] in plan
 SAG_ERROR = 0.003  # [m] in height
 STEP_MAX = 25.0  # [m], of a straight road; longer on routes beyond 30 km
-MARKING_LIFT = 0.02
-DASH_LENGTH, DASH_PERIOD = 6.0, 15.0
 
 
 @dataclass(frozen=True)
 class Corridor:
-    """A route at drawing stations (n,): reference point, heading, tilt and pavement edges."""
+    """A route or street at drawing stations (n,): reference point, heading, tilt and edges."""
 
-    route: Route
+    route: Route | Street
     station: FloatArray
     x: FloatArray
     y: FloatArray
@@ -37,8 +36,8 @@ class Corridor:
     left: FloatArray
 
     @classmethod
-    def sample(cls, route: Route, stations: FloatArray | None = None) -> Corridor:
-        """Samples a route, by default at stations that keep the chord errors above."""
+    def sample(cls, route: Route | Street, stations: FloatArray | None = None) -> Corridor:
+        """Samples a line, by default at stations that keep the chord errors above."""
         station = drawing_stations(route) if stations is None else stations
         point = route.evaluate(station)
         right, left = route.surface_edges(station)
@@ -50,6 +49,14 @@ class Corridor:
         """Returns the part from `start` to `end`, with samples at exactly both stations."""
         inner = self.station[(self.station > start + 0.01) & (self.station < end - 0.01)]
         return Corridor.sample(self.route, np.concatenate([[start], inner, [end]]))
+
+    def runs(self, kept: NDArray[np.bool_]) -> Iterator[Corridor]:
+        """Yields the stretches of two or more neighboring rows that are kept, (n,)."""
+        bounds = np.flatnonzero(np.diff(np.concatenate([[False], kept, [False]]).astype(int)))
+        for first, last in bounds.reshape(-1, 2):
+            if last - first > 1:
+                rows = (getattr(self, one.name)[first:last] for one in fields(self)[1:])
+                yield Corridor(self.route, *rows)
 
     def edge(self, side: float, beyond: float = 0.0) -> FloatArray:
         """Offset of a place `beyond` [m] the pavement's left (`side` 1) or right (-1) edge."""
@@ -78,7 +85,7 @@ class Corridor:
             origin = np.floor(self.station[0] / tile) * tile
             along = np.broadcast_to((self.station - origin)[:, None], offsets.shape)
             texture = np.stack([offsets / tile, along / tile], axis=-1)
-        return surface(points, texture, self._up(2))
+        return surface(points, texture, self.up(2))
 
     def extrude(self, profile: ArrayLike, base: ArrayLike, *, smooth: bool = False) -> Shape:
         """Sweeps a profile (k, 2) of (offset, height) about the offset `base` along the route.
@@ -98,7 +105,8 @@ class Corridor:
             parts.append(surface(self.across(base + pair[:, 0], pair[:, 1])))
         return merge(parts)
 
-    def _up(self, columns: int) -> FloatArray:
+    def up(self, columns: int) -> FloatArray:
+        """Upward unit normals of the road plane, (n, columns, 3)."""
         slope = np.gradient(self.z, self.station)
         c, s = np.cos(self.heading), np.sin(self.heading)
         normal = np.stack(
@@ -108,8 +116,17 @@ class Corridor:
         return np.repeat(normal[:, None, :], columns, axis=1)
 
 
-def drawing_stations(route: Route) -> FloatArray:
+def drawing_stations(route: Route | Street) -> FloatArray:
     """Returns stations from one run-out to the other whose chords stay near the road."""
+    inner = inner_stations(route)
+    before, after = run_outs(route)
+    ahead = np.arange(STEP_MAX, after + 1.0, STEP_MAX)
+    behind = np.arange(STEP_MAX, before + 1.0, STEP_MAX)
+    return np.concatenate([-behind[::-1], inner, route.length + ahead])
+
+
+def inner_stations(route: Route | Street) -> FloatArray:
+    """Returns stations from the start to the end whose chords stay near the road."""
     step = max(1.0, route.length / 20_000.0)
     longest = STEP_MAX * max(1.0, route.length / 30_000.0)
     fine = np.linspace(0.0, route.length, max(int(route.length / step), 2) + 1)
@@ -128,14 +145,10 @@ def drawing_stations(route: Route) -> FloatArray:
     ).clip(2.0, longest)
     width = np.diff(fine)
     count = np.concatenate([[0.0], np.cumsum(width * 0.5 * (1 / length[1:] + 1 / length[:-1]))])
-    inner = np.interp(np.linspace(0.0, count[-1], int(np.ceil(count[-1])) + 1), count, fine)
-    before, after = run_outs(route)
-    ahead = np.arange(STEP_MAX, after + 1.0, STEP_MAX)
-    behind = np.arange(STEP_MAX, before + 1.0, STEP_MAX)
-    return np.concatenate([-behind[::-1], inner, route.length + ahead])
+    return np.interp(np.linspace(0.0, count[-1], int(np.ceil(count[-1])) + 1), count, fine)
 
 
-def run_outs(route: Route) -> tuple[float, float]:
+def run_outs(route: Route | Street) -> tuple[float, float]:
     """Returns the lengths of the straight run-outs at both ends; 0 where one would meet the road.
 
     A truck at the start needs road below its trailer; a closed ring needs no run-out.
@@ -154,60 +167,9 @@ def run_outs(route: Route) -> tuple[float, float]:
     return lengths[0], lengths[1]
 
 
-def chunks(route: Route, length: float) -> Iterator[tuple[float, float]]:
-    """Yields intervals of about `length` meters that cover route and run-outs."""
-    before, after = run_outs(route)
-    start, end = -before, route.length + after
+def chunks(corridor: Corridor, length: float) -> Iterator[tuple[float, float]]:
+    """Yields intervals of about `length` meters that cover a corridor."""
+    start, end = float(corridor.station[0]), float(corridor.station[-1])
     count = max(1, round((end - start) / length))
     edges = np.linspace(start, end, count + 1)
     yield from zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
-
-
-def markings(corridor: Corridor, start: float, end: float) -> dict[str, Shape]:
-    """Returns the paint between two stations as one mesh per material; empty without paint."""
-    route = corridor.route
-    sections = [s for s in route.section_starts() if start < s < end]
-    found: dict[str, list[Shape]] = {}
-    for a, b in pairwise([start, *sections, end]):
-        if b - a < 0.1:
-            continue
-        part = corridor.between(a, b - 1e-3)
-        middle = min(max(0.5 * (a + b), 0.0), route.length)
-        count = route.lane_count(middle)
-        for i in range(count + 1):
-            mark = route.boundary_mark(i, middle)
-            if mark.kind == "none":
-                continue
-            material = "road_marking_yellow" if mark.color == "yellow" else "road_marking"
-            width = max(mark.width, 0.12)
-            shapes = found.setdefault(material, [])
-            if "broken" in mark.kind and "solid" not in mark.kind:
-                shapes.extend(_dashes(route, i, a, b, width))
-            else:
-                middle_line = route.boundary_offset(i, part.station)
-                half = 0.5 * width
-                shapes.append(part.strip(middle_line + half, middle_line - half, MARKING_LIFT))
-        inner = route.boundary_offset(count, part.station)
-        if np.all(part.left > inner + 2.0):
-            # The carriageway of oncoming traffic gets an edge line.
-            line = part.left - 0.15
-            shape = part.strip(line + 0.075, line - 0.075, MARKING_LIFT)
-            found.setdefault("road_marking", []).append(shape)
-    return {material: merge(shapes) for material, shapes in found.items() if shapes}
-
-
-def _dashes(route: Route, boundary: int, start: float, end: float, width: float) -> list[Shape]:
-    first = np.ceil(start / DASH_PERIOD) * DASH_PERIOD
-    begin = np.arange(first, end - DASH_LENGTH, DASH_PERIOD)
-    if not begin.size:
-        return []
-    ends = np.stack([begin, begin + DASH_LENGTH], axis=1).ravel()
-    row = Corridor.sample(route, ends)
-    middle = route.boundary_offset(boundary, ends)
-    offsets = np.stack([middle + 0.5 * width, middle - 0.5 * width], axis=1)
-    points = row.across(offsets, MARKING_LIFT).reshape(-1, 3)
-    # Four points a dash: left and right at its start, left and right at its end.
-    base = 4 * np.arange(begin.size)[:, None]
-    faces = np.concatenate([base + np.array(t) for t in ((0, 1, 3), (0, 3, 2))])
-    normals = np.repeat(row._up(1)[:, 0], 2, axis=0)
-    return [Shape(points, faces.astype(np.int32), None, normals)]

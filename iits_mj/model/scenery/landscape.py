@@ -7,7 +7,8 @@ ground, and a coarse grid below them shows the far ground.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ from iits_mj.model.scenery.corridor import Corridor
 from iits_mj.model.scenery.materials import GRASS_TILE, bilinear, periodic_noise
 from iits_mj.model.visuals.shapes import Shape, surface
 from iits_mj.road import Route
+
+if TYPE_CHECKING:
+    from iits_mj.model.scenery.network import Network
 
 VERGE = (1.3, 0.05)  # [m] width of the gravel strip and its fall
 RIBBON = np.array([1.3, 3.0, 5.0, 8.0, 13.0, 20.0, 30.0, 45.0, 65.0])
@@ -30,6 +34,14 @@ TUNNEL_HILL = 17.0
 VALLEY_DEPTH = 15.0
 GRID_POINTS = 24_000
 MARGIN = 1500.0
+SUNK = 3.2  # [m] of the far ground below a road
+PATCH_CELL = 2.0  # [m] of the ground about junctions and ends of roads
+PATCH_REACH = 12.0  # [m] that it extends beyond them
+NETWORK_POINTS = 30_000  # of the ground between the ribbons of other roads
+NO_STATION = -1e9  # of roads off the route
+
+OpenRim = Callable[[Corridor, float], NDArray[np.bool_]]
+"""Whether the ground beside a corridor's edge on a side is drawn, (n,)."""
 
 
 def smoothstep(low: float, high: float, x: FloatArray) -> FloatArray:
@@ -41,17 +53,21 @@ def smoothstep(low: float, high: float, x: FloatArray) -> FloatArray:
 class Landscape:
     """Ground heights about a route, for one scene."""
 
-    def __init__(self, route: Route, corridor: Corridor, seed: int = 11) -> None:
+    def __init__(
+        self, route: Route, corridor: Corridor, seed: int = 11, around: Network | None = None
+    ) -> None:
         # Imported here: SciPy takes longer to import than a truck on a plane takes to load.
         from scipy.spatial import cKDTree
 
         self.route = route
-        station = np.arange(-400.0, route.length + 400.0, 4.0)
-        line = Corridor.sample(route, station)
-        middle = 0.5 * (line.left + line.right)
-        self._centers = line.across(middle)
-        self._station = station
-        self._half_width = 0.5 * (line.left - line.right)
+        self._levels = around is not None
+        if around is None:
+            self._station = np.arange(-400.0, route.length + 400.0, 4.0)
+            line = Corridor.sample(route, self._station)
+            self._centers = line.across(0.5 * (line.left + line.right))
+            self._half_width = 0.5 * (line.left - line.right)
+        else:
+            self._station, self._centers, self._half_width = _network_rows(around)
         self._nearest = cKDTree(self._centers[:, :2])
         self._coarse = self._centers[::50]
         self._far = cKDTree(self._coarse[:, :2])
@@ -92,24 +108,32 @@ class Landscape:
         ground -= self._valley(station)
         if far:
             near = 1.0 - smoothstep(self._sunk, self._reach - 2.0, edge)
-            depth = 3.2 + 9.0 * (self._valley(station, 120.0) > 0.0) + self._valley(station)
-            sunk = np.minimum(ground, self._centers[index, 2] - depth)
+            depth = SUNK + 9.0 * (self._valley(station, 120.0) > 0.0) + self._valley(station)
+            # The finer ground between the roads of a map is above this coarse one.
+            own = ground - 2.5 if self._levels else ground
+            sunk = np.minimum(own, self._centers[index, 2] - depth)
             ground = (1.0 - near) * ground + near * sunk
         else:
             ground = self._tunnel(ground, station, edge, self._centers[index, 2])
         shape = np.shape(x)
         return ground.reshape(shape), edge.reshape(shape)
 
-    def ribbons(self, part: Corridor) -> Iterator[tuple[str, Shape]]:
+    def ribbons(
+        self, part: Corridor, open_rim: OpenRim | None = None
+    ) -> Iterator[tuple[str, Shape]]:
         """(material, shape) of the verge and the ground on both sides of a stretch of road."""
         for side in (1.0, -1.0):
-            edge = part.edge(side)
-            points, normals = self._ribbon(part, edge, side)
-            across = edge + side * VERGE[0]
-            rows = part.across(np.stack([edge, across], axis=1), np.array([[0.0, -VERGE[1]]]))
-            gravel = rows if side < 0 else rows[:, ::-1]
-            yield "road_gravel", surface(gravel)
-            yield "road_grass", surface(points, points[..., :2] / GRASS_TILE, normals)
+            for run in [part] if open_rim is None else part.runs(open_rim(part, side)):
+                yield from self._beside(run, side)
+
+    def _beside(self, part: Corridor, side: float) -> Iterator[tuple[str, Shape]]:
+        edge = part.edge(side)
+        points, normals = self._ribbon(part, edge, side)
+        across = edge + side * VERGE[0]
+        rows = part.across(np.stack([edge, across], axis=1), np.array([[0.0, -VERGE[1]]]))
+        gravel = rows if side < 0 else rows[:, ::-1]
+        yield "road_gravel", surface(gravel)
+        yield "road_grass", surface(points, points[..., :2] / GRASS_TILE, normals)
 
     def cover(self, part: Corridor) -> Shape:
         """The ground right across the road: above a tunnel, below a bridge."""
@@ -130,8 +154,61 @@ class Landscape:
             self._corner[1] + self._cell * np.arange(self._count[1]),
         )
         z, _ = self.height(x, y, far=True)
+        if self._levels:
+            z = np.minimum(z, self._lowest(x, y) - SUNK)
         points = np.stack([x, y, z], axis=-1)
         return surface(points, points[..., :2] / GRASS_TILE, _grid_normals(points))
+
+    def patch(self, low: FloatArray, high: FloatArray, number: int) -> Shape:
+        """The ground over a small rectangle with roads, from corner to corner (2,) each.
+
+        Each number of a patch gives another depth, so that no two lie in the same plane.
+        """
+        drop = 0.06 + 0.03 * (number % 6)
+        return self._sheet(low - PATCH_REACH, high + PATCH_REACH, PATCH_CELL, (0.3, 0.6), drop)
+
+    def middle_ground(self) -> Shape:
+        """The ground between the ribbons of a map's roads, below them where they overlap."""
+        low, high = (f(self._centers[:, :2], axis=0) for f in (np.min, np.max))
+        low, high = low - self._reach, high + self._reach
+        cell = max(8.0, float(np.sqrt(np.prod(high - low) / NETWORK_POINTS)))
+        return self._sheet(low, high, cell, (1.5 * cell, 1.8), 0.4)
+
+    def _lowest(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Height of the lowest road within a cell of the points of a grid; inf without one."""
+        low, cell = np.array([x[0, 0], y[0, 0]]), x[0, 1] - x[0, 0]
+        place = np.round((self._centers[:, :2] - low) / cell).astype(int) + 1
+        found = np.full((x.shape[0] + 2, x.shape[1] + 2), np.inf)
+        inside = np.all((place >= 0) & (place < found.shape[::-1]), axis=1)
+        np.minimum.at(found, (place[inside, 1], place[inside, 0]), self._centers[inside, 2])
+        found = np.minimum.reduce([found[:-2], found[1:-1], found[2:]])
+        return np.minimum.reduce([found[:, :-2], found[:, 1:-1], found[:, 2:]])
+
+    def _sheet(
+        self,
+        low: FloatArray,
+        high: FloatArray,
+        cell: float,
+        sunk: tuple[float, float],
+        drop: float,
+    ) -> Shape:
+        """A grid of ground, lowered by `drop`.
+
+        Nearer to a road than the first of `sunk` it lies at least the second below the road [m].
+        """
+        axes = (np.arange(a, b + cell, cell) for a, b in zip(low, high, strict=True))
+        x, y = np.meshgrid(*axes)
+        ground, edge = self.height(x, y)
+        _, index = self._nearest.query(np.stack([x.ravel(), y.ravel()], axis=-1))
+        road = self._centers[index, 2].reshape(x.shape)
+        share = smoothstep(4.0, 20.0, edge)
+        ground = (1.0 - share) * (road - _ditch(edge)) + share * ground
+        ground = np.where(edge < sunk[0], np.minimum(ground, road - sunk[1]), ground)
+        ground = np.minimum(ground, self._lowest(x, y) - np.where(edge < sunk[0], sunk[1], 0.0))
+        points = np.stack([x, y, ground - drop], axis=-1)
+        sheet = surface(points, points[..., :2] / GRASS_TILE, _grid_normals(points))
+        near = edge.ravel()[sheet.faces].max(axis=1) < self._reach
+        return Shape(sheet.vertices, sheet.faces[near], sheet.texture, sheet.normals)
 
     def _ribbon(
         self, part: Corridor, edge: FloatArray, side: float
@@ -142,9 +219,8 @@ class Landscape:
         points = part.across(edge[:, None] + side * reach)
         rim = part.z + edge * part.tilt
         ground, _ = self.height(points[..., 0], points[..., 1])
-        ditch = np.interp(reach, [1.3, 3.0, 5.0, 8.0], [VERGE[1], 0.35, 0.75, 0.95])
         share = smoothstep(4.0, 20.0, reach)
-        points[..., 2] = (1.0 - share) * (rim[:, None] - ditch) + share * ground
+        points[..., 2] = (1.0 - share) * (rim[:, None] - _ditch(reach)) + share * ground
         # Where two ribbons share ground, each falls below the other beyond the middle.
         points[..., 2] -= np.where(reach < wide, SHARED_FALL, 0.0)
         points[:, -1, 2] -= np.where(reach[:, -1] < wide[-1], 0.0, DIVE)
@@ -229,7 +305,7 @@ class Plain:
         rise = (x - self.origin[0]) * self._slope[0] + (y - self.origin[1]) * self._slope[1]
         return self.origin[2] + rise, np.full(np.shape(x), np.inf)
 
-    def ribbons(self, part: Corridor) -> Iterator[tuple[str, Shape]]:
+    def ribbons(self, part: Corridor, _: OpenRim | None = None) -> Iterator[tuple[str, Shape]]:
         """(material, shape) of verges that fall below the plain."""
         for side in (1.0, -1.0):
             offsets = part.edge(side)[:, None] + side * np.array([0.0, 1.3, 4.5])
@@ -251,6 +327,27 @@ def is_plain(route: Route) -> bool:
     point = route.evaluate(np.linspace(0.0, route.length, 201))
     bent = np.max(np.abs(point.curvature)) > 1e-9 or np.ptp(point.grade) > 1e-9
     return not (bent or np.max(np.abs(point.superelevation)) > 1e-9)
+
+
+def _ditch(reach: FloatArray) -> FloatArray:
+    """Depth of the ditch at distances from the pavement's edge [m]."""
+    return np.interp(reach, [1.3, 3.0, 5.0, 8.0], [VERGE[1], 0.35, 0.75, 0.95])
+
+
+def _network_rows(around: Network) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Station (n,), center (n, 3) and half width (n,) of the rows that shape the ground."""
+    station, centers, half = [], [], []
+    for is_route, first, rows in around.ground_rows():
+        x, y, z, wide = (value[::2] for value in (rows.x, rows.y, rows.z, rows.half))
+        along = first + 2.0 * np.arange(len(x))
+        station.append(along if is_route else np.full(len(x), NO_STATION))
+        centers.append(np.stack([x, y, z], axis=-1))
+        half.append(wide)
+    for area in around.areas:
+        station.append(np.full(len(area.points), NO_STATION))
+        centers.append(area.points)
+        half.append(np.full(len(area.points), 1.5))
+    return np.concatenate(station), np.concatenate(centers), np.concatenate(half)
 
 
 def _grid_normals(points: FloatArray) -> FloatArray:

@@ -34,6 +34,25 @@ _PLAIN = {
     "road_leaves_pale": ((0.29, 0.38, 0.13), 0.0, 0.0),
     "road_trunk": ((0.24, 0.17, 0.11), 0.0, 0.0),
 }
+# Materials of maps with other roads and objects, added where they are used.
+_TOWN = {
+    "road_marking_red": ((0.75, 0.16, 0.12), 0.05, 0.25),
+    "road_marking_blue": ((0.15, 0.35, 0.75), 0.05, 0.25),
+    "road_marking_green": ((0.15, 0.55, 0.25), 0.05, 0.25),
+    "road_marking_orange": ((0.92, 0.48, 0.10), 0.05, 0.25),
+    "road_sidewalk": ((0.56, 0.55, 0.53), 0.02, 0.0),
+    "road_border": ((0.46, 0.45, 0.43), 0.02, 0.0),
+    "road_cycle_lane": ((0.45, 0.26, 0.23), 0.02, 0.0),
+    "road_building": ((0.72, 0.66, 0.58), 0.02, 0.0),
+    "road_sign_white": ((0.95, 0.95, 0.95), 0.1, 0.2),
+    "road_sign_red": ((0.80, 0.06, 0.08), 0.1, 0.2),
+    "road_sign_yellow": ((0.98, 0.80, 0.10), 0.1, 0.2),
+    "road_sign_blue": ((0.05, 0.25, 0.65), 0.1, 0.2),
+    "road_lamp_housing": ((0.06, 0.07, 0.07), 0.1, 0.0),
+    "road_lamp_red": ((0.30, 0.05, 0.05), 0.2, 0.0),
+    "road_lamp_yellow": ((0.30, 0.24, 0.05), 0.2, 0.0),
+    "road_lamp_green": ((0.04, 0.24, 0.10), 0.2, 0.0),
+}
 _HAZE = (0.80, 0.87, 0.93)
 
 
@@ -80,10 +99,21 @@ def add_road_materials(spec: mujoco.MjSpec) -> None:
         textures = list(material.textures)
         textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = name
         material.textures = textures
-    for name, (rgb, specular, emission) in _PLAIN.items():
-        spec.add_material(
-            name=name, rgba=[*rgb, 1.0], specular=specular, shininess=0.3, emission=emission
-        )
+    for name in _PLAIN:
+        _add_plain(spec, name)
+
+
+def ensure_material(spec: mujoco.MjSpec, name: str) -> None:
+    """Adds a material of towns, unless the specification has it."""
+    if spec.material(name) is None:
+        _add_plain(spec, name)
+
+
+def _add_plain(spec: mujoco.MjSpec, name: str) -> None:
+    rgb, specular, emission = (_PLAIN | _TOWN)[name]
+    spec.add_material(
+        name=name, rgba=[*rgb, 1.0], specular=specular, shininess=0.3, emission=emission
+    )
 
 
 def add_sky(spec: mujoco.MjSpec) -> None:

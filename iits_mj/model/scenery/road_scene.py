@@ -11,8 +11,11 @@ from collections.abc import Iterable, Iterator
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
-from iits_mj.model.scenery.corridor import Corridor, chunks, markings
+from iits_mj.core.arrays import FloatArray
+from iits_mj.model.scenery.corridor import Corridor, chunks
+from iits_mj.model.scenery.furniture import furniture
 from iits_mj.model.scenery.landscape import Ground, Landscape, Plain, is_plain
 from iits_mj.model.scenery.materials import (
     ASPHALT_TILE,
@@ -20,8 +23,12 @@ from iits_mj.model.scenery.materials import (
     LAMP_SPACING,
     add_road_materials,
     add_sky,
+    ensure_material,
     set_view,
 )
+from iits_mj.model.scenery.network import ROUTE, Network, lanes, network, other_roads
+from iits_mj.model.scenery.paint import markings
+from iits_mj.model.scenery.streets import Street
 from iits_mj.model.scenery.structures import bridge, delineators, guard_rails, trees, tunnel
 from iits_mj.model.visuals.shapes import Shape, add_mesh, merge
 from iits_mj.road import Route
@@ -29,6 +36,7 @@ from iits_mj.road import Route
 ROAD_GROUP = 2
 CHUNK_LENGTH = 600.0  # [m] of road in one mesh; longer on very long routes
 CHUNKS_MAX = 40
+TILE = 400.0  # [m] of the map in one mesh for each material
 FURNITURE_END = {True: 4_000.0, False: 40_000.0}  # [m], by `is_plain`
 
 
@@ -41,29 +49,36 @@ def add_road(spec: mujoco.MjSpec, route: Route) -> None:
     set_view(spec, (float(start.x), float(start.y), float(start.z) + 1.5))
     add_sky(spec)
     add_road_materials(spec)
-    corridor = Corridor.sample(route)
-    plain = is_plain(route)
-    ground = Plain(route) if plain else Landscape(route, corridor)
+    around = network(route)
+    if around is None:
+        street, corridor = Street.of_route(route), Corridor.sample(route)
+        wide, bridges = corridor, []
+    else:
+        street, wide = around.street(ROUTE), around.corridors[ROUTE]
+        corridor, bridges = Corridor.sample(route, wide.station), around.bridges[ROUTE]
+    plain = is_plain(route) and (around is None or not around.others)
+    ground = Plain(route) if plain else Landscape(route, corridor, around=around)
     if isinstance(ground, Plain):
         _add_plain(spec, ground)
     else:
         _add_meshes(spec, "", {"road_terrain": [ground.grid()]}, "road_grass")
     rng = np.random.default_rng(5)
     length = max(CHUNK_LENGTH, route.length / CHUNKS_MAX)
-    for index, (a, b) in enumerate(chunks(route, length)):
-        parts = _by_material(markings(corridor, a, b).items())
-        for begin, end, kind in _pieces(route, a, b):
+    hidden = None if around is None else around.hides(ROUTE)
+    for index, (a, b) in enumerate(chunks(corridor, length)):
+        parts = _by_material(markings(street, corridor, a, b, hidden).items())
+        for begin, end, kind in _pieces(route, a, b, bridges):
             piece = corridor.between(begin, end)
             surface, tile = "road_asphalt", ASPHALT_TILE
             if kind == "tunnel":
                 surface, tile = "road_asphalt_tunnel", LAMP_SPACING
-            pavement = piece.strip(piece.left, piece.right, 0.0, tile)
-            found = [(surface, pavement)]
-            if kind != "open" and isinstance(ground, Landscape):
+            found = [(surface, piece.strip(piece.left, piece.right, 0.0, tile))]
+            if kind in ("tunnel", "bridge") and isinstance(ground, Landscape):
                 found.append(("road_grass", ground.cover(piece)))
-            else:
+            elif kind != "over":
                 furnished = begin < FURNITURE_END[plain]
-                found += _beside(piece, ground, furnished=furnished, rng=rng)
+                rim = wide.between(begin, end)
+                found += _beside(route, rim, ground, around, furnished=furnished, rng=rng)
             for material, shape in found:
                 parts[material].append(shape)
         _add_meshes(spec, f"_{index}", parts)
@@ -71,24 +86,92 @@ def add_road(spec: mujoco.MjSpec, route: Route) -> None:
         _add_meshes(spec, f"_tunnel{index}", _by_material(tunnel(corridor, a, b)))
     for index, (a, b) in enumerate(route.bridges):
         _add_meshes(spec, f"_bridge{index}", _by_material(bridge(corridor, ground, a, b)))
+    _add_tiles(spec, _map(route, around, ground))
+
+
+def _map(
+    route: Route, around: Network | None, ground: Ground
+) -> Iterator[tuple[FloatArray, str, Shape]]:
+    """Yields (place, material, shape) of everything about the route that the map gives."""
+    reaches = {segment.road_id: (-np.inf, np.inf) for segment in route.segments}
+    if around is not None:
+        for material, shape in lanes(around, ROUTE):
+            yield shape.vertices[0], material, shape
+        yield from other_roads(around)
+        for name, corridor in around.corridors.items():
+            reaches.setdefault(name, (float(corridor.station[0]), float(corridor.station[-1])))
+            for a, b in around.bridges[name]:
+                for material, shape in bridge(corridor, ground, a, b, around.is_free):
+                    yield shape.vertices[0], material, shape
+        reaches.pop(ROUTE)
+    if around is not None and isinstance(ground, Landscape):
+        yield from _network_ground(around, ground)
+    yield from furniture(route, reaches)
+
+
+def _network_ground(around: Network, ground: Landscape) -> Iterator[tuple[FloatArray, str, Shape]]:
+    """Yields (place, material, shape) of the ground beside the roads off the route."""
+    places = [area.outline for area in around.areas]
+    for name, corridor in around.others.items():
+        for a, b in around.on_ground(name):
+            part = corridor.between(a, b)
+
+            def open_rim(row: Corridor, side: float, name: str = name) -> NDArray[np.bool_]:
+                return around.open_rim(name, row, side)
+
+            for material, shape in ground.ribbons(part, open_rim):
+                yield shape.vertices[0], material, shape
+        ends = corridor.across(np.stack([corridor.right, corridor.left], axis=1))[[0, -1]]
+        places += [end[:, :2] for end in ends]
+    sheets = [ground.middle_ground()]
+    for number, place in enumerate(places):
+        sheets.append(ground.patch(place.min(axis=0), place.max(axis=0), number))
+    for sheet in sheets:
+        yield sheet.vertices[0], "road_grass", sheet
+
+
+def _add_tiles(spec: mujoco.MjSpec, found: Iterable[tuple[FloatArray, str, Shape]]) -> None:
+    """Adds shapes as one mesh for each material and square of the map."""
+    tiles: dict[tuple[int, int], list[tuple[str, Shape]]] = defaultdict(list)
+    for place, material, shape in found:
+        tiles[int(place[0] // TILE), int(place[1] // TILE)].append((material, shape))
+    for (column, row), shapes in sorted(tiles.items(), key=lambda item: item[0]):
+        _add_meshes(spec, f"_map_{column}_{row}", _by_material(shapes))
 
 
 def _beside(
-    piece: Corridor, ground: Ground, *, furnished: bool, rng: np.random.Generator
+    route: Route,
+    piece: Corridor,
+    ground: Ground,
+    around: Network | None,
+    *,
+    furnished: bool,
+    rng: np.random.Generator,
 ) -> Iterator[tuple[str, Shape]]:
     """Ground, posts, trees and guard rails beside a stretch of open road."""
-    yield from ground.ribbons(piece)
-    if furnished:
-        yield from delineators(piece)
-        yield from trees(piece, ground, rng)
-        middle = 0.5 * (piece.station[0] + piece.station[-1])
-        if piece.route.lane_count(middle) > 1:
-            yield from guard_rails(piece)
+    if around is None:
+        yield from ground.ribbons(piece)
+    else:
+        yield from ground.ribbons(piece, lambda row, side: around.open_rim(ROUTE, row, side))
+    if not furnished:
+        return
+    yield from trees(piece, ground, rng)
+    for part in [piece] if around is None else around.rural_parts(piece):
+        yield from delineators(part)
+        middle = 0.5 * float(part.station[0] + part.station[-1])
+        if route.lane_count(middle) > 1:
+            yield from guard_rails(part)
 
 
-def _pieces(route: Route, start: float, end: float) -> Iterable[tuple[float, float, str]]:
-    """Splits an interval at tunnels and bridges: (from, to, "open" | "tunnel" | "bridge")."""
-    spans = [(a, b, "tunnel") for a, b in route.tunnels]
+def _pieces(
+    route: Route, start: float, end: float, over: Iterable[tuple[float, float]] = ()
+) -> Iterable[tuple[float, float, str]]:
+    """Splits an interval at tunnels and bridges: (from, to, "open" | "tunnel" | "bridge" | "over").
+
+    `over` gives the stations where the route leads over another road.
+    """
+    spans = [(a, b, "over") for a, b in over]
+    spans += [(a, b, "tunnel") for a, b in route.tunnels]
     spans += [(a, b, "bridge") for a, b in route.bridges]
     cursor = start
     for a, b, kind in sorted(spans):
@@ -119,6 +202,7 @@ def _add_meshes(
     """
     for stem, shapes in parts.items():
         name, shape = f"{stem}{label}", merge(shapes)
+        ensure_material(spec, material or stem)
         # Vertices relative to the mesh's own place keep single precision far from the origin.
         place = np.round(shape.vertices.mean(axis=0))
         add_mesh(spec, name, shape.moved(-place))

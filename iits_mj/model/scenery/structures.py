@@ -5,19 +5,22 @@ Each function yields (material, shape); copies are merged into few meshes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.model.scenery.corridor import Corridor
 from iits_mj.model.scenery.landscape import Ground
 from iits_mj.model.scenery.materials import LAMP_LENGTH, LAMP_SPACING
+from iits_mj.model.scenery.streets import Street
 from iits_mj.model.visuals.shapes import Shape, boxes, merge, surface
 from iits_mj.road import Route
 
 Parts = Iterator[tuple[str, Shape]]
+IsFree = Callable[[FloatArray], NDArray[np.bool_]]
 
 WALL_GAP = 0.9  # [m] from the pavement's edge to a tunnel's wall
 TUNNEL_WALL, TUNNEL_ROOF = 4.6, 6.9  # [m] above the road
@@ -81,7 +84,7 @@ def _vault() -> FloatArray:
     return TUNNEL_WALL + (TUNNEL_ROOF - TUNNEL_WALL) * crown**0.8
 
 
-def _tunnel_lights(route: Route, start: float, end: float) -> Shape:
+def _tunnel_lights(route: Route | Street, start: float, end: float) -> Shape:
     first = np.ceil((start + 4.0) / LAMP_SPACING) * LAMP_SPACING
     lamp = np.arange(first, end - 4.0, LAMP_SPACING)
     ends = np.stack([lamp - 0.5 * LAMP_LENGTH, lamp + 0.5 * LAMP_LENGTH], axis=1).ravel()
@@ -96,7 +99,7 @@ def _tunnel_lights(route: Route, start: float, end: float) -> Shape:
     return merge(lamps)
 
 
-def _portal(route: Route, station: float, outward: float) -> Shape:
+def _portal(route: Route | Street, station: float, outward: float) -> Shape:
     """A head wall with the tube's opening, 1.2 m thick, facing away from the tunnel."""
 
     def rows(*reach: float) -> Corridor:
@@ -134,8 +137,13 @@ def _portal(route: Route, station: float, outward: float) -> Shape:
     return merge(faces)
 
 
-def bridge(corridor: Corridor, ground: Ground, start: float, end: float) -> Parts:
-    """Deck edges, parapets, underside, piers and abutments of a bridge."""
+def bridge(
+    corridor: Corridor, ground: Ground, start: float, end: float, is_free: IsFree | None = None
+) -> Parts:
+    """Deck edges, parapets, underside, piers and abutments of a bridge.
+
+    `is_free` tells where a pier may stand, below points (n, 3) of the road.
+    """
     part = corridor.between(start - 1.0, end + 1.0)
     d = DECK_DEPTH
     # Clockwise seen in the direction of travel: parapet's inside, top, outside, underside.
@@ -149,6 +157,8 @@ def bridge(corridor: Corridor, ground: Ground, start: float, end: float) -> Part
         row = Corridor.sample(corridor.route, np.array([station]))
         middle = 0.5 * (row.left + row.right)
         center = row.across(middle)[0]
+        if is_free is not None and not is_free(center[None])[0]:
+            continue
         bottom = float(ground.height(center[:1], center[1:2])[0][0]) - 2.0
         top = float(center[2]) - d + 0.2
         wide = 0.62 * float(row.left[0] - row.right[0])
@@ -174,7 +184,7 @@ def guard_rails(part: Corridor) -> Parts:
     row = Corridor.sample(part.route, posts)
     for side in (1.0, -1.0):
         points = row.across(row.edge(side, RAIL_GAP + 0.14))
-        shapes.append(_stakes(points, row.heading, 0.10, -0.6, 0.72))
+        shapes.append(stakes(points, row.heading, 0.10, -0.6, 0.72))
     yield "road_steel", merge(shapes)
 
 
@@ -188,15 +198,13 @@ def delineators(part: Corridor) -> Parts:
     posts, lights = [], []
     for side in (1.0, -1.0):
         points = row.across(row.edge(side, 0.95))
-        posts.append(_stakes(points, row.heading, 0.11, -0.3, 1.05))
-        lights.append(_stakes(points, row.heading, 0.125, 0.78, 0.92))
+        posts.append(stakes(points, row.heading, 0.11, -0.3, 1.05))
+        lights.append(stakes(points, row.heading, 0.125, 0.78, 0.92))
     yield "road_post", merge(posts)
     yield "road_reflector", merge(lights)
 
 
-def _stakes(
-    points: FloatArray, heading: FloatArray, width: float, low: float, high: float
-) -> Shape:
+def stakes(points: FloatArray, heading: FloatArray, width: float, low: float, high: float) -> Shape:
     """Upright square posts as one mesh, four faces each, without a lid."""
     half = 0.5 * width
     corners = np.array([(half, -half), (half, half), (-half, half), (-half, -half), (half, -half)])
@@ -235,7 +243,7 @@ def trees(part: Corridor, ground: Ground, rng: np.random.Generator) -> Parts:
     height[~conifer] *= 0.75
     for name, shape, kind in (
         ("road_conifer", _CONIFER, conifer),
-        ("road_leaves", _BROADLEAF, ~conifer),
+        ("road_leaves", BROADLEAF, ~conifer),
     ):
         for material, chosen in ((name, kind & ~pale), (f"{name}_pale", kind & pale)):
             yield from _grown(material, shape, points[chosen], height[chosen], rng)
@@ -308,6 +316,6 @@ def _crown() -> Shape:
 
 
 _CONIFER = merge([_cone(0.24, 0.10, 0.55), _cone(0.19, 0.34, 0.78), _cone(0.13, 0.58, 1.0)])
-_BROADLEAF = _crown()
+BROADLEAF = _crown()
 _SPIRE = _cone(0.21, 0.02, 1.0, 5)
 _TRUNK = _cone(0.03, -0.1, 0.6, 5)
