@@ -147,6 +147,11 @@ class PlannerGuard(_Resetting):
             return self._last.target_lane
         return max(int(self.route.lane_at(scene.ego.station, scene.ego.offset)), 0)
 
+    def may_pass(self, scene: Scene) -> bool:
+        """Returns True: a planner of the user decides itself where the truck keeps right."""
+        del scene
+        return True
+
     def leader(self, scene: Scene) -> Neighbor | None:
         """Returns the vehicle ahead in that lane."""
         return scene.neighbors.leader_in_lane(self.route, self.lane(scene))

@@ -191,6 +191,7 @@ class Stack:
             # The plan's speed behind a slow leader would hide the gain of passing.
             reference_speed=self.reference.free(scene.ego.station),
             observation=self.history.observation(),
+            may_pass=self.planner.may_pass(scene),
         )
 
     def _decide(self, scene: Scene) -> Decision:

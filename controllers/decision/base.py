@@ -32,6 +32,7 @@ class DecisionContext:
       lanes: indices of the lanes the truck may use; the paper limits it to two.
       reference_speed: of the speed planner here [m/s].
       observation: of shape (216,), see `controllers.decision.observation`.
+      may_pass: whether the truck may pass on the left, see `controllers.planning.keep_right`.
     """
 
     scene: Scene
@@ -40,9 +41,12 @@ class DecisionContext:
     lanes: tuple[int, ...]
     reference_speed: float
     observation: Observation
+    may_pass: bool = True
 
     def may_use(self, lane: int) -> bool:
         """Whether a lane exists at the truck's station and the truck is allowed to use it."""
+        if lane > self.lane and not self.may_pass:
+            return False
         return lane in self.lanes and bool(self.route.lane_exists(lane, self.scene.ego.station))
 
     def sides(self) -> Iterator[tuple[Decision, int]]:

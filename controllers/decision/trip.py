@@ -130,6 +130,8 @@ class TripConfig(TrafficDemand):
         hills alone cost the shipped truck no more speed than the paper's free road; with 36 t a
         tenth of it.
       reference_speed: [m/s], the paper's 60 km/h.
+      truck_keeps_right: whether the truck keeps right, see `controllers.planning.keep_right`;
+        `keeps_right` is of the traffic.
       reward: weights.
 
     Raises:
@@ -142,6 +144,7 @@ class TripConfig(TrafficDemand):
     truck: AnyTruck | None = None
     payload: float | None = 12_000.0
     reference_speed: float = 60.0 / 3.6
+    truck_keeps_right: bool = False
     reward: RewardConfig = field(default_factory=RewardConfig)
 
     def __post_init__(self) -> None:

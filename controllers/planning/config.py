@@ -136,6 +136,7 @@ class LaneChangeConfig:
       lane_left: length of the target lane beyond the change [m].
       merge_time: travel time to its lane's end at which the truck starts to look for a gap [s].
       merge_distance: the same as distance [m].
+      keep_right_time: for which a lane must stay free for a truck that keeps right [s].
     """
 
     comfort_acceleration: float = 0.85
@@ -154,6 +155,7 @@ class LaneChangeConfig:
     lane_left: float = 100.0
     merge_time: float = 24.0
     merge_distance: float = 300.0
+    keep_right_time: float = 20.0
 
 
 @dataclass(frozen=True)
@@ -305,6 +307,7 @@ class PlannerConfig:
       recover_offset: beyond this distance from the plan, planning starts at the truck [m].
       settled_offset: distance from the lane's middle at which a change is complete [m].
       curve_share: of the rollover threshold, bounds the speed in bends with their cross-slope.
+      keep_right: whether the truck keeps right, see `controllers.planning.keep_right`.
       speed: see `SpeedConfig`; change: see `LaneChangeConfig`; safety: see `SafetyConfig`;
       merge: see `MergeConfig`; light: see `LightConfig`; passing: see `PassingConfig`.
 
@@ -319,6 +322,7 @@ class PlannerConfig:
     recover_offset: float = 0.8
     settled_offset: float = 0.4
     curve_share: float = 0.38
+    keep_right: bool = False
     speed: SpeedConfig = field(default_factory=SpeedConfig)
     change: LaneChangeConfig = field(default_factory=LaneChangeConfig)
     safety: SafetyConfig = field(default_factory=SafetyConfig)

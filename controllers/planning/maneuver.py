@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from controllers.planning.config import PlannerConfig
+from controllers.planning.keep_right import stays_free
 from controllers.planning.lane_change import (
     Change,
     LaneChoice,
@@ -172,6 +173,8 @@ class Maneuver:
         passes, stays = self._stopped.passes(scene, path)
         own = wanted is Decision.KEEP and passes
         wanted = self._lanes.around(ego, path) if own else wanted
+        if wanted is Decision.KEEP and not stays and self._returns(scene, path):
+            wanted, own = Decision.RIGHT, True
         if wanted is Decision.KEEP:
             return Step(path, stays)
         slow = ego.speed < config.change.speed_min and not forced
@@ -186,10 +189,10 @@ class Maneuver:
             finding=self.residual is not None,
         )
         unsafe = False
+        if wanted is Decision.LEFT and not (why or forced or own or stopped is not None):
+            why = self.stays_right(scene, path)
         if target is not None and not why:
-            here = float(np.interp(ego.station, target.station, target.speed_limit))
-            limit = config.safety.unlimited_speed if math.isinf(here) else here
-            why = conflict(scene, target, config.safety, limit=limit) or ""
+            why = self._conflict(scene, target)
             unsafe = bool(why)
         if target is not None and not why:
             done = f"changing to the {wanted.name.lower()}"
@@ -205,6 +208,60 @@ class Maneuver:
             self.unsafe += unsafe
         reason = f"{wanted.name.lower()} refused: {why}"
         return Step(path, reason, wanted, unsafe, target if forced else None)
+
+    def stays_right(self, scene: Scene, path: LanePath) -> str:
+        """The reason for which the truck may not pass on the left now, "" if it may."""
+        if self._forbids_overtaking(scene.ego):
+            return "a sign forbids trucks to overtake"
+        if self.config.keep_right and self._stays_free(scene, path):
+            seconds = self.config.change.keep_right_time
+            return f"the truck keeps right: its lane is free for {seconds:g} s"
+        return ""
+
+    def _forbids_overtaking(self, ego: EgoState) -> bool:
+        """Whether a sign forbids trucks to overtake here or before a change would end."""
+        end = ego.station + self.config.change.duration_max * ego.speed
+        bans = self.preview.route.overtaking_bans
+        return any(first <= end and ego.station < last for first, last in bans)
+
+    def _stays_free(self, scene: Scene, path: LanePath) -> bool:
+        """Whether the truck would catch up with nobody in the lane of a path."""
+        ego, speed = scene.ego, self.config.speed
+        limit = float(np.interp(ego.station, path.station, path.speed_limit))
+        return stays_free(
+            scene.neighbors.leader_along_path(path),
+            *(ego.speed, min(speed.cruise_speed, limit)),
+            *(speed.following, self.config.change.keep_right_time),
+        )
+
+    def _returns(self, scene: Scene, path: LanePath) -> bool:
+        """Whether the truck keeps right here, and can return to a right lane that stays free."""
+        ego, config = scene.ego, self.config
+        if path.lane <= 0 or not (config.keep_right or self._forbids_overtaking(ego)):
+            return False
+        target, why = self._lanes.target(
+            *(ego, path, Decision.RIGHT),
+            forced=False,
+            passing=False,
+            since=scene.time - self._changed_at,
+            finding=self.residual is not None,
+        )
+        if target is None or why or not self._stays_free(scene, target):
+            return False
+        # The truck does not return to a lane that it would have to leave again.
+        speed = max(ego.speed, config.speed.cruise_speed)
+        way = speed * (config.change.keep_right_time + config.change.merge_time)
+        end = self.preview.follow(target.lane, ego.station, way, 0.0).end
+        if end < min(ego.station + way, self.preview.station[-1]):
+            return False
+        return not self._conflict(scene, target)
+
+    def _conflict(self, scene: Scene, target: LanePath) -> str:
+        """The reason in the traffic not to enter a lane now, or ""."""
+        here = float(np.interp(scene.ego.station, target.station, target.speed_limit))
+        safety = self.config.safety
+        limit = safety.unlimited_speed if math.isinf(here) else here
+        return conflict(scene, target, safety, limit=limit) or ""
 
     def _begin(
         self, ego: EgoState, path: LanePath, target: LanePath, top: float, margin: RollMargin

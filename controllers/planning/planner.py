@@ -139,6 +139,10 @@ class Planner:
         """The vehicle ahead in the lane being kept or changed to."""
         return scene.neighbors.leader_along_path(self.path(scene))
 
+    def may_pass(self, scene: Scene) -> bool:
+        """Whether neither signs nor the rule to keep right forbid a change to the left."""
+        return not self.maneuver.stays_right(scene, self.path(scene))
+
     def bearable_speed(self, station: float, mass: float) -> float:
         """Greatest speed at a station with which the truck rolls over in no bend ahead [m/s]."""
         return self._caps.bearable(station, self._margins.at(mass))

@@ -157,6 +157,7 @@ def full_chain(
         traffic_mode="none" if task.density == EMPTY else "inter",
         lane_change=LANE_CHANGE,
         lane_discipline=task.lane_discipline,
+        keep_right=task.keep_right,
         decision="keep",  # replaced in `driver`
         duration=task.duration_limit,
         seed=task.seed,
@@ -215,6 +216,7 @@ def _drive_fast(task: Task, maker: DecisionMaker, parameters: TruckParameters) -
         spawn_probability=0.0 if empty else SPAWN_PROBABILITY[task.density],
         traffic_speed=task.traffic_speed,
         keeps_right=task.lane_discipline == "right",
+        truck_keeps_right=task.keep_right == "on",
         payload=task.payload,
         length=task.length_limit,
         duration=task.duration_limit,

@@ -27,6 +27,7 @@ from iits_mj.core.own_parts import FILES, FORMS
 from iits_mj.core.process_pool import run_all
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.evaluation import drives, trials
+from iits_mj.evaluation.hulls import SWEEP
 from iits_mj.evaluation.trials import EMPTY, WORLDS, Task, Trial, weights_digest
 from iits_mj.parameters import (
     AnyTruck,
@@ -60,6 +61,12 @@ class EvaluateConfig(PriceOptions):
         files=FILES,
         group="decision",
     )
+    sweep: bool = option(
+        False,
+        help="drive mobil and lookahead with swept thresholds, horizons and costs, too, for the "
+        "comparison at equal lane changes",
+        group="decision",
+    )
     cells: str = option(
         DEFAULT_CELLS,
         help="traffic cells: density and speed limit in m/s, separated by commas",
@@ -71,6 +78,12 @@ class EvaluateConfig(PriceOptions):
         help="lane use of the traffic, as of a drive; free: fills both lanes; right: keeps right",
         choices=LANE_DISCIPLINES,
         group="traffic",
+    )
+    keep_right: str = option(
+        "off",
+        help="on: the truck returns to the right lane, as of a drive",
+        choices=("on", "off"),
+        group="decision",
     )
     weights: Path | None = option(
         None,
@@ -167,6 +180,11 @@ class EvaluateConfig(PriceOptions):
                 names.append(word)
         return tuple(dict.fromkeys(map(DECISION.normal_name, names)))
 
+    def driven(self) -> tuple[str, ...]:
+        """The methods, and the rules of the sweep."""
+        swept = map(DECISION.normal_name, SWEEP if self.sweep else ())
+        return tuple(dict.fromkeys((*self.names(), *swept)))
+
     def chosen_cells(self) -> tuple[tuple[str, float], ...]:
         """Density and traffic speed of the cells, in the paper's order.
 
@@ -194,13 +212,17 @@ def tasks_of(config: EvaluateConfig) -> list[Task]:
     """
     truck, payload = label_of(config.truck), config.used_payload()
     prices = config.prices()
-    digests = {name: weights_digest(name, config.weights, prices) for name in config.names()}
+    digests = {name: weights_digest(name, config.weights, prices) for name in config.driven()}
     cells = config.chosen_cells()
 
     def task(density: str, speed: float, method: str, weights: str, seed: int) -> Task:
         limits = (truck, payload, config.timestep, config.length, config.duration)
         where = (config.trial_world, density, speed, method, weights)
-        return Task(*where, *limits, seed, lane_discipline=config.lane_discipline)
+        return Task(
+            *(*where, *limits, seed),
+            lane_discipline=config.lane_discipline,
+            keep_right=config.keep_right,
+        )
 
     free = [task(EMPTY, speed, "keep", "", 0) for speed in sorted({speed for _, speed in cells})]
     return free + [
@@ -208,7 +230,7 @@ def tasks_of(config: EvaluateConfig) -> list[Task]:
         for number in range(config.trials)
         for cell, (density, speed) in enumerate(CELLS)
         if (density, speed) in cells
-        for name in config.names()
+        for name in config.driven()
     ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,6 +11,12 @@ import numpy as np
 
 from iits_mj.core.results import Check, Findings, Results
 from iits_mj.evaluation.evaluate import EvaluateConfig
+from iits_mj.evaluation.hulls import (
+    Comparison,
+    against_hull,
+    is_hull_rule,
+    mean_over_cells,
+)
 from iits_mj.evaluation.quality import quality_figures
 from iits_mj.evaluation.trials import EMPTY, LEFT_RANGE, Trial
 from iits_mj.validation.harness.statistics import Estimate, Paired, estimate, holm, paired
@@ -61,6 +68,7 @@ class CellFigures:
         [% points].
       more_changes: the same difference of lane changes.
       stronger: loss of each of `STRONGER` less that of the best rule over the same trips.
+      swept: trials of the rules of the sweep that are not among the methods.
       floor: loss without traffic [%], nan if unknown.
       best: the best of the paper's three rules, "" without trials of one; holm: p of the policy
         against it, corrected for the number of cells.
@@ -75,6 +83,7 @@ class CellFigures:
     against: Mapping[str, Paired]
     more_changes: Mapping[str, Estimate]
     stronger: Mapping[str, Paired]
+    swept: Mapping[str, tuple[Trial, ...]]
     floor: float
     best: str = ""
     holm: float = math.nan
@@ -90,6 +99,13 @@ class CellFigures:
     def room(self) -> float:
         """Gain of a truck on an empty road over the best rule [% points]."""
         return self.loss[self.best].mean - self.floor if self.best else math.nan
+
+    @functools.cached_property
+    def comparisons(self) -> list[Comparison]:
+        """The methods beside the hull of the rules, without the rules themselves."""
+        everything = {**self.trials, **self.swept}
+        found = (against_hull(everything, n) for n in self.trials if not is_hull_rule(n))
+        return [one for one in found if one is not None]
 
     @property
     def trivial(self) -> bool:
@@ -143,13 +159,12 @@ def same_seeds(first: Sequence[Trial], second: Sequence[Trial]) -> list[tuple[Tr
 def _cell(
     trials: Sequence[Trial], density: str, speed: float, methods: Sequence[str]
 ) -> CellFigures:
-    own: dict[str, tuple[Trial, ...]] = {}
-    for name in methods:
-        rows = [
-            t for t in trials if (t.density, t.traffic_speed, t.method) == (density, speed, name)
-        ]
-        if rows:
-            own[name] = tuple(sorted(rows, key=lambda t: t.seed))
+    driven: dict[str, list[Trial]] = {}
+    for trial in sorted(trials, key=lambda trial: trial.seed):
+        if (trial.density, trial.traffic_speed) == (density, speed):
+            driven.setdefault(trial.method, []).append(trial)
+    own = {name: tuple(driven.pop(name)) for name in methods if name in driven}
+    swept = {name: tuple(rows) for name, rows in driven.items()}
     loss = {name: estimate([_loss(t) for t in rows]) for name, rows in own.items()}
     pairs = {
         name: same_seeds(own[POLICY], rows)
@@ -172,6 +187,7 @@ def _cell(
             for name in STRONGER
             if best and name in own
         },
+        swept if own else {},
         float(np.mean(free)) if free else math.nan,
         best,
     )
@@ -254,7 +270,23 @@ def summarize(trials: Sequence[Trial], config: EvaluateConfig) -> tuple[Results,
             Check(f"{label}, lower end of the interval", level.low, "% points", None, "<= 0"),
         ]
         results.notes.append(f"all cells, {POLICY} less {RIVAL}: {difference_text(level)}")
+    for method, known in hull_means(cells).items():
+        label = f"mean of the cells: speed loss, {method} less the hull of the rules"
+        results.checks.append(Check(label, known.mean, "% points", f"±{known.half:.2f}"))
+        results.notes.append(
+            f"mean of the cells that are not trivial, {method} less the hull of the rules: "
+            f"{known.mean:+.2f} ± {known.half:.2f} points"
+        )
     return results, cells
+
+
+def hull_means(cells: Sequence[CellFigures]) -> dict[str, Estimate]:
+    """Mean difference of each method from the hull over the cells that are not trivial."""
+    found: dict[str, list[Comparison]] = {}
+    for cell in cells:
+        for one in () if cell.trivial else cell.comparisons:
+            found.setdefault(one.method, []).append(one)
+    return {method: mean_over_cells(rows) for method, rows in found.items()}
 
 
 def _check_cell(results: Results, cell: CellFigures) -> None:

@@ -21,11 +21,12 @@ from iits_mj.evaluation.figures import (
     STRONGER,
     CellFigures,
     difference_text,
+    hull_means,
     over_all,
     stronger_text,
     world_text,
 )
-from iits_mj.evaluation.pictures import draw_balance, draw_trips
+from iits_mj.evaluation.pictures import draw_balance, draw_hulls, draw_trips
 from iits_mj.evaluation.quality import EXPLANATION, quality_figures
 from iits_mj.evaluation.trials import CLOSE, Trial, codes_of
 from iits_mj.parameters import TruckParameters, label_of
@@ -68,6 +69,8 @@ def write_page(
         "Speed loss of every trip": plots.to_png(draw_trips(cells, names), _DPI),
         "Speed loss over lane changes": plots.to_png(draw_balance(cells, names), _DPI),
     }
+    if config.sweep:
+        pictures["Hulls of the rules"] = plots.to_png(draw_hulls(cells), _DPI)
     lead = f"iits-mj {iits_mj.__version__}; {results.count_text()}"
     shown = [picture_section(caption, png) for caption, png in pictures.items()]
     web = Page(TITLE, lead, [*parts, Section("Checks", checks=results.checks), *shown])
@@ -93,6 +96,7 @@ def sections(
         _paper_table(cells, config.names()),
         _verdicts(cells),
         _pairs(cells),
+        _hulls(cells, config),
         _details(cells),
         _safety(cells),
         *_quality(cells),
@@ -225,6 +229,35 @@ def _pairs(cells: Sequence[CellFigures]) -> Section:
         "corrected. Below zero the policy is better."
     )
     return _table(f"{POLICY} against each", [sentence], " | ".join(("cell", *names)), rows)
+
+
+def _hulls(cells: Sequence[CellFigures], config: EvaluateConfig) -> Section:
+    rows = [
+        (
+            cell.name,
+            one.method,
+            f"{one.changes:.2f}",
+            f"{one.loss:.2f}",
+            f"{one.hull:.2f}",
+            " and ".join(one.ends),
+            _difference(one.difference),
+        )
+        for cell in cells
+        for one in cell.comparisons
+    ]
+    rows += [
+        ("mean of the cells that are not trivial", method, "", "", "", "", _difference(known))
+        for method, known in hull_means(cells).items()
+    ]
+    rules = "swept rules" if config.sweep else "rules among these methods"
+    sentence = (
+        f"Speed loss [%] beside the lower hull of the {rules}, at the method's own number of lane "
+        "changes: a point of the hull is a mixture of trips by the two rules. The difference is "
+        "that over the same trips, in points, with half of its 95 % interval. Below zero the "
+        "method is better. The hull's rules are chosen by these trips, which favors the rules."
+    )
+    header = "cell | method | changes | loss | hull | between | difference"
+    return _table("Against the hull of the rules", [sentence], header, rows)
 
 
 def _details(cells: Sequence[CellFigures]) -> Section:

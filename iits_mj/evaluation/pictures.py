@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -14,6 +15,7 @@ from matplotlib.lines import Line2D
 
 from controllers.decision.trip import SPAWN_PROBABILITY, TRAFFIC_SPEEDS
 from iits_mj.evaluation.figures import PAPER_LOSS_PERCENT, CellFigures
+from iits_mj.evaluation.hulls import family, is_hull_rule, lower_hull, points
 from iits_mj.render import plots
 from iits_mj.render.plots import INK, PALETTE
 from iits_mj.validation.harness.statistics import Estimate
@@ -48,6 +50,7 @@ _PAPER: dict[str, Any] = {
     "markeredgecolor": INK,
     "markersize": 6,
 }
+_HULL: dict[str, Any] = {"color": INK, "linestyle": "--", "linewidth": 1.8, "zorder": 3}
 
 
 def draw_trips(cells: Sequence[CellFigures], methods: Sequence[str]) -> Figure:
@@ -120,6 +123,49 @@ def draw_balance(cells: Sequence[CellFigures], methods: Sequence[str]) -> Figure
         _handle(name, marker="o", color=_color(name, methods), linestyle="") for name in methods
     ]
     handles.append(_handle("free road", color=_GRAY, linestyle="--"))
+    return _grid(cells, panel, "lane changes a trip", handles)
+
+
+def draw_hulls(cells: Sequence[CellFigures]) -> Figure:
+    """Swept rules, their lower hull, and the other methods with 95 % intervals, for each cell."""
+    families = sorted({f for cell in cells for f in map(family, {**cell.trials, **cell.swept})})
+    rules = [name for name in families if is_hull_rule(name.partition(" ")[0])]
+    others = [name for cell in cells for name in cell.trials if not is_hull_rule(name)]
+    others = list(dict.fromkeys(others))
+    colors = dict(zip(rules, itertools.cycle(PALETTE), strict=False))
+
+    def panel(ax: Axes, cell: CellFigures) -> None:
+        known = points({**cell.trials, **cell.swept})
+        for name in rules:
+            own = [point for point in known if family(point.method) == name]
+            place = [p.changes for p in own], [p.loss for p in own]
+            ax.plot(*place, "o-", color=colors[name], markersize=3.5, linewidth=1.0, zorder=2)
+        hull = lower_hull(known)
+        ax.plot([p.changes for p in hull], [p.loss for p in hull], **_HULL)
+        for name in others:
+            if name in cell.trials:
+                changes, loss = cell.changes[name], cell.loss[name]
+                ax.errorbar(
+                    *(changes.mean, loss.mean),
+                    xerr=_bar(changes),
+                    yerr=_bar(loss),
+                    fmt="D",
+                    capsize=3,
+                    color=_color(name, others),
+                    markersize=6,
+                    zorder=4,
+                )
+        # The truck that never changes lanes is far above all others.
+        moving = [point.loss for point in known if point.changes > 0.0]
+        if moving:
+            least = min([*moving, *(cell.loss[name].mean for name in cell.loss if name in others)])
+            ax.set_ylim(least - 0.1 * (max(moving) - least) - 0.1, max(moving) + 0.5)
+
+    handles = [
+        *(_handle(name, marker="o", color=colors[name], markersize=4) for name in rules),
+        _handle("lower hull", **_HULL),
+        *(_handle(n, marker="D", color=_color(n, others), linestyle="") for n in others),
+    ]
     return _grid(cells, panel, "lane changes a trip", handles)
 
 

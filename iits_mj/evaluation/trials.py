@@ -47,7 +47,7 @@ class Task:
       length_limit, duration_limit: the trip ends after this distance [m] or at the road's end; it
         is cut off after this time [s].
       seed: of the traffic.
-      lane_discipline: of the traffic, see `DriveConfig`.
+      lane_discipline: of the traffic, see `DriveConfig`; keep_right: of the truck, "on" or "off".
     """
 
     world: str
@@ -62,6 +62,7 @@ class Task:
     duration_limit: float
     seed: int
     lane_discipline: str = field(default="free", kw_only=True)
+    keep_right: str = field(default="off", kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -285,7 +286,8 @@ def _order(task: Task) -> tuple[object, ...]:
         task.duration_limit,
         task.seed,
     )
-    return (task.world, task.lane_discipline, *cell, *rest, task.method, task.weights)
+    rules = task.lane_discipline, task.keep_right
+    return (task.world, *rules, *cell, *rest, task.method, task.weights)
 
 
 def _repair(path: Path, say: Callable[[str], None]) -> None:

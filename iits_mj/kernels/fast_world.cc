@@ -59,6 +59,7 @@ class Trip {
   int Refusal(int decision) const {
     const std::int64_t target = w.lane - decision;
     if (target < 0 || target >= w.lanes || w.time - w.changed_at < laws_.pause - 1e-6) return 1;
+    if (decision < 0 && !MayPass()) return 1;
     const Safety& safety = laws_.rules.safety;
     const Vehicle *lead = traffic_.Ahead(w.front, target),
                   *follow = traffic_.Behind(w.front, target);
@@ -71,11 +72,12 @@ class Trip {
 
   void Step(int decision) {
     const int refusal = decision == 0 ? 0 : Refusal(decision);
-    const bool changes = decision != 0 && refusal == 0;
+    const int side = decision == 0 && Returns() ? 1 : decision;
+    const bool changes = side != 0 && refusal == 0;
     double lasts = 1.0;
     if (changes) {
       w.source = w.lane;
-      w.lane -= decision;
+      w.lane -= side;
       Watch();
       lasts = kShortestChange + w.random.Quarter();
       w.change_left = w.change_lasts = lasts;
@@ -278,12 +280,34 @@ class Trip {
   Situation Sees() const {
     std::vector<Seen> seen;
     See(&seen);
-    return {w.speed,
-            w.reference_speed,
-            w.truck_length,
-            Around(seen, w.lane),
-            Around(seen, w.lane + 1),
-            Around(seen, w.lane - 1)};
+    Situation at{w.speed,
+                 w.reference_speed,
+                 w.truck_length,
+                 Around(seen, w.lane),
+                 Around(seen, w.lane + 1),
+                 Around(seen, w.lane - 1)};
+    if (w.truck_keeps_right != 0 && StaysFree(at.here)) at.left.usable = 0.0;
+    return at;
+  }
+
+  // The laws of a truck that keeps right; see controllers/planning/keep_right.py.
+  bool StaysFree(const LaneAround& lane) const {
+    const double speed = std::max(w.speed, w.reference_speed);
+    return laws_.truck.StaysFree(speed, lane.leader.gap, lane.leader.speed, laws_.keep_right_time);
+  }
+
+  bool MayPass() const {
+    if (w.truck_keeps_right == 0) return true;
+    std::vector<Seen> seen;
+    See(&seen);
+    return !StaysFree(Around(seen, w.lane));
+  }
+
+  bool Returns() const {
+    if (w.truck_keeps_right == 0 || Refusal(1) != 0) return false;
+    std::vector<Seen> seen;
+    See(&seen);
+    return StaysFree(Around(seen, w.lane - 1));
   }
 
   // Writes the follower, too, if asked for.

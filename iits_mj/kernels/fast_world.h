@@ -39,7 +39,8 @@ constexpr int kTruckKind = kKinds - 1;
 struct Laws {
   RuleModel rules;
   Following truck;
-  double pause;  // of the truck between two changes [s]
+  double pause;            // of the truck between two changes [s]
+  double keep_right_time;  // for which a lane must stay free for a truck that keeps right [s]
   Driver kinds[kKinds];
   double shares[kKinds];  // cumulative
   double slow[kKinds];    // whether the limit of trucks applies
@@ -67,7 +68,7 @@ struct Terms {
 struct World {
   // The trip.
   double traffic_speed, spawn_probability, truck_speed_limit, ramp_probability, ramp_interval;
-  std::int64_t keeps_right, lanes;
+  std::int64_t keeps_right, lanes, truck_keeps_right;
   double window_behind, window_ahead, sight_behind, sight_ahead, timestep;
   double reference_speed, end, duration, grade_amplitude[2], grade_phase[2];
   double charge_change, charge_danger, charge_speed, charge_collision, discount;

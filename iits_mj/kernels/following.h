@@ -58,6 +58,13 @@ struct Following {
         heuristic + regain_deceleration * std::tanh((idm - heuristic) / regain_deceleration);
     return (1.0 - coolness) * idm + coolness * tempered;
   }
+
+  // Whether a leader at a constant speed stays beyond the following distance, s0 + T v, for some
+  // seconds, while the vehicle behind drives at a speed.
+  bool StaysFree(double speed, double gap, double lead_speed, double seconds) const {
+    const double closed = std::max(speed - lead_speed, 0.0) * seconds;
+    return gap - closed >= standstill_gap + time_gap * speed;
+  }
 };
 
 // The fields of `Lead`, in its order.

@@ -99,11 +99,12 @@ class Link:
 
 @dataclass(frozen=True)
 class RoadType:
-    """Kind of road from `s` on, with its speed limit [m/s] if one is given."""
+    """Kind of road from `s` on, with its speed limit [m/s] and country if they are given."""
 
     s: float
     kind: str = "unknown"
     speed: float | None = None
+    country: str = ""
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ Widths are horizontal, as in SUMO's network (a cross slope of 0.1 rad changes th
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,6 +29,20 @@ from iits_mj.road.polynomials import PiecewiseCubic, combine
 from iits_mj.road.reference_line import ReferenceLine
 
 T = TypeVar("T")
+
+# Right-hand countries of the European Union and EFTA, as OpenDRIVE names them (ISO 3166-1), whose
+# traffic laws make vehicles keep right outside towns; in Germany StVO, section 2 (2).
+KEEP_RIGHT_COUNTRIES = (
+    "AT AUT BE BEL BG BGR CH CHE CZ CZE DE DEU DK DNK EE EST ES ESP FI FIN FR FRA GR GRC HR HRV "
+    "HU HUN IS ISL IT ITA LI LIE LT LTU LU LUX LV LVA NL NLD NO NOR PL POL PT PRT RO ROU SE SWE "
+    "SI SVN SK SVK"
+)
+_OUTSIDE_TOWNS = ("motorway", "rural")
+# Countries of signals with numbers of the German catalogue, OpenDRIVE's own list included.
+_GERMAN = ("", "DE", "DEU", "GERMANY", "OPENDRIVE")
+# Signs that forbid trucks to overtake, and those that each sign ends.
+_BANS = ("276", "277")
+_ENDS = {"280": ("276",), "281": ("277",), "282": _BANS}
 
 
 class Steps(Generic[T]):
@@ -239,3 +254,35 @@ def facing_signals(pieces: Sequence[Piece], line: ReferenceLine) -> tuple[RouteS
                 offset = piece.direction * signal.t - piece.shift
                 found.append(RouteSignal(station, offset, signal))
     return tuple(sorted(found, key=lambda item: item.station))
+
+
+def overtaking_bans(signals: Sequence[RouteSignal]) -> tuple[tuple[float, float], ...]:
+    """Returns (start, end) stations of stretches where signs forbid trucks to overtake.
+
+    Signs are those of the German catalogue, from which OpenDRIVE's own is derived: 276 for all
+    vehicles and 277 for trucks begin a stretch; 280, 281 and 282 end it. It may reach to infinity.
+    """
+    bans: list[tuple[float, float]] = []
+    begun: dict[str, float] = {}
+    for found in signals:
+        kind, country = found.signal.kind, found.signal.country.upper()
+        if country not in _GERMAN or found.signal.is_traffic_light:
+            continue
+        if kind in _BANS:
+            begun.setdefault(kind, found.station)
+        for ended in _ENDS.get(kind, ()):
+            if ended in begun:
+                bans.append((begun.pop(ended), found.station))
+    return tuple(sorted([*bans, *((start, math.inf) for start in begun.values())]))
+
+
+def keeps_right(pieces: Sequence[Piece]) -> bool:
+    """Returns whether the map says that vehicles keep right: see `KEEP_RIGHT_COUNTRIES`.
+
+    Each road must be a motorway or a rural road, where lanes do not sort vehicles by their turn;
+    one road or more must name a country of the list, and none another one.
+    """
+    records = [record for piece in pieces for record in piece.road.types]
+    countries = {record.country.upper() for record in records} - {""}
+    outside = all(record.kind in _OUTSIDE_TOWNS for record in records)
+    return outside and bool(countries) and countries <= set(KEEP_RIGHT_COUNTRIES.split())

@@ -273,6 +273,7 @@ def _read_type(place: Reader, record: Element) -> RoadType:
         s=place.number(record, "s", 0.0, low=0.0, high=LENGTH_LIMIT),
         kind=record.get("type", "unknown"),
         speed=None if speed is None else _read_speed(place, speed),
+        country=record.get("country", ""),
     )
 
 

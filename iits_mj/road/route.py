@@ -27,7 +27,9 @@ from iits_mj.road.lanes import (
     RouteLane,
     RouteSegment,
     facing_signals,
+    keeps_right,
     lane_bands,
+    overtaking_bans,
     structure_spans,
 )
 from iits_mj.road.map_cache import SIZE_MIN, MapCache
@@ -194,6 +196,7 @@ class Route:
       segments: the roads in the order of travel.
       tunnels, bridges: (start, end) stations of each.
       signals: signs and lights that face the route, by station.
+      overtaking_bans: (start, end) stations of stretches where signs forbid trucks to overtake.
       notes: unused or changed parts of the map, in words.
       start: station where a drive begins unless it says otherwise; None where no point says so.
     """
@@ -230,6 +233,7 @@ class Route:
         self.tunnels = structure_spans(chain.pieces, self.line, "tunnel")
         self.bridges = structure_spans(chain.pieces, self.line, "bridge")
         self.signals = facing_signals(chain.pieces, self.line)
+        self.overtaking_bans = overtaking_bans(self.signals)
 
     @classmethod
     def straight(
@@ -248,6 +252,11 @@ class Route:
         """
         content = straight_road(length, lanes, lane_width, speed_limit, grade, friction)
         return RoadMap(content, f"straight road of {length:g} m").route(knot_spacing=100.0)
+
+    @property
+    def keep_right(self) -> bool:
+        """Whether the map says that vehicles keep right, see `lanes.keeps_right`."""
+        return keeps_right(self.chain.pieces)
 
     def evaluate(self, station: ArrayLike, offset: ArrayLike = 0.0) -> RoadPoint:
         """Points of the road surface; z = z_ref + offset * tan(superelevation)."""

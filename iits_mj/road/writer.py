@@ -73,7 +73,7 @@ def _write_road(root: Element, road: Road) -> None:
     _write_link(link, "predecessor", road.predecessor)
     _write_link(link, "successor", road.successor)
     for record in road.types:
-        kind = _add(item, "type", s=record.s, type=record.kind)
+        kind = _add(item, "type", s=record.s, type=record.kind, country=record.country or None)
         if record.speed is not None:
             _add(kind, "speed", max=_limit(record.speed), unit="m/s")
     view = SubElement(item, "planView")

@@ -30,6 +30,7 @@ from traffic_bridge.vehicles.service_level import BOUNDS
 DENSITIES = ("dense", "medium", "sparse", "empty", *BOUNDS)
 LANE_CHANGE_MODELS = ("lc2013", "mobil")
 LANE_DISCIPLINES = ("right", "free")
+KEEP_RIGHT = ("map", "on", "off")
 TRAFFIC_SCOPES = ("route", "both", "map")
 COMMAND_PATHS = ("direct", "j1939")
 BUSES = ("virtual", "socketcan", "udp_multicast")
@@ -209,6 +210,14 @@ class DriveConfig(PriceOptions, TruckStart):
     )
     decision: str | type[DecisionMaker] | DecisionMaker = part_option(
         "ddqn", own_parts.DECISION, "decision maker for lane changes"
+    )
+    keep_right: str = option(
+        "map",
+        help="on: the truck returns to the right lane when that lane stays free for 20 s, and "
+        "passes only when its own lane does not; map: on motorways and rural roads of countries "
+        "with this rule, where the map names the country",
+        choices=KEEP_RIGHT,
+        group="decision",
     )
     planner: str | type[TrajectoryPlanner] | TrajectoryPlanner = part_option(
         "paper", own_parts.PLANNER, "trajectory planner; paper: the paper's Algorithm 1"

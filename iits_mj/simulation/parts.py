@@ -279,7 +279,8 @@ def make_stack(
     """
     planner = PlannerConfig()
     speed = dataclasses.replace(planner.speed, cruise_speed=config.speed)
-    planner = dataclasses.replace(planner, speed=speed)
+    keep_right = route.keep_right if config.keep_right == "map" else config.keep_right == "on"
+    planner = dataclasses.replace(planner, speed=speed, keep_right=keep_right)
     offered = {"route": route, "parameters": parameters}
     return Stack(
         route,

@@ -110,6 +110,7 @@ class TruckWorld(Closing):
             start_station=trip.start_station,
             start_speed=min(trip.traffic_speed, trip.reference_speed),
             decision="keep",
+            keep_right="on" if trip.truck_keeps_right else "off",
             # Observations and rewards assume a constant reference speed.
             speed_planner="cruise",
             seed=seed,

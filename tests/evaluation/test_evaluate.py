@@ -167,6 +167,23 @@ def test_traffic_that_keeps_right_has_trials_of_its_own():
     assert free.right_share == kept.right_share == 1.0
 
 
+def test_a_truck_that_keeps_right_has_trials_of_its_own_and_drives_on_the_right():
+    cell = replace(CONFIG, world="fast", cells="sparse-12.5", methods="mobil", length=15_000.0)
+    off, on = (
+        replace(cell, lane_discipline="right", keep_right=keep_right, duration=3_000.0)
+        for keep_right in ("off", "on")
+    )
+    assert not set(tasks_of(off)) & set(tasks_of(on))
+    before, after = (
+        drives.drive(next(t for t in tasks_of(config) if t.density == "sparse"))
+        for config in (off, on)
+    )
+    assert before.right_share < 0.4
+    assert after.right_share > 0.6
+    assert after.changes > before.changes
+    assert after.collisions == 0
+
+
 def test_incomplete_header_counts_as_an_empty_file(tmp_path):
     config = replace(CONFIG, file=tmp_path / "trials.csv")
     config.file.write_text("world,dens")

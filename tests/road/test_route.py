@@ -32,7 +32,7 @@ PROFILES = {
     "elevation": '<elevation s="0" a="10" b="0.03" c="-0.0004" d="1e-6"/>',
     "extra": '<lateralProfile><superelevation s="0" a="0.02" b="0.0004" c="0" d="0"/>'
     "</lateralProfile>"
-    '<type s="0" type="town"><speed max="50" unit="km/h"/></type>'
+    '<type s="0" type="town" country="DE"><speed max="50" unit="km/h"/></type>'
     '<objects><tunnel id="1" s="30" length="20"/><bridge id="2" s="80" length="50"/></objects>'
     '<signals><signal id="7" s="25" t="-8" type="274" value="60" unit="km/h" orientation="+"/>'
     '<signal id="8" s="35" t="9" type="1000001" dynamic="yes" orientation="-"/></signals>',
@@ -272,3 +272,53 @@ def test_cached_pieces_do_not_change_the_points(places):
     first = [line.evaluate(s, 2.0) for s in places]
     again = [line.evaluate(s, 2.0) for s in reversed(places)]
     assert again[::-1] == first
+
+
+def signed(*signs, country="DE", types='<type s="0" type="motorway"/>'):
+    """A route of 100 m with signs of the German catalogue: type and station of each."""
+    texts = "".join(
+        f'<signal id="{i}" s="{s}" t="-5" type="{kind}" orientation="{side}" country="{country}"/>'
+        for i, (kind, s, side) in enumerate(signs)
+    )
+    text = document(road(extra=f"{types}<signals>{texts}</signals>"))
+    return RoadMap(parse(text.encode(), "signs"), "signs").route()
+
+
+@pytest.mark.parametrize(
+    ("signs", "bans"),
+    [
+        ((), []),
+        ((("277", 10, "+"), ("281", 40, "+"), ("277", 60, "+")), [(10.0, 40.0), (60.0, math.inf)]),
+        # A repeated sign begins nothing, and the end of the ban for all leaves that of trucks.
+        ((("277", 10, "+"), ("277", 20, "+"), ("280", 30, "+"), ("282", 50, "+")), [(10.0, 50.0)]),
+        ((("276", 10, "+"), ("280", 30, "+")), [(10.0, 30.0)]),
+        ((("277", 10, "-"), ("274", 20, "+"), ("281", 30, "+")), []),
+    ],
+)
+def test_signs_forbid_trucks_to_overtake_until_a_sign_ends_it(signs, bans):
+    assert list(signed(*signs).overtaking_bans) == [pytest.approx(ban) for ban in bans]
+    assert signed(*signs, country="SE").overtaking_bans == ()
+
+
+@pytest.mark.parametrize(
+    ("kinds", "countries", "keeps"),
+    [
+        (("motorway",), ("DE",), True),
+        (("motorway", "rural"), ("", "AUT"), True),
+        (("motorway", "town"), ("DE", "DE"), False),
+        (("motorway",), ("",), False),
+        (("motorway",), ("US",), False),
+        (("motorway", "motorway"), ("DE", "GB"), False),
+    ],
+)
+def test_a_map_says_by_kind_and_country_whether_vehicles_keep_right(kinds, countries, keeps):
+    types = "".join(
+        f'<type s="{30 * i}" type="{kind}"' + (f' country="{country}"/>' if country else "/>")
+        for i, (kind, country) in enumerate(zip(kinds, countries, strict=True))
+    )
+    assert signed(types=types).keep_right is keeps
+
+
+def test_the_built_in_map_and_a_straight_road_name_no_country():
+    assert not HIGHWAY.keep_right
+    assert not Route.straight().keep_right

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -8,10 +9,14 @@ import pytest
 
 from iits_mj.core.errors import InputError, TrafficError
 from iits_mj.core.messages import EgoFootprint, TrackedVehicle
+from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
+from iits_mj.road.elements import RoadType
+from iits_mj.road.straight import straight_road
+from iits_mj.road.writer import write
 from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation, Telemetry
 from iits_mj.simulation.frame import DivergedError
-from iits_mj.simulation.parts import placed
+from iits_mj.simulation.parts import load_map, make_stack, placed
 from iits_mj.simulation.telemetry import COLUMNS
 from tests.road.opendrive_text import document, line, road, successor
 from traffic_bridge.network import nets
@@ -81,6 +86,32 @@ def test_rows_are_100_ms_apart_and_the_distance_is_that_of_the_stations() -> Non
     station = telemetry.column("station [m]")
     assert simulation.summary().distance == pytest.approx(station[-1] - station[0], abs=0.05)
     assert simulation.ended == "reached the end of the time"
+
+
+@pytest.mark.parametrize(("asked", "lane"), [("map", 1), ("off", 1), ("on", 0)])
+def test_a_truck_that_keeps_right_leaves_the_left_lane(asked: str, lane: int) -> None:
+    _, simulation = drive(
+        duration=10.0,
+        traffic_mode="none",
+        speed_planner="cruise",
+        decision="keep",
+        start_lane=1,
+        keep_right=asked,
+    )
+    assert simulation.frame.lane == lane
+    assert simulation.stack.lane_changes == 1 - lane
+
+
+def test_the_map_says_whether_the_truck_keeps_right(tmp_path: Path) -> None:
+    road = straight_road(2_000.0, 2, 4.0, 25.0, 0.0, 0.8)
+    types = (RoadType(0.0, "motorway", 25.0, country="DE"),)
+    german = dataclasses.replace(road.roads[0], types=types)
+    path = tmp_path / "german.xodr"
+    write(dataclasses.replace(road, roads=(german,)), path)
+    for asked, keeps in (("map", True), ("off", False)):
+        config = DriveConfig(map=path, keep_right=asked, speed_planner="cruise")
+        stack = make_stack(config, load_map(path).route(), TruckParameters.load())
+        assert stack.planner.config.keep_right is keeps
 
 
 def test_drive_ends_before_the_end_of_the_route() -> None:

@@ -126,6 +126,15 @@ def test_traffic_without_keeping_right_fills_both_lanes(world):
     assert 0.25 < shares(False) < 0.75
 
 
+def test_a_truck_that_keeps_right_does_not_pass_on_an_empty_road(world):
+    trip = dataclasses.replace(SHORT, spawn_probability=0.0, truck_keeps_right=True)
+    _, (step,) = drive(world, trip, [Decision.LEFT])
+    assert step.seconds == pytest.approx(1.0)
+    assert (world.summary.refused, world.summary.dangerous, world.summary.changes) == (1, 0, 0)
+    assert not world.context().may_pass
+    assert not [*world.context().sides()]
+
+
 def test_a_step_that_does_not_fit_the_commands_is_refused(world):
     world.close()
     with pytest.raises(InputError, match=r"0\.003"):

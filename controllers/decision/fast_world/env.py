@@ -12,6 +12,8 @@ from controllers.decision.fast_world.traffic import HighwayTraffic
 from controllers.decision.fast_world.worlds import FastWorlds
 from controllers.decision.rules import compiled
 from controllers.decision.trip import RewardTerms, TripConfig, TripStep, TripSummary
+from controllers.planning.config import FollowingConfig
+from controllers.planning.keep_right import stays_free
 from controllers.protocols import DecisionMaker
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision, EgoState, Scene
@@ -83,14 +85,20 @@ class HighwayEnv:
             offset=float(state["offset"]),
             trailer_offset=float(state["offset"]),
         )
-        vehicles = self.traffic.tracked(float(state["front"]))
+        scene = Scene(ego.time, ego, self.traffic.tracked(float(state["front"])), self._footprint)
+        lane, reference_speed = int(state["lane"]), float(state["reference_speed"])
+        may_pass = True
+        if state["truck_keeps_right"]:
+            leader = scene.neighbors.leader_in_lane(self.road, lane)
+            may_pass = not stays_free(leader, ego.speed, reference_speed, FollowingConfig())
         return DecisionContext(
-            scene=Scene(ego.time, ego, vehicles, self._footprint),
+            scene=scene,
             route=cast(Route, self.road),
-            lane=int(state["lane"]),
+            lane=lane,
             lanes=tuple(range(int(state["lanes"]))),
-            reference_speed=float(state["reference_speed"]),
+            reference_speed=reference_speed,
             observation=self._worlds.observations[0],
+            may_pass=may_pass,
         )
 
     def step(self, decision: Decision) -> TripStep:

@@ -48,7 +48,7 @@ OBSTACLE = np.dtype([*_numbers("front length speed"), ("lane", np.int64)])
 # Fields of `World` in iits_mj/kernels/fast_world.h, which explains them.
 _WORLD = [
     *_numbers("traffic_speed spawn_probability truck_speed_limit ramp_probability ramp_interval"),
-    *_numbers("keeps_right lanes", np.int64),
+    *_numbers("keeps_right lanes truck_keeps_right", np.int64),
     *_numbers("window_behind window_ahead sight_behind sight_ahead timestep"),
     *_numbers("reference_speed end duration"),
     *(("grade_amplitude", np.float64, (2,)), ("grade_phase", np.float64, (2,))),
@@ -86,7 +86,7 @@ LAWS = Table(
     [
         *MODEL.numbers.tolist(),
         *astuple(FollowingConfig()),
-        LaneChangeConfig.pause,
+        *(LaneChangeConfig.pause, LaneChangeConfig.keep_right_time),
         *(getattr(kind, name) for kind in KINDS for name in NUMBERS),
         *(np.cumsum(SHARES) / np.cumsum(SHARES)[-1]).tolist(),
         *(float(kind.kind in _SLOW) for kind in KINDS),

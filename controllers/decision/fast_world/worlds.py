@@ -85,6 +85,7 @@ class FastWorlds:
             **truck,
             "front": trip.start_station + truck["front_overhang"],
             "speed": min(trip.traffic_speed, trip.reference_speed),
+            "truck_keeps_right": trip.truck_keeps_right,
             "reference_speed": trip.reference_speed,
             "end": trip.start_station + trip.length,
             "duration": trip.duration,

@@ -415,7 +415,23 @@ class HighwayEnv:
             lanes=tuple(range(trip.lanes)),
             reference_speed=trip.reference_speed,
             observation=self._history.observation(),
+            may_pass=not (trip.truck_keeps_right and self._stays_free(self.lane)),
         )
+
+    def _stays_free(self, lane):
+        """Whether the leader in a lane is beyond 4 m + 1.5 s for 20 s at the reference speed."""
+        leader = self._scene.neighbors.leader_in_lane(self.road, lane)
+        speed = max(self.truck.speed, self.log.trip.reference_speed)
+        if leader is None:
+            return True
+        gaps = (leader.gap - (speed - leader.speed) * time for time in range(21))
+        return min(gaps) >= 4.0 + 1.5 * speed
+
+    def _returns(self):
+        rested = self.time - self._changed_at >= LaneChangeConfig.pause - 1e-6
+        right = self.lane - 1
+        keeps_right = self.log.trip.truck_keeps_right and right >= 0
+        return keeps_right and rested and self.safe(right) and self._stays_free(right)
 
     def safe(self, target):
         """Whether the gaps in a lane are at least the planner's safety gaps."""
@@ -436,10 +452,16 @@ class HighwayEnv:
         rested = self.time - self._changed_at >= LaneChangeConfig.pause - 1e-6
         changes = decision is not Decision.KEEP
         possible = 0 <= target < self.log.trip.lanes and rested
+        if decision is Decision.LEFT and not self.context().may_pass:
+            possible = False
         dangerous = changes and possible and not self.safe(target)
         refused = changes and (dangerous or not possible)
         seconds = 1.0
-        if changes and not refused:
+        returns = not changes and self._returns()
+        if returns:
+            target = self.lane - 1
+        changed = returns or (changes and not refused)
+        if changed:
             self._source, self.lane = self.lane, target
             self.log.quality.begin_change(self._scene, self.road, target)
             seconds = float(self._random.integers(6, 9, endpoint=True))
@@ -455,7 +477,7 @@ class HighwayEnv:
         return log.end(
             decision,
             self._history.observation(),
-            changes=int(changes and not refused),
+            changes=int(changed),
             refused=int(refused),
             dangerous=int(dangerous),
             collision_at=max(log.elapsed - 1.0, 0.0) if collided else None,

@@ -20,12 +20,14 @@ SETTINGS = {
     "keep right": {"keeps_right": True},
     "three lanes": {"lanes": 3},
     "keep right at 30 m/s": {"keeps_right": True, "lanes": 3, **FAST_TRAFFIC},
+    "truck keeps right": {"truck_keeps_right": True, "spawn_probability": 0.02},
     "limit of trucks": {"lanes": 3, "truck_speed_limit": 11.0},
     "ramps": {"ramp_probability": 0.15, "ramp_interval": 500.0},
     "end of the road": {"length": 900.0},
     "laden on hills": {"payload": 36_000.0, "spawn_probability": 0.005, "reference_speed": 22.0},
     "all": {
         "keeps_right": True,
+        "truck_keeps_right": True,
         "lanes": 3,
         "truck_speed_limit": 22.2,
         "ramp_probability": 0.1,
@@ -102,7 +104,8 @@ def test_a_rule_decides_in_the_compiled_world_as_it_does_on_the_scene(name):
     maker = MAKERS[name]
     table = compiled(maker)
     decisions = []
-    for setting in ({}, {"keeps_right": True}, {"lanes": 3}):
+    right = {"truck_keeps_right": True, "spawn_probability": 0.02, "lanes": 3}
+    for setting in ({}, {"keeps_right": True}, {"lanes": 3}, right):
         trip = replace(cell_trip("dense", 12.5, TripConfig(duration=400.0)), **setting)
         fast = FastWorlds(1)
         fast.reset(0, np.random.default_rng(2), trip)

@@ -19,7 +19,7 @@ FRONT = 1001.4
 CLEARANCE = [("conservative", 150.0), ("neutral", 100.0), ("aggressive", 50.0)]
 
 
-def context(*vehicles, lane=0, speed=16.0, lanes=(0, 1)):
+def context(*vehicles, lane=0, speed=16.0, lanes=(0, 1), may_pass=True):
     ego = EgoState(station=1000.0, offset=float(ROUTE.lane_offset(lane, 1000.0)), speed=speed)
     return DecisionContext(
         scene=Scene(0.0, ego, tuple(vehicles)),
@@ -28,6 +28,7 @@ def context(*vehicles, lane=0, speed=16.0, lanes=(0, 1)):
         lanes=lanes,
         reference_speed=16.67,
         observation=np.zeros(216, dtype=np.float32),
+        may_pass=may_pass,
     )
 
 
@@ -236,3 +237,13 @@ def test_a_rule_is_named_with_its_options():
     scene = context(ahead(60.0, 0, 11.0), ahead(60.0, 1, 14.0, "faster"))
     for cost, decision in ((5.0, Decision.LEFT), (200.0, Decision.KEEP)):
         assert make(f"lookahead:horizon=30:change_cost={cost}").decide(scene) is decision
+
+
+@pytest.mark.parametrize("name", ["conservative", "mobil", "lookahead"])
+def test_a_rule_does_not_ask_to_pass_where_the_truck_may_not(name):
+    slow, rule = ahead(45.0, 0, speed=9.0), make(name)
+    assert rule.decide(context(slow)) is Decision.LEFT
+    assert rule.decide(context(slow, may_pass=False)) is Decision.KEEP
+    # A truck in the left lane may still change to the right.
+    there = ahead(45.0, 1, speed=9.0)
+    assert rule.decide(context(there, lane=1, may_pass=False)) is Decision.RIGHT
