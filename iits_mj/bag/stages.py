@@ -27,7 +27,7 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.simulation.config import PARTS, DriveConfig
 from iits_mj.simulation.driver import CommandPlayer
 from iits_mj.simulation.loop import Simulation
-from iits_mj.simulation.parts import load_map, make_stack, make_traffic
+from iits_mj.simulation.parts import make_stack, make_traffic, route_of
 from traffic_bridge import VehicleFrame
 
 # Types whose values are equal or different, without a distance.
@@ -125,7 +125,7 @@ class _RecordedDecisions:
 
 
 def _stack(config: DriveConfig) -> Stack:
-    return make_stack(config, load_map(config.map).route(), TruckParameters.load(config.truck))
+    return make_stack(config, route_of(config), TruckParameters.load(config.truck))
 
 
 def _decision(bag: Bag, config: DriveConfig) -> Comparison:
@@ -190,7 +190,7 @@ def _vehicle(bag: Bag, config: DriveConfig) -> Comparison:
 
 def _traffic(bag: Bag, config: DriveConfig) -> Comparison:
     result = Comparison("traffic")
-    route = load_map(config.map).route()
+    route = route_of(config)
     traffic = make_traffic(config, route, bag.scenes[0].footprint)
     if traffic is None:
         raise InputError("the bag's drive had no traffic")

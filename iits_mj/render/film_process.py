@@ -26,7 +26,7 @@ from iits_mj.render.offscreen import check_size
 from iits_mj.render.video import Film, Mp4Encoder, Pictures, frame_period
 from iits_mj.simulation.config import TruckStart
 from iits_mj.simulation.lock_step import LockStep, Observer
-from iits_mj.simulation.parts import load_map, load_truck
+from iits_mj.simulation.parts import load_truck, route_of
 from iits_mj.truck import Truck
 from traffic_bridge import Mirror
 
@@ -239,7 +239,7 @@ def _draw(messages: BinaryIO, answer: Any) -> None:
     encoder = Mp4Encoder(settings.path, settings.size, 1.0 / frame_period(settings.fps))
     with encoder:
         answer("ready")
-        route = load_map(settings.config.map).route()
+        route = route_of(settings.config)
         truck = load_truck(settings.config, route, Mirror())
         model, data = truck.model, mujoco.MjData(truck.model)
         pictures = Pictures(truck, settings.size, settings.camera, settings.weather)

@@ -31,7 +31,7 @@ from iits_mj.core.timing import TIMESTEP
 from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.gaps import nearest_box_distance
-from iits_mj.simulation.parts import load_map, load_truck
+from iits_mj.simulation.parts import load_truck, route_of
 from iits_mj.truck.placement import TruckPlacement
 from traffic_bridge import Mirror, Recording
 
@@ -93,7 +93,7 @@ class RecordedDrive:
         if not record.states or not record.scenes:
             raise InputError("the recording has no states of the truck, so that nothing is seen")
         self._record = record
-        self._route = load_map(record.config.map).route()
+        self._route = route_of(record.config)
         self._mirror = Mirror()
         self.truck = load_truck(record.config, self._route, self._mirror)
         self.data = self.truck.data

@@ -32,11 +32,12 @@ from iits_mj.simulation.gaps import nearest_box_distance
 from iits_mj.simulation.lock_step import CommandPath, Driver, LockStep, Observer
 from iits_mj.simulation.parts import (
     check_start,
-    load_map,
     load_truck,
     make_recorder,
     make_stack,
     make_traffic,
+    route_of,
+    surface_text,
 )
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
 from iits_mj.truck import Truck
@@ -88,7 +89,7 @@ class Simulation(LockStep):
         timestep: float = TIMESTEP,
     ) -> None:
         self.config = config
-        self.route: Route = load_map(config.map).route() if route is None else route
+        self.route: Route = route_of(config) if route is None else route
         self.mirror = Mirror(visuals=visuals)
         truck = load_truck(
             config,
@@ -239,6 +240,7 @@ class Simulation(LockStep):
             collision=self.collision,
             failed=self.failed,
             fuel=self.frame.ego.fuel_used - self._fuel_start,
+            road_surface=surface_text(self.config),
             warnings=warnings,
         )
 

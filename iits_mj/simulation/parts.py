@@ -28,6 +28,7 @@ from iits_mj.core.progress import remark, task
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
+from iits_mj.road.unevenness import Unevenness
 from iits_mj.road.xml_input import SIZE_LIMIT
 from iits_mj.simulation.config import DriveConfig, TruckStart
 from iits_mj.simulation.frame import END_MARGIN
@@ -89,6 +90,28 @@ def load_map(path: Path | None) -> RoadMap:
         if _LARGE_MAP < (size := path.stat().st_size) <= SIZE_LIMIT:
             remark(f"reading {path} ({size / 2**20:.0f} MB)")
     return RoadMap.from_opendrive(path)
+
+
+def route_of(config: TruckStart) -> Route:
+    """Returns the configured route, with its cross slope and unevenness.
+
+    Raises:
+      MapError: the map cannot be used. InputError: the cross slope is too steep.
+    """
+    route = load_map(config.map).route()
+    if config.cross_slope:
+        route = route.with_cross_slope(math.atan(0.01 * config.cross_slope))
+    return route.with_unevenness(_unevenness(config))
+
+
+def surface_text(config: TruckStart) -> str:
+    """The configured cross slope and unevenness in words, "smooth" without them."""
+    lean = f", cross slope {config.cross_slope:g} %" if config.cross_slope else ""
+    return f"{_unevenness(config)}{lean}"
+
+
+def _unevenness(config: TruckStart) -> Unevenness:
+    return Unevenness(config.roughness, config.potholes, config.joint_spacing, config.road_seed)
 
 
 @task("building the truck")

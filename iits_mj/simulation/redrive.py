@@ -26,7 +26,7 @@ from iits_mj.simulation.drive_log import (
 from iits_mj.simulation.driver import CommandPlayer
 from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.loop import Simulation
-from iits_mj.simulation.parts import load_map
+from iits_mj.simulation.parts import route_of
 from iits_mj.truck import Truck
 from traffic_bridge import PoseDigest, Recording, VehicleFrame
 from traffic_bridge.modes.resim import difference, traffic_of
@@ -76,7 +76,7 @@ def redrive(
     config = recorded_config(recording, name, map_path, truck)
     if len(recording) == 0 or len(recording.truck_hash) == 0:
         raise InputError(f"{name}: has no states of the truck, so that nothing can be compared")
-    route = load_map(map_path).route()
+    route = route_of(config)
     traffic = traffic_of(recording, name, route)
 
     def driver(_: Route, made: Truck) -> CommandPlayer:

@@ -26,7 +26,7 @@ from iits_mj.j1939.state import TruckSender
 from iits_mj.parameters import TruckParameters
 from iits_mj.simulation.config import ServeConfig
 from iits_mj.simulation.frame import Ending, check_finite, find_ending, find_leaving
-from iits_mj.simulation.parts import check_start, load_map
+from iits_mj.simulation.parts import check_start, route_of
 from iits_mj.simulation.summary import ServeSummary
 from iits_mj.truck import Truck
 
@@ -220,7 +220,7 @@ class Server(Closing):
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self.config = config
-        self.route = load_map(config.map).route()
+        self.route = route_of(config)
         self.truck = Truck.load(
             config.payload,
             truck=config.truck,

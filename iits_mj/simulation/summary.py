@@ -102,6 +102,7 @@ class DriveSummary(_Summary):
       closest_box: least distance of the truck's boxes to any other vehicle [m], inf without one.
       fuel [kg]; real_time_factor: simulated time over wall time, everything included.
       max_lateral_acceleration [m/s2], max_articulation [rad]: greatest magnitudes.
+      road_surface: cross slope and unevenness in words.
       warnings: MuJoCo's warnings that were raised, by name, and limits of the plant's validity that
         were exceeded, once each.
     """
@@ -118,6 +119,7 @@ class DriveSummary(_Summary):
     real_time_factor: float
     max_lateral_acceleration: float
     max_articulation: float
+    road_surface: str = "smooth"
     warnings: dict[str, int] = field(default_factory=dict)
 
     @property
@@ -147,6 +149,7 @@ class DriveSummary(_Summary):
             ("fuel", f"{self.fuel:.2f} kg{consumption}"),
             ("largest lateral acceleration", f"{self.max_lateral_acceleration:.2f} m/s2"),
             ("largest articulation", f"{math.degrees(self.max_articulation):.2f} deg"),
+            *([("road surface", self.road_surface)] if self.road_surface != "smooth" else []),
             ("real-time factor", f"{self.real_time_factor:.1f}"),
             ("engine warnings", counts_text(self.warnings)),
         ]
@@ -204,6 +207,7 @@ class SummaryBuilder:
         collision: bool,
         failed: bool,
         fuel: float,
+        road_surface: str,
         warnings: dict[str, int],
     ) -> DriveSummary:
         """Returns the summary up to the frame `last`; `wall_time` in seconds, `fuel` in kg."""
@@ -227,6 +231,7 @@ class SummaryBuilder:
             real_time_factor=duration / wall_time if wall_time > 0.0 else 0.0,
             max_lateral_acceleration=self.max_lateral_acceleration,
             max_articulation=self.max_articulation,
+            road_surface=road_surface,
             warnings=warnings,
         )
 

@@ -20,7 +20,7 @@ from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveFrame, DriveSummary, Observer, Simulation
 from iits_mj.simulation.config import DENSITIES
 from iits_mj.simulation.lock_step import LockStep
-from iits_mj.simulation.parts import load_map, make_stack
+from iits_mj.simulation.parts import make_stack, route_of
 from iits_mj.truck import Truck
 from iits_mj.web import instruments
 from iits_mj.web.events import WIND_MAX, Events
@@ -245,7 +245,7 @@ class LiveDrive(Stage, Observer, Closing):
         self.say("")
 
     def _simulate(self, config: DriveConfig) -> Simulation:
-        route = load_map(config.map).route()
+        route = route_of(config)
         if self.friction is not None:
             route = route.with_friction(self.friction)
 
