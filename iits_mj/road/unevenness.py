@@ -77,7 +77,7 @@ def random_surface(reference: float, random: np.random.Generator) -> FloatArray:
     the density (n^2 + m^2)^(-3/2) over the frequencies n along and m across; the integral over an
     interval of m is a wave's share of the spectrum.
     """
-    frequency = np.fft.rfftfreq(ROWS, ALONG)
+    frequency = np.asarray(np.fft.rfftfreq(ROWS, ALONG), dtype=float)
     density = spectrum(frequency, reference, BAND)
     n = np.maximum(frequency, BAND[0])
     waves = COLUMNS // 2
@@ -187,10 +187,10 @@ def _heights(uneven: Unevenness) -> FloatArray:
     for k in range(uneven._joints):
         # A gap is shorter than two rows: its area goes to the rows about its middle.
         place = k * ROWS / uneven._joints
-        i, share = int(place), place % 1.0
+        row, share = int(place), place % 1.0
         area = JOINT_DEPTH * JOINT_GAP / ALONG
-        heights[i] -= (1.0 - share) * area
-        heights[(i + 1) % ROWS] -= share * area
+        heights[row] -= (1.0 - share) * area
+        heights[(row + 1) % ROWS] -= share * area
     found = through_tire(heights)
     found.flags.writeable = False
     return found

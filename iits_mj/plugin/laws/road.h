@@ -2,8 +2,8 @@
 //
 // A row has 11 numbers: x, y, z [m], cos(heading), sin(heading), curvature [1/m], grade [1],
 // tan(superelevation), friction left, friction right, offset of the friction split [m]. The height
-// is C1: cubic Hermite in station, linear across the road. Unevenness is a grid of heights after the
-// rows, which repeats in both directions; its height is C1 along the road and linear across.
+// is C1: cubic Hermite in station, linear across the road. Unevenness is a grid of heights after
+// the rows, which repeats in both directions; its height is C1 along the road and linear across.
 #ifndef IITS_MJ_PLUGIN_LAWS_ROAD_H_
 #define IITS_MJ_PLUGIN_LAWS_ROAD_H_
 
@@ -30,7 +30,7 @@ struct RoadTable {
 
   int count = 0;  // rows; 0: the plane z = 0
   double start = 0, step = 1, inverse_step = 1;
-  int grid_rows = 0, grid_columns = 0;  // of the unevenness; 0: a smooth road
+  int grid_rows = 0, grid_columns = 0;     // of the unevenness; 0: a smooth road
   double grid_along = 1, grid_across = 1;  // steps [m]
 
   // Surface at the point (x, y); `station_hint` is kUnknownStation or the station of a point

@@ -75,7 +75,7 @@ def wheel_tracks(count: int, seed: int, step: float = STEP) -> FloatArray:
       step: of the samples [m].
     """
     random = np.random.default_rng(seed)
-    frequency = np.fft.rfftfreq(count, step)
+    frequency = np.asarray(np.fft.rfftfreq(count, step), dtype=float)
     density = spectrum(frequency, CLASSES["A"], _BAND)
     apart = 2.0 * np.pi * np.where(density > 0.0, frequency, 1.0) * TRACKS
     coherence = apart * special.k1(apart)
