@@ -68,7 +68,7 @@ def test_traffic_light_faces_the_traffic_that_it_is_for(orientation, side):
         signals=f'<signal id="7" s="60" t="-5" dynamic="yes" type="1000001" zOffset="2.4" '
         f'height="0.9" orientation="{orientation}"/>'
     )
-    lamps = [vertices(model, f"road_lamp_{color}_map") for color in ("red", "yellow", "green")]
+    lamps = [vertices(model, f"road_lamp_{color}") for color in ("red", "yellow", "green")]
     heights = [points[:, 2].mean() for points in lamps]
     assert heights == sorted(heights, reverse=True)
     assert max(points[:, 2].max() for points in lamps) == pytest.approx(3.3, abs=0.1)

@@ -44,7 +44,11 @@ _PLAIN_PLATE = (4, 45.0, "road_steel", "road_sign_white", 0.92)
 
 
 def sign(
-    signal: Signal, base: FloatArray, head: FloatArray, heading: float
+    signal: Signal,
+    base: FloatArray,
+    head: FloatArray,
+    heading: float,
+    station: float | None = None,
 ) -> Iterator[tuple[str, Shape]]:
     """Yields (material, shape) of a sign or a traffic light.
 
@@ -53,6 +57,8 @@ def sign(
       base: foot of its pole on the road plane (3,) [m].
       head: point of the road plane below its face (3,) [m].
       heading: of its road [rad].
+      station: of a traffic light that faces the route, on the route [m]: its lamps get the names
+        of `lamp_name`.
     """
     facing = heading + signal.heading + (0.0 if signal.orientation == "-" else np.pi)
     overhead = float(np.hypot(*(head - base)[:2])) > 0.3
@@ -63,6 +69,8 @@ def sign(
     c, s = np.sin(facing), -np.cos(facing)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     for material, shape in parts:
+        if station is not None and material in LAMPS:
+            material = lamp_name(material, station, facing)
         yield material, Shape(shape.vertices @ turn.T + head, shape.faces)
     low, high = base - np.array([0.0, 0.0, 0.4]), base + np.array([0.0, 0.0, top])
     post = boxes([(0.5 * (low + high), (POLE, POLE, high[2] - low[2]))])
@@ -70,6 +78,17 @@ def sign(
         end = head + np.array([0.0, 0.0, top])
         post = merge([post, beam(high, end, POLE, POLE)])
     yield "road_steel", post
+
+
+def lamp_name(material: str, station: float, facing: float) -> str:
+    """Name of a lamp of the route: material, station [m] and the direction that it faces [rad]."""
+    return f"{material}@{station:.1f}@{(facing + np.pi) % (2.0 * np.pi) - np.pi:.2f}"
+
+
+def lamp_of(name: str) -> tuple[str, float, float] | None:
+    """Material, station and direction of a geom that has a `lamp_name`; None for other geoms."""
+    parts = name.split("_map_")[0].split("@")
+    return (parts[0], float(parts[1]), float(parts[2])) if len(parts) == 3 else None
 
 
 def _light(signal: Signal, overhead: bool) -> tuple[float, list[tuple[str, Shape]]]:
