@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.messages import Decision, EgoState, LightState, PlanMode, Trajectory
+from iits_mj.core.messages import Decision, EgoState, LightState, PlanMode, TrafficLight, Trajectory
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.model.scenery.signs import LAMPS, lamp_of
 from iits_mj.render.geometry import turn_of
@@ -115,6 +115,44 @@ def change_of(trajectory: Trajectory, offset: float) -> Decision:
     return Decision.LEFT if way > 0.0 else Decision.RIGHT
 
 
+class RoadLights:
+    """The lamps of the traffic lights that face the route.
+
+    Args:
+      model: with the road's scenery.
+
+    Attributes:
+      lamps: material, station [m] and direction [rad] of each, by the number of its geom.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        names = ((geom, model.geom(geom).name) for geom in range(model.ngeom))
+        self.lamps = {geom: lamp for geom, name in names if (lamp := lamp_of(name))}
+        self._seen: dict[int, tuple[float, LightState]] = {}
+
+    def states(self, light: TrafficLight | None, time: float) -> dict[int, LightState]:
+        """Returns the states of the lights at the next stop line, and at the last ones.
+
+        Args:
+          light: the next one of the route.
+          time: of the drive [s].
+        """
+        before, beyond = _LIGHT_REACH
+        for geom, (_, station, _) in self.lamps.items():
+            if light is not None and -before <= station - light.station <= beyond:
+                self._seen[geom] = time, light.state
+        return {
+            geom: state
+            for geom, (since, state) in self._seen.items()
+            if 0.0 <= time - since < _LIGHT_MEMORY
+        }
+
+    def lit(self, light: TrafficLight | None, time: float) -> set[int]:
+        """Returns the geoms of the lamps that are lit; see `states`."""
+        states = self.states(light, time).items()
+        return {geom for geom, state in states if _FUNCTIONS[self.lamps[geom][0]] == _SHOWN[state]}
+
+
 class Lamps:
     """The lamps in a model.
 
@@ -138,22 +176,20 @@ class Lamps:
         self.function = kinds
         self.owner = model.body_rootid[model.geom_bodyid[self.geom]]
         # Traffic lights by the numbers of their geoms, which stand for an owner: -1 and less.
-        self._lights = {
-            g: light for g in self.geom.tolist() if (light := lamp_of(model.geom(g).name))
-        }
+        self._road = RoadLights(model)
+        lamps = self._road.lamps
         roots = self.owner.tolist()
         self._owners = [
-            -1 - g if g in self._lights else root
+            -1 - g if g in lamps else root
             for g, root in zip(self.geom.tolist(), roots, strict=True)
         ]
-        self._seen: dict[int, tuple[float, LightState]] = {}
         turns = [turn_of(model, geom) for geom in self.geom.tolist()]
         places = [_places(model, g, t) for g, t in zip(self.geom.tolist(), turns, strict=True)]
         # The body's forward direction in the geom's frame: meshes are turned to their inertia.
         self._ahead = np.array([turn[0] for turn in turns]).reshape(-1, 3)
         for k, (geom, turn) in enumerate(zip(self.geom.tolist(), turns, strict=True)):
-            if geom in self._lights:
-                facing = self._lights[geom][2]
+            if geom in lamps:
+                facing = lamps[geom][2]
                 self._ahead[k] = turn.T @ [math.cos(facing), math.sin(facing), 0.0]
         self._index = np.repeat(np.arange(len(places)), [len(p) for p in places])
         both = np.concatenate(places) if places else np.empty((0, 4))
@@ -182,7 +218,9 @@ class Lamps:
         The traffic lights of the route have negative numbers.
         """
         root = int(self._model.body("tractor").rootid[0])
-        found = {root: truck_signals(frame.ego, frame.trajectory), **self._light_signals(frame)}
+        found = {root: truck_signals(frame.ego, frame.trajectory)}
+        states = self._road.states(frame.scene.signals.light, frame.time)
+        found |= {-1 - geom: Signals(light=state) for geom, state in states.items()}
         vehicles = VehicleFrame.of(frame.scene.vehicles)
         if not len(vehicles) or not self._traffic:
             return found
@@ -208,19 +246,6 @@ class Lamps:
                     float(speed[i]),
                 )
         return found
-
-    def _light_signals(self, frame: DriveFrame) -> dict[int, Signals]:
-        """Returns the states of the route's lights at the next stop line, and at the last ones."""
-        light = frame.scene.signals.light
-        before, beyond = _LIGHT_REACH
-        for geom, (_, station, _) in self._lights.items():
-            if light is not None and -before <= station - light.station <= beyond:
-                self._seen[geom] = frame.time, light.state
-        return {
-            -1 - geom: Signals(light=state)
-            for geom, (time, state) in self._seen.items()
-            if 0.0 <= frame.time - time < _LIGHT_MEMORY
-        }
 
     def brightness(self, signals: Mapping[int, Signals], time: float, *, on: bool) -> FloatArray:
         """Returns the emission of each geom in `geom`; `on`: whether lamps are switched on."""

@@ -9,7 +9,7 @@ import pytest
 from iits_mj.core.messages import LightState, RoadSignals, TrafficLight
 from iits_mj.model.scenery.road_scene import add_road
 from iits_mj.model.scenery.signs import lamp_of
-from iits_mj.render.lamps import Lamps
+from iits_mj.render.lamps import Lamps, RoadLights
 from iits_mj.road import RoadMap
 from iits_mj.road.opendrive import parse
 from tests.road.opendrive_text import document, road
@@ -84,3 +84,13 @@ def test_lit_lamp_shines_against_the_direction_of_travel(lamps):
     shown = made.lights(places, bright)
     np.testing.assert_allclose(shown.forward, [[-1.0, 0.0, 0.0]], atol=0.01)
     np.testing.assert_allclose(shown.at[:, :2], [[39.7, -5.0]], atol=0.1)
+
+
+def test_web_pages_light_the_same_lamps(lamps):
+    _, model = lamps
+    lights = RoadLights(model)
+    assert len(lights.lamps) == 3
+    for state, color in ((LightState.RED, "red"), (LightState.GREEN, "green")):
+        (geom,) = lights.lit(TrafficLight(38.0, state, None, None), 1.0)
+        assert model.geom(geom).name.startswith(f"road_lamp_{color}@40.0@")
+    assert lights.lit(None, 60.0) == set()
