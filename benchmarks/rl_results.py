@@ -18,7 +18,7 @@ import gymnasium
 import numpy as np
 from scipy import stats
 
-from iits_mj.envs import ENVIRONMENTS
+from iits_mj.envs import ENVIRONMENTS, level_id
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 TABLES, PAGE = DOCS / "benchmark", DOCS / "benchmark.md"
@@ -94,6 +94,19 @@ def score_table(rows: list[dict[str, str]]) -> str:
     return "\n".join(lines)
 
 
+def level_table(rows: list[dict[str, str]]) -> str:
+    """Returns the table of the random and the scripted driver on the levels."""
+    found = returns(rows)
+    kinds = ("Easy", "", "Hard")
+    titles = [f"{kind or 'plain'}, {method}" for kind in kinds for method in _METHODS[:2]]
+    lines = ["| environment | " + " | ".join(titles).lower() + " |", "|---" * 7 + "|"]
+    for name in ENVIRONMENTS:
+        keys = [(level_id(name, kind), method) for kind in kinds for method in _METHODS[:2]]
+        shown = [_number(found[key][0]) if key in found else "pending" for key in keys]
+        lines.append(f"| `{name}` | {' | '.join(shown)} |")
+    return "\n".join(lines)
+
+
 def summary_table(rows: list[dict[str, str]]) -> str:
     """Returns each algorithm's score over its tasks: 0 is random, 1 is the scripted driver."""
     found = returns(rows)
@@ -144,11 +157,16 @@ def _number(value: float) -> str:
 def page(text: str) -> str:
     """Returns the page with its tables made again from the results."""
     rows = read("scores")
-    tables = {"scores": score_table, "summary": summary_table, "costs": cost_table}
+    tables = {
+        "scores": score_table(rows),
+        "summary": summary_table(rows),
+        "levels": level_table(read("levels")),
+        "costs": cost_table(rows),
+    }
     for name, table in tables.items():
         begin, end = f"<!-- {name} -->\n", "<!-- end -->"
         before, _, rest = text.partition(begin)
-        text = f"{before}{begin}\n{table(rows)}\n\n{end}{rest.partition(end)[2]}"
+        text = f"{before}{begin}\n{table}\n\n{end}{rest.partition(end)[2]}"
     return text
 
 
@@ -184,11 +202,12 @@ def draw_curves(curves: list[dict[str, str]], rows: list[dict[str, str]], path: 
             if points:
                 steps = sorted(points)
                 middles = np.array([interquartile_mean([np.array(points[s])]) for s in steps])
-                axes.plot(steps, middles[:, 0], color=colors[method], label=method)
-                axes.fill_between(steps, *middles[:, 1:].T, color=colors[method], alpha=0.2)
+                places = np.array(steps) / 1e3
+                axes.plot(places, middles[:, 0], color=colors[method], label=method)
+                axes.fill_between(places, *middles[:, 1:].T, color=colors[method], alpha=0.2)
         axes.legend(fontsize=7)
         axes.tick_params(labelsize=7)
-    figure.supxlabel("steps of the environment", fontsize=9)
+    figure.supxlabel("thousand steps of the environment", fontsize=9)
     figure.supylabel("return of validation episodes", fontsize=9)
     figure.savefig(path, dpi=100)
 

@@ -2,7 +2,10 @@
 
     python benchmarks/rl_suite.py train --out out/rl             # all, seed 0 of every task first
     python benchmarks/rl_suite.py train --out out/rl --only Cruise --seeds 0
+    python benchmarks/rl_suite.py train --out out/slow --only HighwayFast --algorithms dqn \\
+        --steps 100000 --set target_update_interval=10000        # a variant, in its own folder
     python benchmarks/rl_suite.py status --out out/rl
+    python benchmarks/rl_suite.py levels --out out/rl            # scores of the levels
     python benchmarks/rl_suite.py results --out out/rl           # tables, figures and weights
 
 `train` may be killed at any time and started again. Start it twice to use two cores: each process
@@ -27,7 +30,7 @@ import time
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,12 +41,14 @@ from benchmarks import rl_results
 from controllers import decision
 from controllers.decision.trip import ACTIONS, TEST_SEEDS, TRAINING_SEEDS, VALIDATION_SEEDS
 from iits_mj import suite
+from iits_mj.envs import LEVELS, level_id
 from iits_mj.envs.baselines import FOLDER, Policy, shipped_file
 
 SETTINGS = Path(__file__).with_suffix(".toml")
 SEEDS = range(5)
 VALIDATION_EPISODES = 5
 TEST_EPISODES = 50
+LEVEL_EPISODES = 20
 SCORES = ("environment", "method", "seed", "episode", "return", "steps")
 CURVES = ("environment", "method", "seed", "steps", "return", "cpu_seconds")
 
@@ -258,7 +263,7 @@ def score_rows(
     return [dict(zip(SCORES, map(str, row), strict=True)) for row in rows]
 
 
-def score_fixed(environment: str, out: Path) -> None:
+def score_fixed(environment: str, out: Path, episodes: int = TEST_EPISODES) -> None:
     """Scores the random and the scripted driver of an environment, unless that is done."""
     for name, act in (("random", _random), ("scripted", scripted(environment))):
         folder = out / f"{short(environment)}-{name}"
@@ -266,9 +271,9 @@ def score_fixed(environment: str, out: Path) -> None:
             if not free or (folder / "scores.csv").exists():
                 continue
             task = Training(environment, name, 0, 0, 0)
-            if recorded(task):
+            if episodes == TEST_EPISODES and recorded(task):
                 continue
-            returns, lengths = score(environment, act, TEST_SEEDS, TEST_EPISODES)
+            returns, lengths = score(environment, act, TEST_SEEDS, episodes)
             _write(folder / "scores.csv", SCORES, score_rows(task, returns, lengths))
             print(f"{folder.name} test {np.mean(returns):.4f}", flush=True)
 
@@ -332,26 +337,16 @@ def results(out: Path) -> None:
         curve = _rows(folder / f"part-{parts}" / "curve.csv") if parts else []
         if not (folder / "scores.csv").exists():
             continue
-        rows = _rows(folder / "scores.csv")
-        key = next(iter(_by_training(rows)))
-        returns = [float(row["return"]) for row in rows]
-        seconds = float(curve[-1]["cpu_seconds"]) if curve else 0.0
-        scores[key] = [
-            {
-                **dict(zip(SCORES, key, strict=False)),
-                "return": f"{np.mean(returns):.4f}",
-                "deviation": f"{np.std(returns):.4f}",
-                "steps": f"{np.mean([int(row['steps']) for row in rows]):.1f}",
-                "cpu_seconds": f"{seconds:.0f}",
-            }
-        ]
+        row = _summary(folder, float(curve[-1]["cpu_seconds"]) if curve else 0.0)
+        key = (row["environment"], row["method"], row["seed"])
+        scores[key] = [row]
         if not curve:
             continue
         curves[key] = curve
         if key[2] == "0":
             FOLDER.mkdir(exist_ok=True)
             policy = Policy.load(folder / f"part-{parts}" / "policy.npz")
-            policy.save(shipped_file(key[0], key[1]), **scores[key][0])
+            policy.save(shipped_file(key[0], key[1]), **row)
     rl_results.TABLES.mkdir(parents=True, exist_ok=True)
     for name, columns, tables in (
         ("scores", rl_results.SCORES, scores),
@@ -362,27 +357,78 @@ def results(out: Path) -> None:
     rl_results.write_page()
 
 
+def score_levels(environments: Sequence[str], out: Path) -> None:
+    """Scores the fixed drivers on all levels of environments, and adds them to the page's table."""
+    for environment in environments:
+        for level in ("", *LEVELS[environment]):
+            score_fixed(level_id(environment, level), out, LEVEL_EPISODES)
+    levels = _by_training(rl_results.read("levels"))
+    for path in sorted(out.glob("*/scores.csv")):
+        row = _summary(path.parent, 0.0)
+        levels[row["environment"], row["method"], row["seed"]] = [row]
+    rows = [row for key in sorted(levels) for row in levels[key]]
+    _write(rl_results.TABLES / "levels.csv", rl_results.SCORES, rows)
+    rl_results.write_page()
+
+
+def _summary(folder: Path, seconds: float) -> dict[str, str]:
+    """Returns the row of a table for the episodes of a test."""
+    rows = _rows(folder / "scores.csv")
+    returns = [float(row["return"]) for row in rows]
+    return {
+        **{key: rows[0][key] for key in ("environment", "method", "seed")},
+        "return": f"{np.mean(returns):.4f}",
+        "deviation": f"{np.std(returns):.4f}",
+        "steps": f"{np.mean([int(row['steps']) for row in rows]):.1f}",
+        "cpu_seconds": f"{seconds:.0f}",
+    }
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    """Returns a hyperparameter and its value of KEY=VALUE."""
+    key, equals, value = text.partition("=")
+    if not equals:
+        raise argparse.ArgumentTypeError(f"{text!r} must be KEY=VALUE")
+    return key, tomllib.loads(f"value = {value}")["value"]
+
+
 def main() -> None:
     """Runs a command."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
-    parser.add_argument("command", choices=("train", "status", "results"))
+    parser.add_argument("command", choices=("train", "status", "levels", "results"))
     parser.add_argument("--out", type=Path, required=True, help="folder of the trainings")
     parser.add_argument("--only", nargs="+", default=[], help="environments, without version")
+    parser.add_argument("--algorithms", nargs="+", default=["ppo", "sac", "dqn"])
     parser.add_argument("--seeds", nargs="+", type=int, default=list(SEEDS))
+    parser.add_argument("--steps", type=int, help="of each training, instead of its own")
+    parser.add_argument(
+        "--set", nargs="+", type=_setting, default=[], metavar="KEY=VALUE", help="hyperparameters"
+    )
     asked = parser.parse_args()
     tasks = [
-        task
+        replace(
+            task,
+            steps=asked.steps or task.steps,
+            hyperparameters={**(task.hyperparameters or {}), **dict(asked.set)},
+        )
         for task in trainings()
-        if task.seed in asked.seeds and (not asked.only or short(task.environment) in asked.only)
+        if task.seed in asked.seeds
+        and task.algorithm in asked.algorithms
+        and (not asked.only or short(task.environment) in asked.only)
     ]
     asked.out.mkdir(parents=True, exist_ok=True)
     if asked.command == "results":
         results(asked.out)
         return
+    if asked.command == "levels":
+        # Apart from the tests, which have more episodes.
+        score_levels(list(dict.fromkeys(task.environment for task in tasks)), asked.out / "levels")
+        return
     for task in tasks:
         folder = asked.out / task.name
         if asked.command == "status":
-            tested = ", tested" if (folder / "scores.csv").exists() else ""
+            done = (folder / "scores.csv").exists()
+            tested = f", test {_summary(folder, 0.0)['return']}" if done else ""
             tested = ", in the tables" if recorded(task) else tested
             print(f"{task.name}: {finished_parts(folder)} of {task.parts} parts{tested}")
             continue

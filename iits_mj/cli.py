@@ -1,8 +1,9 @@
 """The command line `iits-mj`: runs a command and reports every error as one line.
 
 Exit codes: 0 done and every check holds; 1 failure, or a check falls short; 2 wrong use or unusable
-input; 70 fault of the program; 130 interrupted (Ctrl-C); 143 terminated (SIGTERM), which ends a
-command as Ctrl-C does, with its outputs complete up to that moment.
+input; 70 fault of the program; 130 interrupted (Ctrl-C); 141 the reader of a pipe has closed it;
+143 terminated (SIGTERM), which ends a command as Ctrl-C does, with its outputs complete up to that
+moment.
 """
 
 from __future__ import annotations
@@ -27,8 +28,11 @@ if TYPE_CHECKING:
     from iits_mj.commands.arguments import General
 
 EXIT_SHORT, EXIT_USE, EXIT_FAULT, EXIT_INTERRUPTED, EXIT_TERMINATED = 1, 2, 70, 130, 143
+# As of tools that the signal SIGPIPE ends: 128 and its number. 0 would claim that checks hold.
+EXIT_PIPE = 141
 _HELP, _VERSION = ("help", "-h", "--help"), ("-V", "--version")
 _NAME_MAX = 60  # shown characters of an unknown command
+_LOADING = 1.0  # usual time to load the modules of a command [s]
 TRACEBACK_VARIABLE = "IITS_MJ_TRACEBACK"
 
 
@@ -53,7 +57,7 @@ def usage() -> str:
         "'iits-mj --version' shows the version.",
         "",
         "exit codes: 0 done, 1 failure or a check falls short, 2 wrong use or unusable input,",
-        "  70 fault of the program, 130 interrupted, 143 terminated",
+        "  70 fault of the program, 130 interrupted, 141 pipe closed, 143 terminated",
     ]
     return "\n".join(lines)
 
@@ -82,7 +86,7 @@ def _run(name: str, words: Sequence[str]) -> int:
     from iits_mj.core.progress import task
 
     silent = not {"--quiet", "-h", "--help"}.isdisjoint(words)
-    with progress.shown(quiet=silent), task("loading"):
+    with progress.shown(quiet=silent), task("loading", usual=_LOADING):
         module = _module(name)
     options, general = _options(module, name, words)
     if general.save_config is not None:
@@ -163,9 +167,9 @@ def _report(argv: Sequence[str] | None) -> int:
             traceback.print_exc()
         return _fail(str(error), EXIT_USE)
     except BrokenPipeError:
-        # The reader has closed the pipe (`iits-mj bench | head`).
+        # The reader has closed the pipe (`iits-mj bench | head`). What is left goes nowhere.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return EXIT_USE
+        return EXIT_PIPE
     except OSError as error:
         return _fail(_os_error(error), EXIT_USE)
     except KeyboardInterrupt:

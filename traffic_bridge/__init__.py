@@ -50,7 +50,13 @@ from traffic_bridge.vehicles.calibration import (
     trimmed,
 )
 from traffic_bridge.vehicles.idm import IdmParameters
-from traffic_bridge.vehicles.types import KINDS, VehicleType, default_types, read_types
+from traffic_bridge.vehicles.types import (
+    KINDS,
+    VehicleType,
+    default_types,
+    motorway_types,
+    read_types,
+)
 
 __all__ = [
     "KINDS",
@@ -98,6 +104,7 @@ __all__ = [
     "evaluate",
     "find_netconvert",
     "import_trajectories",
+    "motorway_types",
     "read_events",
     "read_trajectories",
     "read_types",

@@ -13,12 +13,20 @@ from iits_mj.core.checks import in_range, is_number, is_whole, make_plain, shown
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint
 from traffic_bridge.signals.events import Event, SlowConvoy, StoppedVehicle, VehicleChange, event_of
-from traffic_bridge.vehicles.types import FASTEST, VehicleType, default_types, type_from_dict
+from traffic_bridge.vehicles.service_level import BOUNDS, SteadyFlow, steady_flow
+from traffic_bridge.vehicles.types import (
+    FASTEST,
+    VehicleType,
+    default_types,
+    motorway_types,
+    type_from_dict,
+)
 
 # Spawn probability per second and lane of the paper's three densities (section VI-C).
 DENSITIES = {"dense": 0.05, "medium": 0.02, "sparse": 0.005, "empty": 0.0}
 LANE_CHANGE_MODELS = ("lc2013", "mobil")
 LANE_DISCIPLINES = ("right", "free")
+HIGHEST_HEAVY_SHARE = 0.6
 SCOPES = ("route", "both", "map")
 # Allowed values of the numbers in `TrafficConfig`.
 RANGES = {
@@ -74,7 +82,8 @@ class TrafficConfig:
     Attributes:
       density: "dense", "medium", "sparse", "empty", or the spawn probability per second and lane,
         0 to 0.5. It also sets the number of vehicles on the road at the beginning. A mapping gives
-        each type its own probability and replaces `mix`.
+        each type its own probability and replaces `mix`. Or a level of service, "A" to "F", whose
+        density the traffic gets (`traffic_bridge.vehicles.service_level`).
       speed_limit: maximum speed of the traffic [m/s]; every vehicle's desired speed is a fraction
         of it (see `VehicleType`). The paper uses 12.5 and 15.
       lane_change: "lc2013" (SUMO's model) or "mobil" (see `traffic_bridge.vehicles.mobil`).
@@ -83,7 +92,9 @@ class TrafficConfig:
         all lanes fill equally (`keep_right_bias`, `politeness` and `lc_keep_right` of all types are
         zero).
       mix: name and weight of each type of vehicle that departs at random.
-      types: the `VehicleType`s, each with a unique name.
+      heavy_share: share of trucks in the mix, 0 to 0.6; None: as in `mix`.
+      types: the `VehicleType`s, each with a unique name; None: `motorway_types()` for a level of
+        service, else `default_types()`.
       view_range: vehicles within this distance of the ego are reported [m].
       step_length: [s].
       lane_change_duration: duration of the sideways motion of a lane change [s]; 0 shows SUMO's
@@ -107,7 +118,8 @@ class TrafficConfig:
     lane_change: str = "lc2013"
     lane_discipline: str = "right"
     mix: tuple[tuple[str, float], ...] = DEFAULT_MIX
-    types: tuple[VehicleType, ...] = field(default_factory=default_types)
+    heavy_share: float | None = None
+    types: tuple[VehicleType, ...] = None  # type: ignore[assignment]
     view_range: float = 400.0
     step_length: float = 0.1
     lane_change_duration: float = 3.5
@@ -132,11 +144,15 @@ class TrafficConfig:
             raise InputError(f"mix {shown(self.mix)}: must be names of types with their weights")
         if not isinstance(self.density, str):
             in_range("density", self.density, 0.0, 0.5)
-        elif self.density not in DENSITIES:
+        elif self.density not in DENSITIES and self.density not in BOUNDS:
             raise InputError(
-                f"density {shown(self.density)}: allowed are {', '.join(DENSITIES)}, "
+                f"density {shown(self.density)}: allowed are {', '.join(DENSITIES)}, a level of "
+                f"service {', '.join(BOUNDS)}, "
                 "or a probability from 0 to 0.5 per second and lane"
             )
+        if self.types is None:
+            types = default_types() if self.level is None else motorway_types()
+            object.__setattr__(self, "types", types)
         for name, allowed in (
             ("lane_change", LANE_CHANGE_MODELS),
             ("lane_discipline", LANE_DISCIPLINES),
@@ -159,7 +175,28 @@ class TrafficConfig:
             )
             object.__setattr__(self, "types", kinds)
         self._check_names({vehicle_type.name for vehicle_type in self.types})
+        if self.heavy_share is not None:
+            in_range("heavy_share", self.heavy_share, 0.0, HIGHEST_HEAVY_SHARE)
+            self._mix_with(float(self.heavy_share))
         make_plain(self)
+
+    def _mix_with(self, heavy_share: float) -> tuple[tuple[str, float], ...]:
+        """The mix with another share of heavy vehicles."""
+        heavy = {kind.name for kind in self.types if kind.heavy}
+        total = {
+            flag: sum(weight for name, weight in self.mix if (name in heavy) == flag)
+            for flag in (False, True)
+        }
+        wanted = {True: heavy_share, False: 1.0 - heavy_share}
+        for flag, share in wanted.items():
+            if share > 0.0 and total[flag] == 0.0:
+                lacking = "heavy" if flag else "light"
+                raise InputError(
+                    f"heavy_share = {heavy_share:g}: the mix has no {lacking} vehicles"
+                )
+        factor = {flag: share / total[flag] if share else 0.0 for flag, share in wanted.items()}
+        new = ((name, weight * factor[name in heavy]) for name, weight in self.mix)
+        return tuple((name, weight) for name, weight in new if weight > 0.0)
 
     def _check_names(self, names: set[str]) -> None:
         """Checks that type names are unique, and that mix, events and departures use them."""
@@ -183,8 +220,33 @@ class TrafficConfig:
                 raise InputError(f"{entry!r}: the types are {known}")
 
     @property
+    def level(self) -> str | None:
+        """The level of service, "A" to "F"; None if the density is given otherwise."""
+        return self.density if isinstance(self.density, str) and self.density in BOUNDS else None
+
+    @property
+    def weights(self) -> tuple[tuple[str, float], ...]:
+        """Name and weight of each type: `mix` with the `heavy_share`."""
+        return self.mix if self.heavy_share is None else self._mix_with(self.heavy_share)
+
+    @property
+    def shares(self) -> tuple[tuple[VehicleType, float], ...]:
+        """The types of the mix with their shares, whose sum is 1."""
+        total = sum(weight for _, weight in self.weights)
+        return tuple((self.type_of(name), weight / total) for name, weight in self.weights)
+
+    @property
+    def steady(self) -> SteadyFlow | None:
+        """Density, flow and speed of the level of service; None without one."""
+        return (
+            None if self.level is None else steady_flow(self.level, self.shares, self.speed_limit)
+        )
+
+    @property
     def probability(self) -> float:
         """Spawn probability per second and lane."""
+        if (steady := self.steady) is not None:
+            return steady.flow
         if isinstance(self.density, str):
             return DENSITIES[self.density]
         return float(self.density)  # type: ignore[arg-type]

@@ -134,6 +134,7 @@ class Session:
       step_length: [s].
       seed: of SUMO's generator.
       options: further SUMO options.
+      depart_delay: longest time that a vehicle waits for room to depart [s].
 
     Attributes:
       api: the libsumo module.
@@ -150,6 +151,7 @@ class Session:
         step_length: float = 0.1,
         seed: int = 0,
         options: Sequence[str] = (),
+        depart_delay: float = 5.0,
     ) -> None:
         self.api = load_libsumo()
         self.guards = 0
@@ -175,7 +177,7 @@ class Session:
             *("--net-file", str(net), "--additional-files", str(types)),
             *("--step-length", str(step_length), "--seed", str(seed % 2**31)),
             *("--time-to-teleport", "-1", "--collision.action", "warn"),
-            *("--max-depart-delay", "5", "--error-log", self._error_log),
+            *("--max-depart-delay", f"{depart_delay:g}", "--error-log", self._error_log),
             # SUMO tries to insert each vehicle separately, which fills the road in one step.
             *("--eager-insert", "true"),
             *("--no-step-log", "true", "--no-warnings", "true", "--xml-validation", "never"),

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-from iits_mj.commands.config_file import is_path, read_config, rules_of, words_of
+from iits_mj.commands.config_file import read_config, rules_of, with_paths, words_of
 from iits_mj.commands.terminal import is_colored
 from iits_mj.core import options
 from iits_mj.core.checks import did_you_mean
@@ -221,9 +221,14 @@ def _stored(
             )
         rule, types = rules[name]
         text = words_of(f"{path}: {key}", value, types[0])
-        if isinstance(text, str) and is_path(text, rule, types):
+        if isinstance(text, str):
             # As `os.path.relpath`, which made it.
-            text = os.path.normpath(path.parent / Path(text).expanduser())
+            text = with_paths(
+                text,
+                rule,
+                types,
+                lambda file: os.path.normpath(path.parent / Path(file).expanduser()),
+            )
         where = f"{path}: {key}"
         try:
             values[name] = _convert(where, text, types[0], rule)

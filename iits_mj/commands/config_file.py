@@ -12,7 +12,7 @@ import json
 import os
 import types
 import typing
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -151,9 +151,11 @@ def _text(value: Any, rule: options.Option, kinds: Collection[Any], folder: Path
         return repr(value)
     if isinstance(value, tuple):
         return f"[{', '.join(_quoted(part) for part in value)}]"
-    if is_path(value, rule, kinds) and not Path(value).is_absolute():
-        value = os.path.relpath(value, folder)
-    return _quoted(str(value))
+
+    def relative(file: str) -> str:
+        return file if os.path.isabs(file) else os.path.relpath(file, folder)
+
+    return _quoted(with_paths(str(value), rule, kinds, relative))
 
 
 def _quoted(value: str | int) -> str:
@@ -161,6 +163,14 @@ def _quoted(value: str | int) -> str:
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def is_path(value: Any, rule: options.Option, kinds: Collection[Any]) -> bool:
-    """Returns whether the value of an option is a path, and not one of its known names."""
-    return Path in kinds and (rule.names is None or str(value) not in rule.names())
+def with_paths(
+    text: str, rule: options.Option, kinds: Collection[Any], move: Callable[[str], str]
+) -> str:
+    """Returns the value of an option with the paths in it replaced by what `move` returns.
+
+    Paths are a value as a whole, unless it is one of the option's known names, and the files of own
+    parts.
+    """
+    if Path in kinds and (rule.names is None or text not in rule.names()):
+        return move(text)
+    return text if rule.files is None else rule.files.sub(lambda file: move(file[0]), text)

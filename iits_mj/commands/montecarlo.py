@@ -61,7 +61,13 @@ def _measure(options: Options, folder: Path) -> Results:
     shards = Shards(folder / f"shards-{uncertainty.sample_code()}", Sample, "samples")
     rows: list[Sample] = []
     plan: Plan[SampleTask, Sample] = Plan(
-        work=functools.partial(uncertainty.measure, spread_file=config.spread, truck=config.truck),
+        work=functools.partial(
+            uncertainty.measure,
+            spread_file=config.spread,
+            truck=config.truck,
+            lateral=config.lateral,
+            longitudinal=config.longitudinal,
+        ),
         task_of=operator.attrgetter("task"),
         describe=uncertainty.describe,
         what="trucks",

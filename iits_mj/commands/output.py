@@ -15,7 +15,7 @@ import iits_mj
 from iits_mj.commands.terminal import show
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
-from iits_mj.core.own_parts import FORMS, part_name
+from iits_mj.core.own_parts import FILES, FORMS, part_name
 from iits_mj.core.progress import task
 from iits_mj.core.results import Results
 from iits_mj.render.cameras import CAMERAS, cameras_of
@@ -79,6 +79,7 @@ def camera_option() -> Any:
         test=cameras_of,
         label=part_name,
         metavar="NAME",
+        files=FILES,
         group="output",
     )
 

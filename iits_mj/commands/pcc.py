@@ -14,7 +14,7 @@ from iits_mj.core import options as option_fields
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.core.options import option
-from iits_mj.core.progress import task
+from iits_mj.core.progress import Report, task
 from iits_mj.core.results import Check, Results
 from iits_mj.core.units import KMH
 from iits_mj.parameters import AnyTruck, TruckParameters, truck_option
@@ -37,6 +37,8 @@ from iits_mj.validation.planning.pcc_accuracy import (
 from iits_mj.validation.planning.pcc_case import PAPER_SAVING_PERCENT, SolvedPlan, solve
 
 METHODS = ("distance", "hermite", "both")
+# Shares of the time that have passed after each part, for the time left.
+_SHARES = {"road": 0.15, "distance": 0.2, "elements": 0.75}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,7 +129,6 @@ def run(options: Options) -> int:
     return finish(options, lambda: measure(options))
 
 
-@task("planning the speed")
 def measure(config: Options) -> Results:
     """Plans a speed profile and compares it with the cruise.
 
@@ -135,6 +136,12 @@ def measure(config: Options) -> Results:
       InputError: the road or an option is not usable. MapError: the map cannot be read.
       PlanningError: no plan exists; the message has the reason.
     """
+    with task("planning the speed", 1.0) as report:
+        return _measured(config, report)
+
+
+def _measured(config: Options, report: Report) -> Results:
+    report(0.0, "reading the road")
     road = load_profile(config)
     settings = PccConfig(
         v_ref=config.v_ref * KMH,
@@ -146,12 +153,15 @@ def measure(config: Options) -> Results:
     warm_up(settings)
     parameters = TruckParameters.load(config.truck)
     mass = parameters.gross_mass() if config.mass is None else config.mass
+    report(_SHARES["road"], "optimizing over distance")
     case = solve(road, settings, mass, parameters)
     elements = Elements(None)
     if config.method != "distance":
+        report(_SHARES["distance"], "finite elements")
         elements = finite_elements(case, ELEMENTS_MAX if config.method == "both" else np.inf)
         if config.method == "hermite" and elements.answer is None:
             raise PlanningError(elements.reason)
+    report(_SHARES["elements"], "checking the plan")
     results = Results("pcc", checks=checks(case, config, elements))
     if config.profile is not None:
         speed = case.solution.plan.speed

@@ -27,14 +27,20 @@ def shown(*, quiet: bool) -> AbstractContextManager[None]:
 class Estimate:
     """Estimates the time left from the reports of a computation.
 
-    Its first report may count work that was done before.
+    Its first report may count work that was done before. Before reports show a pace, the usual time
+    counts.
+
+    Args:
+      total: whole amount, or None.
+      end: usual end of the computation [s], or None.
 
     Attributes:
       total: whole amount, or None.
     """
 
-    def __init__(self, total: float | None) -> None:
+    def __init__(self, total: float | None, end: float | None = None) -> None:
         self.total = total
+        self._end = end
         self._first: tuple[float, float] | None = None
         self._last = (0.0, 0.0)
 
@@ -46,7 +52,8 @@ class Estimate:
     def left(self, now: float) -> float | None:
         """Returns the time left [s]; None when it is unknown."""
         if self.total is None or self._first is None or self._last[0] <= self._first[0]:
-            return None
+            # A computation that takes longer than usual has an unknown end.
+            return None if self._end is None or self._end <= now else self._end - now
         done, time = self._last
         pace = (time - self._first[1]) / (done - self._first[0])
         return max(0.0, pace * (self.total - done) - (now - time))
@@ -60,11 +67,14 @@ class Bars:
         self._open = 0
 
     @contextlib.contextmanager
-    def task(self, what: str, total: float | None, unit: str) -> Iterator[Report]:
+    def task(
+        self, what: str, total: float | None, unit: str, usual: float | None
+    ) -> Iterator[Report]:
         """Shows a computation while the context is open."""
         if self._bars is None:
             self._bars = _make_bars()
-        bars, estimate = self._bars, Estimate(total)
+        end = None if usual is None else time.monotonic() + usual
+        bars, estimate = self._bars, Estimate(total, end)
         if not self._open:
             bars.start()
         self._open += 1

@@ -1,9 +1,10 @@
 """Drive in recorded traffic, which does not react to the truck, or verify a recording.
 
 --reactive adds SUMO traffic, which reacts to the recorded vehicles and the truck. --verify repeats
-the recorded SUMO traffic from its configuration, its seed and the truck's states; --verify --drive
-also repeats the truck's drive from its recorded commands. Exit code 1 unless every pose and state
-is equal bit for bit. Another map, truck, version or option than the recorded one is an error.
+the recorded traffic from its configuration, its seed and the truck's states; name your own traffic
+again by --traffic-mode. --verify --drive also repeats the truck's drive from its recorded commands.
+Exit code 1 unless every pose and state is equal bit for bit. Another map, truck, version or option
+than the recorded one is an error.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from iits_mj.core.options import option
 from iits_mj.core.progress import task
 from iits_mj.simulation.drive_log import check_options
 from iits_mj.simulation.parts import load_map
-from iits_mj.simulation.redrive import RedriveError, redrive
+from iits_mj.simulation.redrive import RedriveError, own_traffic_of, redrive
 from traffic_bridge import Recording, ReSim
 
 
@@ -73,8 +74,16 @@ def _verify(options: Options) -> int:
 
 
 def _traffic_again(path: Path, options: Options) -> list[str]:
-    with ReSim(load_map(options.map).route(), path) as traffic:
-        check_options(traffic.recording, f"recording {path}", options, options.given)
+    recording, name, route = (
+        Recording.load(path),
+        f"recording {path}",
+        load_map(options.map).route(),
+    )
+    own = None
+    if "drive" in recording.meta:
+        own = own_traffic_of(recording, name, route, options.traffic_mode, options)
+    with ReSim(route, path, own=own) as traffic:
+        check_options(recording, name, options, options.given)
         with task("repeating the traffic"):
             digest = traffic.verify()
         return [f"re-run bit for bit, {len(traffic)} frames, hash of poses {digest[:12]}"]
@@ -84,7 +93,8 @@ def _drive_again(path: Path, options: Options) -> list[str]:
     recording, name = Recording.load(path), f"recording {path}"
     check_options(recording, name, options, options.given)
     with drive_progress(float(recording.time[-1])) as progress:
-        same = redrive(recording, name, options.map, options.truck, progress)
+        traffic = options.traffic_mode
+        same = redrive(recording, name, options.map, options.truck, progress, traffic)
     return [
         f"re-run bit for bit, {same.frames} frames, hash of poses {same.pose_hash[:12]}",
         f"truck driven again bit for bit, {same.commands} commands, "

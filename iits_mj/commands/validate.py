@@ -76,7 +76,8 @@ def measure(options: Options) -> Results:
                 f"validate {options.what} drives the default truck: leave out --truck, or choose "
                 f"one of {', '.join(allowed)}"
             )
-        with task(f"validating {options.what}"):
+        usual = SECONDS[options.what][options.quick] if options.what in SECONDS else None
+        with task(f"validating {options.what}", usual=usual):
             return validation.COMMANDS[options.what](options)
     left_out = {"truck", *(validation.DEFAULT_ONLY if other else ())}
     if options.quick:

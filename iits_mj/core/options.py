@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
@@ -15,7 +16,7 @@ from typing import Any
 
 from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
-from iits_mj.core.own_parts import FORMS, Kind, part_name
+from iits_mj.core.own_parts import FILES, FORMS, Kind, part_name
 from iits_mj.core.timing import PLANTS
 
 _KEY = "iits_mj.option"
@@ -55,6 +56,7 @@ class Option:
       test: raises InputError for a value that is not allowed; it also checks the type.
       label: a value as a word of the command line.
       metavar: placeholder of the value in the help text.
+      files: what matches the relative paths in a text that is not a path as a whole.
       positional: True for an argument without a flag.
       group: subject under which the help shows the flag, one of `GROUPS`; "" for none.
     """
@@ -68,6 +70,7 @@ class Option:
     test: Callable[[Any], object] | None = None
     label: Callable[[Any], str] = str
     metavar: str | None = None
+    files: re.Pattern[str] | None = None
     positional: bool = False
     group: str = ""
 
@@ -128,6 +131,7 @@ def part_option(default: str | None, kind: Kind, help: str, group: str = "decisi
         test=kind.check,
         label=part_name,
         metavar="NAME",
+        files=FILES,
         group=group,
     )
 

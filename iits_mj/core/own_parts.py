@@ -35,6 +35,8 @@ from iits_mj.core.errors import Error, InputError
 _OURS = ("controllers", "iits_mj", "traffic_bridge")
 _SOURCE = "__iits_mj_source__"
 FORMS = "FILE.py:NAME or MODULE:NAME, options after it as :KEY=VALUE"
+# The file of each part in a text, which may name several parts with commas between them.
+FILES = re.compile(r"(?<![^,])[^:,]+\.py(?=:)")
 # Name or text; a class, function or object that fits a protocol.
 AnyPart = str | object
 

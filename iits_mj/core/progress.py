@@ -25,7 +25,9 @@ class Report(Protocol):
 class Display(Protocol):
     """Shows the progress of computations, which may contain others."""
 
-    def task(self, what: str, total: float | None, unit: str) -> AbstractContextManager[Report]:
+    def task(
+        self, what: str, total: float | None, unit: str, usual: float | None
+    ) -> AbstractContextManager[Report]:
         """Shows a computation while the context is open."""
 
 
@@ -55,19 +57,22 @@ def remark(text: str) -> None:
 
 
 @contextlib.contextmanager
-def task(what: str, total: float | None = None, unit: str = "") -> Iterator[Report]:
+def task(
+    what: str, total: float | None = None, unit: str = "", usual: float | None = None
+) -> Iterator[Report]:
     """Reports a computation.
 
     Args:
       what: is being done, in a few words.
       total: whole amount of work; None when it is unknown.
       unit: of the amount.
+      usual: time that it takes [s], for work that reports no amounts; None when it is unknown.
     """
     display = _display.get()
     if display is None:
         yield _unseen
         return
-    with display.task(what, total, unit) as report:
+    with display.task(what, total, unit, usual) as report:
         yield report
 
 

@@ -18,15 +18,18 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import spearmanr
 
+from controllers.own_parts import LATERAL, LONGITUDINAL
 from iits_mj.core import options
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.assets import mjcf_path
 from iits_mj.core.errors import InputError
-from iits_mj.core.options import option
+from iits_mj.core.options import option, part_option
+from iits_mj.core.own_parts import AnyPart
 from iits_mj.core.results import Findings, Line, Results
 from iits_mj.core.tables import write_table
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.core.units import DIESEL_DENSITY, KMH
+from iits_mj.evaluation import controlled_drive
 from iits_mj.parameters import (
     AnyTruck,
     TruckParameters,
@@ -46,6 +49,7 @@ from iits_mj.validation.longitudinal import braking
 SPEED = 80.0 * KMH
 _FUEL_TIME = 20.0  # [s]
 NOMINAL = -1
+_FOLLOWING = tuple(field.name for field in fields(controlled_drive.Following))
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,7 @@ class SampleTask:
       payload: [kg].
       timestep: of the physics [s].
       spread: digest of the distributions.
+      controllers: the user's, see `controlled_drive.identity`.
     """
 
     seed: int
@@ -65,6 +70,7 @@ class SampleTask:
     payload: float
     timestep: float
     spread: str
+    controllers: str
 
 
 @dataclass(frozen=True)
@@ -77,6 +83,8 @@ class Sample(SampleTask):
       yaw_fit: fit of the yaw-sideslip model with the same parameters to the yaw rate there [%].
       stop_distance: full stop from 60 km/h [m]; deceleration: mean fully developed [m/s2].
       fuel: at a steady 80 km/h on a level road [l/100 km].
+      path_error, speed_error, completed: of `controlled_drive.Following`; 0 without the user's
+        controllers, when nothing shows them.
       wall_time: [s]; code: digest of the code of the drives.
     """
 
@@ -86,6 +94,9 @@ class Sample(SampleTask):
     stop_distance: float
     deceleration: float
     fuel: float
+    path_error: float
+    speed_error: float
+    completed: int
     wall_time: float
     code: str
 
@@ -98,7 +109,7 @@ class Sample(SampleTask):
 @functools.cache
 def sample_code() -> str:
     """Digest of the code that drives samples."""
-    drivers = (braking, rollover, lane_change, maneuver, recorder, randomization)
+    drivers = (braking, rollover, lane_change, maneuver, recorder, randomization, controlled_drive)
     return drive_digest(*drivers, sys.modules[__name__])
 
 
@@ -108,7 +119,11 @@ def drawn_truck(spread: Spread, seed: int) -> Drawn:
 
 
 def measure(
-    task: SampleTask, spread_file: Path | None = None, truck: AnyTruck | None = None
+    task: SampleTask,
+    spread_file: Path | None = None,
+    truck: AnyTruck | None = None,
+    lateral: AnyPart | None = None,
+    longitudinal: AnyPart | None = None,
 ) -> Sample:
     """Drives one truck through all maneuvers.
 
@@ -116,17 +131,25 @@ def measure(
       task: which truck.
       spread_file: distributions of the parameters; default: the shipped file.
       truck: of the task, a name or file.
+      lateral: the user's steering controller, for a drive with it.
+      longitudinal: the user's speed controller, for a drive with it.
 
     Raises:
-      InputError: the truck is not the task's, cannot be built or cannot hold 80 km/h.
+      InputError: truck or controllers are not the task's, a controller fails, or the truck cannot
+        be built or cannot hold 80 km/h.
       Error: the physics diverged.
     """
     began = time.perf_counter()
     if label_of(truck) != task.truck:
         raise InputError(f"the sample is of truck {task.truck!r}, not of {label_of(truck)!r}")
+    if (controllers := controlled_drive.identity(lateral, longitudinal)) != task.controllers:
+        raise InputError(f"the sample has controllers {task.controllers!r}, here {controllers!r}")
     drawn = drawn_truck(Spread.load(spread_file, truck), task.seed)
     payload, timestep = task.payload, task.timestep
     parameters = TruckParameters.load(truck, drawn.overlay)
+    followed = controlled_drive.Following(0.0, 0.0, 0)
+    if controllers:
+        followed = controlled_drive.follow(parameters, payload, timestep, lateral, longitudinal)
     tilt = rollover.tilt_table(parameters, payload, timestep)
     sine = lane_change.sine_steer(parameters, payload, SPEED, timestep)
     stop = braking.stop_run(parameters, payload, braking.UN_R13.speed, timestep)
@@ -138,6 +161,7 @@ def measure(
         stop_distance=braking.distance(stop),
         deceleration=braking.fully_developed(stop),
         fuel=_steady_fuel(payload, timestep, parameters),
+        **vars(followed),
         wall_time=round(time.perf_counter() - began, 3),
         code=sample_code(),
     )
@@ -164,6 +188,11 @@ FIGURES = (
     ("stop_distance", "full stop from 60 km/h", "m"),
     ("deceleration", "mean fully developed deceleration", "m/s2"),
     ("fuel", "fuel at 80 km/h", "l/100 km"),
+)
+# Figures of the drive with the user's controllers.
+FOLLOWING = (
+    ("path_error", "distance from the lane's middle, greatest", "m"),
+    ("speed_error", "difference from the requested speed, mean", "m/s"),
 )
 PBS_THRESHOLD = 0.35
 # Least number of trucks for correlations, and number of correlations shown for each figure.
@@ -195,6 +224,14 @@ class MonteCarloConfig:
         metavar="FILE.toml",
         group="truck",
     )
+    lateral: AnyPart | None = part_option(
+        None, LATERAL, "measures a drive on the highway, too, with this steering controller"
+    )
+    longitudinal: AnyPart | None = part_option(
+        None,
+        LONGITUDINAL,
+        "measures a drive on the highway, too, with this speed controller",
+    )
     seed: int = option(0, help="number of the set of trucks", low=0, high=1_000, group="run")
     jobs: int = option(1, help="number of processes on this machine", low=1, high=256, group="run")
 
@@ -206,6 +243,12 @@ class MonteCarloConfig:
                 f"truck {parameters.name!r} has no trailer, whose motion in a lane change and on a "
                 "tilt table is measured"
             )
+
+    @property
+    def figures(self) -> tuple[tuple[str, str, str], ...]:
+        """Attribute, title and unit of each figure."""
+        driven = self.lateral is not None or self.longitudinal is not None
+        return (*FIGURES, *FOLLOWING) if driven else FIGURES
 
     @property
     def spread_file(self) -> Path:
@@ -224,7 +267,9 @@ def tasks_of(config: MonteCarloConfig) -> list[SampleTask]:
     digest = hashlib.sha256(config.spread_file.read_bytes()).hexdigest()[:12]
     first = SAMPLES_MAX * config.seed
     seeds = [NOMINAL, *range(first, first + config.samples)]
-    return [SampleTask(seed, truck, payload, config.timestep, digest) for seed in seeds]
+    controllers = controlled_drive.identity(config.lateral, config.longitudinal)
+    rest = payload, config.timestep, digest, controllers
+    return [SampleTask(seed, truck, *rest) for seed in seeds]
 
 
 def describe(task: SampleTask) -> str:
@@ -242,15 +287,19 @@ def summarize(config: MonteCarloConfig, rows: Sequence[Sample]) -> Results:
     drawn = sorted((row for row in rows if row.seed != NOMINAL), key=lambda row: row.seed)
     if shipped is None or len(drawn) < 2:
         raise InputError("the shipped truck and at least two drawn trucks are needed")
-    values = {name: np.array([getattr(row, name) for row in drawn]) for name, *_ in FIGURES}
+    values = {name: np.array([getattr(row, name) for row in drawn]) for name, *_ in config.figures}
     results = Results("montecarlo", seed=config.seed)
     results.notes += [
         f"{len(drawn)} trucks drawn from {config.spread_file.name}, "
         f"{shipped.payload / 1e3:g} t of load, {config.timestep:g} s a step",
         *_correlations(config, drawn, values),
     ]
-    results.add("", _shares(values))
-    for name, title, unit in FIGURES:
+    shares = _shares(values)
+    if "path_error" in values:
+        completed = 100.0 * float(np.mean([row.completed for row in drawn]))
+        shares.check("trucks that complete the drive", completed, "%", must=">= 100")
+    results.add("", shares)
+    for name, title, unit in config.figures:
         results.add(title, _distribution(title, unit, getattr(shipped, name), values[name]))
     return results
 
@@ -264,8 +313,11 @@ def write_samples(path: Path, config: MonteCarloConfig, rows: Sequence[Sample]) 
     spread = Spread.load(config.spread, config.truck)
     table = []
     for row in sorted(rows, key=lambda row: row.seed):
-        factors = drawn_truck(spread, row.seed).factors
-        table.append({**asdict(row), **{f"factor_{name}": v for name, v in factors.items()}})
+        factors, figures = drawn_truck(spread, row.seed).factors, asdict(row)
+        if not row.controllers:
+            for name in ("controllers", *_FOLLOWING):
+                del figures[name]
+        table.append({**figures, **{f"factor_{name}": v for name, v in factors.items()}})
     write_table(path, list(table[0]), table, "trucks")
 
 
@@ -280,7 +332,7 @@ def _correlations(
     factors = [drawn_truck(spread, row.seed).factors for row in drawn]
     columns = {name: np.array([row[name] for row in factors]) for name in names}
     lines = ["strongest rank correlations"]
-    for figure, title, _ in FIGURES:
+    for figure, title, _ in config.figures:
         if np.ptp(values[figure]) == 0.0:
             lines.append(f"{title:<36}the same for all")
             continue

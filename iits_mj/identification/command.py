@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -40,6 +41,7 @@ class IdentifyConfig:
         "",
         help="grade of the road: a number, or a table of station and grade (CSV)",
         metavar="GRADE|FILE.csv",
+        files=re.compile(r".*\.[A-Za-z]+\Z"),
         group="road",
     )
     truck: AnyTruck | None = truck_option("truck with the prior values")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from controllers import own_parts
+from controllers.decision.prices import PriceOptions
 from controllers.protocols import (
     DecisionMaker,
     LateralControl,
@@ -15,14 +16,18 @@ from controllers.protocols import (
     TrajectoryPlanner,
 )
 from iits_mj.core import options
+from iits_mj.core.errors import InputError
 from iits_mj.core.options import option, part_option, plant_option
+from iits_mj.core.own_parts import part_name
 from iits_mj.j1939.bus import REACHES
 from iits_mj.j1939.network import CONTROLLER, LAST_ADDRESS
 from iits_mj.parameters import AnyTruck, check_truck, payload_option, truck_option
 from iits_mj.road.unevenness import CLASSES
 from traffic_bridge import TRAFFIC, TrafficSource
+from traffic_bridge.config import HIGHEST_HEAVY_SHARE
+from traffic_bridge.vehicles.service_level import BOUNDS
 
-DENSITIES = ("dense", "medium", "sparse", "empty")
+DENSITIES = ("dense", "medium", "sparse", "empty", *BOUNDS)
 LANE_CHANGE_MODELS = ("lc2013", "mobil")
 LANE_DISCIPLINES = ("right", "free")
 TRAFFIC_SCOPES = ("route", "both", "map")
@@ -108,7 +113,7 @@ class TruckStart:
     )
     cross_slope: float = option(
         0.0,
-        help="fall of the road to the right, in addition to the map's superelevation",
+        help="fall of the road to its outer side, in addition to the map's superelevation",
         unit="%",
         low=-8.0,
         high=8.0,
@@ -128,16 +133,35 @@ class TruckStart:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DriveConfig(TruckStart):
+class DriveConfig(PriceOptions, TruckStart):
     """A drive of the truck and its driving stack along a route in traffic.
 
     The options of `PARTS` also take the user's own class, function or object; see
     `iits_mj.core.own_parts`. An object serves one drive at a time.
     """
 
-    density: str = option("dense", help="amount of traffic", choices=DENSITIES, group="traffic")
-    traffic_speed: float = option(
-        12.5, help="speed limit of the traffic", unit="m/s", low=3.0, high=40.0, group="traffic"
+    density: str = option(
+        "dense",
+        help="amount of traffic; A to F: level of service of the Highway Capacity Manual, with "
+        "headways and lane changes as on motorways",
+        choices=DENSITIES,
+        group="traffic",
+    )
+    heavy_share: float | None = option(
+        None,
+        help="share of trucks in the traffic; without it 0.18",
+        low=0.0,
+        high=HIGHEST_HEAVY_SHARE,
+        group="traffic",
+    )
+    traffic_speed: float | None = option(
+        None,
+        help="speed limit of the traffic; without it 12.5 m/s, or the road's limit with a level of "
+        "service (36.1 m/s on a road without limit)",
+        unit="m/s",
+        low=3.0,
+        high=40.0,
+        group="traffic",
     )
     traffic_mode: str | type[TrafficSource] | TrafficSource = part_option(
         "inter",
@@ -232,6 +256,12 @@ class DriveConfig(TruckStart):
         120.0, help="longest simulated time", unit="s", low=1.0, high=86_400.0, group="run"
     )
     seed: int = option(0, help="seed of everything random", low=0, high=2**31 - 1, group="run")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.prices() is not None and self.decision != "ddqn":
+            maker = part_name(self.decision)
+            raise InputError(f"lane-change-price is of decision ddqn; decision is {maker!r}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ import numpy as np
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Scene, Trajectory, VehicleCommand
-from iits_mj.core.own_parts import part_name
+from iits_mj.core.own_parts import part_name, source_digest
 from iits_mj.j1939 import Frame, LogWriter
 from iits_mj.j1939.state import TruckSender
 from iits_mj.parameters import AnyTruck, TruckParameters, shipped_trucks
@@ -127,6 +127,8 @@ class DriveLog(Observer):
             "options": stored_options(config),
             "versions": truck_versions(truck.parameters),
         }
+        if digest := source_digest(config.traffic_mode):
+            recorder.drive["versions"]["own traffic of hash"] = digest
 
     def planned(self, scene: Scene, trajectory: Trajectory) -> None:
         """Writes the hash of the truck's state, once for each frame of the traffic."""

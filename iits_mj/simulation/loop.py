@@ -17,6 +17,7 @@ from controllers.planning.planner import Planner
 from controllers.stack import Stack
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import EgoFootprint, EgoState, Scene, positional
+from iits_mj.core.progress import task
 from iits_mj.core.timing import CYCLE_PERIOD, TIMESTEP
 from iits_mj.road import Route
 from iits_mj.simulation.config import DriveConfig
@@ -31,15 +32,16 @@ from iits_mj.simulation.frame import (
 from iits_mj.simulation.gaps import nearest_box_distance
 from iits_mj.simulation.lock_step import CommandPath, Driver, LockStep, Observer
 from iits_mj.simulation.parts import (
-    check_start,
     load_truck,
     make_recorder,
     make_stack,
     make_traffic,
+    placed,
     route_of,
     surface_text,
 )
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
+from iits_mj.simulation.traffic_flow import FlowMeter
 from iits_mj.truck import Truck
 from traffic_bridge import Mirror, Recorder, Traffic, VehicleFrame
 
@@ -99,7 +101,7 @@ class Simulation(LockStep):
             visuals=visuals,
             edit_spec=edit_spec,
         )
-        check_start(config, self.route, truck.footprint)
+        self.config = config = placed(config, self.route, truck.footprint)
         made: Driver
         if driver is None:
             made = stack = make_stack(config, self.route, truck.parameters)
@@ -147,14 +149,15 @@ class Simulation(LockStep):
         self.path.reset()
         self.vehicles = VehicleFrame.empty()
         if self.traffic is not None:
-            self.vehicles = VehicleFrame.of(self.traffic.reset(ego))
+            with task("starting the traffic", usual=0.5):
+                self.vehicles = VehicleFrame.of(self.traffic.reset(ego))
         self._start()
         self._log: tuple[Observer, ...] = ()
         if self._recorder is not None:
             self._log = (DriveLog(self._recorder, self, self.truck, config),)
         self.observers = self._log
         self.collision = self.failed = False
-        self._summary = SummaryBuilder()
+        self._summary = SummaryBuilder(FlowMeter(self.route))
         self._touched: tuple[float, str, str] | None = None
         self._fuel_start = ego.fuel_used
         self._distance, self._odometer_time, self._odometer_speed = 0.0, 0.0, ego.speed
@@ -242,6 +245,7 @@ class Simulation(LockStep):
             fuel=self.frame.ego.fuel_used - self._fuel_start,
             road_surface=surface_text(self.config),
             warnings=warnings,
+            unsure_decisions=getattr(self.driver, "unsure_decisions", 0),
         )
 
     def save_recording(self, path: Path) -> Path:

@@ -6,13 +6,14 @@ import dataclasses
 import functools
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import EgoState, VehicleCommand
-from iits_mj.parameters import AnyTruck
+from iits_mj.core.own_parts import AnyPart, part_name, source_digest
+from iits_mj.parameters import AnyTruck, TruckParameters
 from iits_mj.road import Route
 from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.drive_log import (
@@ -26,9 +27,9 @@ from iits_mj.simulation.drive_log import (
 from iits_mj.simulation.driver import CommandPlayer
 from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.loop import Simulation
-from iits_mj.simulation.parts import route_of
+from iits_mj.simulation.parts import make_traffic, route_of
 from iits_mj.truck import Truck
-from traffic_bridge import PoseDigest, Recording, VehicleFrame
+from traffic_bridge import TRAFFIC, OwnTraffic, PoseDigest, Recording, VehicleFrame
 from traffic_bridge.modes.resim import difference, traffic_of
 from traffic_bridge.recording.provenance import demand_same
 from traffic_bridge.recording.rows import ego_columns, ego_row
@@ -58,6 +59,7 @@ def redrive(
     map_path: Path | None,
     truck: AnyTruck | None = None,
     progress: Callable[[DriveFrame], None] | None = None,
+    traffic_mode: AnyPart = "inter",
 ) -> Redriven:
     """Repeats a recorded drive.
 
@@ -67,9 +69,10 @@ def redrive(
       map_path: the map's file; None: the built-in one.
       truck: of the drive; None: the shipped one of the recorded name.
       progress: called after each 100 ms.
+      traffic_mode: the user's traffic, if the drive was recorded in one.
 
     Raises:
-      InputError: another map, version, truck or parameter made it, or it has no drive.
+      InputError: another map, version, truck, parameter or traffic made it, or it has no drive.
       RedriveError: a pose or a state is not bit-identical; names it and its time.
       TrafficError: SUMO failed.
     """
@@ -77,7 +80,8 @@ def redrive(
     if len(recording) == 0 or len(recording.truck_hash) == 0:
         raise InputError(f"{name}: has no states of the truck, so that nothing can be compared")
     route = route_of(config)
-    traffic = traffic_of(recording, name, route)
+    own = own_traffic_of(recording, name, route, traffic_mode, config)
+    traffic = traffic_of(recording, name, route, own)
 
     def driver(_: Route, made: Truck) -> CommandPlayer:
         found = recording.meta["drive"].get("versions")
@@ -101,6 +105,43 @@ def redrive(
     last = recording.truck_hash[-1] if len(recording.truck_hash) else 0
     count = int(np.searchsorted(recording.command_time, recording.time[-1] - 1e-6))
     return Redriven(len(recording), count, poses.hexdigest(), f"{int(last):016x}")
+
+
+def own_traffic_of(
+    recording: Recording, name: str, route: Route, traffic_mode: Any, world: DriveConfig
+) -> OwnTraffic | None:
+    """Returns the user's traffic of a recorded drive, ready for a reset; None for SUMO's.
+
+    The user names the traffic again: a recording does not decide which code runs.
+
+    Args:
+      recording: of the drive.
+      name: of the recording in messages.
+      route: the truck's road.
+      traffic_mode: the user's traffic, or "inter".
+      world: has the map and the truck.
+
+    Raises:
+      InputError: the drive was recorded in another traffic, or its file has changed.
+    """
+    stored = options_of(recording, name)
+    then = stored["traffic_mode"]
+    if not TRAFFIC.is_own(traffic_mode):
+        if TRAFFIC.is_own(then):
+            raise InputError(f"{name}: made in your own traffic; add --traffic-mode {then}")
+        return None
+    given = part_name(traffic_mode)
+    if given != then:
+        raise InputError(f"{name}: made in traffic {then!r}, not {given!r}")
+    if stored.get("events") is not None:
+        raise InputError(f"{name}: has no copy of the events of your own traffic: replay it")
+    digest = {"own traffic of hash": source_digest(traffic_mode)}
+    demand_same(recording.meta["drive"].get("versions"), digest, name)
+    config = recorded_config(recording, name, world.map, world.truck)
+    footprint = TruckParameters.load(config.truck).footprint
+    made = make_traffic(dataclasses.replace(config, traffic_mode=traffic_mode), route, footprint)
+    assert isinstance(made, OwnTraffic)
+    return made
 
 
 def _compare_truck(recording: Recording, k: int, ego: EgoState, state_hash: int) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 from iits_mj.core.messages import LightState, PlanMode
 from iits_mj.core.units import DIESEL_DENSITY
 from iits_mj.simulation.frame import DriveFrame
+from iits_mj.simulation.traffic_flow import FlowMeter, TrafficFlow
 
 # Units that are appended to the names of the figures in JSON.
 _UNITS = {
@@ -95,12 +96,14 @@ class DriveSummary(_Summary):
       failed: True after a collision or a roll-over, or when the simulation diverged.
       collision: True when the truck touched another vehicle.
       lane_changes: completed; refused: requested and refused.
+      unsure_decisions: decisions that a learned policy left to a rule because it was unsure.
       red_lights_run: stop lines that the front bumper crossed at red; first_red_light: time of the
         first [s], None without one.
       emergency_brakings: number of emergency brakings of the planner.
       closest_gap: least bumper-to-bumper gap to the vehicle ahead in the lane [m], inf without one.
       closest_box: least distance of the truck's boxes to any other vehicle [m], inf without one.
       fuel [kg]; real_time_factor: simulated time over wall time, everything included.
+      traffic: density, flow, speed and level of service of the traffic around the truck.
       max_lateral_acceleration [m/s2], max_articulation [rad]: greatest magnitudes.
       road_surface: cross slope and unevenness in words.
       warnings: MuJoCo's warnings that were raised, by name, and limits of the plant's validity that
@@ -120,7 +123,9 @@ class DriveSummary(_Summary):
     max_lateral_acceleration: float
     max_articulation: float
     road_surface: str = "smooth"
+    traffic: TrafficFlow
     warnings: dict[str, int] = field(default_factory=dict)
+    unsure_decisions: int = 0
 
     @property
     def fuel_per_100km(self) -> float:
@@ -136,16 +141,19 @@ class DriveSummary(_Summary):
         red_lights = "none"
         if self.first_red_light is not None:
             red_lights = f"{self.red_lights_run}, the first at t = {self.first_red_light:.1f} s"
+        unsure = f"{self.unsure_decisions} decisions, made by look-ahead"
         return [
             ("ended", self.ended),
             ("time", f"{self.duration:.1f} s"),
             ("distance", f"{self.distance / 1e3:z.3f} km"),
             ("mean speed", f"{self.mean_speed:z.2f} m/s ({self.mean_speed * 3.6:z.1f} km/h)"),
             ("lane changes", f"{self.lane_changes} completed, {self.refused} refused"),
+            *([("policy unsure", unsure)] if self.unsure_decisions else []),
             ("red lights run", red_lights),
             ("emergency brakings", f"{self.emergency_brakings}"),
             ("closest gap ahead", _metres(self.closest_gap, "no vehicle was ahead in the lane")),
             ("closest vehicle", _metres(self.closest_box, "none nearby")),
+            ("traffic", self.traffic.to_text()),
             ("fuel", f"{self.fuel:.2f} kg{consumption}"),
             ("largest lateral acceleration", f"{self.max_lateral_acceleration:.2f} m/s2"),
             ("largest articulation", f"{math.degrees(self.max_articulation):.2f} deg"),
@@ -156,13 +164,22 @@ class DriveSummary(_Summary):
 
     def as_dict(self) -> dict[str, Any]:
         """Returns all figures for JSON, units in the names; None for a value that is not finite."""
-        return _with_units(asdict(self) | {"fuel_per_100km_l": self.fuel_per_100km})
+        values = asdict(self) | {"fuel_per_100km_l": self.fuel_per_100km}
+        del values["traffic"]
+        traffic = {
+            "traffic_density_per_km": 1e3 * self.traffic.density,
+            "traffic_flow_per_hour": 3600.0 * self.traffic.flow,
+            "traffic_speed_mps": self.traffic.speed,
+            "level_of_service": self.traffic.level,
+        }
+        return _with_units(values | traffic)
 
 
 @dataclass(slots=True)
 class SummaryBuilder:
     """Collects the figures of a drive, frame by frame (every 100 ms)."""
 
+    traffic: FlowMeter
     max_speed: float = 0.0
     closest_gap: float = math.inf
     closest_box: float = math.inf
@@ -176,6 +193,7 @@ class SummaryBuilder:
     def add(self, frame: DriveFrame) -> None:
         """Adds one frame."""
         ego = frame.ego
+        self.traffic.add(frame)
         self._add_red_light(frame)
         braking = frame.trajectory.mode is PlanMode.EMERGENCY
         self.emergencies += braking and not self._braking
@@ -209,6 +227,7 @@ class SummaryBuilder:
         fuel: float,
         road_surface: str,
         warnings: dict[str, int],
+        unsure_decisions: int,
     ) -> DriveSummary:
         """Returns the summary up to the frame `last`; `wall_time` in seconds, `fuel` in kg."""
         duration = last.time
@@ -232,7 +251,9 @@ class SummaryBuilder:
             max_lateral_acceleration=self.max_lateral_acceleration,
             max_articulation=self.max_articulation,
             road_surface=road_surface,
+            traffic=self.traffic.flow,
             warnings=warnings,
+            unsure_decisions=unsure_decisions,
         )
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.suite.scene import TURN_RADIUS
-from iits_mj.suite.tasks import Dock, LaneChange, LaneKeep, TightTurn
+from iits_mj.suite.tasks import Dock, LaneChange, LaneKeep, Stop, TightTurn
 from iits_mj.suite.tasks.path import PATH_PREVIEW
 
 ScriptedDriver = Callable[[Mapping[str, FloatArray]], FloatArray]
@@ -35,9 +35,10 @@ def cruise(seen: Mapping[str, FloatArray]) -> FloatArray:
 
 def stop(seen: Mapping[str, FloatArray]) -> FloatArray:
     """Follows the speed profile of a stop at the line with 1.2 m/s2."""
-    wanted = math.sqrt(2.4 * max(_one(seen, "distance") - 0.5, 0.0))
-    drive = 0.5 * (min(wanted, 20.0) - _one(seen, "speed")) - (0.3 if wanted < 20.0 else 0.0)
-    return _clipped(drive)
+    error = _one(seen, "speed_error")
+    # The profile is flat beyond the distance of a stop from 20 m/s.
+    braking = _one(seen, "speed") - error < 20.0
+    return _clipped(-0.5 * error - (1.2 / Stop.brake_max if braking else 0.0))
 
 
 def hill_start(seen: Mapping[str, FloatArray]) -> FloatArray:

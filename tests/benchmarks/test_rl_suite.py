@@ -97,6 +97,35 @@ def test_scores_repeat_with_their_seeds():
     assert runs[0] == runs[1]
 
 
+def test_a_threshold_is_95_percent_of_the_way_from_random_to_scripted():
+    found = rl_results.returns(rl_results.read("scores"))
+    scored = [name for name in ENVIRONMENTS if {(name, "random"), (name, "scripted")} <= set(found)]
+    assert len(scored) >= 8
+    for name in scored:
+        low, high = (float(found[name, method][0]) for method in ("random", "scripted"))
+        wanted = low + 0.95 * (high - low)
+        threshold = gymnasium.spec(name).reward_threshold
+        assert wanted - 0.02 * (high - low) < threshold <= wanted
+
+
+def test_the_levels_are_scored_on_the_first_test_episodes(tmp_path, monkeypatch):
+    monkeypatch.setattr(rl_suite, "LEVEL_EPISODES", 2)
+    monkeypatch.setattr(rl_results, "TABLES", tmp_path)
+    monkeypatch.setattr(rl_results, "write_page", lambda: None)
+    name = "iits_mj/HighwayFast-v0"
+    rl_suite.score_levels([name], tmp_path / "out")
+    rows = rl_results.read("levels")
+    levels = {"iits_mj/HighwayFastEasy-v0", name, "iits_mj/HighwayFastHard-v0"}
+    assert {row["environment"] for row in rows} == levels
+    returned, _ = rl_suite.score("iits_mj/HighwayFastHard-v0", rl_suite._random, TEST_SEEDS, 2)
+    found = rl_results.returns(rows)
+    assert found["iits_mj/HighwayFastHard-v0", "random"] == pytest.approx(
+        np.mean(returned), abs=1e-4
+    )
+    line = next(x for x in rl_results.level_table(rows).splitlines() if f"`{name}`" in x)
+    assert "pending" not in line
+
+
 def test_the_page_shows_the_tables_of_its_files():
     text = rl_results.PAGE.read_text(encoding="utf-8")
     assert rl_results.page(text) == text, "python benchmarks/rl_results.py makes the page"

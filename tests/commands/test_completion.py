@@ -1,8 +1,12 @@
 from __future__ import annotations
 
+import os
+import pty
+import select
 import shlex
 import shutil
 import subprocess
+import time
 from pathlib import Path
 
 import pytest
@@ -51,6 +55,63 @@ def complete(scripts: dict[str, Path], shell: str, line: str, folder: Path) -> s
     return set(run("bash", "-c", text, folder=folder).split())
 
 
+def typed_in_zsh(script: Path, line: str, folder: Path) -> str:
+    """The command line after Tab at its end, in a zsh on a terminal."""
+    if shutil.which("zsh") is None:
+        pytest.skip("zsh is not installed")
+    shutil.copy(script, folder / "_iits-mj")
+    # The widget replaces Enter: it prints the line instead of running it.
+    (folder / ".zshrc").write_text(
+        "PS1=; unsetopt zle_bracketed_paste; fpath=($PWD $fpath)\n"
+        "autoload -Uz compinit; compinit -Du\n"
+        "show() { print -r -- \"<$BUFFER>\"; exit }; zle -N show; bindkey '^M' show '^J' show\n"
+        "print ready\n"
+    )
+    ours, theirs = pty.openpty()
+    environment = {**os.environ, "ZDOTDIR": str(folder), "TERM": "dumb"}
+    shell = subprocess.Popen(
+        ["zsh", "-i"], cwd=folder, env=environment, stdin=theirs, stdout=theirs, stderr=theirs,
+        start_new_session=True,
+    )  # fmt: skip
+    os.close(theirs)
+    seen, deadline = b"", time.monotonic() + 60.0
+
+    def until(sign: bytes) -> None:
+        nonlocal seen
+        while sign not in seen:
+            assert time.monotonic() < deadline, seen
+            if select.select([ours], [], [], 1.0)[0]:
+                seen += os.read(ours, 4096)
+
+    try:
+        until(b"ready")
+        os.write(ours, f"{line}\t\r".encode())
+        until(b">")
+    finally:
+        shell.kill()
+        shell.wait()
+        os.close(ours)
+    return seen.rpartition(b"<")[2].partition(b">")[0].decode().strip()
+
+
+@pytest.mark.parametrize(
+    ("line", "whole"),
+    [
+        ("iits-mj do", "iits-mj doctor"),
+        ("iits-mj drive --densi", "iits-mj drive --density"),
+        ("iits-mj drive --density spa", "iits-mj drive --density sparse"),
+        ("iits-mj drive --truck a_", "iits-mj drive --truck a_double"),
+        ("iits-mj validate long", "iits-mj validate longitudinal"),
+        ("iits-mj drive --map my", "iits-mj drive --map my.xodr"),
+    ],
+)
+def test_tab_in_zsh_completes_the_line(
+    line: str, whole: str, scripts: dict[str, Path], tmp_path: Path
+) -> None:
+    (tmp_path / "my.xodr").write_text("")
+    assert typed_in_zsh(scripts["zsh"], line, tmp_path) == whole
+
+
 @pytest.mark.parametrize("shell", ["bash", "fish"])
 @pytest.mark.parametrize(
     ("line", "offered"),
@@ -58,7 +119,7 @@ def complete(scripts: dict[str, Path], shell: str, line: str, folder: Path) -> s
         ("iits-mj do", {"doctor"}),
         ("iits-mj help dri", {"drive"}),
         ("iits-mj drive --densi", {"--density"}),
-        ("iits-mj drive --density ", {"dense", "medium", "sparse", "empty"}),
+        ("iits-mj drive --density ", {"dense", "medium", "sparse", "empty", *"ABCDEF"}),
         ("iits-mj drive --quiet --seed 3 --decision look", {"lookahead"}),
         ("iits-mj drive --truck a_", {"a_double"}),
         ("iits-mj validate long", {"longitudinal"}),

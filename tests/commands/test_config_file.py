@@ -3,12 +3,13 @@ from __future__ import annotations
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 from iits_mj import cli
-from iits_mj.commands import COMMANDS, arguments, drive
-from iits_mj.commands.config_file import rules_of, save_config
+from iits_mj.commands import COMMANDS, arguments, drive, evaluate, identify, record
+from iits_mj.commands.config_file import rules_of, save_config, with_paths
 from iits_mj.core import options
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
@@ -135,6 +136,54 @@ def test_saved_options_are_the_same_when_read_from_another_folder(
     moved = arguments.parse(Example, ("--config", "my.toml"), "iits-mj example", "")
     assert moved.log == Path("../out/a.csv")
     assert "# count = 3" in Path("my.toml").read_text()
+
+
+def test_own_parts_of_a_file_lie_beside_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "configs"
+    folder.mkdir()
+    (folder / "my.py").write_text(
+        "class Keep:\n"
+        "    def __init__(self, gain=1.0): pass\n"
+        "    def decide(self, context): return None\n"
+        "    def reset(self): pass\n"
+    )
+    path = folder / "drive.toml"
+    path.write_text('decision = "my.py:Keep:gain=2.0"\ncamera = "chase"\n')
+    words = ("--config", "configs/drive.toml")
+    given = arguments.parse(drive.Options, words, "iits-mj drive", "")
+    assert given.decision == "configs/my.py:Keep:gain=2.0"
+    # A saved file leads to the same part, wherever it lies.
+    saved = tmp_path / "kept" / "deep" / "drive.toml"
+    saved.parent.mkdir(parents=True)
+    save_config(saved, "drive", given)
+    assert 'decision = "../../configs/my.py:Keep:gain=2.0"' in saved.read_text()
+    again = arguments.parse(drive.Options, ("--config", str(saved)), "iits-mj drive", "")
+    assert again.decision == str(folder / "my.py") + ":Keep:gain=2.0"
+    path.write_text('decision = "other.py:Keep"\n')
+    with pytest.raises(InputError, match=r"file 'configs/other\.py' cannot be read"):
+        arguments.parse(drive.Options, words, "iits-mj drive", "")
+
+
+@pytest.mark.parametrize(
+    ("command", "key", "text", "expected"),
+    [
+        (evaluate, "methods", "mobil,my.py:A,ddqn", "mobil,<my.py>:A,ddqn"),
+        (evaluate, "methods", "a.py:A:x=1,b/b.py:B", "<a.py>:A:x=1,<b/b.py>:B"),
+        (evaluate, "methods", "package.module:B", "package.module:B"),
+        (identify, "grade", "road.csv", "<road.csv>"),
+        (identify, "grade", "-0.02", "-0.02"),
+        (identify, "grade", "1.e-2", "1.e-2"),
+        (record, "map", "my.xodr", "<my.xodr>"),
+        (drive, "truck", "vecto_40t", "vecto_40t"),
+        (drive, "truck", "mine", "<mine>"),
+    ],
+)
+def test_only_the_paths_in_a_value_are_moved(
+    command: ModuleType, key: str, text: str, expected: str
+) -> None:
+    rule, kinds = rules_of(command.Options)[key]
+    assert with_paths(text, rule, kinds, lambda path: f"<{path}>") == expected
 
 
 def test_a_file_of_the_user_is_not_overwritten(tmp_path: Path) -> None:

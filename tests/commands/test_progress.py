@@ -37,6 +37,16 @@ def test_work_done_before_the_start_does_not_count_as_fast() -> None:
     assert estimate.left(20.0) == 80.0
 
 
+def test_the_usual_time_counts_until_reports_show_a_pace_and_never_below_0() -> None:
+    estimate = Estimate(10.0, end=130.0)
+    assert estimate.left(100.0) == 30.0
+    assert estimate.left(130.0) is None
+    estimate.report(0.0, 100.0)
+    assert estimate.left(110.0) == 20.0
+    estimate.report(4.0, 108.0)
+    assert estimate.left(108.0) == 12.0
+
+
 @pytest.mark.parametrize(
     ("seconds", "text"),
     [(0.2, "0 s"), (59.4, "59 s"), (59.6, "1:00"), (185, "3:05"), (3785, "1:03:05")],
@@ -52,7 +62,10 @@ class Seen:
         self.rows: list[tuple[object, ...]] = []
 
     @contextlib.contextmanager
-    def task(self, what: str, total: float | None, unit: str) -> Iterator[Report]:
+    def task(
+        self, what: str, total: float | None, unit: str, usual: float | None
+    ) -> Iterator[Report]:
+        del usual
         self.rows.append((what, total, unit))
         yield lambda done, text="", total=None: self.rows.append((done, text))
         self.rows.append((what, "ends"))

@@ -111,6 +111,19 @@ def test_a_killed_command_leaves_no_incomplete_output_and_the_next_one_cleans_up
     assert list(tmp_path.rglob(".*partial*")) == []
 
 
+def test_a_closed_pipe_ends_a_command_quietly_with_the_code_of_sigpipe() -> None:
+    program = "import iits_mj.cli, sys; sys.exit(iits_mj.cli.main(['help']))"
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.wait(LONGEST) == 128 + signal.SIGPIPE
+    assert process.stderr is not None
+    assert process.stderr.read() == b""
+    process.stderr.close()
+
+
 def end(command: str, number: signal.Signals, tmp_path: Path) -> bytes:
     """Runs a command, ends it by a signal when it is well under way, and returns its stderr."""
     if command == "train":

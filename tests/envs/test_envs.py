@@ -185,7 +185,7 @@ def test_seeds_decide_the_episode():
 
 
 def test_the_time_limit_truncates_without_termination():
-    environment = gymnasium.make("iits_mj/Stop-v0", time_limit=0.5)
+    environment = gymnasium.make("iits_mj/Stop-v0", time_limit=2.5)
     environment.reset(seed=0)
     outcomes = [environment.step(np.zeros(1, np.float32))[2:4] for _ in range(5)]
     assert outcomes[-1] == (False, True)

@@ -51,14 +51,14 @@ def test_threads_change_nothing():
 
 def test_reset_in_the_same_step_gives_the_last_observation_in_the_info():
     environments = gymnasium.make_vec(
-        "iits_mj/Stop-v0", num_envs=2, time_limit=0.3, autoreset_mode="SameStep"
+        "iits_mj/Stop-v0", num_envs=2, time_limit=1.5, autoreset_mode="SameStep"
     )
     assert environments.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
     environments.reset(seed=0)
     for _ in range(3):
         _, _, _, truncated, infos = environments.step(np.zeros((2, 1), np.float32))
     assert truncated.all()
-    assert infos["final_obs"][0].shape == (7,)
+    assert infos["final_obs"][0].shape == (8,)
     environments.close()
 
 

@@ -5,6 +5,7 @@ import pytest
 
 from iits_mj import cli
 from iits_mj.core.errors import InputError
+from iits_mj.evaluation.controlled_drive import follow
 from iits_mj.evaluation.parameter_uncertainty import (
     FIGURES,
     NOMINAL,
@@ -22,6 +23,7 @@ from iits_mj.parameters import TruckParameters, label_of
 from iits_mj.parameters.randomization import Spread
 from iits_mj.scale.shards import Shards, in_shards
 from iits_mj.validation.handling.rollover import tilt_table
+from tests.paths import ROOT
 
 CONFIG = MonteCarloConfig(samples=60)
 
@@ -36,6 +38,9 @@ def sample(task, **changes):
         "stop_distance": 24.0 / factors["brake_torque"],
         "deceleration": 7.5 * factors["brake_torque"],
         "fuel": 34.0,
+        "path_error": 0.0,
+        "speed_error": 0.0,
+        "completed": 0,
         "wall_time": 1.0,
         "code": sample_code(),
     }
@@ -95,7 +100,7 @@ def test_samples_are_written_with_their_factors(rows, tmp_path):
 
 
 def test_shipped_truck_has_the_figures_of_the_validation():
-    found = measure(SampleTask(NOMINAL, label_of(None), 36_000.0, 0.002, ""))
+    found = measure(SampleTask(NOMINAL, label_of(None), 36_000.0, 0.002, "", ""))
     assert found.rollover_threshold == tilt_table(TruckParameters.load(), 36_000.0, 0.002).threshold
     assert 1.0 < found.rearward_amplification < 1.5
     assert 90.0 < found.yaw_fit < 100.0
@@ -126,3 +131,49 @@ def test_unusable_flags_are_refused(tmp_path, capsys):
     assert "samples 1 is not allowed" in capsys.readouterr().err
     assert cli.main(["montecarlo", "--spread", str(tmp_path / "none.toml")]) == 2
     assert "none.toml" in capsys.readouterr().err
+
+
+class Straight:
+    """A steering controller that does not steer."""
+
+    def reset(self):
+        pass
+
+    def steer(self, ego, trajectory):
+        return 0.0
+
+
+def test_the_drive_tells_a_controller_that_follows_the_lane_from_one_that_does_not():
+    parameters = TruckParameters.load(None)
+    stanley = f"{ROOT}/examples/own_lateral.py:Stanley"
+    good = follow(parameters, 36_000.0, 0.005, stanley, None)
+    assert good.completed == 1
+    assert good.path_error < 0.5
+    assert good.speed_error < 1.0
+    bad = follow(parameters, 36_000.0, 0.005, Straight, None)
+    assert bad.completed == 0
+    assert 2.0 < bad.path_error < 20.0
+
+
+def test_figures_of_the_drive_are_shown_and_written_only_with_own_controllers(tmp_path):
+    config = MonteCarloConfig(samples=60, lateral=f"{ROOT}/examples/own_lateral.py:Stanley")
+    tasks = tasks_of(config)
+    assert "own_lateral.py:Stanley@" in tasks[0].controllers
+    driven = [sample(t, path_error=0.1 + 0.001 * t.seed, completed=int(t.seed != 7)) for t in tasks]
+    results = summarize(config, driven)
+    named = {check.name: check for check in results.checks}
+    share = named["trucks that complete the drive"]
+    assert share.value == pytest.approx(100.0 * 59 / 60)
+    assert not share.ok
+    median = named["distance from the lane's middle, greatest: median"]
+    assert median.value == pytest.approx(0.1 + 0.001 * 29.5)
+    for rows_of, own, there in (
+        (driven, config, True),
+        ([sample(t) for t in tasks_of(CONFIG)], CONFIG, False),
+    ):
+        write_samples(tmp_path / "samples.csv", own, rows_of)
+        columns = (tmp_path / "samples.csv").read_text().splitlines()[0].split(",")
+        assert ("path_error" in columns) == there
+        assert ("controllers" in columns) == there
+    with pytest.raises(InputError, match="the sample has controllers"):
+        measure(tasks[0])

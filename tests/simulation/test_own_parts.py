@@ -203,7 +203,7 @@ def test_a_recorded_drive_is_repeated_without_its_parts(tmp_path: Path) -> None:
     assert redrive(recording, "drive", None).commands == 100
 
 
-def test_a_drive_in_own_traffic_is_recorded_and_says_that_it_is_not_run_again(
+def test_a_drive_in_own_traffic_is_recorded_and_run_again_if_it_is_named(
     tmp_path: Path,
 ) -> None:
     config = DriveConfig(**{**ALONE, "traffic_mode": "own_traffic:Wave"})
@@ -214,8 +214,46 @@ def test_a_drive_in_own_traffic_is_recorded_and_says_that_it_is_not_run_again(
     with Simulation(DriveConfig(**{**ALONE, "recording": path}), visuals=False) as again:
         again.run()
         assert again.vehicles == seen
-    with pytest.raises(InputError, match="mode 'own_traffic:Wave' cannot be re-run; 'iits-mj rep"):
-        redrive(Recording.load(path), "drive", None)
+    recording = Recording.load(path)
+    with pytest.raises(
+        InputError, match="made in your own traffic; add --traffic-mode own_traffic"
+    ):
+        redrive(recording, "drive", None)
+    again = redrive(recording, "drive", None, traffic_mode="own_traffic:Wave")
+    assert again.frames == len(recording)
+    assert again.pose_hash == recording.meta["digest"]
+    with pytest.raises(InputError, match="made in traffic 'own_traffic:Wave', not 'own_traffic:W"):
+        redrive(recording, "drive", None, traffic_mode="own_traffic:Wave:swing=1")
+    recording.meta["drive"]["versions"]["own traffic of hash"] = "0" * 12
+    with pytest.raises(InputError, match="made with own traffic of hash 000000000000, here is"):
+        redrive(recording, "drive", None, traffic_mode="own_traffic:Wave")
+
+
+def test_own_traffic_that_does_not_repeat_is_found_by_verify(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(
+        "import itertools\n"
+        "from traffic_bridge import vehicle_on\n"
+        "calls = itertools.count()\n"
+        "class Steady:\n"
+        "    far = 200.0\n"
+        "    def __init__(self, route): self.route = route\n"
+        "    def reset(self, ego): return self.step(ego)\n"
+        "    def step(self, ego): return [vehicle_on(self.route, 'a', self.far)]\n"
+        "class Drifting(Steady):\n"
+        "    @property\n"
+        "    def far(self): return 200.0 + 1e-6 * next(calls)\n"
+    )
+    for name, code in (("Steady", 0), ("Drifting", 1)):
+        part = f"mine.py:{name}"
+        words = ("record", "a.npz", "--traffic-mode", part, "--duration", "1")
+        assert cli.main(words) == 0
+        assert cli.main(("replay", "a.npz", "--verify", "--traffic-mode", part)) == code
+    assert "differs from the recording: first at t = 0.00 s" in capsys.readouterr().out
+    assert cli.main(("replay", "a.npz", "--verify")) == 2
+    assert "add --traffic-mode mine.py:Drifting" in capsys.readouterr().err
 
 
 def test_the_command_names_the_part_in_its_summary(

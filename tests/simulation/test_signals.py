@@ -16,6 +16,7 @@ from iits_mj.road import RoadMap, Route
 from iits_mj.simulation import DriveConfig, Simulation
 from iits_mj.simulation.frame import read_signals
 from iits_mj.simulation.summary import SummaryBuilder
+from iits_mj.simulation.traffic_flow import FlowMeter
 from tests.paths import outside
 from traffic_bridge import InterSim, PureSim, Recorder, TrafficConfig
 
@@ -94,7 +95,7 @@ def test_a_stop_line_is_reported_until_the_front_is_well_past_it():
 
 def test_red_lights_run_and_emergency_brakings_are_counted_and_named(at_the_light):
     def summary(frames):
-        builder = SummaryBuilder()
+        builder = SummaryBuilder(FlowMeter(ROUTE))
         for frame in frames:
             builder.add(frame)
         last = frames[-1]

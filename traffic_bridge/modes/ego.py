@@ -20,7 +20,7 @@ from traffic_bridge.modes.teleported_vehicle import (
 )
 from traffic_bridge.network.route_lanes import LaneTable, RouteLanes
 from traffic_bridge.session import Session
-from traffic_bridge.vehicles.ego_room import EgoRoom
+from traffic_bridge.vehicles.ego_room import EGO_HEADWAY, LEVEL_HEADWAY, EgoRoom
 
 EGO = "ego"
 SHADOW = "shadow"
@@ -111,6 +111,7 @@ class EgoInTraffic:
 
     def room(self, ego: EgoState) -> EgoRoom:
         """The space that the truck needs when the road is populated."""
+        steady = self._config.steady
         _, _, station, offset = self.front(ego)
         part = np.linspace(0.0, 1.0, AXIS_POINTS)
         offsets = ego.trailer_offset + part * (offset - ego.trailer_offset)
@@ -121,7 +122,8 @@ class EgoInTraffic:
             ego.speed,
             np.stack((points.x, points.y), axis=1),
             self._footprint,
-            self._config.speed_limit,
+            self._config.speed_limit if steady is None else steady.speed,
+            EGO_HEADWAY if steady is None else LEVEL_HEADWAY,
         )
 
     def place(self, ego: EgoState) -> None:

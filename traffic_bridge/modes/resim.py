@@ -14,6 +14,7 @@ from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.modes.sumo_modes import MODES, Mode, PureSim
 from traffic_bridge.network.nets import build_network
+from traffic_bridge.own_traffic import OwnTraffic
 from traffic_bridge.recording.provenance import demand_same, net_hash, versions
 from traffic_bridge.recording.recording import PoseDigest, Recording
 from traffic_bridge.recording.rows import COLUMNS
@@ -36,20 +37,25 @@ def check_map(recording: Recording, name: str, route: Route) -> None:
         )
 
 
-def traffic_of(recording: Recording, name: str, route: Route) -> PureSim:
+def traffic_of(
+    recording: Recording, name: str, route: Route, own: OwnTraffic | None = None
+) -> PureSim | OwnTraffic:
     """The traffic of a recording, ready for a reset.
 
     Args:
       recording: with the settings.
       name: of the recording in messages.
       route: the ego's road.
+      own: the user's traffic that was recorded; None if it was SUMO's.
 
     Raises:
       InputError: it was made with another map, net or version, or cannot be re-run.
     """
     meta = recording.meta
     mode = meta.get("mode")
-    if mode not in MODES:
+    if own is not None and own.mode != mode:
+        raise InputError(f"{name}: made in traffic {mode!r}, not {own.mode!r}")
+    if own is None and mode not in MODES:
         raise InputError(
             f"{name}: mode {mode!r} cannot be re-run; 'iits-mj replay' and RepSim replay its "
             "vehicles"
@@ -62,12 +68,14 @@ def traffic_of(recording: Recording, name: str, route: Route) -> PureSim:
     if meta.get("schema") == 1:
         found["schema"] = "1"
     demand_same(found, versions(), name, advice)
+    if own is not None:
+        return own
     net = {"a SUMO net of hash": net_hash(build_network(route).path)}
     demand_same({"a SUMO net of hash": str(meta.get("net_hash"))}, net, name, advice)
     seed = meta.get("seed")
     if not isinstance(seed, int):
         raise InputError(f"{name}: has no seed")
-    return MODES[mode](route, config_of(recording, name), seed)
+    return MODES[str(mode)](route, config_of(recording, name), seed)
 
 
 def config_of(recording: Recording, name: str) -> TrafficConfig:
@@ -110,9 +118,10 @@ class ReSim(Mode):
       route: the same road as in the recording.
       path: file written by `Recorder.save`, or the recording itself.
       config: expected settings; None: those of the file.
+      own: the user's traffic that was recorded; None if it was SUMO's.
 
     Attributes:
-      recording: the given one; config: its settings.
+      recording: the given one; config: its settings, None for the user's traffic.
 
     Raises:
       InputError: the file cannot be used, or was made with another map, version or option, named
@@ -120,15 +129,19 @@ class ReSim(Mode):
     """
 
     def __init__(
-        self, route: Route, path: str | Path | Recording, config: TrafficConfig | None = None
+        self,
+        route: Route,
+        path: str | Path | Recording,
+        config: TrafficConfig | None = None,
+        own: OwnTraffic | None = None,
     ) -> None:
         self.recording, self._name = load(path)
         self.route = route
-        self._traffic = traffic_of(self.recording, self._name, route)
-        self.config = self._traffic.config
+        self._traffic = traffic_of(self.recording, self._name, route, own)
+        self.config = None if isinstance(self._traffic, OwnTraffic) else self._traffic.config
         if config is not None and config != self.config:
-            then = self.config.as_dict()
-            names = [n for n, v in config.as_dict().items() if v != then[n]]
+            then = {} if self.config is None else self.config.as_dict()
+            names = [n for n, v in config.as_dict().items() if v != then.get(n)]
             raise InputError(f"{self._name}: made with other options: {', '.join(names)}")
         self._digest = PoseDigest()
         self._frame = 0

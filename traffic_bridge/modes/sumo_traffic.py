@@ -18,7 +18,9 @@ from traffic_bridge.signals.controller import TrafficController
 from traffic_bridge.vehicles.demand import Demand
 from traffic_bridge.vehicles.lane_changing import LaneChanger
 from traffic_bridge.vehicles.registry import Vehicles
+from traffic_bridge.vehicles.service_level import BOTTLENECK, BOTTLENECK_RATIO
 
+ENTRY_WAIT, LEVEL_ENTRY_WAIT = 5.0, 60.0  # [s] that a vehicle waits for room at an entrance
 LOST_CHECK = 50  # steps between checks for vehicles that SUMO dropped at an entrance
 
 
@@ -54,7 +56,11 @@ class SumoTraffic:
         net = build_network(route)
         types = "".join(t.to_sumo_xml(config.speed_limit) for t in config.types)
         self.session = Session(
-            net.path, types + ego_type_xml(config.footprint), config.step_length, seed
+            net.path,
+            types + ego_type_xml(config.footprint),
+            config.step_length,
+            seed,
+            depart_delay=ENTRY_WAIT if config.steady is None else LEVEL_ENTRY_WAIT,
         )
         with self.session.guard("setting up the traffic"):
             if lanes is None:
@@ -91,6 +97,13 @@ class SumoTraffic:
         """Populates the road around the ego; returns the vehicles at time zero."""
         with self.session.guard("populating the road"):
             self.signals.begin(None if ego is None else ego.station)
+            steady = self.config.steady
+            if steady is not None and self.config.level == "F":
+                # Only a bottleneck ahead keeps traffic dense: without one a queue dissolves.
+                end = self.lanes.route.length
+                self.signals.set_speed_limit(
+                    BOTTLENECK_RATIO * steady.speed, max(end - BOTTLENECK, 0.0), end
+                )
             if self.replayed is not None:
                 self.replayed.place(0.0)
             self._demand.fill(None if ego is None else self._ego.room(ego))

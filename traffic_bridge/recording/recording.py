@@ -1,9 +1,9 @@
 """Recorded drives: settings and trajectories as columns in SI units, in memory and in files.
 
 `docs/traffic_data.md` describes the arrays of the `.npz` file, version 2. `meta` holds `schema`,
-`mode` ("PureSim", "InterSim"; others cannot be re-run), `seed`, `config` (`TrafficConfig`),
-`map_hash`, `map_name`, `net_hash`, `versions`, `digest` (see `PoseDigest`) and, for a whole drive,
-`drive`: its options and the versions of the truck.
+`mode` ("PureSim", "InterSim", or the name of the user's traffic), `seed`, `config`
+(`TrafficConfig`), `map_hash`, `map_name`, `net_hash`, `versions`, `digest` (see `PoseDigest`) and,
+for a whole drive, `drive`: its options and the versions of the truck.
 
 Version 1 had neither `pitch`, `roll`, `yaw_rate` nor the arrays after `offset`. Such files are read
 for replay (see `traffic_bridge.modes.repsim`); they cannot be re-run.

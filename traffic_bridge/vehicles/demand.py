@@ -17,6 +17,7 @@ from traffic_bridge.session import Session
 from traffic_bridge.signals.limits import SpeedLimits
 from traffic_bridge.vehicles.ego_room import EgoRoom
 from traffic_bridge.vehicles.registry import Vehicles
+from traffic_bridge.vehicles.service_level import LevelTraffic
 from traffic_bridge.vehicles.types import VehicleType
 
 LANE_END = 300.0  # [m] before the end of a lane that closes, without new vehicles
@@ -113,7 +114,11 @@ class Demand:
         self._rng = rng
         self._probability = config.probability * config.step_length
         self._count = 0
-        kinds, weights = zip(*config.mix, strict=True)
+        steady = config.steady
+        self._level = (
+            None if steady is None else LevelTraffic(config.shares, config.speed_limit, steady)
+        )
+        kinds, weights = zip(*config.weights, strict=True)
         self._kinds = list(kinds)
         self._light = next((name for name in kinds if config.type_of(name).kind == "car"), "")
         shares = np.cumsum(np.asarray(weights, dtype=float) / sum(weights))
@@ -164,16 +169,15 @@ class Demand:
             return
         edges = self._lanes.edges if direction > 0 else self._lanes.oncoming_edges
         end = min(table.length, graph.reach(table.id, edges[index:]) - LANE_END)
-        for position, kind, desired in self._draw_along(
-            table.lane, end, config.speed_limit, self._rng
+        for position, vehicle, desired in self._draw_along(
+            table, end, config.speed_limit, self._rng
         ):
             station, _ = table.at(position)
-            vehicle = config.type_of(kind)
             inside = low <= station <= high and position > vehicle.length + 1.0
             if inside and not _meets(ego, table, position, vehicle):
                 route = f"{'along' if direction > 0 else 'against'}.{index}"
                 limit = graph.entry_speed(table.id, position, edges[index:])
-                self._add(kind, desired, route, table, f"{position:.3f}", limit)
+                self._add(vehicle, desired, route, table, f"{position:.3f}", limit)
 
     def spawn(self, ego_station: float | None) -> None:
         """Inserts the vehicles that arrive in one step, except near the ego."""
@@ -191,10 +195,10 @@ class Demand:
             near = self._is_near(ego_station, float(entrance[0].station[0]))
             for table, draw in zip(entrance, draws, strict=True):
                 if draw < probability:
-                    kind, desired = self._draw(table.lane, self._rng)
+                    vehicle, desired = self._draw(table, self._rng)
                     if not near:
                         route = "along.0" if way == 0 else "against.0"
-                        self._add(kind, desired, route, table, "base")
+                        self._add(vehicle, desired, route, table, "base")
 
     def entries(self, ego_station: float | None) -> list[str]:
         """Edges at whose beginnings vehicles may now be inserted."""
@@ -229,11 +233,11 @@ class Demand:
         arrivals = self._map_rng.random(len(trips.entrances)) < probability
         for k in np.flatnonzero(arrivals).tolist():
             lane = trips.entrances[k]
-            kind, desired = self._draw(lane.index, self._map_rng)
+            vehicle, desired = self._draw(lane, self._map_rng)
             trip = trips.trip(lane, self._map_rng)
             table = self._lanes.table(lane.id)
             if not self._is_near(ego_station, float(table.station[0]), float(table.offset[0])):
-                self._add_trip(kind, desired, trip, lane, "base")
+                self._add_trip(vehicle, desired, trip, lane, "base")
 
     def _fill_elsewhere(
         self, trips: MapDemand, lane: NetLane, low: float, high: float, ego: EgoRoom | None
@@ -241,53 +245,71 @@ class Demand:
         config, rng = self._config, self._map_rng
         table = self._lanes.table(lane.id)
         speed = min(config.speed_limit, lane.speed)
-        for position, kind, desired in self._draw_along(lane.index, lane.length, speed, rng):
+        for position, vehicle, desired in self._draw_along(lane, lane.length, speed, rng):
             trip = trips.trip(lane, rng)
-            vehicle = config.type_of(kind)
             free = position > vehicle.length + 1.0 and low <= table.at(position)[0] <= high
             free = free and position < self._lanes.graph.reach(lane.id, trip) - LANE_END
             if free and not _meets(ego, table, position, vehicle):
-                self._add_trip(kind, desired, trip, lane, f"{position:.3f}")
+                self._add_trip(vehicle, desired, trip, lane, f"{position:.3f}")
 
     def _add_trip(
-        self, kind: str, desired: float, trip: tuple[str, ...], lane: NetLane, position: str
+        self,
+        vehicle: VehicleType,
+        desired: float,
+        trip: tuple[str, ...],
+        lane: NetLane,
+        position: str,
     ) -> None:
         if trip not in self._trips:
             self._trips[trip] = f"trip.{len(self._trips)}"
             self._api.route.add(self._trips[trip], list(trip))
         # At the highest safe speed, because there may be a queue before the next junction.
-        self._insert(kind, desired, self._trips[trip], lane.index, position, "max")
+        self._insert(vehicle, desired, self._trips[trip], lane.index, position, "max")
 
     def _draw_along(
-        self, lane: int, end: float, speed: float, rng: np.random.Generator
-    ) -> Iterator[tuple[float, str, float]]:
+        self, lane: LaneTable | NetLane, end: float, speed: float, rng: np.random.Generator
+    ) -> Iterator[tuple[float, VehicleType, float]]:
         """Draws the vehicles of a lane up to a position: (position [m], type, desired speed [m/s]).
 
         Poisson arrivals of rate p at speed v have exponential distances of mean v / p.
         """
+        if self._level is not None:
+            yield from self._level.along(*self._place(lane), end, rng)
+            return
         mean_gap = speed * 0.92 / self._config.probability
         position = float(rng.exponential(mean_gap))
         while position < end:
-            kind, desired = self._draw(lane, rng)
-            yield position, kind, desired
-            vehicle = self._config.type_of(kind)
+            vehicle, desired = self._draw(lane, rng)
+            yield position, vehicle, desired
             # Far enough apart that SUMO can insert both at their speeds.
             least = vehicle.length + vehicle.minimum_gap + 1.5 * speed
             position += max(least, float(rng.exponential(mean_gap)))
 
-    def _draw(self, lane: int, rng: np.random.Generator) -> tuple[str, float]:
-        """Draws type and desired speed of a vehicle on a lane, counted from the right."""
+    def _place(self, lane: LaneTable | NetLane) -> tuple[int, int]:
+        """Index from the right among the edge's lanes for cars, and their number."""
+        beside = [
+            other.index for other in self._lanes.net.edge[lane.edge].lanes if other.is_driving
+        ]
+        return sum(index < lane.index for index in beside), len(beside)
+
+    def _draw(
+        self, lane: LaneTable | NetLane, rng: np.random.Generator
+    ) -> tuple[VehicleType, float]:
+        """Draws type and desired speed of a vehicle on a lane."""
+        if self._level is not None:
+            return self._level.draw(*self._place(lane), rng)
         # The draw of NumPy's `choice`, which takes much longer.
         kind = self._kinds[bisect_right(self._shares, rng.random())]
         # Heavy vehicles do not use the left lane of three, which is the law in many countries.
-        if lane >= 2 and self._light and self._config.type_of(kind).heavy:
+        index = lane.lane if isinstance(lane, LaneTable) else lane.index
+        if index >= 2 and self._light and self._config.type_of(kind).heavy:
             kind = self._light
         vehicle = self._config.type_of(kind)
-        return kind, vehicle.sample_desired_speed(self._config.speed_limit, rng)
+        return vehicle, vehicle.sample_desired_speed(self._config.speed_limit, rng)
 
     def _add(
         self,
-        kind: str,
+        vehicle: VehicleType,
         desired: float,
         route: str,
         table: LaneTable,
@@ -295,16 +317,21 @@ class Demand:
         ahead: float = math.inf,
     ) -> None:
         front = 0.0 if position == "base" else float(position)
-        slowing = self._config.type_of(kind).deceleration
-        sign = self._limits.entering(table, front, slowing)
-        fastest = self._api.vehicletype.getMaxSpeed(kind)
+        sign = self._limits.entering(table, front, vehicle.deceleration)
+        fastest = self._api.vehicletype.getMaxSpeed(vehicle.name)
         limit = min(self._api.lane.getMaxSpeed(table.id), fastest, ahead, sign)
+        if self._level is not None:
+            if position == "base":
+                # At the speed of the last vehicle, so that the entrance carries the whole flow.
+                self._insert(vehicle, desired, route, table.index, position, "last")
+                return
+            limit = min(limit, self._level.fill_speed)
         # A speed above the lane's limit would raise the vehicle's speed factor permanently.
-        self._insert(kind, desired, route, table.index, position, limit)
+        self._insert(vehicle, desired, route, table.index, position, limit)
 
     def _insert(
         self,
-        kind: str,
+        vehicle: VehicleType,
         desired: float,
         route: str,
         lane: int,
@@ -312,9 +339,11 @@ class Demand:
         speed: float | str,
     ) -> None:
         """Adds a vehicle to SUMO; `speed` is a limit [m/s] or a word of SUMO, such as "max"."""
+        kind = vehicle.name
         name = f"{kind}.{self._count:05d}"
         self._count += 1
-        desired = self._vehicles.add(name, kind, desired)
+        individual = vehicle.time_headway_spread > 0.0
+        desired = self._vehicles.add(name, kind, desired, driver=vehicle if individual else None)
         self._api.vehicle.add(
             name,
             route,
@@ -324,6 +353,8 @@ class Demand:
             departSpeed=speed if isinstance(speed, str) else f"{min(desired, speed) * 0.98:.3f}",
         )
         self._api.vehicle.setMaxSpeed(name, desired)
+        if individual:
+            self._api.vehicle.setTau(name, vehicle.time_headway)
         if self._config.lane_change == "mobil":
             self._api.vehicle.setLaneChangeMode(name, MOBIL_MODE)
 

@@ -14,6 +14,7 @@ from traffic_bridge.network.route_lanes import LaneTable
 # Free road kept around the ego in its own lane: at least a distance [m] and a time [s].
 EGO_GAP = 30.0
 EGO_HEADWAY = 3.0
+LEVEL_HEADWAY = 1.2  # [s] in traffic of a level of service
 NEXT_LANE_GAP = 15.0
 SIDE_GAP = 0.2  # [m] beside the truck for vehicles on lanes of another direction
 POINT_SPACING = 1.0  # [m] along the path of such a vehicle
@@ -30,6 +31,7 @@ class EgoRoom:
       axis: points along the middle of the combination, map frame, shape (n, 2) [m].
       footprint: size of the combination.
       traffic_speed: typical speed of the other vehicles [m/s].
+      headway: time kept free before and behind the truck in its lane [s].
     """
 
     station: float
@@ -38,6 +40,7 @@ class EgoRoom:
     axis: FloatArray
     footprint: EgoFootprint
     traffic_speed: float
+    headway: float = EGO_HEADWAY
 
     def takes(self, station: float, length: float, lane: int) -> bool:
         """Whether a place on a lane of the route is too close to the truck.
@@ -49,7 +52,7 @@ class EgoRoom:
         """
         clear = NEXT_LANE_GAP
         if lane == self.lane or self.lane < 0:
-            clear = max(EGO_GAP, EGO_HEADWAY * max(self.speed, self.traffic_speed))
+            clear = max(EGO_GAP, self.headway * max(self.speed, self.traffic_speed))
         rear = self.station - self.footprint.length
         return station > rear - clear and station - length < self.station + clear
 

@@ -38,6 +38,7 @@ class Vehicles:
         self._types = dict(self._base)
         self._overrides = Overrides()
         self._of_vehicle: dict[str, VehicleType] = {}
+        self._individual: dict[str, VehicleType] = {}
         self._drawn: dict[str, float] = {}
         self._desired: dict[str, float] = {}
         self._ceilings: dict[str, dict[str, float]] = {}
@@ -46,7 +47,12 @@ class Vehicles:
         self._listeners: list[Callable[[str], None]] = []
 
     def add(
-        self, name: str, vehicle_type: str, desired_speed: float, scripted: bool = False
+        self,
+        name: str,
+        vehicle_type: str,
+        desired_speed: float,
+        scripted: bool = False,
+        driver: VehicleType | None = None,
     ) -> float:
         """Registers a new vehicle; returns its desired speed with all changes in force [m/s].
 
@@ -55,8 +61,13 @@ class Vehicles:
           vehicle_type: name of its type.
           desired_speed: [m/s].
           scripted: an event drives it: it keeps its lane and ignores speed changes of its type.
+          driver: the type with this driver's own time headway; None: that of the type.
         """
-        self._of_vehicle[name] = self._types[vehicle_type]
+        kind = self._types[vehicle_type]
+        if driver is not None:
+            self._individual[name] = driver
+            kind = changed(kind, {"time_headway": driver.time_headway})
+        self._of_vehicle[name] = kind
         self._drawn[name] = desired_speed
         if scripted:
             self._scripted.add(name)
@@ -79,7 +90,10 @@ class Vehicles:
 
     def forget(self, name: str) -> None:
         """Drops a vehicle that has left the traffic, and calls the listeners."""
-        for table in (self._of_vehicle, self._drawn, self._desired, self._ceilings):
+        for table in (
+            *(self._of_vehicle, self._individual),
+            *(self._drawn, self._desired, self._ceilings),
+        ):
             table.pop(name, None)
         self._scripted.discard(name)
         self._overrides.forget(name)
@@ -223,7 +237,7 @@ class Vehicles:
 
     def _wanted(self, name: str, field: str) -> Any:
         """The newest override of a vehicle's or its type's field, else the original value."""
-        base = self._base[self._of_vehicle[name].name]
+        base = self._individual.get(name) or self._base[self._of_vehicle[name].name]
         # Events set the speed of scripted vehicles, types do not.
         own = field == "desired_speed" and name in self._scripted
         value = self._overrides.newest(field, *((name,) if own else (name, base.name)))

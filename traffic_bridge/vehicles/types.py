@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import math
 import re
 import zlib
 from collections.abc import Mapping, Sequence
@@ -51,6 +53,7 @@ HIGHEST = {
     "desired_speed_mean": 2.0,  # of a fraction that is cut at 1: with 2 every vehicle has 1
     "desired_speed_deviation": 1.0,
     "desired_speed_low": 1.0,  # the fraction is cut to [low, 1]
+    "time_headway_spread": 1.0,  # of ln T: at 1 one driver in six keeps 2.7 times the median
     "politeness": 10.0,  # at 1 the gain of others counts as much as one's own
     "change_threshold": 15.0,  # [m/s2] as accelerations: higher ones have no further effect
     "keep_right_bias": 15.0,
@@ -100,6 +103,9 @@ class VehicleType:
       colors: each red, green, blue from 0 to 1; a vehicle's name selects one of them.
       lc_strategic, lc_cooperative, lc_speed_gain, lc_keep_right: weights of LC2013's four motives;
         lc_assertive: divisor of the accepted gaps. 1 is SUMO's default.
+      time_headway_spread: standard deviation of the logarithm of the drivers' time headways; their
+        mean is `time_headway`. 0: all drivers are equal.
+      governed_speed: of a speed limiter [m/s]; no desired speed is above it.
 
     Raises:
       InputError: a value is not allowed; the message states the allowed values.
@@ -128,6 +134,8 @@ class VehicleType:
     lc_speed_gain: float = 1.0
     lc_keep_right: float = 1.0
     lc_assertive: float = 1.0
+    time_headway_spread: float = 0.0
+    governed_speed: float = FASTEST
 
     def __post_init__(self) -> None:
         """Checks every value; lists given as colors become tuples."""
@@ -145,6 +153,7 @@ class VehicleType:
         object.__setattr__(self, "colors", _colors(self.name, self.colors))
         for name in HIGHEST:
             check_parameter(f"{self.name}.{name}", name, getattr(self, name))
+        in_range(f"{self.name}.governed_speed", self.governed_speed, 1.0, FASTEST)
         make_plain(self)
 
     @property
@@ -164,7 +173,28 @@ class VehicleType:
     def sample_desired_speed(self, maximum: float, rng: np.random.Generator) -> float:
         """Desired speed of one vehicle [m/s], for a traffic maximum speed [m/s]."""
         factor = rng.normal(self.desired_speed_mean, self.desired_speed_deviation)
-        return float(maximum * min(max(factor, self.desired_speed_low), 1.0))
+        desired = float(maximum * min(max(factor, self.desired_speed_low), 1.0))
+        return min(desired, self.governed_speed)
+
+    def mean_desired_speed(self, maximum: float) -> float:
+        """Mean of `sample_desired_speed` [m/s]."""
+        highest = min(1.0, self.governed_speed / maximum)
+        mean, deviation = self.desired_speed_mean, self.desired_speed_deviation
+        factor = np.linspace(mean - 5.0 * deviation, mean + 5.0 * deviation, 201)
+        weight = np.exp(-0.5 * ((factor - mean) / max(deviation, 1e-9)) ** 2)
+        factor = np.minimum(np.clip(factor, self.desired_speed_low, 1.0), highest)
+        return maximum * float(np.average(factor, weights=weight))
+
+    def sample_driver(self, rng: np.random.Generator) -> VehicleType:
+        """The type with the time headway of one driver, log-normal with the type's mean."""
+        spread = self.time_headway_spread
+        if spread == 0.0:
+            return self
+        factor = math.exp(spread * min(max(rng.normal(), -2.0), 2.0) - 0.5 * spread**2)
+        # A copy without the checks of `__init__`, which take longer than everything else here.
+        driver = copy.copy(self)
+        object.__setattr__(driver, "time_headway", self.time_headway * factor)
+        return driver
 
     def to_sumo_xml(self, maximum_speed: float) -> str:
         """The `vType` element: IDM, LC2013, no random term, every vehicle at its own speed.
@@ -200,6 +230,12 @@ def default_types() -> tuple[VehicleType, ...]:
     """The four types of the package."""
     table = read_toml(VEHICLE_TYPES, "file of vehicle types")
     return tuple(VehicleType(name=kind, **table[kind]) for kind in KINDS)
+
+
+@cache
+def motorway_types() -> tuple[VehicleType, ...]:
+    """The default types with the drivers of `motorway_types.toml`, for a level of service."""
+    return read_types(Path(__file__).with_name("motorway_types.toml"))
 
 
 def read_types(

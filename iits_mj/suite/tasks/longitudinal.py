@@ -57,18 +57,27 @@ class Cruise(DrivingTask):
 
 
 class Stop(DrivingTask):
-    """Stop with the front bumper at a line and stay there."""
+    """Stop with the front bumper at a line and stay there.
+
+    The truck begins too far from the line for a gentle stop, and may drive at up to 20 m/s to it.
+    """
 
     time_limit = 40.0
+    period = 0.5
+    brake_max = 2.0
     tags = ("easy",)
     road = staticmethod(scene.flat)
     observed: ClassVar[dict[str, Observed]] = {
         **INSTRUMENTS,
         "distance": Observed(200.0, "m", "front bumper to the line", "body `tractor`, road"),
+        "speed_error": Observed(
+            2.0, "m/s", "speed minus that of a stop at 1.2 m/s2 at the line", "speed, distance"
+        ),
     }
     terms: ClassVar[dict[str, str]] = {
         "line": "not beyond the line; 0.1 at 2 m beyond",
-        "speed": "within 0.3 m/s of a stop at 1.2 m/s2 at the line; 0.1 at 4 m/s more",
+        "speed": "within 0.3 m/s of a stop at 1.2 m/s2 at the line; 0.5 at 2 m/s more, 0.1 at "
+        "18 m/s more",
         "comfort": _COMFORTABLE,
     }
     _line = "stop_line"
@@ -92,14 +101,17 @@ class Stop(DrivingTask):
         """Returns the distance from the front bumper to the line [m], negative beyond it."""
         return self.line - physics.station() - physics.truck.footprint.front_overhang
 
+    def speed_error(self, physics: Physics) -> float:
+        """Returns the speed minus that of a stop at 1.2 m/s2, 0.5 m before the line [m/s]."""
+        wanted = math.sqrt(2.0 * 1.2 * max(self.distance(physics) - 0.5, 0.0))
+        return physics.speed() - min(wanted, 20.0)
+
     def reward_terms(self, physics: Physics) -> dict[str, float]:
         """Returns `line`: not beyond it; `speed`: of a stop at 1.2 m/s2; `comfort`."""
-        distance = self.distance(physics)
-        wanted = math.sqrt(2.0 * 1.2 * max(distance - 0.5, 0.0))
-        error = physics.speed() - min(wanted, 20.0)
+        error = self.speed_error(physics)
         return {
-            "line": tolerance(distance, 0.0, math.inf, 2.0),
-            "speed": tolerance(error, -0.3, 0.3, 4.0),
+            "line": tolerance(self.distance(physics), 0.0, math.inf, 2.0),
+            "speed": tolerance(error, -0.3, 0.3, 18.0, sigmoid="reciprocal"),
             "comfort": _comfort(physics),
         }
 

@@ -96,6 +96,8 @@ class Dock(DrivingTask):
     """
 
     time_limit = 60.0
+    period = 0.5
+    brake_max = 1.0
     tags = ("hard",)
     road = staticmethod(scene.yard)
     steer_max: ClassVar[float] = 5.0 * math.pi

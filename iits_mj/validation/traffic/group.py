@@ -19,7 +19,7 @@ from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import RoadMap, Route
 from iits_mj.validation.harness.config import ValidateConfig
-from iits_mj.validation.traffic import fit, theory
+from iits_mj.validation.traffic import fit, levels, theory
 from iits_mj.validation.traffic.compare import RecordedFlow, compare_flows
 from iits_mj.validation.traffic.flow import (
     LEVELS,
@@ -61,6 +61,9 @@ def run(config: ValidateConfig) -> Results:
     results.add("string_stability", theory.compare_stability(quick))
     results.add("", own_recording())
     results.add("", lane_changes(quick))
+    results.add("", levels.compare_levels(quick))
+    if not quick:
+        results.add("", levels.compare_paper())
     if recorded is None:
         results.notes.append(MISSING)
         return results

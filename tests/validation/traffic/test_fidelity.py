@@ -5,7 +5,7 @@ import pytest
 
 from iits_mj.cli import main
 from iits_mj.core.errors import InputError
-from iits_mj.core.vehicles import COLUMNS
+from iits_mj.core.vehicles import COLUMNS, TrackedVehicle
 from iits_mj.validation.traffic import conditions as conditions_of
 from iits_mj.validation.traffic.compare import drive
 from iits_mj.validation.traffic.flow import (
@@ -18,6 +18,7 @@ from iits_mj.validation.traffic.flow import (
     wasserstein,
 )
 from iits_mj.validation.traffic.group import own_recording
+from iits_mj.validation.traffic.levels import RoadSample, compare_levels
 from tests.paths import DATA, needs
 from traffic_bridge import VehicleFrame
 from traffic_bridge.datasets import Trajectories
@@ -172,3 +173,30 @@ def test_calibrated_traffic_has_the_speeds_of_the_recorded_one(capsys):
     fitted, default = (checks[error.format(who)]["value"] for who in ("one set", "the default car"))
     assert fitted < default
     assert code == (0 if all(check["ok"] for check in checks.values()) else 1)
+
+
+def test_sample_of_a_road_has_density_gaps_and_lanes_of_its_vehicles():
+    sample = RoadSample(0.0, 1_000.0)
+    rows = [
+        *((f"a{k}", 100.0 * k, 0, 20.0) for k in range(10)),
+        *((f"b{k}", 200.0 * k, 1, 25.0) for k in range(5)),
+        ("beyond", 1_050.0, 0, 20.0),
+    ]
+    frame = VehicleFrame.of(
+        TrackedVehicle(name, station=station, lane=lane, speed=speed, length=5.0)
+        for name, station, lane, speed in rows
+    )
+    sample.add(0.0, frame)
+    assert sample.density(2) == pytest.approx(15.0 / 2_000.0)
+    assert sample.speed == pytest.approx((10 * 20.0 + 5 * 25.0) / 15.0)
+    assert sorted(set(sample.time_gaps.round(9))) == [95.0 / 20.0, 195.0 / 25.0]
+    shares, speeds = zip(*sample.lanes(), strict=True)
+    assert shares == pytest.approx((2.0 / 3.0, 1.0 / 3.0))
+    assert speeds == pytest.approx((20.0, 25.0))
+
+
+@pytest.mark.slow
+def test_traffic_of_every_level_has_density_flow_and_speed_within_10_percent():
+    found = compare_levels(quick=False)
+    short = [check.name for check in found.checks if not check.ok]
+    assert not short
