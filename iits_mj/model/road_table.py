@@ -8,25 +8,32 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import MapError
 from iits_mj.road import Route
+from iits_mj.road.unevenness import ACROSS, ALONG, SMOOTH, Unevenness
 
 NUMERIC_NAME = "iits_road"
-TABLE_VERSION = 1
+TABLE_VERSION, UNEVEN_VERSION = 1, 2
 TABLE_STEP = 1.0  # [m], approximate: the table spans the route in equal steps
 
 
 def add_road_table(spec: mujoco.MjSpec, route: Route) -> None:
     """Adds the route's surface as numeric `iits_road`; see `add_surface`."""
     table = route.table(TABLE_STEP)
-    add_surface(spec, table, route.length / (len(table) - 1))
+    add_surface(spec, table, route.length / (len(table) - 1), route.unevenness)
 
 
-def add_surface(spec: mujoco.MjSpec, table: FloatArray, spacing: float) -> None:
+def add_surface(
+    spec: mujoco.MjSpec,
+    table: FloatArray,
+    spacing: float,
+    unevenness: Unevenness = SMOOTH,
+) -> None:
     """Adds a surface as numeric `iits_road`; heights are C1 between its rows.
 
     Args:
       spec: with the truck.
       table: rows of `TABLE_COLUMNS`, shape (n, 10).
       spacing: of the rows along the road [m].
+      unevenness: in addition to the table; it does not affect the bits of a smooth road.
 
     Raises:
       MapError: the table holds a number that is not finite.
@@ -41,9 +48,12 @@ def add_surface(spec: mujoco.MjSpec, table: FloatArray, spacing: float) -> None:
             *(np.tan(superelevation), left, right, split),
         ]
     )
-    header = np.array([TABLE_VERSION, len(table), 0.0, spacing])
+    header, grid = [TABLE_VERSION, len(table), 0.0, spacing], np.zeros(0)
+    if unevenness:
+        grid = unevenness.heights()
+        header = [UNEVEN_VERSION, *header[1:], *grid.shape, ALONG, ACROSS]
     numeric = spec.add_numeric()
     numeric.name = NUMERIC_NAME
-    values = np.concatenate([header, rows.ravel()])
+    values = np.concatenate([header, rows.ravel(), grid.ravel()])
     numeric.data = values
     numeric.size = values.size

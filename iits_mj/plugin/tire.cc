@@ -147,23 +147,43 @@ class TirePlugin : public PluginBase {
     return true;
   }
 
-  // The numeric is: version, row count, station of row 0 [m], step [m], then the rows.
+  // The numeric is: version, row count, station of row 0 [m], step [m], then the rows. In version 2
+  // the unevenness follows: rows and columns, steps along and across [m], then the heights [m].
   bool FindRoad(const mjModel* m, int instance) {
-    constexpr int kVersion = 1, kHeader = 4;
+    constexpr int kHeader = 4;
     for (int i = 0; i < m->nnumeric; ++i) {
       if (!std::strstr(m->names + m->name_numericadr[i], "iits_road")) continue;
       const double* data = m->numeric_data + m->numeric_adr[i];
       const int size = m->numeric_size[i];
-      const bool valid = size >= kHeader && data[0] == kVersion && data[1] >= 2 && data[3] > 0 &&
-                         size == kHeader + RoadTable::kColumns * static_cast<int>(data[1]);
-      if (!valid) {
-        return Refuse(m, instance, "numeric 'iits_road' (%d numbers) is not a road table", size);
+      bool valid = size >= kHeader && (data[0] == 1 || data[0] == 2) && data[1] >= 2 &&
+                   data[1] < size && data[3] > 0;
+      const int count = valid ? static_cast<int>(data[1]) : 0;
+      const int header = valid && data[0] == 2 ? 2 * kHeader : kHeader;
+      if (!valid || !(size >= header)) return RefuseRoad(m, instance, size);
+      road_ = {count, data[2], data[3], 1 / data[3]};
+      double heights = 0;
+      if (header > kHeader) {
+        const double rows = data[4], columns = data[5];
+        heights = rows * columns;
+        valid = rows >= 4 && rows < size && columns >= 2 && columns < size && data[6] > 0 &&
+                data[7] > 0;
+        if (!valid) return RefuseRoad(m, instance, size);
+        road_.grid_rows = static_cast<int>(rows);
+        road_.grid_columns = static_cast<int>(columns);
+        road_.grid_along = data[6];
+        road_.grid_across = data[7];
       }
-      road_ = {static_cast<int>(data[1]), data[2], data[3], 1 / data[3]};
-      road_address_ = m->numeric_adr[i] + kHeader;
+      if (size != header + 1. * RoadTable::kColumns * count + heights) {
+        return RefuseRoad(m, instance, size);
+      }
+      road_address_ = m->numeric_adr[i] + header;
       return true;
     }
     return true;
+  }
+
+  static bool RefuseRoad(const mjModel* m, int instance, int size) {
+    return Refuse(m, instance, "numeric 'iits_road' (%d numbers) is not a road table", size);
   }
 
   // Wrenches on two wheels, and their next states.

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.messages import Decision, EgoState, PlanMode, Trajectory
+from iits_mj.core.messages import Decision, EgoState, LightState, PlanMode, TrafficLight, Trajectory
 from iits_mj.core.vehicles import VehicleFrame
+from iits_mj.model.scenery.signs import LAMPS, lamp_of
 from iits_mj.render.geometry import turn_of
 from iits_mj.render.spots import spots
 from traffic_bridge.mirror.articulation import KINGPIN_FROM_FRONT
@@ -29,7 +30,11 @@ SIDEWAYS = 0.25  # [m/s] of a vehicle that changes lanes
 _ASIDE = 0.15  # [m] to which a lane change must still lead
 _SAME_PLACE = 4.0  # [m] between a vehicle and the body that shows it
 
-_HEAD, _TAIL, _MARKER, _LEFT, _RIGHT = range(5)
+# Where a light may stand before and beyond its stop line, along the route [m], and time
+# for which a light that was passed keeps its state [s].
+_LIGHT_REACH, _LIGHT_MEMORY = (10.0, 45.0), 15.0
+
+_HEAD, _TAIL, _MARKER, _LEFT, _RIGHT, _RED, _YELLOW, _GREEN = range(8)
 _FUNCTIONS = {
     "truck_headlight": _HEAD,
     "truck_tail_light": _TAIL,
@@ -40,24 +45,38 @@ _FUNCTIONS = {
     "traffic_tail_lamp": _TAIL,
     "traffic_indicator_left": _LEFT,
     "traffic_indicator_right": _RIGHT,
+    **dict(zip(LAMPS, (_RED, _YELLOW, _GREEN), strict=True)),
 }
 # Of each function: color of its light, and share of it that is seen from aside.
 _COLORS = np.array(
-    [(1.0, 0.96, 0.84), (1.0, 0.06, 0.04), (1.0, 0.55, 0.08), (1.0, 0.55, 0.06), (1.0, 0.55, 0.06)]
+    [
+        *[(1.0, 0.96, 0.84), (1.0, 0.06, 0.04), (1.0, 0.55, 0.08), (1.0, 0.55, 0.06)],
+        *[(1.0, 0.55, 0.06), (1.0, 0.05, 0.03), (1.0, 0.62, 0.05), (0.1, 1.0, 0.45)],
+    ]
 )
-_ASIDE_SEEN = np.array([0.15, 0.3, 1.0, 0.45, 0.45])
+_ASIDE_SEEN = np.array([0.15, 0.3, 1.0, 0.45, 0.45, 0.1, 0.1, 0.1])
+_SHOWN = {
+    LightState.RED: _RED,
+    LightState.STOP: _RED,
+    LightState.YELLOW: _YELLOW,
+    LightState.GREEN: _GREEN,
+}
 _SIZE_MAX = 0.25  # [m]; small lamps side by side count as one
 _OFF, _ON, _BRAKE = 0.06, 0.75, 1.9  # emission
 
 
 @dataclass(frozen=True)
 class Signals:
-    """What a vehicle shows: whether it brakes, and its direction indicators; speed [m/s]."""
+    """What a vehicle shows: whether it brakes, and its direction indicators; speed [m/s].
+
+    `light` is the state of a traffic light.
+    """
 
     brake: bool = False
     left: bool = False
     right: bool = False
     speed: float = 0.0
+    light: LightState | None = None
 
 
 @dataclass(frozen=True)
@@ -96,6 +115,44 @@ def change_of(trajectory: Trajectory, offset: float) -> Decision:
     return Decision.LEFT if way > 0.0 else Decision.RIGHT
 
 
+class RoadLights:
+    """The lamps of the traffic lights that face the route.
+
+    Args:
+      model: with the road's scenery.
+
+    Attributes:
+      lamps: material, station [m] and direction [rad] of each, by the number of its geom.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        names = ((geom, model.geom(geom).name) for geom in range(model.ngeom))
+        self.lamps = {geom: lamp for geom, name in names if (lamp := lamp_of(name))}
+        self._seen: dict[int, tuple[float, LightState]] = {}
+
+    def states(self, light: TrafficLight | None, time: float) -> dict[int, LightState]:
+        """Returns the states of the lights at the next stop line, and at the last ones.
+
+        Args:
+          light: the next one of the route.
+          time: of the drive [s].
+        """
+        before, beyond = _LIGHT_REACH
+        for geom, (_, station, _) in self.lamps.items():
+            if light is not None and -before <= station - light.station <= beyond:
+                self._seen[geom] = time, light.state
+        return {
+            geom: state
+            for geom, (since, state) in self._seen.items()
+            if 0.0 <= time - since < _LIGHT_MEMORY
+        }
+
+    def lit(self, light: TrafficLight | None, time: float) -> set[int]:
+        """Returns the geoms of the lamps that are lit; see `states`."""
+        states = self.states(light, time).items()
+        return {geom for geom, state in states if _FUNCTIONS[self.lamps[geom][0]] == _SHOWN[state]}
+
+
 class Lamps:
     """The lamps in a model.
 
@@ -118,10 +175,22 @@ class Lamps:
         kinds = np.array([function[model.geom_matid[g]] for g in self.geom], dtype=np.intp)
         self.function = kinds
         self.owner = model.body_rootid[model.geom_bodyid[self.geom]]
+        # Traffic lights by the numbers of their geoms, which stand for an owner: -1 and less.
+        self._road = RoadLights(model)
+        lamps = self._road.lamps
+        roots = self.owner.tolist()
+        self._owners = [
+            -1 - g if g in lamps else root
+            for g, root in zip(self.geom.tolist(), roots, strict=True)
+        ]
         turns = [turn_of(model, geom) for geom in self.geom.tolist()]
         places = [_places(model, g, t) for g, t in zip(self.geom.tolist(), turns, strict=True)]
         # The body's forward direction in the geom's frame: meshes are turned to their inertia.
         self._ahead = np.array([turn[0] for turn in turns]).reshape(-1, 3)
+        for k, (geom, turn) in enumerate(zip(self.geom.tolist(), turns, strict=True)):
+            if geom in lamps:
+                facing = lamps[geom][2]
+                self._ahead[k] = turn.T @ [math.cos(facing), math.sin(facing), 0.0]
         self._index = np.repeat(np.arange(len(places)), [len(p) for p in places])
         both = np.concatenate(places) if places else np.empty((0, 4))
         self._local, self._size = both[:, :3], both[:, 3]
@@ -144,9 +213,14 @@ class Lamps:
         return np.array(hidden, dtype=bool) & (self.function == _TAIL)
 
     def signals(self, data: mujoco.MjData, frame: DriveFrame) -> dict[int, Signals]:
-        """Returns the signals of the shown vehicles by the root of their bodies."""
+        """Returns the signals of the shown vehicles by the root of their bodies.
+
+        The traffic lights of the route have negative numbers.
+        """
         root = int(self._model.body("tractor").rootid[0])
         found = {root: truck_signals(frame.ego, frame.trajectory)}
+        states = self._road.states(frame.scene.signals.light, frame.time)
+        found |= {-1 - geom: Signals(light=state) for geom, state in states.items()}
         vehicles = VehicleFrame.of(frame.scene.vehicles)
         if not len(vehicles) or not self._traffic:
             return found
@@ -178,11 +252,14 @@ class Lamps:
         flash = (time * BLINK) % 1.0 < 0.5
         rest = _ON if on else _OFF
         found = np.empty(len(self.geom))
-        for i, (kind, owner) in enumerate(zip(self.function, self.owner.tolist(), strict=True)):
+        for i, (kind, owner) in enumerate(zip(self.function, self._owners, strict=True)):
             shown = signals.get(owner, Signals())
             if kind in (_LEFT, _RIGHT):
                 active = shown.left if kind == _LEFT else shown.right
                 found[i] = _BRAKE if active and flash else _OFF
+            elif kind >= _RED:
+                lit = shown.light is not None and _SHOWN[shown.light] == kind
+                found[i] = _BRAKE if lit else _OFF
             elif kind == _TAIL and shown.brake:
                 found[i] = _BRAKE
             elif kind == _HEAD:

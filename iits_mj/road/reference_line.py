@@ -8,6 +8,7 @@ within 0.4 mm beside a step of curvature in a town's corner.
 
 from __future__ import annotations
 
+import copy
 import math
 from typing import NamedTuple
 
@@ -26,7 +27,7 @@ _COARSE_SPACING = 5.0
 _LOST = 50.0
 _TURN = 2.0 * math.pi
 # Rows of the knots: x, y, z and superelevation, their slopes over station, linear quantities.
-_VALUES, _SLOPES = slice(0, 4), slice(4, 8)
+_VALUES, _ROLL, _SLOPES = slice(0, 4), 3, slice(4, 8)
 _CURVATURE, _HEADING, _P = 8, 9, 10
 _ROWS = 11
 # Numbers of leading rows: those of the plane, and all polynomials.
@@ -96,13 +97,30 @@ class ReferenceLine:
         self._knots = knots
         self._grid = np.arange(p.size) * self.spacing
         self._last = p.size - 2
-        table = np.zeros((p.size + 1, _ROWS))
-        table[0, :3] = self.length, self.spacing, self._last
-        table[1:] = knots.T
-        self.table = kernels.Table(table)
         stride = max(int(_COARSE_SPACING / self.spacing), 1)
         self._coarse_index = np.unique(np.append(np.arange(0, p.size, stride), p.size - 1))
         self._coarse = np.ascontiguousarray(knots[:2, self._coarse_index])
+        self._make_table()
+
+    def _make_table(self) -> None:
+        """Writes the knots for the look-ups at single places."""
+        table = np.zeros((self._knots.shape[1] + 1, _ROWS))
+        table[0, :3] = self.length, self.spacing, self._last
+        table[1:] = self._knots.T
+        self.table = kernels.Table(table)
+
+    @property
+    def superelevations(self) -> FloatArray:
+        """Superelevation of each knot [rad]."""
+        return self._knots[_ROLL]
+
+    def leaning(self, slope: float) -> ReferenceLine:
+        """Returns the line with a superelevation [rad] in addition to its own."""
+        other = copy.copy(self)
+        other._knots = self._knots.copy()
+        other._knots[_ROLL] += slope
+        other._make_table()
+        return other
 
     def parameter(self, station: ArrayLike) -> FloatArray:
         """Chain parameter p at stations."""

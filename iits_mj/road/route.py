@@ -40,6 +40,7 @@ from iits_mj.road.road_graph import RoadGraph
 from iits_mj.road.route_choice import Choice, choose
 from iits_mj.road.seams import ContinuousChain
 from iits_mj.road.straight import straight_road
+from iits_mj.road.unevenness import SMOOTH, Unevenness
 from iits_mj.road.xml_input import content_hash, read_file
 
 Stations = TypeVar("Stations", float, FloatArray)
@@ -197,6 +198,8 @@ class Route:
       tunnels, bridges: (start, end) stations of each.
       signals: signs and lights that face the route, by station.
       overtaking_bans: (start, end) stations of stretches where signs forbid trucks to overtake.
+      unevenness: of the surface below the truck's tires; heights and grades of the route are those
+        of the smooth road.
       notes: unused or changed parts of the map, in words.
       start: station where a drive begins unless it says otherwise; None where no point says so.
     """
@@ -216,6 +219,7 @@ class Route:
         self.notes = notes
         self.start: float | None = None
         self.patches: tuple[FrictionPatch, ...] = ()
+        self.unevenness: Unevenness = SMOOTH
         self._bands = [band for piece in chain.pieces for band in lane_bands(piece)]
         self._starts = [band.p_start for band in self._bands]
         # The last place that was asked for: its station, lanes, parameter and lanes' edges.
@@ -378,6 +382,31 @@ class Route:
             in_range("friction", value, 0.0, 2.0)
         other = copy.copy(self)
         other.patches = (*self.patches, FrictionPatch(start, end, left, right, split))
+        return other
+
+    def with_unevenness(self, unevenness: Unevenness) -> Route:
+        """Returns the route with an uneven surface below the truck's tires."""
+        other = copy.copy(self)
+        other.unevenness = unevenness
+        return other
+
+    def with_cross_slope(self, slope: float) -> Route:
+        """Returns the route with a cross slope in addition to that of the map.
+
+        Args:
+          slope: fall to the right of travel [rad], about the reference line.
+
+        Raises:
+          InputError: the route would be steeper than a truck can bear.
+        """
+        steepest = float(np.max(np.abs(self.line.superelevations + slope)))
+        if not steepest <= SUPERELEVATION_LIMIT + 1e-9:
+            raise InputError(
+                f"cross slope {slope:g} rad: with that of the map the road leans by up to "
+                f"{steepest:.3f} rad; use at most {SUPERELEVATION_LIMIT:g} rad in all"
+            )
+        other = copy.copy(self)
+        other.line = self.line.leaning(slope)
         return other
 
     def table(self, step: float = 1.0) -> FloatArray:

@@ -23,6 +23,7 @@ from iits_mj.j1939.bus import REACHES
 from iits_mj.j1939.network import CONTROLLER, LAST_ADDRESS
 from iits_mj.parameters import AnyTruck, check_truck, payload_option, truck_option
 from iits_mj.road.route_choice import read_words
+from iits_mj.road.unevenness import CLASSES
 from traffic_bridge import TRAFFIC, TrafficSource
 from traffic_bridge.config import HIGHEST_HEAVY_SHARE
 from traffic_bridge.vehicles.service_level import BOUNDS
@@ -102,6 +103,39 @@ class TruckStart:
         "that the bends ahead allow",
         "road",
         low=0.0,
+    )
+
+    roughness: str = option(
+        "smooth",
+        help="class of the road's roughness, ISO 8608; A: very good, D: poor",
+        choices=tuple(CLASSES),
+        group="road",
+    )
+    potholes: float = option(
+        0.0, help="potholes per kilometer of lane", low=0.0, high=200.0, group="road"
+    )
+    joint_spacing: float | None = option(
+        None,
+        help="distance of expansion joints across the road; without it there are none",
+        unit="m",
+        low=2.0,
+        high=1000.0,
+        group="road",
+    )
+    cross_slope: float = option(
+        0.0,
+        help="fall of the road to its outer side, in addition to the map's superelevation",
+        unit="%",
+        low=-8.0,
+        high=8.0,
+        group="road",
+    )
+    road_seed: int = option(
+        0,
+        help="seed of the roughness and the potholes",
+        low=0,
+        high=2**31 - 1,
+        group="road",
     )
 
     def __post_init__(self) -> None:

@@ -38,6 +38,7 @@ from iits_mj.simulation.parts import (
     make_stack,
     make_traffic,
     placed,
+    surface_text,
 )
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
 from iits_mj.simulation.traffic_flow import FlowMeter
@@ -242,6 +243,7 @@ class Simulation(LockStep):
             collision=self.collision,
             failed=self.failed,
             fuel=self.frame.ego.fuel_used - self._fuel_start,
+            road_surface=surface_text(self.config),
             warnings=warnings,
             unsure_decisions=getattr(self.driver, "unsure_decisions", 0),
         )

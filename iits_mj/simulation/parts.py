@@ -31,6 +31,7 @@ from iits_mj.core.timing import TIMESTEP
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.route import USABLE_LANE_WIDTH
+from iits_mj.road.unevenness import Unevenness
 from iits_mj.road.xml_input import SIZE_LIMIT
 from iits_mj.simulation.config import DriveConfig, TruckStart
 from iits_mj.simulation.frame import END_MARGIN, LEAVE_MARGIN
@@ -137,13 +138,27 @@ def load_map(path: Path | None) -> RoadMap:
 
 
 def load_route(config: TruckStart) -> Route:
-    """Returns the configured route on the configured map.
+    """Returns the configured route on the configured map, with its cross slope and unevenness.
 
     Raises:
-      InputError: the map has no such route.
+      InputError: the map has no such route, or the cross slope is too steep.
       MapError: the map cannot be used.
     """
-    return load_map(config.map).route(along=config.route)
+    route = load_map(config.map).route(along=config.route)
+    if config.cross_slope:
+        outward = -1.0 if route.road_map.left_hand else 1.0
+        route = route.with_cross_slope(outward * math.atan(0.01 * config.cross_slope))
+    return route.with_unevenness(_unevenness(config))
+
+
+def surface_text(config: TruckStart) -> str:
+    """The configured cross slope and unevenness in words, "smooth" without them."""
+    lean = f", cross slope {config.cross_slope:g} %" if config.cross_slope else ""
+    return f"{_unevenness(config)}{lean}"
+
+
+def _unevenness(config: TruckStart) -> Unevenness:
+    return Unevenness(config.roughness, config.potholes, config.joint_spacing, config.road_seed)
 
 
 @task("building the truck", usual=1.5)

@@ -105,6 +105,7 @@ class DriveSummary(_Summary):
       fuel [kg]; real_time_factor: simulated time over wall time, everything included.
       traffic: density, flow, speed and level of service of the traffic around the truck.
       max_lateral_acceleration [m/s2], max_articulation [rad]: greatest magnitudes.
+      road_surface: cross slope and unevenness in words.
       warnings: MuJoCo's warnings that were raised, by name, and limits of the plant's validity that
         were exceeded, once each.
     """
@@ -121,6 +122,7 @@ class DriveSummary(_Summary):
     real_time_factor: float
     max_lateral_acceleration: float
     max_articulation: float
+    road_surface: str = "smooth"
     traffic: TrafficFlow
     warnings: dict[str, int] = field(default_factory=dict)
     unsure_decisions: int = 0
@@ -155,6 +157,7 @@ class DriveSummary(_Summary):
             ("fuel", f"{self.fuel:.2f} kg{consumption}"),
             ("largest lateral acceleration", f"{self.max_lateral_acceleration:.2f} m/s2"),
             ("largest articulation", f"{math.degrees(self.max_articulation):.2f} deg"),
+            *([("road surface", self.road_surface)] if self.road_surface != "smooth" else []),
             ("real-time factor", f"{self.real_time_factor:.1f}"),
             ("engine warnings", counts_text(self.warnings)),
         ]
@@ -222,6 +225,7 @@ class SummaryBuilder:
         collision: bool,
         failed: bool,
         fuel: float,
+        road_surface: str,
         warnings: dict[str, int],
         unsure_decisions: int,
     ) -> DriveSummary:
@@ -246,6 +250,7 @@ class SummaryBuilder:
             real_time_factor=duration / wall_time if wall_time > 0.0 else 0.0,
             max_lateral_acceleration=self.max_lateral_acceleration,
             max_articulation=self.max_articulation,
+            road_surface=road_surface,
             traffic=self.traffic.flow,
             warnings=warnings,
             unsure_decisions=unsure_decisions,

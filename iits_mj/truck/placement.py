@@ -17,6 +17,7 @@ from iits_mj.road import Route
 # No truck rolls faster: well above what the tires and the driveline are made for.
 SPEED_MAX = 60.0
 STATION_MAX, OFFSET_MAX = 1e6, 1e3  # [m], beyond every road
+_TRACK = 1.0  # [m], from the middle of a truck to its wheel tracks
 _ANGLES = ("yaw", "pitch", "roll")
 ARTICULATION_MAX = 0.5 * math.pi  # [rad], where the trailer meets the cab
 
@@ -148,7 +149,11 @@ class Poser:
 
     def _point(self, station: float, offset: float) -> FloatArray:
         point = self._route.evaluate(station, offset)
-        return np.array([float(point.x), float(point.y), float(point.z)])
+        z = float(point.z)
+        if self._route.unevenness:
+            tracks = (offset - _TRACK, offset + _TRACK)
+            z += 0.5 * sum(self._route.unevenness.height(station, track) for track in tracks)
+        return np.array([float(point.x), float(point.y), z])
 
     def _across(self, station: float) -> FloatArray:
         """Unit vector to the left across the road."""

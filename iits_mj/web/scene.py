@@ -16,9 +16,10 @@ from mjviser import ViserMujocoScene
 from mjviser.conversions import get_geom_texture_id, is_fixed_body, merge_geoms
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.messages import Trajectory
+from iits_mj.core.messages import TrafficLight, Trajectory
 from iits_mj.core.own_parts import part_name
 from iits_mj.core.vehicles import VehicleFrame
+from iits_mj.model.scenery.signs import LAMPS
 from iits_mj.render.cameras import (
     CAMERAS,
     Camera,
@@ -27,6 +28,7 @@ from iits_mj.render.cameras import (
     camera_pose,
     make_camera,
 )
+from iits_mj.render.lamps import RoadLights
 
 if TYPE_CHECKING:
     import viser
@@ -51,6 +53,9 @@ _ASIDE = 0.75  # [m]
 _LABELS = 6
 _LABEL_REACH = 120.0  # [m]
 _ROOT = "/fixed_bodies"
+# Lit lamps of traffic lights: radius [m] and colors.
+_LAMP = 0.13
+_LAMP_COLORS = dict(zip(LAMPS, ((255, 30, 20), (255, 190, 0), (40, 255, 120)), strict=True))
 
 
 @dataclass(frozen=True)
@@ -173,6 +178,25 @@ class TruckScene(ViserMujocoScene):
                 places = np.array([self._place(geom) for geom in geoms])
                 reach = float(model.geom_rbound[geoms].max())
                 self._chunks.append((handle, np.append(places.mean(axis=0), reach)))
+        self._lights = RoadLights(model)
+        self._lamps = {
+            geom: self.server.scene.add_icosphere(
+                f"{_ROOT}/lamp{geom}",
+                radius=_LAMP,
+                color=_LAMP_COLORS[material],
+                position=tuple(self.mj_data.geom_xpos[geom]),
+                cast_shadow=False,
+                visible=False,
+            )
+            for geom, (material, _, _) in self._lights.lamps.items()
+        }
+
+    def show_light(self, light: TrafficLight | None, time: float) -> None:
+        """Shows the lamps of the route; `light` is the next one, `time` that of the drive [s]."""
+        lit = self._lights.lit(light, time)
+        for geom, lamp in self._lamps.items():
+            if lamp.visible != (geom in lit):
+                lamp.visible = geom in lit
 
     def _add_plain(self, geom: int) -> None:
         """Adds an infinite plane as a large square that moves with the truck, with a fine grid."""

@@ -68,7 +68,7 @@ def test_traffic_light_faces_the_traffic_that_it_is_for(orientation, side):
         signals=f'<signal id="7" s="60" t="-5" dynamic="yes" type="1000001" zOffset="2.4" '
         f'height="0.9" orientation="{orientation}"/>'
     )
-    lamps = [vertices(model, f"road_lamp_{color}_map") for color in ("red", "yellow", "green")]
+    lamps = [vertices(model, f"road_lamp_{color}") for color in ("red", "yellow", "green")]
     heights = [points[:, 2].mean() for points in lamps]
     assert heights == sorted(heights, reverse=True)
     assert max(points[:, 2].max() for points in lamps) == pytest.approx(3.3, abs=0.1)
@@ -97,3 +97,35 @@ def test_speed_sign_is_white_with_a_red_ring():
     assert np.ptp(red[:, 1]) == pytest.approx(0.6, abs=0.02)
     assert np.ptp(white[:, 1]) < np.ptp(red[:, 1])
     assert white[:, 0].min() < red[:, 0].min() < 60.0
+
+
+@pytest.mark.parametrize(
+    ("attributes", "lit"),
+    [
+        ('name="30 sign" value="80" unit="km/h"', (7, 6)),
+        ('name="Sign_Speed_30"', (5, 6)),
+        ('name="limit" value="25" unit="m/s"', (6, 6)),
+        ('name="limit" value="111" unit="mph"', (2, 2, 2)),
+    ],
+)
+def test_speed_sign_shows_its_number(attributes, lit):
+    """Each digit is made of as many of seven bars as on a display; m/s are shown as km/h."""
+    model, _, _ = town(
+        signals=f'<signal id="9" s="60" t="-5" type="274" {attributes} width="0.6" zOffset="2" '
+        'orientation="+"/>'
+    )
+    black = vertices(model, "road_sign_black_map")
+    # A bar is a box. Seen from the road, which leads to +x, the first digit is on the left.
+    bars = black.reshape(-1, len(black) // sum(lit), 3).mean(axis=1)
+    left = bars[:, 1] > bars[:, 1].mean()
+    assert len(bars) == sum(lit)
+    if len(lit) == 2:
+        assert (left.sum(), (~left).sum()) == lit
+    # In front of the plate, and inside its ring.
+    assert black[:, 0].max() < vertices(model, "road_sign_white_map")[:, 0].min() + 1e-6
+    assert np.abs(black[:, 1:] - [-5.0, 2.3]).max() < 0.23
+
+
+def test_sign_that_is_no_limit_has_no_number():
+    model, _, _ = town(signals='<signal id="9" s="60" t="-5" type="206" value="3" name="Stop 2"/>')
+    assert not [i for i in range(model.ngeom) if "black" in model.geom(i).name]

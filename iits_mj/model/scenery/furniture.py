@@ -14,7 +14,7 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 from iits_mj.model.scenery.junction import inside
 from iits_mj.model.scenery.paint import MARKING_LIFT
-from iits_mj.model.scenery.signs import sign
+from iits_mj.model.scenery.signs import PEDESTRIAN_LIGHT, sign
 from iits_mj.model.scenery.streets import Street
 from iits_mj.model.scenery.structures import BROADLEAF, stakes
 from iits_mj.model.visuals.shapes import Shape, merge, surface
@@ -72,6 +72,12 @@ def furniture(route: Route, roads: dict[str, tuple[float, float]]) -> Placed:
       route: of the truck.
       roads: interval of s that is drawn [m], by road id.
     """
+    # Lights that the truck obeys are separate geoms, so that a picture can switch their lamps.
+    obeyed = {
+        id(one.signal): one.station
+        for one in route.signals
+        if one.signal.is_traffic_light and one.signal.kind != PEDESTRIAN_LIGHT
+    }
     for identity, (low, high) in roads.items():
         road = route.road_map.roads[identity]
         if not road.objects and not road.signals:
@@ -83,7 +89,7 @@ def furniture(route: Route, roads: dict[str, tuple[float, float]]) -> Placed:
                     yield shape.vertices[0], material, shape
         for signal in road.signals:
             if low <= signal.s <= high:
-                for material, shape in _signal(site, signal):
+                for material, shape in _signal(site, signal, obeyed.get(id(signal))):
                     yield shape.vertices[0], material, shape
 
 
@@ -242,7 +248,9 @@ def _stripes(
     return merge(parts)
 
 
-def _signal(site: Site, signal: Signal) -> Iterator[tuple[str, Shape]]:
+def _signal(
+    site: Site, signal: Signal, station: float | None = None
+) -> Iterator[tuple[str, Shape]]:
     heading = site.heading(signal.s)
     is_paint = signal.height < 0.1 and signal.z_offset < 0.5 and not signal.dynamic
     if is_paint and signal.kind in (SIGNAL_CROSSING, SIGNAL_STOP_LINE):
@@ -266,4 +274,4 @@ def _signal(site: Site, signal: Signal) -> Iterator[tuple[str, Shape]]:
         gap_left, gap_right = float(left[0]) - foot, foot - float(right[0])
         foot = float(left[0]) + 0.6 if gap_left < gap_right else float(right[0]) - 0.6
     base, head = site.points(np.full(2, signal.s), np.array([foot, signal.t]))
-    yield from sign(signal, base, head, heading)
+    yield from sign(signal, base, head, heading, station)

@@ -198,11 +198,12 @@ def _add_meshes(
 ) -> None:
     """Adds one mesh without contact for each entry of `parts`, named after it and the label.
 
-    The entry's name is also its material, unless one is given.
+    The entry's name up to an "@" is also its material, unless one is given.
     """
     for stem, shapes in parts.items():
         name, shape = f"{stem}{label}", merge(shapes)
-        ensure_material(spec, material or stem)
+        own = material or stem.split("@")[0]
+        ensure_material(spec, own)
         # Vertices relative to the mesh's own place keep single precision far from the origin.
         place = np.round(shape.vertices.mean(axis=0))
         add_mesh(spec, name, shape.moved(-place))
@@ -210,7 +211,7 @@ def _add_meshes(
             name=name,
             type=mujoco.mjtGeom.mjGEOM_MESH,
             meshname=name,
-            material=material or stem,
+            material=own,
             pos=place,
             contype=0,
             conaffinity=0,

@@ -6,11 +6,13 @@ use, or by their name; any other sign is a plain white plate.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.units import KMH
 from iits_mj.model.visuals.shapes import Shape, beam, boxes, merge, prism
 from iits_mj.road.elements import Signal
 
@@ -29,11 +31,24 @@ _PLATES = (
     (("306", "priority"), (4, 0.0, "road_sign_white", "road_sign_yellow", 0.72)),
     (("209", "211", "222", "arrow"), (24, 0.0, "road_sign_blue", "road_sign_white", 0.3)),
 )
+_SPEED = _PLATES[0][0]
+# Bars of a digit in a box 1 high: middle in x and z, width, height; those that each digit has.
+_BAR = 0.15
+_BARS = [
+    *[(0.0, z, 0.5, _BAR) for z in (0.925, 0.5, 0.075)],
+    *[(x, z, _BAR, 0.5) for z in (0.75, 0.25) for x in (-0.2, 0.2)],
+]
+_DIGITS = ("023456", "46", "01245", "01246", "1346", "01236", "012356", "046", "0123456", "012346")
+_DIGIT_PITCH = 0.68  # of the height
 _PLAIN_PLATE = (4, 45.0, "road_steel", "road_sign_white", 0.92)
 
 
 def sign(
-    signal: Signal, base: FloatArray, head: FloatArray, heading: float
+    signal: Signal,
+    base: FloatArray,
+    head: FloatArray,
+    heading: float,
+    station: float | None = None,
 ) -> Iterator[tuple[str, Shape]]:
     """Yields (material, shape) of a sign or a traffic light.
 
@@ -42,6 +57,8 @@ def sign(
       base: foot of its pole on the road plane (3,) [m].
       head: point of the road plane below its face (3,) [m].
       heading: of its road [rad].
+      station: of a traffic light that faces the route, on the route [m]: its lamps get the names
+        of `lamp_name`.
     """
     facing = heading + signal.heading + (0.0 if signal.orientation == "-" else np.pi)
     overhead = float(np.hypot(*(head - base)[:2])) > 0.3
@@ -52,6 +69,8 @@ def sign(
     c, s = np.sin(facing), -np.cos(facing)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     for material, shape in parts:
+        if station is not None and material in LAMPS:
+            material = lamp_name(material, station, facing)
         yield material, Shape(shape.vertices @ turn.T + head, shape.faces)
     low, high = base - np.array([0.0, 0.0, 0.4]), base + np.array([0.0, 0.0, top])
     post = boxes([(0.5 * (low + high), (POLE, POLE, high[2] - low[2]))])
@@ -59,6 +78,17 @@ def sign(
         end = head + np.array([0.0, 0.0, top])
         post = merge([post, beam(high, end, POLE, POLE)])
     yield "road_steel", post
+
+
+def lamp_name(material: str, station: float, facing: float) -> str:
+    """Name of a lamp of the route: material, station [m] and the direction that it faces [rad]."""
+    return f"{material}@{station:.1f}@{(facing + np.pi) % (2.0 * np.pi) - np.pi:.2f}"
+
+
+def lamp_of(name: str) -> tuple[str, float, float] | None:
+    """Material, station and direction of a geom that has a `lamp_name`; None for other geoms."""
+    parts = name.split("_map_")[0].split("@")
+    return (parts[0], float(parts[1]), float(parts[2])) if len(parts) == 3 else None
 
 
 def _light(signal: Signal, overhead: bool) -> tuple[float, list[tuple[str, Shape]]]:
@@ -94,7 +124,33 @@ def _plate(signal: Signal, overhead: bool) -> tuple[float, list[tuple[str, Shape
         (outer, prism(_polygon(corners, turn, radius, middle), 0.05, 0.02)),
         (inner, prism(_polygon(corners, turn, share * radius, middle), 0.07, 0.01)),
     ]
+    if any(key in words for key in _SPEED) and (number := _limit(signal)):
+        parts.append(("road_sign_black", _number(number, middle, radius)))
     return middle + 0.4 * width, parts
+
+
+def _limit(signal: Signal) -> str:
+    """The number on a speed sign, "" without one: km/h where the map has m/s."""
+    value = signal.value
+    if value is None:
+        # Maps without a value often have it in the name, as in "Sign_Speed_60".
+        return next(iter(re.findall(r"\d+", signal.name)), "")[:3]
+    value = value / KMH if signal.unit == "m/s" else value
+    return f"{value:.0f}" if 0.0 < value < 1000.0 else ""
+
+
+def _number(digits: str, middle: float, radius: float) -> Shape:
+    """Digits on a plate of a radius about the height `middle`; the plate faces +y."""
+    size = radius * (0.8 if len(digits) < 3 else 0.62)
+    parts = []
+    for place, digit in enumerate(digits):
+        # Seen from +y, x runs to the left.
+        across = (0.5 * (len(digits) - 1) - place) * _DIGIT_PITCH
+        for bar in _DIGITS[int(digit)]:
+            x, z, width, height = _BARS[int(bar)]
+            center = (size * (across - x), 0.085, middle + size * (z - 0.5))
+            parts.append((center, (size * width, 0.01, size * height)))
+    return boxes(parts)
 
 
 def _polygon(corners: int, turn: float, radius: float, middle: float) -> FloatArray:

@@ -2,7 +2,8 @@
 //
 // A row has 11 numbers: x, y, z [m], cos(heading), sin(heading), curvature [1/m], grade [1],
 // tan(superelevation), friction left, friction right, offset of the friction split [m]. The height
-// is C1: cubic Hermite in station, linear across the road.
+// is C1: cubic Hermite in station, linear across the road. Unevenness is a grid of heights after
+// the rows, which repeats in both directions; its height is C1 along the road and linear across.
 #ifndef IITS_MJ_PLUGIN_LAWS_ROAD_H_
 #define IITS_MJ_PLUGIN_LAWS_ROAD_H_
 
@@ -29,6 +30,8 @@ struct RoadTable {
 
   int count = 0;  // rows; 0: the plane z = 0
   double start = 0, step = 1, inverse_step = 1;
+  int grid_rows = 0, grid_columns = 0;     // of the unevenness; 0: a smooth road
+  double grid_along = 1, grid_across = 1;  // steps [m]
 
   // Surface at the point (x, y); `station_hint` is kUnknownStation or the station of a point
   // nearby. The hint affects the result only where the road passes over itself.
@@ -71,13 +74,20 @@ struct RoadTable {
 
     const T offset = v * (y0 * c0 - x0 * s0) + u * (y1 * c1 - x1 * s1);
     const T tilt0 = first(kTilt), tilt1 = second(kTilt);
-    const T tilt = v * tilt0 + u * tilt1;
+    T tilt = v * tilt0 + u * tilt1;
     const T curvature = v * first(kCurvature) + u * second(kCurvature);
     const T cosine = v * c0 + u * c1, sine = v * s0 + u * s1;
     point.height = z + offset * tilt;
     // Slope along the line at this offset, which is longer or shorter than the reference line.
     const T stretch = Max(1 - curvature * offset, 0.2);
-    const T along = (slope + offset * (tilt1 - tilt0) * inverse_step) / stretch;
+    T along = (slope + offset * (tilt1 - tilt0) * inverse_step) / stretch;
+    if (grid_rows > 0) {
+      T uneven[3];
+      Unevenness(rows + count * kColumns, point.station, offset, uneven);
+      point.height += uneven[0];
+      along += uneven[1] / stretch;
+      tilt += uneven[2];
+    }
     point.up[0] = tilt * sine - along * cosine;
     point.up[1] = -along * sine - tilt * cosine;
     point.up[2] = Fill<T>(1);
@@ -89,6 +99,42 @@ struct RoadTable {
   }
 
  private:
+  // Height of the grid at a place, and its slopes along and across the road: Catmull-Rom spline
+  // along, linear across.
+  template <class T>
+  void Unevenness(const double* grid, T station, T offset, T out[3]) const {
+    decltype(Lane(station, 0)) found[kLanes<T>][3];
+    for (int k = 0; k < kLanes<T>; ++k) {
+      auto s = Lane(station, k) / grid_along, y = Lane(offset, k) / grid_across;
+      const int row = Cell(&s, grid_rows), column = Cell(&y, grid_columns);
+      const int next = column + 1 < grid_columns ? column + 1 : 0;
+      decltype(s) height[2], slope[2];
+      for (int side = 0; side < 2; ++side) {
+        double h[4];
+        for (int i = 0; i < 4; ++i) {
+          const int at = (row + i + grid_rows - 1) % grid_rows;
+          h[i] = grid[at * grid_columns + (side ? next : column)];
+        }
+        const double a = 0.5 * (h[2] - h[0]), b = h[0] - 2.5 * h[1] + 2 * h[2] - 0.5 * h[3],
+                     c = 0.5 * (h[3] - h[0]) + 1.5 * (h[1] - h[2]);
+        height[side] = h[1] + s * (a + s * (b + s * c));
+        slope[side] = a + s * (2 * b + 3 * s * c);
+      }
+      found[k][0] = height[0] + y * (height[1] - height[0]);
+      found[k][1] = (slope[0] + y * (slope[1] - slope[0])) / grid_along;
+      found[k][2] = (height[1] - height[0]) / grid_across;
+    }
+    for (int i = 0; i < 3; ++i) out[i] = Each<T>([&](int k) { return found[k][i]; });
+  }
+
+  // Cell of a grid that repeats after `cells`; leaves the place within the cell, 0 to 1.
+  template <class T>
+  static int Cell(T* place, int cells) {
+    const T whole = floor(*place);
+    *place = *place - whole;
+    return Whole(whole - cells * floor(whole / cells), 0, cells - 1);
+  }
+
   static constexpr int kCoarseStride = 32;  // of the global search
   static constexpr int kWalkMax = 64;       // rows from the hint, then the global search
   static constexpr double kFarOffset = 40;  // [m]; farther off the road, a hint may be wrong

@@ -25,6 +25,7 @@ from iits_mj.core.messages import TransmissionMode, VehicleCommand, XbrEbiMode, 
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
+from iits_mj.road import Route
 from iits_mj.truck import Truck
 from iits_mj.validation.harness.maneuver import Run, first_time, run
 from iits_mj.validation.harness.recorder import PERIOD
@@ -259,9 +260,17 @@ REGULATIONS = (UN_R13, FMVSS_121)
 R13_DECELERATION = 5.0
 
 
-def stop_run(parameters: TruckParameters, payload: float, speed: float, timestep: float) -> Run:
-    """Full pedal from a speed [m/s] to standstill."""
-    truck = Truck.load(payload, parameters=parameters, timestep=timestep, visuals=False)
+def stop_run(
+    parameters: TruckParameters,
+    payload: float,
+    speed: float,
+    timestep: float,
+    route: Route | None = None,
+) -> Run:
+    """Full pedal from a speed [m/s] to standstill, on a flat plane or a route."""
+    truck = Truck.load(
+        payload, parameters=parameters, route=route, timestep=timestep, visuals=False
+    )
     truck.reset(speed=speed)
     return run(truck, lambda *_: FULL, _LONGEST, stop=lambda state: state.speed < _STANDS)
 

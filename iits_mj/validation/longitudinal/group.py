@@ -21,6 +21,7 @@ from iits_mj.validation.longitudinal import (
     hill_climb,
     long_haul,
     speed_accuracy,
+    uneven_road,
 )
 from iits_mj.validation.longitudinal.acceleration import (
     full_pedal,
@@ -71,6 +72,9 @@ def run(config: ValidateConfig) -> Results:
         for regulation in braking.REGULATIONS:
             name = f"full_stop_{load}_{regulation.speed / KMH:.0f}kph"
             add(name, braking.compare_stop(truck, payload, regulation, step))
+    for payload in config.payloads()[:1] if quick else config.payloads():
+        name = f"uneven_road_{payload / 1e3:g}t"
+        add(name, uneven_road.compare(truck, payload, step, quick=quick))
     for kph in (60.0,) if quick else (30.0, 60.0):
         add(f"descent_{kph:g}kph", descent.compare(truck, kph * KMH, step))
     for payload in config.payloads()[:1] if quick else config.payloads():

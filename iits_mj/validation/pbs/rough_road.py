@@ -20,6 +20,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.units import KMH
 from iits_mj.model.road_table import add_surface
 from iits_mj.road.elements import DEFAULT_FRICTION
+from iits_mj.road.unevenness import CLASSES, random_track, spectrum
 from iits_mj.validation.pbs.maneuvers import StraightPath
 
 # Distance of the rows of the road's table, and of the wheel tracks [m].
@@ -28,8 +29,8 @@ STEP, TRACKS = 0.25, 2.0
 # settles before the measured one, then the road's end behind it [m].
 FLAT, RISE, SETTLE, END = 150.0, 100.0, 500.0, 100.0
 START = FLAT + RISE + SETTLE
-# Band of the unevenness [1/m], and the place of the spectrum's reference [1/m].
-_BAND, _REFERENCE = (0.01, 1.0), 0.1
+# Band of the unevenness [1/m].
+_BAND = (0.01, 1.0)
 # Golden car (Sayers, Gillespie, Queiroz, World Bank Technical Paper 45, 1986): tire and suspension
 # rate, unsprung mass and damping over the sprung mass, and speed.
 _TIRE, _SPRING, _UNSPRUNG, _DAMPING = 653.0, 63.3, 0.15, 6.0
@@ -66,7 +67,7 @@ def roughness_index(heights: FloatArray, step: float = STEP) -> float:
 
 
 def wheel_tracks(count: int, seed: int, step: float = STEP) -> FloatArray:
-    """Returns heights of the left and right wheel track at `G(0.1) = 16e-6 m3`, (2, count) [m].
+    """Returns heights of the left and right wheel track of ISO 8608's class A, (2, count) [m].
 
     Args:
       count: of the samples.
@@ -74,25 +75,14 @@ def wheel_tracks(count: int, seed: int, step: float = STEP) -> FloatArray:
       step: of the samples [m].
     """
     random = np.random.default_rng(seed)
-    frequency = np.fft.rfftfreq(count, step)
-    inside = (frequency >= _BAND[0]) & (frequency <= _BAND[1])
-    kept = np.where(inside, frequency, 1.0)
-    spectrum = np.where(inside, 16e-6 * (kept / _REFERENCE) ** -2.0, 0.0)
-    apart = 2.0 * np.pi * kept * TRACKS
+    frequency = np.asarray(np.fft.rfftfreq(count, step), dtype=float)
+    density = spectrum(frequency, CLASSES["A"], _BAND)
+    apart = 2.0 * np.pi * np.where(density > 0.0, frequency, 1.0) * TRACKS
     coherence = apart * special.k1(apart)
     # A component that both tracks share, and one of each.
     powers = [coherence, 1.0 - coherence, 1.0 - coherence]
-    common, *own = (_random_track(spectrum * share, count, step, random) for share in powers)
+    common, *own = (random_track(density * share, count, step, random) for share in powers)
     return np.array([common + track for track in own])
-
-
-def _random_track(
-    spectrum: FloatArray, count: int, step: float, random: np.random.Generator
-) -> FloatArray:
-    """Heights (count,) [m] with a one-sided spectrum over frequency [m3] and random phases."""
-    amplitude = np.sqrt(2.0 * spectrum / (count * step))
-    phase = np.exp(2j * np.pi * random.random(len(spectrum)))
-    return np.fft.irfft(0.5 * count * amplitude * phase, count)
 
 
 @dataclass(frozen=True)
