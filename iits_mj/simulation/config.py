@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from controllers import own_parts
 from controllers.protocols import (
@@ -30,6 +31,10 @@ TRAFFIC_SCOPES = ("route", "both", "map")
 COMMAND_PATHS = ("direct", "j1939")
 BUSES = ("virtual", "socketcan", "udp_multicast")
 SILENCE = ("release", "stop")
+# Start in traffic of a level of service on the built-in highway [m]: far enough from its beginning
+# that traffic follows the truck, too.
+LEVEL_START = 1_000.0
+LEVEL_SPEED = 80.0 / 3.6  # [m/s] of the truck in such traffic: the limit for trucks on motorways
 # The parts of a drive that a user may replace, by option.
 PARTS = {
     "decision": own_parts.DECISION,
@@ -84,8 +89,8 @@ class TruckStart:
     )
     start_speed: float = _speed_option(
         15.0,
-        "speed at the start; reduced to the reference speed, to the speed limit and to the speed "
-        "that the bends ahead allow",
+        "speed at the start; reduced to the reference speed, to the speed limit, to the speed that "
+        "the bends ahead allow, and to that of a level of service",
         "road",
         low=0.0,
     )
@@ -106,7 +111,8 @@ class DriveConfig(TruckStart):
     density: str = option(
         "dense",
         help="amount of traffic; A to F: level of service of the Highway Capacity Manual, with "
-        "headways and lane changes as on motorways",
+        "headways and lane changes as on motorways, and without other options a truck at 80 km/h "
+        "from station 1000 m on",
         choices=DENSITIES,
         group="traffic",
     )
@@ -219,6 +225,27 @@ class DriveConfig(TruckStart):
         120.0, help="longest simulated time", unit="s", low=1.0, high=86_400.0, group="run"
     )
     seed: int = option(0, help="seed of everything random", low=0, high=2**31 - 1, group="run")
+
+
+AnyDrive = TypeVar("AnyDrive", bound=DriveConfig)
+
+
+def with_level_start(config: AnyDrive, given: AbstractSet[str]) -> AnyDrive:
+    """Returns the drive with the start that suits traffic of a level of service.
+
+    The truck drives 80 km/h and starts at this speed (`Simulation` reduces it to the traffic's), on
+    the built-in highway behind the first kilometer. Options that the user gave stay.
+
+    Args:
+      config: the drive; without a level of service it is returned unchanged.
+      given: names of the options that the user gave.
+    """
+    if config.density not in BOUNDS:
+        return config
+    values = {"speed": LEVEL_SPEED, "start_speed": LEVEL_SPEED}
+    if config.map is None:
+        values["start_station"] = LEVEL_START
+    return replace(config, **{k: v for k, v in values.items() if k not in given})
 
 
 @dataclass(frozen=True, kw_only=True)
