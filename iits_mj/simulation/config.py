@@ -242,7 +242,7 @@ def with_level_start(config: AnyDrive, given: AbstractSet[str]) -> AnyDrive:
     """
     if config.density not in BOUNDS:
         return config
-    values = {"speed": LEVEL_SPEED, "start_speed": LEVEL_SPEED}
+    values: dict[str, Any] = {"speed": LEVEL_SPEED, "start_speed": LEVEL_SPEED}
     if config.map is None:
         values["start_station"] = LEVEL_START
     return replace(config, **{k: v for k, v in values.items() if k not in given})

@@ -113,6 +113,7 @@ class SumoTraffic:
         self.session.step()
         with self.session.guard("populating the road"):
             self._demand.discard_pending()
+            self._demand.trim()
             self._drop_arrived()
             return self._observe(ego)
 

@@ -16,7 +16,6 @@ from traffic_bridge.signals.limits import SpeedLimits
 from traffic_bridge.vehicles.ego_room import EgoRoom
 from traffic_bridge.vehicles.map_demand import (
     JUNCTION_GAP,
-    MOST,
     PERIOD,
     MapDemand,
     Occupied,
@@ -177,6 +176,12 @@ class Demand:
                 self._api.vehicle.remove(name)
                 self._vehicles.forget(name)
 
+    def trim(self) -> None:
+        """Removes surplus vehicles of a populated map, before anyone has seen them."""
+        if self._map is not None and self._probability > 0.0:
+            for name in self._map.surplus(self._api):
+                self._take_off(name)
+
     def _is_near(self, ego_station: float | None, station: float, offset: float = 0.0) -> bool:
         """Whether a place is too close to the ego for the insertion of a vehicle."""
         clear = self._config.clear_distance + self._config.footprint.length
@@ -220,11 +225,11 @@ class Demand:
         self._next_check = round(PERIOD / self._config.step_length)
         trips.prolong(self._api)
         occupied = trips.occupied(self._api)
+        change = trips.correction(occupied)
         self._full = trips.is_full(occupied)
-        missing = trips.missing(occupied)
-        for name in trips.leaving(self._api, sight, -missing):
+        for name in trips.leaving(self._api, sight, -change):
             self._take_off(name)
-        self._top_up(trips, occupied, sight, min(missing, MOST))
+        self._top_up(trips, occupied, sight, change)
 
     def _top_up(
         self,

@@ -25,9 +25,10 @@ HORIZON = 400.0  # [m] ahead of a vehicle for which its turns are drawn
 CHANGE_ROOM = 50.0  # [m] of road that a vehicle needs to change to the next lane (judgement)
 SHORTEST = 25.0  # [m] of a lane on which vehicles begin inside the map
 # Number of vehicles over the asked one, at which vehicles begin or end out of sight.
-LOWEST, HIGHEST = 0.98, 1.04
+LOWEST, HIGHEST = 0.97, 1.03
 TRIES = 8  # places drawn for each missing vehicle
-MOST = 4  # vehicles that begin in one check
+MOST = 4  # vehicles that begin or end in one check
+SMOOTHING = 8.0  # [s] over which the number of vehicles is averaged
 # Free road kept before and behind a new vehicle: standing gap [m], and time [s] at a speed.
 FREE_GAP, FREE_TIME = 4.0, 1.5
 JUNCTION_GAP = 8.0  # [m] before the end of a lane without new vehicles
@@ -115,6 +116,7 @@ class MapDemand:
         )
         self._wanted = np.array([lane.length * self._density(lane) for lane in self.lanes])
         self._pace = math.inf if config.steady is None else config.steady.speed
+        self._mean = math.nan  # number of vehicles, of the last `SMOOTHING` seconds
         self._trips: dict[str, Trip] = {}
         self._along = {lane.id: distances_along(lane.shape) for lane in self.lanes}
 
@@ -239,15 +241,27 @@ class MapDemand:
         return found
 
     def missing(self, occupied: dict[str, Occupied]) -> int:
-        """Vehicles by which the map has fewer than asked; negative: more."""
-        count = sum(len(here.places) for here in occupied.values())
-        if LOWEST * self.target <= count <= max(HIGHEST * self.target, self.target + 1.0):
+        """Vehicles by which the lanes have fewer than asked; negative: more."""
+        return round(self.target - _count(occupied))
+
+    def correction(self, occupied: dict[str, Occupied]) -> int:
+        """Vehicles to add in this check; negative: to take off.
+
+        It follows the mean number, because vehicles inside junctions are missing for a while only.
+        """
+        count, target = _count(occupied), self.target
+        if math.isnan(self._mean):
+            self._mean = float(count)
+        self._mean += (count - self._mean) * PERIOD / SMOOTHING
+        if LOWEST * target <= self._mean <= HIGHEST * target:
             return 0
-        return round(self.target - count)
+        change = max(-MOST, min(MOST, round(target - self._mean)))
+        self._mean += change
+        return change
 
     def is_full(self, occupied: dict[str, Occupied]) -> bool:
         """Whether the map has as many vehicles as asked, so that none may enter."""
-        return sum(len(here.places) for here in occupied.values()) >= HIGHEST * self.target
+        return _count(occupied) >= self.target or self._mean >= HIGHEST * self.target
 
     def free_places(
         self,
@@ -292,6 +306,12 @@ class MapDemand:
             if best is not None:
                 yield best[1:]
 
+    def surplus(self, api: object) -> list[str]:
+        """Draws the vehicles over the asked number."""
+        number = -self.missing(self.occupied(api))
+        names = list(self._trips)
+        return [names[k] for k in self._rng.permutation(len(names))[: max(number, 0)].tolist()]
+
     def leaving(self, api: object, sight: Sight | None, surplus: int) -> list[str]:
         """Vehicles to take off the road out of sight: surplus ones, and those that stand too long.
 
@@ -313,3 +333,7 @@ class MapDemand:
         chosen = [name for _, name in far if vehicles.getWaitingTime(name) > LONGEST_WAIT]
         far.sort(reverse=True)
         return list(dict.fromkeys([*chosen, *(name for _, name in far[: max(surplus, 0)])]))
+
+
+def _count(occupied: dict[str, Occupied]) -> int:
+    return sum(len(here.places) for here in occupied.values())
