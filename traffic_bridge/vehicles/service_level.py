@@ -27,15 +27,15 @@ from traffic_bridge.vehicles.types import VehicleType
 
 MILE = 1609.344  # [m]
 MPH = MILE / 3600.0  # [m/s]
-HEAVY_EQUIVALENT = 2.0  # passenger cars
+HEAVY_EQUIVALENT = 2.0  # passenger cars; from memory of the manual, not compared with its text
 # Highest density of a level [passenger cars per mile and lane]: HCM 2016, exhibit 12-15.
 BOUNDS = {"A": 11.0, "B": 18.0, "C": 26.0, "D": 35.0, "E": 45.0, "F": math.inf}
 # Density of the simulated traffic of a level, likewise: about its middle; F: slow traffic.
 TARGETS = {"A": 7.0, "B": 14.5, "C": 22.0, "D": 30.5, "E": 40.0, "F": 100.0}
 CAPACITY_DENSITY = 45.0  # [passenger cars per mile and lane]
 FREEWAY, SLOWEST = 55.0, 45.0  # [mph] lowest free-flow speeds of a freeway, and of the manual
-# Free-flow speed over mean desired speed, fitted so that flow, density and speed of C and D are near
-# the manual's: means of seeds 1 to 3 on 2 and 3 lanes at 80 and 130 km/h.
+# Free-flow speed over mean desired speed. It is fitted: with it, flow, density and speed of C and D
+# are near the manual's as means of seeds 1 to 3 on 2 and 3 lanes at 80 and 130 km/h.
 FREE_SHARE = 0.93
 # Heavy vehicles on the right lane and on the others, over their mean share: most keep right.
 HEAVY_ON_RIGHT, HEAVY_ON_OTHERS = 1.8, 0.2
