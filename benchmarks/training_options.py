@@ -33,10 +33,6 @@ OPTIONS = {
     "no dueling": ["--no-dueling"],
     "average-rate 0": ["--average-rate", "0"],
     "guided-share 0": ["--guided-share", "0"],
-    "prioritized": ["--prioritized"],
-    "steps 3": ["--steps", "3"],
-    "quantiles 32": ["--quantiles", "32"],
-    "target-rate 0.004": ["--target-rate", "0.004"],
 }
 FIGURES = ("score_per_s", "speed_loss", "changes_per_trip", "unsafe_per_trip", "collisions")
 COLUMNS = ("decisions", *(f"validation_{name}" for name in FIGURES))
@@ -48,7 +44,7 @@ def train(name: str, seed: int, decisions: int, out: Path) -> None:
     folder = out / f"{name.replace(' ', '_')}-{seed}"
     flags = ["--decisions", str(decisions), "--seed", str(seed), "--jobs", "1"]
     flags += [*SHORT, *OPTIONS[name], "--epsilon-decisions", str(decisions // 2)]
-    flags += ["--learning-rate-decisions", str(decisions), "--importance-decisions", str(decisions)]
+    flags += ["--learning-rate-decisions", str(decisions)]
     flags += ["--evaluate-interval", str(decisions // VALIDATIONS)]
     if (folder / "checkpoint.pt").exists():
         flags.append("--resume")

@@ -134,6 +134,11 @@ class Stack:
         return self.planner.refused
 
     @property
+    def unsure_decisions(self) -> int:
+        """Decisions that the decision maker left to a rule because it was unsure."""
+        return int(getattr(self.decision_maker, "unsure_decisions", 0))
+
+    @property
     def unsafe(self) -> int:
         """Decisions to change that were refused because of a vehicle."""
         return self.planner.unsafe

@@ -37,6 +37,7 @@ _KEEP = ACTIONS.index(Decision.KEEP)
 FORMAT = "iits_mj.q_network.1"
 _SIZE_MAX = 64 * 2**20
 SHIPPED = Path(__file__).resolve().parent / "weights" / "ddqn.npz"
+SHIPPED_PRICED = SHIPPED.with_name("priced.npz")
 
 FloatArray = NDArray[np.float32]
 
@@ -45,8 +46,8 @@ def write_layers(
     path: str | Path,
     what: str,
     header: Mapping[str, Any],
-    weights: Sequence[FloatArray],
-    biases: Sequence[FloatArray],
+    weights: Sequence[NDArray[np.floating[Any]]],
+    biases: Sequence[NDArray[np.floating[Any]]],
 ) -> None:
     """Writes a network as an npz file without Python objects: `metadata`, `w0`, `b0`, `w1` ...
 
@@ -65,6 +66,27 @@ def write_layers(
         arrays[f"w{i}"], arrays[f"b{i}"] = weight, bias
     with OutputFile(path, what) as partial, partial.open("wb") as stream:
         np.savez_compressed(stream, **arrays)
+
+
+def read_layers(
+    path: str | Path, kind: str, count: int
+) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...], dict[str, Any]]:
+    """Returns weights, biases and metadata of a file of `write_layers`, in float32.
+
+    Args:
+      path: of the file.
+      kind: that its metadata must name as `format`.
+      count: of the layers.
+
+    Raises:
+      InputError: the file is missing, damaged, of another kind or for another observation.
+    """
+    needed = ("metadata", *(f"{letter}{i}" for i in range(count) for letter in "wb"))
+    arrays = read_npz(path, "weights file", _SIZE_MAX, needed)
+    metadata = _metadata(arrays, f"weights file {str(path)!r}", kind)
+    weights = tuple(arrays[f"w{i}"].astype(np.float32) for i in range(count))
+    biases = tuple(arrays[f"b{i}"].astype(np.float32) for i in range(count))
+    return weights, biases, metadata
 
 
 @dataclass(frozen=True)
@@ -148,17 +170,11 @@ class QNetwork:
           InputError: the file does not exist, is not such an npz file, has other shapes or another
             version of the observation, or a number is not finite; the message gives the reason.
         """
-        name = f"weights file {str(path)!r}"
-        count = len(LAYERS) - 1
-        needed = ("metadata", *(f"{kind}{i}" for i in range(count) for kind in "wb"))
-        arrays = read_npz(path, "weights file", _SIZE_MAX, needed)
-        metadata = _metadata(arrays, name)
-        weights = tuple(arrays[f"w{i}"].astype(np.float32) for i in range(count))
-        biases = tuple(arrays[f"b{i}"].astype(np.float32) for i in range(count))
+        weights, biases, metadata = read_layers(path, FORMAT, len(LAYERS) - 1)
         try:
             return cls(weights, biases, metadata, metadata.get("margin", 0.0))
         except InputError as error:
-            raise InputError(f"{name}: {error}") from error
+            raise InputError(f"weights file {str(path)!r}: {error}") from error
 
 
 def check_observation(observation: NDArray[np.floating[Any]]) -> None:
@@ -170,14 +186,14 @@ def check_observation(observation: NDArray[np.floating[Any]]) -> None:
     check_finite(observation.reshape(-1, len(FRAME_AGES), *FRAME_SHAPE))
 
 
-def _metadata(arrays: dict[str, Any], name: str) -> dict[str, Any]:
+def _metadata(arrays: dict[str, Any], name: str, wanted: str) -> dict[str, Any]:
     try:
         metadata = read_json(str(arrays["metadata"]), f"{name}: its metadata")
         kind, version = metadata["format"], metadata["observation_version"]
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{name} has no usable metadata: {error}") from error
-    if kind != FORMAT:
-        raise InputError(f"{name} has format {kind!r}; must be {FORMAT!r}")
+    if kind != wanted:
+        raise InputError(f"{name} has format {kind!r}; must be {wanted!r}")
     if version != OBSERVATION_VERSION:
         raise InputError(
             f"{name} is for version {version!r} of the observation; "
@@ -197,6 +213,10 @@ class GreedyPolicy(Memoryless):
 
     def __init__(self, network: QNetwork) -> None:
         self.network = network
+
+    def values(self, observation: NDArray[np.floating[Any]]) -> FloatArray:
+        """Returns Q of (left, keep, right), shape (3,)."""
+        return self.network.values(observation)
 
     def decide(self, context: DecisionContext) -> Decision:
         """Returns the greedy decision; KEEP if the truck may not use the lane that it asks for."""

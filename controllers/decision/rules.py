@@ -33,7 +33,9 @@ _NOBODY = (math.inf, 0.0)
 _UNUSABLE = (0.0, *_NOBODY, *_NOBODY, math.inf)
 
 _decision = kernels.function("iits_rule_decision", Integer, Address, Address, Address)
+_braking = kernels.function("iits_imposed_braking", None, Address, Address, Address)
 _Situation = Real * (3 + 3 * len(_UNUSABLE))
+_Sides = Real * 2
 
 
 class Rule(Memoryless, abc.ABC):
@@ -164,6 +166,18 @@ def compiled(maker: DecisionMaker) -> Table | None:
     if isinstance(maker, Keep):
         return _table(0)
     return maker.table if isinstance(maker, Rule) else None
+
+
+def imposed_braking(context: DecisionContext) -> dict[Decision, float]:
+    """Returns the braking that a change to each side asks of the new follower [m/s2].
+
+    It is the interaction term `a (s* / gap)^2` of the IDM (Treiber et al. 2000, eq. 3) of a car,
+    `CAR`: 0 without a follower, and infinite where the lane cannot be used or the planner's gaps
+    are not free.
+    """
+    found = _Sides()
+    _braking(_Situation(*_situation(context)), MODEL.address, found)
+    return {Decision.LEFT: found[0], Decision.RIGHT: found[1]}
 
 
 def _table(number: int, *parameters: float) -> Table:

@@ -1,8 +1,14 @@
 """Train the decision maker "ddqn".
 
-Writes into --out: ddqn.npz (the best policy so far), the policy of every validation, training.csv,
-event files for TensorBoard, and a checkpoint, also after Ctrl-C. --resume continues from the
-checkpoint with the same settings. Needs torch: pip install 'iits-mj[train]'.
+--learner double-dqn trains the paper's policy, which has one price of a lane change. It writes into
+--out: ddqn.npz (the best policy so far), the policy of every validation, training.csv, event files
+for TensorBoard, and a checkpoint, also after Ctrl-C.
+
+--learner roll-outs trains one policy for every price. It writes into --out: priced.npz, the policy
+of every round, and the labels. Its settings are --rounds to --members; of the others it uses
+--seed, --jobs, --resume and --out.
+
+--resume continues a training with the same settings. Needs torch: pip install 'iits-mj[train]'.
 """
 
 from __future__ import annotations
@@ -11,20 +17,31 @@ import functools
 import json
 import math
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
 from controllers.decision.learning.collection import Interrupted, MakeDrivers, WorldFactory
-from controllers.decision.learning.config import TrainConfig
+from controllers.decision.learning.config import RolloutConfig, TrainConfig
+from controllers.decision.learning.priced_training import train_priced
 from controllers.decision.learning.training import train
 from iits_mj.commands.output import prepare_folder
+from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
 from iits_mj.core.progress import remark, task
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(TrainConfig):
+class Options(RolloutConfig, TrainConfig):
     """Flags of `iits-mj train`: the settings of the training, and its output."""
+
+    learner: str = option(
+        "double-dqn",
+        help="double-dqn: the paper's policy, with one price of a lane change; roll-outs: one "
+        "policy for every price",
+        choices=("double-dqn", "roll-outs"),
+        group="run",
+    )
 
     out: Path = option(
         Path("out/train"), help="folder for weights and log", metavar="DIR", group="output"
@@ -44,17 +61,24 @@ class Options(TrainConfig):
     )
     json: bool = option(False, help="print the outcome as one JSON object", group="output")
 
+    def __post_init__(self) -> None:
+        TrainConfig.__post_init__(self)
+        if self.learner == "roll-outs" and (self.world != "fast" or self.ray is not None):
+            raise InputError("learner roll-outs drives in the fast world alone, without --ray")
+
 
 def run(options: Options) -> int:
     """Trains and prints the outcome; returns the exit code."""
     prepare_folder(options.out)
+    if options.learner == "roll-outs":
+        return _by_roll_outs(options)
     with task("training", options.decisions, "decisions") as report:
         try:
             summary = train(
                 options,
                 options.out,
                 progress=lambda done, _: report(done),
-                command=" ".join(["iits-mj", *sys.argv[1:]]),
+                command=_command(),
                 world=_world(options.world),
                 note=remark,
                 drivers=_drivers(options.ray),
@@ -81,6 +105,32 @@ def run(options: Options) -> int:
         print(f"weights: {summary.weights}")
     print(f"log: {summary.log}")
     return 0
+
+
+def _by_roll_outs(options: Options) -> int:
+    """Trains the policy for every price and prints the outcome; returns the exit code."""
+    began = time.monotonic()
+    with task("training", unit="chunks of labels") as report:
+        weights = train_priced(
+            options,
+            options.out,
+            seed=options.seed,
+            jobs=options.jobs,
+            resume=options.resume,
+            progress=lambda done, total: report(done, total=total),
+            command=_command(),
+        )
+    seconds = time.monotonic() - began
+    if options.json:
+        outcome = {"weights": str(weights), "wall_time_s": seconds}
+        print(json.dumps({"command": "train", "seed": options.seed, **outcome}))
+    else:
+        print(f"weights: {weights} ({seconds:.0f} s)")
+    return 0
+
+
+def _command() -> str:
+    return " ".join(["iits-mj", *sys.argv[1:]])
 
 
 def _world(name: str) -> WorldFactory | None:

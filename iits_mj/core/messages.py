@@ -43,7 +43,10 @@ def positional(message: type[M]) -> Callable[..., M]:
 
 
 class Decision(enum.IntEnum):
-    """High-level decision, with the paper's numbers."""
+    """High-level decision, with the paper's numbers.
+
+    LEFT is the next inner lane, RIGHT the next outer one; left-hand traffic swaps the sides.
+    """
 
     LEFT = -1
     KEEP = 0

@@ -96,7 +96,7 @@ class _Seen(Observer):
         self.path = max(self.path, abs(ego.offset - middle))
         self.speed += abs(ego.speed - frame.reference_speed)
         self.count += 1
-        if find_leaving(ego, self._route, frame.scene.footprint) is not None:
+        if find_leaving(ego, self._route) is not None:
             simulation.stop("left the road")
         else:
             self.time = frame.time

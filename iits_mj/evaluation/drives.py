@@ -15,6 +15,7 @@ from controllers import decision as decisions
 from controllers.decision import fast_world
 from controllers.decision.base import DecisionContext
 from controllers.decision.fast_world.env import HighwayEnv
+from controllers.decision.prices import Prices
 from controllers.decision.quality import QualityLog
 from controllers.decision.trip import SPAWN_PROBABILITY, TripConfig
 from controllers.protocols import DecisionMaker
@@ -53,27 +54,34 @@ def trial_code(world: str) -> str:
     return drive_digest(*drivers, fast_world) if world == "fast" else drive_digest(*drivers)
 
 
-def drive(task: Task, weights: Path | None = None, truck: AnyTruck | None = None) -> Trial:
+def drive(
+    task: Task,
+    weights: Path | None = None,
+    truck: AnyTruck | None = None,
+    prices: Prices | None = None,
+) -> Trial:
     """Drives a trial.
 
     Args:
       task: which trial.
       weights: file of the policy of the method "ddqn"; default: the shipped policy.
       truck: of the task; see `TruckParameters.load`.
+      prices: of the method "ddqn", for its policy for every price.
 
     Raises:
       InputError: the weights or the truck are not those of the task.
       TrafficError: SUMO failed.
     """
     code = trial_code(task.world)
-    if weights_digest(task.method, weights) != task.weights:
+    if weights_digest(task.method, weights, prices) != task.weights:
         raise InputError("the file of weights has changed since the trials were planned")
     parameters = TruckParameters.load(truck)
     if not parameters.has_label(task.truck):
         raise InputError(f"the trial is of truck {task.truck!r}, not of {parameters.name!r}")
-    policy = str(weights) if weights is not None and task.method == "ddqn" else None
+    learned = task.method == "ddqn"
+    policy = str(weights) if weights is not None and learned else None
     offered = {"parameters": parameters, "seed": task.seed}
-    maker = decisions.make(task.method, policy, **offered)
+    maker = decisions.make(task.method, policy, prices if learned else None, **offered)
     began = time.perf_counter()
     run = _drive_fast if task.world == "fast" else _drive_full
     figures = run(task, maker, parameters)

@@ -8,7 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from controllers.decision.policy import load_policy
+from controllers import decision
+from controllers.decision.prices import PriceOptions
 from controllers.decision.trip import (
     CELLS,
     SEEDS_EACH,
@@ -44,7 +45,7 @@ TRIALS_MAX, SETS_MAX = 1_000, 10
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvaluateConfig:
+class EvaluateConfig(PriceOptions):
     """Decision makers to compare, their world, and the number of trips."""
 
     trials: int = option(
@@ -136,6 +137,7 @@ class EvaluateConfig:
         for name in self.names():
             DECISION.check(name)
         self.chosen_cells()
+        self.prices()
         if self.world == "fast" and self.plant != "full":
             raise InputError(f"plant {self.plant}: the fast world has a point mass; use world full")
 
@@ -191,7 +193,8 @@ def tasks_of(config: EvaluateConfig) -> list[Task]:
       InputError: the policy's file cannot be read.
     """
     truck, payload = label_of(config.truck), config.used_payload()
-    digests = {name: weights_digest(name, config.weights) for name in config.names()}
+    prices = config.prices()
+    digests = {name: weights_digest(name, config.weights, prices) for name in config.names()}
     cells = config.chosen_cells()
 
     def task(density: str, speed: float, method: str, weights: str, seed: int) -> Task:
@@ -239,7 +242,8 @@ def run(
         return found
     if "ddqn" in config.names():
         # Refuse unusable weights before the first trial.
-        load_policy(config.weights)
+        weights = None if config.weights is None else str(config.weights)
+        decision.make("ddqn", weights, config.prices())
     drive_all = drive_all or drive_trials
     if config.file is None:
         return _run(config, wanted, {}, progress, drive_all)
@@ -290,6 +294,8 @@ def _run(
     if progress is not None:
         progress(done, len(wanted))
     truck = TruckParameters.load(config.truck)
-    drive_one = functools.partial(drives.drive, weights=config.weights, truck=truck)
+    drive_one = functools.partial(
+        drives.drive, weights=config.weights, truck=truck, prices=config.prices()
+    )
     drive_all(missing, config.jobs, drive_one, keep)
     return [known[task] for task in wanted]

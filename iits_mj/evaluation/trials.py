@@ -18,7 +18,8 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
-from controllers.decision.policy import SHIPPED
+from controllers.decision.policy import SHIPPED, SHIPPED_PRICED
+from controllers.decision.prices import Prices
 from controllers.decision.quality import Quality
 from controllers.decision.trip import SPAWN_PROBABILITY, RewardConfig
 from controllers.own_parts import DECISION
@@ -40,8 +41,8 @@ class Task:
       world: "fast", or the plant of the full chain, one of `PLANTS`; density: "empty" is a road
         without traffic.
       traffic_speed: speed limit of the traffic, and the truck's speed at the start [m/s].
-      method: the decision maker; weights: digest of its policy or of its own file, "" for a
-        shipped rule.
+      method: the decision maker; weights: digest of its policy, with its prices, or of its own
+        file, "" for a shipped rule.
       truck: see `label_of`; payload: [kg]; timestep: of the physics in the full chain [s].
       length_limit, duration_limit: the trip ends after this distance [m] or at the road's end; it
         is cut off after this time [s].
@@ -157,23 +158,27 @@ def task_of(trial: Task) -> Task:
     return Task(**{field.name: getattr(trial, field.name) for field in fields(Task)})
 
 
-def weights_digest(method: str, weights: Path | None) -> str:
+def weights_digest(method: str, weights: Path | None, prices: Prices | None = None) -> str:
     """Twelve hexadecimal digits of the file of a policy or of an own decision maker.
+
+    Other prices of the policy for every price give other digits.
 
     It is "" for a shipped rule.
 
     Args:
       method: the decision maker.
       weights: file of the policy; default: the shipped policy.
+      prices: of the policy for every price.
 
     Raises:
       InputError: the file cannot be read.
     """
     if method != "ddqn":
         return source_digest(method) if DECISION.is_own(method) else ""
-    path = weights or SHIPPED
+    path = weights or (SHIPPED if prices is None else SHIPPED_PRICED)
+    at = "" if prices is None else repr(prices)
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+        return hashlib.sha256(path.read_bytes() + at.encode()).hexdigest()[:12]
     except OSError as error:
         raise InputError(f"weights file {str(path)!r} cannot be read: {error.strerror}") from error
 

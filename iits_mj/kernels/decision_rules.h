@@ -68,6 +68,23 @@ struct RuleModel {
   Following car, truck;
   Safety safety;
   double hardest_braking;
+
+  // Whether a lane leaves the planner's gaps.
+  bool GapsAllow(double speed, const LaneAround& lane) const {
+    const Neighbor &leader = lane.leader, &follower = lane.follower;
+    if (leader.exists() && leader.gap < safety.FrontGap(speed, leader.speed)) return false;
+    return !follower.exists() || follower.gap >= safety.RearGap(speed, follower.speed);
+  }
+
+  // The braking that a change asks of the follower in a lane [m/s2]: the interaction term of the
+  // IDM of a car. Infinite where the lane does not exist or the planner's gaps are not free.
+  double ImposedBraking(double speed, const LaneAround& lane) const {
+    if (lane.usable == 0.0 || !GapsAllow(speed, lane)) {
+      return std::numeric_limits<double>::infinity();
+    }
+    const Neighbor& follower = lane.follower;
+    return follower.exists() ? car.Interaction(follower.speed, follower.gap, speed) : 0.0;
+  }
 };
 
 // The parameters of a rule: those of one of the classes in rules.py, in the order of its fields.
@@ -89,7 +106,7 @@ struct Rule {
         if (lane.least_gap >= parameters[0]) return side;
         continue;
       }
-      if (!GapsAllow(at.speed, lane, model.safety)) continue;
+      if (!model.GapsAllow(at.speed, lane)) continue;
       const double worth =
           kind == kMobil ? Incentive(at, lane, model) + (parameters[2] * side - parameters[1])
                          : RollOut(at, lane.leader, model) - parameters[2] + parameters[3] * side;
@@ -102,12 +119,6 @@ struct Rule {
   }
 
  private:
-  static bool GapsAllow(double speed, const LaneAround& lane, const Safety& safety) {
-    const Neighbor &leader = lane.leader, &follower = lane.follower;
-    if (leader.exists() && leader.gap < safety.FrontGap(speed, leader.speed)) return false;
-    return !follower.exists() || follower.gap >= safety.RearGap(speed, follower.speed);
-  }
-
   // The truck's gain less the others' loss [m/s2]; minus infinity if it is not safe.
   double Incentive(const Situation& at, const LaneAround& lane, const RuleModel& model) const {
     const double politeness = parameters[0], safe = parameters[3];

@@ -116,15 +116,15 @@ class Trip {
 
   int Decide(const Rule& rule) const {
     if (rule.kind == Rule::kKeep) return 0;
-    std::vector<Seen> seen;
-    See(&seen);
-    const Situation at{w.speed,
-                       w.reference_speed,
-                       w.truck_length,
-                       Around(seen, w.lane),
-                       Around(seen, w.lane + 1),
-                       Around(seen, w.lane - 1)};
-    return rule.Decide(at, laws_.rules);
+    return rule.Decide(Sees(), laws_.rules);
+  }
+
+  // Writes the braking that each decision asks of the new follower; infinite where it is refused.
+  void ImposedBraking(double* braking) const {
+    const Situation at = Sees();
+    braking[0] = Refusal(-1) ? kInfinity : laws_.rules.ImposedBraking(at.speed, at.left);
+    braking[1] = 0.0;
+    braking[2] = Refusal(1) ? kInfinity : laws_.rules.ImposedBraking(at.speed, at.right);
   }
 
  private:
@@ -273,6 +273,17 @@ class Trip {
       if (std::floor(offset / kLaneWidth + 0.5) < 0.0) continue;
       seen->push_back({v.front - 0.5 * v.length, offset, lateral_speed, &v});
     }
+  }
+
+  Situation Sees() const {
+    std::vector<Seen> seen;
+    See(&seen);
+    return {w.speed,
+            w.reference_speed,
+            w.truck_length,
+            Around(seen, w.lane),
+            Around(seen, w.lane + 1),
+            Around(seen, w.lane - 1)};
   }
 
   // Writes the follower, too, if asked for.
@@ -429,6 +440,13 @@ IITS_KERNEL void iits_worlds_allowed(char* rows, std::ptrdiff_t stride, std::ptr
       *allowed++ = side == 0 || trip.Refusal(side) == 0;
     }
   }
+}
+
+// Writes for each world the braking that left, keep and right ask of the new follower [m/s2].
+IITS_KERNEL void iits_worlds_braking(char* rows, std::ptrdiff_t stride, std::ptrdiff_t n,
+                                     const Laws* laws, double* braking) {
+  for (std::ptrdiff_t i = 0; i < n; ++i)
+    Trip(At(rows, stride, i), laws).ImposedBraking(braking + 3 * i);
 }
 
 // Draws the hidden wishes of all other drivers again.

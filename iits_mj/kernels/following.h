@@ -14,18 +14,28 @@ struct Following {
   double time_gap, standstill_gap, acceleration_max, deceleration, deceleration_max;
   double preview_deceleration, jerk_max, regain_deceleration, coolness, exponent;
 
+  // The IDM's desired gap s* [m].
+  double Wanted(double speed, double lead_speed) const {
+    const double closing =
+        speed * (speed - lead_speed) / (2.0 * std::sqrt(acceleration_max * deceleration));
+    return standstill_gap + std::max(0.0, speed * time_gap + closing);
+  }
+
   // Improved IDM.
   double Idm(double speed, double desired, double gap, double lead_speed) const {
     const double a = acceleration_max, b = deceleration;
     desired = std::max(desired, 0.1);
     const double free = speed <= desired ? a * (1.0 - std::pow(speed / desired, exponent))
                                          : -b * (1.0 - std::pow(desired / speed, a * exponent / b));
-    const double closing = speed * (speed - lead_speed) / (2.0 * std::sqrt(a * b));
-    const double wanted = standstill_gap + std::max(0.0, speed * time_gap + closing);
-    const double ratio = wanted / std::max(gap, 0.1);
+    const double ratio = Wanted(speed, lead_speed) / std::max(gap, 0.1);
     if (ratio >= 1.0) return a * (1.0 - Square(ratio)) + std::min(free, 0.0);
     if (speed > desired || free <= 1e-6) return free;
     return free * (1.0 - std::pow(ratio, 2.0 * a / free));
+  }
+
+  // The IDM's term of a leader, a (s* / gap)^2 [m/s2]: the braking that it asks for.
+  double Interaction(double speed, double gap, double lead_speed) const {
+    return acceleration_max * Square(Wanted(speed, lead_speed) / std::max(gap, 0.1));
   }
 
   // IDM with the constant-acceleration heuristic.

@@ -73,18 +73,18 @@ class LaneSection:
     s: float
     lanes: tuple[Lane, ...]
 
-    def side(self, direction: int) -> list[Lane]:
-        """Returns lanes of a direction of travel (+1 right, -1 left lanes), inner to outer."""
-        chosen = [lane for lane in self.lanes if lane.id * direction < 0]
+    def side(self, side: int) -> list[Lane]:
+        """Returns the lanes of a side (+1 right, -1 left of the center line), inner to outer."""
+        chosen = [lane for lane in self.lanes if lane.id * side < 0]
         return sorted(chosen, key=lambda lane: abs(lane.id))
 
     def lane(self, lane_id: int) -> Lane | None:
         """Returns the lane of an id, or None."""
         return next((lane for lane in self.lanes if lane.id == lane_id), None)
 
-    def driving(self, direction: int) -> list[Lane]:
-        """Returns driving lanes of a direction of travel, from the outermost to the innermost."""
-        return [lane for lane in reversed(self.side(direction)) if lane.is_driving]
+    def driving(self, side: int) -> list[Lane]:
+        """Returns the driving lanes of a side, from the outermost to the innermost."""
+        return [lane for lane in reversed(self.side(side)) if lane.is_driving]
 
 
 @dataclass(frozen=True)
@@ -150,6 +150,7 @@ class Structure:
 class Road:
     """A road: reference line, profiles, lanes, links, signals and structures.
 
+    With left-hand traffic (`left_hand`) the left lanes, whose ids are positive, are driven along s.
     `objects` are for pictures; maps that differ in nothing else are equal, with equal hashes.
     """
 
@@ -168,6 +169,7 @@ class Road:
     signals: tuple[Signal, ...] = ()
     structures: tuple[Structure, ...] = ()
     objects: tuple[MapObject, ...] = field(default=(), repr=False, compare=False)
+    left_hand: bool = False
 
     @cached_property
     def plan(self) -> PlanView:
@@ -195,9 +197,17 @@ class Road:
         for section, end in zip(self.sections, ends, strict=True):
             yield section.s, end, section
 
+    def side(self, direction: int) -> int:
+        """Returns the side of the lanes of a direction of travel: +1 right, -1 left."""
+        return -direction if self.left_hand else direction
+
+    def travel(self, lane: int) -> int:
+        """Returns the direction in which the lane with an id is driven: +1 along s, -1 against."""
+        return self.side(1 if lane < 0 else -1)
+
     def has_lanes(self, direction: int) -> bool:
         """Returns whether driving lanes of a direction run along the whole road."""
-        return all(section.driving(direction) for section in self.sections)
+        return all(section.driving(self.side(direction)) for section in self.sections)
 
     def link(self, direction: int) -> Link | None:
         """Returns the link of the road's end in a direction of travel."""
@@ -242,15 +252,15 @@ class OpenDriveMap:
     notes: tuple[str, ...] = field(default=(), compare=False)
 
 
-def lane_borders(road: Road, section: LaneSection, direction: int) -> dict[int, PiecewiseCubic]:
-    """Returns t of the outer border of every lane of a side, as profiles over s [m].
+def lane_borders(road: Road, section: LaneSection, side: int) -> dict[int, PiecewiseCubic]:
+    """Returns t of the outer border of every lane of a side (+1 right), as profiles over s [m].
 
     Lane 0 is the center line, whose border is the lane offset.
     """
-    sign = -1.0 if direction > 0 else 1.0
+    sign = -1.0 if side > 0 else 1.0
     border = road.lane_offset
     result = {0: border}
-    for lane in section.side(direction):
+    for lane in section.side(side):
         if lane.widths:
             width = _shifted(lane.widths, section.s)
             border = combine([(1.0, border), (sign, width)])

@@ -2,9 +2,9 @@
 
 Lanes have borders, limits, paint and friction over the route's chain parameter.
 
-They are counted from the right, 0 being the rightmost driving lane; offsets are positive to the
-left of the route's reference line. Widths are horizontal, as in SUMO's network (a cross slope of
-0.1 rad changes them by 0.5 %).
+They are counted from the outside, 0 being the outermost driving lane: the rightmost one, in
+left-hand traffic the leftmost one. Offsets are positive to the left of the route's reference line.
+Widths are horizontal, as in SUMO's network (a cross slope of 0.1 rad changes them by 0.5 %).
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ class LaneBand:
     """A stretch of route with one set of lanes, over [p_start, p_end) of the chain parameter.
 
     Attributes:
-      lanes: driving lanes from the right.
-      marks: paint on the boundaries from the right, one more than lanes.
+      lanes: driving lanes from the outside.
+      marks: paint on the boundaries from the outside, one more than lanes.
       right_edge, left_edge: offsets of the paved surface's edges [m].
     """
 
@@ -73,9 +73,10 @@ class LaneBand:
     left_edge: PiecewiseCubic
 
     def boundary(self, i: int) -> PiecewiseCubic:
-        """Returns the offset of boundary i from the right, 0 to the number of lanes."""
+        """Returns the offset of boundary i from the outside, 0 to the number of lanes."""
         i = min(max(i, 0), len(self.lanes))
-        return self.lanes[0].right if i == 0 else self.lanes[i - 1].left
+        lane, outer = self.lanes[max(i - 1, 0)], i == 0
+        return lane.right if outer is not self.piece.road.left_hand else lane.left
 
 
 def lane_bands(piece: Piece) -> list[LaneBand]:
@@ -98,8 +99,9 @@ def _band(piece: Piece, s_start: float, s_end: float, section: LaneSection) -> L
     direction = piece.direction
     origin = piece.p_at(s_start)
     low, high = sorted((s_start, s_end))
-    borders = lane_borders(piece.road, section, direction)
-    opposite = lane_borders(piece.road, section, -direction)
+    own = piece.road.side(direction)
+    borders = lane_borders(piece.road, section, own)
+    opposite = lane_borders(piece.road, section, -own)
 
     def offset(border: PiecewiseCubic) -> PiecewiseCubic:
         traveled = border.along(s_start, s_end, direction, origin)
@@ -117,21 +119,26 @@ def _band(piece: Piece, s_start: float, s_end: float, section: LaneSection) -> L
         ends = [*starts[1:], high]
         return Steps([piece.p_at(s) for s in reversed(ends)], list(reversed(values)))
 
-    side = section.side(direction)
+    side = section.side(own)
     inner_id = {lane.id: (side[i - 1].id if i else 0) for i, lane in enumerate(side)}
     road_speed = [
         (record.s - section.s, piece.road.speed_at(record.s)) for record in piece.road.types
     ]
     default_speed = piece.road.speed_at(low)
+    left_hand = piece.road.left_hand
+    sides = {
+        lane.id: (offset(borders[lane.id]), offset(borders[inner_id[lane.id]]))
+        for lane in section.driving(own)
+    }
     lanes = [
         RouteLane(
             lane=lane,
-            right=offset(borders[lane.id]),
-            left=offset(borders[inner_id[lane.id]]),
+            right=sides[lane.id][left_hand],
+            left=sides[lane.id][not left_hand],
             speed=steps(lane.speeds or road_speed, default_speed),
             friction=steps(lane.frictions, DEFAULT_FRICTION),
         )
-        for lane in section.driving(direction)
+        for lane in section.driving(own)
     ]
     no_mark = RoadMark(0.0)
     painted = [route_lane.lane.id for route_lane in lanes]
@@ -140,6 +147,10 @@ def _band(piece: Piece, s_start: float, s_end: float, section: LaneSection) -> L
         owner = section.lane(identity)
         records = [(mark.start, mark) for mark in owner.marks] if owner else []
         marks.append(steps(records, no_mark))
+    edges = (
+        offset(borders[_paved_edge(section, own, lanes[0].lane.id)]),
+        offset(opposite[_paved_edge(section, -own, 0)]),
+    )
     return LaneBand(
         p_start=origin,
         p_end=piece.p_at(s_end),
@@ -147,15 +158,15 @@ def _band(piece: Piece, s_start: float, s_end: float, section: LaneSection) -> L
         section=section,
         lanes=tuple(lanes),
         marks=tuple(marks),
-        right_edge=offset(borders[_paved_edge(section, direction, lanes[0].lane.id)]),
-        left_edge=offset(opposite[_paved_edge(section, -direction, 0)]),
+        right_edge=edges[left_hand],
+        left_edge=edges[not left_hand],
     )
 
 
-def _paved_edge(section: LaneSection, direction: int, start: int) -> int:
+def _paved_edge(section: LaneSection, side: int, start: int) -> int:
     """Outermost lane that is paved without a gap, beginning at lane `start`."""
     edge = start
-    for lane in section.side(direction):
+    for lane in section.side(side):
         if abs(lane.id) <= abs(start):
             continue
         if lane.kind not in PAVED_TYPES:

@@ -1,4 +1,4 @@
-"""Parses OpenDRIVE (1.4 to 1.8, right-hand traffic) into the records of `elements`.
+"""Parses OpenDRIVE (1.4 to 1.8) into the records of `elements`.
 
 Element and attribute names follow ASAM OpenDRIVE 1.6. Content that affects neither the road's
 place, nor driving, nor pictures (controllers, vendor data) is not read. Other unsupported content
@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from xml.etree.ElementTree import Element
 
+from iits_mj.core.errors import MapError
 from iits_mj.road.elements import (
     Connection,
     Junction,
@@ -26,10 +27,22 @@ from iits_mj.road.elements import (
 from iits_mj.road.geometry import Arc, Geometry, Line, ParamPoly3, Poly3, Spiral
 from iits_mj.road.objects import read_objects
 from iits_mj.road.polynomials import Cubic
+from iits_mj.road.seams import (
+    HEADING_STEP_LIMIT,
+    HEIGHT_STEP_LIMIT,
+    heading_step,
+    height_step,
+)
 from iits_mj.road.xml_input import Reader, parse_xml
 
 LENGTH_LIMIT = 1e6
+# Some writers leave roads of less than a millimeter between others [m].
+LENGTH_MIN = 1e-6
+# Wet ice has 0.05; the tires' equations need some friction.
+FRICTION_LEAST, FRICTION_LIMIT = 0.05, 2.0
 CURVATURE_LIMIT = 10.0
+# On a shorter record a larger curvature is a rounding error of the writer, and is reduced [m].
+SHORTEST_BEND = 0.05
 TURN_LIMIT = 200.0
 PLAN_JUMP_LIMIT = 3.0
 SIGNALS_MAX = 10_000
@@ -58,15 +71,26 @@ def parse(content: bytes, source: str) -> OpenDriveMap:
     notes: list[str] = []
     junctions = tuple(_read_junction(reader, item, notes) for item in root.findall("junction"))
     roads = []
+    rules = [item.get("rule", "RHT") for item in root.findall("road")]
+    left_hand = 2 * rules.count("LHT") > len(rules)
+    if 0 < rules.count("LHT") < len(rules):
+        side = "left" if left_hand else "right"
+        notes.append(f"roads differ in their rule (RHT, LHT): all are driven on the {side}")
     seen: set[str] = set()
+    fault: MapError | None = None
     for item in root.findall("road"):
-        road = _read_road(reader, item, notes)
-        if road.id in seen:
-            reader.fail(f"road {road.id!r} is defined twice")
-        seen.add(road.id)
-        roads.append(road)
+        identity = reader.text(item, "id")
+        if identity in seen:
+            reader.fail(f"road {identity!r} is defined twice")
+        seen.add(identity)
+        try:
+            roads.append(_read_road(reader, item, left_hand, notes))
+        except MapError as error:
+            # One road that cannot be used does not make the others useless.
+            fault = fault or error
+            notes.append(f"left out: {reader.own(error)}")
     if not roads:
-        reader.fail("the map has no <road>")
+        raise fault or MapError(f"{source}: the map has no <road>")
     reference = None if header is None else header.find("geoReference")
     return OpenDriveMap(
         roads=tuple(roads),
@@ -81,15 +105,14 @@ def _read_junction(reader: Reader, item: Element, notes: list[str]) -> Junction:
     identity = reader.text(item, "id")
     place = reader.within(f"junction {identity!r}")
     kind = item.get("type", "default")
-    if kind == "direct":
+    if kind not in ("default", "direct", "virtual", "crossing"):
         place.fail(
-            "is a direct junction (OpenDRIVE 1.7), which is not supported (SUMO's netconvert "
-            "refuses it, too); give it connecting roads, or take another map"
+            f"has the type {kind!r}; supported are 'default', 'direct', 'virtual' and 'crossing'"
         )
-    if kind not in ("default", "virtual", "crossing"):
-        place.fail(f"has the type {kind!r}; supported are 'default', 'virtual' and 'crossing'")
+    interrupts = kind in ("default", "direct")
+    connecting_name = "linkedRoad" if kind == "direct" else "connectingRoad"
     connections = []
-    for connection in item.findall("connection") if kind == "default" else ():
+    for connection in item.findall("connection") if interrupts else ():
         links = tuple(
             (place.integer(link, "from"), place.integer(link, "to"))
             for link in connection.findall("laneLink")
@@ -98,19 +121,17 @@ def _read_junction(reader: Reader, item: Element, notes: list[str]) -> Junction:
         if contact not in ("start", "end"):
             place.fail(f"<connection contactPoint={contact!r}> must be 'start' or 'end'")
         incoming = place.text(connection, "incomingRoad")
-        connecting = place.text(connection, "connectingRoad")
+        connecting = place.text(connection, connecting_name)
         connections.append(Connection(incoming, connecting, contact, links))
-    if kind != "default":
+    if not interrupts:
         notes.append(f"junction {identity!r}: a {kind} junction does not interrupt a road, ignored")
     return Junction(identity, kind, tuple(connections))
 
 
-def _read_road(reader: Reader, item: Element, notes: list[str]) -> Road:
+def _read_road(reader: Reader, item: Element, left_hand: bool, notes: list[str]) -> Road:
     identity = reader.text(item, "id")
     place = reader.within(f"road {identity!r}")
-    if item.get("rule", "RHT") == "LHT":
-        place.fail("has left-hand traffic (rule='LHT'); only right-hand traffic is supported")
-    length = place.number(item, "length", low=1e-3, high=LENGTH_LIMIT)
+    length = max(place.number(item, "length", low=0.0, high=LENGTH_LIMIT), LENGTH_MIN)
     geometries = _read_plan(place, item)
     lateral = item.find("lateralProfile")
     for name in ("shape", "crossfall"):
@@ -125,7 +146,7 @@ def _read_road(reader: Reader, item: Element, notes: list[str]) -> Road:
         id=identity,
         length=length,
         geometries=geometries,
-        sections=_read_lanes(place, lanes, length),
+        sections=_read_lanes(place, lanes, length, notes),
         name=item.get("name", ""),
         junction=None if junction in ("", "-1") else junction,
         predecessor=_read_link(place, link, "predecessor", notes),
@@ -134,9 +155,10 @@ def _read_road(reader: Reader, item: Element, notes: list[str]) -> Road:
         elevations=_read_cubics(place, item.find("elevationProfile"), "elevation"),
         superelevations=_read_cubics(place, lateral, "superelevation"),
         lane_offsets=_read_cubics(place, lanes, "laneOffset"),
-        signals=_read_signals(place, item.find("signals")),
+        signals=_read_signals(place, item.find("signals"), notes),
         structures=_read_structures(place, item.find("objects")),
         objects=read_objects(place, item.find("objects"), notes),
+        left_hand=left_hand,
     )
     _check_plan(place, road)
     return road
@@ -160,6 +182,12 @@ def _check_plan(place: Reader, road: Road) -> None:
                 f"the plan view jumps by {math.hypot(jump.dx, jump.dy):.1f} m at s = {jump.s:g}; "
                 f"up to {PLAN_JUMP_LIMIT:g} m are blended"
             )
+        if abs(jump.heading) > HEADING_STEP_LIMIT:
+            place.fail(f"at s = {jump.s:g} {heading_step(abs(jump.heading))}")
+    for s in road.elevation.breaks()[1:]:
+        before, after = (float(road.elevation.evaluate(s, 0, side)) for side in (-1, 1))
+        if abs(after - before) > HEIGHT_STEP_LIMIT and 0.0 < s < road.length:
+            place.fail(f"at s = {s:g} {height_step(after - before)}")
 
 
 def _read_plan(place: Reader, item: Element) -> tuple[Geometry, ...]:
@@ -185,6 +213,9 @@ def _read_geometry(place: Reader, record: Element) -> Geometry:
         return Line(s, x, y, heading, length)
 
     def curvature(name: str) -> float:
+        value = where.number(shape, name)
+        if length < SHORTEST_BEND:
+            return min(max(value, -CURVATURE_LIMIT), CURVATURE_LIMIT)
         value = where.number(shape, name, low=-CURVATURE_LIMIT, high=CURVATURE_LIMIT)
         if abs(value) * length > TURN_LIMIT:
             where.fail(f"<{tag} {name}={value:g}> turns by more than {TURN_LIMIT:g} rad")
@@ -230,7 +261,7 @@ def _read_link(place: Reader, link: Element | None, name: str, notes: list[str])
     contact = element.get("contactPoint")
     if kind == "road" and contact is None:
         contact = "start" if name == "successor" else "end"
-        notes.append(f"{place.place}: <{name}> has no contactPoint, {contact!r} is taken")
+        notes.append(f"{place.inside}: <{name}> has no contactPoint, {contact!r} is taken")
     if contact not in (None, "start", "end"):
         place.fail(f"<{name} contactPoint={contact!r}> must be 'start' or 'end'")
     return Link(kind, place.text(element, "elementId"), contact if kind == "road" else None)
@@ -245,33 +276,38 @@ def _read_type(place: Reader, record: Element) -> RoadType:
     )
 
 
-def _read_signals(place: Reader, signals: Element | None) -> tuple[Signal, ...]:
-    """Signs and traffic lights in the order of the file."""
+def _read_signals(place: Reader, signals: Element | None, notes: list[str]) -> tuple[Signal, ...]:
+    """Signs and traffic lights in the order of the file; unreadable ones are left out."""
     result = []
     for item in () if signals is None else signals.findall("signal"):
-        identity = place.text(item, "id")
-        where = place.within(f"signal {identity!r}")
-        value = item.get("value")
-        result.append(
-            Signal(
-                id=identity,
-                s=where.number(item, "s", low=0.0),
-                t=where.number(item, "t", 0.0),
-                kind=item.get("type", ""),
-                subtype=item.get("subtype", ""),
-                country=item.get("country", ""),
-                name=item.get("name", ""),
-                dynamic=item.get("dynamic", "no") == "yes",
-                orientation=item.get("orientation", "none"),
-                value=where.number(item, "value") if value and value.strip() else None,
-                unit=item.get("unit", ""),
-                z_offset=where.number(item, "zOffset", 0.0),
-                height=where.number(item, "height", 0.0),
-                width=where.number(item, "width", 0.0),
-                heading=where.number(item, "hOffset", 0.0),
-            )
-        )
+        try:
+            result.append(_read_signal(place, item))
+        except MapError as error:
+            notes.append(f"left out: {place.own(error)}")
     return tuple(result)
+
+
+def _read_signal(place: Reader, item: Element) -> Signal:
+    identity = place.text(item, "id")
+    where = place.within(f"signal {identity!r}")
+    value = item.get("value")
+    return Signal(
+        id=identity,
+        s=where.number(item, "s", low=0.0),
+        t=where.number(item, "t", 0.0),
+        kind=item.get("type", ""),
+        subtype=item.get("subtype", ""),
+        country=item.get("country", ""),
+        name=item.get("name", ""),
+        dynamic=item.get("dynamic", "no") == "yes",
+        orientation=item.get("orientation", "none"),
+        value=where.number(item, "value") if value and value.strip() else None,
+        unit=item.get("unit", ""),
+        z_offset=where.number(item, "zOffset", 0.0),
+        height=where.number(item, "height", 0.0),
+        width=where.number(item, "width", 0.0),
+        heading=where.number(item, "hOffset", 0.0),
+    )
 
 
 def _read_structures(place: Reader, objects: Element | None) -> tuple[Structure, ...]:
@@ -288,9 +324,11 @@ def _read_structures(place: Reader, objects: Element | None) -> tuple[Structure,
     return tuple(sorted(result, key=lambda structure: structure.s))
 
 
-def _read_lanes(place: Reader, lanes: Element, road_length: float) -> tuple[LaneSection, ...]:
+def _read_lanes(
+    place: Reader, lanes: Element, road_length: float, notes: list[str]
+) -> tuple[LaneSection, ...]:
     """Lane sections that begin on the road, in order of s."""
-    found = (_read_section(place, item) for item in lanes.findall("laneSection"))
+    found = (_read_section(place, item, notes) for item in lanes.findall("laneSection"))
     sections = tuple(
         section for section in sorted(found, key=lambda one: one.s) if section.s < road_length
     )
@@ -309,14 +347,14 @@ def _read_speed(place: Reader, record: Element) -> float:
     return place.number(record, "max", low=0.0, high=1000.0) * _UNITS[unit]
 
 
-def _read_section(place: Reader, item: Element) -> LaneSection:
+def _read_section(place: Reader, item: Element, notes: list[str]) -> LaneSection:
     s = place.number(item, "s", low=0.0)
     where = place.within(f"lane section at s = {s:g}")
     lanes: list[Lane] = []
     for side, sign in (("left", 1), ("center", 0), ("right", -1)):
         group = item.find(side)
         for element in () if group is None else group.findall("lane"):
-            lane = _read_lane(where, element)
+            lane = _read_lane(where, element, notes)
             if (lane.id > 0) - (lane.id < 0) != sign:
                 where.fail(f"lane {lane.id} is in <{side}>")
             if any(other.id == lane.id for other in lanes):
@@ -326,7 +364,7 @@ def _read_section(place: Reader, item: Element) -> LaneSection:
     return LaneSection(s, tuple(lanes))
 
 
-def _read_lane(place: Reader, element: Element) -> Lane:
+def _read_lane(place: Reader, element: Element, notes: list[str]) -> Lane:
     identity = place.integer(element, "id")
     where = place.within(f"lane {identity}")
     widths = _read_widths(where, element, "width")
@@ -347,13 +385,22 @@ def _read_lane(place: Reader, element: Element) -> Lane:
             for record in element.findall("speed")
         ),
         frictions=tuple(
-            (_offset(where, record), where.number(record, "friction", low=0.0, high=2.0))
+            (_offset(where, record), _read_friction(where, record, notes))
             for record in element.findall("material")
             if record.get("friction") is not None
         ),
         predecessor=_lane_link(where, element, "predecessor"),
         successor=_lane_link(where, element, "successor"),
     )
+
+
+def _read_friction(place: Reader, record: Element, notes: list[str]) -> float:
+    """A coefficient of friction, at least `FRICTION_LEAST` and at most `FRICTION_LIMIT`."""
+    value = place.number(record, "friction", low=0.0)
+    used = min(max(value, FRICTION_LEAST), FRICTION_LIMIT)
+    if used != value:
+        notes.append(f"{place.inside}: friction {value:g} is changed to {used:g}")
+    return used
 
 
 def _offset(place: Reader, record: Element) -> float:

@@ -134,13 +134,13 @@ class RoadFrame:
         """Points beside a lane's center, in the lane's direction of travel.
 
         Args:
-          lanes: by lane section, the OpenDRIVE id the lane has there: negative right, driven along
-            s; positive left, driven against it.
+          lanes: by lane section, the OpenDRIVE id the lane has there: negative right, positive
+            left of the center line.
           s: stations [m], shape (n,).
           offset: to the left of the lane's center, in travel [m], shape (n,) or a number.
         """
         s = np.atleast_1d(np.asarray(s, dtype=float))
-        sense = 1.0 if next(iter(lanes.values())) < 0 else -1.0
+        sense = float(self.road.travel(next(iter(lanes.values()))))
         shift = sense * np.broadcast_to(np.asarray(offset, dtype=float), s.shape)
         sections = self._sections_of(lanes, s)
         places = s + np.array([[-HALF_STEP], [0.0], [HALF_STEP]])

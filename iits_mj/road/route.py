@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import in_range, positive
-from iits_mj.road.chain import RoadGraph, join
+from iits_mj.road.chain import LinkError, join
 from iits_mj.road.elements import DEFAULT_FRICTION, OpenDriveMap, Road, RoadMark
 from iits_mj.road.lanes import (
     FrictionPatch,
@@ -32,6 +32,7 @@ from iits_mj.road.lanes import (
 from iits_mj.road.opendrive import parse
 from iits_mj.road.polynomials import PiecewiseCubic
 from iits_mj.road.reference_line import KNOT_SPACING, ReferenceLine, RoadPoint
+from iits_mj.road.road_graph import RoadGraph
 from iits_mj.road.seams import ContinuousChain
 from iits_mj.road.straight import straight_road
 from iits_mj.road.xml_input import content_hash, read_file
@@ -45,6 +46,8 @@ SUPERELEVATION_LIMIT = 0.10
 # A lane narrower than this is still opening or closing, and not used.
 USABLE_LANE_WIDTH = 2.0
 GRADE_WINDOW = 40.0
+# Links that a search may find impossible before it ends.
+LINKS_CUT_MAX = 50
 TABLE_COLUMNS = (*RoadPoint._fields, "friction_left", "friction_right", "friction_split")
 
 
@@ -55,7 +58,7 @@ class RoadMap:
       path: the file, or a name in words for a road made in memory.
       roads: by id, in the order of the file.
       content_hash: SHA-256 of the file.
-      notes: unused parts of the file, in words.
+      left_hand: whether vehicles drive on the left.
     """
 
     def __init__(self, content: OpenDriveMap, path: str | Path, digest: str | None = None) -> None:
@@ -64,7 +67,7 @@ class RoadMap:
         self.content = content
         self.roads: dict[str, Road] = {road.id: road for road in content.roads}
         self.content_hash = content_hash(repr(content).encode()) if digest is None else digest
-        self.notes = content.notes
+        self.left_hand = any(road.left_hand for road in content.roads)
         self._graph = RoadGraph(content, str(self.path))
 
     @classmethod
@@ -97,8 +100,21 @@ class RoadMap:
           knot_spacing: of the reference line's samples [m].
 
         Raises:
-          MapError: no drivable road, no such start, or roads that do not meet.
+          MapError: no drivable road, or no such start.
         """
+        for _ in range(LINKS_CUT_MAX):
+            try:
+                return self._route(start, superelevation_limit, knot_spacing)
+            except LinkError as error:
+                self._graph.cut(error)
+        return self._route(start, superelevation_limit, knot_spacing)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Parts of the file that are not used, in words."""
+        return (*self.content.notes, *dict.fromkeys(self._graph.notes))
+
+    def _route(self, start: str | None, superelevation_limit: float, knot_spacing: float) -> Route:
         source = str(self.path)
         pieces = join(self.roads, self._graph.chain(start), source)
         steepest = max(piece.steepest() for piece in pieces)
@@ -231,11 +247,11 @@ class Route:
         return self._profile(station, width)
 
     def boundary_offset(self, i: int, station: Stations) -> Stations:
-        """Offset of the i-th lane boundary from the right, 0 to `lane_count` [m]."""
+        """Offset of the i-th lane boundary from the outside, 0 to `lane_count` [m]."""
         return self._profile(station, lambda band: ((1.0, band.boundary(i)),))
 
     def boundary_mark(self, i: int, station: float) -> RoadMark:
-        """Paint on the i-th boundary from the right: kind "none", "solid", "broken" ..., width."""
+        """Paint on the i-th boundary from the outside: kind ("none", "solid" ...) and width."""
         band, p = self._band(station)
         return band.marks[min(max(i, 0), len(band.lanes))].at(p)
 
@@ -264,7 +280,7 @@ class Route:
         return _lane(band, lane).speed.at(p)
 
     def lane_boundaries_at(self, station: float) -> list[float]:
-        """Offsets of all lane boundaries here, from the right [m]."""
+        """Offsets of all lane boundaries here, from the outside [m]."""
         band, p = self._band(station)
         return [band.boundary(i).at(p) for i in range(len(band.lanes) + 1)]
 
@@ -346,8 +362,9 @@ class Route:
             if patch.start <= station < patch.end:
                 return patch.left, patch.right, patch.split
         band, p = self._band(station)
-        right = band.lanes[0].friction.at(p)
-        for lane in band.lanes[1:]:
+        lanes = band.lanes[::-1] if band.piece.road.left_hand else band.lanes
+        right = lanes[0].friction.at(p)
+        for lane in lanes[1:]:
             left = lane.friction.at(p)
             if left != right:
                 return left, right, lane.right.at(p)

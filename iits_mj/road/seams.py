@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from iits_mj.core.arrays import FloatArray, IndexArray
 from iits_mj.core.errors import MapError
-from iits_mj.road.chain import Piece
+from iits_mj.road.chain import LinkError, Piece
 
 HEIGHT_STEP_LIMIT = 3.0
 HEADING_STEP_LIMIT = 0.35
@@ -125,7 +125,11 @@ class ContinuousChain:
                 before = piece.state(piece.s_end, -1, self.roll_scale)
                 after = follower.state(follower.s_start, 1, self.roll_scale)
                 place = f"{source}: where road {piece.road.id!r} meets {follower.road.id!r}"
-                yield from _seam(piece.p_end, i, None, before, after, place)
+                try:
+                    yield from _seam(piece.p_end, i, None, before, after, place)
+                except MapError as error:
+                    nodes = [(each.road.id, each.direction) for each in (piece, follower)]
+                    raise LinkError(str(error), (nodes[0], nodes[1])) from error
 
 
 def _seam(
@@ -136,18 +140,25 @@ def _seam(
     if np.all(np.abs(step) < 1e-7):
         return
     if abs(step[0, Z]) > HEIGHT_STEP_LIMIT:
-        raise MapError(
-            f"{place}: the height steps by {step[0, Z]:.2f} m; "
-            f"up to {HEIGHT_STEP_LIMIT:g} m are blended"
-        )
+        raise MapError(f"{place}: {height_step(float(step[0, Z]))}")
     turn = float(np.hypot(*step[1, :2]))
     if turn > HEADING_STEP_LIMIT:
-        raise MapError(
-            f"{place}: the heading steps by {math.degrees(turn):.0f} degrees; "
-            f"up to {math.degrees(HEADING_STEP_LIMIT):.0f} are blended"
-        )
+        raise MapError(f"{place}: {heading_step(turn)}")
     side = float(np.hypot(*step[0, :2]))
     wanted = max(math.sqrt(1.5 * side / BLEND_CURVATURE), 2.0 * turn / BLEND_CURVATURE)
     plane = float(np.clip(wanted, 10.0, 40.0))
     height = float(np.clip(0.75 * abs(step[0, Z]) / BLEND_GRADE, 20.0, 100.0))
     yield Seam(p, piece, s, step, (speeds[0], speeds[1]), np.array([plane, plane, height, 20.0]))
+
+
+def height_step(step: float) -> str:
+    """Words for a step of height [m] that is too large to be blended."""
+    return f"the height steps by {step:.2f} m; up to {HEIGHT_STEP_LIMIT:g} m are blended"
+
+
+def heading_step(turn: float) -> str:
+    """Words for a step of heading [rad] that is too large to be blended."""
+    return (
+        f"the heading steps by {math.degrees(turn):.0f} degrees; "
+        f"up to {math.degrees(HEADING_STEP_LIMIT):.0f} are blended"
+    )

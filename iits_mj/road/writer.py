@@ -66,8 +66,8 @@ def _add_cubics(
 
 def _write_road(root: Element, road: Road) -> None:
     item = _add(
-        root, "road", rule="RHT", name=road.name, length=road.length, id=road.id,
-        junction="-1" if road.junction is None else road.junction,
+        root, "road", rule="LHT" if road.left_hand else "RHT", name=road.name,
+        length=road.length, id=road.id, junction="-1" if road.junction is None else road.junction,
     )  # fmt: skip
     link = SubElement(item, "link")
     _write_link(link, "predecessor", road.predecessor)
@@ -177,9 +177,10 @@ def _write_junction(root: Element, junction: Junction) -> None:
     kind = None if junction.kind == "default" else junction.kind
     item = _add(root, "junction", id=junction.id, name="", type=kind)
     for number, connection in enumerate(junction.connections):
+        name = "linkedRoad" if junction.kind == "direct" else "connectingRoad"
         element = _add(
             item, "connection", id=number, incomingRoad=connection.incoming,
-            connectingRoad=connection.connecting, contactPoint=connection.contact,
+            contactPoint=connection.contact, **{name: connection.connecting},
         )  # fmt: skip
         for origin, target in connection.lane_links:
             _add(element, "laneLink", **{"from": origin, "to": target})

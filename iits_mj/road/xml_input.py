@@ -103,15 +103,30 @@ def parse_xml(content: bytes, source: str) -> Element:
 
 
 class Reader:
-    """Reads attributes of elements; its errors name the place in the file."""
+    """Reads attributes of elements; its errors name the place in the file.
 
-    def __init__(self, place: str) -> None:
-        """`place` begins every error message: file, road, lane."""
+    Attributes:
+      place: beginning of every error message: file, road, lane.
+      source: the file.
+    """
+
+    def __init__(self, place: str, source: str | None = None) -> None:
+        """`source` is the place itself by default."""
         self.place = place
+        self.source = place if source is None else source
 
     def within(self, what: str) -> Reader:
         """Returns a reader whose messages name one more level."""
-        return Reader(f"{self.place}: {what}")
+        return Reader(f"{self.place}: {what}", self.source)
+
+    def own(self, error: MapError) -> str:
+        """Returns an error's message without the name of the file."""
+        return str(error).removeprefix(f"{self.source}: ")
+
+    @property
+    def inside(self) -> str:
+        """The place without the name of the file."""
+        return self.place.removeprefix(f"{self.source}: ")
 
     def fail(self, message: str) -> NoReturn:
         """Raises MapError at this place."""

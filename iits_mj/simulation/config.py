@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from controllers import own_parts
+from controllers.decision.prices import PriceOptions
 from controllers.protocols import (
     DecisionMaker,
     LateralControl,
@@ -16,7 +17,9 @@ from controllers.protocols import (
     TrajectoryPlanner,
 )
 from iits_mj.core import options
+from iits_mj.core.errors import InputError
 from iits_mj.core.options import option, part_option, plant_option
+from iits_mj.core.own_parts import part_name
 from iits_mj.j1939.bus import REACHES
 from iits_mj.j1939.network import CONTROLLER, LAST_ADDRESS
 from iits_mj.parameters import AnyTruck, check_truck, payload_option, truck_option
@@ -101,7 +104,7 @@ class TruckStart:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DriveConfig(TruckStart):
+class DriveConfig(PriceOptions, TruckStart):
     """A drive of the truck and its driving stack along a route in traffic.
 
     The options of `PARTS` also take the user's own class, function or object; see
@@ -225,6 +228,12 @@ class DriveConfig(TruckStart):
         120.0, help="longest simulated time", unit="s", low=1.0, high=86_400.0, group="run"
     )
     seed: int = option(0, help="seed of everything random", low=0, high=2**31 - 1, group="run")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.prices() is not None and self.decision != "ddqn":
+            maker = part_name(self.decision)
+            raise InputError(f"lane-change-price is of decision ddqn; decision is {maker!r}")
 
 
 AnyDrive = TypeVar("AnyDrive", bound=DriveConfig)

@@ -108,22 +108,23 @@ def check_finite(ego: EgoState) -> None:
 
 
 def find_ending(ego: EgoState, route: Route, footprint: EgoFootprint) -> Ending | None:
-    """Returns a roll-over or the end of the route; None without either."""
+    """Returns a roll-over or an end of the route that the truck has reached; None without them."""
     if abs(ego.roll) > ROLL_OVER:
         return Ending(f"rolled over at t = {ego.time:.2f} s", failed=True)
     if ego.station + footprint.front_overhang >= route.length - END_MARGIN:
         return Ending("reached the end of the route", failed=False)
+    if ego.station + footprint.front_overhang - footprint.length < -LEAVE_MARGIN:
+        text = f"left the road at t = {ego.time:.2f} s, {LEAVE_MARGIN:g} m before its begin"
+        return Ending(text, failed=True)
     return None
 
 
-def find_leaving(ego: EgoState, route: Route, footprint: EgoFootprint) -> Ending | None:
-    """Returns the end of a drive that left the road, before its start or sideways; else None.
+def find_leaving(ego: EgoState, route: Route) -> Ending | None:
+    """Returns the end of a drive that left the road sideways; else None.
 
     Beyond the road the physics continues the road's plane; the real terrain is unknown.
     """
     at = f"at t = {ego.time:.2f} s, {LEAVE_MARGIN:g} m"
-    if ego.station + footprint.front_overhang - footprint.length < -LEAVE_MARGIN:
-        return Ending(f"left the road {at} before its begin", failed=True)
     right, left = route.surface_edges(ego.station)
     if ego.offset < float(right) - LEAVE_MARGIN:
         return Ending(f"left the road {at} to the right of it", failed=True)

@@ -33,12 +33,12 @@ from iits_mj.simulation.frame import (
 from iits_mj.simulation.gaps import nearest_box_distance
 from iits_mj.simulation.lock_step import CommandPath, Driver, LockStep, Observer
 from iits_mj.simulation.parts import (
-    check_start,
     load_map,
     load_truck,
     make_recorder,
     make_stack,
     make_traffic,
+    placed,
 )
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
 from iits_mj.simulation.traffic_flow import FlowMeter
@@ -101,7 +101,7 @@ class Simulation(LockStep):
             visuals=visuals,
             edit_spec=edit_spec,
         )
-        check_start(config, self.route, truck.footprint)
+        self.config = config = placed(config, self.route, truck.footprint)
         made: Driver
         if driver is None:
             made = stack = make_stack(config, self.route, truck.parameters)
@@ -251,6 +251,7 @@ class Simulation(LockStep):
             failed=self.failed,
             fuel=self.frame.ego.fuel_used - self._fuel_start,
             warnings=warnings,
+            unsure_decisions=getattr(self.driver, "unsure_decisions", 0),
         )
 
     def save_recording(self, path: Path) -> Path:

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import mujoco
 import numpy as np
@@ -30,9 +30,10 @@ from iits_mj.core.progress import remark, task
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
+from iits_mj.road.route import USABLE_LANE_WIDTH
 from iits_mj.road.xml_input import SIZE_LIMIT
 from iits_mj.simulation.config import DriveConfig, TruckStart
-from iits_mj.simulation.frame import END_MARGIN
+from iits_mj.simulation.frame import END_MARGIN, LEAVE_MARGIN
 from iits_mj.truck import Truck
 from traffic_bridge import (
     TRAFFIC,
@@ -60,28 +61,54 @@ UNLIMITED_SPEED = (
     36.1  # [m/s] of traffic where a road has no limit: 130 km/h, as advised in Germany
 )
 LIMIT_SAMPLES = 200
-# Least road between the start and the end of the drive [m].
-_ROOM = 10.0
+# Least road between the start and the end of the drive [m]; also on a short route.
+_ROOM, _SHORTEST = 10.0, 1.0
+Start = TypeVar("Start", bound=TruckStart)
 
 
-def check_start(start: TruckStart, route: Route, footprint: EgoFootprint) -> None:
-    """Checks that a start is on the route and that its lane exists there.
+def placed(start: Start, route: Route, footprint: EgoFootprint) -> Start:
+    """Returns the configuration with a start that fits the route.
+
+    On a route that is too short for the default station the drive starts as early as possible. If
+    the route is hardly longer than the truck, the trailer starts before it, where its plane
+    continues.
 
     Raises:
-      InputError: it is not; the message has the allowed values.
+      InputError: the start is not on the route, its lane does not exist there, or the route is too
+        short; the message has the allowed values.
     """
     first, last = footprint.length, route.length - END_MARGIN - _ROOM
-    if not first <= start.start_station <= last:
+    if last < first:
+        first = footprint.length - footprint.front_overhang - LEAVE_MARGIN + _SHORTEST
+        last = route.length - END_MARGIN - footprint.front_overhang - _SHORTEST
+    if last < first:
         raise InputError(
-            f"start-station {start.start_station:g} m is not on the route; use "
+            f"the route is {route.length:.1f} m long; the truck of {footprint.length:g} m needs "
+            f"{route.length + first - last:.1f} m or more: choose another route or map"
+        )
+    station = start.start_station
+    if station == TruckStart.start_station and not first <= station <= last:
+        station = first
+        remark(f"the route is {route.length:.0f} m long: the start is at station {station:.1f} m")
+        start = dataclasses.replace(start, start_station=station)
+    if not first <= station <= last:
+        raise InputError(
+            f"start-station {station:g} m is not on the route; use "
             f"{first:.0f} to {last:.0f} m of its {route.length:.0f} m"
         )
-    lanes = route.lane_count(start.start_station)
+    lanes = route.lane_count(station)
     if not 0 <= start.start_lane < lanes:
         raise InputError(
             f"start-lane {start.start_lane} does not exist at station "
-            f"{start.start_station:g} m; use 0 to {lanes - 1}"
+            f"{station:g} m; use 0 to {lanes - 1}"
         )
+    if not route.lane_exists(start.start_lane, station):
+        width = float(route.lane_width(start.start_lane, station))
+        raise InputError(
+            f"lane {start.start_lane} is {width:.2g} m "
+            f"wide at station {station:g} m; vehicles use lanes of {USABLE_LANE_WIDTH:g} m or more"
+        )
+    return start
 
 
 @task("reading the map")
@@ -96,7 +123,11 @@ def load_map(path: Path | None) -> RoadMap:
     with suppress(OSError):
         if _LARGE_MAP < (size := path.stat().st_size) <= SIZE_LIMIT:
             remark(f"reading {path} ({size / 2**20:.0f} MB)")
-    return RoadMap.from_opendrive(path)
+    road_map = RoadMap.from_opendrive(path)
+    if road_map.notes:
+        first, more = road_map.notes[0], len(road_map.notes) - 1
+        remark(f"{path}: {first}" + (f" (and {more} more)" if more else ""))
+    return road_map
 
 
 @task("building the truck", usual=1.5)
@@ -236,7 +267,9 @@ def make_stack(
     offered = {"route": route, "parameters": parameters}
     return Stack(
         route,
-        decision.make(config.decision, parameters=parameters, seed=config.seed),
+        decision.make(
+            config.decision, prices=config.prices(), parameters=parameters, seed=config.seed
+        ),
         planner=planner,
         parameters=parameters,
         reference=reference or make_reference(config, route, parameters),

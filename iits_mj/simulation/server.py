@@ -26,7 +26,7 @@ from iits_mj.j1939.state import TruckSender
 from iits_mj.parameters import TruckParameters
 from iits_mj.simulation.config import ServeConfig
 from iits_mj.simulation.frame import Ending, check_finite, find_ending, find_leaving
-from iits_mj.simulation.parts import check_start, load_map
+from iits_mj.simulation.parts import load_map, placed
 from iits_mj.simulation.summary import ServeSummary
 from iits_mj.truck import Truck
 
@@ -230,7 +230,7 @@ class Server(Closing):
             plant=config.plant,
             visuals=False,
         )
-        check_start(config, self.route, self.truck.footprint)
+        self.config = config = placed(config, self.route, self.truck.footprint)
         self.state: EgoState = self.truck.reset(
             station=config.start_station,
             offset=float(self.route.lane_offset(config.start_lane, config.start_station)),
@@ -447,7 +447,7 @@ class Server(Closing):
 
     def _check_end(self) -> None:
         place = (self.state, self.route, self.truck.footprint)
-        found = find_ending(*place) or find_leaving(*place)
+        found = find_ending(*place) or find_leaving(self.state, self.route)
         duration = self.config.duration
         if found is not None:
             self._end(found)

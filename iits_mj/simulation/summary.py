@@ -96,6 +96,7 @@ class DriveSummary(_Summary):
       failed: True after a collision or a roll-over, or when the simulation diverged.
       collision: True when the truck touched another vehicle.
       lane_changes: completed; refused: requested and refused.
+      unsure_decisions: decisions that a learned policy left to a rule because it was unsure.
       red_lights_run: stop lines that the front bumper crossed at red; first_red_light: time of the
         first [s], None without one.
       emergency_brakings: number of emergency brakings of the planner.
@@ -122,6 +123,7 @@ class DriveSummary(_Summary):
     max_articulation: float
     traffic: TrafficFlow
     warnings: dict[str, int] = field(default_factory=dict)
+    unsure_decisions: int = 0
 
     @property
     def fuel_per_100km(self) -> float:
@@ -137,12 +139,14 @@ class DriveSummary(_Summary):
         red_lights = "none"
         if self.first_red_light is not None:
             red_lights = f"{self.red_lights_run}, the first at t = {self.first_red_light:.1f} s"
+        unsure = f"{self.unsure_decisions} decisions, made by look-ahead"
         return [
             ("ended", self.ended),
             ("time", f"{self.duration:.1f} s"),
             ("distance", f"{self.distance / 1e3:z.3f} km"),
             ("mean speed", f"{self.mean_speed:z.2f} m/s ({self.mean_speed * 3.6:z.1f} km/h)"),
             ("lane changes", f"{self.lane_changes} completed, {self.refused} refused"),
+            *([("policy unsure", unsure)] if self.unsure_decisions else []),
             ("red lights run", red_lights),
             ("emergency brakings", f"{self.emergency_brakings}"),
             ("closest gap ahead", _metres(self.closest_gap, "no vehicle was ahead in the lane")),
@@ -219,6 +223,7 @@ class SummaryBuilder:
         failed: bool,
         fuel: float,
         warnings: dict[str, int],
+        unsure_decisions: int,
     ) -> DriveSummary:
         """Returns the summary up to the frame `last`; `wall_time` in seconds, `fuel` in kg."""
         duration = last.time
@@ -243,6 +248,7 @@ class SummaryBuilder:
             max_articulation=self.max_articulation,
             traffic=self.traffic.flow,
             warnings=warnings,
+            unsure_decisions=unsure_decisions,
         )
 
 

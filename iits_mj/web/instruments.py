@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from controllers.decision.policy import GreedyPolicy
+from controllers.decision.priced import PricedPolicy
 from controllers.stack import Stack
 from iits_mj.core.messages import (
     Decision,
@@ -84,13 +85,14 @@ def drive_state(frame: DriveFrame) -> dict[str, Any]:
 
 
 def choice(stack: Stack) -> list[tuple[str, str, bool]]:
-    """Returns the decisions with their action values, and which one was taken.
+    """Returns the decisions with their values, and which one was taken.
 
     Decision makers without values show only what they decided.
     """
     values: Sequence[float | None] = (None, None, None)
-    if isinstance(stack.decision_maker, GreedyPolicy) and stack.decisions:
-        values = stack.decision_maker.network.values(stack.history.observation()).tolist()
+    maker = stack.decision_maker
+    if isinstance(maker, GreedyPolicy | PricedPolicy) and stack.decisions:
+        values = maker.values(stack.history.observation()).tolist()
     return [
         (_NAMES[decision], "" if value is None else f"{value:.2f}", decision is taken)
         for taken in (stack.last_decision,)

@@ -14,6 +14,7 @@ import pytest
 
 from controllers.decision import trip
 from controllers.decision.policy import SHIPPED, QNetwork
+from controllers.decision.prices import Prices
 from iits_mj.core.errors import InputError, TrafficError
 from iits_mj.core.process_pool import TasksError, run_all
 from iits_mj.evaluation import drives, trials
@@ -208,6 +209,21 @@ def test_other_weights_are_driven_and_the_rules_are_kept(tmp_path):
     assert len(trials.read_trials(config.file, print)) == 4
     assert trials.weights_digest("aggressive", policy) == ""
     assert trials.weights_digest("ddqn", None) == trials.weights_digest("ddqn", SHIPPED)
+
+
+def test_each_price_of_a_lane_change_is_a_policy_of_its_own(tmp_path):
+    config = EvaluateConfig(
+        trials=1, methods="mobil,ddqn", cells="dense-12.5", file=tmp_path / "trials.csv"
+    )
+    for price in (None, 60.0, 250.0):
+        run(replace(config, lane_change_price=price), drive_all=Fake())
+    rows = trials.read_trials(config.file, print)
+    digests = {row.weights for row in rows if row.method == "ddqn"}
+    assert len(digests) == 3
+    assert sum(row.method == "mobil" for row in rows) == 1
+    asked = task("ddqn", 0, weights=trials.weights_digest("ddqn", None, Prices(60.0)))
+    with pytest.raises(InputError, match="has changed since"):
+        drives.drive(asked, prices=Prices(61.0))
 
 
 def test_weights_that_cannot_drive_are_refused_before_the_first_trial(tmp_path):

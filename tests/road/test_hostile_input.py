@@ -67,10 +67,10 @@ BAD = {
         document(road(geometry=LINE.replace('s="0"', 's="50"'), length=150)),
         "starts at s = 50",
     ),
-    "left-hand traffic": (document(road(attributes='rule="LHT"')), "left-hand"),
-    "direct junction": (
-        document(road(), extra='<junction id="8" type="direct"/>'),
-        "direct junction",
+    "unknown junction": (document(road(), extra='<junction id="8" type="round"/>'), "'round'"),
+    "direct junction without roads": (
+        document(road(), extra='<junction id="8" type="direct"><connection/></junction>'),
+        "'incomingRoad'",
     ),
     "bad contact": (document(road(link=successor("2", "middle"))), "'middle'"),
     "bad unit": (
@@ -81,20 +81,20 @@ BAD = {
         document(road(lanes=LANES.replace("driving", "shoulder"))),
         "driving lanes",
     ),
-    "roads that do not meet": (
-        document(road("1", link=successor("2")), road("2", geometry=line(130.0))),
-        "30.0 m apart",
-    ),
-    "height step": (
+    "kink inside a road": (
         document(
-            road("1", link=successor("2")),
-            road("2", geometry=line(100.0), elevation=ELEVATION.format(9.0)),
+            road(
+                geometry=line(0.0) + line(100.0, heading=1.0).replace('s="0"', 's="100"'),
+                length=200,
+            )
         ),
-        "steps by 9.00 m",
+        "heading steps by 57 degrees",
     ),
-    "kink": (
-        document(road("1", link=successor("2")), road("2", geometry=line(100.0, heading=1.0))),
-        "heading steps by 5",
+    "height step inside a road": (
+        document(
+            road(elevation=ELEVATION.format(0.0) + '<elevation s="50" a="9" b="0" c="0" d="0"/>')
+        ),
+        "height steps by 9.00 m",
     ),
 }
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from iits_mj.core.angles import wrap_angle, wrap_angles
-from iits_mj.core.errors import MapError
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.chain import Piece
 from iits_mj.road.elements import Road
@@ -108,9 +107,13 @@ def test_netconvert_reads_the_built_in_highway_with_its_tapers(tmp_path):
     assert len(read_net(tmp_path / "x.net.xml")) > 20
 
 
-def test_direct_junction_is_refused_with_the_advice_to_use_another_map():
-    with pytest.raises(MapError, match=r"soderleden.*direct junction.*another map"):
-        RoadMap.from_opendrive(outside("xodr/esmini_soderleden.xodr"))
+def test_a_direct_junction_joins_both_carriageways_of_a_real_map():
+    road_map = RoadMap.from_opendrive(outside("xodr/esmini_soderleden.xodr"))
+    assert road_map.notes == ()
+    for start in ("2", "1"):
+        route = road_map.route(start)
+        assert route.segments[-1].road_id == "0"
+        assert route.length > 1600.0
 
 
 @pytest.mark.parametrize("path", ALL)

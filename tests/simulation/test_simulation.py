@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import TrackedVehicle
+from iits_mj.core.messages import EgoFootprint, TrackedVehicle
+from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation, Telemetry
 from iits_mj.simulation.frame import DivergedError
+from iits_mj.simulation.parts import placed
 from iits_mj.simulation.telemetry import COLUMNS
 
 
@@ -103,6 +105,24 @@ def test_unusable_configuration_is_one_clear_error(
 ) -> None:
     with pytest.raises(InputError, match=reported):
         Simulation(DriveConfig(**settings), visuals=False)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("length", "station"), [(1000.0, 60.0), (70.0, 16.5), (40.0, 16.5), (25.0, 11.1), (20.0, 11.1)]
+)
+def test_the_default_start_fits_a_short_road(length: float, station: float) -> None:
+    start = placed(DriveConfig(), Route.straight(length=length), EgoFootprint())
+    assert start.start_station == pytest.approx(station)
+
+
+def test_a_road_shorter_than_the_truck_is_refused_with_its_least_length() -> None:
+    with pytest.raises(InputError, match=r"12.0 m long; the truck of 16.5 m needs 1\d\.\d m"):
+        placed(DriveConfig(), Route.straight(length=12.0), EgoFootprint())
+
+
+def test_lanes_narrower_than_vehicles_are_refused() -> None:
+    with pytest.raises(InputError, match=r"lane 0 is 1.8 m wide"):
+        placed(DriveConfig(), Route.straight(lane_width=1.8), EgoFootprint())
 
 
 def test_driving_into_a_standing_vehicle_ends_as_a_collision() -> None:

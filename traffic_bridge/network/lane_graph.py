@@ -23,6 +23,8 @@ LOOK_AHEAD = 400.0  # [m] ahead of a vehicle in which the limits of lanes matter
 GENTLE = 1.2  # [m/s2], a deceleration that every vehicle can reach (judgement)
 LEAST_SPEED = 0.1  # [m/s]: a limit of nearly zero gives a long time instead of a division by zero
 
+SHORT_EDGE = 1.0  # [m] of an edge that a route may pass without naming its road
+
 
 class LaneGraph:
     """The lanes of a net and their connections.
@@ -185,7 +187,24 @@ def edges_along(net: NetFile, route: Route, sense: int) -> tuple[str, ...]:
                 "was it made from another map?"
             )
         chain += _in_driving_order(net, pieces)
-    return tuple(dict.fromkeys(chain))
+    return _with_short_edges(net, list(dict.fromkeys(chain)))
+
+
+def _with_short_edges(net: NetFile, chain: list[str]) -> tuple[str, ...]:
+    """Adds the edges of roads that are too short to be pieces of a route."""
+    complete = chain[:1]
+    for edge in chain[1:]:
+        targets = {target for target, _ in net.links_of(complete[-1])}
+        if edge not in targets:
+            between = (
+                target
+                for target in sorted(targets)
+                if all(lane.length < SHORT_EDGE for lane in net.edge[target].lanes)
+                and edge in {after for after, _ in net.links_of(target)}
+            )
+            complete += list(between)[:1]
+        complete.append(edge)
+    return tuple(complete)
 
 
 def _in_driving_order(net: NetFile, pieces: list[str]) -> list[str]:

@@ -251,7 +251,7 @@ class LaneSurfaces:
         along = distances_along(shape)
         half = 0.5 * along[-1]
         x, y = (float(np.interp(half, along, shape[:, axis])) for axis in (0, 1))
-        sense = 1.0 if lane.origin is not None and lane.origin[1] < 0 else -1.0
+        sense = -1.0 if lane.origin is None else float(frame.road.travel(lane.origin[1]))
         # From the middle outwards: on a closed loop, begin and end are the same point.
         middle = frame.locate(x, y)[0]
         (x0, y0), (x1, y1) = shape[0].tolist(), shape[-1].tolist()

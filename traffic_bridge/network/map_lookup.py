@@ -170,13 +170,13 @@ class MapLookup:
         z: float | None,
     ) -> tuple[tuple[float, ...], float]:
         """Rank of a place by height, kind of lane and distance (0 is best); offset in the lane."""
-        sense = 1.0 if lane < 0 else -1.0
+        sense = float(frame.road.travel(lane))
         offset = sense * (t - frame.center_at(lane, s))
         turned, height = 0.0, 0.0
         if heading is not None or z is not None:
             point = frame.line.evaluate(float(frame.line.station(s)), t)
             if heading is not None:
-                against = 0.0 if lane < 0 else math.pi
+                against = 0.0 if sense > 0.0 else math.pi
                 turned = abs(wrap_angle(heading - float(point.heading) - against))
             if z is not None:
                 # Decks of a bridge are meters apart; below 1 m it is the same surface.

@@ -4,30 +4,24 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
-import math
 import os
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
-import xml.etree.ElementTree as ElementTree
 from functools import cache
 from pathlib import Path
-from xml.etree.ElementTree import Element
 
 from iits_mj.core.errors import InputError, MapError, TrafficError
 from iits_mj.road import RoadMap, Route
-from iits_mj.road.elements import Lane, LaneSection, Road
 from iits_mj.road.route import MAPS, USABLE_LANE_WIDTH
-from iits_mj.road.writer import to_xml
-from iits_mj.road.xml_input import content_hash, parse_xml, read_file
-from traffic_bridge.network.net_file import NetFile
+from traffic_bridge.network.net_file import ORIGIN, NetFile
+from traffic_bridge.network.netconvert_input import BRIDGE, opendrive_for_netconvert
 
 CACHE_VARIABLE = "IITS_MJ_CACHE"
 TIMEOUT = 120.0  # [s]; the largest test map takes 0.3 s
 MEMORY_MAX = 4 * 2**30  # bytes of netconvert
-UNLIMITED = 70.0  # [m/s], the limit in the net for a road without one
 TURN_ACCELERATION = 3.0  # [m/s2] lateral, accepted by drivers at junctions in town (judgement)
 # With these options the net agrees with the exact geometry within 0.02 m, names the OpenDRIVE lane
 # of each of its lanes, and has no U-turns at the ends of roads.
@@ -43,6 +37,11 @@ OPENDRIVE_OPTIONS = (
     str(TURN_ACCELERATION),
     "--precision",
     "3",
+)
+# netconvert puts the shapes inside junctions on the wrong side with this option.
+LEFT_HAND_OPTIONS = (
+    *(option for option in OPENDRIVE_OPTIONS if option != "--opendrive.internal-shapes"),
+    "--lefthand",
 )
 REVISION = "2"  # of the changes that this module makes to a net; part of the cache key
 _SEAL = "<!-- sha256 "
@@ -82,14 +81,15 @@ def build_network(source: RoadMap | Route) -> NetFile:
     if road_map.path.resolve().parent == MAPS.resolve() and shipped.is_file():
         return NetFile.read(shipped)
     content = opendrive_for_netconvert(road_map)
-    target = _cached_file(content)
+    options = LEFT_HAND_OPTIONS if road_map.left_hand else OPENDRIVE_OPTIONS
+    target = _cached_file(content, options)
     if not _is_whole(target):
-        _make(content, target, str(road_map.path))
+        _make(content, options, target, str(road_map.path))
     return NetFile.read(target)
 
 
-def _cached_file(content: bytes) -> Path:
-    made_by = " ".join((*OPENDRIVE_OPTIONS, netconvert_version(), REVISION))
+def _cached_file(content: bytes, options: tuple[str, ...]) -> Path:
+    made_by = " ".join((*options, netconvert_version(), REVISION))
     key = content + made_by.encode()
     folder = cache_dir() / "nets"
     try:
@@ -115,7 +115,7 @@ def _is_whole(net: Path) -> bool:
     return bool(seal) and digest.split()[:1] == [hashlib.sha256(body).hexdigest().encode()]
 
 
-def _make(content: bytes, target: Path, name: str) -> None:
+def _make(content: bytes, options: tuple[str, ...], target: Path, name: str) -> None:
     try:
         # In the target's folder, so that the file can be moved in one operation.
         folder = tempfile.TemporaryDirectory(dir=target.parent, prefix="making_")
@@ -124,7 +124,7 @@ def _make(content: bytes, target: Path, name: str) -> None:
     with folder:
         source, made = Path(folder.name) / "map.xodr", Path(folder.name) / "made.net.xml"
         source.write_bytes(content)
-        arguments = ["--opendrive", str(source), *OPENDRIVE_OPTIONS, "--output-file", str(made)]
+        arguments = ["--opendrive", str(source), *options, "--output-file", str(made)]
         run_netconvert(arguments, name)
         text = made.read_text(encoding="utf-8") if made.is_file() else ""
         if "<edge " not in text:
@@ -132,9 +132,20 @@ def _make(content: bytes, target: Path, name: str) -> None:
         # The leading comment holds a date and paths; without it one map gives one file.
         text = re.sub(r"<!--.*?-->\s*", "", text, count=1, flags=re.DOTALL)
         text = re.sub(r"<lane [^>]*>", _close_if_narrow, text)
+        if "--lefthand" in options:
+            text = re.sub(rf'(<param key="{ORIGIN}" value=")([^"]*)"', _swapped_origin, text)
+        # Lanes through a direct junction belong to no road of the map.
+        text = re.sub(rf'\s*<param key="{ORIGIN}" value="{BRIDGE}[^"]*"/>', "", text)
         digest = hashlib.sha256(text.encode()).hexdigest()
         made.write_text(f"{text}{_SEAL}{digest} -->\n", encoding="utf-8", newline="\n")
         made.replace(target)
+
+
+def _swapped_origin(param: re.Match[str]) -> str:
+    """Names the lanes of a net with left-hand traffic as the map does; see `_swap_sides`."""
+    names = [name.rpartition("_") for name in param[2].split()]
+    swapped = " ".join(f"{road}_{-int(lane)}" for road, _, lane in names)
+    return f'{param[1]}{swapped}"'
 
 
 def _close_if_narrow(lane: re.Match[str]) -> str:
@@ -211,75 +222,3 @@ def run_netconvert(arguments: list[str], name: str = "netconvert") -> str:
             f"{reason or result.stderr.strip() or f'exit code {result.returncode}'}"[:600]
         )
     return result.stdout
-
-
-def opendrive_for_netconvert(road_map: RoadMap) -> bytes:
-    """The map as OpenDRIVE text that netconvert interprets as `RoadMap` does.
-
-    netconvert reads speed limits of lanes but not of roads, reads an empty `junction` as a number,
-    ignores "no limit", and crashes on direct junctions. The geometry is unchanged. A map without a
-    file is written from memory.
-
-    Raises:
-      MapError: the file cannot be read, has changed since the map was read, or has direct
-        junctions.
-    """
-    if road_map.path.is_file():
-        content = read_file(road_map.path)
-        if content_hash(content) != road_map.content_hash:
-            raise MapError(
-                f"{road_map.path}: the file has changed since the map was read; read it again"
-            )
-    else:
-        content = to_xml(road_map.content).encode()
-    root = parse_xml(content, str(road_map.path))
-    for junction in root.findall("junction"):
-        if junction.get("type") == "direct":
-            raise MapError(
-                f"{road_map.path}: the map has direct junctions (OpenDRIVE 1.7), "
-                "which SUMO's netconvert cannot read; drive it without traffic or use another map"
-            )
-    for item in root.findall("road"):
-        if not item.get("junction", "").strip():
-            item.set("junction", "-1")
-        road = road_map.roads.get(item.get("id", ""))
-        if road is not None:
-            _set_speeds(item, road)
-    return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
-
-
-def _set_speeds(item: Element, road: Road) -> None:
-    """Writes the limit of every driving lane into the lane itself, in m/s."""
-    sections = sorted(item.iter("laneSection"), key=lambda section: float(section.get("s", "0")))
-    # The file may contain sections that begin beyond the road's end.
-    for element, (start, end, section) in zip(sections, road.section_spans(), strict=False):
-        for lane_item in element.iter("lane"):
-            lane = section.lane(int(lane_item.get("id", "0")))
-            if lane is None or not lane.is_driving or lane.id == 0:
-                continue
-            speeds = _speeds(road, section, lane, start, end)
-            if not speeds:
-                continue
-            for old in lane_item.findall("speed"):
-                lane_item.remove(old)
-            for offset, limit in speeds:
-                value = f"{UNLIMITED if math.isinf(limit) else min(limit, UNLIMITED):.6g}"
-                ElementTree.SubElement(
-                    lane_item, "speed", {"sOffset": repr(offset), "max": value, "unit": "m/s"}
-                )
-
-
-def _speeds(
-    road: Road, section: LaneSection, lane: Lane, start: float, end: float
-) -> list[tuple[float, float]]:
-    """(distance from the section's start [m], limit [m/s]): the lane's own, else the road's.
-
-    A road inside a junction without limits gets none: netconvert uses the limits of the roads
-    before and after it and the speed that its bend allows.
-    """
-    if lane.speeds:
-        return list(lane.speeds)
-    if not road.types and road.junction is not None:
-        return []
-    inner = [record.s for record in road.types if start < record.s < end]
-    return [(s - section.s, road.speed_at(s)) for s in (start, *inner)]

@@ -27,7 +27,7 @@ from controllers.decision.observation import OBSERVATION_SIZE
 from controllers.decision.quality import Quality
 from controllers.decision.trip import ACTIONS, RewardTerms, TrafficDemand, TripConfig, TripSummary
 from iits_mj import kernels
-from iits_mj.core.arrays import BoolArray, IntArray
+from iits_mj.core.arrays import BoolArray, FloatArray, IntArray
 from iits_mj.core.errors import InputError
 from iits_mj.kernels import Address, Table
 from iits_mj.parameters import AnyTruck, TruckParameters
@@ -38,6 +38,7 @@ _step = batch_function("iits_worlds_step", Address)
 _decide = batch_function("iits_worlds_decide", Address, Address)
 _drive = batch_function("iits_worlds_drive", Address, Address)
 _allowed = batch_function("iits_worlds_allowed", Address)
+_braking = batch_function("iits_worlds_braking", Address)
 _redraw = batch_function("iits_worlds_redraw")
 # Fields of `TripSummary` in the state.
 _TOTALS = (
@@ -129,6 +130,15 @@ class FastWorlds:
         allowed = np.empty((len(self), len(ACTIONS)), dtype=bool)
         _allowed(self.states, kernels.address(allowed))
         return allowed
+
+    def imposed_braking(self) -> FloatArray:
+        """Braking that each decision asks of the new follower now [m/s2], shape (n, 3).
+
+        It is infinite where the decision would be refused; see `rules.imposed_braking`.
+        """
+        braking = np.empty((len(self), len(ACTIONS)))
+        _braking(self.states, kernels.address(braking))
+        return braking
 
     def decide(self, rule: Table) -> IntArray:
         """Returns the decisions of a rule, shape (n,).

@@ -23,7 +23,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from controllers.decision.learning.replay import Batch, Returns, Transition
+from controllers.decision.learning.replay import Batch, Transition
 from controllers.decision.policy import ACTIONS, QNetwork
 from controllers.decision.rules import Mobil
 from controllers.decision.trip import TripConfig, TripSummary, World
@@ -44,7 +44,7 @@ class Drive:
       name: for messages; world: index of the factory.
       trip: its settings; generator: source of all its randomness.
       epsilon: share of random decisions; guided: share of those that MOBIL makes instead.
-      steps: n of the n-step transitions, 0 for no transitions.
+      learns: whether its transitions are returned.
     """
 
     name: str
@@ -53,7 +53,7 @@ class Drive:
     generator: np.random.Generator
     epsilon: float = 0.0
     guided: float = 0.0
-    steps: int = 0
+    learns: bool = False
 
 
 @dataclass(frozen=True)
@@ -72,28 +72,26 @@ def drive_trip(world: World, job: Drive, network: QNetwork) -> Driven:
     exploration = job.generator.spawn(1)[0]
     guide = Mobil()
     observation = world.reset(job.generator, job.trip)
-    returns = Returns(max(1, job.steps))
     transitions: list[Transition] = []
     over = False
     while not over:
-        action = greedy = ACTIONS.index(network.greedy(observation))
+        action = ACTIONS.index(network.greedy(observation))
         if exploration.random() < job.epsilon:
             action = int(exploration.integers(len(ACTIONS)))
             if exploration.random() < job.guided:
                 action = ACTIONS.index(guide.decide(world.context()))
-        if action != greedy:
-            transitions += returns.cut()
         step = world.step(ACTIONS[action])
         over = step.terminated or step.truncated
-        if job.steps:
+        if job.learns:
             # After a truncation the next value still counts.
             future = 0.0 if step.terminated else job.trip.reward.discount**step.seconds
             reward = step.reward.total
             symmetric = job.trip.symmetric
-            single = Transition(observation, action, reward, future, step.observation, symmetric)
-            transitions += returns.add(single, over)
+            transitions.append(
+                Transition(observation, action, reward, future, step.observation, symmetric)
+            )
         observation = step.observation
-    return Driven(world.summary, Batch.of(transitions) if job.steps else None)
+    return Driven(world.summary, Batch.of(transitions) if job.learns else None)
 
 
 class Interrupted(KeyboardInterrupt):

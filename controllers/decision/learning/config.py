@@ -46,13 +46,6 @@ class LearnerConfig:
     target_interval: int = _option(
         250, help="updates between two copies to the target network", low=1, high=10**7
     )
-    target_rate: float = _option(
-        0.0,
-        help="share by which the target network follows at every update, instead of the copies; "
-        "0 for copies",
-        low=0.0,
-        high=1.0,
-    )
     average_rate: float = _option(
         1e-4,
         help="share by which the policy to validate follows the online network at every update: a "
@@ -85,9 +78,6 @@ class LearnerConfig:
         high=0.99,
     )
     dueling: bool = _option(True, help="heads for value and advantage (Wang et al. 2016)")
-    quantiles: int = _option(
-        0, help="quantiles of the return (Dabney et al. 2018), 0 for its mean", low=0, high=256
-    )
 
     def __post_init__(self) -> None:
         option_fields.check(self)
@@ -136,7 +126,6 @@ class TrainConfig(LearnerConfig):
     updates_per_decision: float = _option(
         0.25, help="gradient steps per decision", low=0.0, high=64.0
     )
-    steps: int = _option(1, help="n of the n-step returns, 1 for none", low=1, high=64)
     learning_rate_end: float = _option(
         2e-5, help="of Adam at the end", low=1e-8, high=1.0, metavar="RATE"
     )
@@ -148,10 +137,6 @@ class TrainConfig(LearnerConfig):
     mirror: bool = _option(
         True, help="learn also from mirror images of transitions, where traffic does not keep right"
     )
-    prioritized: bool = _option(False, help="prioritized replay (Schaul et al. 2016)")
-    priority_exponent: float = _share(0.6, "alpha: 0 draws uniformly, 1 in proportion to the error")
-    importance_exponent: float = _share(0.4, "beta at the start; it rises to 1")
-    importance_decisions: int = _decisions(1_200_000, "decisions over which beta rises")
     epsilon_start: float = _share(1.0, "share of random decisions at the start")
     epsilon_stage: float = _share(0.2, "share of random decisions at the start of the second world")
     epsilon_end: float = _share(0.05, "share of random decisions at the end")
@@ -196,3 +181,37 @@ class TrainConfig(LearnerConfig):
         names = (field.name for field in dataclasses.fields(TrainConfig))
         found = {name: getattr(self, name) for name in names if name != "resume"}
         return {**found, "truck": label_of(self.truck)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class RolloutConfig:
+    """Settings of the training of the priced policy by roll-outs.
+
+    Raises:
+      InputError: a value is out of bounds; the message names it.
+    """
+
+    rounds: int = _option(4, help="rounds of roll-outs, each followed by a fit", low=1, high=100)
+    chunks: int = _option(
+        70, help="chunks of labels in a round; less in the first two", low=1, high=10_000
+    )
+    chunk_trips: int = _option(
+        128, help="trips that a chunk drives in parallel", low=1, high=10_000
+    )
+    chunk_windows: int = _option(
+        8, help="states that a chunk takes from each trip, one of 30 decisions", low=1, high=1_000
+    )
+    horizon: float = _option(
+        100.0, help="time of a roll-out", unit="s", low=10.0, high=1_000.0, metavar="S"
+    )
+    draws: int = _option(
+        1, help="draws of the hidden desired speeds for each state", low=1, high=100
+    )
+    more_draws: int = _option(
+        0, help="further draws where the decisions are nearly equal", low=0, high=100
+    )
+    epochs: int = _option(8, help="passes of a fit over the labels", low=1, high=10_000)
+    members: int = _option(3, help="networks of the last fit, whose mean decides", low=1, high=20)
+
+    def __post_init__(self) -> None:
+        option_fields.check(self)

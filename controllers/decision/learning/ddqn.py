@@ -1,19 +1,17 @@
-"""Double DQN, with dueling heads and quantiles as options.
+"""Double DQN, with dueling heads as an option.
 
 The online network chooses the next action, the target network gives its value (van Hasselt, Guez
 and Silver 2016, eq. 4): `Y = R + discount * Q_target(s', argmax_a Q_online(s', a))`. The target
-network is a separate copy that is updated every `target_interval` updates, or follows slowly. A
+network is a separate copy that is updated every `target_interval` updates. A
 decision lasts 1 s, or a whole lane change, so each transition has its own discount, which is 0
 after a termination only.
 
-- dueling (Wang et al. 2016, eq. 9): `Q = V + A - mean_a A`, two linear heads on one trunk.
-- quantiles (Dabney et al. 2018): each value is the mean of N quantiles of the return, learned with
-  the quantile Huber loss; actions are chosen by the means.
+Dueling heads (Wang et al. 2016, eq. 9) are two linear heads on one trunk: `Q = V + A - mean_a A`.
 
 The shipped policy may be a running average of the online network, which smooths its gradient steps.
 The online network itself drives the training trips, because only that corrects its errors.
 
-Heads are linear, so both fold exactly into the last layer of the shipped network, and the scaling
+Heads are linear, so they fold exactly into the last layer of the shipped network, and the scaling
 of the inputs into its first layer.
 
 Inputs may be standardized: in the observation's units a typical difference of speed is 0.05, a
@@ -44,45 +42,45 @@ ACTION_COUNT = LAYERS[-1]
 
 
 class Update(NamedTuple):
-    """One gradient step: loss, mean value of the actions taken, absolute TD errors (n,).
+    """One gradient step: loss, mean value of the actions taken, mean absolute TD error.
 
-    Values and errors are in units of the scaled reward.
+    Value and error are in units of the scaled reward.
     """
 
     loss: float
     value: float
-    error: NDArray[np.float32]
+    error: float
 
 
 class ValueNetwork(nn.Module):
-    """The paper's 216-256-512-256-3 network with ReLU; its last layer may be two quantile heads.
+    """The paper's 216-256-512-256-3 network with ReLU; its last layer may be two heads.
 
     Args:
-      dueling: heads for value and advantage; quantiles: of each value, 0 for the value itself.
+      dueling: heads for value and advantage.
       standardized: inputs are relative to their usual values, in units of their spread.
     """
 
-    def __init__(self, dueling: bool, quantiles: int, standardized: bool = False) -> None:
+    def __init__(self, dueling: bool, standardized: bool = False) -> None:
         super().__init__()
-        self.width = max(1, quantiles)
         self._inputs = usual_and_spread() if standardized else None
         layers: list[nn.Module] = []
         for inputs, outputs in itertools.pairwise(LAYERS[:-1]):
             layers += [nn.Linear(inputs, outputs), nn.ReLU()]
         self.trunk = nn.Sequential(*layers)
-        self.advantage = nn.Linear(LAYERS[-2], ACTION_COUNT * self.width)
-        self.value = nn.Linear(LAYERS[-2], self.width) if dueling else None
+        self.advantage = nn.Linear(LAYERS[-2], ACTION_COUNT)
+        self.value = nn.Linear(LAYERS[-2], 1) if dueling else None
 
     def forward(self, observation: Tensor) -> Tensor:
-        """Returns quantiles of the return, (n, 3, width), for observations (n, 216)."""
+        """Returns values of the actions, (n, 3), for observations (n, 216)."""
         if self._inputs is not None:
             usual, spread = map(torch.from_numpy, self._inputs)
             observation = (observation - usual) / spread
         hidden = self.trunk(observation)
-        advantage = self.advantage(hidden).unflatten(1, (ACTION_COUNT, self.width))
+        advantage: Tensor = self.advantage(hidden)
         if self.value is None:
             return advantage
-        return self.value(hidden)[:, None] + advantage - advantage.mean(dim=1, keepdim=True)
+        found: Tensor = self.value(hidden) + advantage - advantage.mean(dim=1, keepdim=True)
+        return found
 
     def layers(self) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
         """Returns copies of weights and biases of the four layers, all linear parts folded in."""
@@ -91,12 +89,12 @@ class ValueNetwork(nn.Module):
             usual, spread = self._inputs
             weight = pairs[0][0] / spread
             pairs[0] = weight, pairs[0][1] - weight @ usual
-        # The mean over quantiles is linear, and so is V + A - mean A: one matrix suffices.
-        last = [a.reshape(ACTION_COUNT, self.width, -1).mean(1) for a in _arrays(self.advantage)]
+        # V + A - mean A is linear: one matrix suffices.
+        weight, bias = _arrays(self.advantage)
         if self.value is not None:
-            value = [a.reshape(1, self.width, -1).mean(1) for a in _arrays(self.value)]
-            last = [v + a - a.mean(0) for v, a in zip(value, last, strict=True)]
-        pairs.append((last[0], last[1].ravel()))
+            shared, common = _arrays(self.value)
+            weight, bias = shared + weight - weight.mean(0), common + bias - bias.mean(0)
+        pairs.append((weight, bias))
         return [(weight.astype(np.float32), bias.astype(np.float32)) for weight, bias in pairs]
 
 
@@ -108,38 +106,22 @@ def _arrays(layer: nn.Linear) -> tuple[NDArray[np.float64], NDArray[np.float64]]
 def double_q_target(
     reward: Tensor, discount: Tensor, online_next: Tensor, target_next: Tensor
 ) -> Tensor:
-    """Returns targets (n, width) from rewards and discounts (n,), next values (n, 3, width)."""
-    chosen = online_next.mean(dim=2).argmax(dim=1)
-    return reward[:, None] + discount[:, None] * _of_action(target_next, chosen)
+    """Returns targets (n,) from rewards and discounts (n,), next values (n, 3)."""
+    return reward + discount * _of_action(target_next, online_next.argmax(dim=1))
 
 
 def shortfall(values: Tensor, action: Tensor) -> Tensor:
-    """Returns the best action's value less that of an action, (n,), from values (n, 3, width).
+    """Returns the best action's value less that of an action, (n,), from values (n, 3).
 
     Charging a part of it widens the gap between the best action and the others and leaves the best
     value unchanged (Bellemare et al. 2016, eq. 7). With frequent decisions the gap is small, as the
     next decision can correct this one, and errors of the values choose the action.
     """
-    means = values.mean(dim=2)
-    return means.max(dim=1).values - _of_action(means, action)
-
-
-def quantile_huber(taken: Tensor, wanted: Tensor) -> Tensor:
-    """Returns the loss (n,) of quantiles (n, N) against samples (n, M) of the return.
-
-    Dabney et al. (2018) eq. 9 and 10 with kappa = 1: the sum over quantiles `i` of the mean over
-    samples `j` of `|tau_i - 1{u < 0}| huber(u)`, `u = wanted_j - taken_i`, `tau_i = (i + 1/2) / N`.
-    """
-    count = taken.shape[1]
-    tau = (torch.arange(count) + 0.5) / count
-    low, high = torch.broadcast_tensors(taken[:, :, None], wanted[:, None, :])
-    weight = (tau[None, :, None] - (high < low).to(taken.dtype)).abs()
-    loss = weight * nn.functional.smooth_l1_loss(low, high, reduction="none")
-    return loss.mean(dim=2).sum(dim=1)
+    return values.max(dim=1).values - _of_action(values, action)
 
 
 def _of_action(values: Tensor, action: Tensor) -> Tensor:
-    """Returns the values of an action, (n, ...), from values (n, 3, ...)."""
+    """Returns the values of an action, (n,), from values (n, 3)."""
     return values[torch.arange(len(action)), action]
 
 
@@ -156,7 +138,7 @@ class DoubleDqn:
         self.config = config
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.online = ValueNetwork(config.dueling, config.quantiles, config.standardized)
+            self.online = ValueNetwork(config.dueling, config.standardized)
         self.target = copy.deepcopy(self.online).requires_grad_(False)
         self.average = copy.deepcopy(self.target) if config.average_rate else None
         self.optimizer = torch.optim.Adam(
@@ -164,8 +146,8 @@ class DoubleDqn:
         )
         self.updates = 0
 
-    def update(self, batch: Batch, weight: NDArray[np.float32] | None = None) -> Update:
-        """Takes one gradient step on a batch, with optional weights of the losses, shape (n,).
+    def update(self, batch: Batch) -> Update:
+        """Takes one gradient step on a batch.
 
         Raises:
           Error: the loss is not finite.
@@ -181,15 +163,9 @@ class DoubleDqn:
                 self.target(following),
             )
             if self.config.gap:
-                wanted -= self.config.gap * shortfall(self.target(observation), action)[:, None]
+                wanted -= self.config.gap * shortfall(self.target(observation), action)
         taken = _of_action(self.online(observation), action)
-        if self.config.quantiles:
-            losses = quantile_huber(taken, wanted)
-        else:
-            losses = nn.functional.smooth_l1_loss(taken, wanted, reduction="none").squeeze(1)
-        if weight is not None:
-            losses = losses * torch.from_numpy(weight)
-        loss = losses.mean()
+        loss = nn.functional.smooth_l1_loss(taken, wanted)
         if not math.isfinite(loss.item()):
             raise Error(
                 f"training diverged: the loss of update {self.updates + 1} is {loss.item()}; "
@@ -200,17 +176,15 @@ class DoubleDqn:
         nn.utils.clip_grad_norm_(self.online.parameters(), self.config.gradient_norm)
         self.optimizer.step()
         self.updates += 1
-        if self.config.target_rate > 0.0:
-            _follow(self.target, self.online, self.config.target_rate)
-        elif self.updates % self.config.target_interval == 0:
+        if self.updates % self.config.target_interval == 0:
             self.target.load_state_dict(self.online.state_dict())
         if self.average is not None:
             # At first the mean of all networks since the initial one.
             rate = max(self.config.average_rate, 1.0 / self.updates)
             _follow(self.average, self.online, rate)
-        mean = taken.detach().mean(dim=1)
-        error = (wanted.mean(dim=1) - mean).abs().numpy()
-        return Update(float(loss.item()), float(mean.mean().item()), error)
+        value = taken.detach()
+        error = (wanted - value).abs().mean().item()
+        return Update(float(loss.item()), float(value.mean().item()), float(error))
 
     def set_rate(self, learning_rate: float) -> None:
         """Sets the learning rate."""

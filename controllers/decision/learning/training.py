@@ -216,7 +216,7 @@ class Training:
             sampled = sample_trip(config, generator)
             name = f"training trip {trip} of round {flight.index}"
             shares = flight.epsilon, config.guided_share
-            drives.append(Drive(name, flight.stage, sampled, generator, *shares, config.steps))
+            drives.append(Drive(name, flight.stage, sampled, generator, *shares, learns=True))
         return self.workers.submit(drives, flight.network)
 
     def _next_round(self) -> Round:
@@ -240,20 +240,16 @@ class Training:
             decisions += len(trip.transitions)
         if len(self.memory) >= config.warm_up:
             self.debt += config.updates_per_decision * decisions
-        beta = self._between(config.importance_exponent, 1.0, config.importance_decisions)
         rates = config.learning_rate, config.learning_rate_end
         self.learner.set_rate(self._between(*rates, config.learning_rate_decisions))
         while self.debt >= 1.0:
             self.debt -= 1.0
-            draw = self.memory.sample(config.batch_size, self.random, beta)
-            batch = mirror_half(draw.batch, self.random) if config.mirror else draw.batch
-            update = self.learner.update(batch, draw.weight)
-            self.memory.renew(draw.indices, update.error)
-            unscaled = 1.0 / config.reward_scale
-            error = float(update.error.mean()) * unscaled
-            self.round.add(
-                {"loss": update.loss, "mean_q": update.value * unscaled, "td_error": error}
-            )
+            batch = self.memory.sample(config.batch_size, self.random)
+            if config.mirror:
+                batch = mirror_half(batch, self.random)
+            update = self.learner.update(batch)
+            value, error = (x / config.reward_scale for x in (update.value, update.error))
+            self.round.add({"loss": update.loss, "mean_q": value, "td_error": error})
 
     def _log_round(self, driven: list[Driven], seconds: float) -> None:
         """Logs figures of a round and adds them to the means of the table's next row."""
@@ -282,9 +278,7 @@ class Training:
         self.memory, self.debt, self.best = self._new_memory(), 0.0, -math.inf
 
     def _new_memory(self) -> ReplayMemory:
-        config = self.config
-        exponent = config.priority_exponent if config.prioritized else None
-        return ReplayMemory(config.replay_capacity, OBSERVATION_SIZE, exponent)
+        return ReplayMemory(self.config.replay_capacity, OBSERVATION_SIZE)
 
     def _validation_due(self) -> bool:
         since = self.decisions - self.evaluated

@@ -1,4 +1,4 @@
-"""Trips for the learner: greedy, random and guided decisions; ends of n-step returns."""
+"""Trips for the learner: greedy, random and guided decisions."""
 
 import dataclasses
 import itertools
@@ -30,13 +30,13 @@ def drive(network, seed=0, **settings):
 
 @pytest.mark.parametrize("action", [0, 1, 2])
 def test_without_random_decisions_the_network_makes_all(action):
-    driven = drive(always(action), steps=1)
+    driven = drive(always(action), learns=True)
     assert set(driven.transitions.action.tolist()) == {action}
     assert len(driven.transitions) == driven.summary.decisions
 
 
-def test_rewards_and_discounts_of_single_steps_are_those_of_the_world():
-    driven = drive(always(1), steps=1)
+def test_rewards_and_discounts_are_those_of_the_world():
+    driven = drive(always(1), learns=True)
     assert driven.transitions.reward.sum() == pytest.approx(driven.summary.reward.total, rel=1e-5)
     assert driven.transitions.discount == pytest.approx(0.99)
 
@@ -44,18 +44,18 @@ def test_rewards_and_discounts_of_single_steps_are_those_of_the_world():
 @pytest.mark.parametrize("keeps_right", [False, True])
 def test_transitions_are_symmetric_unless_traffic_keeps_right(keeps_right):
     trip = dataclasses.replace(TRIP, keeps_right=keeps_right)
-    job = Drive("a trip", 0, trip, np.random.default_rng(0), steps=3)
+    job = Drive("a trip", 0, trip, np.random.default_rng(0), learns=True)
     transitions = drive_trip(HighwayEnv(), job, always(1)).transitions
     assert set(transitions.symmetric.tolist()) == {not keeps_right}
 
 
-def test_a_drive_without_n_step_returns_gives_no_transitions():
+def test_a_drive_that_learns_nothing_gives_no_transitions():
     assert drive(always(1)).transitions is None
 
 
 def test_share_of_random_decisions_is_epsilon():
     actions = np.concatenate(
-        [drive(always(1), seed, epsilon=0.6, steps=1).transitions.action for seed in range(8)]
+        [drive(always(1), seed, epsilon=0.6, learns=True).transitions.action for seed in range(8)]
     )
     # Two random decisions of three are changes, which take some seconds.
     assert np.mean(actions != 1) == pytest.approx(0.4, abs=0.1)
@@ -69,18 +69,6 @@ def test_a_fully_guided_trip_takes_the_decisions_of_mobil():
         actions.append(ACTIONS.index(decision))
         step = env.step(decision)
         over = step.terminated or step.truncated
-    driven = drive(always(1), 7, epsilon=1.0, guided=1.0, steps=1)
+    driven = drive(always(1), 7, epsilon=1.0, guided=1.0, learns=True)
     assert driven.transitions.action.tolist() == actions
     assert {0, 1} <= set(actions)
-
-
-def test_returns_end_before_a_decision_that_is_not_greedy():
-    driven = drive(always(1), seed=1, epsilon=0.3, steps=3)
-    other = driven.transitions.action != 1
-    assert other.any()
-    assert not other.all()
-    keeps = np.flatnonzero(~other[:-1])
-    ends = [other[i + 1] for i in keeps]
-    # A return before a random change has one step, others have up to three.
-    assert driven.transitions.discount[keeps][ends] == pytest.approx(0.99)
-    assert driven.transitions.discount[~other].min() <= 0.99**3 + 1e-6

@@ -39,19 +39,15 @@ SMALL = {
     "target_interval": 10,
     "replay_capacity": 80,
     "epsilon_decisions": 100,
-    "importance_decisions": 100,
     "evaluate_interval": 50,
     "validation_trips": 1,
     "truck_validation_trips": 1,
     "validation_duration": 10.0,
     "checkpoint_interval": 30,
-    "steps": 3,
     "mirror": True,
     "standardized": True,
     "gap": 0.5,
-    "prioritized": True,
     "dueling": True,
-    "quantiles": 4,
     "average_rate": 0.1,
 }
 # Figures of the table that depend on the clock.
@@ -75,7 +71,6 @@ def outcome(folder):
     counters = {k: v for k, v in state["counters"].items() if k != "wall"}
     arrays = [t.numpy() for part in ("online", "target") for t in state["learner"][part].values()]
     arrays += [state["replay"][name] for name in ("reward", "observation", "action")]
-    arrays += [state["replay"]["priorities"]["mass"]]
     policies = sorted(path.name for path in (folder / "policies").iterdir())
     for path in ("ddqn.npz", f"policies/{policies[-1]}"):
         arrays += QNetwork.load(folder / path).weights
@@ -305,7 +300,7 @@ def stored(tmp_path):
 
 
 def test_resuming_with_other_settings_is_refused_by_name(stored):
-    for change in ({"steps": 1}, {"dueling": False}, {"seed": 7}, {"learning_rate": 1e-3}):
+    for change in ({"mirror": False}, {"dueling": False}, {"seed": 7}, {"learning_rate": 1e-3}):
         ((name, _),) = change.items()
         with pytest.raises(InputError, match=f"resume: {name.replace('_', '-')} is"):
             train(small(**{"decisions": 20, "resume": True, **change}), stored)
@@ -334,10 +329,9 @@ def test_a_damaged_or_missing_checkpoint_is_refused(stored, tmp_path):
         {"epsilon_end": 2.0},
         {"warm_up": 10**7},
         {"learning_rate": np.nan},
-        {"quantiles": -1},
-        {"steps": 0},
-        {"priority_exponent": 1.1},
-        {"importance_exponent": -0.1},
+        {"batch_size": 0},
+        {"guided_share": 1.1},
+        {"gap": -0.1},
         {"jobs": 0},
         {"dueling": 1},
         {"trips_per_round": 2.5},

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from iits_mj.core.errors import Error, MapError, TrafficError
+from iits_mj.core.errors import MapError, TrafficError
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.writer import to_xml, write
 from tests.traffic_bridge.esmini_maps import MAPS, esmini
-from tests.traffic_bridge.merge_map import merge_map, two_way_road
+from tests.traffic_bridge.merge_map import two_way_road
 from traffic_bridge import MapNetwork, PureSim, TrafficConfig, build_network, cache_dir
 from traffic_bridge.network import nets
 from traffic_bridge.network.route_lanes import RouteLanes
@@ -121,17 +121,6 @@ def test_an_empty_junction_attribute_means_no_junction(tmp_path):
     network = MapNetwork.of(RoadMap.from_opendrive(path))
     assert network.entrances == network.exits == ("-1",)
     assert network.roads["1"].junction == ""
-
-
-def test_a_map_with_direct_junctions_gives_one_error_and_no_simulation(tmp_path):
-    path = tmp_path / "map.xodr"
-    text = to_xml(merge_map())
-    assert "<junction " in text
-    path.write_text(text.replace("<junction ", '<junction type="direct" '))
-    with pytest.raises(Error) as caught:
-        PureSim(RoadMap.from_opendrive(path).route()).reset()
-    assert "direct junction" in str(caught.value)
-    assert not load_libsumo().isLoaded()
 
 
 @pytest.mark.parametrize(

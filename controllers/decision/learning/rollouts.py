@@ -1,0 +1,357 @@
+"""What lane changes add, measured by roll-outs in the fast world: the labels of the priced policy.
+
+A chunk of labels is made from trips that drive in parallel. Of 30 decisions of a trip one is
+drawn, nearly equal ones with a greater probability. From copies of this state the
+truck keeps its lane, changes to the left and changes to the right, and then follows a policy for
+some time. What the truck cannot see, the wishes of the other drivers and later arrivals, is drawn
+again, the same for the decisions that are compared.
+
+This is one round of policy iteration by roll-outs (Lagoudakis and Parr 2003; Bertsekas 2019).
+"""
+
+from __future__ import annotations
+
+import copy
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.decision.fast_world.worlds import FastWorlds
+from controllers.decision.learning.config import TrainConfig
+from controllers.decision.learning.trips import sample_trip
+from controllers.decision.priced import (
+    COMPONENTS,
+    IMPOSED_BRAKING_MAX,
+    SIDES,
+    PricedNetwork,
+    chosen,
+    fallback_rule,
+    usual_worth,
+    worth,
+)
+from controllers.decision.rules import compiled
+from controllers.decision.trip import TripConfig
+from iits_mj.core.arrays import BoolArray, FloatArray, IntArray
+from iits_mj.parameters import TruckParameters
+
+# Decisions of each world, from worlds, prices (n, 3) and the braking that changes ask of others
+# (n, 2), see `chosen`.
+Policy = Callable[[FastWorlds, FloatArray, FloatArray], IntArray]
+
+_ENDLESS = 1e6  # [m], [s]
+_WARM_UP = 40.0  # [s]
+_WINDOW = 30  # decisions, of which one is drawn
+_REACH = 300.0  # [m] ahead: the observation's range
+_COLLISION = 1_000.0  # [m] of way
+# Prices of the rule that drives the first round [m].
+_RULE_PRICES = np.geomspace(14.0, 400.0, 6)
+# Draws of the hidden: for all states, and further ones where the decisions are nearly equal.
+_NEARLY_EQUAL = 40.0  # [m]
+# Trips with three lanes, and in traffic that keeps right, where the right lane has a price.
+_THREE_LANES, _KEEPS_RIGHT = 0.1, 0.15
+# Shares of trips without a price of braking, and of the right lane, this one also where the traffic
+# keeps right.
+_BRAKING_FREE, _LEFT_FREE, _LEFT_FREE_KEEPS_RIGHT = 0.65, 0.8, 0.25
+_RANDOM = 0.05  # share of random changes in the trips
+
+
+@dataclass(frozen=True)
+class Labels:
+    """What changes added.
+
+    Attributes:
+      observation: shape (n, 216), float32.
+      prices: shape (n, 3).
+      components: see `priced.COMPONENTS`; of left and right, shape (n, 2, 4), float32.
+      possible: whether the change was possible, shape (n, 2).
+      draws: number of draws of the hidden, shape (n,).
+      spread: standard deviation of the worth over the draws [m], shape (n, 2).
+      symmetric: whether the mirror image of the traffic is as probable, shape (n,).
+    """
+
+    observation: NDArray[np.float32]
+    prices: NDArray[np.float32]
+    components: NDArray[np.float32]
+    possible: BoolArray
+    draws: NDArray[np.int64]
+    spread: NDArray[np.float32]
+    symmetric: BoolArray
+
+
+def rule_policy(worlds: FastWorlds, prices: FloatArray, braking: FloatArray) -> IntArray:
+    """Returns decisions of look-ahead near the prices: the policy before the first."""
+    nearest = np.abs(np.log(_RULE_PRICES / prices[:, :1])).argmin(axis=1)
+    decisions = np.zeros(len(worlds), dtype=np.int64)
+    for number in np.unique(nearest):
+        rule = compiled(fallback_rule(float(_RULE_PRICES[number])))
+        assert rule is not None
+        rows = np.flatnonzero(nearest == number)
+        decisions[rows] = worlds.copy(rows).decide(rule)
+    asked = np.take_along_axis(braking, (decisions[:, None] > 0).astype(int), 1)[:, 0]
+    return np.where(asked < np.inf, decisions, 0)
+
+
+class NetworkPolicy:
+    """Decisions of a network."""
+
+    def __init__(self, network: PricedNetwork) -> None:
+        self.network = network
+
+    def __call__(self, worlds: FastWorlds, prices: FloatArray, braking: FloatArray) -> IntArray:
+        """Returns the decisions, shape (n,)."""
+        return chosen(self.gains(worlds, prices, braking), braking)
+
+    def gains(self, worlds: FastWorlds, prices: FloatArray, braking: FloatArray) -> FloatArray:
+        """Returns the worth of changes [m], shape (n, 2), minus infinity where none is possible."""
+        return self.member_gains(worlds, prices, braking).mean(axis=0)
+
+    def member_gains(
+        self, worlds: FastWorlds, prices: FloatArray, braking: FloatArray
+    ) -> FloatArray:
+        """Returns the same for each member, shape (members, n, 2)."""
+        rows = np.flatnonzero(np.isfinite(braking).any(axis=1))
+        gains = np.full((len(self.network), *braking.shape), -np.inf)
+        if rows.size:
+            seen = worlds.states["frames"][rows].reshape(rows.size, -1)
+            gains[:, rows] = self.network.gains(seen, prices[rows])
+        return gains
+
+
+def draw_prices(trip: TripConfig, generator: np.random.Generator) -> FloatArray:
+    """Draws the prices of a trip, shape (3,)."""
+    change = np.exp(generator.uniform(np.log(10.0), np.log(400.0)))
+    braking = 60.0 * generator.random() ** 2 if generator.random() > _BRAKING_FREE else 0.0
+    free = _LEFT_FREE_KEEPS_RIGHT if trip.keeps_right else _LEFT_FREE
+    left = np.exp(generator.uniform(np.log(0.1), np.log(4.0)))
+    return np.array([change, braking, left if generator.random() > free else 0.0])
+
+
+@functools.cache
+def _config() -> TrainConfig:
+    """Settings of the drawn trips, with the parameters of the truck, which are read once."""
+    return TrainConfig(truck=TruckParameters.load(None))
+
+
+def draw_trip(generator: np.random.Generator) -> TripConfig:
+    """Draws an endless trip as `sample_trip` does; a tenth of them have three lanes."""
+    trip = sample_trip(_config(), generator)
+    return replace(
+        trip,
+        length=_ENDLESS,
+        duration=_ENDLESS,
+        keeps_right=bool(trip.keeps_right or generator.random() < _KEEPS_RIGHT),
+        lanes=3 if generator.random() < _THREE_LANES else 2,
+    )
+
+
+def braking_of_changes(worlds: FastWorlds) -> FloatArray:
+    """Returns the braking that changes to the left and right ask of the new follower, (n, 2).
+
+    It is infinite [m/s2] where the policy makes no change.
+    """
+    braking = worlds.imposed_braking()[:, ::2]
+    return np.where(braking < IMPOSED_BRAKING_MAX, braking, np.inf)
+
+
+def advance(
+    worlds: FastWorlds,
+    decisions: IntArray,
+    braking: FloatArray,
+    totals: FloatArray,
+    left: FloatArray,
+) -> None:
+    """Carries out decisions; adds what they gather to `totals`, and takes the time from `left`.
+
+    Args:
+      worlds: n of them.
+      decisions: shape (n,), possible ones.
+      braking: of changes to the left and to the right, shape (n, 2).
+      totals: shape (n, 4), see `COMPONENTS`.
+      left: time of the roll-out that is left [s], shape (n,); a step that ends later counts in
+        part.
+    """
+    state = worlds.states
+    before = state["distance"].copy(), state["right_time"].copy(), state["driven_time"].copy()
+    collided = state["terminated"].copy()
+    worlds.step(decisions)
+    seconds = state["driven_time"] - before[2]
+    share = np.clip(left / np.maximum(seconds, 1e-9), 0.0, 1.0)
+    running = left > 0.0
+    changes = (decisions != 0) & running
+    asked = np.take_along_axis(braking, (decisions[:, None] > 0).astype(int), 1)[:, 0]
+    totals[:, 0] += share * (state["distance"] - before[0])
+    totals[:, 0] -= _COLLISION * ((state["terminated"] > collided) & running)
+    totals[:, 1] += changes
+    totals[changes, 2] += asked[changes]
+    totals[:, 3] += share * (seconds - (state["right_time"] - before[1]))
+    left -= np.where(seconds > 0.0, seconds, np.inf)
+
+
+def roll_out(
+    worlds: FastWorlds, first: IntArray, prices: FloatArray, policy: Policy, seconds: float
+) -> FloatArray:
+    """Drives worlds by a first decision and then a policy; returns what they gather, (n, 4)."""
+    totals = np.zeros((len(worlds), len(COMPONENTS)))
+    left = np.full(len(worlds), float(seconds))
+    decisions = first
+    braking = braking_of_changes(worlds)
+    while True:
+        advance(worlds, decisions, braking, totals, left)
+        if not (left > 0.0).any():
+            return totals
+        braking = braking_of_changes(worlds)
+        decisions = policy(worlds, prices, braking)
+
+
+def compare(
+    worlds: FastWorlds,
+    prices: FloatArray,
+    policy: Policy,
+    seconds: float,
+    generator: np.random.Generator,
+) -> tuple[FloatArray, BoolArray]:
+    """Returns what changes add to keeping the lane in one draw of the hidden.
+
+    Returns:
+      components, shape (n, 2, 4), zero where a change is not possible; and where it is, (n, 2).
+    """
+    possible = np.isfinite(braking_of_changes(worlds))
+    drawn = worlds.copy(np.arange(len(worlds)))
+    # The truck reaches no vehicle beyond within a roll-out.
+    drawn.states["window_ahead"] = np.minimum(drawn.states["window_ahead"], _REACH + 6.0 * seconds)
+    drawn.redraw(generator)
+    rows, sides = np.nonzero(possible)
+    index = np.concatenate([np.arange(len(worlds)), rows])
+    first = np.concatenate([np.zeros(len(worlds), np.int64), 2 * sides - 1])
+    totals = roll_out(drawn.copy(index), first, prices[index], policy, seconds)
+    kept, changed = np.split(totals, [len(worlds)])
+    components = np.zeros((*possible.shape, len(COMPONENTS)))
+    components[rows, sides] = changed - kept[rows]
+    return components, possible
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Size of a chunk of labels.
+
+    Attributes:
+      trips: driven in parallel; windows: states of each trip, one from each minute.
+      seconds: of a roll-out.
+      draws: of the hidden for each state; more_draws: where the decisions are nearly equal.
+    """
+
+    trips: int
+    windows: int
+    seconds: float
+    draws: int
+    more_draws: int
+
+
+def make_labels(
+    chunk: Chunk, network: PricedNetwork | None, generator: np.random.Generator
+) -> Labels:
+    """Makes a chunk of labels for the policy of a network, or without one of the rule."""
+    learned = NetworkPolicy(network) if network is not None else None
+    policy: Policy = learned or rule_policy
+    worlds = FastWorlds(chunk.trips)
+    trips = [draw_trip(generator) for _ in range(chunk.trips)]
+    for index, trip in enumerate(trips):
+        worlds.reset(index, generator, trip)
+    prices = np.array([draw_prices(trip, generator) for trip in trips])
+    symmetric = np.array([trip.symmetric for trip in trips])
+    states = _drawn_states(chunk, worlds, prices, policy, learned, generator)
+    rows = np.concatenate([index for index, _ in states])
+    joined = copy.copy(worlds)
+    joined.states = np.concatenate([found.states for _, found in states])
+    return _label(chunk, joined, prices[rows], symmetric[rows], policy, generator)
+
+
+def _drawn_states(
+    chunk: Chunk,
+    worlds: FastWorlds,
+    prices: FloatArray,
+    policy: Policy,
+    learned: NetworkPolicy | None,
+    generator: np.random.Generator,
+) -> list[tuple[IntArray, FastWorlds]]:
+    """Drives the trips; returns indices of trips and copies of one state of each in each window.
+
+    A state is drawn with a probability in proportion to its weight (Efraimidis and Spirakis 2006).
+    """
+    count = len(worlds)
+    totals, left = np.zeros((count, len(COMPONENTS))), np.full(count, np.inf)
+    found = []
+    for window in range(-1, chunk.windows):
+        best, drawn = np.zeros(count), worlds.copy(np.arange(count))
+        for _ in range(_WINDOW if window >= 0 else int(_WARM_UP)):
+            braking = braking_of_changes(worlds)
+            possible = np.isfinite(braking)
+            if learned is None:
+                weight = np.ones(count)
+                decisions = policy(worlds, prices, braking)
+            else:
+                gains = learned.gains(worlds, prices, braking)
+                decisions = chosen(gains, braking)
+                closest = np.where(possible, np.abs(gains), np.inf).min(axis=1)
+                weight = 0.1 + 1.0 / (1.0 + (closest / usual_worth(prices[:, 0])) ** 2)
+            key = np.where(possible.any(axis=1), generator.random(count) ** (1.0 / weight), 0.0)
+            better = np.flatnonzero(key > best)
+            best[better] = key[better]
+            drawn.states[better] = worlds.states[better]
+            decisions = _explored(decisions, possible, generator)
+            advance(worlds, decisions, braking, totals, left)
+        if window >= 0:
+            rows = np.flatnonzero(best > 0.0)
+            found.append((rows, drawn.copy(rows)))
+    return found
+
+
+def _explored(decisions: IntArray, possible: BoolArray, generator: np.random.Generator) -> IntArray:
+    """Returns decisions with a share of random ones."""
+    side = generator.integers(len(SIDES), size=len(decisions))
+    random = generator.random(len(decisions)) < _RANDOM
+    random &= possible[np.arange(len(decisions)), side]
+    return np.where(random, 2 * side - 1, decisions)
+
+
+def _label(
+    chunk: Chunk,
+    worlds: FastWorlds,
+    prices: FloatArray,
+    symmetric: BoolArray,
+    policy: Policy,
+    generator: np.random.Generator,
+) -> Labels:
+    count = len(worlds)
+    sums = np.zeros((count, len(SIDES), len(COMPONENTS)))
+    worths, squares = np.zeros((count, len(SIDES))), np.zeros((count, len(SIDES)))
+    draws = np.zeros(count, dtype=np.int64)
+    possible = np.isfinite(braking_of_changes(worlds))
+    rows = np.arange(count)
+    for draw in range(chunk.draws + chunk.more_draws):
+        if draw == chunk.draws:
+            mean = np.where(possible, np.abs(worths / chunk.draws), np.inf).min(axis=1)
+            rows = np.flatnonzero(mean < _NEARLY_EQUAL)
+            if not rows.size:
+                break
+        of_rows = worlds.copy(rows)
+        components, _ = compare(of_rows, prices[rows], policy, chunk.seconds, generator)
+        gained = worth(components.astype(np.float32), prices[rows][:, None])
+        sums[rows] += components
+        worths[rows] += gained
+        squares[rows] += gained**2
+        draws[rows] += 1
+    each = draws[:, None]
+    spread = np.sqrt(np.maximum(squares / each - (worths / each) ** 2, 0.0))
+    return Labels(
+        worlds.observations,
+        prices.astype(np.float32),
+        (sums / draws[:, None, None]).astype(np.float32),
+        possible,
+        draws,
+        spread.astype(np.float32),
+        symmetric,
+    )

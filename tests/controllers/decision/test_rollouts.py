@@ -1,0 +1,157 @@
+"""Labels of the priced policy: what a lane change adds in the fast world, the fit, the training."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from controllers.decision.fast_world.worlds import FastWorlds
+from controllers.decision.learning import rollouts
+from controllers.decision.learning.config import RolloutConfig
+from controllers.decision.learning.priced_training import RESULT, train_priced
+from controllers.decision.learning.rollouts import Chunk, Labels, make_labels
+from controllers.decision.priced import PRICED_LAYERS, PricedNetwork
+from controllers.decision.trip import TripConfig
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import Decision
+
+TINY = Chunk(trips=4, windows=2, seconds=30.0, draws=1, more_draws=1)
+SMALL = RolloutConfig(
+    rounds=2, chunks=2, chunk_trips=3, chunk_windows=1, horizon=20.0, epochs=2, members=2
+)
+PRICES = np.array([[60.0, 0.0, 0.0]])
+
+
+def keep(worlds, prices, braking):
+    del prices, braking
+    return np.zeros(len(worlds), np.int64)
+
+
+def empty_road(grade=0.0):
+    worlds = FastWorlds(1, grade)
+    trip = TripConfig(spawn_probability=0.0, traffic_speed=20.0)
+    worlds.reset(0, np.random.default_rng(0), trip)
+    return worlds
+
+
+def changed(worlds, seconds):
+    """What a change to the left adds, if the truck keeps its lane afterwards."""
+    generator = np.random.default_rng(1)
+    return rollouts.compare(worlds, PRICES, keep, seconds, generator)
+
+
+def test_on_an_empty_road_a_change_adds_a_change_and_time_in_the_left_lane_alone():
+    components, possible = changed(empty_road(), 60.0)
+    assert possible.tolist() == [[True, False]]
+    way, changes, braking, left_time = components[0, 0]
+    assert abs(way) < 1e-9
+    assert (changes, braking) == (1.0, 0.0)
+    assert left_time == pytest.approx(60.0)
+    assert not components[0, 1].any()
+
+
+def test_passing_a_slow_leader_gains_the_difference_of_the_speeds():
+    worlds = empty_road()
+    worlds.states["count"] = 1
+    vehicle = worlds.states["vehicles"][0, :1]
+    vehicle[:] = np.zeros(1, vehicle.dtype)
+    vehicle["serial"], vehicle["length"] = 1, 4.8
+    vehicle["front"] = worlds.states["front"] + 80.0
+    vehicle["speed"] = 8.0
+    vehicle["change_time"] = -np.inf
+    # A vehicle that wishes 8 m/s: the redraw would give it another wish.
+    copies = worlds.copy([0, 0])
+    copies.states["vehicles"]["desired"][:, 0] = 8.0
+    decisions = np.array([int(Decision.KEEP), int(Decision.LEFT)])
+    totals = rollouts.roll_out(copies, decisions, np.repeat(PRICES, 2, 0), keep, 100.0)
+    gained = totals[1, 0] - totals[0, 0]
+    # The truck closes 80 m less its following distance before it must slow down.
+    assert 0.7 * 100.0 * (16.67 - 8.0) < gained + 80.0 < 1.1 * 100.0 * (16.67 - 8.0)
+
+
+def test_a_step_that_ends_after_the_roll_out_counts_in_part():
+    worlds = empty_road().copy([0, 0])
+    totals = rollouts.roll_out(worlds, np.array([0, -1]), np.repeat(PRICES, 2, 0), keep, 3.0)
+    assert totals[1, 0] == pytest.approx(totals[0, 0], rel=0.02)
+
+
+def test_labels_repeat_with_their_seed_and_hold_finite_numbers():
+    first, again = (make_labels(TINY, None, np.random.default_rng([0, 7])) for _ in range(2))
+    for name, values in vars(first).items():
+        np.testing.assert_array_equal(values, vars(again)[name])
+        assert np.isfinite(values).all()
+    assert first.possible.any(axis=1).all()
+    assert set(first.draws) <= {1, 2}
+
+
+def labels(count=500):
+    """Labels of a known law: a change to the left gains 200 m times the truck's lateral offset."""
+    random = np.random.default_rng(2)
+    observation = np.zeros((count, 216), np.float32)
+    observation[:, 2] = random.uniform(0.0, 0.5, count)
+    components = np.zeros((count, 2, 4), np.float32)
+    components[:, 0, 0] = 200.0 * observation[:, 2]
+    components[:, :, 1] = 1.0
+    prices = np.column_stack([random.uniform(20.0, 200.0, count), np.zeros((count, 2))])
+    return Labels(
+        observation,
+        prices.astype(np.float32),
+        components,
+        np.ones((count, 2), bool),
+        np.ones(count, np.int64),
+        np.zeros((count, 2), np.float32),
+        np.zeros(count, bool),
+    )
+
+
+def test_a_fit_finds_a_law_of_its_labels():
+    pytest.importorskip("torch", reason="torch is not installed (the train extra)")
+    from controllers.decision.learning.fitting import fit
+
+    known = labels()
+    half = len(known.prices) // 2
+    network = fit(Labels(*(column[:half] for column in vars(known).values())), 0, 100)
+    found = network.components(known.observation[half:], known.prices[half:])[0]
+    wanted = known.components[half:]
+    assert np.corrcoef(found[:, 0, 0], wanted[:, 0, 0])[0, 1] > 0.95
+    assert np.abs(found[..., 1] - 1.0).mean() < 0.2
+
+
+def test_mirror_images_exchange_the_sides_and_the_time_in_the_lanes():
+    pytest.importorskip("torch", reason="torch is not installed (the train extra)")
+    from controllers.decision.learning.fitting import mirror_images
+
+    known = dataclasses.replace(labels(4), symmetric=np.array([True, True, False, True]))
+    known.prices[1, 2] = 1.0
+    known.components[0, 0, 3] = 25.0
+    image = mirror_images(known)
+    assert len(image.prices) == 2
+    np.testing.assert_array_equal(image.components[:, 1, :3], known.components[[0, 3], 0, :3])
+    assert image.components[0, 1, 3] == -25.0
+    assert image.observation[0, 2] == pytest.approx(0.5 - known.observation[0, 2])
+
+
+def test_a_training_continues_to_the_same_bits(tmp_path):
+    pytest.importorskip("torch", reason="torch is not installed (the train extra)")
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    first = train_priced(SMALL, whole, seed=3, jobs=1)
+    train_priced(dataclasses.replace(SMALL), parts, seed=3, jobs=1)
+    for name in (RESULT, "policies/priced_00.npz", "labels/01_0000.npz"):
+        (parts / name).unlink()
+    again = train_priced(SMALL, parts, seed=3, jobs=1, resume=True)
+    assert first.read_bytes() == again.read_bytes()
+    network = PricedNetwork.load(first)
+    assert len(network) == SMALL.members
+    assert network.metadata["config"]["seed"] == 3
+    assert network.weights[0].shape[1:] == PRICED_LAYERS[1::-1]
+
+
+def test_a_folder_of_another_training_is_refused(tmp_path):
+    pytest.importorskip("torch", reason="torch is not installed (the train extra)")
+    with pytest.raises(InputError, match="no training in folder"):
+        train_priced(SMALL, tmp_path, seed=0, jobs=1, resume=True)
+    (tmp_path / "settings.json").write_text("{}")
+    with pytest.raises(InputError, match="continue it with --resume"):
+        train_priced(SMALL, tmp_path, seed=0, jobs=1)
+    with pytest.raises(InputError, match="has the settings"):
+        train_priced(SMALL, tmp_path, seed=0, jobs=1, resume=True)
