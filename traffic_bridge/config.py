@@ -103,8 +103,10 @@ class TrafficConfig:
       fill_ahead, fill_behind: lengths of road ahead of and behind the ego that are populated at
         the beginning [m].
       scope: roads with traffic: "route": along the ego's route; "both": also on the opposite lanes
-        of its roads; "map": also from every entrance of the map to random exits, with turns at
-        junctions.
+        of its roads; "map": on all roads of the map, with turns at junctions; vehicles enter and
+        leave at the map's ends, and out of sight of the truck where the density needs it.
+      turning_shares: of vehicles that turn right, go straight and turn left at a junction, for each
+        lane that makes the turn; only for the scope "map".
       footprint: size of the ego combination.
       events: at a time or station, see `traffic_bridge.signals.events`.
       departures: listed vehicles, in addition to the random ones.
@@ -127,6 +129,7 @@ class TrafficConfig:
     fill_ahead: float = 15_000.0
     fill_behind: float = 2_000.0
     scope: str = "route"
+    turning_shares: tuple[float, float, float] = (0.3, 0.5, 0.2)  # default of SUMO's jtrrouter
     footprint: EgoFootprint = field(default_factory=EgoFootprint)
     events: tuple[Event, ...] = ()
     departures: tuple[Departure, ...] = ()
@@ -164,6 +167,14 @@ class TrafficConfig:
                 )
         for name, (low, high) in RANGES.items():
             in_range(name, getattr(self, name), low, high)
+        shares = self.turning_shares
+        if not isinstance(shares, (tuple, list)) or len(shares) != 3:
+            raise InputError(f"turning_shares {shown(shares)}: must be right, straight and left")
+        for share in shares:
+            in_range("turning_shares", share, 0.0, 1.0)
+        if not any(share > 0.0 for share in shares):
+            raise InputError(f"turning_shares {shown(shares)}: at least one must be positive")
+        object.__setattr__(self, "turning_shares", tuple(shares))
         if not isinstance(self.footprint, EgoFootprint):
             raise InputError(f"footprint {shown(self.footprint)}: must be an EgoFootprint")
         for what, kind in (("types", VehicleType), ("events", Event), ("departures", Departure)):

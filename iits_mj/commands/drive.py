@@ -47,7 +47,7 @@ from iits_mj.render.film_process import FilmProcess, FilmSettings
 from iits_mj.render.pages import Film
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveSummary, Observer, Simulation, Telemetry
-from iits_mj.simulation.config import PARTS
+from iits_mj.simulation.config import PARTS, with_level_start
 from iits_mj.simulation.drive_log import BusLog, check_given
 from iits_mj.simulation.drive_table import DriveTable
 from iits_mj.simulation.driver import LogDriver
@@ -189,6 +189,7 @@ def run(options: Options, command: str = "drive") -> int:
         )
         remark(f"demo drive with its own traffic events ({flags})")
         options = dataclasses.replace(options, **DEMO)
+    options = with_level_start(options, options.given)
     return perform(Job(command, options, options, options, duration=options.duration))
 
 
@@ -199,6 +200,7 @@ def effective(options: Options) -> Options:
     """
     if _is_default(options):
         options = dataclasses.replace(options, **DEMO)
+    options = with_level_start(options, options.given)
     if options.recording is not None:
         return options
     return dataclasses.replace(options, given=frozenset(rules_of(type(options))))

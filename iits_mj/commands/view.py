@@ -20,6 +20,7 @@ from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.envs import ENVIRONMENTS
 from iits_mj.render.cameras import CAMERA, Camera
 from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation
+from iits_mj.simulation.config import with_level_start
 from iits_mj.simulation.drive_log import check_given
 from iits_mj.simulation.lock_step import LockStep
 from iits_mj.web import PORT, WebServer
@@ -110,7 +111,7 @@ def run(options: Options) -> int:
         if name in options.given:
             raise InputError(f"{_flag(name)} needs --web")
     check_given(options, options.given)
-    return _in_window(options)
+    return _in_window(with_level_start(options, options.given))
 
 
 def _in_window(options: Options) -> int:
@@ -167,9 +168,9 @@ def _drive(options: Options) -> int:
     from iits_mj.web.live import LiveDrive
 
     check_given(options, options.given)
-    config = options
+    config = with_level_start(options, options.given)
     if "duration" not in options.given:
-        config = replace(options, duration=_LONG)
+        config = replace(config, duration=_LONG)
     with (
         announced(options, "iits-mj drive", "The drive") as server,
         LiveDrive(server, config, options.pace, options.camera) as drive,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from controllers import own_parts
 from controllers.decision.prices import PriceOptions
@@ -36,6 +37,10 @@ TRAFFIC_SCOPES = ("route", "both", "map")
 COMMAND_PATHS = ("direct", "j1939")
 BUSES = ("virtual", "socketcan", "udp_multicast")
 SILENCE = ("release", "stop")
+# Start in traffic of a level of service on the built-in highway [m]: far enough from its beginning
+# that traffic follows the truck, too.
+LEVEL_START = 1_000.0
+LEVEL_SPEED = 80.0 / 3.6  # [m/s] of the truck in such traffic: the limit for trucks on motorways
 # The parts of a drive that a user may replace, by option.
 PARTS = {
     "decision": own_parts.DECISION,
@@ -99,8 +104,8 @@ class TruckStart:
     )
     start_speed: float = _speed_option(
         15.0,
-        "speed at the start; reduced to the reference speed, to the speed limit and to the speed "
-        "that the bends ahead allow",
+        "speed at the start; reduced to the reference speed, to the speed limit, to the speed that "
+        "the bends ahead allow, and to that of a level of service",
         "road",
         low=0.0,
     )
@@ -154,7 +159,8 @@ class DriveConfig(PriceOptions, TruckStart):
     density: str = option(
         "dense",
         help="amount of traffic; A to F: level of service of the Highway Capacity Manual, with "
-        "headways and lane changes as on motorways",
+        "headways and lane changes as on motorways, and without other options a truck at 80 km/h "
+        "from station 1000 m on",
         choices=DENSITIES,
         group="traffic",
     )
@@ -281,6 +287,27 @@ class DriveConfig(PriceOptions, TruckStart):
         if self.prices() is not None and self.decision != "ddqn":
             maker = part_name(self.decision)
             raise InputError(f"lane-change-price is of decision ddqn; decision is {maker!r}")
+
+
+AnyDrive = TypeVar("AnyDrive", bound=DriveConfig)
+
+
+def with_level_start(config: AnyDrive, given: AbstractSet[str]) -> AnyDrive:
+    """Returns the drive with the start that suits traffic of a level of service.
+
+    The truck drives 80 km/h and starts at this speed (`Simulation` reduces it to the traffic's), on
+    the built-in highway behind the first kilometer. Options that the user gave stay.
+
+    Args:
+      config: the drive; without a level of service it is returned unchanged.
+      given: names of the options that the user gave.
+    """
+    if config.density not in BOUNDS:
+        return config
+    values: dict[str, Any] = {"speed": LEVEL_SPEED, "start_speed": LEVEL_SPEED}
+    if config.map is None:
+        values["start_station"] = LEVEL_START
+    return replace(config, **{k: v for k, v in values.items() if k not in given})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import math
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -43,7 +44,7 @@ from iits_mj.simulation.parts import (
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
 from iits_mj.simulation.traffic_flow import FlowMeter
 from iits_mj.truck import Truck
-from traffic_bridge import Mirror, Recorder, Traffic, VehicleFrame
+from traffic_bridge import Mirror, PureSim, Recorder, Traffic, VehicleFrame
 
 _drive_frame = positional(DriveFrame)
 
@@ -141,7 +142,9 @@ class Simulation(LockStep):
         ego = self.truck.reset(
             station=station,
             offset=offset,
-            speed=min(config.start_speed, config.speed, limit, self._safe_speed),
+            speed=min(
+                *(config.start_speed, config.speed, limit, self._safe_speed, self._flow_speed())
+            ),
         )
         self.mirror.bind(self.truck.model)
         self._tractor = self.truck.model.body("tractor").id
@@ -166,6 +169,11 @@ class Simulation(LockStep):
         self._plan(ego)
         self.frame = self._make_frame(ego)
         return self.frame
+
+    def _flow_speed(self) -> float:
+        """Mean speed of the traffic of a level of service [m/s]; infinite for other traffic."""
+        steady = self.traffic.config.steady if isinstance(self.traffic, PureSim) else None
+        return math.inf if steady is None else steady.speed
 
     @property
     def stack(self) -> Stack:

@@ -17,6 +17,7 @@ from traffic_bridge.session import Session
 from traffic_bridge.signals.controller import TrafficController
 from traffic_bridge.vehicles.demand import Demand
 from traffic_bridge.vehicles.lane_changing import LaneChanger
+from traffic_bridge.vehicles.map_demand import Sight
 from traffic_bridge.vehicles.registry import Vehicles
 from traffic_bridge.vehicles.service_level import BOTTLENECK, BOTTLENECK_RATIO
 
@@ -112,6 +113,7 @@ class SumoTraffic:
         self.session.step()
         with self.session.guard("populating the road"):
             self._demand.discard_pending()
+            self._demand.trim()
             self._drop_arrived()
             return self._observe(ego)
 
@@ -121,7 +123,7 @@ class SumoTraffic:
             station = None if ego is None else ego.station
             if self._steps % LOST_CHECK == 0:
                 self.vehicles.drop_lost()
-            self._demand.spawn(station)
+            self._demand.spawn(station, None if ego is None else self._sight(ego))
             self.signals.step(self.time, station)
             if self._lane_changer is not None:
                 self._lane_changer.step(self.time, lambda: self._demand.entries(station))
@@ -134,6 +136,11 @@ class SumoTraffic:
         with self.session.guard("reading the vehicles"):
             self._drop_arrived()
             return self._observe(ego)
+
+    def _sight(self, ego: EgoState) -> Sight:
+        """The truck's place, near which no vehicle begins or ends inside the map."""
+        x, y = self.lanes.to_sumo(ego.x, ego.y)
+        return Sight(x, y, self.config.clear_distance + self.config.footprint.length)
 
     def _observe(self, ego: EgoState | None) -> VehicleFrame:
         boxes = self._ego.boxes(ego) if self._with_ego and ego is not None else ()

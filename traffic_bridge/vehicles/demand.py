@@ -5,88 +5,33 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Iterator
-from functools import cached_property
 
 import numpy as np
 
 from traffic_bridge.config import TrafficConfig
-from traffic_bridge.network.lane_graph import LaneGraph, MapPaths
-from traffic_bridge.network.net_file import NetFile, NetLane
+from traffic_bridge.network.net_file import NetLane
 from traffic_bridge.network.route_lanes import LaneTable, RouteLanes
 from traffic_bridge.session import Session
 from traffic_bridge.signals.limits import SpeedLimits
 from traffic_bridge.vehicles.ego_room import EgoRoom
+from traffic_bridge.vehicles.map_demand import (
+    JUNCTION_GAP,
+    PERIOD,
+    MapDemand,
+    Occupied,
+    Sight,
+    Trip,
+)
 from traffic_bridge.vehicles.registry import Vehicles
 from traffic_bridge.vehicles.service_level import LevelTraffic
 from traffic_bridge.vehicles.types import VehicleType
 
 LANE_END = 300.0  # [m] before the end of a lane that closes, without new vehicles
+# [m] before a junction in which SUMO must choose the speed of a new vehicle (it may have to yield).
+JUNCTION_AHEAD = 150.0
 # SUMO's lane-change mode under MOBIL: SUMO only leaves lanes that end (bit 0), and makes requested
 # lane changes unless they cause an immediate collision (bit 8).
 MOBIL_MODE = 0b01_0000_0001
-
-
-class MapDemand:
-    """Random trips on the rest of the map, from its entrances to its exits.
-
-    A trip begins on a lane that leads to its exit, so that vehicles need not cross the road at
-    once. Its exit is drawn with equal probability from those that the lane reaches. The entrance of
-    the ego's route is excluded, because `Demand` makes its flow.
-    """
-
-    def __init__(self, net: NetFile, graph: LaneGraph, route_edges: tuple[str, ...]) -> None:
-        self._paths = MapPaths(net)
-        self._graph = graph
-        self._route_edges = frozenset(route_edges)
-        self._edges = {edge.id: edge for edge in net.edges}
-        self._ways: dict[str, tuple[tuple[str, ...], ...]] = {}
-
-    @cached_property
-    def entrances(self) -> tuple[NetLane, ...]:
-        """Lanes of every entrance of the map except the beginning of the route."""
-        names = (name for name in self._paths.entrances if name not in self._route_edges)
-        return tuple(lane for name in names for lane in self._lanes(name))
-
-    @cached_property
-    def elsewhere(self) -> tuple[NetLane, ...]:
-        """Lanes on every edge off the route from which trips lead to an exit."""
-        return tuple(
-            lane
-            for name in self._paths.ids
-            if name not in self._route_edges
-            for lane in self._lanes(name)
-        )
-
-    def trip(self, lane: NetLane, rng: np.random.Generator) -> tuple[str, ...]:
-        """The edges of a trip from a lane; draws exactly one random number."""
-        ways = self._from(lane)
-        return ways[int(rng.random() * len(ways))]
-
-    def _lanes(self, edge: str) -> tuple[NetLane, ...]:
-        lanes = self._edges[edge].lanes
-        return tuple(lane for lane in lanes if lane.is_driving and self._from(lane))
-
-    def _from(self, lane: NetLane) -> tuple[tuple[str, ...], ...]:
-        """The paths from a lane to each exit, in the order of the exits' names."""
-        if lane.id not in self._ways:
-            self._ways[lane.id] = tuple(self._find(lane))
-        return self._ways[lane.id]
-
-    def _find(self, lane: NetLane) -> Iterator[tuple[str, ...]]:
-        if lane.edge in self._paths.exits:
-            yield (lane.edge,)
-            return
-        onward = sorted({name.rpartition("_")[0] for name in self._graph.leads_to(lane.id)})
-        for leave in self._paths.exits_from(lane.edge):
-            ways = [
-                self._paths.path(after, leave)
-                for after in onward
-                if leave in self._paths.reachable(after)
-            ]
-            if ways:
-                yield (lane.edge, *min(ways, key=lambda way: (way.time, way.edges)).edges)
-            elif not onward:
-                yield self._paths.path(lane.edge, leave).edges
 
 
 class Demand:
@@ -127,10 +72,12 @@ class Demand:
         self._define_routes("along", lanes.edges)
         self._map: MapDemand | None = None
         if config.scope == "map":
-            self._map = MapDemand(lanes.net, lanes.graph, lanes.edges)
-            # A generator of its own keeps the flow along the route the same in every scope.
+            # A generator of its own keeps the draws of the flow along the route in every scope.
             (self._map_rng,) = rng.spawn(1)
-            self._trips: dict[tuple[str, ...], str] = {}
+            self._map = MapDemand(lanes.net, lanes.graph, config, self._map_rng)
+            self._occupied: dict[str, Occupied] = {}
+            self._full, self._next_check = False, 0
+            vehicles.when_forgotten(self._map.forget)
         elif lanes.oncoming_edges:
             self._entrances.append(lanes.of_edge(lanes.oncoming_edges[0]))
             self._define_routes("against", lanes.oncoming_edges)
@@ -145,15 +92,16 @@ class Demand:
         here = 0.0 if ego is None else ego.station
         low, high = here - config.fill_behind, here + config.fill_ahead
         ways = [(1, self._lanes.edges)]
-        if self._map is None:
+        if self._map is not None:
+            self._occupied = {lane.id: Occupied() for lane in self._map.lanes}
+        else:
             ways.append((-1, self._lanes.oncoming_edges))
         for direction, edges in ways:
             for index, edge in enumerate(edges):
                 for table in self._lanes.of_edge(edge):
                     self._fill_lane(table, index, direction, low, high, ego)
         if self._map is not None and config.probability > 0.0:
-            for lane in self._map.elsewhere:
-                self._fill_elsewhere(self._map, lane, low, high, ego)
+            self._fill_elsewhere(self._map, low, high, ego)
 
     def _fill_lane(
         self,
@@ -179,12 +127,18 @@ class Demand:
                 limit = graph.entry_speed(table.id, position, edges[index:])
                 self._add(vehicle, desired, route, table, f"{position:.3f}", limit)
 
-    def spawn(self, ego_station: float | None) -> None:
-        """Inserts the vehicles that arrive in one step, except near the ego."""
+    def spawn(self, ego_station: float | None, sight: Sight | None = None) -> None:
+        """Inserts the vehicles that arrive in one step, except near the ego.
+
+        Args:
+          ego_station: of the truck [m]; None: no truck.
+          sight: the truck's place on the map; only used in the scope "map".
+        """
         probability = self._probability
         if probability <= 0.0:
             return
         if self._map is not None:
+            self._balance(self._map, sight)
             self._spawn_elsewhere(self._map, probability, ego_station)
         for way, entrance in enumerate(self._entrances):
             if not entrance:
@@ -196,7 +150,7 @@ class Demand:
             for table, draw in zip(entrance, draws, strict=True):
                 if draw < probability:
                     vehicle, desired = self._draw(table, self._rng)
-                    if not near:
+                    if not near and self._admits(table, vehicle):
                         route = "along.0" if way == 0 else "against.0"
                         self._add(vehicle, desired, route, table, "base")
 
@@ -222,6 +176,12 @@ class Demand:
                 self._api.vehicle.remove(name)
                 self._vehicles.forget(name)
 
+    def trim(self) -> None:
+        """Removes surplus vehicles of a populated map, before anyone has seen them."""
+        if self._map is not None and self._probability > 0.0:
+            for name in self._map.surplus(self._api):
+                self._take_off(name)
+
     def _is_near(self, ego_station: float | None, station: float, offset: float = 0.0) -> bool:
         """Whether a place is too close to the ego for the insertion of a vehicle."""
         clear = self._config.clear_distance + self._config.footprint.length
@@ -230,41 +190,116 @@ class Demand:
     def _spawn_elsewhere(
         self, trips: MapDemand, probability: float, ego_station: float | None
     ) -> None:
-        arrivals = self._map_rng.random(len(trips.entrances)) < probability
+        route = set(self._lanes.edges)
+        entrances = [lane for lane in trips.entrances if lane.edge not in route]
+        arrivals = self._map_rng.random(len(entrances)) < probability
         for k in np.flatnonzero(arrivals).tolist():
-            lane = trips.entrances[k]
+            lane = entrances[k]
             vehicle, desired = self._draw(lane, self._map_rng)
-            trip = trips.trip(lane, self._map_rng)
             table = self._lanes.table(lane.id)
-            if not self._is_near(ego_station, float(table.station[0]), float(table.offset[0])):
-                self._add_trip(vehicle, desired, trip, lane, "base")
+            near = self._is_near(ego_station, float(table.station[0]), float(table.offset[0]))
+            if not near and self._admits(lane, vehicle):
+                self._add_trip(trips, vehicle, desired, lane, "base")
+
+    def _admits(self, lane: LaneTable | NetLane, vehicle: VehicleType) -> bool:
+        """Whether a vehicle can enter the map at once; always in other scopes, where it waits."""
+        if self._map is None:
+            return True
+        if self._full or not self._map.is_entrance(lane.edge):
+            return False
+        ahead = self._api.lane.getLastStepVehicleIDs(lane.id)
+        if not ahead:
+            return True
+        last = ahead[0]
+        rear = self._api.vehicle.getLanePosition(last) - self._api.vehicle.getLength(last)
+        return bool(rear > vehicle.length + vehicle.minimum_gap)
+
+    def _balance(self, trips: MapDemand, sight: Sight | None) -> None:
+        """Keeps the number of vehicles on the map as asked, and prolongs their trips."""
+        for name in self._api.simulation.getPendingVehicles():
+            if trips.has(name):
+                self._take_off(name)
+        self._next_check -= 1
+        if self._next_check > 0:
+            return
+        self._next_check = round(PERIOD / self._config.step_length)
+        trips.prolong(self._api)
+        occupied = trips.occupied(self._api)
+        change = trips.correction(occupied)
+        self._full = trips.is_full(occupied)
+        for name in trips.leaving(self._api, sight, -change):
+            self._take_off(name)
+        self._top_up(trips, occupied, sight, change)
+
+    def _top_up(
+        self,
+        trips: MapDemand,
+        occupied: dict[str, Occupied],
+        sight: Sight | None,
+        number: int,
+        ego: EgoRoom | None = None,
+    ) -> None:
+        """Adds vehicles inside the map, out of sight of the truck."""
+        places = trips.free_places(
+            occupied, sight, lambda lane: self._draw(lane, self._map_rng), number
+        )
+        for lane, position, vehicle, desired in places:
+            if not _meets(ego, self._lanes.table(lane.id), position, vehicle):
+                self._add_trip(trips, vehicle, desired, lane, f"{position:.3f}")
+
+    def _take_off(self, name: str) -> None:
+        self._api.vehicle.remove(name)
+        self._vehicles.forget(name)
 
     def _fill_elsewhere(
-        self, trips: MapDemand, lane: NetLane, low: float, high: float, ego: EgoRoom | None
+        self, trips: MapDemand, low: float, high: float, ego: EgoRoom | None
     ) -> None:
+        """Populates the lanes off the route, until the map has the asked number of vehicles."""
         config, rng = self._config, self._map_rng
-        table = self._lanes.table(lane.id)
-        speed = min(config.speed_limit, lane.speed)
-        for position, vehicle, desired in self._draw_along(lane, lane.length, speed, rng):
-            trip = trips.trip(lane, rng)
-            free = position > vehicle.length + 1.0 and low <= table.at(position)[0] <= high
-            free = free and position < self._lanes.graph.reach(lane.id, trip) - LANE_END
-            if free and not _meets(ego, table, position, vehicle):
-                self._add_trip(vehicle, desired, trip, lane, f"{position:.3f}")
+        route = set(self._lanes.edges)
+        for k in rng.permutation(len(trips.lanes)).tolist():
+            lane = trips.lanes[k]
+            if lane.edge in route:
+                continue
+            table = self._lanes.table(lane.id)
+            speed = min(config.speed_limit, lane.speed)
+            end = lane.length - JUNCTION_GAP
+            for position, vehicle, desired in self._draw_along(lane, end, speed, rng):
+                free = position > vehicle.length + 1.0 and low <= table.at(position)[0] <= high
+                free = free and trips.missing(self._occupied) > 0
+                if free and not _meets(ego, table, position, vehicle):
+                    self._add_trip(trips, vehicle, desired, lane, f"{position:.3f}")
+        self._top_up(trips, self._occupied, None, trips.missing(self._occupied), ego)
 
     def _add_trip(
         self,
+        trips: MapDemand,
         vehicle: VehicleType,
         desired: float,
-        trip: tuple[str, ...],
         lane: NetLane,
         position: str,
     ) -> None:
-        if trip not in self._trips:
-            self._trips[trip] = f"trip.{len(self._trips)}"
-            self._api.route.add(self._trips[trip], list(trip))
         # At the highest safe speed, because there may be a queue before the next junction.
-        self._insert(vehicle, desired, self._trips[trip], lane.index, position, "max")
+        trip = trips.start(lane.id)
+        self._insert_trip(trips, trip, vehicle, desired, lane.id, position, "max")
+
+    def _insert_trip(
+        self,
+        trips: MapDemand,
+        trip: Trip,
+        vehicle: VehicleType,
+        desired: float,
+        lane: str,
+        position: str,
+        speed: float | str,
+    ) -> None:
+        route = f"trip.{self._count:05d}"
+        self._api.route.add(route, trip.edges)
+        index = self._lanes.graph.lanes[lane].index
+        trips.add(self._insert(vehicle, desired, route, index, position, speed), trip)
+        if lane in self._occupied and position != "base":
+            front = float(position)
+            self._occupied[lane].places.append((front, front - vehicle.length, desired))
 
     def _draw_along(
         self, lane: LaneTable | NetLane, end: float, speed: float, rng: np.random.Generator
@@ -317,17 +352,25 @@ class Demand:
         ahead: float = math.inf,
     ) -> None:
         front = 0.0 if position == "base" else float(position)
+        if self._map is not None:
+            trip = self._map.start(table.id)
+            ahead = self._lanes.graph.entry_speed(table.id, front, tuple(trip.edges))
         sign = self._limits.entering(table, front, vehicle.deceleration)
         fastest = self._api.vehicletype.getMaxSpeed(vehicle.name)
         limit = min(self._api.lane.getMaxSpeed(table.id), fastest, ahead, sign)
         if self._level is not None:
-            if position == "base":
-                # At the speed of the last vehicle, so that the entrance carries the whole flow.
-                self._insert(vehicle, desired, route, table.index, position, "last")
-                return
             limit = min(limit, self._level.fill_speed)
         # A speed above the lane's limit would raise the vehicle's speed factor permanently.
-        self._insert(vehicle, desired, route, table.index, position, limit)
+        speed: float | str = limit
+        if self._level is not None and position == "base":
+            # At the speed of the last vehicle, so that the entrance carries the whole flow.
+            speed = "last"
+        if self._map is not None:
+            if position != "base" and table.length - front < JUNCTION_AHEAD:
+                speed = "max"
+            self._insert_trip(self._map, trip, vehicle, desired, table.id, position, speed)
+        else:
+            self._insert(vehicle, desired, route, table.index, position, speed)
 
     def _insert(
         self,
@@ -337,8 +380,11 @@ class Demand:
         lane: int,
         position: str,
         speed: float | str,
-    ) -> None:
-        """Adds a vehicle to SUMO; `speed` is a limit [m/s] or a word of SUMO, such as "max"."""
+    ) -> str:
+        """Adds a vehicle to SUMO and returns its name.
+
+        `speed` is a limit [m/s] or a word of SUMO, such as "max".
+        """
         kind = vehicle.name
         name = f"{kind}.{self._count:05d}"
         self._count += 1
@@ -357,6 +403,7 @@ class Demand:
             self._api.vehicle.setTau(name, vehicle.time_headway)
         if self._config.lane_change == "mobil":
             self._api.vehicle.setLaneChangeMode(name, MOBIL_MODE)
+        return name
 
     def _define_routes(self, name: str, edges: tuple[str, ...]) -> None:
         """Adds a SUMO route from every edge, as a vehicle begins on the first edge of its route."""

@@ -31,7 +31,7 @@ PERIOD = 10  # steps between samples
 VIEW = 400.0  # [m] around a driver
 BOUND = "<= 10"  # [%] from what was asked
 # Knoop et al. (2012), as in `group`; time gaps at 6500 sites of English motorways, by Direct Line
-# from data of the Highways Agency: 17 % below 1 s, 49 % below 2 s.
+# (2014, press reports) from data of the Highways Agency: 17 % below 1 s, 49 % below 2 s.
 LANE_CHANGE_RATE = 0.5  # [1/km] a vehicle
 BELOW_ONE, BELOW_TWO = 17.0, 49.0  # [%]
 PAPER_SPEED = 12.5  # [m/s]

@@ -154,13 +154,16 @@ def test_traffic_does_not_touch_a_truck_stopped_in_a_junction():
     assert waiting >= 2
 
 
-def test_flow_along_the_route_does_not_depend_on_the_scope(merge):
-    def along(scope):
-        settings = TrafficConfig(density=0.05, scope=scope)
-        with PureSim(merge.route(), settings, seed=2) as traffic:
-            return [(v.x, v.speed) for v in traffic.reset() if v.x < 500.0 and v.y > -15.0]
-
-    assert along("map") == along("route") != []
+def test_a_map_has_the_vehicles_that_the_density_asks_for(merge):
+    settings = TrafficConfig(density="C", scope="map", speed_limit=20.0)
+    lanes = [
+        lane for lane in MapNetwork.of(merge).lanes.values() if lane.driving and not lane.internal
+    ]
+    asked = settings.steady.density * sum(lane.length for lane in lanes)
+    with PureSim(merge.route(), settings, seed=2) as traffic:
+        assert len(traffic.reset()) == pytest.approx(asked, rel=0.1)
+        counts = [len(traffic.step()) for _ in range(400)]
+    assert np.mean(counts) == pytest.approx(asked, rel=0.1)
 
 
 def test_vehicles_begin_on_every_road_and_keep_its_limit(merge):
