@@ -100,8 +100,9 @@ def test_red_lights_run_and_emergency_brakings_are_counted_and_named(at_the_ligh
             builder.add(frame)
         last = frames[-1]
         return builder.build(
-            last, wall_time=1.0, ended="", collision=False, failed=False, fuel=0.0, warnings={}
-        )
+            last, wall_time=1.0, ended="", collision=False, failed=False, fuel=0.0, warnings={},
+            road_surface="smooth", unsure_decisions=0,
+        )  # fmt: skip
 
     kept = summary(at_the_light)
     assert (kept.red_lights_run, kept.first_red_light, kept.emergency_brakings) == (0, None, 0)
