@@ -212,16 +212,26 @@ class MapLookup:
         return float(station)
 
     def _near(self, x: float, y: float) -> list[tuple[int, str, float]]:
-        """(order, road, station near the point) of every road that may cover a point."""
+        """(order, road, station near the point) of every stretch of road that may cover a point.
+
+        A closed road, or one that crosses itself, has several stretches near a point.
+        """
         tree, roads, stations, reach = self._index
-        found: dict[int, tuple[float, float]] = {}
-        for k in tree.query_ball_point((x, y), reach):
-            away = math.hypot(*(tree.data[k] - (x, y)))
-            road = int(roads[k])
-            if road not in found or away < found[road][0]:
-                found[road] = (away, float(stations[k]))
         names = list(self.frames.road_map.roads)
-        return [(road, names[road], found[road][1]) for road in sorted(found)]
+        found: list[tuple[int, str, float]] = []
+        last, nearest = (-1, -math.inf), math.inf
+        # The samples are in the order of the roads and their stations.
+        for k in sorted(tree.query_ball_point((x, y), reach)):
+            away = math.hypot(*(tree.data[k] - (x, y)))
+            road, station = int(roads[k]), float(stations[k])
+            if road != last[0] or station - last[1] > 2.0 * SAMPLE_SPACING:
+                found.append((road, names[road], station))
+                nearest = away
+            elif away < nearest:
+                found[-1] = (road, names[road], station)
+                nearest = away
+            last = road, station
+        return found
 
     @cached_property
     def _index(self) -> tuple[Any, np.ndarray, np.ndarray, float]:
