@@ -25,7 +25,7 @@ from iits_mj.core.options import option
 from iits_mj.core.output_files import OutputFile
 from iits_mj.core.progress import task
 from iits_mj.road import RoadMap, Route
-from iits_mj.road.route_choice import read_words
+from iits_mj.road.route_choice import route_option
 
 DPI = 110
 SHOWN = 12  # notes of a kind in the text; --json has all
@@ -43,14 +43,7 @@ class Options:
 
     what: str = option(help="what to do", choices=("check",), positional=True, metavar="WHAT")
     map: Path = option(help="OpenDRIVE map", positional=True, metavar="MAP.xodr")
-    route: str | None = option(
-        None,
-        help="route on the map, by roads or lanes (roads:12,15_-2), by points (points:X,Y,X,Y) or "
-        "by turns (turns:12,left,straight); without it the longest one",
-        test=read_words,
-        metavar="ROUTE",
-        group="road",
-    )
+    route: str | None = route_option()
     net: bool = option(True, help="make SUMO's net of the map, too", group="traffic")
     picture: Path | None = option(
         None,

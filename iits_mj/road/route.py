@@ -198,6 +198,7 @@ class Route:
       tunnels, bridges: (start, end) stations of each.
       signals: signs and lights that face the route, by station.
       overtaking_bans: (start, end) stations of stretches where signs forbid trucks to overtake.
+      cross_slope: fall to the right in addition to that of the map [rad].
       unevenness: of the surface below the truck's tires; heights and grades of the route are those
         of the smooth road.
       notes: unused or changed parts of the map, in words.
@@ -219,6 +220,7 @@ class Route:
         self.notes = notes
         self.start: float | None = None
         self.patches: tuple[FrictionPatch, ...] = ()
+        self.cross_slope = 0.0
         self.unevenness: Unevenness = SMOOTH
         self._bands = [band for piece in chain.pieces for band in lane_bands(piece)]
         self._starts = [band.p_start for band in self._bands]
@@ -407,6 +409,7 @@ class Route:
             )
         other = copy.copy(self)
         other.line = self.line.leaning(slope)
+        other.cross_slope = self.cross_slope + slope
         return other
 
     def table(self, step: float = 1.0) -> FloatArray:

@@ -14,12 +14,13 @@ import heapq
 import itertools
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from iits_mj.core.angles import wrap_angle
 from iits_mj.core.errors import InputError
+from iits_mj.core.options import option
 from iits_mj.road.chain import CHAIN_LENGTH_LIMIT, Node
 from iits_mj.road.elements import Road, lane_borders
 from iits_mj.road.road_graph import RoadGraph
@@ -58,6 +59,18 @@ class _Place(NamedTuple):
     node: Node
     s: float
     distance: float
+
+
+def route_option() -> Any:
+    """Returns the option of a command that takes a route in words."""
+    return option(
+        None,
+        help="route on the map, by roads or lanes (roads:12,15_-2), by points (points:X,Y,X,Y) or "
+        "by turns (turns:12,left,straight); without it the longest one",
+        test=read_words,
+        metavar="ROUTE",
+        group="road",
+    )
 
 
 def read_words(text: str) -> Words:

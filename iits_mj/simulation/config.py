@@ -23,7 +23,7 @@ from iits_mj.core.own_parts import part_name
 from iits_mj.j1939.bus import REACHES
 from iits_mj.j1939.network import CONTROLLER, LAST_ADDRESS
 from iits_mj.parameters import AnyTruck, check_truck, payload_option, truck_option
-from iits_mj.road.route_choice import read_words
+from iits_mj.road.route_choice import route_option
 from iits_mj.road.unevenness import CLASSES
 from traffic_bridge import TRAFFIC, TrafficSource
 from traffic_bridge.config import HIGHEST_HEAVY_SHARE
@@ -73,14 +73,7 @@ class TruckStart:
         metavar="FILE.xodr",
         group="road",
     )
-    route: str | None = option(
-        None,
-        help="route on the map, by roads or lanes (roads:12,15_-2), by points (points:X,Y,X,Y) or "
-        "by turns (turns:12,left,straight); without it the longest one",
-        test=read_words,
-        metavar="ROUTE",
-        group="road",
-    )
+    route: str | None = route_option()
     payload: float | None = payload_option()
     payload_height: float | None = option(
         None,

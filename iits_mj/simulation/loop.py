@@ -139,13 +139,8 @@ class Simulation(LockStep):
         lane, station = config.start_lane, config.start_station
         offset = float(self.route.lane_offset(lane, station))
         limit = float(self.route.speed_limit(station, lane))
-        ego = self.truck.reset(
-            station=station,
-            offset=offset,
-            speed=min(
-                *(config.start_speed, config.speed, limit, self._safe_speed, self._flow_speed())
-            ),
-        )
+        speeds = (config.start_speed, config.speed, limit, self._safe_speed, self._flow_speed())
+        ego = self.truck.reset(station=station, offset=offset, speed=min(speeds))
         self.mirror.bind(self.truck.model)
         self._tractor = self.truck.model.body("tractor").id
         self.driver.reset()
@@ -251,7 +246,7 @@ class Simulation(LockStep):
             collision=self.collision,
             failed=self.failed,
             fuel=self.frame.ego.fuel_used - self._fuel_start,
-            road_surface=surface_text(self.config),
+            road_surface=surface_text(self.route),
             warnings=warnings,
             unsure_decisions=getattr(self.driver, "unsure_decisions", 0),
         )

@@ -58,10 +58,9 @@ _LARGE_MAP = 4 * 2**20  # bytes that take seconds to read
 SPEED_LIMITER = 25.0  # [m/s]: 90 km/h, directive 92/6/EEC
 SLOWEST_SHARE = 0.75  # of the reference speed: a slower truck would obstruct the traffic
 PAPER_TRAFFIC_SPEED = 12.5  # [m/s] speed limit of the traffic without a level of service
-UNLIMITED_SPEED = (
-    36.1  # [m/s] of traffic where a road has no limit: 130 km/h, as advised in Germany
-)
-LIMIT_SAMPLES = 200
+# [m/s] of traffic where a road has no limit: 130 km/h, as advised in Germany
+UNLIMITED_SPEED = 36.1
+LIMIT_SAMPLES = 200  # places where the route's limit is read
 # Least road between the start and the end of the drive [m]; also on a short route.
 _ROOM, _SHORTEST = 10.0, 1.0
 Start = TypeVar("Start", bound=TruckStart)
@@ -148,17 +147,16 @@ def load_route(config: TruckStart) -> Route:
     if config.cross_slope:
         outward = -1.0 if route.road_map.left_hand else 1.0
         route = route.with_cross_slope(outward * math.atan(0.01 * config.cross_slope))
-    return route.with_unevenness(_unevenness(config))
+    return route.with_unevenness(
+        Unevenness(config.roughness, config.potholes, config.joint_spacing, config.road_seed)
+    )
 
 
-def surface_text(config: TruckStart) -> str:
-    """The configured cross slope and unevenness in words, "smooth" without them."""
-    lean = f", cross slope {config.cross_slope:g} %" if config.cross_slope else ""
-    return f"{_unevenness(config)}{lean}"
-
-
-def _unevenness(config: TruckStart) -> Unevenness:
-    return Unevenness(config.roughness, config.potholes, config.joint_spacing, config.road_seed)
+def surface_text(route: Route) -> str:
+    """Returns cross slope and unevenness of a route in words, "smooth" without them."""
+    outward = -1.0 if route.road_map.left_hand else 1.0
+    slope = 100.0 * math.tan(outward * route.cross_slope)
+    return f"{route.unevenness}" + (f", cross slope {slope:g} %" if slope else "")
 
 
 @task("building the truck", usual=1.5)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tests.model.test_network import scene, seen, vertices
+from tests.model.meshes import vertices
+from tests.model.test_network import scene, seen
 from tests.road.opendrive_text import document, road
 
 BUILDING = (

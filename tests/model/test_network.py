@@ -11,6 +11,7 @@ from iits_mj.model.scenery.road_scene import add_road
 from iits_mj.road import RoadMap
 from iits_mj.road.opendrive import parse
 from tests.model.crossing import ARM, HALF, LANE, SIDEWALK, crossing, lane, lanes, overpass
+from tests.model.meshes import vertices
 from tests.road.opendrive_text import document, line, road
 
 PAVED = ("road_asphalt", "road_marking", "road_border")
@@ -34,20 +35,6 @@ def seen(model, data, x, y, height=50.0, down=-1.0):
     distance = mujoco.mj_ray(model, data, start, np.array([0, 0, down]), None, 1, -1, geom)
     name = model.geom(int(geom[0])).name if geom[0] >= 0 else ""
     return name, height + down * distance
-
-
-def vertices(model, word):
-    found = []
-    for i in range(model.ngeom):
-        geom = model.geom(i)
-        if geom.name.startswith(word):
-            mesh = int(geom.dataid[0])
-            first = model.mesh_vertadr[mesh]
-            rotation = np.empty(9)
-            mujoco.mju_quat2Mat(rotation, geom.quat)
-            local = model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
-            found.append(local @ rotation.reshape(3, 3).T + geom.pos)
-    return np.concatenate(found) if found else np.zeros((0, 3))
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,7 @@ from iits_mj.model.scenery.streets import Street
 from iits_mj.model.scenery.structures import tunnel
 from iits_mj.road import RoadMap, Route
 from iits_mj.suite.scene import turn
+from tests.model.meshes import vertices
 
 
 @pytest.fixture(scope="module")
@@ -30,21 +31,6 @@ def model(highway):
 @pytest.fixture(scope="module")
 def landscape(highway):
     return Landscape(highway, Corridor.sample(highway))
-
-
-def mesh_points(model, word):
-    """Returns the vertices of all meshes whose names begin with `word`, in the map frame."""
-    found = []
-    for i in range(model.ngeom):
-        geom = model.geom(i)
-        if geom.name.startswith(word):
-            mesh = int(geom.dataid[0])
-            first = model.mesh_vertadr[mesh]
-            rotation = np.empty(9)
-            mujoco.mju_quat2Mat(rotation, geom.quat)
-            local = model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
-            found.append(local @ rotation.reshape(3, 3).T + geom.pos)
-    return np.concatenate(found)
 
 
 def test_road_has_one_light_and_touches_nothing(model):
@@ -75,7 +61,7 @@ def test_inside_a_bend_each_stretch_of_road_draws_its_own_ground():
 
 def test_drawn_asphalt_and_paint_lie_on_the_road(model, highway):
     for word, lift in (("road_asphalt", 0.0), ("road_marking", MARKING_LIFT)):
-        points = mesh_points(model, word)[::37]
+        points = vertices(model, word)[::37]
         hint = None
         for x, y, z in points:
             station, offset = highway.locate(x, y, hint)
