@@ -18,7 +18,7 @@ import argparse
 import dataclasses
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,8 @@ from controllers.decision.trip import (
     TripConfig,
     cell_trip,
 )
+from iits_mj.evaluation.hulls import against_hull, mean_over_cells
+from iits_mj.validation.harness.statistics import estimate
 
 SEEDS = {"validation": VALIDATION_SEEDS + 500_000, "test": TEST_SEEDS + 900_000}
 COMPARED = [cell for cell in CELLS if cell != ("sparse", 15.0)]
@@ -60,12 +62,12 @@ def rules() -> Iterator[tuple[str, Rule]]:
     for horizon, values in costs.items():
         for cost in values:
             rule = LookAhead(horizon=float(horizon), change_cost=float(cost))
-            yield f"lookahead {horizon} s, cost {cost}", rule
+            yield f"lookahead:horizon={horizon}:change_cost={cost}", rule
     for threshold in (0.05, 0.15, 0.25, 0.35, 0.5, 0.7, 0.9):
-        yield f"mobil, threshold {threshold}", Mobil(threshold=threshold)
+        yield f"mobil:threshold={threshold}", Mobil(threshold=threshold)
     for threshold in (0.05, 0.3, 0.5, 0.8):
         selfish = Mobil(threshold=threshold, politeness=0.0, right_bias=0.0)
-        yield f"mobil without politeness, threshold {threshold}", selfish
+        yield f"mobil:threshold={threshold}:politeness=0:right_bias=0", selfish
     for name in ("aggressive", "neutral", "conservative"):
         yield name, ClearanceRule(name)
 
@@ -142,49 +144,20 @@ def by_rule(rule: Rule) -> Drive:
     return lambda worlds: worlds.drive(rule.table)
 
 
-def lower_hull(points: dict[str, tuple[float, float]]) -> list[str]:
-    """Returns the names of the points on the lower convex hull, up to the lowest, left to right."""
-    hull: list[str] = []
+class Trip(NamedTuple):
+    """A trip for the comparison with the rules."""
 
-    def turns_right(a: str, b: str, c: str) -> bool:
-        (ax, ay), (bx, by), (cx, cy) = points[a], points[b], points[c]
-        return (bx - ax) * (cy - ay) <= (by - ay) * (cx - ax)
-
-    for name in sorted(points, key=lambda name: points[name]):
-        while len(hull) >= 2 and turns_right(hull[-2], hull[-1], name):
-            hull.pop()
-        hull.append(name)
-    lowest = min(range(len(hull)), key=lambda i: points[hull[i]][1])
-    return hull[: lowest + 1]
+    seed: int
+    changes: int
+    speed_loss: float
 
 
-def differences(policy: Trips, of_rules: dict[str, Trips]) -> tuple[list[NDArray[np.float64]], str]:
-    """Returns the differences of the trips of each cell [points], and the cells in words."""
-    found, words = [], []
-    for cell, own in enumerate(policy):
-        loss, changes = own[:, 0], own[:, 1]
-        points = {
-            name: (float(t[cell, :, 1].mean()), float(t[cell, :, 0].mean()))
-            for name, t in of_rules.items()
-        }
-        hull = lower_hull(points)
-        at = np.array([points[name][0] for name in hull])
-        place = int(np.clip(np.searchsorted(at, changes.mean()) - 1, 0, len(hull) - 2))
-        (x0, y0), (x1, y1) = points[hull[place]], points[hull[place + 1]]
-        beyond = changes.mean() >= x1
-        share = 1.0 if beyond else (changes.mean() - x0) / (x1 - x0)
-        slope = 0.0 if beyond else (y1 - y0) / (x1 - x0)
-        first, second = (of_rules[hull[place + i]][cell] for i in (0, 1))
-        mixture = (1.0 - share) * first + share * second
-        found.append(loss - mixture[:, 0] - slope * (changes - mixture[:, 1]))
-        words.append(f"{loss.mean():.1f} / {changes.mean():.1f} ({found[-1].mean():+.2f})")
-    return found, " | ".join(words)
-
-
-def interval(of_cells: list[NDArray[np.float64]]) -> tuple[float, float]:
-    """Returns the mean over the cells and half of its 95 % interval."""
-    variance = sum(float(d.var(ddof=1)) / len(d) for d in of_cells)
-    return float(np.mean([d.mean() for d in of_cells])), 1.96 * variance**0.5 / len(of_cells)
+def by_method(trips: dict[str, Trips], cell: int) -> dict[str, list[Trip]]:
+    """Returns the trips of a cell by method."""
+    return {
+        name: [Trip(i, int(row[1]), 0.01 * row[0]) for i, row in enumerate(found[cell])]
+        for name, found in trips.items()
+    }
 
 
 def compare(asked: argparse.Namespace) -> None:
@@ -205,13 +178,22 @@ def compare(asked: argparse.Namespace) -> None:
     makers["one price (double DQN)"] = _drive_one_price
     for name, drive_all in makers.items():
         policy = trips_of(asked, COMPARED, drive_all)
-        of_cells, words = differences(policy, of_rules)
-        mean, half = interval(of_cells)
+        found = [
+            against_hull(by_method({**of_rules, name: policy}, cell), name)
+            for cell in range(len(COMPARED))
+        ]
+        # A policy with fewer changes than each rule has no hull beside it.
+        cells_of = [one for one in found if one is not None]
+        whole = mean_over_cells(cells_of) if len(cells_of) == len(found) else estimate([])
+        words = " | ".join(
+            "-" if c is None else f"{c.loss:.1f} / {c.changes:.1f} ({c.difference.mean:+.2f})"
+            for c in found
+        )
         hard = 100.0 * policy[..., 2].sum() / policy[..., 1].sum()
         loss, changes = policy[..., 0].mean(), policy[..., 1].mean()
         print(
-            f"| {name} | {loss:.2f} / {changes:.2f} | {mean:+.2f} ± {half:.2f} | {words} | "
-            f"{hard:.1f} | {policy[..., 3].sum():.0f} |",
+            f"| {name} | {loss:.2f} / {changes:.2f} | {whole.mean:+.2f} ± {whole.half:.2f} | "
+            f"{words} | {hard:.1f} | {policy[..., 3].sum():.0f} |",
             flush=True,
         )
 
@@ -233,7 +215,7 @@ def keep_right(asked: argparse.Namespace) -> None:
         for left in (0.0, 0.25, 0.5, 1.0, 2.0, 3.0, 4.0)
     }
     for name, rule in rules():
-        if name in ("lookahead 30 s, cost 25", "mobil, threshold 0.15", "aggressive"):
+        if name in ("lookahead:horizon=30:change_cost=25", "mobil:threshold=0.15", "aggressive"):
             makers[name] = by_rule(rule)
     print("| sparse traffic that keeps right | loss % | changes | share of the right lane % |")
     print("|---|---:|---:|---:|")

@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from iits_mj.evaluation.trials import Trial
 from iits_mj.validation.harness.statistics import Estimate, estimate
 
 # Rules that are points of a hull, with any options.
@@ -35,6 +35,22 @@ SWEEP = (
         for cost in costs
     ),
 )
+
+
+class Trip(Protocol):
+    """What counts of a trip: trips of one seed are compared."""
+
+    @property
+    def seed(self) -> int:
+        """Of the trip."""
+
+    @property
+    def changes(self) -> int:
+        """Number of lane changes."""
+
+    @property
+    def speed_loss(self) -> float:
+        """Share of the reference speed [1]."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +93,7 @@ def family(method: str) -> str:
     return f"{name} {horizons[0] if horizons else 14} s" if name == "lookahead" else name
 
 
-def points(trials: Mapping[str, Sequence[Trial]]) -> list[Point]:
+def points(trials: Mapping[str, Sequence[Trip]]) -> list[Point]:
     """Returns the rules among the methods of a cell, by their number of lane changes."""
     found = [
         Point(
@@ -109,7 +125,7 @@ def lower_hull(found: Sequence[Point]) -> list[Point]:
     return hull
 
 
-def against_hull(trials: Mapping[str, Sequence[Trial]], method: str) -> Comparison | None:
+def against_hull(trials: Mapping[str, Sequence[Trip]], method: str) -> Comparison | None:
     """Compares a method with the hull of the rules of a cell.
 
     The interval is that of the values `loss - slope * changes` over the same trips, where the slope
@@ -118,7 +134,7 @@ def against_hull(trials: Mapping[str, Sequence[Trial]], method: str) -> Comparis
     The hull's points are chosen by the same trips, which favors the rules.
 
     Args:
-      trials: of the cell, by method.
+      trials: trips of the cell, by method.
       method: to compare.
 
     Returns:
