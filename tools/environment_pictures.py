@@ -96,4 +96,7 @@ def _save(path: Path, picture: Any) -> None:
 
 
 if __name__ == "__main__":
-    draw(FOLDER, sys.argv[1:])
+    try:
+        draw(FOLDER, sys.argv[1:])
+    except ValueError as error:
+        sys.exit(f"error: {error}")
