@@ -143,7 +143,7 @@ def draw_turn(done: Turn, circle: TurningCircle) -> Figure:
     lock.set_xlim(-reach, reach)
     lock.set_ylim(-reach, reach)
     dress(lock, "motor vehicle at full lock")
-    lock.legend(loc="upper right", fontsize=8, frameon=False)
+    lock.legend(loc="center", fontsize=8, frameon=False)
     for ax in (path, lock):
         ax.set_aspect("equal")
         ax.set_xlabel("[m]")
