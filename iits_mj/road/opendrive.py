@@ -99,11 +99,15 @@ def parse(content: bytes, source: str) -> OpenDriveMap:
     if not roads:
         raise fault or MapError(f"{source}: the map has no <road>")
     reference = None if header is None else header.find("geoReference")
+    offset = None if header is None else header.find("offset")
     return OpenDriveMap(
         roads=tuple(roads),
         junctions=tuple(junctions),
         name="" if header is None else header.get("name", ""),
         geo_reference="" if reference is None else (reference.text or "").strip(),
+        offset=(0.0, 0.0)
+        if offset is None
+        else (reader.number(offset, "x", 0.0), reader.number(offset, "y", 0.0)),
         notes=tuple(dict.fromkeys(notes)),
     )
 
