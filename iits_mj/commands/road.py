@@ -63,8 +63,8 @@ class Options:
     route: str | None = route_option()
     heights: Path | None = option(
         None,
-        help="heights for convert: a CSV table, or for OpenStreetMap a GeoTIFF over longitude and "
-        "latitude; without it those of the map",
+        help="heights for convert: a CSV table, or a GeoTIFF over longitude and latitude; without "
+        "it those of the map",
         metavar="FILE",
         group="road",
     )

@@ -7,7 +7,7 @@ between the same tangents, and every height by straight lines between its nodes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -19,12 +19,12 @@ from iits_mj.road.elements import Lane, OpenDriveMap, Road
 from iits_mj.road.geometry import Arc, Geometry, Line, ParamPoly3
 from iits_mj.road.measured import height_profile
 from iits_mj.road.polynomials import Cubic
+from iits_mj.road.terrain import Terrain
 
 HEIGHT_SPACING = 20.0  # [m] between samples of a terrain along a road, at most
 LEAST_TURN = 1e-3  # [rad]; a cubic that turns by less stays
 LARGEST_TURN = 2.8  # [rad]; beyond it the tangents meet too far away
 SHORTEST_LINE = 0.01  # [m]
-Terrain = Callable[[FloatArray, FloatArray], FloatArray]
 
 
 def with_arcs(content: OpenDriveMap) -> OpenDriveMap:
