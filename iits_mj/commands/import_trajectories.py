@@ -14,6 +14,7 @@ from iits_mj.commands.output import prepare_file
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
 from iits_mj.core.progress import task
+from iits_mj.road.route_choice import route_option
 from iits_mj.simulation.parts import load_map
 from traffic_bridge.datasets import (
     ImportConfig,
@@ -33,10 +34,11 @@ class Options:
     file: Path = option(help="recording to write", metavar="OUT.npz", group="output")
     map: Path | None = option(
         None,
-        help="OpenDRIVE map; without it the built-in 15 km highway",
+        help="map (.xodr, .osm, .net.xml); without it the built-in 15 km highway",
         metavar="FILE.xodr",
         group="road",
     )
+    route: str | None = route_option()
     start_station: float = option(
         0.0,
         help="station of the map's route at which the data set begins",
@@ -118,7 +120,7 @@ def run(options: Options) -> int:
     if options.filter_noise:
         trajectories = without_noise(trajectories)
     config = ImportConfig(start_station=options.start_station, lane_map=lane_map(options.lanes))
-    route = load_map(options.map).route()
+    route = load_map(options.map).route(along=options.route)
     with task("placing the trajectories"):
         recording = import_trajectories(trajectories, route, config)
         path = recording.save(options.file)

@@ -18,7 +18,8 @@ from iits_mj.core.progress import Report, task
 from iits_mj.core.results import Check, Results
 from iits_mj.core.units import KMH
 from iits_mj.parameters import AnyTruck, TruckParameters, truck_option
-from iits_mj.road import RoadMap
+from iits_mj.road.route_choice import route_option
+from iits_mj.simulation.parts import load_map
 from iits_mj.validation.planning.pcc_accuracy import (
     ELEMENTS_MAX,
     EQUAL_TIME,
@@ -47,10 +48,12 @@ class Options(ResultOptions):
 
     road: Path | None = option(
         None,
-        help="OpenDRIVE map or CSV table (columns s_m, z_m); without it the built-in highway",
+        help="map (.xodr, .osm, .net.xml) or CSV table (columns s_m, z_m); without it the built-in "
+        "highway",
         positional=True,
         metavar="MAP_OR_PROFILE",
     )
+    route: str | None = route_option()
     truck: AnyTruck | None = truck_option("truck to plan for")
     mass: float | None = option(
         None,
@@ -190,12 +193,14 @@ def _measured(config: Options, report: Report) -> Results:
 
 
 def load_profile(config: Options) -> RoadProfile:
-    """Returns the requested road: a CSV table by its suffix, else an OpenDRIVE map."""
+    """Returns the requested road: a CSV table by its suffix, else a route on a map."""
     if config.road is not None and _is_table(config):
+        if config.route is not None:
+            raise InputError(f"--route is for maps; {config.road} is a table of one road")
         return RoadProfile.from_csv(config.road, config.step, config.length, config.start)
-    road_map = RoadMap.builtin() if config.road is None else RoadMap.from_opendrive(config.road)
+    route = load_map(config.road).route(along=config.route)
     start = 0.0 if config.start is None else config.start
-    road = RoadProfile.from_route(road_map.route(), start, config.length, config.step)
+    road = RoadProfile.from_route(route, start, config.length, config.step)
     if config.limits:
         return road
     free = np.full(road.station.size, np.inf)

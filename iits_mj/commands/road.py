@@ -1,7 +1,15 @@
-"""Check an OpenDRIVE map: what is repaired, left out or refused, with a picture.
+"""Check an OpenDRIVE map, convert another map to OpenDRIVE, or make a map of a table.
 
-  iits-mj road check MAP           read the map, find a route, make SUMO's net
+  iits-mj road check MAP                  read the map, find a route, make SUMO's net, draw it
   iits-mj road check MAP --route turns:left,straight
+  iits-mj road convert MAP OUT.xodr       from OpenStreetMap (.osm) or a SUMO net (.net.xml)
+  iits-mj road convert MAP OUT.xodr --heights z.csv
+  iits-mj road make TABLE OUT.xodr        from stations or points (.csv) or a design (.toml)
+
+A drive takes .osm and .net.xml files in place of OpenDRIVE, too. Columns of a table: s_m with
+curvature_1pm and heading_rad, or x_m and y_m; z_m, superelevation_rad, lanes, oncoming_lanes,
+lane_width_m, speed_limit_mps. Columns of heights: z_m with s_m of the route, with x_m and y_m of
+the map, or with easting_m and northing_m of its projection.
 
 Exit code: 0 when the truck can drive on the map, with or without warnings; 1 when only a drive
 without traffic is possible, because netconvert cannot make a net of the map; 2 when the map, or the
@@ -20,12 +28,16 @@ import numpy as np
 
 import iits_mj
 from iits_mj.commands.output import prepare_file
-from iits_mj.core.errors import MapError, TrafficError
+from iits_mj.core.errors import InputError, MapError, TrafficError
 from iits_mj.core.options import option
 from iits_mj.core.output_files import OutputFile
 from iits_mj.core.progress import task
 from iits_mj.road import RoadMap, Route
+from iits_mj.road.design import Design, build
+from iits_mj.road.elements import OpenDriveMap
+from iits_mj.road.measured import road_from_csv
 from iits_mj.road.route_choice import route_option
+from iits_mj.road.writer import write
 
 DPI = 110
 SHOWN = 12  # notes of a kind in the text; --json has all
@@ -41,13 +53,36 @@ _KINDS = {
 class Options:
     """Flags of `iits-mj road`."""
 
-    what: str = option(help="what to do", choices=("check",), positional=True, metavar="WHAT")
-    map: Path = option(help="OpenDRIVE map", positional=True, metavar="MAP.xodr")
+    what: str = option(
+        help="what to do", choices=("check", "convert", "make"), positional=True, metavar="WHAT"
+    )
+    map: Path = option(help="map, or table of make", positional=True, metavar="FILE")
+    out: Path | None = option(
+        None, help="OpenDRIVE map that convert and make write", positional=True, metavar="OUT.xodr"
+    )
     route: str | None = route_option()
+    heights: Path | None = option(
+        None,
+        help="heights for convert: a CSV table, or a GeoTIFF over longitude and latitude; without "
+        "it those of the map",
+        metavar="FILE",
+        group="road",
+    )
+    left_hand: bool = option(
+        False, help="vehicles drive on the left on the OpenStreetMap roads of convert", group="road"
+    )
+    line: str = option(
+        "lane",
+        help="line that the table of make describes: the middle of the rightmost lane, or the "
+        "center line between the directions of travel",
+        choices=("lane", "center"),
+        group="road",
+    )
     net: bool = option(True, help="make SUMO's net of the map, too", group="traffic")
     picture: Path | None = option(
         None,
-        help="picture of the map; without it the map's name with .png, in the current folder",
+        help="picture of the map that check draws; without it the map's name with .png, in the "
+        "current folder",
         metavar="FILE.png",
         group="output",
     )
@@ -55,19 +90,72 @@ class Options:
 
 
 def run(options: Options) -> int:
-    """Checks a map; returns the exit code.
+    """Checks, converts or makes a map; returns the exit code.
 
     Raises:
-      InputError: the map has no such route, or the picture cannot be written.
+      InputError: the map has no such route, a table cannot be used, or an output cannot be written.
       MapError: the map cannot be used.
+      TrafficError: netconvert, which converts maps, is missing or does not end.
     """
-    # Loads matplotlib.
+    if options.what == "check":
+        if options.out is not None:
+            raise InputError(f"road check writes no map: {options.out}")
+        return _check(options)
+    if options.out is None or options.out.suffix != ".xodr":
+        raise InputError(f"road {options.what} needs the file to write: OUT.xodr")
+    prepare_file(options.out, "OUT.xodr")
+    if options.what == "convert":
+        from traffic_bridge.network.map_sources import convert
+
+        with task("converting the map"):
+            content = convert(options.map, options.left_hand, options.heights, options.route)
+    elif options.map.suffix == ".toml":
+        content = build(Design.load(options.map))
+    else:
+        content = road_from_csv(options.map, centered=options.line == "center")
+    return _write(content, options)
+
+
+def _write(content: OpenDriveMap, options: Options) -> int:
+    """Writes a map, reads it back and prints what it is."""
+    assert options.out is not None
+    write(content, options.out)
+    road_map = RoadMap.from_opendrive(options.out)
+    route = road_map.route(along=options.route)
+    places = np.array([[g.x, g.y] for road in content.roads for g in road.geometries])
+    low, high = places.min(axis=0), places.max(axis=0)
+    found: dict[str, Any] = {
+        "out": str(options.out),
+        "roads": len(content.roads),
+        "length_m": round(sum(road.length for road in content.roads), 1),
+        "route_m": round(route.length, 1),
+        "x_m": [round(float(low[0]), 1), round(float(high[0]), 1)],
+        "y_m": [round(float(low[1]), 1), round(float(high[1]), 1)],
+        "origin_m": list(content.offset),
+        "projection": " ".join(content.geo_reference.split()),
+    }
+    if options.json:
+        head = {"command": f"road {options.what}", "version": iits_mj.__version__}
+        print(json_module.dumps(head | found))
+        return 0
+    print(f"{options.out}: {found['roads']} roads, {found['length_m'] / 1000.0:.2f} km in total")
+    print(f"route           {route.length:.0f} m")
+    print("starts of roads x {:g} to {:g} m, y {:g} to {:g} m".format(*found["x_m"], *found["y_m"]))
+    if content.geo_reference:
+        x, y = content.offset
+        print(f"origin          {x:.2f}, {y:.2f} m in {found['projection']}")
+    return 0
+
+
+def _check(options: Options) -> int:
+    # Loads matplotlib and SUMO's net.
     from iits_mj.render.map_drawing import draw_map
+    from traffic_bridge.network.map_sources import opendrive_file
 
     picture = Path(f"{options.map.stem}.png") if options.picture is None else options.picture
     prepare_file(picture, "--picture")
     with task("reading the map"):
-        road_map = RoadMap.from_opendrive(options.map)
+        road_map = RoadMap.from_opendrive(opendrive_file(options.map))
     route, refused = None, ""
     try:
         with task("finding a route"):
@@ -81,7 +169,11 @@ def run(options: Options) -> int:
         print(f"picture: {picture}")
         raise MapError(refused)
     net = _net(road_map) if options.net else "not made"
-    found = findings(road_map, route) | {"net": net, "picture": str(picture)}
+    found = findings(road_map, route) | {
+        "map": str(options.map),
+        "net": net,
+        "picture": str(picture),
+    }
     if options.json:
         head = {"command": "road check", "version": iits_mj.__version__}
         print(json_module.dumps(head | found | {"notes": notes}))

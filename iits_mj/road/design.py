@@ -28,6 +28,7 @@ from iits_mj.road.elements import (
 from iits_mj.road.geometry import Arc, Geometry, Line, Spiral
 from iits_mj.road.polynomials import Cubic, PiecewiseCubic, constant
 from iits_mj.road.route import RoadMap, Route
+from iits_mj.road.straight import linked
 
 # Coordinates are rounded to a nanometer, so that every machine writes the same file.
 _DIGITS = 9
@@ -301,7 +302,7 @@ def _lane_sections(design: Design, tapered: bool) -> list[LaneSection]:
     make = _section if tapered else _level_section
     bare = [make(design, start) for start in ordered]
     return [
-        _link(section, bare[i - 1] if i else None, bare[i + 1] if i + 1 < len(bare) else None)
+        linked(section, bare[i - 1] if i else None, bare[i + 1] if i + 1 < len(bare) else None)
         for i, section in enumerate(bare)
     ]
 
@@ -347,28 +348,5 @@ def _with_shoulders(design: Design, start: float, right: list[Lane]) -> LaneSect
             Lane(0, "none", marks=(RoadMark(0.0, "solid", 0.3),)),
             *right,
             Lane(-len(right) - 1, "shoulder", (Cubic(0.0, design.right_shoulder),)),
-        ),
-    )
-
-
-def _link(
-    section: LaneSection, before: LaneSection | None, after: LaneSection | None
-) -> LaneSection:
-    """Right lanes are matched from the outside, because lanes open and close on the inside."""
-    count = len(section.side(1))
-
-    def partner(lane: Lane, other: LaneSection | None) -> int | None:
-        if other is None or lane.id == 0:
-            return None
-        if lane.id > 0:
-            return lane.id
-        shifted = lane.id - (len(other.side(1)) - count)
-        return shifted if shifted < 0 else None
-
-    return replace(
-        section,
-        lanes=tuple(
-            replace(lane, predecessor=partner(lane, before), successor=partner(lane, after))
-            for lane in section.lanes
         ),
     )

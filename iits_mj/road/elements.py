@@ -249,12 +249,16 @@ class Junction:
 
 @dataclass(frozen=True)
 class OpenDriveMap:
-    """Content of a file that this project uses; `notes` lists the parts left out."""
+    """Content of a file that this project uses; `notes` lists the parts left out.
+
+    `offset` is the place of the origin in the projection of `geo_reference`: x, y [m].
+    """
 
     roads: tuple[Road, ...]
     junctions: tuple[Junction, ...] = ()
     name: str = ""
     geo_reference: str = ""
+    offset: tuple[float, float] = (0.0, 0.0)
     notes: tuple[str, ...] = field(default=(), compare=False)
 
 

@@ -156,6 +156,11 @@ class ParamPoly3(Geometry):
         pieces = (self._norm(p[:-1, None] + width * _UNIT_NODES) * _UNIT_WEIGHTS).sum(axis=1)
         return p, np.concatenate(([0.0], np.cumsum(pieces * width[:, 0])))
 
+    @property
+    def curve_length(self) -> float:
+        """Length of the cubic itself [m], which `length` should be."""
+        return float(self._arc_length[1][-1])
+
     def _parameter(self, ds: FloatArray) -> FloatArray:
         """P at distances ds."""
         if not self.normalized:

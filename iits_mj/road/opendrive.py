@@ -12,6 +12,7 @@ from xml.etree.ElementTree import Element
 
 from iits_mj.core.errors import MapError
 from iits_mj.road.elements import (
+    DRIVING_TYPES,
     Connection,
     Junction,
     Lane,
@@ -49,6 +50,7 @@ SIGNALS_MAX = 10_000
 _COEFFICIENTS = ("a", "b", "c", "d")
 _UNITS = {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704}
 _UNLIMITED = ("no limit", "undefined")
+_FOREIGN = ("userData", "include", "dataQuality")
 
 
 def parse(content: bytes, source: str) -> OpenDriveMap:
@@ -69,7 +71,12 @@ def parse(content: bytes, source: str) -> OpenDriveMap:
     if signals > SIGNALS_MAX:
         reader.fail(f"has {signals} signals; at most {SIGNALS_MAX} are supported")
     notes: list[str] = []
-    junctions = tuple(_read_junction(reader, item, notes) for item in root.findall("junction"))
+    junctions = []
+    for item in root.findall("junction"):
+        try:
+            junctions.append(_read_junction(reader, item, notes))
+        except MapError as error:
+            notes.append(f"left out: {reader.own(error)}")
     roads = []
     rules = [item.get("rule", "RHT") for item in root.findall("road")]
     left_hand = 2 * rules.count("LHT") > len(rules)
@@ -92,11 +99,15 @@ def parse(content: bytes, source: str) -> OpenDriveMap:
     if not roads:
         raise fault or MapError(f"{source}: the map has no <road>")
     reference = None if header is None else header.find("geoReference")
+    offset = None if header is None else header.find("offset")
     return OpenDriveMap(
         roads=tuple(roads),
-        junctions=junctions,
+        junctions=tuple(junctions),
         name="" if header is None else header.get("name", ""),
         geo_reference="" if reference is None else (reference.text or "").strip(),
+        offset=(0.0, 0.0)
+        if offset is None
+        else (reader.number(offset, "x", 0.0), reader.number(offset, "y", 0.0)),
         notes=tuple(dict.fromkeys(notes)),
     )
 
@@ -205,7 +216,7 @@ def _read_geometry(place: Reader, record: Element) -> Geometry:
     x, y = where.number(record, "x"), where.number(record, "y")
     heading = where.number(record, "hdg", low=-1e4, high=1e4)
     length = where.number(record, "length", low=0.0, high=LENGTH_LIMIT)
-    shape = next(iter(record), None)
+    shape = next((child for child in record if child.tag not in _FOREIGN), None)
     if shape is None:
         where.fail("has no shape; one of line, arc, spiral, poly3, paramPoly3 is needed")
     tag = shape.tag
@@ -374,7 +385,10 @@ def _read_lane(place: Reader, element: Element, notes: list[str]) -> Lane:
     if identity < 0 and borders and all(record.a >= 0.0 for record in borders):
         borders = tuple(Cubic(r.start, -r.a, -r.b, -r.c, -r.d) for r in borders)
     if identity != 0 and not widths and not borders:
-        where.fail("has neither <width> nor <border>")
+        if element.get("type", "none") in DRIVING_TYPES:
+            where.fail("has neither <width> nor <border>")
+        notes.append(f"{where.inside}: has neither <width> nor <border>, a width of 0 is taken")
+        widths = (Cubic(0.0, 0.0),)
     return Lane(
         id=identity,
         kind=element.get("type", "none"),

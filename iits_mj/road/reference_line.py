@@ -25,6 +25,7 @@ KNOT_SPACING = 0.5
 ARC_TOLERANCE = 2e-4
 _COARSE_SPACING = 5.0
 _LOST = 50.0
+_SCAN = 10.0  # [m] on each side
 _TURN = 2.0 * math.pi
 # Rows of the knots: x, y, z and superelevation, their slopes over station, linear quantities.
 _VALUES, _ROLL, _SLOPES = slice(0, 4), 3, slice(4, 8)
@@ -225,6 +226,11 @@ class ReferenceLine:
             raise InputError(f"a point of the map must be finite, not ({x}, {y})")
         if near_station is not None:
             found = self._newton(x, y, near_station)
+            if found is None:
+                # At the center of a bend; elsewhere on a line that passes twice lies another place.
+                found = self._scan(x, y, near_station)
+                if abs(found[0] - near_station) >= _SCAN:
+                    found = None
             if found is not None and abs(found[1]) < _LOST:
                 return found
         distance = np.square(self._coarse[0] - x) + np.square(self._coarse[1] - y)
@@ -243,7 +249,7 @@ class ReferenceLine:
 
     def _scan(self, x: float, y: float, station: float) -> tuple[float, float]:
         """The best of a fine grid, for points at the center of a bend where Newton circles."""
-        grid = station + np.linspace(-10.0, 10.0, 2001)
+        grid = station + np.linspace(-_SCAN, _SCAN, 2001)
         point = self.evaluate(grid)
         best = int(np.argmin(np.hypot(point.x - x, point.y - y)))
         heading = point.heading[best]

@@ -20,6 +20,8 @@ def to_xml(content: OpenDriveMap) -> str:
     header = SubElement(root, "header", revMajor="1", revMinor="6", name=content.name)
     if content.geo_reference:
         SubElement(header, "geoReference").text = content.geo_reference
+    if content.offset != (0.0, 0.0):
+        _add(header, "offset", x=content.offset[0], y=content.offset[1], z=0.0, hdg=0.0)
     for road in content.roads:
         _write_road(root, road)
     for junction in content.junctions:

@@ -69,7 +69,8 @@ class TruckStart:
     truck: AnyTruck | None = truck_option("truck to drive")
     map: Path | None = option(
         None,
-        help="OpenDRIVE map; without it the built-in 15 km highway",
+        help="OpenDRIVE map (.xodr), OpenStreetMap extract (.osm) or SUMO net (.net.xml); without "
+        "it the built-in 15 km highway",
         metavar="FILE.xodr",
         group="road",
     )

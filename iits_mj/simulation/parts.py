@@ -49,6 +49,7 @@ from traffic_bridge import (
     TrafficConfig,
     read_events,
 )
+from traffic_bridge.network.map_sources import opendrive_file
 from traffic_bridge.vehicles.service_level import BOUNDS
 
 if TYPE_CHECKING:
@@ -121,15 +122,18 @@ def placed(start: Start, route: Route, footprint: EgoFootprint) -> Start:
 def load_map(path: Path | None) -> RoadMap:
     """Returns the map of a file; without a path, the built-in highway.
 
+    An OpenStreetMap extract or a SUMO net is converted first; see `map_sources.opendrive_file`.
+
     Raises:
       MapError: the file cannot be used.
+      TrafficError: netconvert, which converts it, is missing or does not end.
     """
     if path is None:
         return RoadMap.builtin()
     with suppress(OSError):
         if _LARGE_MAP < (size := path.stat().st_size) <= SIZE_LIMIT:
             remark(f"reading {path} ({size / 2**20:.0f} MB)")
-    road_map = RoadMap.from_opendrive(path)
+    road_map = RoadMap.from_opendrive(opendrive_file(path))
     if road_map.notes:
         first, more = road_map.notes[0], len(road_map.notes) - 1
         remark(f"{path}: {first}" + (f" (and {more} more)" if more else ""))

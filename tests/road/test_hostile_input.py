@@ -67,11 +67,6 @@ BAD = {
         document(road(geometry=LINE.replace('s="0"', 's="50"'), length=150)),
         "starts at s = 50",
     ),
-    "unknown junction": (document(road(), extra='<junction id="8" type="round"/>'), "'round'"),
-    "direct junction without roads": (
-        document(road(), extra='<junction id="8" type="direct"><connection/></junction>'),
-        "'incomingRoad'",
-    ),
     "bad contact": (document(road(link=successor("2", "middle"))), "'middle'"),
     "bad unit": (
         document(road(extra='<type s="0" type="town"><speed max="3" unit="knots"/></type>')),

@@ -10,7 +10,7 @@ import pytest
 from iits_mj.road import RoadMap
 from iits_mj.road.opendrive import parse
 from iits_mj.road.writer import to_xml
-from tests.road.opendrive_text import LANES, document, line, road, successor
+from tests.road.opendrive_text import LANES, LINE, document, line, road, successor
 from tests.road.test_route import PROFILES, WIDE
 
 STEP = '<elevation s="0" a="{}" b="0" c="0" d="0"/>'
@@ -63,6 +63,27 @@ def lanes(right: int, left: int = 0) -> str:
     ]
     center = '<center><lane id="0" type="none"/></center>'
     return f'<lanes><laneSection s="0">{center}{"".join(sides)}</laneSection></lanes>'
+
+
+@pytest.mark.parametrize(
+    "junction", ['<junction id="8" type="round"/>', '<junction id="8"><connection/></junction>']
+)
+def test_a_junction_that_cannot_be_read_is_left_out(junction):
+    road_map = read(document(*PAIR, extra=junction))
+    assert [note for note in road_map.notes if note.startswith("left out: junction '8'")]
+    assert road_map.route().length == pytest.approx(200.0)
+
+
+def test_a_sidewalk_without_a_width_has_none():
+    bare = LANES.replace("</right>", '<lane id="-2" type="sidewalk"/></right>')
+    road_map = read(document(road(lanes=bare)))
+    assert "a width of 0 is taken" in road_map.notes[0]
+    assert road_map.route().lane_width(0, 50.0) == pytest.approx(3.5)
+
+
+def test_data_of_other_programs_in_a_geometry_is_not_its_shape():
+    road_map = read(document(road(geometry=LINE.replace("<line/>", "<userData/><line/>"))))
+    assert road_map.route().length == pytest.approx(100.0)
 
 
 @pytest.mark.parametrize("name", ODD)

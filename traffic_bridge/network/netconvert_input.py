@@ -41,6 +41,10 @@ def opendrive_for_netconvert(road_map: RoadMap, only: Collection[str] | None = N
     else:
         content = to_xml(road_map.content).encode()
     root = parse_xml(content, str(road_map.path))
+    # netconvert subtracts the offset from the net's coordinates, but not from its shapes.
+    for header in root.findall("header"):
+        for offset in header.findall("offset"):
+            header.remove(offset)
     roads = {name: r for name, r in road_map.roads.items() if only is None or name in only}
     for item in root.findall("road"):
         road = roads.get(item.get("id", ""))

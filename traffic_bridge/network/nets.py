@@ -112,11 +112,12 @@ def _cached_file(content: bytes, options: tuple[str, ...]) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise _unwritable(folder, error) from error
+        raise unwritable(folder, error) from error
     return folder / f"{hashlib.sha256(key).hexdigest()[:32]}.net.xml"
 
 
-def _unwritable(folder: Path, error: OSError) -> TrafficError:
+def unwritable(folder: Path, error: OSError) -> TrafficError:
+    """The error for a cache folder that cannot be written."""
     return TrafficError(
         f"cannot write to the cache folder {folder} ({error.strerror}); "
         f"set {CACHE_VARIABLE} to a folder that can be written"
@@ -137,7 +138,7 @@ def _make(content: bytes, options: tuple[str, ...], target: Path, name: str) -> 
         # In the target's folder, so that the file can be moved in one operation.
         folder = tempfile.TemporaryDirectory(dir=target.parent, prefix="making_")
     except OSError as error:
-        raise _unwritable(target.parent, error) from error
+        raise unwritable(target.parent, error) from error
     with folder:
         source, made = Path(folder.name) / "map.xodr", Path(folder.name) / "made.net.xml"
         source.write_bytes(content)

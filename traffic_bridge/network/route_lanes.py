@@ -31,6 +31,7 @@ from traffic_bridge.network.net_file import NetFile
 from traffic_bridge.session import Session
 
 GAP = 10.0  # [m] between edges, at most: netconvert's internal lanes at a change of lanes
+ASTRAY = 50.0  # [m] from its road's stations, at most, of a point on a lane
 HOPS = 4  # lanes that the truck may pass in one step: internal lanes can be short
 
 
@@ -188,6 +189,11 @@ class RouteLanes:
         x, y = sample_shape(lane)
         x, y = x - self.net.offset[0], y - self.net.offset[1]
         station, offset = locate_along(self.route, x, y, near, direction)
+        low, high = self._spans.get(lane.origin[0] if lane.origin else "", (-math.inf, math.inf))
+        if not low - ASTRAY <= station[0] <= high + ASTRAY:
+            # Where the route crosses itself, the nearest place may be on its other part.
+            near = low if direction > 0 else high
+            station, offset = locate_along(self.route, x, y, near, direction)
         number = self._route_lane(station, offset) if direction > 0 else -1
         spacing = lane.length / (len(station) - 1)
         pose = route_pose(self.route, station, offset, direction)
@@ -205,6 +211,14 @@ class RouteLanes:
         spacing = length / (len(station) - 1)
         pose = surface_pose(surface)
         return LaneTable(name, lane.edge, lane.index, -1, 0, length, spacing, station, offset, pose)
+
+    @cached_property
+    def _spans(self) -> dict[str, tuple[float, float]]:
+        """Stations of each road of the route, from where it is entered to where it is left."""
+        starts = [part.station_start for part in self.route.segments]
+        ends = [*starts[1:], self.route.length]
+        roads = (part.road_id for part in self.route.segments)
+        return dict(zip(roads, zip(starts, ends, strict=True), strict=True))
 
     @cached_property
     def _surfaces(self) -> LaneSurfaces:
