@@ -29,7 +29,7 @@ from pathlib import Path
 
 import numpy as np
 
-from iits_mj.core.boxes import Boxes
+from iits_mj.core.boxes import axis_gaps
 from iits_mj.core.errors import Error
 from iits_mj.core.output_files import write_whole
 from iits_mj.core.vehicles import VehicleFrame
@@ -149,11 +149,10 @@ class TrafficWatch:
         self._units.take(frame, np.array(order, dtype=np.intp))
         self._units.move(0.0)
         outlines = [self._units.outline(k) for k in range(len(self._units.slots))]
-        x, y, c, s, half_length, half_width = np.array(
-            [dataclasses.astuple(outline)[:6] for outline in outlines]
-        ).T
-        all_boxes = Boxes(x, y, np.arctan2(s, c), 2.0 * half_length, 2.0 * half_width)
-        touch = all_boxes.touch(all_boxes, 0.0)
+        x, y, *shape = np.array([dataclasses.astuple(outline)[:6] for outline in outlines]).T
+        own, others = ([row[k] for row in shape] for k in ((slice(None), None), (None,)))
+        gaps = axis_gaps(x - x[:, None], y - y[:, None], own, others)
+        touch = np.logical_and.reduce([gap <= 0.0 for gap in gaps])
         for a, b in zip(*np.nonzero(np.triu(touch, 1)), strict=True):
             pair = tuple(sorted({self._units.slots[k].vehicle or "" for k in (a, b)}))
             if len(pair) == 2 and pair not in self._touched:
