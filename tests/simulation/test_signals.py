@@ -21,7 +21,7 @@ from tests.paths import outside
 from traffic_bridge import InterSim, PureSim, Recorder, TrafficConfig
 
 MAP = "xodr/esmini_fabriksgatan_traffic_lights.xodr"
-STOP_LINE = 114.25
+STOP_LINE = 104.75  # [m], before the light's pole at 109 m
 ROUTE = Route.straight(length=2000.0)
 
 

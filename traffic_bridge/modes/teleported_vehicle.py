@@ -184,6 +184,8 @@ class TeleportedVehicle:
         if way is None or not -ROLLBACK <= way <= JUMP_SPEED * self._step:
             way = min(speed * self._step, position)
             self._api.vehicle.moveTo(self.name, table.id, position - way)
+            # Else a new vehicle stands for its followers during its first step.
+            self._api.vehicle.setPreviousSpeed(self.name, speed)
         self._set_speed(self.name, max(way, 0.0) / self._step)
         self._set_side(self.name, side)
 

@@ -32,6 +32,7 @@ class NetLane:
       kind: OpenDRIVE's lane type; "" if the net does not name it.
       origin: (road id, lane id) in OpenDRIVE, or None for SUMO's own short joints.
       open: to passenger cars.
+      stop_offset: distance of the stop line before the lane's end [m].
       shape: polyline of its center in SUMO's coordinates [m], shape (n, 2).
     """
 
@@ -44,6 +45,7 @@ class NetLane:
     kind: str = ""
     origin: tuple[str, int] | None = None
     open: bool = True
+    stop_offset: float = 0.0
     shape: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
 
     @property
@@ -223,6 +225,7 @@ def _lane(item: Element, edge: str) -> NetLane:
             # Several names belong to joined lanes; the lane begins with the first one.
             name = re.match(r"(.+?)_(-?\d+)(?: |$)", parameter.get("value", ""))
             origin = (name[1], int(name[2])) if name else None
+    stop = item.find("stopOffset")
     return NetLane(
         id=item.attrib["id"],
         edge=edge,
@@ -233,6 +236,7 @@ def _lane(item: Element, edge: str) -> NetLane:
         kind=item.get("type", ""),
         origin=origin,
         open=_is_open(item.get("allow"), item.get("disallow", "")),
+        stop_offset=float(stop.get("value", "0")) if stop is not None else 0.0,
         shape=np.array([[float(point[0]), float(point[1])] for point in points]),
     )
 

@@ -9,7 +9,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from functools import cache
+from collections.abc import Mapping
+from functools import cache, partial
 from pathlib import Path
 
 from iits_mj.core.cache import CACHE_VARIABLE, cache_folder
@@ -19,6 +20,7 @@ from iits_mj.road import RoadMap, Route
 from iits_mj.road.route import MAPS, USABLE_LANE_WIDTH
 from traffic_bridge.network.net_file import ORIGIN, NetFile
 from traffic_bridge.network.netconvert_input import BRIDGE, opendrive_for_netconvert
+from traffic_bridge.network.stop_lines import stop_offsets
 
 TIMEOUT = 120.0  # [s]; the largest test map takes 0.3 s
 MEMORY_MAX = 4 * 2**30  # bytes of netconvert
@@ -43,7 +45,7 @@ LEFT_HAND_OPTIONS = (
     *(option for option in OPENDRIVE_OPTIONS if option != "--opendrive.internal-shapes"),
     "--lefthand",
 )
-REVISION = "2"  # of the changes that this module makes to a net; part of the cache key
+REVISION = "3"  # of the changes that this module makes to a net; part of the cache key
 ADVICE = "; a drive with traffic-mode none needs no net"
 _SEAL = "<!-- sha256 "
 
@@ -101,7 +103,7 @@ def _net_file(road_map: RoadMap, only: set[str] | None) -> Path:
     options = LEFT_HAND_OPTIONS if road_map.left_hand else OPENDRIVE_OPTIONS
     target = _cached_file(content, options)
     if not _is_whole(target):
-        _make(content, options, target, str(road_map.path))
+        _make(content, options, target, road_map)
     return target
 
 
@@ -133,7 +135,8 @@ def _is_whole(net: Path) -> bool:
     return bool(seal) and digest.split()[:1] == [hashlib.sha256(body).hexdigest().encode()]
 
 
-def _make(content: bytes, options: tuple[str, ...], target: Path, name: str) -> None:
+def _make(content: bytes, options: tuple[str, ...], target: Path, road_map: RoadMap) -> None:
+    name = str(road_map.path)
     try:
         # In the target's folder, so that the file can be moved in one operation.
         folder = tempfile.TemporaryDirectory(dir=target.parent, prefix="making_")
@@ -154,6 +157,9 @@ def _make(content: bytes, options: tuple[str, ...], target: Path, name: str) -> 
             text = re.sub(rf'(<param key="{ORIGIN}" value=")([^"]*)"', _swapped_origin, text)
         # Lanes through a direct junction belong to no road of the map.
         text = re.sub(rf'\s*<param key="{ORIGIN}" value="{BRIDGE}[^"]*"/>', "", text)
+        made.write_text(text, encoding="utf-8", newline="\n")
+        offsets = stop_offsets(NetFile.read(made), road_map.roads)
+        text = re.sub(r'<lane id="([^"]*)"[^>]*?(/?)>', partial(_with_stop_line, offsets), text)
         digest = hashlib.sha256(text.encode()).hexdigest()
         made.write_text(f"{text}{_SEAL}{digest} -->\n", encoding="utf-8", newline="\n")
         made.replace(target)
@@ -164,6 +170,17 @@ def _swapped_origin(param: re.Match[str]) -> str:
     names = [name.rpartition("_") for name in param[2].split()]
     swapped = " ".join(f"{road}_{-int(lane)}" for road, _, lane in names)
     return f'{param[1]}{swapped}"'
+
+
+def _with_stop_line(offsets: Mapping[str, float], lane: re.Match[str]) -> str:
+    """Adds the distance of its stop line to a lane."""
+    offset = offsets.get(lane[1])
+    if offset is None:
+        return lane[0]
+    stop = f'<stopOffset value="{offset:.2f}"/>'
+    if lane[2]:
+        return f"{lane[0][:-2]}>{stop}</lane>"
+    return lane[0] + stop
 
 
 def _close_if_narrow(lane: re.Match[str]) -> str:

@@ -372,5 +372,6 @@ def stop_lines(
                 if table is None or table.lane < 0 or table.direction < 0:
                     continue
                 if onward.get(table.edge) == after.rpartition("_")[0]:
-                    stops.append((table.at(table.length)[0], table.lane, light, link))
+                    line = table.length - lanes.net.lanes[before].stop_offset
+                    stops.append((table.at(line)[0], table.lane, light, link))
     return tuple(sorted(stops))

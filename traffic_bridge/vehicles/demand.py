@@ -263,7 +263,7 @@ class Demand:
                 continue
             table = self._lanes.table(lane.id)
             speed = min(config.speed_limit, lane.speed)
-            end = lane.length - JUNCTION_GAP
+            end = lane.length - max(JUNCTION_GAP, lane.stop_offset)
             for position, vehicle, desired in self._draw_along(lane, end, speed, rng):
                 free = position > vehicle.length + 1.0 and low <= table.at(position)[0] <= high
                 free = free and trips.missing(self._occupied) > 0
@@ -280,7 +280,7 @@ class Demand:
         position: str,
     ) -> None:
         # At the highest safe speed, because there may be a queue before the next junction.
-        trip = trips.start(lane.id)
+        trip = trips.start(lane.id, vehicle.turning_radius)
         self._insert_trip(trips, trip, vehicle, desired, lane.id, position, "max")
 
     def _insert_trip(
@@ -353,7 +353,7 @@ class Demand:
     ) -> None:
         front = 0.0 if position == "base" else float(position)
         if self._map is not None:
-            trip = self._map.start(table.id)
+            trip = self._map.start(table.id, vehicle.turning_radius)
             ahead = self._lanes.graph.entry_speed(table.id, front, tuple(trip.edges))
         sign = self._limits.entering(table, front, vehicle.deceleration)
         fastest = self._api.vehicletype.getMaxSpeed(vehicle.name)

@@ -18,6 +18,7 @@ import numpy as np
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.network.lane_graph import LaneGraph, MapPaths
 from traffic_bridge.network.net_file import NetFile, NetLane, distances_along
+from traffic_bridge.network.stop_lines import turn_radius
 from traffic_bridge.vehicles.types import VehicleType
 
 PERIOD = 1.0  # [s] between two checks of the number of vehicles
@@ -43,11 +44,13 @@ class Trip:
     Attributes:
       edges: in driving order.
       lanes: those of the last edge from which the vehicle can go on.
+      turning_radius: of the vehicle, see `VehicleType` [m].
       ended: the last edge is an exit of the map.
     """
 
     edges: list[str]
     lanes: frozenset[str]
+    turning_radius: float = 0.0
     ended: bool = False
 
 
@@ -106,8 +109,9 @@ class MapDemand:
         self._graph, self._config, self._rng = graph, config, rng
         self._paths = MapPaths(net)
         self._edges = {edge.id: edge for edge in net.edges}
-        turns = {(c.start, c.end): c.turn for c in net.connections}
-        self._turn: Callable[[str, str], str] = lambda a, b: turns.get((a, b), "s")
+        self._net = net
+        self._links = {(link.start, link.end): link for link in net.connections}
+        self._radius: dict[tuple[str, str], float] = {}
         self.lanes = tuple(
             lane
             for name in self._paths.ids
@@ -141,9 +145,9 @@ class MapDemand:
             return steady.density
         return self._config.probability / (0.92 * min(self._config.speed_limit, lane.speed))
 
-    def start(self, lane: str) -> Trip:
+    def start(self, lane: str, turning_radius: float = 0.0) -> Trip:
         """Draws the beginning of a trip from a lane, at least `HORIZON` long."""
-        trip = Trip([self._graph.lanes[lane].edge], frozenset({lane}))
+        trip = Trip([self._graph.lanes[lane].edge], frozenset({lane}), turning_radius)
         self._extend(trip, 0.0)
         return trip
 
@@ -179,7 +183,7 @@ class MapDemand:
     def _extend(self, trip: Trip, length: float) -> None:
         """Draws turns until the way is `HORIZON` long or ends."""
         while length < HORIZON:
-            ways = self._onward(trip.edges[-1], trip.lanes)
+            ways = self._onward(trip)
             if not ways:
                 trip.ended = True
                 return
@@ -190,34 +194,46 @@ class MapDemand:
             trip.lanes = frozenset(ways[chosen][1])
             length += self._edges[chosen].length
 
-    def _onward(
-        self, edge: str, lanes: set[str] | frozenset[str]
-    ) -> dict[str, tuple[float, set[str]]]:
+    def _onward(self, trip: Trip) -> dict[str, tuple[float, set[str]]]:
         """Share and first lanes of each edge to which a vehicle can go on.
 
-        The share of a turn counts once for each lane that makes it.
-
-        Args:
-          edge: where the vehicle is.
-          lanes: on which it enters the edge.
+        The share of a turn counts once for each lane that makes it. Turns that are too tight for
+        the vehicle are taken only if there is no other way.
         """
+        edge, lanes, radius = trip.edges[-1], trip.lanes, trip.turning_radius
         driving = [lane for lane in self._edges[edge].lanes if lane.is_driving]
         shifts = int(self._edges[edge].length / CHANGE_ROOM)
         entered = [lane.index for lane in driving if lane.id in lanes]
         near = [lane for lane in driving if any(abs(lane.index - k) <= shifts for k in entered)]
         # Where no near lane leads on, SUMO's drivers must change farther.
-        return self._ways(near) or self._ways(driving)
+        for least in (radius, 0.0) if radius > 0.0 else (0.0,):
+            ways = self._ways(near, least) or self._ways(driving, least)
+            if ways:
+                break
+        return ways
 
-    def _ways(self, lanes: list[NetLane]) -> dict[str, tuple[float, set[str]]]:
+    def _ways(self, lanes: list[NetLane], radius: float) -> dict[str, tuple[float, set[str]]]:
+        """The ways from some lanes whose bends have a radius, see `_onward`."""
         ways: dict[str, tuple[float, set[str]]] = {}
         for lane in lanes:
             for end in self._graph.leads_to(lane.id):
-                turn = TURNS.get(self._turn(lane.id, end))
+                if radius > 0.0 and self._radius_of(lane.id, end) < radius:
+                    continue
+                link = self._links.get((lane.id, end))
+                turn = TURNS.get("s" if link is None else link.turn)
                 share = 0.0 if turn is None else self._config.turning_shares[turn]
                 name = self._graph.lanes[end].edge
                 before, ends = ways.get(name, (0.0, set()))
                 ways[name] = (before + max(share, 1e-6), ends | {end})
         return ways
+
+    def _radius_of(self, start: str, end: str) -> float:
+        """Radius of the tightest bend between two lanes [m]."""
+        key = start, end
+        if key not in self._radius:
+            link = self._links.get(key)
+            self._radius[key] = math.inf if link is None else turn_radius(self._net, link)
+        return self._radius[key]
 
     def place_of(self, lane: NetLane, position: float) -> tuple[float, float]:
         """Point of a lane in SUMO's coordinates [m]."""
@@ -291,7 +307,7 @@ class MapDemand:
             for chance, part in self._rng.random((TRIES, 2)).tolist():
                 lane = self.lanes[int(np.searchsorted(lack, chance * lack[-1], "right"))]
                 kind, desired = draw(lane)
-                low, high = kind.length + 1.0, lane.length - JUNCTION_GAP
+                low, high = kind.length + 1.0, lane.length - max(JUNCTION_GAP, lane.stop_offset)
                 position = low + part * (high - low)
                 speed = min(desired, lane.speed, self._pace)
                 if high <= low or not occupied[lane.id].has_room(position, kind.length, speed):

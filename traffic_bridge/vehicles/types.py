@@ -53,6 +53,7 @@ HIGHEST = {
     "desired_speed_mean": 2.0,  # of a fraction that is cut at 1: with 2 every vehicle has 1
     "desired_speed_deviation": 1.0,
     "desired_speed_low": 1.0,  # the fraction is cut to [low, 1]
+    "turning_radius": 30.0,  # [m] of the lane's center: a B-double needs 13 m
     "time_headway_spread": 1.0,  # of ln T: at 1 one driver in six keeps 2.7 times the median
     "politeness": 10.0,  # at 1 the gain of others counts as much as one's own
     "change_threshold": 15.0,  # [m/s2] as accelerations: higher ones have no further effect
@@ -105,6 +106,8 @@ class VehicleType:
         lc_assertive: divisor of the accepted gaps. 1 is SUMO's default.
       time_headway_spread: standard deviation of the logarithm of the drivers' time headways; their
         mean is `time_headway`. 0: all drivers are equal.
+      turning_radius: of the tightest bend of a lane's center that it takes at a junction where it
+        can choose its turn [m].
       governed_speed: of a speed limiter [m/s]; no desired speed is above it.
 
     Raises:
@@ -136,6 +139,7 @@ class VehicleType:
     lc_assertive: float = 1.0
     time_headway_spread: float = 0.0
     governed_speed: float = FASTEST
+    turning_radius: float = 0.0
 
     def __post_init__(self) -> None:
         """Checks every value; lists given as colors become tuples."""

@@ -228,3 +228,22 @@ def test_an_ego_of_another_type_is_refused(ego):
         traffic.reset()
         with pytest.raises(InputError, match="must be an EgoState"):
             traffic.step(ego)
+
+
+def test_a_follower_brakes_gently_for_a_truck_that_enters_its_lane_far_ahead():
+    route, speed = Route.straight(3000.0), 15.0
+    behind = Departure(time=0.0, type="car", lane=1, station=450.0, speed=speed)
+    config = TrafficConfig(density="empty", speed_limit=20.0, departures=(behind,))
+
+    def truck(time):
+        station = 500.0 + speed * time
+        right, left = (float(route.lane_offset(lane, station)) for lane in (0, 1))
+        part = min(max((time - 3.0) / 4.0, 0.0), 1.0)
+        return ego_at(route, time, station, speed, right + part * (left - right))
+
+    with InterSim(route, config) as traffic:
+        frames = [traffic.reset(truck(0.0))]
+        frames += [traffic.step(truck(0.1 * k)) for k in range(1, 101)]
+    # 35 m behind the trailer the Intelligent Driver Model asks for 0.7 m/s2 at most.
+    hardest = min(vehicle.acceleration for frame in frames for vehicle in frame)
+    assert -1.0 < hardest < -0.3

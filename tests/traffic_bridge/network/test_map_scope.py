@@ -124,7 +124,7 @@ def test_traffic_turns_at_a_junction_in_every_direction():
     town = esmini("fabriksgatan_traffic_lights")
     ways = set()
     # Cars only: in the bends of this junction a truck is wider than its lane.
-    seen = watch_all(town, 100.0, config(mix={"car": 1.0}), touch=True).seen
+    seen = watch_all(town, 200.0, config(mix={"car": 1.0}), touch=True).seen
     for places in seen.values():
         arms = [road for road in road_order(places) if int(road) < 4]
         if len(arms) == 2:

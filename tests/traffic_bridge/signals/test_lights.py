@@ -5,7 +5,8 @@ from iits_mj.road import RoadMap
 from tests.paths import outside
 from traffic_bridge import LightOverride, LightPhase, LightProgramRun, PureSim, TrafficConfig
 
-STOP_LINE = 114.25  # [m], where the road of the map ends before its junction
+STOP_LINE = 104.75  # [m]: 9.5 m before the junction, clear of trucks that turn left into this road
+POLE = 109.0  # [m], of the light in the map
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +33,7 @@ def test_the_light_ahead_has_its_stop_line_and_the_time_to_its_change(traffic):
     ahead = signals.light_ahead(20.0)
     assert (ahead.name, ahead.letter, ahead.is_open) == (light, "r", False)
     assert ahead.station == pytest.approx(STOP_LINE, abs=0.5)
+    assert ahead.station < POLE
     assert signals.state(light)[ahead.link] == "r"
     # The change has the predicted time and letter.
     run(traffic, ahead.next_switch - 0.2)
