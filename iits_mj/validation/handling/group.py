@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from iits_mj.core.results import Results
+from iits_mj.parameters import TruckParameters
 from iits_mj.validation.handling import (
     braking_stability,
     circle,
@@ -15,11 +16,14 @@ from iits_mj.validation.handling import (
     step_steer,
     tightening_turn,
     yaw_damping,
+    yaw_gain,
 )
 from iits_mj.validation.harness.config import ValidateConfig
 
-# Steps at the steering wheel [deg], and the required fit of each signal [%].
-_STEPS = ((15.0, ">= 97"), (3.0, ">= 99"))
+# Steps at the steering wheel [deg], and the required fits of the yaw-roll model [%].
+_STEPS = ((15.0, ">= 98"), (3.0, ">= 99"))
+# Required fit of the yaw-sideslip model, which the paper reaches [%].
+_PLANE_FIT = ">= 96"
 # Number of heights of the payload's center of gravity for the tilt table.
 _HEIGHTS = 5
 
@@ -28,6 +32,8 @@ LATERAL_NOTES = (
     "The yaw-sideslip model has no roll, no tire lag, no side air and no rolling resistance. The "
     "yaw-roll model has them, from the same parameters, and fits at 3 deg: the difference of the "
     "two is what the fits with the yaw-sideslip model lack. At 15 deg the rest is load transfer.",
+    "The steady yaw gain is that of a step of 15 deg. The plain yaw-sideslip model has axle loads "
+    "at rest and no pneumatic trail; the reference column gives the change by the effect.",
     "The laden truck understeers more than the linear model: its loaded outer wheels roll harder "
     "and pull it straight, and the drag of the turn and the trailer's roll moment take load off "
     "the steer axle. Statics that count this agree.",
@@ -49,15 +55,19 @@ def run_lateral(config: ValidateConfig) -> Results:
         angles = tuple(np.deg2rad([degrees for degrees, _ in _STEPS]))
         recordings = step_steer.step_steers(free, payload, angles, step)
         for (degrees, must), recording in zip(_STEPS, recordings, strict=True):
-            found = step_steer.compare_step(free, payload, degrees, must, recording, must)
+            found = step_steer.compare_step(free, payload, degrees, must, recording, _PLANE_FIT)
             results.add(f"step_steer_{degrees:g}deg_{load}", found)
         if not config.quick and any(coupling.yaw_friction for coupling in truck.couplings):
             results.add("", step_steer.friction_effect(truck, payload, 15.0, step))
+        if not config.quick and not isinstance(config.truck, TruckParameters):
+            results.add("", yaw_gain.compare(config.truck, payload, step))
         results.add(f"frequency_response_{load}", step_steer.compare_frequency(free, payload, step))
     results.add("swept_path", low_speed_turn.compare_kinematic(truck, config.payloads()[0], step))
     speeds = (6.0, 10.0, 14.1) if config.quick else (6.0, 8.0, 10.0, 11.5, 13.0, 14.1)
     for payload in config.payloads():
-        found = circle.compare(truck, payload, step, speeds)
+        # The laden truck is measured by the statics of the turn alone.
+        linear = "" if payload > 0.0 else "<= 10"
+        found = circle.compare(truck, payload, step, speeds, linear)
         results.add(f"steady_circle_{payload / 1e3:g}t", found)
     results.notes += LATERAL_NOTES
     if len(truck.units) == 1:

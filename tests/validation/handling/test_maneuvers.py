@@ -8,7 +8,7 @@ from iits_mj.commands import validate
 from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.validation import COMMANDS, ValidateConfig
-from iits_mj.validation.handling import circle, low_speed_turn, step_steer
+from iits_mj.validation.handling import circle, low_speed_turn, step_steer, yaw_gain
 from iits_mj.validation.handling.group import name_of
 from iits_mj.validation.truck import axle_loads
 
@@ -25,7 +25,7 @@ def _values(checks):
 @pytest.mark.parametrize("payload", [LADEN, 0.0])
 def test_step_steer_follows_the_yaw_sideslip_model(payload):
     (recording,) = step_steer.step_steers(FREE, payload, (np.deg2rad(15.0),), STEP)
-    found = step_steer.compare_step(FREE, payload, 15.0, ">= 97", recording)
+    found = step_steer.compare_step(FREE, payload, 15.0, ">= 98", recording)
     checks, panels = found.checks, found.panels
     fits = [check.value for check in checks if check.name.endswith("fit")]
     assert len(fits) == len(panels) == 4
@@ -45,6 +45,27 @@ def test_every_truck_fits_the_yaw_roll_model_at_small_steer(name):
         assert [check.shortfall() for check in found.checks if not check.ok] == []
         fits = [check for check in found.checks if check.name.endswith("yaw-roll model")]
         assert len(fits) == 2 * len(truck.units)
+
+
+@pytest.mark.parametrize("payload", [LADEN, 0.0])
+def test_effects_switched_off_one_at_a_time_explain_the_driven_yaw_gain(payload):
+    found = yaw_gain.compare(None, payload, STEP)
+    assert [check.shortfall() for check in found.checks if not check.ok] == []
+    values = _values(found.checks)
+    assert values["share of the plain model's gain, as driven"] < 88.0
+    assert 1.5 < values["understeer gradient, plain yaw-sideslip model"] < 1.9
+    changes = {c.name.rsplit(" without ", 1)[-1]: c.reference for c in found.checks}
+    for effect in ("play and compliance of the steering", "drive forces", "pneumatic trail"):
+        assert float(changes[f"{effect} either"]) > 4.0
+
+
+@pytest.mark.parametrize("name", shipped_trucks())
+def test_every_truck_has_overlays_that_switch_the_effects_off(name):
+    truck = TruckParameters.load(name)
+    last = TruckParameters.load(name, [overlay for _, overlay in yaw_gain.overlays(truck)])
+    assert {unit.cg_height for unit in last.units} == {0.5}
+    assert {tire.pneumatic_trail for tire in last.tires.values()} == {0.0}
+    assert all(coupling.yaw_friction == 0.0 for coupling in last.couplings)
 
 
 def test_time_step_hardly_changes_the_step_steer():
