@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.analytic.wheel_force import input_torque
+from iits_mj.analytic.wheel_force import input_torque, wheel_force
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import PlanningError
 from iits_mj.parameters import TruckParameters
@@ -104,6 +104,21 @@ class FuelMap:
         allowed = (omega >= self._engine.idle_speed) & (omega <= self._engine.governed_speed)
         left = np.maximum(full * omega - self._engine.auxiliary_power, 0.0)
         return np.asarray((np.where(allowed, left, 0.0)).max(axis=0))
+
+    def overrun_force(self, speed: FloatArray) -> FloatArray:
+        """Returns the braking force at the wheels [N] in overrun, in the highest gear that runs.
+
+        It is that of the engine's drag, the auxiliaries and the driveline's losses at vehicle
+        speeds [m/s], of shape (n,); it is 0 where no gear runs.
+        """
+        force = np.zeros(speed.size)
+        for gear, turns in enumerate(self.gear_speed, start=1):
+            omega = turns * speed
+            runs = (omega >= _ENGINE_SPEED_MIN) & (omega <= self._engine.governed_speed)
+            drag = np.interp(omega, self._engine.drag_speed, self._engine.drag_torque)
+            drag = drag + self._engine.auxiliary_torque(omega)
+            force = np.where(runs, -wheel_force(self._parameters, gear, -drag, omega), force)
+        return force
 
     def full_power(self) -> float:
         """Returns the engine power [W] that some gear gives at every speed of the gears.
