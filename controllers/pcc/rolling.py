@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 
 _STEP, _COUNT = 10.0, 60  # grid of the predicted speeds [m]
+# Over the engine's drag: the reference slows down a little more than the truck, so that the tracking
+# controller, which ignores so small a difference, does not press the accelerator.
+_DRAG = 1.25
 _MASS_CHANGE = 0.02  # relative change of mass that makes a new point mass
 
 
@@ -68,7 +72,8 @@ class RollingReference:
         if self._vehicle is None or abs(ego.mass / self._vehicle.mass - 1.0) > _MASS_CHANGE:
             fuel_map = FuelMap(self._parameters)
             config = PccConfig(v_ref=self.speed, v_min=self.speed, v_max=self.top)
-            self._vehicle = make_vehicle(self._parameters, fuel_map, ego.mass, config)
+            vehicle = make_vehicle(self._parameters, fuel_map, ego.mass, config)
+            self._vehicle = replace(vehicle, power_overrun=_DRAG * vehicle.power_overrun)
         station = ego.station + _STEP * np.arange(_COUNT + 1.0)
         speed = np.maximum(self._rolling(self._vehicle, station, ego.speed), self.speed)
         self._profile = SpeedProfile(station, speed)

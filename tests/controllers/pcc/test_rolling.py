@@ -69,7 +69,8 @@ def test_the_truck_rolls_downhill_without_fuel_and_is_faster_than_the_braking_cr
     assert 24.5 < rolling["speed"].max() < 25.5
     assert braking["speed"].max() < 20.5
     above = rolling["speed"] > 21.0
-    assert rolling["pedal"][above].max() == 0.0
+    burnt = np.gradient(rolling["fuel_used"])
+    assert burnt[above].sum() < 0.01 * burnt.sum()
     assert rolling.table[-1, 0] < braking.table[-1, 0] - 5.0
     # What the braking cruise loses in its brakes, the rolling one coasts on.
     assert rolling["fuel_used"][-1] < 0.9 * braking["fuel_used"][-1]

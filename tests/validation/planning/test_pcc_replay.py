@@ -334,6 +334,6 @@ def test_quick_form_drives_plan_and_cruise_and_reports_no_saving():
     figures = {check.name.split(": ")[1]: check.value for check in results.checks}
     assert not [name for name in figures if "saving" in name]
     assert figures["speed error where power suffices, rms"] < 0.3
-    # Plan and cruise are the same drive up to the beginning of the plan.
-    assert figures["fuel, plan"] == pytest.approx(figures["fuel, cruise"], rel=0.25)
+    # The cruise rolls down into the valley and arrives first.
+    assert 0.0 < figures["fuel, cruise"] < figures["fuel, plan"] < 0.1
     assert figures["trip time of the plan against the cruise's"] == pytest.approx(0.0, abs=3.0)
