@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.analytic.wheel_force import input_torque
+from iits_mj.analytic.wheel_force import input_torque, wheel_force
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import PlanningError
 from iits_mj.parameters import TruckParameters
@@ -94,6 +94,10 @@ class FuelMap:
         rate = np.where(torque >= lowest, rate, rate * np.clip(1.0 + below, 0.0, 1.0))
         return np.where(torque + drag > 0.0, rate, 0.0)
 
+    def runs(self, speed: FloatArray) -> NDArray[np.bool_]:
+        """Returns whether the gearbox lets the engine turn at speeds [rad/s]."""
+        return (speed >= _ENGINE_SPEED_MIN) & (speed <= self._engine.governed_speed)
+
     def power_max(self, speed: FloatArray) -> FloatArray:
         """Returns the greatest engine power [W] of any gear at vehicle speeds [m/s].
 
@@ -104,6 +108,21 @@ class FuelMap:
         allowed = (omega >= self._engine.idle_speed) & (omega <= self._engine.governed_speed)
         left = np.maximum(full * omega - self._engine.auxiliary_power, 0.0)
         return np.asarray((np.where(allowed, left, 0.0)).max(axis=0))
+
+    def overrun_force(self, speed: FloatArray) -> FloatArray:
+        """Returns the braking force at the wheels [N] in overrun, in the highest gear that runs.
+
+        It is that of the engine's drag, the auxiliaries and the driveline's losses at vehicle
+        speeds [m/s], of shape (n,); it is 0 where no gear runs.
+        """
+        force = np.zeros(speed.size)
+        for gear, turns in enumerate(self.gear_speed, start=1):
+            omega = turns * speed
+            runs = self.runs(omega)
+            drag = np.interp(omega, self._engine.drag_speed, self._engine.drag_torque)
+            drag = drag + self._engine.auxiliary_torque(omega)
+            force = np.where(runs, -wheel_force(self._parameters, gear, -drag, omega), force)
+        return force
 
     def full_power(self) -> float:
         """Returns the engine power [W] that some gear gives at every speed of the gears.
@@ -127,7 +146,7 @@ class FuelMap:
         torque = self._input_torques(force, speed)
         torque = torque + self._engine.auxiliary_power / np.maximum(omega, _ENGINE_SPEED_MIN)
         full = np.interp(omega, self._engine.full_load_speed, self._engine.full_load_torque)
-        runs = (omega >= _ENGINE_SPEED_MIN) & (omega <= self._engine.governed_speed)
+        runs = self.runs(omega)
         fits = runs & (torque <= full * 1.001)
         rate = self.engine_rate(np.minimum(torque, full), omega)
         # Of gears with the same rate (overrun), the highest.

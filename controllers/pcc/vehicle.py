@@ -1,4 +1,4 @@
-"""The truck as a point mass on a road profile, and the constant-speed cruise as baseline."""
+"""The truck as a point mass on a road profile, and the cruise at a set speed as baseline."""
 
 from __future__ import annotations
 
@@ -21,6 +21,9 @@ _BRAKEABLE = kernels.function(
 _FASTEST = kernels.function(
     "iits_fastest", None, kernels.Integer, *4 * [kernels.Real], *2 * [kernels.Address]
 )
+_ROLLING = kernels.function(
+    "iits_rolling", None, kernels.Integer, *5 * [kernels.Real], *3 * [kernels.Address]
+)
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,8 @@ class PointMass:
       drag: 0.5 rho Cd A [kg/m]; efficiency: engine to wheels.
       power_max: of the engine in the best gear at every speed, see `FuelMap.full_power` [W].
       power_drag: of the overrunning engine, where the convex model's fuel is zero [W].
+      power_overrun: braking power at the wheels of the overrunning engine in the highest gear, by
+        its drag torque, between set speed and top of the band [W].
       brake_max: greatest braking force of a planned drive [N].
       fuel: the convex fuel model.
     """
@@ -43,6 +48,7 @@ class PointMass:
     efficiency: float
     power_max: float
     power_drag: float
+    power_overrun: float
     brake_max: float
     fuel: Willans
 
@@ -94,6 +100,48 @@ def full_power_speed(
     Raises:
       PlanningError: full power is not enough for a climb, or a cap cannot be met.
     """
+    b_cap = _held(vehicle, road, v_start, cap)
+    b_cap[0] = v_start**2
+    speed = fastest_below(vehicle, road, b_cap)
+    _require_climbed(vehicle, road, speed, b_cap)
+    return speed
+
+
+def rolling_speed(
+    vehicle: PointMass, road: RoadProfile, v_start: float, cap: FloatArray, top: FloatArray
+) -> FloatArray:
+    """Returns the node speeds of a truck that keeps a cap, but rolls above it without braking.
+
+    Where the overrunning engine does not hold the cap the truck is faster, at most `top`, which the
+    brakes hold. The first speed is `v_start`; all arrays have shape (n + 1,) [m/s].
+
+    Raises:
+      PlanningError: full power is not enough for a climb, or `top` cannot be met.
+    """
+    held = np.sqrt(_held(vehicle, road, v_start, top))
+    b_cap = brakeable(vehicle, road, np.minimum(cap, top) ** 2, vehicle.brake_max)
+    speed = np.sqrt(np.maximum(b_cap, 0.0), out=np.empty(road.station.size))
+    speed[0] = v_start
+    slope = vehicle.slope_force(road.grade)
+    _ROLLING(
+        road.intervals,
+        vehicle.inertial_mass,
+        road.step,
+        0.5 * vehicle.drag,
+        vehicle.efficiency * vehicle.power_max,
+        vehicle.power_overrun,
+        *(kernels.address(array) for array in (slope, held, speed)),
+    )
+    _require_climbed(vehicle, road, speed, b_cap)
+    return speed
+
+
+def _held(vehicle: PointMass, road: RoadProfile, v_start: float, cap: FloatArray) -> FloatArray:
+    """Returns the greatest v^2 (n + 1,) from which the brakes meet a cap ahead [m/s].
+
+    Raises:
+      PlanningError: the brakes do not hold the truck on a descent, or its start is too fast.
+    """
     b_cap = brakeable(vehicle, road, np.minimum(cap, 1e3) ** 2, vehicle.brake_max)
     if b_cap.min() <= 0.0:
         k = int(np.flatnonzero(b_cap > 0.0)[0]) - 1 if b_cap[0] <= 0.0 else int(b_cap.argmin())
@@ -106,8 +154,13 @@ def full_power_speed(
             f"start speed {v_start:.2f} m/s is above the {math.sqrt(max(b_cap[0], 0.0)):.2f} m/s "
             "from which the limits ahead can be met"
         )
-    b_cap[0] = v_start**2
-    speed = fastest_below(vehicle, road, b_cap)
+    return b_cap
+
+
+def _require_climbed(
+    vehicle: PointMass, road: RoadProfile, speed: FloatArray, b_cap: FloatArray
+) -> None:
+    """Raises PlanningError if full power does not carry the truck over a climb."""
     # Crawling below a limit is not a lack of power.
     if speed.min() < _CRAWL:
         slow = speed[1:] < np.minimum(_CRAWL, 0.99 * np.sqrt(b_cap[1:]))
@@ -117,7 +170,6 @@ def full_power_speed(
                 f"full power ({vehicle.power_max / 1e3:.0f} kW) does not carry {vehicle.mass:.0f} "
                 f"kg over the {100 * road.grade[k]:.1f} % at station {road.station[k]:.0f} m"
             )
-    return speed
 
 
 def brakeable(vehicle: PointMass, road: RoadProfile, cap: FloatArray, force: float) -> FloatArray:
@@ -157,11 +209,22 @@ def cruise(
     v_set: float,
     v_start: float,
     slowest: FloatArray | float = 0.0,
+    top: float | None = None,
 ) -> FloatArray:
-    """Returns node speeds of a constant-speed cruise: slower on steep climbs, braked downhill.
+    """Returns node speeds of a cruise at a set speed: slower on steep climbs.
 
     It has the plan's engine, brakes and limits and slows down in time for lower limits. A start
     above the limits needs `slowest`, the speeds of braking from there.
+
+    With `top` [m/s] it is the cruise control of today's trucks: on a descent the engine overruns
+    and the truck rolls above the set speed; the brakes hold `top`. Without, it is the paper's: the
+    brakes hold the set speed.
+
+    Raises:
+      PlanningError: full power is not enough for a climb, or a limit cannot be met.
     """
     cap = np.maximum(np.minimum(road.v_limit, v_set), slowest)
-    return full_power_speed(vehicle, road, v_start, cap)
+    if top is None or top <= v_set:
+        return full_power_speed(vehicle, road, v_start, cap)
+    lawful = np.maximum(np.minimum(road.v_limit, top), slowest)
+    return rolling_speed(vehicle, road, v_start, cap, lawful)

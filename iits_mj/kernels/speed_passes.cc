@@ -64,6 +64,26 @@ IITS_KERNEL void iits_fastest(std::ptrdiff_t n, double inertia, double step, dou
   }
 }
 
+// Raises the speeds at the n + 1 nodes to those of a truck that rolls above them without braking.
+//
+// It drives as in `iits_fastest`; where the engine's drag, of power `drag` at the wheels, does not
+// hold a speed it rolls faster, up to the speeds `top`, (n + 1), which the brakes hold.
+IITS_KERNEL void iits_rolling(std::ptrdiff_t n, double inertia, double step, double half,
+                              double power, double drag, const double* slope, const double* top,
+                              double* speed) {
+  const double push = inertia / (2.0 * step);
+  for (std::ptrdiff_t k = 0; k < n; ++k) {
+    const double v = speed[k], c = (half - push) * v * v + slope[k];
+    const double slowest = EndSpeed(v, push + half, c, -2.0 * drag);
+    const double fastest = EndSpeed(v, push + half, c, 2.0 * power);
+    const double wanted = std::min(speed[k + 1], fastest);
+    speed[k + 1] = std::min(std::max(wanted, slowest), std::max(top[k + 1], wanted));
+    if (speed[k + 1] > 0.0) continue;
+    std::fill(speed + k + 1, speed + n + 1, 0.0);
+    return;
+  }
+}
+
 // Greatest value of a table at `count` places from `place` on, linear between its nodes.
 //
 // `table` holds the n places of the nodes, rising, then their values; beyond the ends the values of

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from controllers.pcc.rolling import RollingReference
 from controllers.planning.planner import PlannerConfig
 from controllers.planning.speed_plan import SpeedConfig
 from controllers.stack import Stack
@@ -163,6 +164,7 @@ class DriveTask:
       route: the road; start, end: stations of the steer axle [m]; speed: at the start [m/s], 0 for
         a standing truck with its brakes applied.
       cruise_speed: reference without a profile [m/s]; profile: reference speed over station.
+      top: speed up to which a cruise rolls downhill [m/s]; None: it brakes at `cruise_speed`.
       payload: [kg]; timestep: of the physics [s]; plant: see `Truck.load`; time_limit: [s].
     """
 
@@ -172,6 +174,7 @@ class DriveTask:
     speed: float
     cruise_speed: float
     profile: SpeedProfile | None = None
+    top: float | None = None
     payload: float = field(default_factory=laden)
     timestep: float = TIMESTEP
     plant: str = "full"
@@ -198,12 +201,16 @@ def drive(task: DriveTask, parameters: TruckParameters | None = None) -> Record:
     if task.speed == 0.0:
         truck.command(xbr_demand=-1.0, xbr_mode=XbrMode.MAXIMUM)
         truck.step(round(_BUILD_UP / task.timestep))
+    rolling = None
+    if task.top is not None and task.profile is None:
+        rolling = RollingReference(task.route, task.cruise_speed, task.top, truck.parameters)
     speed = SpeedConfig(cruise_speed=task.cruise_speed)
     stack = Stack(
         task.route,
         planner=PlannerConfig(lanes=(0,), speed=speed),
         parameters=truck.parameters,
         profile=task.profile,
+        reference=rolling,
     )
 
     def row(ego: EgoState, command: VehicleCommand) -> list[float]:

@@ -24,6 +24,8 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.validation.planning.pcc_bound import certificate, lower_bound
 
 PAPER_SAVING_PERCENT = 21.68
+# The two cruises in names of checks; the second is the paper's.
+ROLLING, BRAKING = "against a rolling cruise", "against a braking cruise"
 GROSS_MASS = 55_000.0  # [kg] of the truck with its greatest load
 _TIGHT = 1e-4  # relative gap that counts as none
 _RELAXED_MAX = 1_500_000.0  # [m]: IPOPT takes 3 s and much memory for the relaxation of 100 km

@@ -1,4 +1,4 @@
-"""Drives the constant-speed cruise and the fuel-optimal plan on the MuJoCo truck.
+"""Drives a cruise at a set speed and the fuel-optimal plan on the MuJoCo truck.
 
 The cruise is driven first; for a given mean speed its set speed is corrected and the cruise is
 driven again. The plan gets the trip time of the cruise and its speeds at both ends. The time budget
@@ -65,7 +65,8 @@ class ReplayCase:
     Attributes:
       name: for reports; route: the road; road: the same road for the planner, with stations from
         `origin` on the route [m].
-      config: band and set speed, which is searched for if `mean_speed`; payload: [kg].
+      config: band and set speed, which is searched for if `mean_speed`; with `rolls` the cruise
+        may roll up to the top of the band downhill; payload: [kg].
       timestep: of the physics [s]; plant: see `Truck.load`.
       overlay: of the truck's parameters, such as another strategy of gear changes.
       paper: whether the paper's saving must be reached.
@@ -81,6 +82,11 @@ class ReplayCase:
     plant: str = "full"
     overlay: dict[str, dict[str, str]] = dataclasses.field(default_factory=dict)
     paper: bool = False
+
+    @property
+    def top(self) -> float | None:
+        """Speed up to which the cruise rolls downhill [m/s]; None: it brakes at its set speed."""
+        return self.config.v_max if self.config.rolls else None
 
     @property
     def first(self) -> float:
@@ -202,7 +208,7 @@ def run(
     config = case.config
     cruise = MeasuredDrive.of(_driven(case, None, folder), case)
     vehicle = with_power_of(
-        strongest, case.road, cruise.record, config.v_ref, cruise.start_speed, cruise.time
+        strongest, case, cruise.record, config.v_ref, cruise.start_speed, cruise.time
     )
     budget, best = cruise.time, None
     for _ in range(drives):
@@ -238,7 +244,7 @@ def _at_mean_speed(
     """Returns the case with the set speed at which the *truck's* mean speed is v_ref."""
     config, road = case.config, case.road
     wanted = config.v_ref
-    v_set = set_speed(guess, road, wanted, config.v_max)
+    v_set = set_speed(guess, case, wanted)
     best, least = case, np.inf
     for _ in range(MEAN_DRIVES):
         found = dataclasses.replace(config, v_ref=v_set, mean_speed=False)
@@ -250,9 +256,8 @@ def _at_mean_speed(
         if least <= MEAN_TOLERANCE * wanted:
             break
         # By as much as in the model whose cruise takes as long as the driven one.
-        model = with_power_of(strongest, road, trip.record, v_set, trip.start_speed, trip.time)
-        v_set += set_speed(model, road, wanted, config.v_max)
-        v_set -= set_speed(model, road, mean, config.v_max)
+        model = with_power_of(strongest, case, trip.record, v_set, trip.start_speed, trip.time)
+        v_set += set_speed(model, case, wanted) - set_speed(model, case, mean)
         v_set = min(max(v_set, config.v_min), config.v_max)
     return best
 
@@ -308,13 +313,13 @@ def climbing_power(record: Record) -> float | None:
 
 
 def with_power_of(
-    vehicle: PointMass, road: RoadProfile, record: Record, v_set: float, v_start: float, time: float
+    vehicle: PointMass, case: ReplayCase, record: Record, v_set: float, v_start: float, time: float
 ) -> PointMass:
     """Returns the point mass whose cruise takes as long as the driven one.
 
     Args:
       vehicle: with the engine's greatest power.
-      road: of the cruise.
+      case: road and cruise.
       record: of the driven cruise.
       v_set: its set speed [m/s].
       v_start: its speed at the road's beginning [m/s].
@@ -331,7 +336,7 @@ def with_power_of(
 
     return with_power(
         _bisect(
-            low, high, lambda power: cruise_time(with_power(power), road, v_set, v_start) > time
+            low, high, lambda power: cruise_time(with_power(power), case, v_set, v_start) > time
         )
     )
 
@@ -359,10 +364,12 @@ def with_all_power(
     return np.where(raised, np.maximum(planned, np.minimum(fastest, coasting)), planned)
 
 
-def set_speed(vehicle: PointMass, road: RoadProfile, mean: float, top: float) -> float:
-    """Returns the set speed at which the model's cruise has a mean speed, at most `top` [m/s]."""
+def set_speed(vehicle: PointMass, case: ReplayCase, mean: float) -> float:
+    """Returns the set speed at which the model's cruise has a mean speed, within the band [m/s]."""
+    config, wanted = case.config, case.road.length / mean
+    low = config.v_min if config.rolls else mean
     return _bisect(
-        mean, max(top, mean), lambda v: cruise_time(vehicle, road, v, v) > road.length / mean
+        low, max(config.v_max, mean), lambda v: cruise_time(vehicle, case, v, v) > wanted
     )
 
 
@@ -374,13 +381,13 @@ def _bisect(low: float, high: float, too_low: Callable[[float], bool]) -> float:
     return high
 
 
-def cruise_time(vehicle: PointMass, road: RoadProfile, v_set: float, v_start: float) -> float:
+def cruise_time(vehicle: PointMass, case: ReplayCase, v_set: float, v_start: float) -> float:
     """Returns the trip time of the model's cruise [s]; inf if its power is too small."""
     try:
-        speed = cruise(vehicle, road, v_set, min(v_set, v_start))
+        speed = cruise(vehicle, case.road, v_set, min(v_set, v_start), top=case.top)
     except PlanningError:
         return math.inf
-    return float(durations(speed, road).sum())
+    return float(durations(speed, case.road).sum())
 
 
 def _lower_limits(road: RoadProfile, station: FloatArray) -> FloatArray:
@@ -401,6 +408,7 @@ def _driven(case: ReplayCase, profile: SpeedProfile | None, folder: Path | None)
         speed=case.config.v_ref,
         cruise_speed=case.config.v_ref,
         profile=profile,
+        top=case.top,
         payload=case.payload,
         timestep=case.timestep,
         plant=case.plant,
@@ -420,7 +428,9 @@ def _file_name(case: ReplayCase, profile: SpeedProfile | None) -> str:
         what += (case.plant,)
     digest = hashlib.sha256(repr(what).encode())
     digest.update(case.route.table(10.0).tobytes())
-    if profile is not None:
+    if profile is None:
+        digest.update(repr(case.top).encode())
+    else:
         digest.update(profile.station.tobytes() + profile.speed.tobytes())
     kind = "cruise" if profile is None else "plan"
     plain = "".join(c if c.isalnum() else "_" for c in case.road.name)

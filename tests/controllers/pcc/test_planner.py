@@ -138,7 +138,7 @@ def test_plan_and_cruise_keep_the_speed_limits():
 
 def confirmed(road, states):
     """Returns the excess of the dynamic program's cost, as share of the plan's fuel."""
-    config = PccConfig(k_a=0.0)
+    config = PccConfig(k_a=0.0, rolls=False)
     solution = plan(road, PARAMETERS, MASS, config)
     vehicle = make_vehicle(PARAMETERS, FuelMap(PARAMETERS), MASS, config)
     base = solution.baseline.speed
@@ -188,19 +188,62 @@ def test_a_weight_on_acceleration_reduces_speed_changes_and_saving(hilly):
 
 def test_saving_on_the_papers_road():
     road = RoadProfile.from_csv(outside(JINAN), length=15_000.0)
-    solution = plan(road, PARAMETERS, MASS)
+    braking = PccConfig(rolls=False)
+    solution = plan(road, PARAMETERS, MASS, braking)
     assert road.intervals == 300
     # At least the paper's saving, by the model and by the engine's map.
     assert 21.68 <= solution.saving_percent < 26.0
     assert 21.68 <= solution.map_saving_percent < 26.0
     assert solution.saving_percent == pytest.approx(solution.map_saving_percent, abs=0.3)
-    narrow = plan(road, PARAMETERS, MASS, PccConfig(v_max=75.0 / 3.6))
+    narrow = plan(road, PARAMETERS, MASS, replace(braking, v_max=75.0 / 3.6))
     assert narrow.saving_percent < solution.saving_percent - 8.0
+    # Against a cruise that rolls downhill as the plan may, less than half of it is left.
+    assert 9.0 < plan(road, PARAMETERS, MASS).map_saving_percent < 11.0
+
+
+def test_rolling_cruise_is_as_fast_as_coasting_allows_and_brakes_at_the_top_only():
+    grade = np.concatenate([np.zeros(10), np.full(20, -0.02), np.full(20, -0.04), np.zeros(70)])
+    road, vehicle = road_of(grade), make_vehicle(PARAMETERS, FuelMap(PARAMETERS), MASS, PccConfig())
+    speed = cruise(vehicle, road, 20.0, 20.0, top=25.0)
+    assert speed[:11] == pytest.approx(20.0)
+    assert speed.max() == pytest.approx(25.0)
+    assert speed[-1] == pytest.approx(20.0)
+    # Above the set speed and below the top the wheels take the engine's drag alone.
+    mean = 0.5 * (speed[1:] + speed[:-1])
+    rolls = (speed[1:] > 20.0) & (speed[1:] < 25.0) & (speed[:-1] > 20.0) & (speed[:-1] < 25.0)
+    assert np.count_nonzero(rolls) > 20
+    power = vehicle.net_force(speed, road) * mean
+    assert power[rolls] == pytest.approx(-vehicle.power_overrun, rel=1e-6)
+    assert (
+        FuelMap(PARAMETERS).rate(vehicle.net_force(speed, road)[rolls], mean[rolls])[0].max() < 5e-4
+    )
+
+
+def test_rolling_cruise_equals_the_braking_one_where_it_never_overruns():
+    climb = road_of(np.concatenate([np.zeros(20), np.full(30, 0.05), np.zeros(60)]))
+    vehicle = make_vehicle(PARAMETERS, FuelMap(PARAMETERS), MASS, PccConfig())
+    assert cruise(vehicle, climb, 20.0, 20.0, top=25.0) == pytest.approx(
+        cruise(vehicle, climb, 20.0, 20.0), abs=1e-6
+    )
+
+
+def test_rolling_cruise_keeps_the_speed_limits_and_needs_brakes_for_them():
+    limit = np.full(121, 24.0)
+    limit[60:80] = 16.0
+    road = replace(hills(), v_limit=limit)
+    vehicle = make_vehicle(PARAMETERS, FuelMap(PARAMETERS), MASS, PccConfig())
+    assert (cruise(vehicle, road, 20.0, 20.0, top=25.0) <= limit + 1e-6).all()
+    with pytest.raises(PlanningError, match="do not hold"):
+        cruise(replace(vehicle, brake_max=0.0), hills(amplitude=0.06), 20.0, 20.0, top=25.0)
+    with pytest.raises(PlanningError, match="does not carry"):
+        cruise(vehicle, road_of(np.full(200, 0.2)), 20.0, 20.0, top=25.0)
 
 
 def test_the_cruise_can_have_a_mean_speed_instead_of_a_set_speed():
-    solution = plan(hills(amplitude=0.02), PARAMETERS, MASS, PccConfig(mean_speed=True))
-    assert solution.road.length / solution.baseline.time == pytest.approx(20.0, rel=1e-3)
+    for rolls in (True, False):
+        config = PccConfig(mean_speed=True, rolls=rolls)
+        solution = plan(hills(amplitude=0.02), PARAMETERS, MASS, config)
+        assert solution.road.length / solution.baseline.time == pytest.approx(20.0, rel=1e-3)
 
 
 def test_a_climb_beyond_full_power_is_refused_with_the_station():

@@ -10,7 +10,8 @@ from controllers.pcc import PccConfig, RoadProfile
 from controllers.pcc.fuel import FuelMap
 from controllers.pcc.planner import make_vehicle
 from controllers.pcc.schedule import Schedule
-from controllers.pcc.vehicle import brakeable, fastest_below
+from controllers.pcc.vehicle import brakeable, fastest_below, rolling_speed
+from iits_mj.core.errors import PlanningError
 from iits_mj.parameters import TruckParameters
 
 PARAMETERS = TruckParameters.load()
@@ -75,9 +76,27 @@ def at_full_power(v, a, c, work):
     return w
 
 
+def rolled(vehicle, road, start, cap, top):
+    """Returns the speeds (n + 1,) of a truck that rolls above a cap of v^2 up to `top` [m/s]."""
+    speed, slope = np.sqrt(np.maximum(cap, 0.0)), vehicle.slope_force(road.grade)
+    speed[0] = start
+    half, push = 0.5 * vehicle.drag, vehicle.inertial_mass / (2.0 * road.step)
+    for k in range(road.intervals):
+        v = speed[k]
+        a, c = push + half, (half - push) * v * v + slope[k]
+        slowest = at_full_power(float(v), a, c, -2.0 * vehicle.power_overrun)
+        fastest = at_full_power(float(v), a, c, 2.0 * vehicle.efficiency * vehicle.power_max)
+        wanted = min(speed[k + 1], fastest)
+        speed[k + 1] = min(max(wanted, slowest), max(top[k + 1], wanted))
+        if speed[k + 1] <= 0.0:
+            speed[k + 1 :] = 0.0
+            return speed
+    return speed
+
+
 def test_passes_over_random_roads_equal_their_python_form(vehicle):
     rng = np.random.default_rng(1)
-    stalls = 0
+    stalls = rolling = 0
     for number in range(300):
         # A twentieth of the power stalls on some roads.
         truck = replace(vehicle, power_max=vehicle.power_max * (1.0, 0.05)[number % 2])
@@ -89,6 +108,17 @@ def test_passes_over_random_roads_equal_their_python_form(vehicle):
         speed = fastest_below(truck, road, b)
         assert np.array_equal(speed, driven(truck, road, b))
         stalls += speed[-1] == 0.0
+        set_speed, top = np.full(81, 15.0), np.full(81, rng.uniform(16.0, 30.0))
+        strong = replace(truck, brake_max=3e5)
+        try:
+            found = rolling_speed(strong, road, 15.0, set_speed, top)
+        except PlanningError:
+            continue
+        capped = braked(strong, road, set_speed**2, strong.brake_max)
+        held = np.sqrt(braked(strong, road, top**2, strong.brake_max))
+        assert np.array_equal(found, rolled(strong, road, 15.0, capped, held))
+        rolling += 1
+    assert rolling > 100
     assert 0 < stalls < 300
 
 

@@ -53,7 +53,7 @@ def test_fuel_by_the_map_is_at_least_fuel_by_the_fit_less_their_greatest_distanc
     station = 50.0 * np.arange(61)
     height = 15.0 * np.sin(2.0 * np.pi * station / 2000.0)
     road = RoadProfile(station, height, np.full(61, np.inf), "hills")
-    config = PccConfig(k_a=0.0)
+    config = PccConfig(k_a=0.0, rolls=False)
     solution = plan(road, PARAMETERS, 55e3, config)
     vehicle = make_vehicle(PARAMETERS, FUEL_MAP, 55e3, config)
     below = below_fit(FUEL_MAP, vehicle.fuel, config.v_min, config.v_max)
@@ -72,7 +72,7 @@ def test_fuel_by_the_map_is_at_least_fuel_by_the_fit_less_their_greatest_distanc
 )
 def test_gear_choice_and_eco_roll_leave_little_to_gain(mass, choice, coasting):
     road = RoadProfile.from_csv(outside("road/jinan_altimap_pcc.csv"), length=15_000.0)
-    config = PccConfig(k_a=0.0)
+    config = PccConfig(k_a=0.0, rolls=False)
     solution = plan(road, PARAMETERS, mass, config)
     vehicle = replace(
         make_vehicle(PARAMETERS, FUEL_MAP, mass, config),
