@@ -76,9 +76,10 @@ class SpeedPlan(Plan):
     def next(self, speed: float, before: float, step: float) -> float:
         """Acceleration of the next step [m/s2]; `before` is that of the last one."""
         missing = self.target - speed
-        # The acceleration from which the jerk still leads to zero at the target.
-        wanted = math.copysign(min(self.rate, math.sqrt(2.0 * self.jerk * abs(missing))), missing)
         change = self.jerk * step
+        # The acceleration from which equal steps down to zero add up to the missing speed.
+        landing = 0.5 * change * (math.sqrt(1.0 + 8.0 * abs(missing) / (change * step)) - 1.0)
+        wanted = math.copysign(min(self.rate, landing), missing)
         found = min(max(wanted, before - change), before + change)
         if found * missing >= 0.0 and abs(missing) <= max(abs(found) * step, REST * step):
             self.done = not self.held
@@ -279,7 +280,7 @@ class Actor:
             if body.name == self.name or body.front <= front:
                 continue
             if abs(body.offset - offset) < half + 0.5 * body.width and body.rear - front < gap:
-                gap, leader = body.rear - front, body.speed
+                gap, leader = body.rear - front, max(body.pace, 0.0)
         # A leader that is far away does not count: its gap is infinite.
         found = float(acceleration(self.driver.as_array(), min(gap, 1e6), self.speed, leader))
         return max(found, -HARDEST)

@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from iits_mj.core.checks import did_you_mean, in_range, is_number, make_plain, one_of, shown
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint, EgoState
@@ -43,9 +45,9 @@ class Body(NamedTuple):
 
     Attributes:
       name: id of the vehicle, or "truck".
-      front, rear: stations of its bumpers [m]; offset: of its center [m]; width: [m].
+      front, rear: stations of its ends [m]; offset: of its center [m]; width: across the road [m].
       lane: index from the right, -1 off the lanes.
-      speed: [m/s]; acceleration: [m/s2].
+      speed: [m/s]; pace: its part along the route [m/s]; acceleration: [m/s2].
       x, y: of its reference point: a vehicle's center, the truck's steer axle [m].
     """
 
@@ -56,6 +58,7 @@ class Body(NamedTuple):
     width: float
     lane: int
     speed: float
+    pace: float
     acceleration: float
     x: float
     y: float
@@ -99,6 +102,7 @@ class Situation:
             self.footprint.width,
             self.route.lane_at(ego.station, ego.offset),
             ego.speed,
+            ego.speed,
             ego.acceleration,
             ego.x,
             ego.y,
@@ -108,13 +112,21 @@ class Situation:
     def bodies(self) -> dict[str, Body]:
         """The vehicles by their ids."""
         frame = self.vehicles
-        columns = ("station", "length", "offset", "width", "speed", "acceleration", "x", "y")
-        rows = frame.columns(*columns).T.tolist()
+        if not len(frame):
+            return {}
+        station, length, width, yaw = frame.columns("station", "length", "width", "yaw")
+        turn = yaw - self.route.heading(station)
+        cosine, sine = np.cos(turn), np.sin(turn)
+        along = 0.5 * (length * np.abs(cosine) + width * np.abs(sine))
+        across = length * np.abs(sine) + width * np.abs(cosine)
+        names = ("offset", "speed", "acceleration", "x", "y")
+        offset, speed, acceleration, x, y = frame.columns(*names)
+        columns = (station + along, station - along, offset, across)
+        rest = (speed, speed * cosine, acceleration, x, y)
+        rows = np.column_stack((*columns, *rest)).tolist()
         return {
-            name: Body(name, s + 0.5 * length, s - 0.5 * length, d, width, lane, v, a, x, y)
-            for name, lane, (s, length, d, width, v, a, x, y) in zip(
-                frame.ids, frame.lanes.tolist(), rows, strict=True
-            )
+            name: Body._make((name, *row[:4], lane, *row[4:]))
+            for name, lane, row in zip(frame.ids, frame.lanes.tolist(), rows, strict=True)
         }
 
     @functools.cached_property
@@ -145,7 +157,7 @@ def gap(a: Body, b: Body) -> float:
 
 def time_gap(a: Body, b: Body) -> float:
     """Time in which `a` covers its gap to `b` ahead of it [s]; inf if it never does."""
-    return gap(a, b) / a.speed if b.front > a.front and a.speed > SLOWEST else math.inf
+    return gap(a, b) / a.pace if b.front > a.front and a.pace > SLOWEST else math.inf
 
 
 def time_to_collision(a: Body, b: Body) -> float:
@@ -155,7 +167,7 @@ def time_to_collision(a: Body, b: Body) -> float:
     Record 384 (1972).
     """
     behind, ahead = (a, b) if b.front > a.front else (b, a)
-    closing = behind.speed - ahead.speed
+    closing = behind.pace - ahead.pace
     return gap(a, b) / closing if closing > 0.0 else math.inf
 
 

@@ -15,6 +15,7 @@ from traffic_bridge.config import TrafficConfig
 from traffic_bridge.overrides import Undo
 from traffic_bridge.scenario.actions import (
     CrossRoad,
+    Fault,
     LateralManeuver,
     LoseCargo,
     Maneuver,
@@ -122,6 +123,11 @@ class Scenario:
         """The events of the truck's world and parts that have begun and not ended."""
         return [r for r in self.records if isinstance(r.event, TruckEvent) and r.ended is None]
 
+    @property
+    def faults(self) -> list[Fault]:
+        """The faults that have not begun."""
+        return [event for event, _ in self._pending if isinstance(event, Fault)]
+
     def advance(self, time: float, ego: EgoState | None) -> None:
         """Moves the actors by one step of the traffic, which ends at a time [s].
 
@@ -147,16 +153,10 @@ class Scenario:
           ego: the truck.
           others: the vehicles of the traffic simulation; actors among them are left out.
         """
-        frame = self._with_actors(others)
-        self._last = self._situation(time, ego, frame)
         self._end(time)
-        changed = self._begin(self._last)
-        if changed:
-            self.actors.show()
-            frame = self._with_actors(others)
-            self._last = self._situation(time, ego, frame)
-        reach = self._config.view_range
-        return frame if ego is None else frame.near(ego.x, ego.y, reach)
+        self._last = self._begin(self._situation(time, ego, self._with_actors(others)), others)
+        frame = self._last.vehicles
+        return frame if ego is None else frame.near(ego.x, ego.y, self._config.view_range)
 
     def _situation(
         self, time: float, ego: EgoState | None, frame: VehicleFrame | None = None
@@ -183,10 +183,14 @@ class Scenario:
                 running.record.ended = time
                 self._running.remove(running)
 
-    def _begin(self, situation: Situation) -> bool:
-        """Begins the events that are due; returns whether one did."""
+    def _begin(self, situation: Situation, others: VehicleFrame) -> Situation:
+        """Begins the events that are due, in their order; each sees those before it.
+
+        Returns:
+          The situation afterwards.
+        """
         time, ego = situation.time, situation.ego
-        waiting, begun = [], False
+        waiting = []
         for event, trigger in self._pending:
             if event.until is not None and event.until <= time + ROUNDING:
                 continue
@@ -200,11 +204,12 @@ class Scenario:
             if running is None:
                 waiting.append((event, trigger))
                 continue
-            begun = True
             self.records.append(running.record)
             self._running.append(running)
+            self.actors.show()
+            situation = self._situation(time, ego, self._with_actors(others))
         self._pending = waiting
-        return begun
+        return situation
 
     def _start(self, event: Event, situation: Situation) -> _Running | None:
         """Begins an event; None if it cannot begin now."""
@@ -224,11 +229,14 @@ class Scenario:
                 return None
             undo = self._others.begin(event, time)
             running = _Running(EventRecord(event, "", time), undo=undo)
-        if running is not None and not isinstance(event, LateralManeuver):
-            if event.until is not None:
-                running.end = event.until
-            elif event.duration is not None:
-                running.end = time + event.duration
+        if running is None or isinstance(event, LateralManeuver):
+            return running
+        if event.until is not None:
+            running.end = event.until
+        elif event.duration is not None:
+            running.end = time + event.duration
+        if running.end < math.inf:
+            running.plans = []
         return running
 
     def _place(self, event: PlaceVehicle, situation: Situation) -> _Running | None:
@@ -263,12 +271,13 @@ class Scenario:
         lane: int,
         situation: Situation,
         reactive: bool,
+        clear: float = CLEAR,
     ) -> _Running | None:
         """Makes an actor of a row; None if its place is not free."""
-        name, half = row.id, 0.5 * row.length + CLEAR
+        name, half = row.id, 0.5 * row.length + clear
         if name in situation.bodies or name in self.actors.members:
             return None
-        place = Body(name, row.station + half, row.station - half, *([0.0] * 7))  # type: ignore
+        place = Body(name, row.station + half, row.station - half, *([0.0] * 8))  # type: ignore
         for body in (situation.truck, *situation.bodies.values()):
             if body is None or gap(place, body) > 0.0:
                 continue
@@ -349,7 +358,7 @@ class Scenario:
         size = {n: getattr(kind, n) for n in ("kind", "length", "width", "height")}
         more = {"speed": actor.speed, **size}
         row = on_road(self._route, str(event.name), station, actor.offset, **more)
-        running = self._add(event, row, actor.lane, situation, reactive=False)
+        running = self._add(event, row, actor.lane, situation, reactive=False, clear=0.0)
         if running is not None:
             box = self.actors.members[row.id]
             assert isinstance(box, Actor)
