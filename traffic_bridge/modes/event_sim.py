@@ -9,7 +9,8 @@ from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.modes.repsim import RepSim
 from traffic_bridge.modes.sumo_modes import MODES, Mode, PureSim
-from traffic_bridge.scenario.runner import Scenario, is_of_scenario
+from traffic_bridge.scenario.actions import SceneEvent, TruckEvent
+from traffic_bridge.scenario.runner import Scenario
 
 
 class EventSim(Mode):
@@ -32,7 +33,7 @@ class EventSim(Mode):
     ) -> None:
         self.route, self.config, self.seed = route, config, seed
         for event in config.events:
-            if not is_of_scenario(event):
+            if not isinstance(event, (SceneEvent, TruckEvent)):
                 raise InputError(
                     f"event {event.title}: {event.kind} needs SUMO traffic: use traffic-mode inter "
                     "or pure"

@@ -282,7 +282,7 @@ class Actor:
             if abs(body.offset - offset) < half + 0.5 * body.width and body.rear - front < gap:
                 gap, leader = body.rear - front, max(body.pace, 0.0)
         # A leader that is far away does not count: its gap is infinite.
-        found = float(acceleration(self.driver.as_array(), min(gap, 1e6), self.speed, leader))
+        found = float(acceleration(self.driver.as_array(), min(gap, 1e12), self.speed, leader))
         return max(found, -HARDEST)
 
     def vehicle(self) -> TrackedVehicle:

@@ -19,7 +19,7 @@ import numpy as np
 from iits_mj.core.checks import did_you_mean, in_range, is_number, make_plain, one_of, shown
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint, EgoState
-from iits_mj.core.neighbors import Neighbors
+from iits_mj.core.neighbors import ALONG, Neighbors
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
 
@@ -117,11 +117,14 @@ class Situation:
         station, length, width, yaw = frame.columns("station", "length", "width", "yaw")
         turn = yaw - self.route.heading(station)
         cosine, sine = np.cos(turn), np.sin(turn)
-        along = 0.5 * (length * np.abs(cosine) + width * np.abs(sine))
-        across = length * np.abs(sine) + width * np.abs(cosine)
+        # A body that drives along the road, also one that changes lanes, counts as parallel to it.
+        turned = np.abs(sine) > math.sin(ALONG)
+        along, across = np.abs(cosine), np.abs(sine)
+        half = 0.5 * np.where(turned, length * along + width * across, length)
+        across = np.where(turned, length * across + width * along, width)
         names = ("offset", "speed", "acceleration", "x", "y")
         offset, speed, acceleration, x, y = frame.columns(*names)
-        columns = (station + along, station - along, offset, across)
+        columns = (station + half, station - half, offset, across)
         rest = (speed, speed * cosine, acceleration, x, y)
         rows = np.column_stack((*columns, *rest)).tolist()
         return {

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, TrackedVehicle
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
@@ -82,16 +81,13 @@ class Scenario:
     Args:
       config: with the events; its other events are the caller's.
       route: the truck's road.
-      others: carries out other events that have conditions; None refuses them.
+      others: carries out other events that have conditions; None if there are none.
       take: called with the id of a vehicle that becomes an actor, to remove it from the traffic
         simulation; returns its desired speed [m/s].
 
     Attributes:
       actors: the road users that move on a plan.
       records: of the begun events in their order, also of those that the caller adds.
-
-    Raises:
-      InputError: an event begins that is not possible here.
     """
 
     def __init__(
@@ -222,9 +218,8 @@ class Scenario:
             running = self._cross(event, situation)
         elif isinstance(event, TruckEvent):
             running = _Running(EventRecord(event, "", time))
-        elif self._others is None:
-            raise InputError(f"{event.kind}: needs SUMO traffic; use traffic-mode inter or pure")
         else:
+            assert self._others is not None
             if not self._others.ready(event):
                 return None
             undo = self._others.begin(event, time)
