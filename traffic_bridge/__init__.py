@@ -6,7 +6,8 @@
         vehicles = traffic.reset(ego)
         vehicles = traffic.step(ego)      # every 0.1 s
 
-The modes are PureSim, InterSim, RepSim, ReSim and MixedSim; `docs/traffic.md` describes them.
+The modes are PureSim, InterSim, EventSim, RepSim, ReSim and MixedSim; `docs/traffic.md` describes
+them.
 libsumo is imported when a simulation starts.
 """
 
@@ -19,6 +20,7 @@ from traffic_bridge.datasets import (
     read_trajectories,
 )
 from traffic_bridge.mirror.mirror import Mirror
+from traffic_bridge.modes.event_sim import EventSim
 from traffic_bridge.modes.parallel import SeparateTraffic, TrafficWorlds, WorldSpec
 from traffic_bridge.modes.repsim import MixedSim, RepSim
 from traffic_bridge.modes.resim import ReSim
@@ -28,6 +30,25 @@ from traffic_bridge.network.nets import build_network, cache_dir, find_netconver
 from traffic_bridge.own_traffic import TRAFFIC, OwnTraffic, TrafficSource, vehicle_on
 from traffic_bridge.recording.recorder import Recorder
 from traffic_bridge.recording.recording import PoseDigest, Recording
+from traffic_bridge.scenario.actions import (
+    Brake,
+    BrakeLeak,
+    ChangeLane,
+    ChangeSpeed,
+    CrossRoad,
+    CutIn,
+    Drift,
+    FrictionChange,
+    LoseCargo,
+    PlaceVehicle,
+    Puncture,
+    StuckSpeedSensor,
+    Swerve,
+    Wind,
+)
+from traffic_bridge.scenario.conditions import Condition
+from traffic_bridge.scenario.reading import read_events
+from traffic_bridge.scenario.runner import EventRecord, Scenario
 from traffic_bridge.session import sumo_runs_here
 from traffic_bridge.signals.events import (
     LaneClosure,
@@ -37,7 +58,6 @@ from traffic_bridge.signals.events import (
     SpeedLimit,
     StoppedVehicle,
     VehicleChange,
-    read_events,
 )
 from traffic_bridge.signals.lights import LightAhead, LightPhase
 from traffic_bridge.vehicles.calibration import (
@@ -61,8 +81,19 @@ from traffic_bridge.vehicles.types import (
 __all__ = [
     "KINDS",
     "TRAFFIC",
+    "Brake",
+    "BrakeLeak",
     "Calibration",
+    "ChangeLane",
+    "ChangeSpeed",
+    "Condition",
+    "CrossRoad",
+    "CutIn",
     "Departure",
+    "Drift",
+    "EventRecord",
+    "EventSim",
+    "FrictionChange",
     "IdmParameters",
     "ImportConfig",
     "InterSim",
@@ -71,20 +102,26 @@ __all__ = [
     "LightOverride",
     "LightPhase",
     "LightProgramRun",
+    "LoseCargo",
     "MapNetwork",
     "Mirror",
     "MixedSim",
     "OwnTraffic",
+    "PlaceVehicle",
     "PoseDigest",
+    "Puncture",
     "PureSim",
     "ReSim",
     "Recorder",
     "Recording",
     "RepSim",
+    "Scenario",
     "SeparateTraffic",
     "SlowConvoy",
     "SpeedLimit",
     "StoppedVehicle",
+    "StuckSpeedSensor",
+    "Swerve",
     "Traffic",
     "TrafficConfig",
     "TrafficSource",
@@ -93,6 +130,7 @@ __all__ = [
     "VehicleChange",
     "VehicleFrame",
     "VehicleType",
+    "Wind",
     "WorldSpec",
     "build_network",
     "cache_dir",

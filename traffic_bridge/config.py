@@ -12,10 +12,13 @@ from iits_mj.core.assets import DEFAULT_MIX
 from iits_mj.core.checks import in_range, is_number, is_whole, make_plain, shown
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint
-from traffic_bridge.signals.events import Event, SlowConvoy, StoppedVehicle, VehicleChange, event_of
+from traffic_bridge.scenario.actions import CrossRoad, PlaceVehicle
+from traffic_bridge.scenario.reading import check_references, event_of
+from traffic_bridge.signals.events import Event, SlowConvoy, StoppedVehicle, VehicleChange
 from traffic_bridge.vehicles.service_level import BOUNDS, SteadyFlow, steady_flow
 from traffic_bridge.vehicles.types import (
     FASTEST,
+    ROAD_USERS,
     VehicleType,
     default_types,
     motorway_types,
@@ -108,7 +111,7 @@ class TrafficConfig:
       turning_shares: of vehicles that turn right, go straight and turn left at a junction, for each
         lane that makes the turn; only for the scope "map".
       footprint: size of the ego combination.
-      events: at a time or station, see `traffic_bridge.signals.events`.
+      events: see `traffic_bridge.signals.events` and `traffic_bridge.scenario.actions`.
       departures: listed vehicles, in addition to the random ones.
 
     Raises:
@@ -185,6 +188,7 @@ class TrafficConfig:
                 for kind in self.types
             )
             object.__setattr__(self, "types", kinds)
+        check_references(self.events)
         self._check_names({vehicle_type.name for vehicle_type in self.types})
         if self.heavy_share is not None:
             in_range("heavy_share", self.heavy_share, 0.0, HIGHEST_HEAVY_SHARE)
@@ -223,7 +227,13 @@ class TrafficConfig:
             )
         for entry in (*self.events, *self.departures):
             wanted = None
-            if isinstance(entry, (StoppedVehicle, SlowConvoy, Departure)):
+            if isinstance(entry, (PlaceVehicle, CrossRoad)):
+                if entry.type not in (*names, *ROAD_USERS):
+                    raise InputError(
+                        f"{entry.kind}: type = {entry.type!r}: the types are {known}, "
+                        f"{', '.join(ROAD_USERS)}"
+                    )
+            elif isinstance(entry, (StoppedVehicle, SlowConvoy, Departure)):
                 wanted = entry.type
             elif isinstance(entry, VehicleChange) and "." not in entry.target:
                 wanted = entry.target

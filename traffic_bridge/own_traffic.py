@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from typing import Any, Protocol, runtime_checkable
 
@@ -12,8 +11,10 @@ from iits_mj.core.own_parts import Guard, Kind, part_name
 from iits_mj.core.vehicles import TrackedVehicle, VehicleFrame
 from iits_mj.road import Route
 from traffic_bridge.modes.sumo_modes import Mode
+from traffic_bridge.scenario.actors import on_road
+from traffic_bridge.scenario.runner import Scenario
 from traffic_bridge.signals.controller import TrafficController
-from traffic_bridge.vehicles.types import KINDS
+from traffic_bridge.vehicles.types import ALL_KINDS
 
 _STEP = 0.1  # [s]
 
@@ -94,6 +95,12 @@ class OwnTraffic(Guard, Mode):
         found: TrafficController | None = self.call("signal_controller") if has else None
         return found
 
+    def running_scenario(self) -> Scenario | None:
+        """Returns the running events; None if the traffic has none."""
+        has = hasattr(self.part, "running_scenario")
+        found: Scenario | None = self.call("running_scenario") if has else None
+        return found
+
     def exact_vehicles(self, time: float) -> VehicleFrame | None:
         """Returns the vehicles with known places between two steps; None if there are none."""
         if not hasattr(self.part, "exact_vehicles"):
@@ -110,8 +117,8 @@ class OwnTraffic(Guard, Mode):
         except InputError as error:
             raise self.unusable(method, f"returned unusable vehicles: {error}") from error
         for name, kind in zip(frame.ids, frame.kinds, strict=True):
-            if kind not in KINDS:
-                allowed = ", ".join(KINDS)
+            if kind not in ALL_KINDS:
+                allowed = ", ".join(ALL_KINDS)
                 raise self.unusable(
                     method, f"returned vehicle {name!r} of kind {kind!r}; use one of: {allowed}"
                 )
@@ -140,13 +147,4 @@ def vehicle_on(
             f"{route.lane_count(station)}"
         )
     offset = float(route.lane_offset(lane, station)) + shift
-    point = route.evaluate(station, offset)
-    place = {
-        "x": float(point.x),
-        "y": float(point.y),
-        "z": float(point.z),
-        "yaw": float(point.heading),
-        "pitch": -math.atan(float(point.grade)),
-        "roll": float(point.superelevation),
-    }
-    return TrackedVehicle(id, station=station, offset=offset, lane=lane, **(place | more))
+    return on_road(route, id, station, offset, **({"lane": lane} | more))

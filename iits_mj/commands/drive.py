@@ -48,6 +48,7 @@ from iits_mj.render.pages import Film
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveSummary, Observer, Simulation, Telemetry
 from iits_mj.simulation.config import PARTS, with_level_start
+from iits_mj.simulation.conflicts import ConflictLog
 from iits_mj.simulation.drive_log import BusLog, check_given
 from iits_mj.simulation.drive_table import DriveTable
 from iits_mj.simulation.driver import LogDriver
@@ -145,6 +146,7 @@ class Outcome:
       receiver: of command frames, None for direct commands; logged: number of logged frames.
       driver: of the truck; route: the road; lights: stations of the stop lines of lights [m].
       replay: page with the drive in 3-D, or None.
+      conflicts: with the vehicles of scripted events, None without events.
     """
 
     summary: DriveSummary
@@ -157,6 +159,7 @@ class Outcome:
     route: Route
     lights: tuple[float, ...]
     replay: Path | None = None
+    conflicts: ConflictLog | None = None
 
     def frames(self) -> dict[str, Mapping[str, int]]:
         """Returns the counts of command frames by outcome; empty for direct commands."""
@@ -173,6 +176,8 @@ class Outcome:
     def rows(self) -> list[tuple[str, str]]:
         """Returns name and value of every figure."""
         rows = self.summary.rows() + speed_rows(self.driver)
+        if self.conflicts is not None:
+            rows += self.conflicts.rows()
         rows += [(f"frames {what}", counts_text(n)) for what, n in self.frames().items()]
         return rows
 
@@ -243,6 +248,9 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
         simulation = stack.enter_context(Simulation(job.config, driver=job.driver, visuals=False))
         telemetry = stack.enter_context(Telemetry(kept.out / "telemetry.csv"))
         observers: list[Observer] = [telemetry]
+        conflicts = ConflictLog() if job.config.events is not None else None
+        if conflicts is not None:
+            observers.append(conflicts)
         log = None
         if kept.can_log is not None:
             log = stack.enter_context(BusLog(kept.can_log, simulation.truck))
@@ -299,7 +307,7 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
     logged = log.count if log else 0
     driver = simulation.driver
     parts = (summary, telemetry, video, notes, receiver, logged, driver, simulation.route, lights)
-    return Outcome(*parts, replay), interrupted
+    return Outcome(*parts, replay, conflicts), interrupted
 
 
 def _stop_lines(simulation: Simulation) -> tuple[float, ...]:
@@ -374,6 +382,7 @@ def _write(job: Job, outcome: Outcome) -> list[tuple[str, Path]]:
         _settings(job),
         film,
         outcome.replay,
+        outcome.conflicts,
     ).page().write(out / "report.html")
     pages = [
         ("report", out / "report.html"),
@@ -436,4 +445,6 @@ def _summary_object(job: Job, outcome: Outcome) -> dict[str, object]:
         "notes": list(outcome.notes),
     }
     found |= speed_object(outcome.driver)
+    if outcome.conflicts is not None:
+        found |= outcome.conflicts.as_dict()
     return found | {what: dict(counts) for what, counts in outcome.frames().items()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn, overload
 
@@ -136,6 +136,19 @@ class VehicleFrame(Sequence[TrackedVehicle]):
         columns = table.astype(np.float64).reshape(len(COLUMNS), len(rows))
         return cls(ids, [row.kind for row in rows], lanes, columns)
 
+    @classmethod
+    def joined(cls, *frames: VehicleFrame) -> VehicleFrame:
+        """The vehicles of several frames, whose ids all differ."""
+        ids = [name for frame in frames for name in frame.ids]
+        kinds = [kind for frame in frames for kind in frame.kinds]
+        order = sorted(range(len(ids)), key=ids.__getitem__)
+        return cls(
+            [ids[k] for k in order],
+            [kinds[k] for k in order],
+            np.concatenate([frame.lanes for frame in frames])[order],
+            np.concatenate([frame.values for frame in frames]).T[:, order],
+        )
+
     @property
     def values(self) -> FloatArray:
         """All numbers, shape (n, len(COLUMNS))."""
@@ -193,6 +206,10 @@ class VehicleFrame(Sequence[TrackedVehicle]):
             self.lanes[where],
             self._columns[:, where],
         )
+
+    def without(self, names: Container[str]) -> VehicleFrame:
+        """The vehicles whose ids are not among those given."""
+        return self.select(np.array([name not in names for name in self.ids], dtype=bool))
 
     def near(self, x: float, y: float, distance: float) -> VehicleFrame:
         """The vehicles whose center is within a distance of a point of the map [m]."""

@@ -12,6 +12,8 @@ from iits_mj.road.unevenness import ACROSS, ALONG, SMOOTH, Unevenness
 
 NUMERIC_NAME = "iits_road"
 TABLE_VERSION, UNEVEN_VERSION = 1, 2
+# First number of the rows in the table, numbers of a row, and the first of the three of friction.
+_HEADERS, _COLUMNS, _FRICTION = {TABLE_VERSION: 4, UNEVEN_VERSION: 8}, 11, 8
 TABLE_STEP = 1.0  # [m], approximate: the table spans the route in equal steps
 
 
@@ -57,3 +59,23 @@ def add_surface(
     values = np.concatenate([header, rows.ravel(), grid.ravel()])
     numeric.data = values
     numeric.size = values.size
+
+
+def friction_table(model: mujoco.MjModel) -> tuple[FloatArray, FloatArray]:
+    """Returns the friction of a compiled model's road, which may be changed between two steps.
+
+    Args:
+      model: with a road table, or without one.
+
+    Returns:
+      A view of friction left, friction right and offset of the split [m], shape (n, 3), and the
+      stations of its rows [m], shape (n,); n is 0 without a road table.
+    """
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, NUMERIC_NAME)
+    if number < 0:
+        return np.zeros((0, 3)), np.zeros(0)
+    first = int(model.numeric_adr[number])
+    version, count, start, step = model.numeric_data[first : first + 4].tolist()
+    first += _HEADERS[int(version)]
+    rows = model.numeric_data[first : first + _COLUMNS * int(count)].reshape(-1, _COLUMNS)
+    return rows[:, _FRICTION : _FRICTION + 3], start + step * np.arange(len(rows))

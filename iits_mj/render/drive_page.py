@@ -13,6 +13,7 @@ from iits_mj.core.results import Line, Panel
 from iits_mj.render.interactive import MAP, Plot
 from iits_mj.render.pages import Film, Page, Section, Stage
 from iits_mj.road import Route
+from iits_mj.simulation.conflicts import CONFLICT_HEADER, EVENT_HEADER, MEASURES, ConflictLog
 from iits_mj.simulation.drive_plots import drive_figures
 from iits_mj.simulation.drive_table import DriveTable
 from iits_mj.simulation.telemetry import STATION, TIME
@@ -34,6 +35,7 @@ class DriveReport:
       drive: its columns; route: the road; lights: stations of the stop lines of lights [m].
       figures, origin, settings: names and values for tables.
       film: of the drive; replay: a page with the drive in 3-D; both lie beside the page.
+      conflicts: with the vehicles of scripted events, None without events.
     """
 
     title: str
@@ -47,6 +49,7 @@ class DriveReport:
     settings: Rows
     film: Film | None = None
     replay: Path | None = None
+    conflicts: ConflictLog | None = None
 
     def page(self) -> Page:
         """The page; a drive that ended before its second row has no plots."""
@@ -66,11 +69,23 @@ class DriveReport:
                 self.replay,
             )
             sections.append(_events(self.drive, self.lights))
+            if self.conflicts is not None:
+                sections[2:2] = _conflict_sections(self.conflicts)
         sections += [
             Section("How this drive was made", rows=self.origin),
             Section("Settings", header=("setting", "value"), rows=self.settings),
         ]
         return Page(self.title, self.lead, sections, stage=stage)
+
+
+def _conflict_sections(log: ConflictLog) -> list[Section]:
+    """The scripted events and how close the truck came to their road users."""
+    events, conflicts = log.tables()
+    plots = [Plot((panel,)) for panel in log.panels(TIME)]
+    return [
+        Section("Scripted events", header=EVENT_HEADER, rows=events, plots=plots),
+        Section("Conflicts", sentences=[MEASURES], header=CONFLICT_HEADER, rows=conflicts),
+    ]
 
 
 def clock_of(drive: DriveTable) -> dict[str, FloatArray]:

@@ -204,7 +204,8 @@ class DriveConfig(PriceOptions, TruckStart):
     )
     events: Path | None = option(
         None,
-        help="file of traffic events: lights, limits, closures, stopped vehicles, convoys",
+        help="file of scripted events: vehicles that cut in or brake, pedestrians, friction, wind, "
+        "faults, lights, closures and more",
         metavar="FILE.toml",
         group="traffic",
     )

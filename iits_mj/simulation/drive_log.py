@@ -38,7 +38,7 @@ OF_SUMO = (
     *("density", "traffic_speed", "traffic_mode"),
     *("lane_change", "lane_discipline", "traffic_scope", "seed"),
 )
-_MODES = {"InterSim": "inter", "PureSim": "pure"}
+_MODES = {"InterSim": "inter", "PureSim": "pure", "EventSim": "none"}
 
 
 def truck_versions(parameters: TruckParameters) -> dict[str, str]:

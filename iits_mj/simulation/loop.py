@@ -43,8 +43,9 @@ from iits_mj.simulation.parts import (
 )
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
 from iits_mj.simulation.traffic_flow import FlowMeter
+from iits_mj.simulation.truck_events import TruckEvents
 from iits_mj.truck import Truck
-from traffic_bridge import Mirror, PureSim, Recorder, Traffic, VehicleFrame
+from traffic_bridge import EventRecord, Mirror, PureSim, Recorder, Traffic, VehicleFrame
 
 _drive_frame = positional(DriveFrame)
 
@@ -119,6 +120,7 @@ class Simulation(LockStep):
             steering_angle_max=truck.parameters.steering.angle_max,
         )
         super().__init__(truck, made, self._scene, timestep=timestep, path=path)
+        self._truck_events = TruckEvents(truck)
         self._recorder: Recorder | None = None
         self.traffic: Traffic | None
         if traffic is not None:
@@ -140,6 +142,7 @@ class Simulation(LockStep):
         offset = float(self.route.lane_offset(lane, station))
         limit = float(self.route.speed_limit(station, lane))
         speeds = (config.start_speed, config.speed, limit, self._safe_speed, self._flow_speed())
+        self._truck_events.restore()
         ego = self.truck.reset(station=station, offset=offset, speed=min(speeds))
         self.mirror.bind(self.truck.model)
         self._tractor = self.truck.model.body("tractor").id
@@ -149,6 +152,9 @@ class Simulation(LockStep):
         if self.traffic is not None:
             with task("starting the traffic", usual=0.5):
                 self.vehicles = VehicleFrame.of(self.traffic.reset(ego))
+            if (scenario := self.traffic.running_scenario()) is not None:
+                self._truck_events.check(scenario)
+        self._apply_events(ego)
         self._start()
         self._log: tuple[Observer, ...] = ()
         if self._recorder is not None:
@@ -164,6 +170,18 @@ class Simulation(LockStep):
         self._plan(ego)
         self.frame = self._make_frame(ego)
         return self.frame
+
+    def _apply_events(self, ego: EgoState) -> None:
+        """Applies the events of the truck's world and parts."""
+        scenario = None if self.traffic is None else self.traffic.running_scenario()
+        if scenario is not None and len(scenario):
+            self._truck_events.apply(scenario.truck_events, self.time, ego.yaw)
+
+    @property
+    def events(self) -> tuple[EventRecord, ...]:
+        """The scripted events that have begun, in their order."""
+        scenario = None if self.traffic is None else self.traffic.running_scenario()
+        return () if scenario is None else tuple(scenario.records)
 
     def _flow_speed(self) -> float:
         """Mean speed of the traffic of a level of service [m/s]; infinite for other traffic."""
@@ -194,6 +212,7 @@ class Simulation(LockStep):
         ego = self._observe()
         if self.traffic is not None:
             self.vehicles = VehicleFrame.of(self.traffic.step(ego))
+            self._apply_events(ego)
         self._move_bodies(new=True)
         self._plan(ego)
         self.frame = self._make_frame(ego)

@@ -38,6 +38,7 @@ from iits_mj.simulation.frame import END_MARGIN, LEAVE_MARGIN
 from iits_mj.truck import Truck
 from traffic_bridge import (
     TRAFFIC,
+    EventSim,
     InterSim,
     Mirror,
     MixedSim,
@@ -204,10 +205,10 @@ def make_recorder(config: DriveConfig, route: Route, footprint: EgoFootprint) ->
     traffic = None
     if config.recording is None:
         traffic = make_traffic(config, route, footprint)
-    if not isinstance(traffic, (PureSim, OwnTraffic)):
+    if not isinstance(traffic, (PureSim, EventSim, OwnTraffic)):
         raise InputError(
-            "only SUMO traffic and your own can be recorded: use another traffic-mode and no "
-            "recording"
+            "only SUMO traffic, events and your own traffic can be recorded: use another "
+            "traffic-mode or events, and no recording"
         )
     return Recorder(traffic)
 
@@ -227,12 +228,9 @@ def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> 
         raise InputError("reactive adds SUMO traffic that sees the truck: use traffic-mode inter")
     replayed = config.recording is not None and not config.reactive
     without_sumo = replayed or config.traffic_mode == "none"
-    if config.events is not None and without_sumo:
-        raise InputError("only SUMO traffic has events: use traffic-mode inter or pure")
-    if config.recording is not None and without_sumo:
-        return RepSim(route, config.recording)
-    if without_sumo:
-        return None
+    recorded = RepSim(route, config.recording) if config.recording and without_sumo else None
+    if without_sumo and config.events is None:
+        return recorded
     settings = TrafficConfig(
         density=config.density,
         heavy_share=config.heavy_share,
@@ -243,6 +241,8 @@ def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> 
         footprint=footprint,
         events=() if config.events is None else read_events(config.events),
     )
+    if without_sumo:
+        return EventSim(route, settings, seed=config.seed, recorded=recorded)
     if own:
         return _own_traffic(config, route, settings)
     if config.recording is not None:

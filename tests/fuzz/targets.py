@@ -38,7 +38,7 @@ from tests.road.opendrive_text import document, road
 from tests.traffic_bridge.datasets.synthetic_sets import write_highd, write_ngsim, write_pairs
 from traffic_bridge.datasets.read import read_trajectories
 from traffic_bridge.recording.recording import Recording
-from traffic_bridge.signals.events import read_events
+from traffic_bridge.scenario.reading import read_events
 from traffic_bridge.vehicles.types import read_types
 
 EVENTS = b"""[[events]]

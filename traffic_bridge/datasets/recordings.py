@@ -14,7 +14,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.road import Route
 from traffic_bridge.datasets.assemble import Rows, assemble
 from traffic_bridge.datasets.trajectories import Trajectories
-from traffic_bridge.modes.resim import check_map
+from traffic_bridge.recording.provenance import check_map
 from traffic_bridge.recording.recording import Recording
 from traffic_bridge.recording.rows import COLUMNS
 

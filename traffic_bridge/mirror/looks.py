@@ -392,9 +392,48 @@ def _semitrailer(kind: VehicleType, rear: float, axles: float) -> Unit:
     return Unit("trailer", meshes, (block(front, rear, width, kind.height),))
 
 
+def _pedestrian(kind: VehicleType) -> tuple[Unit, ...]:
+    """A standing person: legs, body and head."""
+    h, w = kind.height, 0.7 * kind.width
+    body = boxes([((0.0, 0.0, 0.66 * h), (0.24, w, 0.36 * h))])
+    legs = boxes(both_sides(0.0, 0.1, 0.25 * h, (0.18, 0.15, 0.5 * h)))
+    head = boxes([((0.0, 0.0, 0.93 * h), (0.2, 0.17, 0.13 * h))])
+    meshes = {"paint": body, "dark": legs, "cargo": head}
+    return (Unit("", meshes, (block(0.5 * kind.length, -0.5 * kind.length, kind.width, h),)),)
+
+
+def _bicycle(kind: VehicleType) -> tuple[Unit, ...]:
+    """A person on a bicycle."""
+    half, h = 0.5 * kind.length, kind.height
+    tires, rims = wheels([(x, 0.05, 0.34, 0.05) for x in (half - 0.34, 0.34 - half)])
+    frame = boxes(
+        [
+            ((0.0, 0.0, 0.55), (0.75 * half, 0.05, 0.25)),
+            ((half - 0.5, 0.0, 0.98), (0.06, 0.5, 0.05)),
+        ]
+    )
+    rider = boxes([((-0.05, 0.0, 1.2), (0.3, 0.4, 0.6)), ((0.1, 0.0, 0.75), (0.4, 0.3, 0.3))])
+    head = boxes([((0.05, 0.0, h - 0.12), (0.22, 0.18, 0.22))])
+    meshes = {"paint": rider, "dark": merge([tires, frame]), "rim": rims, "cargo": head}
+    return (Unit("", meshes, (block(half, -half, kind.width, h),)),)
+
+
+def _obstacle(kind: VehicleType) -> tuple[Unit, ...]:
+    """A load on a pallet."""
+    length, width, h = kind.length, kind.width, kind.height
+    load = boxes([((0.0, 0.0, 0.5 * (h + 0.15)), (length, width, h - 0.15))])
+    pallet = boxes([((0.0, 0.0, 0.07), (length, width, 0.14))])
+    return (
+        Unit("", {"paint": load, "dark": pallet}, (block(0.5 * length, -0.5 * length, width, h),)),
+    )
+
+
 LOOKS: dict[str, Callable[[VehicleType], tuple[Unit, ...]]] = {
     "car": _car,
     "van": _van,
     "truck": rigid_truck,
     "articulated": articulated,
+    "pedestrian": _pedestrian,
+    "bicycle": _bicycle,
+    "obstacle": _obstacle,
 }

@@ -29,9 +29,17 @@ from traffic_bridge.mirror.bodies import (
 from traffic_bridge.mirror.looks import LOOKS
 from traffic_bridge.mirror.slots import Slot, Slots
 from traffic_bridge.mirror.units import VehicleUnits
-from traffic_bridge.vehicles.types import VehicleType, default_types
+from traffic_bridge.vehicles.types import VehicleType, default_types, road_user_types
 
-DEFAULT_POOL = {"car": 14, "van": 5, "truck": 4, "articulated": 4}
+DEFAULT_POOL = {
+    "car": 14,
+    "van": 5,
+    "truck": 4,
+    "articulated": 4,
+    "pedestrian": 2,
+    "bicycle": 2,
+    "obstacle": 2,
+}
 LARGEST_POOL = 500
 PARKING_DEPTH = -500.0  # [m]: unused bodies are here, out of every camera's view
 PARKING_SPACING = 25.0  # [m]: stacked bodies would be slow in collision detection
@@ -51,8 +59,8 @@ class Mirror:
 
     Args:
       pool: number of slots by the name of a vehicle type; vehicles beyond it (the farthest) are not
-        shown. Default: 14 cars, 5 vans, 4 trucks, 4 articulated trucks; types of your own share
-        the number of their look.
+        shown. Default: 14 cars, 5 vans, 4 trucks, 4 articulated trucks, and two of each further
+        road user; types of your own share the number of their look.
       view_range: vehicles farther away than this are not shown [m].
       types: dimensions, looks and colors; default: those of the package.
       step_length: of the traffic [s].
@@ -72,7 +80,8 @@ class Mirror:
         visuals: bool = True,
     ) -> None:
         # `VehicleUnits` needs vehicles of two units last.
-        types = sorted(types or default_types(), key=lambda kind: kind.look == "articulated")
+        types = types or (*default_types(), *road_user_types())
+        types = sorted(types, key=lambda kind: kind.look == "articulated")
         names = [kind.name for kind in types]
         if len(set(names)) != len(names):
             raise InputError(f"types {', '.join(names)}: each name may occur once")

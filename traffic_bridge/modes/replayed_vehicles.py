@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
+from iits_mj.core.vehicles import VehicleFrame
 from traffic_bridge.modes.teleported_vehicle import END, LaneOverlap, TeleportedVehicle
 from traffic_bridge.network.route_lanes import RouteLanes
-from traffic_bridge.recording.replay import InterpolatedRecording
 from traffic_bridge.session import Session
 
 # Parts of names in SUMO: of replayed vehicles, and of their copies in a second lane.
@@ -43,20 +43,33 @@ class _Place(NamedTuple):
         return self.x + ahead * math.cos(self.yaw), self.y + ahead * math.sin(self.yaw)
 
 
+class Source(Protocol):
+    """Vehicles whose places are given; `InterpolatedRecording` and `Actors` are sources."""
+
+    @property
+    def duration(self) -> float:
+        """Time after which there are none [s]."""
+
+    def at(self, time: float) -> VehicleFrame:
+        """The vehicles at a time [s]; soon after the present, only their lanes matter."""
+
+
 class ReplayedVehicles:
     """Moves replayed vehicles in SUMO to their recorded places.
 
     A vehicle that reaches into a second lane, or soon changes to it, occupies both. `step` is the
-    length of a traffic step [s].
+    length of a traffic step [s]; `prefix` begins the names in SUMO.
     """
 
     def __init__(
         self,
         session: Session,
         lanes: RouteLanes,
-        replay: InterpolatedRecording,
+        replay: Source,
         step: float,
+        prefix: str = PREFIX,
     ) -> None:
+        self._prefix = prefix
         self._session = session
         self._lanes = lanes
         self._replay = replay
@@ -96,14 +109,14 @@ class ReplayedVehicles:
         for name, lane, row in zip(frame.ids, frame.lanes.tolist(), rows, strict=True):
             place = _Place(lane, *row)
             if lane < 0:
-                wanted[PREFIX + name] = place
+                wanted[self._prefix + name] = place
                 continue
             if place.front >= self._lanes.route.length - END:
                 continue
-            wanted[PREFIX + name] = place
+            wanted[self._prefix + name] = place
             second = self._second_lane(place, ahead.get(name, lane))
             if second >= 0:
-                wanted[PREFIX + name + OVERLAP_SUFFIX] = place._replace(lane=second)
+                wanted[self._prefix + name + OVERLAP_SUFFIX] = place._replace(lane=second)
         return wanted
 
     def _second_lane(self, place: _Place, goal: int) -> int:

@@ -14,9 +14,9 @@ from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.modes.replayed_vehicles import OVERLAP_SUFFIX, PREFIX, ReplayedVehicles
-from traffic_bridge.modes.resim import check_map, load
 from traffic_bridge.modes.sumo_modes import Mode, PureSim
 from traffic_bridge.modes.sumo_traffic import SumoTraffic
+from traffic_bridge.recording.provenance import check_map, load
 from traffic_bridge.recording.recording import Recording
 from traffic_bridge.recording.replay import InterpolatedRecording
 from traffic_bridge.recording.rows import COLUMNS
@@ -208,12 +208,6 @@ class MixedSim(PureSim):
         replayed = self.replay.at(self.time)
         if ego is not None and math.isfinite(self.config.view_range):
             replayed = replayed.near(ego.x, ego.y, self.config.view_range)
-        ids = [*(self._prefix + name for name in live.ids), *replayed.ids]
-        order = sorted(range(len(ids)), key=ids.__getitem__)
-        kinds = live.kinds + replayed.kinds
-        return VehicleFrame(
-            [ids[k] for k in order],
-            [kinds[k] for k in order],
-            np.concatenate((live.lanes, replayed.lanes))[order],
-            np.concatenate((live.values, replayed.values)).T[:, order],
-        )
+        named = [self._prefix + name for name in live.ids]
+        columns = live.values.T
+        return VehicleFrame.joined(VehicleFrame(named, live.kinds, live.lanes, columns), replayed)

@@ -12,34 +12,18 @@ from iits_mj.core.messages import EgoState
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
-from traffic_bridge.modes.sumo_modes import MODES, Mode, PureSim
+from traffic_bridge.modes.event_sim import REPEATABLE, EventSim, Repeatable
+from traffic_bridge.modes.sumo_modes import Mode
 from traffic_bridge.network.nets import build_network
 from traffic_bridge.own_traffic import OwnTraffic
-from traffic_bridge.recording.provenance import demand_same, net_hash, versions
+from traffic_bridge.recording.provenance import check_map, demand_same, load, net_hash, versions
 from traffic_bridge.recording.recording import PoseDigest, Recording
 from traffic_bridge.recording.rows import COLUMNS
 
 
-def load(recording: str | Path | Recording) -> tuple[Recording, str]:
-    """A recording, read if a path is given, and its name in error messages."""
-    if isinstance(recording, Recording):
-        return recording, "recording"
-    return Recording.load(recording), f"recording {recording}"
-
-
-def check_map(recording: Recording, name: str, route: Route) -> None:
-    """Raises InputError if a recording was made on another map; the message names both."""
-    then, now = str(recording.meta.get("map_hash")), route.road_map.content_hash
-    if then != now:
-        raise InputError(
-            f"{name}: made on map {recording.meta.get('map_name')!r} of hash {then[:12]}, not on "
-            f"{route.road_map.path.name!r} of hash {now[:12]}"
-        )
-
-
 def traffic_of(
     recording: Recording, name: str, route: Route, own: OwnTraffic | None = None
-) -> PureSim | OwnTraffic:
+) -> Repeatable | OwnTraffic:
     """The traffic of a recording, ready for a reset.
 
     Args:
@@ -55,7 +39,7 @@ def traffic_of(
     mode = meta.get("mode")
     if own is not None and own.mode != mode:
         raise InputError(f"{name}: made in traffic {mode!r}, not {own.mode!r}")
-    if own is None and mode not in MODES:
+    if own is None and mode not in REPEATABLE:
         raise InputError(
             f"{name}: mode {mode!r} cannot be re-run; 'iits-mj replay' and RepSim replay its "
             "vehicles"
@@ -70,12 +54,13 @@ def traffic_of(
     demand_same(found, versions(), name, advice)
     if own is not None:
         return own
-    net = {"a SUMO net of hash": net_hash(build_network(route, whole=False).path)}
-    demand_same({"a SUMO net of hash": str(meta.get("net_hash"))}, net, name, advice)
+    if mode != EventSim.mode:
+        net = {"a SUMO net of hash": net_hash(build_network(route, whole=False).path)}
+        demand_same({"a SUMO net of hash": str(meta.get("net_hash"))}, net, name, advice)
     seed = meta.get("seed")
     if not isinstance(seed, int):
         raise InputError(f"{name}: has no seed")
-    return MODES[str(mode)](route, config_of(recording, name), seed)
+    return REPEATABLE[str(mode)](route, config_of(recording, name), seed)
 
 
 def config_of(recording: Recording, name: str) -> TrafficConfig:

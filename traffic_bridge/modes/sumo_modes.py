@@ -19,6 +19,7 @@ from traffic_bridge.config import TrafficConfig
 from traffic_bridge.modes.ego import check_ego
 from traffic_bridge.modes.sumo_traffic import SumoTraffic
 from traffic_bridge.network.route_lanes import RouteLanes
+from traffic_bridge.scenario.runner import Scenario
 from traffic_bridge.session import Session
 from traffic_bridge.signals.controller import TrafficController
 from traffic_bridge.vehicles.registry import Vehicles
@@ -50,6 +51,10 @@ class Traffic(Protocol):
 
     def exact_vehicles(self, time: float) -> VehicleFrame | None:  # noqa: ARG002
         """Returns the vehicles with known places between two steps; None if there are none."""
+        return None
+
+    def running_scenario(self) -> Scenario | None:
+        """Returns the running events and their records; None if the traffic has none."""
         return None
 
 
@@ -104,6 +109,10 @@ class PureSim(Mode):
     def signal_controller(self) -> TrafficController | None:
         """Returns the lights and changing limits."""
         return self.signals
+
+    def running_scenario(self) -> Scenario | None:
+        """Returns the running events."""
+        return self._running.scenario
 
     @property
     def session(self) -> Session:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from iits_mj.core.messages import EgoState
+from iits_mj.core.messages import EgoState, TrackedVehicle
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
@@ -13,6 +13,7 @@ from traffic_bridge.modes.observation import Observation
 from traffic_bridge.modes.replayed_vehicles import ReplayedVehicles
 from traffic_bridge.network.nets import build_network
 from traffic_bridge.network.route_lanes import RouteLanes
+from traffic_bridge.scenario.runner import Scenario
 from traffic_bridge.session import Session
 from traffic_bridge.signals.controller import TrafficController
 from traffic_bridge.vehicles.demand import Demand
@@ -21,6 +22,7 @@ from traffic_bridge.vehicles.map_demand import Sight
 from traffic_bridge.vehicles.registry import Vehicles
 from traffic_bridge.vehicles.service_level import BOTTLENECK, BOTTLENECK_RATIO
 
+ACTOR = "actor."  # begins the names of a scenario's vehicles in SUMO
 ENTRY_WAIT, LEVEL_ENTRY_WAIT = 5.0, 60.0  # [s] that a vehicle waits for room at an entrance
 LOST_CHECK = 50  # steps between checks for vehicles that SUMO dropped at an entrance
 
@@ -38,6 +40,7 @@ class SumoTraffic:
     Attributes:
       replayed: recorded vehicles that are put into SUMO, or None.
       observation: reads the vehicles after each step.
+      scenario: the events with conditions and those of vehicles on a plan.
 
     Raises:
       MapError, TrafficError: see `build_network` and `Session`.
@@ -75,6 +78,10 @@ class SumoTraffic:
             self._demand = Demand(
                 self.session, lanes, self.vehicles, config, rng, self.signals.limits
             )
+            self.scenario = Scenario(config, route, self.signals.events, self._take)
+            self.signals.events.records = self.scenario.records
+            actors = self.scenario.actors
+            self._actors = ReplayedVehicles(self.session, lanes, actors, config.step_length, ACTOR)
         self._ego = EgoInTraffic(self.session, lanes, config)
         self._with_ego = with_ego
         self._held: set[str] = set()
@@ -115,7 +122,7 @@ class SumoTraffic:
             self._demand.discard_pending()
             self._demand.trim()
             self._drop_arrived()
-            return self._observe(ego)
+            return self.scenario.observe(0.0, ego, self._observe(ego))
 
     def advance(self, ego: EgoState | None) -> VehicleFrame:
         """Advances one step; `ego` is the state at its end. Returns the vehicles then."""
@@ -129,13 +136,26 @@ class SumoTraffic:
                 self._lane_changer.step(self.time, lambda: self._demand.entries(station))
             if self.replayed is not None:
                 self.replayed.place(self.time + self.config.step_length)
+            if len(self.scenario):
+                end = self.time + self.config.step_length
+                self.scenario.advance(end, ego)
+                self._actors.place(end)
         if self._with_ego and ego is not None:
             self._ego.place(ego)
         self.session.step()
         self._steps += 1
         with self.session.guard("reading the vehicles"):
             self._drop_arrived()
-            return self._observe(ego)
+            return self.scenario.observe(self.time, ego, self._observe(ego))
+
+    def _take(self, row: TrackedVehicle) -> float:
+        """Removes a vehicle that moves on a plan from now on; returns its desired speed [m/s]."""
+        if row.id not in self.vehicles:
+            return row.speed
+        desired = self.vehicles.desired_speed(row.id)
+        self._api.vehicle.remove(row.id)
+        self.vehicles.forget(row.id)
+        return desired
 
     def _sight(self, ego: EgoState) -> Sight:
         """The truck's place, near which no vehicle begins or ends inside the map."""

@@ -1,4 +1,4 @@
-"""Versions and net on which a traffic depends besides its settings."""
+"""Map, versions and net on which a recorded traffic depends besides its settings."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from iits_mj.core.errors import InputError
+from iits_mj.road import Route
+from traffic_bridge.recording.recording import Recording
 from traffic_bridge.recording.rows import SCHEMA
 
 # netconvert writes the date and its command line into comments.
@@ -58,3 +60,20 @@ def _short(version: Any) -> str:
     """The first digits of a hash; any other text unchanged."""
     text = str(version or "unknown")
     return text[:12] if re.fullmatch(r"[0-9a-f]{40,}", text) else text
+
+
+def load(recording: str | Path | Recording) -> tuple[Recording, str]:
+    """A recording, read if a path is given, and its name in error messages."""
+    if isinstance(recording, Recording):
+        return recording, "recording"
+    return Recording.load(recording), f"recording {recording}"
+
+
+def check_map(recording: Recording, name: str, route: Route) -> None:
+    """Raises InputError if a recording was made on another map; the message names both."""
+    then, now = str(recording.meta.get("map_hash")), route.road_map.content_hash
+    if then != now:
+        raise InputError(
+            f"{name}: made on map {recording.meta.get('map_name')!r} of hash {then[:12]}, not on "
+            f"{route.road_map.path.name!r} of hash {now[:12]}"
+        )

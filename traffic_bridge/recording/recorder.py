@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, VehicleCommand
 from iits_mj.core.vehicles import VehicleFrame
+from traffic_bridge.modes.event_sim import EventSim, Repeatable
 from traffic_bridge.modes.sumo_modes import Mode, PureSim
 from traffic_bridge.network.nets import build_network
 from traffic_bridge.own_traffic import OwnTraffic
@@ -26,6 +27,7 @@ from traffic_bridge.recording.rows import (
     command_row,
     ego_row,
 )
+from traffic_bridge.scenario.runner import Scenario
 from traffic_bridge.signals.controller import TrafficController
 
 PIECE = 1 << 20  # bytes of a table that are held in memory
@@ -114,13 +116,14 @@ class Recorder(Mode):
     Long drives need little memory, because the data are in a temporary file.
 
     Args:
-      traffic: a PureSim or InterSim, which can be run again, or your own, which can be replayed.
+      traffic: a PureSim, InterSim or EventSim, which can be run again, or your own, which can be
+        replayed.
 
     Attributes:
       drive: data (JSON) that the re-run of a whole drive needs besides the traffic.
     """
 
-    def __init__(self, traffic: PureSim | OwnTraffic) -> None:
+    def __init__(self, traffic: Repeatable | OwnTraffic) -> None:
         self.traffic = traffic
         self.route = traffic.route
         self.drive: dict[str, Any] | None = None
@@ -167,6 +170,10 @@ class Recorder(Mode):
     def signal_controller(self) -> TrafficController | None:
         """Returns the lights and changing limits of the traffic."""
         return self.traffic.signal_controller()
+
+    def running_scenario(self) -> Scenario | None:
+        """Returns the running events of the traffic."""
+        return self.traffic.running_scenario()
 
     def note_command(self, time: float, command: VehicleCommand) -> None:
         """Records a command that reaches the truck.
@@ -251,7 +258,7 @@ class Recorder(Mode):
         road_map = self.route.road_map
         traffic = self.traffic
         sumo: dict[str, Any] = {}
-        if isinstance(traffic, PureSim):
+        if isinstance(traffic, (PureSim, EventSim)):
             sumo = {"seed": traffic.seed, "config": traffic.config.as_dict()}
         meta: dict[str, Any] = {
             "schema": SCHEMA,

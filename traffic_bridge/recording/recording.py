@@ -37,7 +37,7 @@ from traffic_bridge.recording.rows import (
     ego_columns,
     ego_of,
 )
-from traffic_bridge.vehicles.types import KINDS
+from traffic_bridge.vehicles.types import ALL_KINDS
 
 PIECE = 1 << 18  # rows that are checked at a time, so that a mapped file is not read whole
 
@@ -224,9 +224,11 @@ class Recording:
                 )
         if (self.sizes <= 0.0).any():
             raise InputError(f"{name}: vehicle_size has values that are not positive")
-        unknown = sorted(set(self.kinds) - set(KINDS))
+        unknown = sorted(set(self.kinds) - set(ALL_KINDS))
         if unknown:
-            raise InputError(f"{name}: vehicle_kind {unknown[0]!r}: allowed are {', '.join(KINDS)}")
+            raise InputError(
+                f"{name}: vehicle_kind {unknown[0]!r}: allowed are {', '.join(ALL_KINDS)}"
+            )
         self._check_rows(name, m, k)
         absent, infinite = np.isnan(self.ego), np.isinf(self.ego).any(axis=1)
         wrong = (absent.any(axis=1) & ~absent.all(axis=1)) | infinite

@@ -8,6 +8,8 @@ from iits_mj.core.errors import InputError
 from traffic_bridge.config import Departure, TrafficConfig
 from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.overrides import Undo
+from traffic_bridge.scenario.actions import SceneEvent, TruckEvent
+from traffic_bridge.scenario.runner import EventRecord, is_of_scenario
 from traffic_bridge.session import Session
 from traffic_bridge.signals.events import (
     Event,
@@ -40,7 +42,7 @@ class TrafficController:
       config: step length, lane-change model, events and departures.
 
     Attributes:
-      traffic_lights, limits, obstructions: the parts that do the work.
+      traffic_lights, limits, obstructions, events: the parts that do the work.
       lights, state, set_state, programs, phases, phase, set_phase, define_program, run_program,
         light_ahead: methods of `TrafficLights`; lights is `names`, light_ahead is `ahead`.
       set_speed_limit, lift_speed_limit, reset_speed_limits, speed_limit: `set`, `lift`, `reset` and
@@ -62,7 +64,7 @@ class TrafficController:
         parts = self.obstructions = Obstructions(lanes, self._scripted, self._guide, config)
         self._departures = sorted(config.departures, key=lambda departure: departure.time)
         self._departed = 0
-        self._events = EventRunner(config.events, lights, limits, parts, vehicles)
+        self.events = EventRunner(config.events, lights, limits, parts, vehicles)
         self.lights, self.light_ahead = lights.names, lights.ahead
         self.state, self.set_state = lights.state, lights.set_state
         self.phase, self.set_phase, self.phases = lights.phase, lights.set_phase, lights.phases
@@ -82,8 +84,8 @@ class TrafficController:
         """
         for number, departure in enumerate(self._departures):
             self._scripted.check(self._departing(number, departure))
-        self._events.check()
-        self._events.step(0.0, ego_station)
+        self.events.check()
+        self.events.step(0.0, ego_station)
 
     def step(self, time: float, ego_station: float | None) -> None:
         """Applies events, departures and limits that are due before a step of the traffic.
@@ -92,7 +94,7 @@ class TrafficController:
           time: of the traffic [s].
           ego_station: of the truck's steer axle [m]; None without a truck.
         """
-        self._events.step(time, ego_station)
+        self.events.step(time, ego_station)
         while (
             self._departed < len(self._departures)
             and self._departures[self._departed].time <= time + ROUNDING
@@ -121,7 +123,13 @@ class TrafficController:
 
 
 class EventRunner:
-    """Begins and ends the events of a configuration in a running traffic."""
+    """Begins and ends the events of a configuration in a running traffic.
+
+    It begins those without conditions itself, and others when a `Scenario` asks for it.
+
+    Attributes:
+      records: of the begun events.
+    """
 
     def __init__(
         self,
@@ -135,10 +143,12 @@ class EventRunner:
         self._limits = limits
         self._obstructions = obstructions
         self._vehicles = vehicles
-        self._pending = list(events)
+        self._all = [event for event in events if not isinstance(event, (SceneEvent, TruckEvent))]
+        self._pending = [event for event in self._all if not is_of_scenario(event)]
+        self.records: list[EventRecord] = []
         # Changes of vehicles that have not appeared yet: the event and its end [s].
         self._waiting: list[tuple[VehicleChange, float]] = []
-        self._active: list[tuple[float, Undo]] = []
+        self._active: list[tuple[float, EventRecord, Undo]] = []
 
     def check(self) -> None:
         """Checks every event against the net and the route, before the drive begins.
@@ -146,20 +156,21 @@ class EventRunner:
         Raises:
           InputError: a lane, light, program or type does not exist; the message names the event.
         """
-        for event in self._pending:
+        for event in self._all:
             try:
                 self._check(event)
             except InputError as error:
-                raise InputError(f"event {event.name}: {error}") from error
+                raise InputError(f"event {event.kind}: {error}") from error
 
     def step(self, time: float, ego_station: float | None) -> None:
         """Ends the events that are over and begins those that are due; see the controller."""
         if not (self._active or self._waiting or self._pending):
             return
-        over = [undo for until, undo in self._active if until <= time + ROUNDING]
+        over = [entry for entry in self._active if entry[0] <= time + ROUNDING]
         self._active = [entry for entry in self._active if entry[0] > time + ROUNDING]
-        for undo in over:
+        for _, record, undo in over:
             undo()
+            record.ended = time
         self._waiting = [entry for entry in self._waiting if entry[1] > time + ROUNDING]
         present = [entry for entry in self._waiting if self._has_vehicles(entry[0].target)]
         self._waiting = [entry for entry in self._waiting if entry not in present]
@@ -178,12 +189,26 @@ class EventRunner:
                 self._begin_at(event, time, end)
 
     def _begin_at(self, event: Event, time: float, end: float) -> None:
-        try:
-            undo = self._begin(event)
-        except InputError as error:
-            raise InputError(f"event {event.name} at {time:.1f} s: {error}") from error
+        undo = self.begin(event, time)
+        record = EventRecord(event, "", time)
+        self.records.append(record)
         if end < math.inf:
-            self._active.append((end, undo))
+            self._active.append((end, record, undo))
+
+    def ready(self, event: Event) -> bool:
+        """Whether an event can begin: the vehicles that it changes are on the road."""
+        return not isinstance(event, VehicleChange) or self._has_vehicles(event.target)
+
+    def begin(self, event: Event, time: float) -> Undo:
+        """Carries out an event at a time [s]; returns a function that undoes it.
+
+        Raises:
+          InputError: it is not possible now; the message names the event.
+        """
+        try:
+            return self._begin(event)
+        except InputError as error:
+            raise InputError(f"event {event.kind} at {time:.1f} s: {error}") from error
 
     def _check(self, event: Event) -> None:
         parts = self._obstructions

@@ -1,8 +1,10 @@
 """Scripted events of the traffic: settings that are stored in recordings and files.
 
-An event begins once: at a traffic time, when the truck reaches a station of its route, or, with
-neither, at the beginning. It ends at a traffic time (`until`) or some time after its beginning
-(`duration`), or never. `traffic_bridge.signals.controller` carries the events out.
+An event begins once: at a traffic time, when the truck reaches a station of its route, when its
+conditions hold, or, with none of them, at the beginning. It ends at a traffic time (`until`) or
+some time after its beginning (`duration`), or never. `traffic_bridge.signals.controller` carries
+out the events of this module, `traffic_bridge.scenario` those of vehicles that move on a plan.
+`traffic_bridge.scenario.reading` reads them from files.
 """
 
 from __future__ import annotations
@@ -10,17 +12,15 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, ClassVar
 
-from iits_mj.core.checks import did_you_mean, in_range, is_whole, make_plain, plain, shown
+from iits_mj.core.checks import in_range, is_whole, make_plain, plain
 from iits_mj.core.errors import InputError
-from iits_mj.core.input_files import read_toml
+from traffic_bridge.scenario.conditions import Groups, groups_of
 from traffic_bridge.vehicles.types import check_changes
 
 LONGEST = 1e6  # [m], [s]
 LIGHT_LETTERS = "rRyYgGuoOs"
-EVENTS_MAX = 1000  # of a file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,8 +28,11 @@ class Event:
     """Begin and end of an event; subclasses define what happens.
 
     Attributes:
+      kind: of the event, the same for all of a class; ends: fields that may give its end.
+      name: of this event, for conditions of others and for reports; None: its kind.
       at_time: traffic time at which it begins [s].
       at_station: station of the truck's steer axle at which it begins [m].
+      when: conditions on which it begins; see `traffic_bridge.scenario.conditions.groups_of`.
       until: traffic time at which it ends [s].
       duration: time after which it ends [s].
 
@@ -37,10 +40,13 @@ class Event:
       InputError: a value is out of its range, or two of them contradict each other.
     """
 
-    name: ClassVar[str] = ""
+    kind: ClassVar[str] = ""
+    ends: ClassVar[tuple[str, ...]] = ("until", "duration")
 
+    name: str | None = None
     at_time: float | None = None
     at_station: float | None = None
+    when: Groups | None = None
     until: float | None = None
     duration: float | None = None
 
@@ -49,42 +55,63 @@ class Event:
         for field in ("at_time", "at_station", "until", "duration"):
             if getattr(self, field) is not None:
                 self._number(field, 0.0, LONGEST)
-        if self.at_time is not None and self.at_station is not None:
-            raise InputError(f"{self.name}: give at_time or at_station, not both")
+        given = [n for n in ("at_time", "at_station", "when") if getattr(self, n) is not None]
+        if len(given) > 1:
+            raise InputError(f"{self.kind}: give {given[0]} or {given[1]}, not both")
+        if self.name is not None:
+            self._text("name")
+        if self.when is not None:
+            object.__setattr__(self, "when", self._groups())
+        for field in ("until", "duration"):
+            if getattr(self, field) is not None and field not in self.ends:
+                raise InputError(f"{self.kind}: has no {field}")
         if self.until is not None and self.duration is not None:
-            raise InputError(f"{self.name}: give until or duration, not both")
+            raise InputError(f"{self.kind}: give until or duration, not both")
         begin = self.at_time if self.at_time is not None else 0.0
         if self.until is not None and self.until <= begin:
             raise InputError(
-                f"{self.name}: until = {self.until:g} s must be after its beginning at {begin:g} s"
+                f"{self.kind}: until = {self.until:g} s must be after its beginning at {begin:g} s"
             )
         if self.duration == 0.0:
-            raise InputError(f"{self.name}: duration = 0 s: must be positive")
+            raise InputError(f"{self.kind}: duration = 0 s: must be positive")
         self._check()
         make_plain(self)
 
     def _check(self) -> None:
         """Checks the subclass's own values."""
 
+    def _groups(self) -> Groups:
+        try:
+            return groups_of(self.when)
+        except InputError as error:
+            raise InputError(f"{self.kind}: {error}") from None
+
+    @property
+    def title(self) -> str:
+        """Its name, else its kind."""
+        return self.name or self.kind
+
     def _number(self, field: str, low: float, high: float) -> None:
-        in_range(f"{self.name}: {field}", getattr(self, field), low, high)
+        in_range(f"{self.kind}: {field}", getattr(self, field), low, high)
 
     def _whole(self, field: str, low: int, high: int) -> None:
         value = getattr(self, field)
         if not is_whole(value) or not low <= value <= high:
             raise InputError(
-                f"{self.name}: {field} = {value!r}: allowed is a whole number from {low} to {high}"
+                f"{self.kind}: {field} = {value!r}: allowed is a whole number from {low} to {high}"
             )
 
     def _text(self, field: str) -> None:
         value = getattr(self, field)
         if not isinstance(value, str) or not value:
-            raise InputError(f"{self.name}: {field} = {value!r}: must be a name")
+            raise InputError(f"{self.kind}: {field} = {value!r}: must be a name")
 
     def as_dict(self) -> dict[str, Any]:
-        """Values for a file, without those that are None; `event_of` is the inverse."""
+        """Values for a file, without those that are None; `reading.event_of` is the inverse."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        return {"event": self.name} | {n: v for n, v in values.items() if v is not None}
+        if self.when is not None:
+            values["when"] = [[c.as_dict() for c in group] for group in self.when]
+        return {"event": self.kind} | {n: v for n, v in values.items() if v is not None}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +125,7 @@ class LightOverride(Event):
       state: one letter per link, or one for all, see `TrafficLights.set_state`.
     """
 
-    name: ClassVar[str] = "light_state"
+    kind: ClassVar[str] = "light_state"
 
     light: str
     state: str
@@ -107,7 +134,7 @@ class LightOverride(Event):
         self._text("light")
         self._text("state")
         if any(letter not in LIGHT_LETTERS for letter in self.state):
-            raise InputError(f"{self.name}: state = {self.state!r}: letters of {LIGHT_LETTERS!r}")
+            raise InputError(f"{self.kind}: state = {self.state!r}: letters of {LIGHT_LETTERS!r}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,7 +146,7 @@ class LightProgramRun(Event):
       phases: of a new program: duration [s] and state of each phase; empty: it exists already.
     """
 
-    name: ClassVar[str] = "light_program"
+    kind: ClassVar[str] = "light_program"
 
     light: str
     program: str
@@ -132,7 +159,7 @@ class LightProgramRun(Event):
             phases = tuple((float(duration), str(state)) for duration, state in self.phases)
         except (TypeError, ValueError):
             raise InputError(
-                f"{self.name}: phases = {self.phases!r}: must be pairs of duration and state"
+                f"{self.kind}: phases = {self.phases!r}: must be pairs of duration and state"
             ) from None
         object.__setattr__(self, "phases", phases)
 
@@ -145,7 +172,7 @@ class SpeedLimit(Event):
       limit: [m/s]; start, end: stations [m]; lane: from the right, None: all lanes.
     """
 
-    name: ClassVar[str] = "speed_limit"
+    kind: ClassVar[str] = "speed_limit"
 
     limit: float
     start: float = 0.0
@@ -168,7 +195,7 @@ class LaneClosure(Event):
       notice: distance before the closure at which drivers begin to leave the lane [m].
     """
 
-    name: ClassVar[str] = "lane_closure"
+    kind: ClassVar[str] = "lane_closure"
 
     lane: int
     start: float
@@ -193,7 +220,7 @@ class StoppedVehicle(Event):
         treat it as any standing vehicle.
     """
 
-    name: ClassVar[str] = "stopped_vehicle"
+    kind: ClassVar[str] = "stopped_vehicle"
 
     station: float
     lane: int = 0
@@ -207,7 +234,7 @@ class StoppedVehicle(Event):
         self._text("type")
         self._number("notice", 0.0, 5_000.0)
         if not isinstance(self.hazard, bool):
-            raise InputError(f"{self.name}: hazard = {self.hazard!r}: allowed are true and false")
+            raise InputError(f"{self.kind}: hazard = {self.hazard!r}: allowed are true and false")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,7 +246,7 @@ class SlowConvoy(Event):
       count: number of vehicles; type: name of their type; speed: [m/s].
     """
 
-    name: ClassVar[str] = "slow_convoy"
+    kind: ClassVar[str] = "slow_convoy"
 
     station: float
     speed: float
@@ -246,7 +273,7 @@ class VehicleChange(Event):
       target: name of a type or a vehicle; parameters: name and value, see `Vehicles.change`.
     """
 
-    name: ClassVar[str] = "vehicle_change"
+    kind: ClassVar[str] = "vehicle_change"
 
     target: str
     parameters: tuple[tuple[str, Any], ...]
@@ -258,45 +285,10 @@ class VehicleChange(Event):
             pairs = dict(given.items() if isinstance(given, Mapping) else given)
         except (TypeError, ValueError):
             raise InputError(
-                f"{self.name}: parameters = {given!r}: must be names with values"
+                f"{self.kind}: parameters = {given!r}: must be names with values"
             ) from None
         check_changes(self.target, pairs)
         object.__setattr__(self, "parameters", plain(list(pairs.items())))
-
-
-EVENTS: dict[str, type[Event]] = {
-    kind.name: kind
-    for kind in (
-        *(LightOverride, LightProgramRun, SpeedLimit, LaneClosure),
-        *(StoppedVehicle, SlowConvoy, VehicleChange),
-    )
-}
-
-
-def event_of(values: Mapping[str, Any]) -> Event:
-    """The event of a mapping: `event` is its name, everything else a field of its class.
-
-    Raises:
-      InputError: the name or a field is unknown or missing, or a value is not allowed.
-    """
-    given = dict(values)
-    name = given.pop("event", None)
-    if not isinstance(name, str) or name not in EVENTS:
-        raise InputError(
-            f"event = {shown(name)}{did_you_mean(name, EVENTS)}: allowed are {', '.join(EVENTS)}"
-        )
-    fields = {field.name: field for field in dataclasses.fields(EVENTS[name])}
-    for field in given:
-        if field not in fields:
-            raise InputError(
-                f"{name}: {field!r} is unknown{did_you_mean(field, fields)}; the fields are "
-                f"{', '.join(fields)}"
-            )
-    required = [f.name for f in fields.values() if f.default is dataclasses.MISSING]
-    missing = [field for field in required if field not in given]
-    if missing:
-        raise InputError(f"{name}: {', '.join(missing)} is missing")
-    return EVENTS[name](**given)
 
 
 def _check_stretch(event: SpeedLimit | LaneClosure) -> None:
@@ -304,39 +296,5 @@ def _check_stretch(event: SpeedLimit | LaneClosure) -> None:
         event._number(field, 0.0, LONGEST)
     if event.end <= event.start:
         raise InputError(
-            f"{event.name}: start = {event.start:g} m must be before end = {event.end:g} m"
+            f"{event.kind}: start = {event.start:g} m must be before end = {event.end:g} m"
         )
-
-
-def read_events(path: str | Path) -> tuple[Event, ...]:
-    """The events of a TOML file, in its order; the fields are those of the events' classes.
-
-        [[events]]
-        event = "lane_closure"
-        lane = 0
-        start = 900.0
-        end = 1100.0
-        at_time = 20.0
-        until = 120.0
-
-    Raises:
-      InputError: the file cannot be read or is not TOML, or an event is not usable; the message
-        has the file, the event's number and what is allowed.
-    """
-    path = Path(path)
-    content = read_toml(path, "file of events")
-    unknown = [name for name in content if name != "events"]
-    if unknown:
-        raise InputError(f"{path}: {unknown[0]!r} is unknown; the file has tables [[events]]")
-    entries = content.get("events", [])
-    if not isinstance(entries, list) or any(not isinstance(entry, dict) for entry in entries):
-        raise InputError(f"{path}: 'events' must be tables [[events]]")
-    if len(entries) > EVENTS_MAX:
-        raise InputError(f"{path}: {len(entries)} events are more than {EVENTS_MAX} allowed")
-    events = []
-    for number, entry in enumerate(entries, start=1):
-        try:
-            events.append(event_of(entry))
-        except InputError as error:
-            raise InputError(f"{path}: event {number}: {error}") from error
-    return tuple(events)

@@ -22,6 +22,9 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.input_files import read_toml
 
 KINDS = ("car", "van", "truck", "articulated")
+# Further kinds of road users, which scenarios place; SUMO's traffic has none of them.
+ROAD_USERS = ("pedestrian", "bicycle", "obstacle")
+ALL_KINDS = (*KINDS, *ROAD_USERS)
 HEAVY = ("truck", "articulated")
 Color = tuple[float, float, float]
 
@@ -149,10 +152,10 @@ class VehicleType:
                 f"begins with a letter and is none of {', '.join(_TAKEN)}"
             )
         object.__setattr__(self, "look", self.look or self.name)
-        if self.look not in KINDS:
+        if self.look not in ALL_KINDS:
             raise InputError(
                 f"vehicle type {self.name!r}: look {shown(self.look)}: "
-                f"allowed are {', '.join(KINDS)}"
+                f"allowed are {', '.join(ALL_KINDS)}"
             )
         object.__setattr__(self, "colors", _colors(self.name, self.colors))
         for name in HIGHEST:
@@ -234,6 +237,16 @@ def default_types() -> tuple[VehicleType, ...]:
     """The four types of the package."""
     table = read_toml(VEHICLE_TYPES, "file of vehicle types")
     return tuple(VehicleType(name=kind, **table[kind]) for kind in KINDS)
+
+
+@cache
+def road_user_types() -> tuple[VehicleType, ...]:
+    """The types of `ROAD_USERS`, from `road_user_types.toml`."""
+    path = Path(__file__).with_name("road_user_types.toml")
+    table = read_toml(path, "file of vehicle types")
+    return tuple(
+        dataclasses.replace(default_types()[0], name=n, look=n, **table[n]) for n in ROAD_USERS
+    )
 
 
 @cache

@@ -1,0 +1,371 @@
+"""Plays the events of a scenario in a running traffic."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from iits_mj.core.messages import EgoState, TrackedVehicle
+from iits_mj.core.vehicles import VehicleFrame
+from iits_mj.road import Route
+from traffic_bridge.config import TrafficConfig
+from traffic_bridge.overrides import Undo
+from traffic_bridge.scenario.actions import (
+    CrossRoad,
+    Fault,
+    LateralManeuver,
+    LoseCargo,
+    Maneuver,
+    PlaceVehicle,
+    SceneEvent,
+    TruckEvent,
+)
+from traffic_bridge.scenario.actors import Actor, Actors, Crosser, Plan, SpeedPlan, on_road
+from traffic_bridge.scenario.conditions import (
+    ROUNDING,
+    TRUCK,
+    Body,
+    Situation,
+    Trigger,
+    gap,
+)
+from traffic_bridge.scenario.maneuvers import begin, target_lane
+from traffic_bridge.signals.events import Event
+from traffic_bridge.vehicles.idm import IdmParameters
+from traffic_bridge.vehicles.types import road_user_types
+
+CLEAR = 1.0  # [m] before and behind a vehicle that appears
+CARGO = "obstacle"  # type of a lost load
+
+
+@dataclass
+class EventRecord:
+    """A begun event.
+
+    Attributes:
+      event: with its values; actor: id of its vehicle, "" for none.
+      begun, ended: traffic times [s]; ended is None while it lasts.
+    """
+
+    event: Event
+    actor: str
+    begun: float
+    ended: float | None = None
+
+
+class OtherEvents(Protocol):
+    """Events that the traffic simulation itself carries out, such as those of SUMO's lights."""
+
+    def ready(self, event: Event) -> bool:
+        """Whether an event can begin now."""
+
+    def begin(self, event: Event, time: float) -> Undo:
+        """Begins an event at a time [s]; returns a function that undoes it."""
+
+
+@dataclass
+class _Running:
+    """A begun event that has not ended: at its end [s] it is undone, or its plans end it."""
+
+    record: EventRecord
+    end: float = math.inf
+    undo: Undo = lambda: None
+    plans: list[Plan] = field(default_factory=list)
+
+
+class Scenario:
+    """The events with conditions, with actors, or of the truck, in one running traffic.
+
+    Args:
+      config: with the events; its other events are the caller's.
+      route: the truck's road.
+      others: carries out other events that have conditions; None if there are none.
+      take: called with the id of a vehicle that becomes an actor, to remove it from the traffic
+        simulation; returns its desired speed [m/s].
+
+    Attributes:
+      actors: the road users that move on a plan.
+      records: of the begun events in their order, also of those that the caller adds.
+    """
+
+    def __init__(
+        self,
+        config: TrafficConfig,
+        route: Route,
+        others: OtherEvents | None = None,
+        take: Callable[[TrackedVehicle], float] = lambda row: row.speed,
+    ) -> None:
+        self.actors = Actors()
+        self.records: list[EventRecord] = []
+        self._config, self._route = config, route
+        self._others, self._take = others, take
+        self._types = {kind.name: kind for kind in (*config.types, *road_user_types())}
+        self._pending = [
+            (event, None if event.when is None else Trigger(event.when))
+            for event in config.events
+            if is_of_scenario(event)
+        ]
+        self._running: list[_Running] = []
+        self._last: Situation | None = None
+
+    def __len__(self) -> int:
+        """Number of its events, begun or not."""
+        return len(self._pending) + len(self.records)
+
+    @property
+    def truck_events(self) -> list[EventRecord]:
+        """The events of the truck's world and parts that have begun and not ended."""
+        return [r for r in self.records if isinstance(r.event, TruckEvent) and r.ended is None]
+
+    @property
+    def faults(self) -> list[Fault]:
+        """The faults that have not begun."""
+        return [event for event, _ in self._pending if isinstance(event, Fault)]
+
+    def advance(self, time: float, ego: EgoState | None) -> None:
+        """Moves the actors by one step of the traffic, which ends at a time [s].
+
+        Args:
+          time: at the end of the step [s].
+          ego: the truck then.
+        """
+        last = self._last
+        if last is None or not self.actors.members:
+            return
+        bodies = list(last.bodies.values())
+        if last.truck is not None:
+            bodies.append(last.truck)
+        self.actors.advance(
+            time, self._config.step_length, bodies, self._situation(time, ego).truck
+        )
+
+    def observe(self, time: float, ego: EgoState | None, others: VehicleFrame) -> VehicleFrame:
+        """Ends and begins events after a step; returns all vehicles, sorted by id.
+
+        Args:
+          time: of the traffic [s].
+          ego: the truck.
+          others: the vehicles of the traffic simulation; actors among them are left out.
+        """
+        self._end(time)
+        self._last = self._begin(self._situation(time, ego, self._with_actors(others)), others)
+        frame = self._last.vehicles
+        return frame if ego is None else frame.near(ego.x, ego.y, self._config.view_range)
+
+    def _situation(
+        self, time: float, ego: EgoState | None, frame: VehicleFrame | None = None
+    ) -> Situation:
+        frame = VehicleFrame.empty() if frame is None else frame
+        states: dict[str, str] = {}
+        for record in self.records:
+            states[record.event.title] = "begun" if record.ended is None else "ended"
+        return Situation(time, self._route, self._config.footprint, ego, frame, states)
+
+    def _with_actors(self, others: VehicleFrame) -> VehicleFrame:
+        own = self.actors.at(-math.inf)
+        if not len(own):
+            return others
+        return VehicleFrame.joined(others.without(self.actors.members), own)
+
+    def _end(self, time: float) -> None:
+        """Ends the events whose time or whose plans are over."""
+        for running in list(self._running):
+            over = running.end <= time + ROUNDING
+            if over:
+                running.undo()
+            if over or (running.plans and all(plan.done for plan in running.plans)):
+                running.record.ended = time
+                self._running.remove(running)
+
+    def _begin(self, situation: Situation, others: VehicleFrame) -> Situation:
+        """Begins the events that are due, in their order; each sees those before it.
+
+        Returns:
+          The situation afterwards.
+        """
+        time, ego = situation.time, situation.ego
+        waiting = []
+        for event, trigger in self._pending:
+            if event.until is not None and event.until <= time + ROUNDING:
+                continue
+            if trigger is not None:
+                due = trigger.step(situation)
+            elif event.at_station is not None:
+                due = ego is not None and ego.station >= event.at_station
+            else:
+                due = (event.at_time or 0.0) <= time + ROUNDING
+            running = self._start(event, situation) if due else None
+            if running is None:
+                waiting.append((event, trigger))
+                continue
+            self.records.append(running.record)
+            self._running.append(running)
+            self.actors.show()
+            situation = self._situation(time, ego, self._with_actors(others))
+        self._pending = waiting
+        return situation
+
+    def _start(self, event: Event, situation: Situation) -> _Running | None:
+        """Begins an event; None if it cannot begin now."""
+        time = situation.time
+        if isinstance(event, Maneuver):
+            running = self._maneuver(event, situation)
+        elif isinstance(event, PlaceVehicle):
+            running = self._place(event, situation)
+        elif isinstance(event, CrossRoad):
+            running = self._cross(event, situation)
+        elif isinstance(event, TruckEvent):
+            running = _Running(EventRecord(event, "", time))
+        else:
+            assert self._others is not None
+            if not self._others.ready(event):
+                return None
+            undo = self._others.begin(event, time)
+            running = _Running(EventRecord(event, "", time), undo=undo)
+        if running is None or isinstance(event, LateralManeuver):
+            return running
+        if event.until is not None:
+            running.end = event.until
+        elif event.duration is not None:
+            running.end = time + event.duration
+        if running.end < math.inf:
+            running.plans = []
+        return running
+
+    def _place(self, event: PlaceVehicle, situation: Situation) -> _Running | None:
+        truck, kind, route = situation.truck, self._types[event.type], self._route
+        length = kind.length
+        if truck is None and (event.station is None or event.lane is None or event.speed is None):
+            return None
+        lane = event.lane
+        if lane is None:
+            lane = truck.lane + (event.relative_lane or 0)  # type: ignore[union-attr]
+        speed = event.speed
+        if speed is None:
+            speed = max(truck.speed + (event.speed_difference or 0.0), 0.0)  # type: ignore[union-attr]
+        if event.station is not None:
+            station = event.station - 0.5 * length
+        elif event.gap >= 0.0:  # type: ignore[operator]
+            station = truck.front + event.gap + 0.5 * length  # type: ignore
+        else:
+            station = truck.rear + event.gap - 0.5 * length  # type: ignore
+        inside = 0.5 * length < station < route.length - 0.5 * length
+        if not inside or lane < 0 or not route.lane_exists(lane, station):
+            return None
+        offset = float(route.lane_offset(lane, station))
+        size = {name: getattr(kind, name) for name in ("kind", "length", "width", "height")}
+        row = on_road(route, str(event.name), station, offset, speed=speed, **size)
+        return self._add(event, row, lane, situation, event.reactive and speed > 0.0)
+
+    def _add(
+        self,
+        event: Event,
+        row: TrackedVehicle,
+        lane: int,
+        situation: Situation,
+        reactive: bool,
+        clear: float = CLEAR,
+    ) -> _Running | None:
+        """Makes an actor of a row; None if its place is not free."""
+        name, half = row.id, 0.5 * row.length + clear
+        if name in situation.bodies or name in self.actors.members:
+            return None
+        place = Body(name, row.station + half, row.station - half, *([0.0] * 8))  # type: ignore
+        for body in (situation.truck, *situation.bodies.values()):
+            if body is None or gap(place, body) > 0.0:
+                continue
+            if abs(body.offset - row.offset) < 0.5 * (body.width + row.width):
+                return None
+        driver = self._driver(row, row.speed) if reactive else None
+        self.actors.members[name] = Actor(row, self._route, lane, driver)
+        remove = lambda: self._remove(name)  # noqa: E731
+        return _Running(EventRecord(event, name, situation.time), undo=remove)
+
+    def _remove(self, name: str) -> None:
+        self.actors.members.pop(name, None)
+        self.actors.show()
+
+    def _driver(self, row: TrackedVehicle, desired: float) -> IdmParameters:
+        like = [kind for kind in self._types.values() if kind.kind == row.kind]
+        return IdmParameters.of_type((like or list(self._types.values()))[0], max(desired, 0.1))
+
+    def _actor(self, name: str, situation: Situation) -> Actor | None:
+        """The actor of a role or an id; a vehicle of the traffic becomes one."""
+        body = situation.find(name)
+        if body is None or name == TRUCK:
+            return None
+        known = self.actors.members.get(body.name)
+        if known is not None:
+            return known if isinstance(known, Actor) else None
+        row = situation.vehicles.find(body.name)
+        if row is None or row.lane < 0:
+            return None
+        actor = Actor(row, self._route, row.lane, self._driver(row, self._take(row)))
+        self.actors.members[row.id] = actor
+        return actor
+
+    def _cross(self, event: CrossRoad, situation: Situation) -> _Running | None:
+        route, kind = self._route, self._types[event.type]
+        if event.station is not None:
+            station = event.station
+        elif situation.truck is not None:
+            station = situation.truck.front + event.gap  # type: ignore[operator]
+        else:
+            return None
+        name = str(event.name)
+        if name in situation.bodies or not 0.0 <= station <= route.length:
+            return None
+        right, left = (float(edge) for edge in route.surface_edges(station))
+        to_left = event.side == "right"
+        distance = left - right if event.distance is None else event.distance
+        size = {n: getattr(kind, n) for n in ("kind", "length", "width", "height")}
+        begin = right if to_left else left
+        row = on_road(route, name, station, begin, speed=event.speed, **size)
+        member = Crosser(row, route, to_left, distance, event.distance is not None)
+        self.actors.members[name] = member
+        return _Running(EventRecord(event, name, situation.time), plans=[member.plan])
+
+    def _maneuver(self, event: Maneuver, situation: Situation) -> _Running | None:
+        body, truck = situation.find(event.actor), situation.truck
+        if body is None or body.lane < 0:
+            return None
+        if truck is None and getattr(event, "speed_difference", None) is not None:
+            return None
+        target = target_lane(event, body, truck, self._route)
+        if target is None:
+            return None
+        actor = self._actor(body.name, situation)
+        if actor is None:
+            return None
+        if isinstance(event, LoseCargo):
+            return self._lose_cargo(event, actor, situation)
+        record = EventRecord(event, actor.name, situation.time)
+        plans, undo = begin(event, actor, target, truck)
+        return _Running(record, undo=undo, plans=plans)
+
+    def _lose_cargo(self, event: LoseCargo, actor: Actor, situation: Situation) -> _Running | None:
+        kind = self._types[CARGO]
+        station = actor.station - 0.5 * actor.row.length - 0.5 * kind.length - CLEAR
+        if station < kind.length:
+            return None
+        size = {n: getattr(kind, n) for n in ("kind", "length", "width", "height")}
+        more = {"speed": actor.speed, **size}
+        row = on_road(self._route, str(event.name), station, actor.offset, **more)
+        running = self._add(event, row, actor.lane, situation, reactive=False, clear=0.0)
+        if running is not None:
+            box = self.actors.members[row.id]
+            assert isinstance(box, Actor)
+            box.plan_speed(SpeedPlan(rate=event.deceleration, jerk=1e3))
+            # It slides on its own line.
+            shift = box.shift
+            box.plan_shift(lambda _: shift, math.inf)
+            running.plans = [box.speed_plan]  # type: ignore[list-item]
+            running.record.actor = actor.name
+        return running
+
+
+def is_of_scenario(event: Event) -> bool:
+    """Whether `Scenario` plays an event; the traffic simulation plays the others."""
+    return event.when is not None or isinstance(event, (SceneEvent, TruckEvent))
