@@ -362,7 +362,6 @@ class Scenario:
             shift = box.shift
             box.plan_shift(lambda _: shift, math.inf)
             running.plans = [box.speed_plan]  # type: ignore[list-item]
-            running.record.actor = actor.name
         return running
 
 
