@@ -75,12 +75,13 @@ class Mirror:
         visuals: bool = True,
         road_users: bool = True,
     ) -> None:
-        # `VehicleUnits` needs vehicles of two units last.
-        types = (*(types or default_types()), *road_user_types())
-        types = sorted(types, key=lambda kind: kind.look == "articulated")
+        types = tuple(types or default_types())
         names = [kind.name for kind in types]
         if len(set(names)) != len(names):
             raise InputError(f"types {', '.join(names)}: each name may occur once")
+        others = [kind for kind in road_user_types() if kind.name not in names]
+        # `VehicleUnits` needs vehicles of two units last.
+        types = sorted((*types, *others), key=lambda kind: kind.look == "articulated")
         shared = pool is None
         if pool is None:
             none = dict.fromkeys(ROAD_USER_POOL, 0)
