@@ -54,6 +54,7 @@ from iits_mj.simulation.drive_table import DriveTable
 from iits_mj.simulation.driver import LogDriver
 from iits_mj.simulation.frame import SAME_LINE, DivergedError
 from iits_mj.simulation.lock_step import Driver
+from iits_mj.simulation.parts import shows_road_users
 from iits_mj.simulation.summary import counts_text, to_text
 from iits_mj.simulation.telemetry import speed_object, speed_rows
 from iits_mj.truck import Truck
@@ -331,7 +332,8 @@ def _receiver(simulation: Simulation) -> CommandReceiver | None:
 
 def _film(kept: Kept, config: DriveConfig) -> FilmProcess:
     video = kept.out / "drive.mp4"
-    return FilmProcess(FilmSettings(video, config, kept.size, kept.camera, kept.fps, kept.weather))
+    shown = kept.size, kept.camera, kept.fps, kept.weather
+    return FilmProcess(FilmSettings(video, config, *shown, shows_road_users(config)))
 
 
 def _checked(film: FilmProcess) -> tuple[FilmProcess | None, tuple[str, ...]]:

@@ -23,7 +23,7 @@ class TrackedVehicle:
 
     Attributes:
       id: stable name.
-      kind: "car", "van", "truck" (rigid) or "articulated".
+      kind: "car", "van", "truck" (rigid), "articulated", "pedestrian", "bicycle" or "obstacle".
       x, y, z, yaw: [m], [rad]. Where x, y and z are all zero, the pose is unknown and station and
         offset give the place.
       pitch, roll: of the road under it, in its own direction [rad], pitch positive nose down.

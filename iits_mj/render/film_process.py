@@ -52,6 +52,7 @@ class FilmSettings:
     Attributes:
       path: of the MP4 file; config: truck and road of the drive.
       size, camera, fps, weather: as of `VideoObserver`.
+      road_users: as of the `Mirror` of the drive.
     """
 
     path: Path
@@ -60,6 +61,7 @@ class FilmSettings:
     camera: str | type[Camera] | Camera
     fps: float
     weather: str = "day"
+    road_users: bool = False
 
 
 class FilmProcess(Finishing, Observer):
@@ -240,7 +242,7 @@ def _draw(messages: BinaryIO, answer: Any) -> None:
     with encoder:
         answer("ready")
         route = load_route(settings.config)
-        truck = load_truck(settings.config, route, Mirror())
+        truck = load_truck(settings.config, route, Mirror(road_users=settings.road_users))
         model, data = truck.model, mujoco.MjData(truck.model)
         pictures = Pictures(truck, settings.size, settings.camera, settings.weather)
         with Film(pictures, encoder) as film:

@@ -156,7 +156,7 @@ class ConflictLog(Observer):
         """
         time = np.array(self._time)
         distance, headway, ttc, drac, margin = np.array(self._ahead, dtype=float).reshape(-1, 5).T
-        times = (("time gap", headway, ""), ("time to collision", ttc, "simulation"))
+        times = (("time gap", headway, "second"), ("time to collision", ttc, "simulation"))
         return [
             self._panel("Times to the vehicle ahead", "time [s]", axis, time, times, TIME_SHOWN),
             self._panel(
@@ -172,7 +172,7 @@ class ConflictLog(Observer):
                 "distance [m]",
                 axis,
                 time,
-                (("gap", distance, ""), ("margin of the RSS distance", margin, "simulation")),
+                (("gap", distance, "second"), ("margin of the RSS distance", margin, "simulation")),
                 DISTANCE_SHOWN,
             ),
         ]

@@ -39,6 +39,7 @@ from iits_mj.simulation.parts import (
     make_stack,
     make_traffic,
     placed,
+    shows_road_users,
     surface_text,
 )
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
@@ -94,7 +95,8 @@ class Simulation(LockStep):
     ) -> None:
         self.config = config
         self.route: Route = load_route(config) if route is None else route
-        self.mirror = Mirror(visuals=visuals)
+        road_users = traffic is not None or shows_road_users(config)
+        self.mirror = Mirror(visuals=visuals, road_users=road_users)
         truck = load_truck(
             config,
             self.route,

@@ -164,6 +164,15 @@ def surface_text(route: Route) -> str:
     return f"{route.unevenness}" + (f", cross slope {slope:g} %" if slope else "")
 
 
+def shows_road_users(config: DriveConfig) -> bool:
+    """Whether the traffic of a drive may have pedestrians, cyclists or obstacles; SUMO's has none.
+
+    The bodies for them cost some time of the physics.
+    """
+    sumo = not TRAFFIC.is_own(config.traffic_mode) and config.recording is None
+    return config.events is not None or not sumo
+
+
 @task("building the truck", usual=1.5)
 def load_truck(
     config: TruckStart,

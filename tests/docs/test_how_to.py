@@ -49,7 +49,11 @@ def test_every_example_is_a_file_of_fewer_than_30_lines_that_a_page_shows_unchan
         text = page.read_text(encoding="utf-8")
         for name, code in re.findall(r"`examples/([\w/.]+)`[^`]*\n\n```\w+\n(.*?)```", text, re.S):
             shown[name] = code
-    files = [*EXAMPLES.glob("own_*.py"), *(EXAMPLES / "stronger_engine").iterdir()]
+    files = [
+        *EXAMPLES.glob("own_*.py"),
+        EXAMPLES / "cut_in.toml",
+        *(EXAMPLES / "stronger_engine").iterdir(),
+    ]
     assert shown == {str(f.relative_to(EXAMPLES)): f.read_text(encoding="utf-8") for f in files}
     assert max(code.count("\n") for code in shown.values()) < 30
 
@@ -83,6 +87,26 @@ def test_the_decision_maker_of_the_page_passes_a_slow_leader(
     )
     with Simulation(config, visuals=False) as drive:
         assert drive.run().lane_changes == 1
+
+
+def test_the_car_of_the_page_cuts_in_15_m_before_the_truck() -> None:
+    config = DriveConfig(
+        events=EXAMPLES / "cut_in.toml",
+        traffic_mode="none",
+        start_station=300.0,
+        plant="yaw-sideslip",
+        duration=40.0,
+    )
+    with Simulation(config, visuals=False) as drive:
+        aside = None
+        while not any(record.event.kind == "brake" for record in drive.events):
+            frame = drive.cycle()
+            (car,) = drive.vehicles
+            if aside is None and car.lateral_speed < 0.0:
+                front = frame.ego.station + drive.truck.footprint.front_overhang
+                aside = car.station - 0.5 * car.length - front, car.speed - frame.ego.speed
+        assert aside == (pytest.approx(15.0, abs=0.4), pytest.approx(-2.0, abs=0.2))
+        assert car.lane == 0
 
 
 def test_the_cameras_of_the_page_look_at_the_truck() -> None:

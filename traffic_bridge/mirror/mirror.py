@@ -31,15 +31,8 @@ from traffic_bridge.mirror.slots import Slot, Slots
 from traffic_bridge.mirror.units import VehicleUnits
 from traffic_bridge.vehicles.types import VehicleType, default_types, road_user_types
 
-DEFAULT_POOL = {
-    "car": 14,
-    "van": 5,
-    "truck": 4,
-    "articulated": 4,
-    "pedestrian": 2,
-    "bicycle": 2,
-    "obstacle": 2,
-}
+DEFAULT_POOL = {"car": 14, "van": 5, "truck": 4, "articulated": 4}
+ROAD_USER_POOL = {"pedestrian": 2, "bicycle": 2, "obstacle": 2}
 LARGEST_POOL = 500
 PARKING_DEPTH = -500.0  # [m]: unused bodies are here, out of every camera's view
 PARKING_SPACING = 25.0  # [m]: stacked bodies would be slow in collision detection
@@ -59,8 +52,10 @@ class Mirror:
 
     Args:
       pool: number of slots by the name of a vehicle type; vehicles beyond it (the farthest) are not
-        shown. Default: 14 cars, 5 vans, 4 trucks, 4 articulated trucks, and two of each further
-        road user; types of your own share the number of their look.
+        shown. Default: 14 cars, 5 vans, 4 trucks, 4 articulated trucks; types of your own share
+        the number of their look.
+      road_users: adds slots for pedestrians, cyclists and obstacles to the default pool; their
+        bodies cost 3 % of a physics step.
       view_range: vehicles farther away than this are not shown [m].
       types: dimensions, looks and colors; default: those of the package.
       step_length: of the traffic [s].
@@ -78,14 +73,20 @@ class Mirror:
         types: Sequence[VehicleType] | None = None,
         step_length: float = 0.1,
         visuals: bool = True,
+        road_users: bool = True,
     ) -> None:
-        # `VehicleUnits` needs vehicles of two units last.
-        types = types or (*default_types(), *road_user_types())
-        types = sorted(types, key=lambda kind: kind.look == "articulated")
+        types = tuple(types or default_types())
         names = [kind.name for kind in types]
         if len(set(names)) != len(names):
             raise InputError(f"types {', '.join(names)}: each name may occur once")
-        counts = _counts(DEFAULT_POOL if pool is None else pool, types, shared=pool is None)
+        others = [kind for kind in road_user_types() if kind.name not in names]
+        # `VehicleUnits` needs vehicles of two units last.
+        types = sorted((*types, *others), key=lambda kind: kind.look == "articulated")
+        shared = pool is None
+        if pool is None:
+            none = dict.fromkeys(ROAD_USER_POOL, 0)
+            pool = DEFAULT_POOL | (ROAD_USER_POOL if road_users else none)
+        counts = _counts(pool, types, shared=shared)
         for name, value in (("view_range", view_range), ("step_length", step_length)):
             if not is_number(value) or value <= 0.0:
                 raise InputError(f"{name} {value!r}: must be positive and finite")

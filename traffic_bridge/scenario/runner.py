@@ -149,6 +149,8 @@ class Scenario:
           ego: the truck.
           others: the vehicles of the traffic simulation; actors among them are left out.
         """
+        if not len(self):
+            return others
         self._end(time)
         self._last = self._begin(self._situation(time, ego, self._with_actors(others)), others)
         frame = self._last.vehicles
@@ -362,7 +364,6 @@ class Scenario:
             shift = box.shift
             box.plan_shift(lambda _: shift, math.inf)
             running.plans = [box.speed_plan]  # type: ignore[list-item]
-            running.record.actor = actor.name
         return running
 
 

@@ -11,8 +11,9 @@ from iits_mj.road import RoadMap
 from tests.paths import outside
 from tests.traffic_bridge.scripted_truck import ego_at
 from traffic_bridge import InterSim, Mirror, PureSim, TrafficConfig, VehicleFrame, default_types
+from traffic_bridge.vehicles.types import road_user_types
 
-TYPES = {kind.name: kind for kind in default_types()}
+TYPES = {kind.name: kind for kind in (*default_types(), *road_user_types())}
 TRUCK = """
 <mujoco>
   <worldbody>
@@ -403,7 +404,7 @@ def test_update_is_a_function_of_the_frames_since_bind(straight):
 
 
 def test_wrong_arguments_are_refused_with_the_allowed_values(straight):
-    with pytest.raises(InputError, match="types are car, van, truck, articulated"):
+    with pytest.raises(InputError, match="types are car, van, truck, pedestrian"):
         Mirror({"bus": 1})
     for count in (-1, 501, 2.5, True):
         with pytest.raises(InputError, match="counts 0 to 500"):
