@@ -10,7 +10,9 @@ from iits_mj.road import RoadMap
 from iits_mj.road.terrain import geographic
 from iits_mj.simulation import DriveConfig, Simulation
 from iits_mj.simulation.parts import load_map
+from tests.traffic_bridge.network.test_netconvert_input import distance
 from tests.village import NODES, WAYS, write_osm
+from traffic_bridge import MapNetwork
 from traffic_bridge.network import map_sources
 from traffic_bridge.network.map_sources import convert
 from traffic_bridge.network.nets import run_netconvert
@@ -71,6 +73,13 @@ def test_roads_driven_on_the_left_are_left_of_their_lines(village):
     assert road_map.left_hand
     assert all(lane.id >= 0 for road in content.roads for lane in road.sections[0].lanes)
     assert road_map.route().length > 1000.0
+    net = MapNetwork.of(road_map)
+    assert 'lefthand="true"' in net.net.path.read_text()
+    # Inside junctions SUMO's lanes are those of the map, too.
+    assert max(distance(net, name) for name, lane in net.lanes.items() if lane.length > 0.5) < 0.1
+    # Left turns are the near ones, and end on the outermost lane.
+    turns = {link.turn for link in net.connections if link.start == "-81_0"}
+    assert turns == {"l", "r"}
 
 
 @pytest.mark.parametrize("ending", [".osm", ".net.xml"])
