@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 
 from iits_mj.core.errors import InputError, MapError
 from iits_mj.road import RoadMap
 from iits_mj.road.terrain import geographic
+from iits_mj.road.writer import to_xml
 from iits_mj.simulation import DriveConfig, Simulation
 from iits_mj.simulation.parts import load_map
 from tests.traffic_bridge.network.test_netconvert_input import distance
@@ -94,6 +97,16 @@ def test_a_drive_takes_the_file_itself(village, folder, ending):
     assert not summary.failed
     assert summary.distance > 25.0
     assert load_map(path).path.name.startswith(f"village{ending}.")
+
+
+def test_lanes_of_any_order_in_a_file_are_those_of_the_map(content, folder):
+    root = ElementTree.fromstring(to_xml(content))
+    for group in root.iter("right"):
+        group[:] = reversed(group)
+    path = folder / "reversed.xodr"
+    ElementTree.ElementTree(root).write(path)
+    net = MapNetwork.of(RoadMap.from_opendrive(path))
+    assert max(distance(net, name) for name, lane in net.lanes.items() if lane.length > 0.5) < 0.1
 
 
 def test_one_extract_gives_one_text(village, content):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 
@@ -115,11 +113,3 @@ def test_a_map_whose_header_has_an_offset_has_its_net_at_the_same_place(tmp_path
     assert made.road_map.content.offset == (7e5, 5e6)
     assert made.net.offset == (0.0, 0.0)
     assert made.locate(50.0, -1.75).sumo_lane
-
-
-def test_lanes_of_any_order_in_the_file_are_those_of_the_map(tmp_path):
-    before, center, after = re.split(r"(<right>.*?</right>)", SPLIT, maxsplit=1)
-    lane = re.findall(r"<lane .*?</lane>", center)
-    made = network(tmp_path, before + f"<right>{''.join(reversed(lane))}</right>" + after)
-    assert len(lane) > 1
-    assert max(distance(made, name) for name in made.lanes if not name.startswith(":")) < 0.02
