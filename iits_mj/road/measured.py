@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from iits_mj.core.angles import wrap_angles
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.tables import read_columns, read_names
@@ -30,7 +31,8 @@ _GRADE_MAX = 0.25
 _CURVATURE_MAX = 0.2
 # Clothoids whose curvature changes by less become straight lines or arcs [1/m].
 _SAME_CURVATURE = 1e-9
-_ROLL_MAX = 0.3
+_ROLL_MAX = 0.3  # [rad]
+_TURN_MAX = 1.05  # [rad] from one pair of points to the next
 _COLUMNS = (
     *("s_m", "x_m", "y_m", "z_m", "heading_rad", "curvature_1pm", "superelevation_rad"),
     *("lanes", "oncoming_lanes", "lane_width_m", "speed_limit_mps"),
@@ -104,19 +106,18 @@ def road_from_csv(
       InputError: the file cannot be read, or its columns do not describe a road.
     """
     names = [name for name in read_names(path, "road") if name in _COLUMNS]
+    name, points = Path(path).name, {"x_m", "y_m"} <= set(names)
+    if not points and "s_m" not in names:
+        raise InputError(f"road {str(path)!r}: columns s_m, or x_m and y_m, are needed")
     found = dict(zip(names, read_columns(path, "road", [(n,) for n in names], 3), strict=True))
-    name = Path(path).name
-    points = "x_m" in found and "y_m" in found
     if points and not ("s_m" in found and "curvature_1pm" in found):
         s, plan = _spline_plan(name, found["x_m"], found["y_m"])
-    elif "s_m" in found:
+    else:
         s = _columns(name, found["s_m"], found["s_m"])[0]
         s = s - s[0]
         heading = float(found["heading_rad"][0]) if "heading_rad" in found else 0.0
         bends = found.get("curvature_1pm", np.zeros_like(s))
         plan = tuple(_plan_view(s, heading, _bounded(name, "curvature_1pm", bends, _CURVATURE_MAX)))
-    else:
-        raise InputError(f"road {str(path)!r}: columns s_m, or x_m and y_m, are needed")
     roll = found.get("superelevation_rad", np.zeros_like(s))
     _bounded(name, "superelevation_rad", roll, _ROLL_MAX)
     return plain_road(
@@ -179,6 +180,13 @@ def _spline_plan(
     chords = np.hypot(np.diff(x), np.diff(y))
     if (chords < 1e-3).any():
         raise InputError(f"{name}: point {int(chords.argmin()) + 2} is that before it")
+    turns = np.abs(wrap_angles(np.diff(np.arctan2(np.diff(y), np.diff(x)))))
+    if turns.max() > _TURN_MAX:
+        raise InputError(
+            f"{name}: the road turns by {np.degrees(turns.max()):.0f} degrees at point "
+            f"{int(turns.argmax()) + 2}; at most {np.degrees(_TURN_MAX):.0f} between two points is "
+            "allowed"
+        )
     t = np.concatenate(([0.0], np.cumsum(chords)))
     curve = CubicSpline(t, np.column_stack((x, y)), bc_type="natural")
     s, plan = [0.0], []

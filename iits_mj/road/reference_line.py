@@ -226,7 +226,7 @@ class ReferenceLine:
             raise InputError(f"a point of the map must be finite, not ({x}, {y})")
         if near_station is not None:
             found = self._newton(x, y, near_station)
-            if found is None:
+            if found is None and math.isfinite(near_station):
                 # At the center of a bend; elsewhere on a line that passes twice lies another place.
                 found = self._scan(x, y, near_station)
                 if abs(found[0] - near_station) >= _SCAN:

@@ -150,9 +150,9 @@ def geographic(
             meridian, base, scale, east = 6.0 * float(given["zone"]) - 183.0, 0.0, 0.9996, 5e5
             north = 1e7 if "south" in given else 0.0
         elif kind == "tmerc":
-            meridian, base = float(given.get("lon_0", 0.0)), float(given.get("lat_0", 0.0))
-            scale = float(given.get("k") or given.get("k_0", 1.0))
-            east, north = float(given.get("x_0", 0.0)), float(given.get("y_0", 0.0))
+            meridian, base = float(given.get("lon_0", "0")), float(given.get("lat_0", "0"))
+            scale = float(given.get("k", given.get("k_0", "1")))
+            east, north = float(given.get("x_0", "0")), float(given.get("y_0", "0"))
         else:
             raise ValueError("only utm and tmerc are known")
     except (KeyError, ValueError) as error:

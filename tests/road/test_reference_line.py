@@ -145,3 +145,26 @@ def test_a_station_that_is_not_a_number_has_no_place(line):
     assert all(math.isnan(value) for value in line.evaluate(math.nan))
     assert math.isnan(line.height(math.nan))
     assert line.locate(*line.evaluate(20.0)[:2], math.nan) == pytest.approx((20.0, 0.0), abs=1e-6)
+
+
+def test_the_center_of_a_bend_is_found_in_the_bend_and_not_on_a_nearer_part_of_the_line():
+    records = (
+        (0.0, -50.0, 4.0, 0.0, 100.0, 0.0),
+        (100.0, 50.0, 4.0, 0.0, 30.0 * math.pi, 1.0 / 30.0),
+        (100.0 + 30.0 * math.pi, 50.0, 64.0, math.pi, 25.0, 0.0),
+        (125.0 + 30.0 * math.pi, 25.0, 64.0, math.pi, 15.0 * math.pi, 1.0 / 30.0),
+        (125.0 + 45.0 * math.pi, -5.0, 34.0, 1.5 * math.pi, 34.0, 0.0),
+        (159.0 + 45.0 * math.pi, -5.0, 0.0, 1.5 * math.pi, 2.5 * math.pi, 0.2),
+        (159.0 + 47.5 * math.pi, 0.0, -5.0, 0.0, 40.0, 0.0),
+    )
+    geometry = "".join(
+        f'<geometry s="{s!r}" x="{x}" y="{y}" hdg="{heading!r}" length="{length!r}">'
+        f'<arc curvature="{curvature!r}"/></geometry>'
+        for s, x, y, heading, length, curvature in records
+    )
+    text = document(road(geometry=geometry, length=199.0 + 47.5 * math.pi))
+    line = RoadMap(parse(text.encode(), "bow"), "bow").route().line
+    bend = records[5][0]
+    station, offset = line.locate(0.0, 0.0, bend + 3.0)
+    assert bend - 10.0 < station < bend + 15.0
+    assert 2.0 < abs(offset) < 8.0

@@ -95,6 +95,7 @@ def convert(
     if name.endswith(".xodr"):
         content = parse(read_file(path), str(path))
     else:
+        read_file(path, SIZE_MAX)
         content = _netconvert(path, left_hand)
     if terrain is None:
         return content

@@ -19,6 +19,19 @@ BRIDGE = "direct_junction_"  # beginning of the ids of roads that this module ad
 SIGNAL_DEFAULTS = {"type": "-1", "subtype": "-1", "orientation": "none", "dynamic": "no"}
 FLAT_SPIRAL = 0.005  # [m]
 STRAIGHT_TURN = 1e-6  # [rad]
+# Attributes that change their sign in a mirror at the x axis.
+_MIRRORED = {
+    "geometry": ("y", "hdg"),
+    "arc": ("curvature",),
+    "spiral": ("curvStart", "curvEnd"),
+    "poly3": tuple("abcd"),
+    "paramPoly3": ("aV", "bV", "cV", "dV"),
+    "superelevation": tuple("abcd"),
+    "laneOffset": tuple("abcd"),
+    "signal": ("t",),
+    "validity": ("fromLane", "toLane"),
+    "laneLink": ("from", "to"),
+}
 BRIDGE_LENGTH = 0.1  # [m] of those roads: the shortest lane of a net
 
 
@@ -72,7 +85,11 @@ def opendrive_for_netconvert(road_map: RoadMap, only: Collection[str] | None = N
             if not all(name in roads or str(name).startswith(BRIDGE) for name in named):
                 item.remove(connection)
     if road_map.left_hand:
-        _swap_sides(root)
+        _mirror(root)
+    for section in root.iter("laneSection"):
+        for group in section:
+            # netconvert numbers the lanes in the order of the file, which must be left to right.
+            group[:] = sorted(group, key=lambda lane: -float(lane.get("id", "0")))
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
 
 
@@ -250,11 +267,8 @@ def _add_bridge(
     SubElement(element, "width", sOffset="0", a=repr(abs(inner - outer)), b="0", c="0", d="0")
 
 
-def _swap_sides(root: Element) -> None:
-    """Mirrors everything beside the reference lines, as netconvert's `--lefthand` expects it.
-
-    With that option netconvert reads right lanes and puts them on the left.
-    """
+def _mirror(root: Element) -> None:
+    """Mirrors the map in the x axis, which makes left-hand traffic right-hand traffic."""
     for section in root.iter("laneSection"):
         for group in section:
             group.tag = {"left": "right", "right": "left"}.get(group.tag, group.tag)
@@ -263,14 +277,9 @@ def _swap_sides(root: Element) -> None:
                     _negate(element, "id")
                 for border in lane.findall("border"):
                     _negate(border, *"abcd")
-    for offset in root.iter("laneOffset"):
-        _negate(offset, *"abcd")
-    for signal in root.iter("signal"):
-        _negate(signal, "t")
-        for validity in signal.findall("validity"):
-            _negate(validity, "fromLane", "toLane")
-    for link in root.iter("laneLink"):
-        _negate(link, "from", "to")
+    for tag, names in _MIRRORED.items():
+        for element in root.iter(tag):
+            _negate(element, *names)
 
 
 def _negate(element: Element, *names: str) -> None:

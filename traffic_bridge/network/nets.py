@@ -12,6 +12,7 @@ import tempfile
 from collections.abc import Mapping
 from functools import cache, partial
 from pathlib import Path
+from xml.etree import ElementTree
 
 from iits_mj.core.cache import CACHE_VARIABLE, cache_folder
 from iits_mj.core.errors import InputError, MapError, TrafficError
@@ -40,13 +41,9 @@ OPENDRIVE_OPTIONS = (
     "--precision",
     "3",
 )
-# netconvert puts the shapes inside junctions on the wrong side with this option.
-LEFT_HAND_OPTIONS = (
-    *(option for option in OPENDRIVE_OPTIONS if option != "--opendrive.internal-shapes"),
-    "--lefthand",
-)
-REVISION = "3"  # of the changes that this module makes to a net; part of the cache key
+REVISION = "4"  # of the changes that this module makes to a net; part of the cache key
 ADVICE = "; a drive with traffic-mode none needs no net"
+_OTHER_TURNS = {"l": "r", "r": "l", "L": "R", "R": "L"}
 _SEAL = "<!-- sha256 "
 
 
@@ -100,15 +97,14 @@ def build_network(source: RoadMap | Route, whole: bool = True) -> NetFile:
 def _net_file(road_map: RoadMap, only: set[str] | None) -> Path:
     """The net of a map, or of some of its roads, in the cache."""
     content = opendrive_for_netconvert(road_map, only)
-    options = LEFT_HAND_OPTIONS if road_map.left_hand else OPENDRIVE_OPTIONS
-    target = _cached_file(content, options)
+    target = _cached_file(content, road_map.left_hand)
     if not _is_whole(target):
-        _make(content, options, target, road_map)
+        _make(content, road_map.left_hand, target, road_map)
     return target
 
 
-def _cached_file(content: bytes, options: tuple[str, ...]) -> Path:
-    made_by = " ".join((*options, netconvert_version(), REVISION))
+def _cached_file(content: bytes, left_hand: bool) -> Path:
+    made_by = " ".join((*OPENDRIVE_OPTIONS, netconvert_version(), REVISION, str(left_hand)))
     key = content + made_by.encode()
     folder = cache_dir() / "nets"
     try:
@@ -135,7 +131,7 @@ def _is_whole(net: Path) -> bool:
     return bool(seal) and digest.split()[:1] == [hashlib.sha256(body).hexdigest().encode()]
 
 
-def _make(content: bytes, options: tuple[str, ...], target: Path, road_map: RoadMap) -> None:
+def _make(content: bytes, left_hand: bool, target: Path, road_map: RoadMap) -> None:
     name = str(road_map.path)
     try:
         # In the target's folder, so that the file can be moved in one operation.
@@ -145,7 +141,7 @@ def _make(content: bytes, options: tuple[str, ...], target: Path, road_map: Road
     with folder:
         source, made = Path(folder.name) / "map.xodr", Path(folder.name) / "made.net.xml"
         source.write_bytes(content)
-        arguments = ["--opendrive", str(source), *options, "--output-file", str(made)]
+        arguments = ["--opendrive", str(source), *OPENDRIVE_OPTIONS, "--output-file", str(made)]
         run_netconvert(arguments, name)
         text = made.read_text(encoding="utf-8") if made.is_file() else ""
         if "<edge " not in text:
@@ -153,10 +149,10 @@ def _make(content: bytes, options: tuple[str, ...], target: Path, road_map: Road
         # The leading comment holds a date and paths; without it one map gives one file.
         text = re.sub(r"<!--.*?-->\s*", "", text, count=1, flags=re.DOTALL)
         text = re.sub(r"<lane [^>]*>", _close_if_narrow, text)
-        if "--lefthand" in options:
-            text = re.sub(rf'(<param key="{ORIGIN}" value=")([^"]*)"', _swapped_origin, text)
+        if left_hand:
+            text = _mirrored(text)
         # Lanes through a direct junction belong to no road of the map.
-        text = re.sub(rf'\s*<param key="{ORIGIN}" value="{BRIDGE}[^"]*"/>', "", text)
+        text = re.sub(rf'\s*<param key="{ORIGIN}" value="{BRIDGE}[^"]*" ?/>', "", text)
         made.write_text(text, encoding="utf-8", newline="\n")
         offsets = stop_offsets(NetFile.read(made), road_map.roads)
         text = re.sub(r'<lane id="([^"]*)"[^>]*?(/?)>', partial(_with_stop_line, offsets), text)
@@ -165,11 +161,38 @@ def _make(content: bytes, options: tuple[str, ...], target: Path, road_map: Road
         made.replace(target)
 
 
-def _swapped_origin(param: re.Match[str]) -> str:
-    """Names the lanes of a net with left-hand traffic as the map does; see `_swap_sides`."""
-    names = [name.rpartition("_") for name in param[2].split()]
-    swapped = " ".join(f"{road}_{-int(lane)}" for road, _, lane in names)
-    return f'{param[1]}{swapped}"'
+def _mirrored(text: str) -> str:
+    """The net of a mirrored map as a net with left-hand traffic at the map's own place.
+
+    netconvert's own left-hand nets have other shapes inside junctions than the map.
+    """
+    root = ElementTree.fromstring(text)
+    root.set("lefthand", "true")
+    for element in root.iter():
+        if shape := element.get("shape"):
+            element.set("shape", " ".join(map(_below, shape.split())))
+        if element.tag == "junction":
+            element.set("y", _opposite(element.attrib["y"]))
+        elif element.tag == "connection":
+            element.set("dir", _OTHER_TURNS.get(element.attrib["dir"], element.attrib["dir"]))
+        elif element.tag == "location":
+            element.set("netOffset", _below(element.attrib["netOffset"]))
+            left, low, right, high = element.attrib["convBoundary"].split(",")
+            element.set("convBoundary", f"{left},{_opposite(high)},{right},{_opposite(low)}")
+        elif element.tag == "param" and element.get("key") == ORIGIN:
+            names = (name.rpartition("_") for name in element.attrib["value"].split())
+            element.set("value", " ".join(f"{road}_{-int(lane)}" for road, _, lane in names))
+    return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _below(point: str) -> str:
+    """A point "x,y" or "x,y,z" on the other side of the x axis."""
+    x, y, *z = point.split(",")
+    return ",".join((x, _opposite(y), *z))
+
+
+def _opposite(number: str) -> str:
+    return number[1:] if number.startswith("-") else f"-{number}"
 
 
 def _with_stop_line(offsets: Mapping[str, float], lane: re.Match[str]) -> str:

@@ -104,3 +104,12 @@ def test_roads_that_are_left_out_are_left_out_of_the_net(tmp_path):
     content = opendrive_for_netconvert(RoadMap.from_opendrive(path))
     assert b'"9"' not in content
     assert MapNetwork.of(RoadMap.from_opendrive(path)).exits == ("-1",)
+
+
+def test_a_map_whose_header_has_an_offset_has_its_net_at_the_same_place(tmp_path):
+    shifted = '<header revMajor="1" revMinor="6"><offset x="7e5" y="5e6" z="0" hdg="0"/></header>'
+    text = document(road("1")).replace('<header revMajor="1" revMinor="6"/>', shifted)
+    made = network(tmp_path, text)
+    assert made.road_map.content.offset == (7e5, 5e6)
+    assert made.net.offset == (0.0, 0.0)
+    assert made.locate(50.0, -1.75).sumo_lane
