@@ -21,8 +21,8 @@ LONG = 8.0  # [m]: vehicles from this length on need the ground of another turn
 BRAKING = 2.0  # [m/s2] to the stop line
 REACHES = 25.0  # [m] before a stop line in which a vehicle is looked at
 COMMITTED = 0.5  # [m]: a vehicle this near to its line, or past it, has begun its turn
-SETS_OFF = 0.3  # [m/s]: the truck has begun its turn if it moves, `TRUCK_NEAR` before its line
-TRUCK_NEAR = 12.0  # [m]
+SETS_OFF = 0.3  # [m/s]: a slower vehicle before its line waits there
+TRUCK_NEAR = 12.0  # [m] before its line, where the truck begins its turn unless its light is red
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +72,7 @@ class OppositeTurns:
         self._speed, self._length = read("getSpeed"), read("getLength")
         self._lines = {lane.id: line for lane, line in self._approaches}
         self._route, self._index = session.api.vehicle.getRoute, session.api.vehicle.getRouteIndex
+        self._states = session.api.trafficlight.getRedYellowGreenState
         self._there = session.api.vehicle.getIDList
 
     def held(self) -> dict[str, float]:
@@ -96,7 +97,7 @@ class OppositeTurns:
             speed = float(self._speed(name))
             long = name == self._ego or float(self._length(name)) >= LONG
             if name == self._ego:
-                begins = left < COMMITTED or (left < TRUCK_NEAR and speed > SETS_OFF)
+                begins = left < COMMITTED or (left < TRUCK_NEAR and self._is_open(link))
             elif self._is_taken(link, long):
                 found[name] = math.sqrt(2.0 * BRAKING * max(left - COMMITTED, 0.0))
                 continue
@@ -120,6 +121,11 @@ class OppositeTurns:
         following = route[index + 1] if index + 1 < len(route) else ""
         return self._number.get((lane.id, following))
 
+    def _is_open(self, link: int) -> bool:
+        """Whether no light keeps vehicles from a turn."""
+        light = self._links[link].light
+        return not light or self._states(light)[self._links[link].link] in "gGoO"
+
     def _is_taken(self, link: int, long: bool) -> bool:
         """Whether a turn under way needs the ground of another one."""
         return any(
@@ -141,8 +147,9 @@ class OppositeTurns:
                 continue
             position = float(self._position(name))
             if lane == self._links[begun.link].start:
-                # It has stopped at its line after all.
+                # It waits at its line after all.
                 ended = position < self._lines[lane] + COMMITTED and self._speed(name) < SETS_OFF
+                ended = ended and not (name == self._ego and self._is_open(begun.link))
             else:
                 ended = position > float(self._length(name))
             if ended:
