@@ -19,6 +19,7 @@ from __future__ import annotations
 import argparse
 import csv
 import dataclasses
+import io
 import itertools
 import math
 import sys
@@ -276,12 +277,13 @@ def read_rows(table: Path) -> list[Row]:
 
 def write_rows(table: Path, rows: Iterable[Row]) -> None:
     """Writes a table; an interruption leaves the old or the new one."""
-    lines = [HEADER]
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(HEADER)
     for row in rows:
         values = dataclasses.asdict(row).values()
-        lines.append([f"{v:.2f}" if isinstance(v, float) else str(v) for v in values])
-    quoted = (",".join(f'"{v}"' if "," in v else v for v in line) for line in lines)
-    write_whole(table, ("\n".join(quoted) + "\n").encode(), "junction table")
+        writer.writerow([f"{v:.2f}" if isinstance(v, float) else v for v in values])
+    write_whole(table, text.getvalue().encode(), "junction table")
 
 
 def summary(rows: Sequence[Row]) -> str:

@@ -348,10 +348,14 @@ class SpeedZone:
 
 @dataclass(frozen=True, slots=True)
 class RoadSignals:
-    """States of traffic lights and variable signs; where zones overlap the later one applies."""
+    """States of traffic lights and variable signs; where zones overlap the later one applies.
+
+    `lines` are stations of stop lines before junctions without a light, where vehicles cross [m].
+    """
 
     light: TrafficLight | None = None
     zones: tuple[SpeedZone, ...] = ()
+    lines: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

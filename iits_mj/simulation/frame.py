@@ -155,7 +155,8 @@ def read_signals(
         for rule in signals.limits.rules
         if rule.end > ego.station - SIGHT and rule.start < ego.station + SIGHT
     )
-    return RoadSignals(None if light is None else _light_message(light), zones)
+    lines = tuple(line for line in signals.lines if -BEHIND <= line - front <= SIGHT)
+    return RoadSignals(None if light is None else _light_message(light), zones, lines)
 
 
 def _light_message(light: LightAhead) -> TrafficLight:

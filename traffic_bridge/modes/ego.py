@@ -124,6 +124,7 @@ class EgoInTraffic:
             self._footprint,
             self._config.speed_limit if steady is None else steady.speed,
             EGO_HEADWAY if steady is None else LEVEL_HEADWAY,
+            beside=steady is not None,
         )
 
     def place(self, ego: EgoState) -> None:

@@ -261,6 +261,16 @@ class Observation:
         self._of_lanes = poses.lanes(poses.numbers(on))
         self._names, self._on = names, on
 
+    def _beside(self, lane: str, came_from: tuple[str, ...]) -> str:
+        """The lane by which a vehicle came to a lane's neighbors, "" for none."""
+        edge = self._lanes.net.edge.get(lane.rpartition("_")[0])
+        for other in () if edge is None else edge.lanes:
+            before = self._lanes.before(other.id) if other.id != lane else ()
+            for known in came_from:
+                if known in before:
+                    return known
+        return ""
+
     def _behind(self, name: str, lane: str, position: float) -> tuple[str, float]:
         """The lane, and the position, of a place before the beginning of a vehicle's lane."""
         came_from = self._history.get(name, ())
@@ -268,6 +278,8 @@ class Observation:
             before = self._lanes.before(lane)
             if not before:
                 break
-            lane = next((known for known in came_from if known in before), before[0])
+            behind = next((known for known in came_from if known in before), "")
+            # A vehicle that changed lanes right behind a junction came through it to the old lane.
+            lane = behind or self._beside(lane, came_from) or before[0]
             position += self._lanes.table(lane).length
         return lane, position

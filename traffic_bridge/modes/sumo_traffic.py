@@ -8,7 +8,7 @@ from iits_mj.core.messages import EgoState, TrackedVehicle
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
-from traffic_bridge.modes.ego import EgoInTraffic, ego_type_xml
+from traffic_bridge.modes.ego import EGO, EgoInTraffic, ego_type_xml
 from traffic_bridge.modes.observation import Observation
 from traffic_bridge.modes.replayed_vehicles import ReplayedVehicles
 from traffic_bridge.network.nets import build_network
@@ -19,6 +19,7 @@ from traffic_bridge.signals.controller import TrafficController
 from traffic_bridge.vehicles.demand import Demand
 from traffic_bridge.vehicles.lane_changing import LaneChanger
 from traffic_bridge.vehicles.map_demand import Sight
+from traffic_bridge.vehicles.opposite_turns import OppositeTurns, merged
 from traffic_bridge.vehicles.registry import Vehicles
 from traffic_bridge.vehicles.service_level import BOTTLENECK, BOTTLENECK_RATIO
 
@@ -85,6 +86,10 @@ class SumoTraffic:
         self._ego = EgoInTraffic(self.session, lanes, config)
         self._with_ego = with_ego
         self._held: set[str] = set()
+        self._turns: OppositeTurns | None = None
+        if config.scope == "map":
+            with self.session.guard("setting up the traffic"):
+                self._turns = OppositeTurns(self.session, lanes.net, EGO)
         self._api = self.session.api
         self.observation = Observation(self.session, lanes, self.vehicles, config)
         self._lane_changer = (
@@ -166,8 +171,10 @@ class SumoTraffic:
         boxes = self._ego.boxes(ego) if self._with_ego and ego is not None else ()
         frame = self.observation.read(ego, boxes)
         held = self.observation.held
+        if self._turns is not None:
+            held = merged(held.items(), self._turns.held().items())
         if held or self._held:
-            # The limits of lane changes apply in addition to SUMO's car-following.
+            # The limits of lane changes and turns apply in addition to SUMO's car-following.
             set_speed = self._api.vehicle.setSpeed
             for name in sorted(self._held - held.keys()):
                 if name in self.vehicles:

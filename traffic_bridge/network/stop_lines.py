@@ -30,6 +30,7 @@ TIGHTEST = 6.0  # [m], radius of the tightest turn that an articulated truck can
 # the semitrailer ahead of the kingpin [m] (a usual combination within 96/53/EC).
 LENGTH, WIDTH, STEER_AXLE, WHEELBASE, NOSE = 16.5, 2.55, 1.4, 3.6, 1.6
 TRACTOR_END = 6.0  # [m] of the tractor's rear behind its front bumper
+CROSSES = 1.0  # [m] between the centers of lanes that cross or join
 # A vehicle that waits: half of its length, width, and room to the truck [m].
 HALF, WAITING_WIDTH, ROOM = 2.5, 2.1, 0.3
 FARTHEST = 12.0  # [m] of a line before the junction
@@ -49,12 +50,8 @@ def stop_offsets(net: NetFile, roads: Mapping[str, Road]) -> dict[str, float]:
     Returns:
       The distances by lane, only those that are not zero, rounded to a centimeter.
     """
-    junctions: dict[str, list[NetConnection]] = {}
-    for link in net.connections:
-        if link.via and not link.start.startswith(":"):
-            junctions.setdefault(link.via.rsplit("_", 2)[0], []).append(link)
     found: dict[str, float] = {}
-    for links in junctions.values():
+    for links in junction_links(net).values():
         turns = [link for link in links if link.turn in TURNS]
         if not turns:
             continue
@@ -71,6 +68,15 @@ def stop_offsets(net: NetFile, roads: Mapping[str, Road]) -> dict[str, float]:
     }
 
 
+def junction_links(net: NetFile) -> dict[str, list[NetConnection]]:
+    """The connections through each junction, from the lanes before it."""
+    junctions: dict[str, list[NetConnection]] = {}
+    for link in net.connections:
+        if link.via and not link.start.startswith(":"):
+            junctions.setdefault(link.via.rsplit("_", 2)[0], []).append(link)
+    return junctions
+
+
 def turn_radius(net: NetFile, link: NetConnection) -> float:
     """Radius of the tightest bend of a connection, at the lane's center [m]; inf for none."""
     if link.turn not in TURNS:
@@ -82,6 +88,26 @@ def turn_radius(net: NetFile, link: NetConnection) -> float:
         return math.inf
     turned = float(np.abs(course[span:] - course[:-span]).max())
     return BEND / turned if turned > 0.0 else math.inf
+
+
+def meets(net: NetFile, one: NetConnection, other: NetConnection) -> bool:
+    """Whether an articulated truck on one of two connections touches a car on the other.
+
+    Connections whose lanes cross or join do not count: SUMO itself lets one vehicle wait there.
+    """
+    ways = [_way(net, link) for link in (one, other)]
+    apart = np.hypot(*(ways[0][:, :, None] - ways[1][:, None]))
+    if apart.min() < CROSSES:
+        return False
+    for long, short in (ways, ways[::-1]):
+        dx, dy = np.gradient(short, axis=1)
+        cars = Boxes(
+            short[0], short[1], np.arctan2(dy, dx), np.array(2.0 * HALF), np.array(WAITING_WIDTH)
+        )
+        units = [unit for steered in (True, False) for unit in _units(long, steered)]
+        if any(unit.touch(cars, ROOM).any() for unit in units):
+            return True
+    return False
 
 
 def _way(net: NetFile, link: NetConnection) -> FloatArray:

@@ -21,7 +21,7 @@ from traffic_bridge.signals.events import (
     StoppedVehicle,
     VehicleChange,
 )
-from traffic_bridge.signals.lights import LightPhase, TrafficLights
+from traffic_bridge.signals.lights import LightPhase, TrafficLights, lines_without_light
 from traffic_bridge.signals.limits import SpeedLimits
 from traffic_bridge.signals.merging import MergeGuide
 from traffic_bridge.signals.obstructions import SCRIPTED, Obstructions
@@ -45,6 +45,8 @@ class TrafficController:
       traffic_lights, limits, obstructions, events: the parts that do the work.
       lights, state, set_state, programs, phases, phase, set_phase, define_program, run_program,
         light_ahead: methods of `TrafficLights`; lights is `names`, light_ahead is `ahead`.
+      lines: stations of the stop lines on the ego's route before junctions without a light [m];
+        only for the scope "map", in which vehicles cross.
       set_speed_limit, lift_speed_limit, reset_speed_limits, speed_limit: `set`, `lift`, `reset` and
         `at` of `SpeedLimits`.
       close_lane, open_lane, stop_vehicle, convoy, release: methods of `Obstructions`.
@@ -65,6 +67,7 @@ class TrafficController:
         self._departures = sorted(config.departures, key=lambda departure: departure.time)
         self._departed = 0
         self.events = EventRunner(config.events, lights, limits, parts, vehicles)
+        self.lines = lines_without_light(lanes) if config.scope == "map" else ()
         self.lights, self.light_ahead = lights.names, lights.ahead
         self.state, self.set_state = lights.state, lights.set_state
         self.phase, self.set_phase, self.phases = lights.phase, lights.set_phase, lights.phases

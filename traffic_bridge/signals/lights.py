@@ -359,6 +359,19 @@ def next_letter(
     return None, None
 
 
+def lines_without_light(lanes: RouteLanes) -> tuple[float, ...]:
+    """Stations of the stop lines on the route before junctions without a light [m], sorted."""
+    onward = dict(zip(lanes.edges, lanes.edges[1:], strict=False))
+    found = set()
+    for link in lanes.net.connections:
+        table, offset = lanes.tables.get(link.start), lanes.net.lanes[link.start].stop_offset
+        if table is None or table.direction <= 0 or link.light or offset == 0.0:
+            continue
+        if onward.get(table.edge) == link.end.rpartition("_")[0]:
+            found.add(table.at(table.length - offset)[0])
+    return tuple(sorted(found))
+
+
 def stop_lines(
     lights_api: Any, names: Sequence[str], lanes: RouteLanes
 ) -> tuple[tuple[float, int, str, int], ...]:

@@ -25,13 +25,16 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
 from traffic_bridge.datasets.trajectories import Pair
-from traffic_bridge.vehicles.idm import PARAMETERS, IdmParameters, acceleration
+from traffic_bridge.vehicles.idm import EXPONENT, PARAMETERS, IdmParameters, acceleration
 from traffic_bridge.vehicles.types import VehicleType, read_types
 
 MEASURES = ("mixed", "relative", "absolute")
 # Search ranges of v0 [m/s], T [s], s0 [m], a and b [m/s2]. The desired speed of a driver in
 # congestion is unknown, so its upper bound is that of a freeway; the least gap is 1 m.
 BOUNDS = ((5.0, 40.0), (0.1, 4.0), (1.0, 8.0), (0.1, 5.0), (0.1, 6.0))
+# Search range of the time constant of the return from the first headway [s].
+MEMORY = (3.0, 300.0)
+SLOW = 3.0  # [m/s]: below it a gap says little about the time headway
 _STARTS = 128  # parameter sets; the search for a pair begins with the best of them
 
 
@@ -44,12 +47,15 @@ class Calibration:
       measure: of the error, one of `MEASURES`.
       error: mean of the pairs' errors with that set; 0.2 is 20 %.
       pair_errors: error of each pair with that set, shape (n,).
+      memory: time constant with which drivers return from their first headway to that of the set
+        [s], see `PairBlock.first_headways`; None: all have the set's headway from the beginning.
     """
 
     parameters: IdmParameters
     measure: str
     error: float
     pair_errors: FloatArray
+    memory: float | None = None
 
 
 class PairBlock:
@@ -83,11 +89,29 @@ class PairBlock:
             self.leader[n:, i] = pair.leader_station[-1]
             self.valid[:n, i] = True
 
-    def simulate(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def first_headways(self, parameters: FloatArray) -> FloatArray:
+        """Time headways for which the first gaps and speeds are in equilibrium, shape (m, n) [s].
+
+        They are all that is known of a driver who was not recorded before: a driver with another
+        headway than that of the set keeps it for a while.
+
+        Args:
+          parameters: shape (5, m, 1).
+        """
+        v0, _, s0, _, _ = parameters
+        free = np.sqrt(np.maximum(1.0 - (self.first_speed / v0) ** EXPONENT, 0.05))
+        headway = (self.gap[0] * free - s0) / np.maximum(self.first_speed, SLOW)
+        return np.clip(headway, *BOUNDS[PARAMETERS.index("time_headway")])
+
+    def simulate(
+        self, parameters: FloatArray, memory: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
         """Drives the followers behind their recorded leaders.
 
         Args:
           parameters: shape (5, m, 1) for m sets tried on every pair, or (5, m, n) with n pairs.
+          memory: time constants of the return from the first headway, shape (m, 1) [s]; None: the
+            headway is constant.
 
         Returns:
           Gap [m] and speed [m/s], shape (steps, m, n), meaningless after a pair's end.
@@ -98,26 +122,37 @@ class PairBlock:
         speeds = np.empty_like(gaps)
         gaps[0], speeds[0] = self.gap[0], self.first_speed
         moved = np.diff(self.leader, axis=0)
+        if memory is not None:
+            index = PARAMETERS.index("time_headway")
+            set_headway = parameters[index]
+            apart = self.first_headways(parameters) - set_headway
+            parameters = np.broadcast_to(parameters, (5, *gaps.shape[1:])).copy()
         for k in range(len(self.gap) - 1):
+            if memory is not None:
+                parameters[index] = set_headway + apart * np.exp(-k * dt / memory)
             a = acceleration(parameters, gaps[k], speeds[k], self.leader_speed[k])
             np.maximum(0.0, speeds[k] + dt * a, out=speeds[k + 1])
             gaps[k + 1] = gaps[k] + moved[k] - dt * speeds[k + 1]
         return gaps, speeds
 
-    def residuals(self, parameters: FloatArray, measure: str) -> FloatArray:
+    def residuals(
+        self, parameters: FloatArray, measure: str, memory: FloatArray | None = None
+    ) -> FloatArray:
         """Weighted gap errors whose squares sum to the squared error of each pair.
 
         Returns:
           Shape (steps, m, n), zero after a pair's end.
         """
-        gaps, _ = self.simulate(parameters)
+        gaps, _ = self.simulate(parameters, memory)
         gaps -= self.gap[:, None]
         gaps *= self._weights(measure)[:, None]
         return gaps
 
-    def errors(self, parameters: FloatArray, measure: str) -> FloatArray:
-        """Error of every set on every pair, shape (m, n); see `gap_error`."""
-        residuals = self.residuals(parameters, measure)
+    def errors(
+        self, parameters: FloatArray, measure: str, memory: FloatArray | None = None
+    ) -> FloatArray:
+        """Error of every set on every pair, shape (m, n); see `gap_error` and `simulate`."""
+        residuals = self.residuals(parameters, measure, memory)
         return np.asarray(np.sqrt(np.einsum("kmn,kmn->mn", residuals, residuals)))
 
     def _weights(self, measure: str) -> FloatArray:
@@ -175,11 +210,16 @@ def gap_error(pair: Pair, parameters: IdmParameters | FloatArray, measure: str =
 
 
 def evaluate(
-    pairs: Sequence[Pair], parameters: IdmParameters, measure: str = "mixed"
+    pairs: Sequence[Pair],
+    parameters: IdmParameters,
+    measure: str = "mixed",
+    memory: float | None = None,
 ) -> Calibration:
     """The errors of a parameter set on pairs, for instance on pairs outside the fit."""
-    errors = PairBlock(pairs).errors(parameters.as_array().reshape(5, 1, 1), measure)[0]
-    return Calibration(parameters, measure, float(errors.mean()), errors)
+    constant = None if memory is None else np.array([[memory]])
+    values = parameters.as_array().reshape(5, 1, 1)
+    errors = PairBlock(pairs).errors(values, measure, constant)[0]
+    return Calibration(parameters, measure, float(errors.mean()), errors, memory)
 
 
 def calibrate(
@@ -188,6 +228,7 @@ def calibrate(
     seed: int = 0,
     desired_speed: float | None = None,
     generations: int = 60,
+    with_memory: bool = False,
 ) -> Calibration:
     """The parameter set with the least mean error over all pairs.
 
@@ -199,6 +240,8 @@ def calibrate(
       seed: of the search; one seed gives one result.
       desired_speed: fixed v0 [m/s], which congested data do not reveal; None: fitted too.
       generations: at most.
+      with_memory: also fits the time constant with which drivers return from the headway of their
+        first gap to that of the set.
 
     Raises:
       InputError: no pairs, or an unknown measure.
@@ -209,12 +252,16 @@ def calibrate(
     _checked(measure)
 
     def objective(candidates: FloatArray) -> FloatArray:
-        sets = candidates.reshape(5, -1, 1)
-        return np.asarray(np.mean(block.errors(sets, measure), axis=1))
+        sets = candidates.reshape(len(bounds), -1, 1)
+        memory = np.exp(sets[5]) if with_memory else None
+        return np.asarray(np.mean(block.errors(sets[:5], measure, memory), axis=1))
 
+    bounds = [*_bounds(desired_speed)]
+    if with_memory:
+        bounds.append((float(np.log(MEMORY[0])), float(np.log(MEMORY[1]))))
     found = differential_evolution(
         objective,
-        _bounds(desired_speed),
+        bounds,
         rng=np.random.default_rng(seed),
         maxiter=generations,
         popsize=8,
@@ -224,7 +271,8 @@ def calibrate(
         vectorized=True,
         polish=False,
     )
-    return evaluate(pairs, IdmParameters.from_array(found.x), measure)
+    memory = float(np.exp(found.x[5])) if with_memory else None
+    return evaluate(pairs, IdmParameters.from_array(found.x[:5]), measure, memory)
 
 
 def calibrate_each(

@@ -366,7 +366,7 @@ class Demand:
             # At the speed of the last vehicle, so that the entrance carries the whole flow.
             speed = "last"
         if self._map is not None:
-            if position != "base" and table.length - front < JUNCTION_AHEAD:
+            if table.length - front < JUNCTION_AHEAD:
                 speed = "max"
             self._insert_trip(self._map, trip, vehicle, desired, table.id, position, speed)
         else:

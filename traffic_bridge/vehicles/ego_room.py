@@ -32,6 +32,7 @@ class EgoRoom:
       footprint: size of the combination.
       traffic_speed: typical speed of the other vehicles [m/s].
       headway: time kept free before and behind the truck in its lane [s].
+      beside: whether vehicles may begin beside the truck, in the next lane.
     """
 
     station: float
@@ -41,6 +42,7 @@ class EgoRoom:
     footprint: EgoFootprint
     traffic_speed: float
     headway: float = EGO_HEADWAY
+    beside: bool = False
 
     def takes(self, station: float, length: float, lane: int) -> bool:
         """Whether a place on a lane of the route is too close to the truck.
@@ -51,6 +53,8 @@ class EgoRoom:
           lane: of the route.
         """
         clear = NEXT_LANE_GAP
+        if lane != self.lane and self.lane >= 0 and self.beside:
+            return False
         if lane == self.lane or self.lane < 0:
             clear = max(EGO_GAP, self.headway * max(self.speed, self.traffic_speed))
         rear = self.station - self.footprint.length

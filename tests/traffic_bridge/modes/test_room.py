@@ -247,3 +247,13 @@ def test_a_follower_brakes_gently_for_a_truck_that_enters_its_lane_far_ahead():
     # 35 m behind the trailer the Intelligent Driver Model asks for 0.7 m/s2 at most.
     hardest = min(vehicle.acceleration for frame in frames for vehicle in frame)
     assert -1.0 < hardest < -0.3
+
+
+def test_in_traffic_of_a_level_vehicles_may_begin_beside_the_truck():
+    axis = np.array([[60.0, 0.0], [80.0, 0.0]])
+    room = EgoRoom(80.0, 0, 15.0, axis, EgoFootprint(), traffic_speed=15.0)
+    beside = dataclasses.replace(room, beside=True)
+    assert room.takes(75.0, 4.7, 1)
+    assert not beside.takes(75.0, 4.7, 1)
+    assert beside.takes(75.0, 4.7, 0)
+    assert dataclasses.replace(beside, lane=-1).takes(75.0, 4.7, 1)

@@ -201,3 +201,17 @@ def test_stored_configurations_of_version_0_1_are_read():
     del stored["scope"]
     assert TrafficConfig.from_dict(stored | {"oncoming": True}).scope == "both"
     assert TrafficConfig.from_dict(stored | {"oncoming": False}).scope == "route"
+
+
+def test_vehicles_enter_a_short_lane_before_a_junction_without_messages(capfd):
+    route = esmini("fabriksgatan_traffic_lights").route(along="roads:1,3")
+    entered = 0
+    settings = TrafficConfig(density=0.2, scope="map")
+    with PureSim(route, settings, seed=1) as traffic:
+        known = set(traffic.reset().ids)
+        for _ in range(600):
+            frame = traffic.step()
+            entered += sum(v.station < 17.0 and v.id not in known for v in frame if v.lane >= 0)
+            known |= set(frame.ids)
+    assert entered > 0
+    assert capfd.readouterr().err == ""

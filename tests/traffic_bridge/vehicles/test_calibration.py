@@ -134,6 +134,34 @@ def test_headways_of_single_drivers_are_identified():
     assert found == pytest.approx([0.7, 1.2, 1.9], abs=0.011)
 
 
+def test_the_first_gap_reveals_a_drivers_headway():
+    headways, speed, time = (0.7, 1.2, 1.9), 9.0, 0.1 * np.arange(300)
+    drivers = [dataclasses.replace(DRIVER, time_headway=t) for t in headways]
+    station, zeros = speed * time, np.zeros(300)
+    steady = Pair(
+        "f", "l", "car", 0, 4.5, time, station, zeros + speed, zeros, station, zeros, zeros
+    )
+    pairs = [
+        dataclasses.replace(
+            steady,
+            leader_station=station + 4.5 + equilibrium_gap(driver.as_array(), speed),
+            leader_speed=zeros + speed,
+        )
+        for driver in drivers
+    ]
+    values = DRIVER.as_array().reshape(5, 1, 1)
+    assert PairBlock(pairs).first_headways(values)[0] == pytest.approx(headways)
+    # Drivers who never return from it are as recorded; those who return at once have the set's.
+    assert evaluate(pairs, DRIVER, memory=1e6).error < 0.02
+    without = evaluate(pairs, DRIVER)
+    assert evaluate(pairs, DRIVER, memory=1e-3).pair_errors == pytest.approx(
+        without.pair_errors, rel=0.05
+    )
+    found = calibrate(pairs, generations=15, with_memory=True)
+    assert found.memory is not None
+    assert found.error < without.error
+
+
 def test_measures_weigh_small_gaps_differently():
     pair = _pair(DRIVER)
     other = dataclasses.replace(DRIVER, time_headway=1.6)
