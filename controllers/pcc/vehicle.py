@@ -119,8 +119,8 @@ def rolling_speed(
       PlanningError: full power is not enough for a climb, or `top` cannot be met.
     """
     held = np.sqrt(_held(vehicle, road, v_start, top))
-    b_cap = brakeable(vehicle, road, np.minimum(cap, top) ** 2, vehicle.brake_max)
-    speed = np.sqrt(np.maximum(b_cap, 0.0), out=np.empty(road.station.size))
+    speed = np.minimum(cap, held)
+    b_cap = speed**2
     speed[0] = v_start
     slope = vehicle.slope_force(road.grade)
     _ROLLING(

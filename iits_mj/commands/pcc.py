@@ -45,6 +45,7 @@ from iits_mj.validation.planning.pcc_case import (
     SolvedPlan,
     solve,
 )
+from iits_mj.validation.planning.pcc_joint import INTERVALS_MAX, compare_jointly, joint_checks
 
 METHODS = ("distance", "hermite", "both")
 # Shares of the time that have passed after each part, for the time left.
@@ -187,6 +188,9 @@ def _measured(config: Options, report: Report) -> Results:
         f"band {config.v_min:g} to {config.v_max:g} km/h, {mass:.0f} kg; the cruises have the same "
         f"engine, brakes and limits; the rolling one has a set speed of "
         f"{case.solution.v_set / KMH:.1f} km/h, the braking one {braking.solution.v_set / KMH:.1f}",
+        "speed, gear and eco-roll planned together: by the engine's map in the plan's gears, "
+        "against the rolling cruise in its best gears; the reference is the plan of speed alone in "
+        "its best gears",
         "the saving against the rolling cruise is what a fleet gains: cruise controls of today's "
         "trucks roll above their set speed downhill. The plan of each comparison takes the trip "
         "time of its cruise",
@@ -273,6 +277,8 @@ def checks(
         *energy_checks(case),
     ]
     rows += bound_checks(case, gap_max=1.0)
+    if case.road.intervals <= INTERVALS_MAX:
+        rows += joint_checks(compare_jointly(case))
     if config.step > FINE_STEP:
         rows += convergence_checks(case, load_profile(replace(config, step=FINE_STEP)))
     rows += element_checks(case, elements)

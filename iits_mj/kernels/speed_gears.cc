@@ -11,6 +11,7 @@
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kSmooth = 0.9;   // of the lowering of the bound at the next state
 constexpr int kRefinements = 12;  // of the end speed between two nodes of the grid
 
 // Numbers of the problem; `gears` counts the gears and, as the last, neutral if `neutral` is not 0.
@@ -232,7 +233,12 @@ IITS_KERNEL void iits_joint_bound(const double* setup, const double* const* arra
         excess[j + 1] = std::max(excess[j + 1], p.Value(here, k, b) - least(b));
       }
     }
-    for (int j = 0; j < states; ++j) here[j] -= std::max(excess[j], excess[j + 1]);
+    // Of both sides; and smooth over the states, so that the excess does not grow from node to
+    // node.
+    for (int j = 0; j < states; ++j) excess[j] = std::max(excess[j], excess[j + 1]);
+    for (int j = 1; j < states; ++j) excess[j] = std::max(excess[j], kSmooth * excess[j - 1]);
+    for (int j = states - 2; j >= 0; --j) excess[j] = std::max(excess[j], kSmooth * excess[j + 1]);
+    for (int j = 0; j < states; ++j) here[j] -= excess[j];
   }
 }
 
