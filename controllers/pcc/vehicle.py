@@ -31,8 +31,9 @@ class PointMass:
     """Longitudinal model of the truck. SI units.
 
     Attributes:
-      mass: gross; inertial_mass: with the rotating parts; rolling: resistance coefficient.
-      drag: 0.5 rho Cd A [kg/m]; efficiency: engine to wheels.
+      mass: gross; inertial_mass: with the rotating parts; rolling: resistance coefficient, with
+        the constant part of a wind's drag.
+      drag: 0.5 rho Cd A in calm [kg/m]; efficiency: engine to wheels.
       power_max: of the engine in the best gear at every speed, see `FuelMap.full_power` [W].
       power_drag: of the overrunning engine, where the convex model's fuel is zero [W].
       power_overrun: braking power at the wheels of the overrunning engine in the highest gear, by

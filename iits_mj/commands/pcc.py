@@ -23,6 +23,7 @@ from iits_mj.core.results import Check, Results
 from iits_mj.core.units import KMH
 from iits_mj.parameters import AnyTruck, TruckParameters, truck_option
 from iits_mj.road import RoadMap
+from iits_mj.validation.harness.config import ValidateConfig
 from iits_mj.validation.planning.pcc_accuracy import (
     ELEMENTS_MAX,
     EQUAL_TIME,
@@ -38,6 +39,7 @@ from iits_mj.validation.planning.pcc_accuracy import (
     panels,
     warm_up,
 )
+from iits_mj.validation.planning.pcc_atlas import run_atlas
 from iits_mj.validation.planning.pcc_case import (
     BRAKING,
     PAPER_SAVING_PERCENT,
@@ -125,8 +127,25 @@ class Options(ResultOptions):
         None, help="table to write: planned speed over station", metavar="FILE.csv", group="output"
     )
 
+    atlas: bool = option(
+        False,
+        help="the savings on twelve roads, by mass, band and wind, instead of one road's plan",
+        group="road",
+    )
+    every: bool = option(
+        False, help="with --atlas: all 27 cells of a road, not the 7 around its middle"
+    )
+    roads: Path | None = option(
+        None, help="with --atlas: folder with the roads that the package lacks", metavar="DIR"
+    )
+    runs: Path | None = option(
+        None, help="with --atlas: folder that keeps finished cells", metavar="DIR"
+    )
+
     def __post_init__(self) -> None:
         option_fields.check(self)
+        if not self.atlas and (self.every or self.roads is not None or self.runs is not None):
+            raise InputError("--every, --roads and --runs belong to --atlas: give --atlas too")
         if not self.v_min <= self.v_ref <= self.v_max:
             raise InputError(
                 f"band --v-min {self.v_min:g} km/h, --v-ref {self.v_ref:g} km/h, --v-max "
@@ -136,6 +155,10 @@ class Options(ResultOptions):
 
 def run(options: Options) -> int:
     """Plans and shows the saving; returns the exit code."""
+    if options.atlas:
+        # The atlas has its own roads, masses and bands.
+        config = ValidateConfig(roads=options.roads, runs=options.runs)
+        return finish(options, lambda: run_atlas(config, every=options.every))
     if options.profile is not None:
         prepare_folder(options.profile.parent, "profile")
     return finish(options, lambda: measure(options))

@@ -18,7 +18,7 @@ from controllers.pcc.joint import (
 from iits_mj.core.results import Check
 from iits_mj.validation.planning.pcc_case import SolvedPlan
 
-STATES, BOUND_STATES = 120, 400
+STATES, BOUND_STATES = 120, 200
 INTERVALS_MAX = 2_500  # of the road: the bound of 125 km at 50 m takes most of a minute
 _PRICES = (0.9, 1.0)  # over the plan's price, for the bound
 _SPARE = 1e-6  # of the speeds at the ends of the tables
