@@ -265,8 +265,12 @@ class SpeedGuard(_Resetting):
         if not isinstance(found, SpeedProfile):
             raise self.unusable("update", f"returned {shown(found)}, must be a SpeedProfile")
         try:
-            arrays = (np.asarray(values, dtype=float) for values in (found.station, found.speed))
-            profile = SpeedProfile(*arrays)
+            neutral = None if found.neutral is None else np.asarray(found.neutral, dtype=bool)
+            profile = SpeedProfile(
+                np.asarray(found.station, dtype=float),
+                np.asarray(found.speed, dtype=float),
+                neutral,
+            )
         except (TypeError, ValueError):
             raise self.unusable("update", "returned a profile without numbers") from None
         check_profile(profile, f"{self.title}: the profile of update")

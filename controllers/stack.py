@@ -26,6 +26,7 @@ from controllers.protocols import (
     TrajectoryPlanner,
 )
 from controllers.tracking.controller import Tracker, TrackingConfig
+from controllers.tracking.eco_roll import eco_roll
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import (
     Decision,
@@ -120,6 +121,7 @@ class Stack:
         self.reference.reset()
         self.last_decision = Decision.KEEP
         self.last_trajectory: Trajectory | None = None
+        self._profile: SpeedProfile | None = None
         self.decisions = 0
         self._decided_at: float | None = None
 
@@ -168,6 +170,7 @@ class Stack:
         if self.asks_at(scene.time):
             self._decided_at = scene.time
             decision = self._decide(scene)
+        self._profile = profile
         self.last_trajectory = self.planner.plan(scene, decision, profile)
         return self.last_trajectory
 
@@ -179,7 +182,10 @@ class Stack:
         """
         if self.last_trajectory is None:
             raise InputError("control requested before the first plan: call Stack.plan first")
-        return self.tracker.command(ego, self.last_trajectory)
+        command = self.tracker.command(ego, self.last_trajectory)
+        if self._profile is not None and self._profile.neutral_at(ego.station):
+            return eco_roll(command, ego, self.last_trajectory)
+        return command
 
     def context(self, scene: Scene) -> DecisionContext:
         """Returns the context of a decision in a scene whose frame is in the history."""

@@ -7,9 +7,9 @@ map at the mean speed. States of the dynamic program are v^2 at the nodes and th
     V[k](b, g) = min over gear h and b' of  change(g, h) + cost[k](b, b', h) + V[k+1](b', h)
     cost       = (rate(h, F, v) + price + k_a a^2) d,   d = 2 ds / (v + v'),  v the mean speed
 
-with F, the wheel force, linear in b and b'. In gear h the force lies between overrun and full load
-of that gear; below overrun the brakes take the rest and no fuel burns. In neutral the force is the
-drag of the open driveline, which is about zero. A change of gear costs the price of the time without
+with F, the wheel force, linear in b and b'. In gear h it lies between overrun and full load of that
+gear; below overrun the brakes take the rest and no fuel burns. In neutral the force is the drag of
+the open driveline, which is about zero. A change of gear costs the price of the time without
 traction and the fuel of an idling engine. V is kept at states between the bounds of b at each node
 and is linear between them; b' is sought among states, full load and overrun. The price of a second
 makes the trip time. All this runs in `iits_mj/kernels/speed_gears.cc`.
@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 
 from controllers.pcc.fuel import FuelMap
 from controllers.pcc.profile import RoadProfile
-from controllers.pcc.vehicle import PointMass, durations
+from controllers.pcc.vehicle import PointMass, brakeable, durations
 from iits_mj import kernels
 from iits_mj.analytic.wheel_force import input_torque, wheel_force
 from iits_mj.core.arrays import FloatArray
@@ -51,6 +51,11 @@ _SPEEDS, _LOADS = 60, 65  # of the tables
 _SHORT_PRICE = 0.05  # of v^2 below the least one: some thirty times its worth [kg/(m2/s2)]
 _HALVINGS = 30  # for the price of a second
 _TIME = 2e-4  # relative shortfall of the trip time that ends the search
+_ITERATIONS = 6  # for the force at the mean speed of an interval
+_MARGIN = 2e-3  # of v^2 above the fastest drive
+# Share of v^2 by which the bound's drives may be slower where full power does not reach the band:
+# there all drives are near the least speeds, and the values must not rise steeply.
+_SLOWER = 0.1
 _DEAREST = 0.2  # [kg/s], a price of a second at which every plan is the fastest one
 _VALUES = kernels.function("iits_joint_values", None, *3 * [kernels.Address])
 _BOUND = kernels.function(
@@ -145,11 +150,12 @@ class GearTables:
             rows.append((NEUTRAL, open_force, open_force, np.zeros((speed.size, _LOADS))))
         box = parameters.gearbox
         pause = box.shift_cut_time + box.synchronization_time + box.clutch_close_time
-        gears, overrun, full, rate = zip(*rows, strict=True)
         return cls(
-            tuple(gears),
+            tuple(row[0] for row in rows),
             speed,
-            *(np.ascontiguousarray(part) for part in (overrun, full, rate)),
+            np.array([row[1] for row in rows]),
+            np.array([row[2] for row in rows]),
+            np.array([row[3] for row in rows]),
             idle_rate,
             pause,
         )
@@ -224,6 +230,41 @@ class JointPlan:
     def changes(self) -> int:
         """Number of changes of gear, neutral included."""
         return int(np.count_nonzero(np.diff(self.gear)))
+
+
+def fastest_in_gears(task: JointTask) -> FloatArray:
+    """Returns v^2 at the nodes of the fastest drive within the task's bounds, (n + 1,) [m2/s2].
+
+    It has full load in the strongest gear of every speed; brakes are taken as strong enough.
+    """
+    vehicle, road, tables = task.vehicle, task.road, task.tables
+    strongest = np.nanmax(tables.full, axis=0)
+    lever = 2.0 * road.step / vehicle.inertial_mass
+    drag = 0.5 * lever * vehicle.drag
+    b = np.empty(road.station.size)
+    b[0] = task.b_high[0]
+    for k, slope in enumerate(vehicle.slope_force(road.grade).tolist()):
+        end = b[k]
+        # The force at the mean speed, as in the kernel.
+        for _ in range(_ITERATIONS):
+            mean = 0.5 * (np.sqrt(b[k]) + np.sqrt(end))
+            force = np.interp(mean, tables.speed, strongest)
+            end = max((b[k] * (1.0 - drag) + lever * (force - slope)) / (1.0 + drag), 1.0)
+        b[k + 1] = min(end, task.b_high[k + 1])
+    return b
+
+
+def tightened(task: JointTask) -> JointTask:
+    """Returns the task without the speeds of no drive: its states lie closer together.
+
+    These are the speeds above the fastest drive, and those from which engine and brakes do not meet
+    the bounds ahead.
+    """
+    force = task.vehicle.brake_max - float(np.nanmin(task.tables.overrun))
+    held = (1.0 + _MARGIN) * brakeable(task.vehicle, task.road, task.b_high, force)
+    reached = (1.0 + _MARGIN) * fastest_in_gears(task)
+    high = np.minimum(task.b_high, np.maximum(task.b_low, np.minimum(held, reached)))
+    return replace(task, b_high=high)
 
 
 class _Packed:
@@ -331,7 +372,7 @@ def plan_in_time(task: JointTask, time_max: float) -> JointPlan:
     Raises:
       PlanningError: no plan is fast enough.
     """
-    low, high = 0.0, _DEAREST
+    low, high, task = 0.0, _DEAREST, tightened(task)
     best = plan_at(task.at_price(low))
     if best.time <= time_max:
         return best
@@ -367,6 +408,10 @@ def lower_bound(task: JointTask, time_max: float, samples: int = 2) -> float:
       time_max: greatest trip time [s].
       samples: places between two states at which the bound is checked.
     """
+    task = tightened(task)
+    out_of_band = task.b_low < task.b_low[1:-1].max() * (1.0 - 1e-9)
+    out_of_band[[0, -1]] = False
+    task = replace(task, b_low=np.where(out_of_band, (1.0 - _SLOWER) * task.b_low, task.b_low))
     values = np.zeros((task.road.station.size, task.states))
     values[-1] = -task.worth * np.linspace(task.b_low[-1], task.b_high[-1], task.states)
     packed = _Packed(task)

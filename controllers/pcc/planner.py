@@ -29,6 +29,7 @@ from controllers.pcc.vehicle import (
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import in_range, require_positive
 from iits_mj.core.errors import InputError, PlanningError
+from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import payload_of, rolling_resistance, wheel_mass
 
@@ -47,6 +48,7 @@ class PccConfig:
       deceleration_max: of planned braking [m/s2].
       rolls: whether the cruise may roll up to v_max downhill; False: it brakes at v_ref, as the
         paper's.
+      head_wind: steady wind along the road against the truck, negative from behind [m/s].
     """
 
     v_ref: float = 20.0
@@ -56,9 +58,11 @@ class PccConfig:
     k_a: float = 0.5
     deceleration_max: float = 1.5
     rolls: bool = True
+    head_wind: float = 0.0
 
     def __post_init__(self) -> None:
         require_positive(self, "v_ref", "v_min", "v_max", "k_a", "deceleration_max", zero=True)
+        in_range("head_wind [m/s]", self.head_wind, -20.0, 20.0)
         if not 1.0 <= self.v_min <= self.v_ref <= self.v_max <= 60.0:
             raise InputError(
                 f"band {self.v_min:g} to {self.v_max:g} m/s with v_ref {self.v_ref:g} m/s: "
@@ -196,11 +200,14 @@ def make_vehicle(
         raise PlanningError(f"no gear runs at {v:.1f} m/s: change v_min or v_max of the band")
     fuel = fuel_map.fit(config.v_min, config.v_max)
     rolling = 0.5 * (config.v_ref + config.v_max)
+    # The air drag k (v + w)^2 with its term 2 k w v as a straight line in v^2 through v_ref.
+    drag, wind = 0.5 * air.density * air.mean_drag_area(), config.head_wind
+    blown = drag * wind * (config.v_ref + wind) / (mass * GRAVITY)
     return PointMass(
         mass=mass,
         inertial_mass=mass + turning,
-        rolling=rolling_resistance(parameters, payload_of(parameters, mass)),
-        drag=0.5 * air.density * air.mean_drag_area(),
+        rolling=rolling_resistance(parameters, payload_of(parameters, mass)) + blown,
+        drag=drag * (1.0 + wind / config.v_ref),
         efficiency=fuel_map.efficiency,
         power_max=fuel_map.full_power(),
         power_drag=fuel.overrun_power,

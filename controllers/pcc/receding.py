@@ -1,5 +1,6 @@
 """Receding-horizon plan: the speed over the next 5 km in traffic, planned repeatedly.
 
+With `RecedingConfig.gears` a dynamic program then chooses gears and eco-roll around this plan.
 A schedule of the whole trip (`controllers.pcc.schedule`) gives the price of a second and the worth
 of speed at the horizon's end. A lag behind it raises the price; a large lag makes a new schedule.
 
@@ -12,10 +13,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from time import perf_counter
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.pcc.fuel import FuelMap
+from controllers.pcc.joint import (
+    NEUTRAL,
+    GearTables,
+    JointPlan,
+    JointTask,
+    joint_drive,
+    joint_values,
+)
 from controllers.pcc.leader_constraint import (
     Leader,
     approach_speeds,
@@ -48,6 +59,8 @@ _FASTEST = 60.0  # [m/s] of any truck, forward and backward
 _MASSES = (0.5, 1.4)  # over the mass of the empty and of the laden truck: an estimate may be wrong
 _KEEP = 500.0  # [m] that a kept plan must still cover
 _KEEP_SPEED = 1.0  # [m/s] by which a kept plan may differ from the truck's speed
+_TUBE = 3.0  # [m/s] around the convex plan in which the plan with gears is sought
+_STATES = 30  # of v^2 in this range
 _SOON = 1.0  # [s] by which a kept plan may pass a node behind the leader too early
 
 
@@ -107,9 +120,19 @@ class RecedingPlanner:
         self.trip = PccTrip(self.vehicle, road, self.config, self.receding, end)
         self.last: SpeedProfile | None = None
 
+        self._tables: GearTables | None = None
+        if self.receding.gears:
+            self._tables = GearTables.of(
+                parameters,
+                self.config.v_min,
+                self.config.v_max,
+                power_share=self.receding.power_share,
+            )
+        self._gears: tuple[FloatArray, JointPlan] | None = None
+
     def reset(self) -> None:
         """Clears the last plan and the trip so far."""
-        self.last = None
+        self.last = self._gears = None
         self.trip.reset()
 
     @property
@@ -169,14 +192,56 @@ class RecedingPlanner:
         except PlanningError as error:
             nodes, status = fallback_plan(self.trip, road, start.speed, leader, self.last)
             reason = str(error)
+        neutral = None
+        if self._tables is not None and leader is None and status == "optimal":
+            began = perf_counter()
+            nodes, neutral = self._in_gears(road, nodes, price, self._tables)
+            solve_time += perf_counter() - began
+        else:
+            self._gears = None
         asked = self._asked(road, nodes) if status == "optimal" else nodes
         stations = road.station
         if start.station > station:
             stations = np.concatenate([[station], stations])
             more = asked[0] - nodes[0]
             nodes, asked = np.concatenate([[speed], nodes]), np.concatenate([[speed + more], asked])
+            neutral = None if neutral is None else np.concatenate([neutral[:1], neutral])
         self.last = SpeedProfile(stations, nodes)
-        return HorizonPlan(SpeedProfile(stations, asked), status, reason, solve_time, price, lag)
+        profile = SpeedProfile(stations, asked, neutral)
+        return HorizonPlan(profile, status, reason, solve_time, price, lag)
+
+    def _in_gears(
+        self, road: RoadProfile, nodes: FloatArray, price: float, tables: GearTables
+    ) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Returns node speeds and intervals in neutral, (n + 1,), of the plan with gears.
+
+        It is sought around the convex optimum `nodes`, at the same prices of time and end speed.
+        """
+        bounds = bounds_of(self.vehicle, road, float(nodes[0]), self.config)
+        low = np.maximum(bounds.low, np.maximum(nodes - _TUBE, LEAST_SPEED) ** 2)
+        high = np.maximum(np.minimum(bounds.high, (nodes + _TUBE) ** 2), low)
+        low[0] = high[0] = nodes[0] ** 2
+        worth = self._terminal(road, low, high, bounds)
+        task = JointTask(
+            self.vehicle,
+            road,
+            tables,
+            low,
+            np.maximum(high, low),
+            max(price, 0.0),
+            k_a=1e-3 * self.config.k_a,
+            states=_STATES,
+            worth=worth,
+        )
+        gear = None
+        if self._gears is not None:
+            station, last = self._gears
+            interval = int(station.searchsorted(road.station[0] - 1e-6, "right")) - 1
+            if 0 <= interval < last.gear.size:
+                gear = int(last.gear[interval])
+        found = joint_drive(task, joint_values(task), gear)
+        self._gears = road.station, found
+        return found.speed, np.append(found.gear == NEUTRAL, False)
 
     def _asked(self, road: RoadProfile, nodes: FloatArray) -> FloatArray:
         """Returns the speeds for the truck (n + 1,): above the plan where it takes full power.

@@ -21,8 +21,8 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 
 _STEP, _COUNT = 10.0, 60  # grid of the predicted speeds [m]
-# Over the engine's drag: the reference slows down a little more than the truck, so that the tracking
-# controller, which ignores so small a difference, does not press the accelerator.
+# Over the engine's drag: the reference slows down a little more than the truck, so that the
+# tracking controller, which ignores so small a difference, does not press the accelerator.
 _DRAG = 1.25
 _MASS_CHANGE = 0.02  # relative change of mass that makes a new point mass
 

@@ -47,6 +47,8 @@ class RecedingConfig:
       replan_lag: lag or lead that makes a new schedule [s].
       replan_flow: change of the traffic's speed that makes a new schedule [m/s].
       replan_period: least time between two schedules [s].
+      gears: whether plans on a free road choose gears and roll in neutral, see
+        `controllers.pcc.joint`; only neutral reaches the truck.
       replan_length: greatest length of a trip that gets a new schedule; longer ones take too much
         computing time [m].
     """
@@ -64,6 +66,7 @@ class RecedingConfig:
     replan_flow: float = 1.0
     replan_period: float = 10.0
     replan_length: float = 50_000.0
+    gears: bool = False
 
     def __post_init__(self) -> None:
         require_positive(self, "horizon", "step", "resync", "replan_lag", "replan_flow")

@@ -31,8 +31,9 @@ class PointMass:
     """Longitudinal model of the truck. SI units.
 
     Attributes:
-      mass: gross; inertial_mass: with the rotating parts; rolling: resistance coefficient.
-      drag: 0.5 rho Cd A [kg/m]; efficiency: engine to wheels.
+      mass: gross; inertial_mass: with the rotating parts; rolling: resistance coefficient, with
+        the constant part of a wind's drag.
+      drag: 0.5 rho Cd A in calm [kg/m]; efficiency: engine to wheels.
       power_max: of the engine in the best gear at every speed, see `FuelMap.full_power` [W].
       power_drag: of the overrunning engine, where the convex model's fuel is zero [W].
       power_overrun: braking power at the wheels of the overrunning engine in the highest gear, by
@@ -119,8 +120,8 @@ def rolling_speed(
       PlanningError: full power is not enough for a climb, or `top` cannot be met.
     """
     held = np.sqrt(_held(vehicle, road, v_start, top))
-    b_cap = brakeable(vehicle, road, np.minimum(cap, top) ** 2, vehicle.brake_max)
-    speed = np.sqrt(np.maximum(b_cap, 0.0), out=np.empty(road.station.size))
+    speed = np.minimum(cap, held)
+    b_cap = speed**2
     speed[0] = v_start
     slope = vehicle.slope_force(road.grade)
     _ROLLING(

@@ -24,6 +24,7 @@ from iits_mj.core.units import KMH
 from iits_mj.parameters import AnyTruck, TruckParameters, truck_option
 from iits_mj.road.route_choice import route_option
 from iits_mj.simulation.parts import load_map
+from iits_mj.validation.harness.config import ValidateConfig
 from iits_mj.validation.planning.pcc_accuracy import (
     ELEMENTS_MAX,
     EQUAL_TIME,
@@ -39,6 +40,7 @@ from iits_mj.validation.planning.pcc_accuracy import (
     panels,
     warm_up,
 )
+from iits_mj.validation.planning.pcc_atlas import run_atlas
 from iits_mj.validation.planning.pcc_case import (
     BRAKING,
     PAPER_SAVING_PERCENT,
@@ -46,6 +48,7 @@ from iits_mj.validation.planning.pcc_case import (
     SolvedPlan,
     solve,
 )
+from iits_mj.validation.planning.pcc_joint import INTERVALS_MAX, compare_jointly, joint_checks
 
 METHODS = ("distance", "hermite", "both")
 # Shares of the time that have passed after each part, for the time left.
@@ -127,8 +130,25 @@ class Options(ResultOptions):
         None, help="table to write: planned speed over station", metavar="FILE.csv", group="output"
     )
 
+    atlas: bool = option(
+        False,
+        help="the savings on twelve roads, by mass, band and wind, instead of one road's plan",
+        group="road",
+    )
+    every: bool = option(
+        False, help="with --atlas: all 27 cells of a road, not the 7 around its middle"
+    )
+    roads: Path | None = option(
+        None, help="with --atlas: folder with the roads that the package lacks", metavar="DIR"
+    )
+    runs: Path | None = option(
+        None, help="with --atlas: folder that keeps finished cells", metavar="DIR"
+    )
+
     def __post_init__(self) -> None:
         option_fields.check(self)
+        if not self.atlas and (self.every or self.roads is not None or self.runs is not None):
+            raise InputError("--every, --roads and --runs belong to --atlas: give --atlas too")
         if not self.v_min <= self.v_ref <= self.v_max:
             raise InputError(
                 f"band --v-min {self.v_min:g} km/h, --v-ref {self.v_ref:g} km/h, --v-max "
@@ -138,6 +158,10 @@ class Options(ResultOptions):
 
 def run(options: Options) -> int:
     """Plans and shows the saving; returns the exit code."""
+    if options.atlas:
+        # The atlas has its own roads, masses and bands.
+        config = ValidateConfig(roads=options.roads, runs=options.runs)
+        return finish(options, lambda: run_atlas(config, every=options.every))
     if options.profile is not None:
         prepare_folder(options.profile.parent, "profile")
     return finish(options, lambda: measure(options))
@@ -190,6 +214,9 @@ def _measured(config: Options, report: Report) -> Results:
         f"band {config.v_min:g} to {config.v_max:g} km/h, {mass:.0f} kg; the cruises have the same "
         f"engine, brakes and limits; the rolling one has a set speed of "
         f"{case.solution.v_set / KMH:.1f} km/h, the braking one {braking.solution.v_set / KMH:.1f}",
+        "speed, gear and eco-roll planned together: by the engine's map in the plan's gears, "
+        "against the rolling cruise in its best gears; the reference is the plan of speed alone in "
+        "its best gears",
         "the saving against the rolling cruise is what a fleet gains: cruise controls of today's "
         "trucks roll above their set speed downhill. The plan of each comparison takes the trip "
         "time of its cruise",
@@ -278,6 +305,8 @@ def checks(
         *energy_checks(case),
     ]
     rows += bound_checks(case, gap_max=1.0)
+    if case.road.intervals <= INTERVALS_MAX:
+        rows += joint_checks(compare_jointly(case))
     if config.step > FINE_STEP:
         rows += convergence_checks(case, load_profile(replace(config, step=FINE_STEP)))
     rows += element_checks(case, elements)

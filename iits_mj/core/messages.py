@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, fields, make_dataclass
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import in_range
@@ -380,14 +381,25 @@ class Scene:
 
 @dataclass(frozen=True, slots=True)
 class SpeedProfile:
-    """Reference speed over station, both of shape (n,); [m] and [m/s]."""
+    """Reference speed over station, both of shape (n,); [m] and [m/s].
+
+    `neutral`, (n,), is true where the truck shall roll in neutral from a station to the next one;
+    None: nowhere.
+    """
 
     station: FloatArray
     speed: FloatArray
+    neutral: NDArray[np.bool_] | None = None
 
     def at(self, station: float) -> float:
         """Returns the reference speed at a station [m/s], constant beyond both ends."""
         return float(np.interp(station, self.station, self.speed))
+
+    def neutral_at(self, station: float) -> bool:
+        """Returns whether the truck shall roll in neutral at a station [m]."""
+        if self.neutral is None or not self.station[0] <= station < self.station[-1]:
+            return False
+        return bool(self.neutral[int(self.station.searchsorted(station, "right")) - 1])
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kSmooth = 0.9;   // of the lowering of the bound at the next state
 constexpr int kRefinements = 12;  // of the end speed between two nodes of the grid
 
 // Numbers of the problem; `gears` counts the gears and, as the last, neutral if `neutral` is not 0.
@@ -69,12 +70,12 @@ class Program {
     const Place at = Find(0.5 * sum);
     if (Neutral(gear)) {
       const double free = At(a_.overrun, gear, at);
-      if (force > free + 1e-6 || force < free - s_.brake) return kInfinity;
-      return other + s_.idle_rate * time;
+      if (force > free + 1e-6) return kInfinity;
+      return other + s_.idle_rate * time + Unbraked(free, force);
     }
     const double overrun = At(a_.overrun, gear, at), full = At(a_.full, gear, at);
     if (!(full > overrun) || force > full * (1.0 + 1e-9) + 1e-6) return kInfinity;
-    if (force <= overrun) return force < overrun - s_.brake ? kInfinity : other;
+    if (force <= overrun) return other + Unbraked(overrun, force);
     return other + Rate(gear, at, (force - overrun) / (full - overrun)) * time;
   }
 
@@ -146,6 +147,12 @@ class Program {
     int row;
     double share;
   };
+
+  // Price of v^2 that the brakes do not take, as of one below the bounds: values stay finite.
+  double Unbraked(double free, double force) const {
+    const double beyond = std::max(free - s_.brake - force, 0.0);
+    return s_.short_price * beyond * 2.0 * s_.step / s_.inertia;
+  }
 
   bool Neutral(int gear) const { return s_.neutral != 0.0 && gear == gears_ - 1; }
 
@@ -232,7 +239,12 @@ IITS_KERNEL void iits_joint_bound(const double* setup, const double* const* arra
         excess[j + 1] = std::max(excess[j + 1], p.Value(here, k, b) - least(b));
       }
     }
-    for (int j = 0; j < states; ++j) here[j] -= std::max(excess[j], excess[j + 1]);
+    // Of both sides; and smooth over the states, so that the excess does not grow from node to
+    // node.
+    for (int j = 0; j < states; ++j) excess[j] = std::max(excess[j], excess[j + 1]);
+    for (int j = 1; j < states; ++j) excess[j] = std::max(excess[j], kSmooth * excess[j - 1]);
+    for (int j = states - 2; j >= 0; --j) excess[j] = std::max(excess[j], kSmooth * excess[j + 1]);
+    for (int j = 0; j < states; ++j) here[j] -= excess[j];
   }
 }
 

@@ -7,7 +7,7 @@ the short horizon alone. `pcc_replay` and `planning_traffic` use the MuJoCo truc
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import process_time
 
 import numpy as np
@@ -154,6 +154,13 @@ def _compare(road: RoadProfile, quick: bool) -> Findings:
     found.check("plans without optimizer", others, "1", None, "<= 0")
     found.check("CPU time of a plan, median", np.median(took), "ms", None, "<= 15")
     found.check("CPU time of a plan, 95 % within", np.quantile(took, 0.95), "ms")
+    geared = RecedingPlanner(
+        road, parameters, GROSS_MASS, settings, replace(receding, gears=True), trip
+    )
+    took = 1e3 * drive(geared, first, last, start).plan_time
+    name = "CPU time of a plan with gears and eco-roll"
+    found.check(f"{name}, median", np.median(took), "ms", None, "<= 15")
+    found.check(f"{name}, 95 % within", np.quantile(took, 0.95), "ms")
     if quick:
         return found
     planner.reset()

@@ -23,10 +23,18 @@ from typing import Any
 import numpy as np
 
 from controllers.pcc.fuel import FuelMap
+from controllers.pcc.joint import NEUTRAL, GearTables, JointPlan, JointTask, plan_in_time
 from controllers.pcc.planner import Drive, PccConfig, evaluate, make_vehicle
 from controllers.pcc.profile import RoadProfile
-from controllers.pcc.schedule import Schedule, make_schedule
-from controllers.pcc.vehicle import PointMass, brakeable, cruise, durations, fastest_below
+from controllers.pcc.schedule import Schedule, bounds_of, make_schedule
+from controllers.pcc.vehicle import (
+    PointMass,
+    brakeable,
+    cruise,
+    durations,
+    fastest_below,
+    passing_times,
+)
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.core.messages import SpeedProfile
@@ -70,6 +78,7 @@ class ReplayCase:
       timestep: of the physics [s]; plant: see `Truck.load`.
       overlay: of the truck's parameters, such as another strategy of gear changes.
       paper: whether the paper's saving must be reached.
+      joint: whether gears and neutral are planned with the speed.
     """
 
     name: str
@@ -82,6 +91,7 @@ class ReplayCase:
     plant: str = "full"
     overlay: dict[str, dict[str, str]] = dataclasses.field(default_factory=dict)
     paper: bool = False
+    joint: bool = False
 
     @property
     def top(self) -> float | None:
@@ -142,6 +152,7 @@ class CruiseAndPlan:
       case: of the comparison; vehicle: the planner's point mass, with the truck's power on climbs.
       vehicle_max: the same with the engine's greatest power.
       schedule: the plan; cruise, plan: both trips.
+      gears: the plan of speed and gear that the truck drove, None without `case.joint`.
       model_cruise, model_plan: the planner's figures for the speeds that the truck drove.
     """
 
@@ -153,6 +164,7 @@ class CruiseAndPlan:
     plan: MeasuredDrive
     model_cruise: Drive
     model_plan: Drive
+    gears: JointPlan | None = None
 
     @property
     def speed_worth(self) -> float:
@@ -221,21 +233,66 @@ def run(
             arrival=budget,
             end_speed=cruise.end_speed,
         )
+        gears = None
+        if case.joint:
+            share = vehicle.power_max / strongest.power_max
+            gears = plan_with_gears(case, vehicle, share, schedule, budget)
+            clock = passing_times(gears.speed, case.road)
+            schedule = dataclasses.replace(schedule, speed=gears.speed, clock=clock)
         profile = reference_profile(case, vehicle, schedule, strongest)
+        if gears is not None:
+            profile = with_neutral(case, profile, gears)
         plan = MeasuredDrive.of(_driven(case, profile, folder), case)
         if best is None or abs(plan.time - cruise.time) < abs(best[1].time - cruise.time):
-            best = schedule, plan
+            best = schedule, plan, gears
         # With less time, a plan that cannot be any faster stays the same.
         if abs(plan.time / cruise.time - 1.0) <= TIME_TOLERANCE or schedule.late > 0.0:
             break
         budget += cruise.time - plan.time
     assert best is not None
-    schedule, plan = best
-    model = [
+    schedule, plan, gears = best
+    model_cruise, model_plan = (
         evaluate(vehicle, fuel_map, case.road, _node_speeds(case, trip.record))
         for trip in (cruise, plan)
-    ]
-    return CruiseAndPlan(case, vehicle, strongest, schedule, cruise, plan, *model)
+    )
+    return CruiseAndPlan(
+        case, vehicle, strongest, schedule, cruise, plan, model_cruise, model_plan, gears
+    )
+
+
+def joint_task(
+    case: ReplayCase, vehicle: PointMass, share: float, ends: tuple[float, float]
+) -> JointTask:
+    """Returns the task of speed and gear of a case.
+
+    Args:
+      case: with the road and the band.
+      vehicle: the planner's point mass.
+      share: of the full-load torque that plans use.
+      ends: speeds at both ends [m/s].
+    """
+    bounds = bounds_of(vehicle, case.road, ends[0], case.config)
+    b_low, b_high = bounds.low.copy(), bounds.high.copy()
+    b_low[-1] = b_high[-1] = min(ends[1] ** 2, float(bounds.fastest[-1]) ** 2)
+    low, high = math.sqrt(b_low.min()), math.sqrt(b_high.max())
+    tables = GearTables.of(case.parameters(), low, high, power_share=share)
+    return JointTask(vehicle, case.road, tables, b_low, b_high)
+
+
+def plan_with_gears(
+    case: ReplayCase, vehicle: PointMass, share: float, schedule: Schedule, budget: float
+) -> JointPlan:
+    """Returns the joint plan between a schedule's end speeds, within a time [s]."""
+    ends = float(schedule.speed[0]), float(schedule.speed[-1])
+    return plan_in_time(joint_task(case, vehicle, share, ends), budget)
+
+
+def with_neutral(case: ReplayCase, profile: SpeedProfile, gears: JointPlan) -> SpeedProfile:
+    """Returns the profile with the stretches on which a joint plan rolls in neutral."""
+    place = (profile.station - case.first) / case.road.step + 1e-9
+    interval = np.clip(np.floor(place).astype(int), 0, case.road.intervals - 1)
+    within = (place >= 0.0) & (place < case.road.intervals)
+    return dataclasses.replace(profile, neutral=within & (gears.gear[interval] == NEUTRAL))
 
 
 def _at_mean_speed(
@@ -432,6 +489,8 @@ def _file_name(case: ReplayCase, profile: SpeedProfile | None) -> str:
         digest.update(repr(case.top).encode())
     else:
         digest.update(profile.station.tobytes() + profile.speed.tobytes())
+        if profile.neutral is not None:
+            digest.update(profile.neutral.tobytes())
     kind = "cruise" if profile is None else "plan"
     plain = "".join(c if c.isalnum() else "_" for c in case.road.name)
     return f"{plain}_{kind}_{digest.hexdigest()[:12]}.npz"

@@ -234,9 +234,10 @@ def test_rolling_cruise_keeps_the_speed_limits_and_needs_brakes_for_them():
     vehicle = make_vehicle(PARAMETERS, FuelMap(PARAMETERS), MASS, PccConfig())
     assert (cruise(vehicle, road, 20.0, 20.0, top=25.0) <= limit + 1e-6).all()
     with pytest.raises(PlanningError, match="do not hold"):
-        cruise(replace(vehicle, brake_max=0.0), hills(amplitude=0.06), 20.0, 20.0, top=25.0)
+        cruise(replace(vehicle, brake_max=0.0), hills(amplitude=0.1), 20.0, 20.0, top=25.0)
+    weak = replace(vehicle, power_max=0.3 * vehicle.power_max)
     with pytest.raises(PlanningError, match="does not carry"):
-        cruise(vehicle, road_of(np.full(200, 0.2)), 20.0, 20.0, top=25.0)
+        cruise(weak, road_of(np.full(200, 0.2)), 20.0, 20.0, top=25.0)
 
 
 def test_the_cruise_can_have_a_mean_speed_instead_of_a_set_speed():
