@@ -45,7 +45,7 @@ COMPONENTS = ("way", "changes", "imposed_braking", "left_time")
 SIDES = (Decision.LEFT, Decision.RIGHT)
 FORMAT = "iits_mj.priced_network.1"
 # A change that asks more braking of the new follower is not made [m/s2].
-IMPOSED_BRAKING_MAX = 1.4
+IMPOSED_BRAKING_MAX = 1.85
 # Most lanes of the roads of the training.
 LANES_MAX = 3
 # Horizon [s] of the rule where the policy is unsure, and its cost as a share of the price.
