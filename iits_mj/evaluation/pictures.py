@@ -102,19 +102,7 @@ def draw_balance(cells: Sequence[CellFigures], methods: Sequence[str]) -> Figure
         for name in methods:
             if name not in cell.trials:
                 continue
-            changes, loss = cell.changes[name], cell.loss[name]
-            ax.errorbar(
-                changes.mean,
-                loss.mean,
-                xerr=_bar(changes),
-                yerr=_bar(loss),
-                fmt="o",
-                markersize=6,
-                color=_color(name, methods),
-                elinewidth=1.4,
-                capsize=3,
-                zorder=3,
-            )
+            _point(ax, cell, name, "o", _color(name, methods))
         ax.axhline(cell.floor, color=_GRAY, linestyle="--", linewidth=1.2, zorder=1)
         ax.set_xlim(left=min(0.0, ax.get_xlim()[0]))
         ax.margins(y=0.15)
@@ -144,17 +132,7 @@ def draw_hulls(cells: Sequence[CellFigures]) -> Figure:
         ax.plot([p.changes for p in hull], [p.loss for p in hull], **_HULL)
         for name in others:
             if name in cell.trials:
-                changes, loss = cell.changes[name], cell.loss[name]
-                ax.errorbar(
-                    *(changes.mean, loss.mean),
-                    xerr=_bar(changes),
-                    yerr=_bar(loss),
-                    fmt="D",
-                    capsize=3,
-                    color=_color(name, others),
-                    markersize=6,
-                    zorder=4,
-                )
+                _point(ax, cell, name, "D", _color(name, others))
         # The truck that never changes lanes is far above all others.
         moving = [point.loss for point in known if point.changes > 0.0]
         if moving:
@@ -199,6 +177,22 @@ def _grid(
         handles=list(handles), loc="outside lower center", ncols=7, fontsize=8, frameon=False
     )
     return figure
+
+
+def _point(ax: Axes, cell: CellFigures, name: str, marker: str, color: str) -> None:
+    """Draws a method's means of lane changes and speed loss with their intervals."""
+    changes, loss = cell.changes[name], cell.loss[name]
+    ax.errorbar(
+        *(changes.mean, loss.mean),
+        xerr=_bar(changes),
+        yerr=_bar(loss),
+        fmt=marker,
+        markersize=6,
+        color=color,
+        elinewidth=1.4,
+        capsize=3,
+        zorder=4,
+    )
 
 
 def _color(name: str, methods: Sequence[str]) -> str:

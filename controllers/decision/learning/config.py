@@ -191,27 +191,19 @@ class RolloutConfig:
       InputError: a value is out of bounds; the message names it.
     """
 
-    rounds: int = _option(4, help="rounds of roll-outs, each followed by a fit", low=1, high=100)
+    rounds: int = _option(3, help="rounds of roll-outs, each followed by a fit", low=1, high=100)
     chunks: int = _option(
-        70, help="chunks of labels in a round; less in the first two", low=1, high=10_000
+        60, help="chunks of labels in a round; less in the first two", low=1, high=10_000
     )
-    chunk_trips: int = _option(
-        128, help="trips that a chunk drives in parallel", low=1, high=10_000
-    )
+    chunk_trips: int = _option(64, help="trips that a chunk drives in parallel", low=1, high=10_000)
     chunk_windows: int = _option(
-        8, help="states that a chunk takes from each trip, one of 30 decisions", low=1, high=1_000
+        30, help="states that a chunk takes from each trip, one of 30 decisions", low=1, high=1_000
     )
     horizon: float = _option(
         100.0, help="time of a roll-out", unit="s", low=10.0, high=1_000.0, metavar="S"
     )
-    draws: int = _option(
-        1, help="draws of the hidden desired speeds for each state", low=1, high=100
-    )
-    more_draws: int = _option(
-        0, help="further draws where the decisions are nearly equal", low=0, high=100
-    )
-    epochs: int = _option(8, help="passes of a fit over the labels", low=1, high=10_000)
-    members: int = _option(3, help="networks of the last fit, whose mean decides", low=1, high=20)
+    epochs: int = _option(14, help="passes of a fit over the labels", low=1, high=10_000)
+    members: int = _option(2, help="networks of the last fit, whose mean decides", low=1, high=20)
 
     def __post_init__(self) -> None:
         option_fields.check(self)

@@ -56,8 +56,6 @@ def mirror_images(labels: Labels) -> Labels:
         labels.prices[rows],
         components,
         labels.possible[rows][:, ::-1].copy(),
-        labels.draws[rows],
-        labels.spread[rows][:, ::-1].copy(),
         labels.symmetric[rows],
     )
 
@@ -90,7 +88,7 @@ def fit(
     )
     x, wanted = torch.from_numpy(inputs), torch.from_numpy(labels.components)
     prices = torch.from_numpy(labels.prices)
-    weight = _weights(labels)
+    weight = torch.from_numpy(labels.possible.astype(np.float32))
     size = torch.from_numpy(usual_worth(labels.prices[:, :1]).astype(np.float32))
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
@@ -128,12 +126,6 @@ def _network(sizes: Sequence[int]) -> nn.Sequential:
     for inputs, outputs in itertools.pairwise(sizes):
         layers += [nn.Linear(inputs, outputs), nn.ReLU()]
     return nn.Sequential(*layers[:-1])
-
-
-def _weights(labels: Labels) -> Tensor:
-    """Returns weights of the sides, shape (n, 2): labels of more draws are more exact."""
-    draws = np.sqrt(labels.draws / labels.draws.mean())
-    return torch.from_numpy((labels.possible * draws[:, None]).astype(np.float32))
 
 
 def _loss(found: Tensor, wanted: Tensor, prices: Tensor, size: Tensor, weight: Tensor) -> Tensor:

@@ -19,7 +19,7 @@ import numpy as np
 
 from controllers.decision.learning.config import RolloutConfig
 from controllers.decision.learning.rollouts import Chunk, Labels, make_labels
-from controllers.decision.priced import PRICED_LAYERS, PricedNetwork
+from controllers.decision.priced import PricedNetwork
 from controllers.decision.trip import TRAINING_SEEDS
 from iits_mj.core.errors import InputError
 from iits_mj.core.input_files import read_json, read_npz
@@ -29,8 +29,6 @@ from iits_mj.core.process_pool import run_all
 RESULT, LABELS, POLICIES, SETTINGS = "priced.npz", "labels", "policies", "settings.json"
 # A fit uses the labels of this many rounds, of the rule's only while there are no others.
 _ROUNDS_USED = 2
-# Of the networks that drive the roll-outs: a small one takes a tenth of the time.
-_ROUND_LAYERS = (PRICED_LAYERS[0], 96, 96, 64, PRICED_LAYERS[-1])
 # Shares of the chunks in the first rounds, whose labels only begin the training.
 _SHARES = (0.25, 0.5)
 _LABELS_MAX = 2**30  # bytes
@@ -53,7 +51,6 @@ class Member:
     labels: tuple[Path, ...]
     seed: int
     epochs: int
-    layers: tuple[int, ...]
     file: Path
 
 
@@ -104,7 +101,6 @@ def train_priced(
                 used,
                 first + member,
                 config.epochs,
-                PRICED_LAYERS if last else _ROUND_LAYERS,
                 out / POLICIES / f"member_{number:02d}_{member}.npz",
             )
             for member in range(config.members if last else 1)
@@ -155,9 +151,7 @@ def make_part(part: Part, config: RolloutConfig, seed: int) -> Part:
     """Makes a chunk of labels and writes its file; returns the part."""
     network = None if part.policy is None else PricedNetwork.load(part.policy)
     generator = np.random.default_rng([seed, TRAINING_SEEDS, part.round, part.chunk])
-    chunk = Chunk(
-        config.chunk_trips, config.chunk_windows, config.horizon, config.draws, config.more_draws
-    )
+    chunk = Chunk(config.chunk_trips, config.chunk_windows, config.horizon)
     labels = make_labels(chunk, network, generator)
     with OutputFile(part.file, "labels") as partial, partial.open("wb") as stream:
         np.savez(stream, **vars(labels))
@@ -169,7 +163,7 @@ def fit_member(member: Member) -> Member:
     from controllers.decision.learning import fitting
 
     labels = fitting.joined([_read(part) for part in member.labels])
-    network = fitting.fit(labels, member.seed, member.epochs, member.layers)
+    network = fitting.fit(labels, member.seed, member.epochs)
     network.save(member.file)
     return member
 

@@ -3,8 +3,8 @@
 A chunk of labels is made from trips that drive in parallel. Of 30 decisions of a trip one is
 drawn, nearly equal ones with a greater probability. From copies of this state the
 truck keeps its lane, changes to the left and changes to the right, and then follows a policy for
-some time. What the truck cannot see, the wishes of the other drivers and later arrivals, is drawn
-again, the same for the decisions that are compared.
+some time. What the truck cannot see, e.g. the other drivers' desired speeds, is the same for the
+decisions that are compared; a fit to labels of many states averages over it.
 
 This is one round of policy iteration by roll-outs (Lagoudakis and Parr 2003; Bertsekas 2019).
 """
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import copy
 import functools
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -30,7 +31,6 @@ from controllers.decision.priced import (
     chosen,
     fallback_rule,
     usual_worth,
-    worth,
 )
 from controllers.decision.rules import compiled
 from controllers.decision.trip import TripConfig
@@ -46,16 +46,22 @@ _WARM_UP = 40.0  # [s]
 _WINDOW = 30  # decisions, of which one is drawn
 _REACH = 300.0  # [m] ahead: the observation's range
 _COLLISION = 1_000.0  # [m] of way
+# Decisions for which the truck keeps its lane where it does not change now. A wait of one second
+# costs some meters, less than the error of a fit: the truck would change by chance, and too early.
+WAIT = 10
 # Prices of the rule that drives the first round [m].
 _RULE_PRICES = np.geomspace(14.0, 400.0, 6)
-# Draws of the hidden: for all states, and further ones where the decisions are nearly equal.
-_NEARLY_EQUAL = 40.0  # [m]
+# The speed at a roll-out's end counts as way, for a time in proportion to the price [s/m]: behind a
+# slow leader a truck with a high price stays for longer.
+TAIL = 0.22
 # Trips with three lanes, and in traffic that keeps right, where the right lane has a price.
 _THREE_LANES, _KEEPS_RIGHT = 0.1, 0.15
+# Share of trips with a low price of a change.
+_LOW_PRICE = 0.15
 # Shares of trips without a price of braking, and of the right lane, this one also where the traffic
 # keeps right.
-_BRAKING_FREE, _LEFT_FREE, _LEFT_FREE_KEEPS_RIGHT = 0.65, 0.8, 0.25
-_RANDOM = 0.05  # share of random changes in the trips
+_BRAKING_FREE, _LEFT_FREE, _LEFT_FREE_KEEPS_RIGHT = 0.8, 0.85, 0.25
+_RANDOM = 0.005  # share of random changes in the decisions of the trips
 
 
 @dataclass(frozen=True)
@@ -67,8 +73,6 @@ class Labels:
       prices: shape (n, 3).
       components: see `priced.COMPONENTS`; of left and right, shape (n, 2, 4), float32.
       possible: whether the change was possible, shape (n, 2).
-      draws: number of draws of the hidden, shape (n,).
-      spread: standard deviation of the worth over the draws [m], shape (n, 2).
       symmetric: whether the mirror image of the traffic is as probable, shape (n,).
     """
 
@@ -76,8 +80,6 @@ class Labels:
     prices: NDArray[np.float32]
     components: NDArray[np.float32]
     possible: BoolArray
-    draws: NDArray[np.int64]
-    spread: NDArray[np.float32]
     symmetric: BoolArray
 
 
@@ -122,7 +124,8 @@ class NetworkPolicy:
 
 def draw_prices(trip: TripConfig, generator: np.random.Generator) -> FloatArray:
     """Draws the prices of a trip, shape (3,)."""
-    change = np.exp(generator.uniform(np.log(10.0), np.log(400.0)))
+    low, high = (10.0, 30.0) if generator.random() < _LOW_PRICE else (30.0, 400.0)
+    change = np.exp(generator.uniform(np.log(low), np.log(high)))
     braking = 60.0 * generator.random() ** 2 if generator.random() > _BRAKING_FREE else 0.0
     free = _LEFT_FREE_KEEPS_RIGHT if trip.keeps_right else _LEFT_FREE
     left = np.exp(generator.uniform(np.log(0.1), np.log(4.0)))
@@ -132,7 +135,7 @@ def draw_prices(trip: TripConfig, generator: np.random.Generator) -> FloatArray:
 @functools.cache
 def _config() -> TrainConfig:
     """Settings of the drawn trips, with the parameters of the truck, which are read once."""
-    return TrainConfig(truck=TruckParameters.load(None))
+    return TrainConfig(truck=TruckParameters.load(None), random_share=0.25)
 
 
 def draw_trip(generator: np.random.Generator) -> TripConfig:
@@ -162,6 +165,7 @@ def advance(
     braking: FloatArray,
     totals: FloatArray,
     left: FloatArray,
+    prices: FloatArray,
 ) -> None:
     """Carries out decisions; adds what they gather to `totals`, and takes the time from `left`.
 
@@ -171,7 +175,8 @@ def advance(
       braking: of changes to the left and to the right, shape (n, 2).
       totals: shape (n, 4), see `COMPONENTS`.
       left: time of the roll-out that is left [s], shape (n,); a step that ends later counts in
-        part.
+        part, and the last step adds what the speed at its end is worth.
+      prices: shape (n, 3).
     """
     state = worlds.states
     before = state["distance"].copy(), state["right_time"].copy(), state["driven_time"].copy()
@@ -188,32 +193,36 @@ def advance(
     totals[changes, 2] += asked[changes]
     totals[:, 3] += share * (seconds - (state["right_time"] - before[1]))
     left -= np.where(seconds > 0.0, seconds, np.inf)
+    ends = running & (left <= 0.0)
+    totals[ends, 0] += TAIL * prices[ends, 0] * state["speed"][ends]
 
 
 def roll_out(
     worlds: FastWorlds, first: IntArray, prices: FloatArray, policy: Policy, seconds: float
 ) -> FloatArray:
-    """Drives worlds by a first decision and then a policy; returns what they gather, (n, 4)."""
+    """Drives worlds by a first decision and then a policy; returns what they gather, (n, 4).
+
+    Where the first decision is to keep the lane, so are the next ones, `WAIT` in all.
+    """
     totals = np.zeros((len(worlds), len(COMPONENTS)))
     left = np.full(len(worlds), float(seconds))
     decisions = first
     braking = braking_of_changes(worlds)
-    while True:
-        advance(worlds, decisions, braking, totals, left)
+    for step in itertools.count(1):
+        advance(worlds, decisions, braking, totals, left, prices)
         if not (left > 0.0).any():
-            return totals
+            break
         braking = braking_of_changes(worlds)
         decisions = policy(worlds, prices, braking)
+        if step < WAIT:
+            decisions[first == 0] = 0
+    return totals
 
 
 def compare(
-    worlds: FastWorlds,
-    prices: FloatArray,
-    policy: Policy,
-    seconds: float,
-    generator: np.random.Generator,
+    worlds: FastWorlds, prices: FloatArray, policy: Policy, seconds: float
 ) -> tuple[FloatArray, BoolArray]:
-    """Returns what changes add to keeping the lane in one draw of the hidden.
+    """Returns what changes add to keeping the lane.
 
     Returns:
       components, shape (n, 2, 4), zero where a change is not possible; and where it is, (n, 2).
@@ -222,7 +231,6 @@ def compare(
     drawn = worlds.copy(np.arange(len(worlds)))
     # The truck reaches no vehicle beyond within a roll-out.
     drawn.states["window_ahead"] = np.minimum(drawn.states["window_ahead"], _REACH + 6.0 * seconds)
-    drawn.redraw(generator)
     rows, sides = np.nonzero(possible)
     index = np.concatenate([np.arange(len(worlds)), rows])
     first = np.concatenate([np.zeros(len(worlds), np.int64), 2 * sides - 1])
@@ -240,14 +248,11 @@ class Chunk:
     Attributes:
       trips: driven in parallel; windows: states of each trip, one from each minute.
       seconds: of a roll-out.
-      draws: of the hidden for each state; more_draws: where the decisions are nearly equal.
     """
 
     trips: int
     windows: int
     seconds: float
-    draws: int
-    more_draws: int
 
 
 def make_labels(
@@ -266,7 +271,14 @@ def make_labels(
     rows = np.concatenate([index for index, _ in states])
     joined = copy.copy(worlds)
     joined.states = np.concatenate([found.states for _, found in states])
-    return _label(chunk, joined, prices[rows], symmetric[rows], policy, generator)
+    components, possible = compare(joined, prices[rows], policy, chunk.seconds)
+    return Labels(
+        joined.observations,
+        prices[rows].astype(np.float32),
+        components.astype(np.float32),
+        possible,
+        symmetric[rows],
+    )
 
 
 def _drawn_states(
@@ -302,7 +314,7 @@ def _drawn_states(
             best[better] = key[better]
             drawn.states[better] = worlds.states[better]
             decisions = _explored(decisions, possible, generator)
-            advance(worlds, decisions, braking, totals, left)
+            advance(worlds, decisions, braking, totals, left, prices)
         if window >= 0:
             rows = np.flatnonzero(best > 0.0)
             found.append((rows, drawn.copy(rows)))
@@ -315,43 +327,3 @@ def _explored(decisions: IntArray, possible: BoolArray, generator: np.random.Gen
     random = generator.random(len(decisions)) < _RANDOM
     random &= possible[np.arange(len(decisions)), side]
     return np.where(random, 2 * side - 1, decisions)
-
-
-def _label(
-    chunk: Chunk,
-    worlds: FastWorlds,
-    prices: FloatArray,
-    symmetric: BoolArray,
-    policy: Policy,
-    generator: np.random.Generator,
-) -> Labels:
-    count = len(worlds)
-    sums = np.zeros((count, len(SIDES), len(COMPONENTS)))
-    worths, squares = np.zeros((count, len(SIDES))), np.zeros((count, len(SIDES)))
-    draws = np.zeros(count, dtype=np.int64)
-    possible = np.isfinite(braking_of_changes(worlds))
-    rows = np.arange(count)
-    for draw in range(chunk.draws + chunk.more_draws):
-        if draw == chunk.draws:
-            mean = np.where(possible, np.abs(worths / chunk.draws), np.inf).min(axis=1)
-            rows = np.flatnonzero(mean < _NEARLY_EQUAL)
-            if not rows.size:
-                break
-        of_rows = worlds.copy(rows)
-        components, _ = compare(of_rows, prices[rows], policy, chunk.seconds, generator)
-        gained = worth(components.astype(np.float32), prices[rows][:, None])
-        sums[rows] += components
-        worths[rows] += gained
-        squares[rows] += gained**2
-        draws[rows] += 1
-    each = draws[:, None]
-    spread = np.sqrt(np.maximum(squares / each - (worths / each) ** 2, 0.0))
-    return Labels(
-        worlds.observations,
-        prices.astype(np.float32),
-        (sums / draws[:, None, None]).astype(np.float32),
-        possible,
-        draws,
-        spread.astype(np.float32),
-        symmetric,
-    )

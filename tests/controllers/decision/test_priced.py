@@ -174,7 +174,7 @@ def test_a_road_of_five_lanes_leaves_the_decision_to_the_rule():
 
 def test_the_rule_also_makes_no_follower_brake_hard():
     policy = PricedPolicy(divided(500.0), Prices(20.0))
-    close = context(ahead(30.0, 0, 8.0), behind(16.0, 1, 12.0), speed=12.0)
+    close = context(ahead(30.0, 0, 8.0), behind(14.0, 1, 12.0), speed=12.0)
     assert policy.rule.decide(close) is Decision.LEFT
     assert imposed_braking(close)[Decision.LEFT] > IMPOSED_BRAKING_MAX
     assert policy.decide(close) is Decision.KEEP

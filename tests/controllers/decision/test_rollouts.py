@@ -13,9 +13,8 @@ from controllers.decision.learning.rollouts import Chunk, Labels, make_labels
 from controllers.decision.priced import PRICED_LAYERS, PricedNetwork
 from controllers.decision.trip import TripConfig
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import Decision
 
-TINY = Chunk(trips=4, windows=2, seconds=30.0, draws=1, more_draws=1)
+TINY = Chunk(trips=4, windows=2, seconds=30.0)
 SMALL = RolloutConfig(
     rounds=2, chunks=2, chunk_trips=3, chunk_windows=1, horizon=20.0, epochs=2, members=2
 )
@@ -36,8 +35,7 @@ def empty_road(grade=0.0):
 
 def changed(worlds, seconds):
     """What a change to the left adds, if the truck keeps its lane afterwards."""
-    generator = np.random.default_rng(1)
-    return rollouts.compare(worlds, PRICES, keep, seconds, generator)
+    return rollouts.compare(worlds, PRICES, keep, seconds)
 
 
 def test_on_an_empty_road_a_change_adds_a_change_and_time_in_the_left_lane_alone():
@@ -59,14 +57,30 @@ def test_passing_a_slow_leader_gains_the_difference_of_the_speeds():
     vehicle["front"] = worlds.states["front"] + 80.0
     vehicle["speed"] = 8.0
     vehicle["change_time"] = -np.inf
-    # A vehicle that wishes 8 m/s: the redraw would give it another wish.
-    copies = worlds.copy([0, 0])
-    copies.states["vehicles"]["desired"][:, 0] = 8.0
-    decisions = np.array([int(Decision.KEEP), int(Decision.LEFT)])
-    totals = rollouts.roll_out(copies, decisions, np.repeat(PRICES, 2, 0), keep, 100.0)
-    gained = totals[1, 0] - totals[0, 0]
-    # The truck closes 80 m less its following distance before it must slow down.
-    assert 0.7 * 100.0 * (16.67 - 8.0) < gained + 80.0 < 1.1 * 100.0 * (16.67 - 8.0)
+    vehicle["desired"] = 8.0
+    components, _ = changed(worlds, 100.0)
+    # The truck closes 80 m less its following distance before it must slow down. The speed at the
+    # end counts for some time.
+    seconds = 100.0 + rollouts.TAIL * PRICES[0, 0]
+    assert 0.7 * seconds * (16.67 - 8.0) < components[0, 0, 0] + 80.0 < seconds * (16.67 - 8.0)
+
+
+def test_the_speed_at_the_end_of_a_roll_out_counts_for_longer_at_a_higher_price():
+    worlds = empty_road().copy([0, 0])
+    prices = np.array([[50.0, 0.0, 0.0], [250.0, 0.0, 0.0]])
+    totals = rollouts.roll_out(worlds, np.zeros(2, np.int64), prices, keep, 30.0)
+    speed = worlds.states["speed"][0]
+    assert totals[1, 0] - totals[0, 0] == pytest.approx(rollouts.TAIL * 200.0 * speed)
+
+
+def test_a_truck_that_keeps_its_lane_at_first_keeps_it_for_some_decisions():
+    def left(worlds, prices, braking):
+        return np.where(np.isfinite(braking[:, 0]), -1, 0)
+
+    for seconds, changes in ((rollouts.WAIT - 0.5, 0.0), (rollouts.WAIT + 0.5, 1.0)):
+        worlds = empty_road()
+        totals = rollouts.roll_out(worlds, np.zeros(1, np.int64), PRICES, left, seconds)
+        assert totals[0, 1] == changes
 
 
 def test_a_step_that_ends_after_the_roll_out_counts_in_part():
@@ -81,7 +95,6 @@ def test_labels_repeat_with_their_seed_and_hold_finite_numbers():
         np.testing.assert_array_equal(values, vars(again)[name])
         assert np.isfinite(values).all()
     assert first.possible.any(axis=1).all()
-    assert set(first.draws) <= {1, 2}
 
 
 def labels(count=500):
@@ -98,8 +111,6 @@ def labels(count=500):
         prices.astype(np.float32),
         components,
         np.ones((count, 2), bool),
-        np.ones(count, np.int64),
-        np.zeros((count, 2), np.float32),
         np.zeros(count, bool),
     )
 
