@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+from iits_mj.model.scenery.furniture import furniture
+from iits_mj.model.scenery.signs import lamp_of
+from iits_mj.road import RoadMap
 from tests.model.meshes import vertices
 from tests.model.test_network import scene, seen
 from tests.road.opendrive_text import document, road
@@ -130,3 +133,17 @@ def test_speed_sign_shows_its_number(attributes, lit):
 def test_sign_that_is_no_limit_has_no_number():
     model, _, _ = town(signals='<signal id="9" s="60" t="-5" type="206" value="3" name="Stop 2"/>')
     assert not [i for i in range(model.ngeom) if "black" in model.geom(i).name]
+
+
+def test_lamps_of_the_route_are_found_on_a_map_from_the_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("IITS_MJ_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("iits_mj.road.route.SIZE_MIN", 0)
+    light = (
+        '<signal id="1" s="80" t="-5" type="1000001" dynamic="yes" orientation="+" zOffset="3"/>'
+    )
+    path = tmp_path / "lit.xodr"
+    path.write_text(document(road(extra=f"<signals>{light}</signals>")))
+    for _ in range(2):
+        route = RoadMap.from_opendrive(path).route()
+        names = {material for _, material, _ in furniture(route, {"1": (0.0, 100.0)})}
+        assert len([name for name in names if lamp_of(name)]) == 3

@@ -74,7 +74,7 @@ def furniture(route: Route, roads: dict[str, tuple[float, float]]) -> Placed:
     """
     # Lights that the truck obeys are separate geoms, so that a picture can switch their lamps.
     obeyed = {
-        id(one.signal): one.station
+        one.signal: one.station
         for one in route.signals
         if one.signal.is_traffic_light and one.signal.kind != PEDESTRIAN_LIGHT
     }
@@ -89,7 +89,7 @@ def furniture(route: Route, roads: dict[str, tuple[float, float]]) -> Placed:
                     yield shape.vertices[0], material, shape
         for signal in road.signals:
             if low <= signal.s <= high:
-                for material, shape in _signal(site, signal, obeyed.get(id(signal))):
+                for material, shape in _signal(site, signal, obeyed.get(signal)):
                     yield shape.vertices[0], material, shape
 
 

@@ -163,10 +163,12 @@ class Rows:
 
     @cached_property
     def box(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper corner of the ground that they can cover [m]."""
-        points = np.stack([self.x, self.y])
+        """Lower and upper corner of the space that they can cover [m]."""
+        points = np.stack([self.x, self.y, self.z])
         reach = float(self.half.max(initial=0.0)) + SAMPLE
-        return points.min(axis=1) - reach, points.max(axis=1) + reach
+        rise = reach * float(np.abs(self.tilt).max(initial=0.0))
+        margin = np.array([reach, reach, rise])
+        return points.min(axis=1) - margin, points.max(axis=1) + margin
 
     def near(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Depth inside the surface (negative beside it), and the surface's height there [m]."""
@@ -201,7 +203,7 @@ class Footprints:
         self.rows = rows
         self._names = list(rows)
         self._low, self._high = (
-            np.array([row.box[k] for row in rows.values()]).reshape(-1, 2) for k in (0, 1)
+            np.array([row.box[k] for row in rows.values()]).reshape(-1, 3) for k in (0, 1)
         )
 
     def covered(
@@ -213,7 +215,16 @@ class Footprints:
         it only those of about their height.
         """
         found = np.zeros(len(points), dtype=bool)
-        for other, near in self._others(points, max(-margin, 0.0)):
+        if not len(points):
+            return found
+        reach = max(-margin, 0.0)
+        # No street is banked by more than 45 degrees: beside it, its height changes by less.
+        lowest, highest = float(points[:, 2].min()) - reach, float(points[:, 2].max()) + reach
+        if below is None:
+            possible = (self._low[:, 2] < highest + LEVEL) & (self._high[:, 2] > lowest - LEVEL)
+        else:
+            possible = self._low[:, 2] < highest - below
+        for other, near in self._others(points, reach, possible):
             if other == name:
                 continue
             depth, height = self.rows[other].near(points[near])
@@ -231,15 +242,16 @@ class Footprints:
             best = np.maximum(depth, best)
         return found
 
-    def _others(self, points: FloatArray, reach: float) -> Iterator[tuple[str, IndexArray]]:
-        """Yields the streets that may cover some of the points, and the indices of those."""
-        if not len(points):
-            return
+    def _others(
+        self, points: FloatArray, reach: float, possible: NDArray[np.bool_]
+    ) -> Iterator[tuple[str, IndexArray]]:
+        """Yields the possible streets that may cover some points, and the indices of those."""
         place = points[:, :2]
         low, high = place.min(axis=0) - reach, place.max(axis=0) + reach
-        close = np.all((self._low < high) & (self._high > low), axis=1)
+        corners = self._low[:, :2], self._high[:, :2]
+        close = possible & np.all((corners[0] < high) & (corners[1] > low), axis=1)
         for i in np.flatnonzero(close):
-            inside = (place > self._low[i] - reach) & (place < self._high[i] + reach)
+            inside = (place > corners[0][i] - reach) & (place < corners[1][i] + reach)
             near = np.flatnonzero(inside[:, 0] & inside[:, 1])
             if near.size:
                 yield self._names[i], near
