@@ -55,8 +55,9 @@ _NEAR = 2.0
 # Times at which others are predicted in the bend, and before it [s].
 _SOON = np.array([0.0, 0.5, 1.0])
 _TIMES = np.linspace(0.0, 15.0, 31)
-# A stop line this near before the bend is the waiting place, at this distance from the line [m].
-_LINE_NEAR, _TO_LINE = 16.0, 0.5
+# A stop line this near before the bend is the waiting place, at this distance from the line [m];
+# a line without a light is set back farther.
+_LINE_NEAR, _TO_LINE, _OPEN_LINE_NEAR = 12.0, 0.5, 16.0
 # A slower truck has come to rest before a stop [m/s].
 RESTS = 0.3
 # The truck does not wait for a vehicle that leaves the ground this long before it arrives [s].
@@ -157,11 +158,13 @@ class TightBends:
             return cap, math.inf, ""
         nearest = ego.station + ego.speed**2 / (2.0 * HARD)
         begin = sweep.begin
-        lines = scene.signals.lines if light is None else (light.station, *scene.signals.lines)
-        for station in lines:
+        lines = [(station, _OPEN_LINE_NEAR) for station in scene.signals.lines]
+        if light is not None:
+            lines.append((light.station, _LINE_NEAR))
+        for station, near in lines:
             # A stop line shortly before the bend is the place to wait at.
             line = station - scene.footprint.front_overhang - _TO_LINE
-            begin = line if sweep.begin - _LINE_NEAR < line < begin else begin
+            begin = line if sweep.begin - near < line < begin else begin
         stop = max(begin, min(nearest, sweep.first))
         return cap, stop, f"waiting for {other}: the trailer needs its ground in the bend"
 
