@@ -3,7 +3,8 @@
 The ground that the truck's units will sweep is compared with the predicted boxes of the
 others over the next seconds. A vehicle counts if it will meet the truck, at the truck's present
 speed or while the truck speeds up, and would have to brake to let the truck pass. The truck stops
-before it enters that vehicle's path.
+before it enters that vehicle's path. At a junction without a light it looks farther ahead, expects
+no moving vehicle to yield, and stops before the line as long as it can.
 
 `is_free` is the check at a green arrow: whether anything crosses behind the stop line.
 """
@@ -19,7 +20,7 @@ from controllers.planning.predicted_boxes import Poses, bodies_along
 from controllers.planning.road_preview import LanePath, RoadPreview
 from controllers.planning.trajectory import Quintic
 from iits_mj.core.angles import wrap_angle
-from iits_mj.core.arrays import BoolArray
+from iits_mj.core.arrays import BoolArray, FloatArray
 from iits_mj.core.messages import EgoState, Scene
 from iits_mj.core.neighbors import ALONG, Neighbors
 from iits_mj.parameters import TruckParameters
@@ -27,6 +28,13 @@ from iits_mj.parameters.mass_state import payload_of
 
 # Times of the predictions [s].
 _TIMES = np.linspace(0.0, 4.0, 17)
+# The same at a junction without a light, and the distances before and behind its line at which it
+# counts [m].
+_LONG_TIMES = np.linspace(0.0, 8.0, 33)
+_LINE_BEFORE, _LINE_BEHIND = 40.0, 25.0
+# Before that line the front bumper stops at this distance [m]; the truck passes a line at which it
+# would have to brake harder [m/s2].
+_TO_LINE, _LATE = 0.5, 2.5
 # Two ways to compute a heading differ by less than this [rad].
 _ROUNDING = 1e-6
 # Room beside the truck's bodies [m].
@@ -63,7 +71,9 @@ def crossing_leads(
       residual: offset from the path, None for none.
     """
     ego, neighbors = scene.ego, scene.neighbors
-    reach = max(max(ego.speed, 3.0) * _TIMES[-1], ego.speed**2 / (2.0 * _COMFORT)) + 10.0
+    line = _line(scene)
+    times = _TIMES if line is None else _LONG_TIMES
+    reach = max(max(ego.speed, 3.0) * times[-1], ego.speed**2 / (2.0 * _COMFORT)) + 10.0
     if neighbors.all_along(preview):
         return []
     near = np.abs(neighbors.station - ego.station) < reach + 40.0
@@ -86,21 +96,34 @@ def crossing_leads(
         parameters, preview, path, residual, stations, payload_of(parameters, ego.mass)
     )
     # Axes: positions of the truck, times, vehicles.
-    touch = np.zeros((len(stations), len(_TIMES), len(angle)), dtype=bool)
+    touch = np.zeros((len(stations), len(times), len(angle)), dtype=bool)
     for chosen, boxes in (
-        (across, lambda poses: poses.ahead(_TIMES)),
-        (wrong_way, lambda poses: poses.along_road(_TIMES, preview)),
+        (across, lambda poses: poses.ahead(times)),
+        (wrong_way, lambda poses: poses.along_road(times, preview)),
     ):
         if chosen.any():
             others = boxes(found.only(chosen))
             touch[:, :, chosen] = np.logical_or.reduce([u.touch(others, _ROOM) for u in units])
     leads = []
     for index in np.flatnonzero(matters & touch.any(axis=(0, 1))).tolist():
-        judge = _meets_head_on if wrong_way[index] else _crosses
-        lead = judge(touch[:, :, index], found.one(index), ego)
+        if wrong_way[index]:
+            # The longer prediction is for crossing vehicles only.
+            lead = _meets_head_on(touch[:, : len(_TIMES), index], found.one(index), ego)
+        else:
+            lead = _crosses(touch[:, :, index], found.one(index), ego, times, line)
         if lead is not None:
             leads.append((lead, neighbors.ids[int(np.flatnonzero(near)[index])]))
     return leads
+
+
+def _line(scene: Scene) -> float | None:
+    """Distance of the front bumper to the line of a near junction without a light [m], or None."""
+    near = [
+        line - scene.neighbors.front
+        for line in scene.signals.lines
+        if -_LINE_BEHIND < line - scene.neighbors.front < _LINE_BEFORE
+    ]
+    return near[0] if near else None
 
 
 def _is_along(neighbors: Neighbors, index: int, preview: RoadPreview) -> bool:
@@ -120,33 +143,47 @@ def _meets_head_on(touch: BoolArray, one: Poses, ego: EgoState) -> Lead | None:
     return Lead(gap * ego.speed / max(ego.speed + float(one.speed[0]), 1e-3), 0.0)
 
 
-def _crosses(touch: BoolArray, one: Poses, ego: EgoState) -> Lead | None:
-    """The lead of a crossing vehicle, from the positions and times of contact."""
+def _crosses(
+    touch: BoolArray, one: Poses, ego: EgoState, times: FloatArray, line: float | None
+) -> Lead | None:
+    """The lead of a crossing vehicle, from the positions and times of contact.
+
+    Args:
+      touch: contacts, shape (positions of the truck, times).
+      one: the vehicle.
+      ego: the truck.
+      times: of the prediction [s].
+      line: distance to the line of a junction without a light [m], None for none.
+    """
     places, moments = np.asarray(touch.any(axis=1)), np.asarray(touch.any(axis=0))
     # Braking does not help against a vehicle that is already at the truck.
     if not places.any() or places[0]:
         return None
     speed = float(one.speed[0])
-    if speed > _AT_REST and not _meets(touch, ego.speed):
+    if speed > _AT_REST and not _meets(touch, ego.speed, times):
         return None
     first = int(moments.argmax())
-    left = float(one.distance(_TIMES[first : first + 1])[0, 0])
-    if first > 0 and speed**2 < 2.0 * _YIELDS * left:
+    left = float(one.distance(times[first : first + 1])[0, 0])
+    yields = _YIELDS if line is None or speed <= _AT_REST else 0.0
+    if first > 0 and speed**2 < 2.0 * yields * left:
         return None
-    last = float(_TIMES[len(moments) - 1 - int(moments[::-1].argmax())])
-    until = math.inf if last >= _TIMES[-1] else last + 0.5
-    return Lead((float(places.argmax()) - 0.5) * _STEP, 0.0, 0.0, until)
+    last = float(times[len(moments) - 1 - int(moments[::-1].argmax())])
+    until = math.inf if last >= times[-1] else last + 0.5
+    gap = (float(places.argmax()) - 0.5) * _STEP
+    if line is not None and ego.speed**2 < 2.0 * _LATE * (line - _TO_LINE):
+        gap = min(gap, line - _TO_LINE)
+    return Lead(gap, 0.0, 0.0, until)
 
 
-def _meets(touch: BoolArray, speed: float) -> bool:
+def _meets(touch: BoolArray, speed: float, times: FloatArray) -> bool:
     """Whether truck and vehicle meet, within half a second."""
     rows = len(touch) - 1
     for gain in (0.0, _SPEEDING_UP):
         for late in (-0.5, 0.0, 0.5):
-            time = np.maximum(_TIMES + late, 0.0)
+            time = np.maximum(times + late, 0.0)
             way = speed * time + 0.5 * gain * time**2
             row = np.minimum(np.rint(way / _STEP).astype(int), rows)
-            if bool(touch[row, np.arange(len(_TIMES))].any()):
+            if bool(touch[row, np.arange(len(times))].any()):
                 return True
     return False
 

@@ -38,6 +38,8 @@ _STEP = 1.0
 _BEFORE, _AFTER, _LENGTH = 15.0, 45.0, 20.0
 # The truck responds to a bend from this distance [m].
 _SIGHT = 80.0
+# Vehicles within this distance of a bend count [m].
+_AROUND = 150.0
 # Room to a moving vehicle and to a stopped one [m].
 _ROOM, _ROOM_STOPPED = 0.5, 0.35
 # Room in the bend at rest [m], its increase by speed [s], and distance left by a stop there [m].
@@ -50,13 +52,14 @@ _STOPPED = 0.5
 _ASKS, _ASKS_MOST, _ASKS_UNDER_WAY, _REACTION = 0.3, 0.75, 2.5, 0.75
 # Acceleration of the truck when it starts [m/s2].
 _SETS_OUT = 0.5
-# Within this distance of the waiting place a truck with free ground has started [m].
+# Within this distance of the waiting place a truck that moves on free ground has started [m].
 _NEAR = 2.0
 # Times at which others are predicted in the bend, and before it [s].
 _SOON = np.array([0.0, 0.5, 1.0])
 _TIMES = np.linspace(0.0, 15.0, 31)
-# A stop line this near before the bend is the waiting place, at this distance from the line [m].
-_LINE_NEAR, _TO_LINE = 16.0, 0.5
+# A stop line this near before the bend is the waiting place, at this distance from the line [m];
+# a line without a light is set back farther.
+_LINE_NEAR, _TO_LINE, _OPEN_LINE_NEAR = 12.0, 0.5, 16.0
 # A slower truck has come to rest before a stop [m/s].
 RESTS = 0.3
 # The truck does not wait for a vehicle that leaves the ground this long before it arrives [s].
@@ -152,16 +155,20 @@ class TightBends:
                 return cap, math.inf, ""
             if ego.station < sweep.first and ego.speed < RESTS:
                 return cap, ego.station, "stopped beyond the line of a light that is not green"
-        self._set_out = not other and ego.station > sweep.begin - _NEAR
+        # A truck at rest can still let an oncoming vehicle pass that starts at the same time.
+        starts = ego.station > sweep.begin - _NEAR and ego.speed > RESTS
+        self._set_out = not other and starts
         if not other:
             return cap, math.inf, ""
         nearest = ego.station + ego.speed**2 / (2.0 * HARD)
         begin = sweep.begin
-        lines = scene.signals.lines if light is None else (light.station, *scene.signals.lines)
-        for station in lines:
+        lines = [(station, _OPEN_LINE_NEAR) for station in scene.signals.lines]
+        if light is not None:
+            lines.append((light.station, _LINE_NEAR))
+        for station, near in lines:
             # A stop line shortly before the bend is the place to wait at.
             line = station - scene.footprint.front_overhang - _TO_LINE
-            begin = line if sweep.begin - _LINE_NEAR < line < begin else begin
+            begin = line if sweep.begin - near < line < begin else begin
         stop = max(begin, min(nearest, sweep.first))
         return cap, stop, f"waiting for {other}: the trailer needs its ground in the bend"
 
@@ -232,11 +239,14 @@ class TightBends:
     def _others(self, sweep: Sweep, scene: Scene, path: LanePath) -> tuple[list[str], Poses]:
         """Names and poses of the vehicles near a bend that are not in the truck's own lane."""
         neighbors = scene.neighbors
-        near = neighbors.on_level(self.preview) & (np.abs(neighbors.station - sweep.first) < 150.0)
+        along = np.abs(neighbors.station - sweep.first) < _AROUND
+        # Where the route comes back to this junction, a vehicle here may have a far station.
+        x, y = float(sweep.units[0].x[0]), float(sweep.units[0].y[0])
+        here = neighbors.posed & (np.hypot(neighbors.x - x, neighbors.y - y) < _AROUND)
+        near = neighbors.on_level(self.preview) & (along | here)
         found = Poses.of(neighbors, near, self.preview)
-        own = (np.abs(found.to_road) < ALONG) & (
-            np.abs(found.offset - path.offset_at(found.station)) < path.half_width
-        )
+        own = along[near] & (np.abs(found.to_road) < ALONG)
+        own &= np.abs(found.offset - path.offset_at(found.station)) < path.half_width
         names = [neighbors.ids[i] for i in np.flatnonzero(near)[~own]]
         return names, found.only(~own)
 
