@@ -215,24 +215,32 @@ def run_atlas(config: ValidateConfig, *, every: bool = False) -> Results:
     roads, notes = atlas_roads(config)
     parameters = TruckParameters.load()
     folder = runs_folder(config, "pcc-atlas", sys.modules[__name__], pcc_case, pcc_joint)
+    paths = {
+        name: None if folder is None else folder / f"{name.replace(' ', '_')}.csv" for name in roads
+    }
+    kept: dict[str, list[AtlasRow]] = {
+        name: [] if path is None else read_rows(path, AtlasRow, "atlas")
+        for name, path in paths.items()
+    }
+    known = {row.key: row for found in kept.values() for row in found}
     rows: list[AtlasRow] = []
-    for name in each(roads, "atlas", str):
-        path = None if folder is None else folder / f"{name.replace(' ', '_')}.csv"
-        kept = [] if path is None else read_rows(path, AtlasRow, "atlas")
-        known = {row.key: row for row in kept}
-        for cell in cells(every):
-            mass, band, wind = cell
-            row = known.get((name, mass, band[0], wind))
-            if row is None:
-                try:
-                    row = measure_cell(roads[name], name, cell, parameters)
-                except PlanningError as error:
-                    notes.append(f"{name}, {mass / 1e3:.0f} t, {band[0]:g} km/h: {error}")
-                    continue
-                kept.append(row)
-                if path is not None:
-                    write_rows(path, AtlasRow, kept, "atlas")
-            rows.append(row)
+    # The middle cells of all roads come first, so that a stopped atlas has them.
+    for cell, name in each([(c, n) for c in cells(every) for n in roads], "atlas", str):
+        mass, band, wind = cell
+        row = known.get((name, mass, band[0], wind))
+        if row is None:
+            try:
+                row = measure_cell(roads[name], name, cell, parameters)
+            except PlanningError as error:
+                notes.append(f"{name}, {mass / 1e3:.0f} t, {band[0]:g} km/h: {error}")
+                continue
+            kept[name].append(row)
+            path = paths[name]
+            if path is not None:
+                write_rows(path, AtlasRow, kept[name], "atlas")
+        rows.append(row)
+    order = {name: i for i, name in enumerate(roads)}
+    rows.sort(key=lambda row: order[row.road])
     results = Results("pcc atlas", notes=notes)
     for row in rows:
         found = Findings(

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from controllers.pcc.joint import gears_at
 from controllers.pcc.planner import FuelMap, PccConfig, evaluate
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.vehicle import PointMass, cruise, durations
@@ -44,6 +45,7 @@ from iits_mj.validation.planning.replay_drives import (
     RUN_OUT,
     CruiseAndPlan,
     ReplayCase,
+    joint_task,
     reference_profile,
 )
 
@@ -113,7 +115,7 @@ def full_cases(config: ValidateConfig) -> list[ReplayCase]:
         cycle_case(config, CYCLE_65),
     ]
     step = TIMESTEP if config.timestep is None else config.timestep
-    return [
+    driven = [
         dataclasses.replace(
             case,
             timestep=step,
@@ -124,6 +126,9 @@ def full_cases(config: ValidateConfig) -> list[ReplayCase]:
         for rolls in (True, False)
         if case is not None and config.payload in (None, case.payload)
     ]
+    # One road and cruise with gears and eco-roll planned too.
+    joint = [case for case in driven if case.config.rolls and case.overlay and case.config == BAND]
+    return driven + [dataclasses.replace(case, joint=True) for case in joint[:1]]
 
 
 def paper_case(
@@ -212,7 +217,8 @@ def title(case: ReplayCase) -> str:
     """Returns name of the road, gross mass and kind of the cruise."""
     mass = case.parameters().gross_mass(case.payload)
     kind = "rolling" if case.config.rolls else "braking"
-    return f"{case.name}, {mass / 1e3:.0f} t, {kind} cruise"
+    joint = ", eco-roll planned" if case.joint else ""
+    return f"{case.name}, {mass / 1e3:.0f} t, {kind} cruise{joint}"
 
 
 def check_drives(found: Findings, replay: CruiseAndPlan, *, equal: bool) -> None:
@@ -288,8 +294,14 @@ def check_expected(found: Findings, replay: CruiseAndPlan) -> None:
     steady = cruise(vehicle, case.road, case.config.v_ref, start, top=case.top)
     base = evaluate(vehicle, fuel_map, case.road, steady)
     plan = evaluate(vehicle, fuel_map, case.road, replay.schedule.speed)
-    fuel = float(plan.map_fuel.sum()) + replay.schedule.price * (plan.time - base.time)
-    saved = 100.0 * (1.0 - fuel / float(base.map_fuel.sum()))
+    burnt = [float(found.map_fuel.sum()) for found in (base, plan)]
+    if replay.gears is not None:
+        share = vehicle.power_max / replay.vehicle_max.power_max
+        ends = float(replay.schedule.speed[0]), float(replay.schedule.speed[-1])
+        task = joint_task(case, vehicle, share, ends).at_price(max(replay.schedule.price, 0.0))
+        burnt = [float(found.fuel.sum()) for found in (gears_at(task, steady), replay.gears)]
+    fuel = burnt[1] + replay.schedule.price * (plan.time - base.time)
+    saved = 100.0 * (1.0 - fuel / burnt[0])
     points = f"-{_EXPECTED_POINTS:g} .. {_EXPECTED_POINTS:g}"
     driven = 100.0 * replay.saving
     found.check("saving that the planner expected", saved, "%", driven)

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from controllers.pcc.fuel import FuelMap
+from controllers.pcc.joint import NEUTRAL
 from controllers.pcc.planner import evaluate, make_vehicle
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.schedule import make_schedule
 from controllers.pcc.vehicle import cruise
 from iits_mj.core.errors import InputError
+from iits_mj.core.messages import SpeedProfile
 from iits_mj.validation.harness.config import PAPER_ROAD, ValidateConfig
 from iits_mj.validation.planning import replay_drives
 from iits_mj.validation.planning.closed_loop import COLUMNS, Record
@@ -19,6 +21,7 @@ from iits_mj.validation.planning.pcc_replay import (
     highway_case,
     paper_case,
     run_replay,
+    title,
     valley_case,
 )
 from iits_mj.validation.planning.replay_drives import (
@@ -26,9 +29,11 @@ from iits_mj.validation.planning.replay_drives import (
     MeasuredDrive,
     climbing_power,
     cruise_time,
+    plan_with_gears,
     reference_profile,
     set_speed,
     with_all_power,
+    with_neutral,
     with_power_of,
 )
 
@@ -284,6 +289,32 @@ def test_the_papers_saving_must_be_reached_at_its_set_and_at_its_mean_speed(tmp_
     assert {case.parameters().gearbox.shift_strategy for case in must} == {"adaptive"}
     # The paper's saving is relative to a cruise that brakes at its set speed.
     assert not any(case.config.rolls for case in must)
+
+
+def test_every_road_is_driven_with_both_cruises_and_one_with_eco_roll_planned():
+    cases = full_cases(ValidateConfig())
+    assert [(case.config.rolls, case.joint) for case in cases] == [(True, False), (False, False)]
+    assert [title(case).rsplit(", ", 1)[1] for case in cases] == [
+        "rolling cruise",
+        "braking cruise",
+    ]
+
+
+def test_joint_plan_of_a_case_has_its_ends_and_its_stretches_in_neutral():
+    station = np.arange(0.0, 4_001.0, 50.0)
+    height = 20.0 * np.cos(2.0 * np.pi * station / 4_000.0)
+    road = RoadProfile.from_heights(station, height, 50.0)
+    case = dataclasses.replace(CASE, road=road, payload=36_000.0, joint=True)
+    parameters = case.parameters()
+    vehicle = make_vehicle(parameters, FuelMap(parameters), 55_000.0, case.config)
+    schedule = make_schedule(vehicle, road, case.config, 20.0, 0.0, arrival=190.0, end_speed=20.0)
+    gears = plan_with_gears(case, vehicle, 1.0, schedule, 190.0)
+    assert gears.speed[[0, -1]] == pytest.approx(schedule.speed[[0, -1]])
+    assert gears.time <= 190.0
+    profile = SpeedProfile(case.first + np.arange(-50.0, 4_100.0, 10.0), np.full(415, 20.0))
+    neutral = with_neutral(case, profile, gears).neutral
+    assert neutral.sum() == 5 * np.count_nonzero(gears.gear == NEUTRAL)
+    assert not neutral[:5].any()
 
 
 def test_papers_road_without_its_file_is_left_out():

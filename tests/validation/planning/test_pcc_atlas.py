@@ -1,0 +1,110 @@
+"""The atlas of savings: its roads, its cells, and that a stopped one continues."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from iits_mj.commands.pcc import Options
+from iits_mj.core.errors import InputError
+from iits_mj.parameters import TruckParameters
+from iits_mj.validation.harness.config import PAPER_ROAD, ValidateConfig
+from iits_mj.validation.planning import pcc_atlas
+from iits_mj.validation.planning.pcc_atlas import (
+    AtlasRow,
+    atlas_roads,
+    cells,
+    made_roads,
+    measure_cell,
+    read_long_haul,
+    run_atlas,
+)
+
+ROW = AtlasRow("flat", 40e3, 80.0, 65.0, 90.0, 0.0, 1.0, 2.0, 1.5, 2.5, 3.0, 4.0, 50.0, 2, 6, 10.0)
+
+
+def test_made_roads_have_their_grades_and_are_the_same_each_time():
+    roads, again = made_roads(), made_roads()
+    assert len(roads) == 7
+    for name, road in roads.items():
+        assert road.length == 15_000.0
+        assert np.array_equal(road.height, again[name].height)
+    assert np.abs(roads["flat"].grade).max() == 0.0
+    assert np.abs(roads["rolling"].grade).max() == pytest.approx(0.02, rel=0.01)
+    assert np.sqrt(np.mean(roads["upland"].grade ** 2)) == pytest.approx(0.018, rel=0.02)
+    assert roads["mountain pass"].grade.max() == pytest.approx(0.04)
+
+
+def test_missing_roads_are_named(tmp_path):
+    roads, notes = atlas_roads(ValidateConfig())
+    assert len(roads) == 8
+    assert any(PAPER_ROAD in note for note in notes)
+    assert len(notes) == 4
+
+
+def test_long_haul_is_read_by_its_grades(tmp_path):
+    path = tmp_path / "long_haul_cycle.csv"
+    distance = np.arange(0, 40_001, 100)
+    lines = "".join(f"{d},84,{1.0 if d < 25_000 else -1.0},0\n" for d in distance)
+    path.write_text("distance_m,target_speed_kph,grade_percent,stop_s\n" + lines)
+    road = read_long_haul(path)
+    assert road.length == 15_000.0
+    assert road.grade[:99] == pytest.approx(0.01)
+    assert road.grade[101:] == pytest.approx(-0.01)
+
+
+def test_middle_cell_is_the_first_and_others_differ_in_one_thing():
+    few = cells(every=False)
+    assert len(few) == 7
+    assert len(cells(every=True)) == 27
+    assert all(sum(a != b for a, b in zip(c, few[0], strict=True)) == 1 for c in few[1:])
+
+
+def test_savings_of_a_cell_are_in_order():
+    road = made_roads()["rolling"].part(0, 100)
+    row = measure_cell(road, "rolling", cells(False)[0], TruckParameters.load())
+    assert 0.0 < row.alone < row.joint < row.bound
+    assert row.low <= row.joint <= row.high
+    assert row.braking > row.alone
+
+
+def test_head_wind_costs_fuel_and_leaves_less_to_save_by_rolling():
+    road = made_roads()["rolling"].part(0, 100)
+    mass, band, _ = cells(False)[0]
+    config = pcc_atlas.PccConfig(*(v / 3.6 for v in band), head_wind=0.0)
+    calm, ahead, behind = (
+        pcc_atlas.plan(road, None, mass, replace(config, head_wind=wind))
+        for wind in (0.0, 6.0, -6.0)
+    )
+    fuels = [found.baseline.map_fuel.sum() for found in (behind, calm, ahead)]
+    assert fuels == sorted(fuels)
+    # At the set speed the air drag is that of the sum of both speeds.
+    v, k = config.v_ref, calm.task.vehicle.drag
+    forces = [f.task.vehicle.level_force + f.task.vehicle.drag * v**2 for f in (calm, ahead)]
+    assert forces[1] - forces[0] == pytest.approx(k * ((v + 6.0) ** 2 - v**2), rel=1e-9)
+
+
+def test_finished_cells_are_read_and_the_page_shows_them(tmp_path, monkeypatch):
+    asked = []
+
+    def measure(road, name, cell, parameters):
+        asked.append(name)
+        mass, (v_ref, v_min, v_max), wind = cell
+        return replace(
+            ROW, road=name, mass=mass, v_ref=v_ref, v_min=v_min, v_max=v_max, head_wind=wind
+        )
+
+    monkeypatch.setattr(pcc_atlas, "measure_cell", measure)
+    config = ValidateConfig(runs=tmp_path)
+    first = run_atlas(config)
+    assert len(asked) == 8 * 7
+    again = run_atlas(config)
+    assert len(asked) == 8 * 7
+    assert [c.as_dict() for c in again.checks] == [c.as_dict() for c in first.checks]
+    (panels,) = first.figures.values()
+    assert [len(line.x) for line in panels[0].lines] == 4 * [8]
+
+
+def test_flags_of_the_atlas_need_it():
+    with pytest.raises(InputError, match="--atlas"):
+        Options(every=True)
