@@ -44,8 +44,8 @@ from iits_mj.core.messages import Decision
 COMPONENTS = ("way", "changes", "imposed_braking", "left_time")
 SIDES = (Decision.LEFT, Decision.RIGHT)
 FORMAT = "iits_mj.priced_network.1"
-# A change that asks more braking of the new follower is not made [m/s2]. In the fast world no change
-# of look-ahead below it made a follower brake harder than 2 m/s2; of those from 2 up, most did.
+# A change that asks more braking of the new follower is not made [m/s2]. In the fast world, none of
+# look-ahead's changes below it made a follower brake harder than 2 m/s2; most from 2 up did.
 IMPOSED_BRAKING_MAX = 1.85
 # Most lanes of the roads of the training.
 LANES_MAX = 3
