@@ -69,7 +69,11 @@ class AirBrake:
     abs_reapply_slip: Pure
     abs_speed_min: Speed
     abs_time_constant: Seconds
+    abs_yaw_share: Pure
     abs_yaw_rise_rate: PascalsPerSecond
+    abs_pressure_lag: Seconds
+    abs_refill_share: Pure
+    abs_rise_time: Seconds
     abs_slip_lag: Seconds
     abs_slip_lead: Seconds
     abs_speed_low: Speed

@@ -236,7 +236,7 @@ void BrakeLaws() {
   for (int i = 0; i < 100; ++i) torque = w.Grip(rates, Seed<T>(1000), 2, &wind_up);
   Print("brake_slides", torque);
   T slow;
-  Print("abs_duty", w.Duty(rates, {3e5, 3e5, 0, 0.15}, Seed<T>(10), 8.5 / 0.51, &slow));
+  Print("abs_duty", w.Duty(rates, {3e5, 3e5, 0, 0.15, 0}, Seed<T>(10), 8.5 / 0.51, &slow));
   DeadTimeLine<T> line = {};
   T supply[kCircuits] = {};
   for (int i = 1; i <= 200; ++i) {

@@ -251,7 +251,8 @@ double wheel_duty(const double* state, double hub_speed, double wheel_speed, dou
                        wheel_speed, slow);
 }
 double wheel_rise_max(int circuit, const double* state, const double* other, int active, double h) {
-  return Wheel(circuit).RiseMax(Wheel(0).Rates(h), Read<WheelBrakeState<double>>(state),
+  const auto own = Read<WheelBrakeState<double>>(state);
+  return Wheel(circuit).RiseMax(Wheel(0).Rates(h), own, own.abs_active != 0,
                                 Read<WheelBrakeState<double>>(other), active != 0);
 }
 int wheel_active(double supply, double duty, const double* state) {

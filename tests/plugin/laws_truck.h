@@ -116,7 +116,8 @@ WheelBrake<T> MakeWheelBrake() {
   w.chamber_volume = 1.1e-3, w.circuit = kFront;
   w.push_out_pressure = 25e3, w.hysteresis_pressure = 15e3;
   w.abs_release_slip = 0.25, w.abs_reapply_slip = 0.05, w.abs_slip_lag = 0.01;
-  w.abs_slip_lead = 0.01, w.abs_speed_low = 5, w.abs_speed_min = 1.667;
+  w.abs_yaw_share = 1.5, w.abs_pressure_lag = 0.2, w.abs_refill_share = 0.9;
+  w.abs_rise_time = 1, w.abs_slip_lead = 0.02, w.abs_speed_low = 5, w.abs_speed_min = 1.667;
   w.abs_time_constant = 0.08, w.abs_yaw_rise_rate = 100e3, w.stiffness = 4e5, w.inertia = 25;
   return w;
 }

@@ -81,25 +81,25 @@ PUSH_OUT, HYSTERESIS = 25e3, 15e3
 
 
 def test_brake_torque_is_that_of_the_pressure_beyond_push_out_or_of_the_springs():
-    assert law("wheel_torque", [4e5, 4e5, 0, 0], 0.0) == pytest.approx(0.0276 * 375e3)
-    assert law("wheel_torque", [0, 20e3, 0, 0], 0.0) == 0
-    assert law("wheel_torque", [0, 0, 0, 0], 0.5) == pytest.approx(4500)
-    assert law("wheel_torque", [4e5, 4e5, 0, 0], 1.0) == pytest.approx(0.0276 * 375e3)
+    assert law("wheel_torque", [4e5, 4e5, 0, 0, 0], 0.0) == pytest.approx(0.0276 * 375e3)
+    assert law("wheel_torque", [0, 20e3, 0, 0, 0], 0.0) == 0
+    assert law("wheel_torque", [0, 0, 0, 0, 0], 0.5) == pytest.approx(4500)
+    assert law("wheel_torque", [4e5, 4e5, 0, 0, 0], 1.0) == pytest.approx(0.0276 * 375e3)
 
 
 def test_chamber_takes_air_for_its_pressure_and_its_stroke():
-    assert law("wheel_air", [4e5, 4e5, 0, 0]) == pytest.approx(1.1e-3 * (4e5 + ATMOSPHERE))
-    assert law("wheel_air", [10e3, 0, 0, 0]) == pytest.approx(1.1e-3 * (10e3 + 0.4 * ATMOSPHERE))
-    assert law("wheel_air", [0, 0, 0, 0]) == 0
+    assert law("wheel_air", [4e5, 4e5, 0, 0, 0]) == pytest.approx(1.1e-3 * (4e5 + ATMOSPHERE))
+    assert law("wheel_air", [10e3, 0, 0, 0, 0]) == pytest.approx(1.1e-3 * (10e3 + 0.4 * ATMOSPHERE))
+    assert law("wheel_air", [0, 0, 0, 0, 0]) == 0
 
 
 def test_stiffness_and_damping_of_the_brake_stay_in_the_stable_range():
-    out = np.zeros(8)
+    out = np.zeros(9)
     for stiffness, inertia, h in ((4e5, 25, 0.001), (4e5, 25, 0.01), (4e7, 25, 0.002)):
         law("wheel_rates", stiffness, float(inertia), h, out)
         k = min(stiffness, 0.4 * inertia / h**2)
         c = min(0.6 * math.sqrt(k * inertia), max(0, 0.7 * inertia / h - k * h))
-        assert out[[0, 5, 6, 7]] == pytest.approx([h, k, c, 1 / (k * h + c)])
+        assert out[[0, 6, 7, 8]] == pytest.approx([h, k, c, 1 / (k * h + c)])
         lags = [1 - math.exp(-h / tau) for tau in (0.2, 0.14, 0.08, 0.01)]
         assert out[1:5] == pytest.approx(lags, rel=1e-3)
 
@@ -123,7 +123,7 @@ def test_gripping_brake_is_a_spring_and_damper_that_slips_at_its_capacity():
 
 def duty(slip, *, hub=10.0, pressure=3e5, slow=None, h=0.002):
     after = np.zeros(1)
-    state = [pressure, pressure, 0, slip if slow is None else slow]
+    state = [pressure, pressure, 0, slip if slow is None else slow, pressure]
     return law("wheel_duty", state, hub, hub * (1 - slip) / 0.51, h, after), after[0]
 
 
@@ -131,7 +131,8 @@ def test_abs_fills_below_the_lower_slip_and_empties_above_the_upper_one():
     assert [duty(s)[0] for s in (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.5)] == pytest.approx(
         [1, 1, 0.5, 0, -0.5, -1, -1]
     )
-    assert duty(0.5, hub=1.6)[0] == 1  # too slow
+    assert duty(0.5, hub=0.8)[0] == 1  # too slow
+    assert duty(0.9, hub=1.25, slow=0.225)[0] == pytest.approx(1 - 0.5 * 1.75, abs=0.01)
     assert duty(0.5, pressure=20e3)[0] == 1  # the brake is released
     assert duty(0.1)[1] == pytest.approx(0.1)
     # Below 5 m/s the slip is over 5 m/s.
@@ -218,22 +219,34 @@ def test_rate_of_the_slip_damps_abs():
     share = 1 - math.exp(-0.2)
     assert slow == pytest.approx(0.145 + share * 0.005, rel=1e-4)
     rate = (0.15 - 0.5 * (0.145 + slow)) / 0.01
-    assert value == pytest.approx(-0.012 * rate / 0.1, rel=1e-6)
+    assert value == pytest.approx(-0.022 * rate / 0.1, rel=1e-6)
 
 
 def test_steered_wheel_fills_slowly_beyond_the_other_while_abs_works_there():
     def rise(circuit, own, other, active):
-        return law("wheel_rise_max", circuit, [own, own, 0, 0], [other, other, 0, 0], active, 0.002)
+        state, beside = [own, own, 0, 0, 0], [other, other, 0, 0, 0]
+        return law("wheel_rise_max", circuit, state, beside, active, 0.002)
 
     assert rise(0, 3e5, 2e5, 0) == math.inf
     assert rise(1, 3e5, 2e5, 1) == math.inf
-    assert rise(0, 3e5, 2e5, 1) == pytest.approx(100e3 * 0.002)
-    assert rise(0, 1e5, 2e5, 1) == pytest.approx(125e3)
+    assert rise(0, 4e5, 2e5, 1) == pytest.approx(100e3 * 0.002)
+    assert rise(0, 1e5, 2e5, 1) == pytest.approx(1.5 * 2e5 + PUSH_OUT - 1e5)
+
+
+def test_chamber_under_abs_refills_to_a_share_of_its_mean_pressure_and_then_by_pulses():
+    def rise(pressure, mean, active):
+        state = [pressure, pressure, active, 0, mean]
+        return law("wheel_rise_max", 1, state, [0, 0, 0, 0, 0], 0, 0.002)
+
+    pulses = 0.002 * (2e5 + PUSH_OUT) / 1.0
+    assert rise(1e5, 2e5, 0) == math.inf
+    assert rise(1e5, 2e5, 1) == pytest.approx(0.9 * 2e5 - 1e5 + pulses)
+    assert rise(2e5, 2e5, 1) == pytest.approx(pulses)
 
 
 def test_abs_is_active_from_a_release_until_the_supply_pressure_is_reached():
     def active(supply, share, pressure, was):
-        return law("wheel_active", supply, share, [pressure, pressure, was, 0])
+        return law("wheel_active", supply, share, [pressure, pressure, was, 0, 0])
 
     assert active(4e5, -0.1, 3e5, 0)
     assert not active(4e5, 0.5, 3e5, 0)
@@ -250,15 +263,15 @@ def update(supply, state, *, rise_max=math.inf, share=1.0, h=0.01):
 
 def test_chamber_fills_and_empties_with_its_lags_and_behind_its_hysteresis():
     fill, empty = 1 - math.exp(-0.05), 1 - math.exp(-0.01 / 0.14)
-    assert update(5e5, [1e5, 1e5, 0, 0]) == pytest.approx(1e5 + 4e5 * fill, rel=1e-4)
-    half = update(5e5, [1e5, 1e5, 0, 0], share=0.5)
+    assert update(5e5, [1e5, 1e5, 0, 0, 0]) == pytest.approx(1e5 + 4e5 * fill, rel=1e-4)
+    half = update(5e5, [1e5, 1e5, 0, 0, 0], share=0.5)
     assert half == pytest.approx(1e5 + 2e5 * fill, rel=1e-4)
-    assert update(5e5, [1e5, 1e5, 0, 0], rise_max=1e3) == pytest.approx(101e3)
-    pressure, effective = update(0.0, [4e5, 4e5, 0, 0])
+    assert update(5e5, [1e5, 1e5, 0, 0, 0], rise_max=1e3) == pytest.approx(101e3)
+    pressure, effective = update(0.0, [4e5, 4e5, 0, 0, 0])
     assert pressure == pytest.approx(4e5 * (1 - empty), rel=1e-3)
     assert effective == pytest.approx(pressure + HYSTERESIS)
-    assert update(390e3, [4e5, 4e5, 0, 0])[1] == pytest.approx(4e5)
-    released = update(5e5, [4e5, 4e5, 0, 0], share=-0.5)
+    assert update(390e3, [4e5, 4e5, 0, 0, 0])[1] == pytest.approx(4e5)
+    released = update(5e5, [4e5, 4e5, 0, 0, 0], share=-0.5)
     assert released[0] == pytest.approx(4e5 * (1 - 0.5 * (1 - math.exp(-0.01 / 0.08))), rel=1e-3)
     assert not update(0.0, [20.0, 2000.0, 0, 0]).any()
     assert update(100.0, [20.0, 2000.0, 0, 0])[1] > 20

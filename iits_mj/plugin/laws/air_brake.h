@@ -290,7 +290,8 @@ struct AirBrake {
       const WheelBrakeRates<T> rates = Rates(i, h);
       const size_t other = i ^ 1;  // wheel of the axle
       const bool other_active = next->wheel[other].abs_active != 0;
-      const T rise_max = wheel.RiseMax(rates, now.wheel[i], now.wheel[other], other_active);
+      const T rise_max = wheel.RiseMax(rates, now.wheel[i], chamber->abs_active != 0,
+                                       now.wheel[other], other_active);
       const T before = wheel.Air(*chamber);
       wheel.Update(rates, supply, rise_max, duty[i], chamber);
       const T drawn = wheel.Air(*chamber) - before;

@@ -15,6 +15,7 @@ struct WheelBrakeState {
   T effective;   // pressure behind the hysteresis of the mechanism [Pa]
   T abs_active;  // 1: ABS keeps the pressure below that of the supply
   T slip;        // behind the lag of ABS's differentiator; 0 without brake
+  T mean;        // of the pressure, low-passed: what the road carries while ABS works [Pa]
 };
 
 // Constants of a time step, computed once because the step rarely changes.
@@ -23,6 +24,7 @@ struct WheelBrakeRates {
   T step;                         // [s]
   T build_up, release, abs;       // shares of the difference to the target pressure
   T slip;                         // share of the difference to the present slip
+  T mean;                         // share of the difference to the present pressure
   T stiffness, damping, inverse;  // of the elastic brake [N m/rad], [N m s/rad], [rad/(N m s)]
 };
 
@@ -35,7 +37,8 @@ struct WheelBrake {
   T push_out_pressure, hysteresis_pressure;
   T abs_release_slip, abs_reapply_slip, abs_slip_lag, abs_slip_lead;
   T abs_speed_low, abs_speed_min;
-  T abs_time_constant, abs_yaw_rise_rate;
+  T abs_time_constant, abs_yaw_share, abs_yaw_rise_rate;
+  T abs_pressure_lag, abs_refill_share, abs_rise_time;
   T stiffness;
   bool lifted = false;  // in the air: without service brake, ABS, and part in braking
   T inertia;            // of the wheel about its spin axis, from the model [kg m2]
@@ -67,6 +70,7 @@ struct WheelBrake {
             LagShare(h, release_time_constant),
             LagShare(h, abs_time_constant),
             LagShare(h, abs_slip_lag),
+            LagShare(h, abs_pressure_lag),
             k,
             c,
             1 / (k * h + c)};
@@ -86,28 +90,39 @@ struct WheelBrake {
   // the mean of a pulse-width modulated valve, which is continuous in time and so does not depend
   // on the step. The valve only fills below the slip for reapplication, only empties above the slip
   // for release, and holds half-way. The rate of the slip damps the cycle of wheel and pressure, as
-  // the wheel's deceleration does in every ABS. `slow` becomes the slip behind the differentiator's
-  // lag.
+  // the wheel's deceleration does in every ABS. It fades out between the least speed of ABS and
+  // half of it. `slow` becomes the slip behind the differentiator's lag.
   T Duty(const WheelBrakeRates<T>& rates, const WheelBrakeState<T>& s, T hub_speed, T wheel_speed,
          T* slow) const {
     *slow = 0;
-    if (hub_speed < abs_speed_min || s.effective <= push_out_pressure) return 1;
+    const T fade = Clamp(2 * hub_speed / abs_speed_min - 1, 0.0, 1.0);
+    if (fade == 0 || s.effective <= push_out_pressure) return 1;
     T slip = (hub_speed - wheel_speed * wheel_radius) / Max(hub_speed, abs_speed_low);
     *slow = s.slip + rates.slip * (slip - s.slip);
     const T rate = (slip - 0.5 * (s.slip + *slow)) / abs_slip_lag;
     slip += (abs_slip_lead + rates.step) * rate;
     const T middle = 0.5 * (abs_release_slip + abs_reapply_slip);
-    return Clamp((middle - slip) / (middle - abs_reapply_slip), -1.0, 1.0);
+    const T duty = Clamp((middle - slip) / (middle - abs_reapply_slip), -1.0, 1.0);
+    return 1 - fade * (1 - duty);
   }
 
-  // Greatest rise of the pressure in one step [Pa]. On the steered axle it is slow beyond the
-  // pressure of the `other` wheel while ABS works there, so that on a road with two surfaces the
-  // yaw moment leaves the driver time (modified individual control).
-  T RiseMax(const WheelBrakeRates<T>& rates, const WheelBrakeState<T>& s,
+  // Greatest rise of the pressure in one step [Pa]. While ABS works, the modulator refills the
+  // chamber to a share of its mean pressure and from there by short pulses, so that the wheel
+  // passes the peak of friction slowly. On the steered axle the rise is slow beyond a multiple of
+  // the pressure of the `other` wheel while ABS works there, so that on a road with two surfaces
+  // the yaw moment leaves the driver time (modified individual control).
+  T RiseMax(const WheelBrakeRates<T>& rates, const WheelBrakeState<T>& s, bool active,
             const WheelBrakeState<T>& other, bool other_active) const {
-    if (circuit != kFront || !other_active) return kInfinity;
-    const T abreast = other.pressure + push_out_pressure - s.pressure;
-    return Max(abreast, rates.step * abs_yaw_rise_rate);
+    T most = kInfinity;
+    if (active) {
+      const T refill = abs_refill_share * s.mean - s.pressure;
+      most = Max(0.0, refill) + rates.step * (s.mean + push_out_pressure) / abs_rise_time;
+    }
+    if (circuit == kFront && other_active) {
+      const T abreast = abs_yaw_share * other.pressure + push_out_pressure - s.pressure;
+      most = Min(most, Max(abreast, rates.step * abs_yaw_rise_rate));
+    }
+    return most;
   }
 
   // Whether ABS is active: from the first release until the chamber reaches the supply pressure.
@@ -125,10 +140,12 @@ struct WheelBrake {
       const T share = supply > s->pressure ? duty * rates.build_up : rates.release;
       s->pressure += Min(rise_max, share * (supply - s->pressure));
     }
+    s->mean += rates.mean * (s->pressure - s->mean);
     // The effective pressure lags when the brake is released.
     s->effective = Clamp(s->effective, s->pressure, s->pressure + hysteresis_pressure);
     // The last part of a release is set to zero.
-    if (supply == 0 && s->pressure < 1e-3 * push_out_pressure) s->pressure = s->effective = 0;
+    if (supply == 0 && s->pressure < 1e-3 * push_out_pressure)
+      s->pressure = s->effective = s->mean = 0;
   }
 };
 

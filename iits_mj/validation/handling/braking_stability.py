@@ -21,8 +21,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import find_peaks
 
 from iits_mj.analytic import Kinematic
+from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import EgoState, VehicleCommand, XbrMode
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import GRAVITY, KMH
@@ -72,6 +74,11 @@ _LONG = 30.0
 _DELAY, _PREVIEW, _NEAR = 0.2, 1.0, 5.0
 # Half the outer track: beyond it the tires of one side cross the split (UN R13) [m].
 _ASTRIDE = 1.0
+# Cycles of ABS [1/s], as those of air systems, and the least swing of the pressure in one [Pa]: the
+# brakes' hysteresis, below which their torque does not change.
+CYCLES, _SWING = "1 .. 3", 15e3
+# Speed below which wheels may lock [m/s], and the time in which the brakes build up [s].
+_MAY_LOCK, _BUILT_UP = 15.0 * KMH, 1.0
 BEND_FRICTION = 0.3
 BEND_SPEED = 60.0 * KMH
 # Lateral acceleration in the bend [m/s2]: a third of the limit of the road.
@@ -107,10 +114,11 @@ def stop_on(
     *,
     driver: bool,
     duration: float,
+    speed: float = SPLIT_SPEED,
 ) -> Run:
-    """Brakes from `SPLIT_SPEED` on a straight road with these coefficients of friction."""
+    """Brakes from a speed [m/s] on a straight road with these coefficients of friction."""
     route = Route.straight(2000.0).with_friction(left, right)
-    truck, _ = steady_truck(payload, SPLIT_SPEED, timestep, route=route, parameters=parameters)
+    truck, _ = steady_truck(payload, speed, timestep, route=route, parameters=parameters)
     wheelbase = Kinematic.from_parameters(parameters).L
     keeper = lane_keeper(parameters.steering.ratio, wheelbase)
     steering = keeper if driver else lambda _time, _state: 0.0
@@ -132,6 +140,37 @@ def braking_rate(record: Run) -> float:
     return float((speed[0] ** 2 - speed[-1] ** 2) / (2.0 * distance * GRAVITY))
 
 
+def abs_cycles(record: Run) -> FloatArray:
+    """Cycles of each wheel's pressure between its first and last peak [1/s], shape (n,).
+
+    The brakes have built up and no wheel may lock; 0 with less than two peaks.
+    """
+    working = (record.speed > _MAY_LOCK) & (record.time > _BUILT_UP)
+    found = []
+    for wheel in record.wheel_pressures[working].T:
+        peaks = find_peaks(wheel, prominence=_SWING)[0]
+        found.append((len(peaks) - 1) / (PERIOD * np.ptp(peaks)) if len(peaks) > 1 else 0.0)
+    return np.array(found)
+
+
+def split_figures(parameters: TruckParameters, held: Run) -> dict[str, tuple[float, str, str]]:
+    """Value, unit and bound of what a run with a driver on split friction shows."""
+    wheel = np.abs(np.rad2deg(held.steering_wheel_angle))
+    fast = held.speed > _MAY_LOCK
+    early = wheel[held.time <= 2.0].max()
+    figures = {
+        "steering wheel in the first 2 s (UN R13)": (early, "deg", f"<= {STEER_EARLY:g}"),
+        "steering wheel in all (UN R13)": (wheel.max(), "deg", f"<= {STEER_TOTAL:g}"),
+        "deviation": (np.max(np.abs(held.y)), "m", f"<= {_ASTRIDE:g}"),
+    }
+    if len(parameters.units) > 1:
+        worst = np.max(np.abs(np.rad2deg(held.articulation[fast])))
+        figures["greatest hitch angle above 15 km/h"] = (worst, "deg", "<= 5")
+    worst = np.max(np.abs(np.rad2deg(held.yaw_rate[fast])))
+    figures["greatest yaw rate above 15 km/h"] = (worst, "deg/s", "")
+    return figures
+
+
 def compare_split(parameters: TruckParameters, payload: float, timestep: float) -> Findings:
     """Split friction with one payload [kg]."""
 
@@ -140,22 +179,23 @@ def compare_split(parameters: TruckParameters, payload: float, timestep: float) 
 
     held = stop(HIGH, LOW)
     free = stop_on(parameters, payload, HIGH, LOW, timestep, driver=False, duration=2.0)
-    high, low = (path_length(stop(mu, mu)) for mu in (HIGH, LOW))
-    wheel = np.abs(np.rad2deg(held.steering_wheel_angle))
+    alone = {mu: stop(mu, mu) for mu in (HIGH, LOW)}
+    high, low = map(path_length, alone.values())
     found = Findings(f"split friction {HIGH:g}/{LOW:g}, {payload / 1e3:g} t, 50 km/h")
     found.check("stopping distance", path_length(held), "m", must=f"<= {low:.1f}")
     found.check(f"stopping distance on {HIGH:g} alone", high, "m")
     found.check(f"stopping distance on {LOW:g} alone", low, "m")
     rate = braking_rate(held)
     found.check("braking rate 40 to 20 km/h (UN R13)", rate, "g", must=f">= {RATE:g}")
-    name, early = "steering wheel in the first 2 s (UN R13)", wheel[held.time <= 2.0].max()
-    found.check(name, early, "deg", must=f"<= {STEER_EARLY:g}")
-    found.check("steering wheel in all (UN R13)", wheel.max(), "deg", must=f"<= {STEER_TOTAL:g}")
-    found.check("deviation", np.max(np.abs(held.y)), "m", must=f"<= {_ASTRIDE:g}")
+    for name, (value, unit, must) in split_figures(parameters, held).items():
+        found.check(name, value, unit, must=must)
     if len(parameters.units) > 1:
         worst = np.max(np.abs(np.rad2deg(held.articulation)))
         found.check("greatest hitch angle", worst, "deg", must="<= 5")
-    found.check("greatest yaw rate", np.max(np.abs(np.rad2deg(held.yaw_rate))), "deg/s")
+    cycles = abs_cycles(alone[LOW])
+    name = f"ABS cycles on {LOW:g} alone"
+    found.check(f"{name}, slowest wheel", cycles.min(), "1/s", must=CYCLES)
+    found.check(f"{name}, fastest wheel", cycles.max(), "1/s", must=CYCLES)
     turned = np.rad2deg(free.yaw[-1] - free.yaw[0])
     found.check("change of heading in 2 s, wheel held", turned, "deg")
     straight = Line("straight on", held.time[[0, -1]], np.zeros(2), "reference")

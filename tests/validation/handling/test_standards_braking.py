@@ -39,6 +39,14 @@ def test_locked_trailer_axles_swing_the_trailer_out():
 
 
 @pytest.mark.parametrize("payload", [LADEN, 0.0])
+def test_abs_cycles_as_air_systems_do(payload):
+    low = braking_stability.LOW
+    stop = braking_stability.stop_on(TRUCK, payload, low, low, 0.002, driver=False, duration=30.0)
+    assert np.all(braking_stability.abs_cycles(stop) >= 1.0)
+    assert np.all(braking_stability.abs_cycles(stop) <= 3.0)
+
+
+@pytest.mark.parametrize("payload", [LADEN, 0.0])
 def test_with_abs_the_truck_stays_in_line(payload):
     run = braking_stability.bend(TRUCK, payload, braking_stability.ABS, STEP)
     assert np.max(np.abs(run.articulation - run.articulation[0])) < braking_stability.STEADY
