@@ -210,7 +210,7 @@ def test_five_minutes_of_dense_traffic_without_contact(lane_change, seed):
         touched += [(truck.time, v) for v in vehicles if truck.touches(v)]
         touched += [(truck.time, *pair) for pair in overlapping(vehicles)]
     assert not touched
-    assert changes.begun >= 3
+    assert changes.begun >= 2
     assert len(known) > 50
 
 
