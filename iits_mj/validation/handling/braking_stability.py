@@ -193,9 +193,10 @@ def compare_split(parameters: TruckParameters, payload: float, timestep: float) 
         worst = np.max(np.abs(np.rad2deg(held.articulation)))
         found.check("greatest hitch angle", worst, "deg", must="<= 5")
     cycles = abs_cycles(alone[LOW])
+    cycles = cycles[cycles > 0.0]  # a lifted axle does not brake
     name = f"ABS cycles on {LOW:g} alone"
-    found.check(f"{name}, slowest wheel", cycles.min(), "1/s", must=CYCLES)
-    found.check(f"{name}, fastest wheel", cycles.max(), "1/s", must=CYCLES)
+    found.check(f"{name}, slowest wheel", cycles.min(initial=np.inf), "1/s", must=CYCLES)
+    found.check(f"{name}, fastest wheel", cycles.max(initial=0.0), "1/s", must=CYCLES)
     turned = np.rad2deg(free.yaw[-1] - free.yaw[0])
     found.check("change of heading in 2 s, wheel held", turned, "deg")
     straight = Line("straight on", held.time[[0, -1]], np.zeros(2), "reference")
