@@ -11,7 +11,7 @@
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kSmooth = 0.9;   // of the lowering of the bound at the next state
+constexpr double kSmooth = 0.9;  // of the lowering of the bound at the next state
 constexpr int kRefinements = 8;  // of the end speed between two nodes of the grid
 
 // Numbers of the problem; `gears` counts the gears and, as the last, neutral if `neutral` is not 0.

@@ -241,7 +241,7 @@ def run_atlas(config: ValidateConfig, *, every: bool = False) -> Results:
         rows.append(row)
     order = {name: i for i, name in enumerate(roads)}
     rows.sort(key=lambda row: order[row.road])
-    results = Results("pcc atlas", notes=notes)
+    results = Results("pcc --atlas", notes=notes)
     for row in rows:
         found = Findings(
             f"{row.road}, {row.mass / 1e3:.0f} t, {row.v_min:g} to {row.v_max:g} km/h, wind "
@@ -257,6 +257,8 @@ def run_atlas(config: ValidateConfig, *, every: bool = False) -> Results:
         found.check("road in neutral", row.neutral, "%")
         results.checks += found.checks
     results.figures["atlas"] = atlas_panels(rows)
+    ranked = ", ".join(f"{i} {row.road}" for i, row in enumerate(_middle_rows(rows), start=1))
+    results.notes.append(f"roads of the figure: {ranked}")
     results.notes += [
         "savings by the engine's map in the best gears, at the trip time of each cruise; beside "
         "the first its range when rolling resistance and drag area change by 10 %, the mass by "
@@ -267,10 +269,15 @@ def run_atlas(config: ValidateConfig, *, every: bool = False) -> Results:
     return results
 
 
+def _middle_rows(rows: list[AtlasRow]) -> list[AtlasRow]:
+    """Returns the middle cells, by their saving."""
+    found = [r for r in rows if (r.mass, (r.v_ref, r.v_min, r.v_max), r.head_wind) == _MIDDLE]
+    return sorted(found, key=lambda row: row.joint)
+
+
 def atlas_panels(rows: list[AtlasRow]) -> list[Panel]:
     """Returns the savings of the middle cells over the roads, then all cells over the bound."""
-    middle = [r for r in rows if (r.mass, (r.v_ref, r.v_min, r.v_max), r.head_wind) == _MIDDLE]
-    middle.sort(key=lambda row: row.joint)
+    middle = _middle_rows(rows)
     order = np.arange(1.0, len(middle) + 1.0)
     lines = tuple(
         Line(label, order, np.array([getattr(row, name) for row in middle]), role)
@@ -281,9 +288,8 @@ def atlas_panels(rows: list[AtlasRow]) -> list[Panel]:
             (f"{ROLLING}, speed alone", "alone", "second"),
         )
     )
-    names = ", ".join(f"{i:.0f} {row.road}" for i, row in zip(order, middle, strict=True))
     title = f"{_MIDDLE[0] / 1e3:.0f} t, {_MIDDLE[1][1]:g} to {_MIDDLE[1][2]:g} km/h, calm"
-    panels = [Panel(title, f"road: {names}", "saving [%]", lines)]
+    panels = [Panel(title, "road, in the order of the notes", "saving [%]", lines)]
     for what, name in (("mass [t]", "mass"), ("head wind [m/s]", "head_wind")):
         scale = 1e-3 if name == "mass" else 1.0
         curves = []
