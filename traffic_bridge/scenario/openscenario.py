@@ -148,7 +148,7 @@ class OpenScenario:
         for story in board:
             if story.tag == "Story":
                 self._read_story(story.scoped(), skipped)
-        self.notes = ()
+        self.notes: tuple[str, ...] = ()
         if skipped:
             self.notes = (
                 f"the truck's own driver replaces the events of {self.ego}: {', '.join(skipped)}",
@@ -227,9 +227,8 @@ class OpenScenario:
         for name in self._entities:
             if name.lower() in EGOS:
                 return name
-        return objects.fail(
-            f"no entity is named Ego or Hero; choose one of {', '.join(self._entities)}"
-        )
+        names = ", ".join(self._entities)
+        return objects.fail(f"no entity is named Ego or Hero; choose one of {names}")
 
     def _is_trailer(self, name: str) -> bool:
         """Whether an entity is a trailer of the ego, which the truck has already."""
@@ -505,13 +504,13 @@ class OpenScenario:
             }
         station = self._spot(actor, route).station
         segment = max(
-            (each for each in route.segments if each.start <= station),
-            key=lambda each: each.start,
+            (each for each in route.segments if each.station_start <= station),
+            key=lambda each: each.station_start,
             default=route.segments[0],
         )
         lane = round(target.number("value"))
         frame = RoadFrames(route.road_map)[segment.road_id]
-        s = segment.s_start + segment.direction * (station - segment.start)
+        s = segment.s_start + segment.direction * (station - segment.station_start)
         if not frame.kind(s, lane):
             target.fail(f"road {segment.road_id!r} has no lane {lane}")
         point = frame.surface(np.array([s]), np.array([frame.center_at(lane, s)]))
@@ -592,7 +591,7 @@ class OpenScenario:
             name = self.ego if of == TRUCK else of
             front = self._spot(name, route).station + self._entities[name].front
             return {"measure": "station", "of": of, "above": front + node.number("value")}
-        values = {"of": of, "freespace": node.get("freespace") == "true"}
+        values: Values = {"of": of, "freespace": node.get("freespace") == "true"}
         kind = node.get("relativeDistanceType", "longitudinal")
         if tag == "RelativeDistanceCondition" and kind in (
             "cartesianDistance",

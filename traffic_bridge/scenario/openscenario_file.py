@@ -195,9 +195,7 @@ class Catalogs:
             for child in found:
                 if child.element.get("name") == entry:
                     return child.scoped(assigned)
-        return node.fail(
-            f"there is no entry {entry!r} of a catalog {catalog!r} in the CatalogLocations"
-        )
+        return node.fail(f"no catalog {catalog!r} of the CatalogLocations has an entry {entry!r}")
 
     def _catalogs(self, node: Node, name: str) -> Iterator[Node]:
         for folder in dict.fromkeys(self._folders):

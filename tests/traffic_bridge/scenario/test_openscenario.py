@@ -31,11 +31,11 @@ STORIES = {
         {"Target": (83.97, 15.0)},
         [("LaneChange1Event", 2.1, 2.1), ("TargetreduceSpeedEvent", 4.1, 4.1)],
     ),
-    # 25 m behind with 6 m/s more; then 12 m and 21 m ahead.
+    # 25 m behind; it loses 4 m before it drives 6 m/s faster than the truck, to 12 m ahead.
     "cut-in": (
         (1, 30.0),
         {"OverTaker": (28.97, 0.0)},
-        [("OverTakerStartSpeedEvent", 0.1, 0.1), ("CutInEvent", 6.1, 6.5)],
+        [("OverTakerStartSpeedEvent", 0.1, 0.1), ("CutInEvent", 6.9, 7.2)],
     ),
     # 20 m behind with 5 m/s more; then 8 m and 20 m free ahead.
     "cut-in_simple": (
@@ -197,7 +197,7 @@ def test_parameters_relative_lanes_friction_and_lane_offset_are_read(tmp_path):
         ("$V / 2 - 1", "$X / 2", "line 3: <ParameterDeclaration>: parameter $X is not declared"),
         ("$V / 2 - 1", "__import__(1)", "is no expression of numbers"),
         ("$V / 2 - 1", "9 / 0", "is no expression of numbers"),
-        ('ds="30"', 'ds="nan"', "ds = 'nan': allowed is -1e+08 to 1e+08"),
+        ('ds="30"', 'ds="nan"', "ds = nan: allowed is -1e+08 to 1e+08"),
         ('dLane="1"', 'dLane="2"', "no such lane on the route"),
         ('entityRef="Hero" dLane', 'entityRef="car" dLane', "refers to itself"),
         ('entityRef="Hero" dLane', 'entityRef="Herro" dLane', "did you mean Hero"),
@@ -215,5 +215,5 @@ def test_a_wrong_scenario_is_refused_with_its_place(tmp_path, old, new, words):
 def test_the_ego_can_be_named(tmp_path):
     path = written(tmp_path)
     assert read_scenario(path).ego == "Hero"
-    with pytest.raises(InputError, match="there is no entity 'cart', did you mean car"):
+    with pytest.raises(InputError, match=r"there is no entity 'cart' .did you mean car"):
         read_scenario(path, "cart")
