@@ -585,8 +585,8 @@ class OpenScenario:
             measure = "speed" if tag == "SpeedCondition" else "acceleration"
             return {"measure": measure, "of": of} | _limit(node)
         if tag == "RelativeSpeedCondition":
-            values = {"measure": "speed_difference", "of": self._body(node), "to": of}
-            return values | _limit(node)
+            bodies = {"of": self._body(node), "to": of}
+            return {"measure": "speed_difference", **bodies, **_limit(node)}
         if tag == "TraveledDistanceCondition":
             name = self.ego if of == TRUCK else of
             front = self._spot(name, route).station + self._entities[name].front
