@@ -54,7 +54,7 @@ from iits_mj.simulation.drive_table import DriveTable
 from iits_mj.simulation.driver import LogDriver
 from iits_mj.simulation.frame import SAME_LINE, DivergedError
 from iits_mj.simulation.lock_step import Driver
-from iits_mj.simulation.parts import shows_road_users
+from iits_mj.simulation.parts import shows_road_users, with_scenario
 from iits_mj.simulation.summary import counts_text, to_text
 from iits_mj.simulation.telemetry import speed_object, speed_rows
 from iits_mj.truck import Truck
@@ -195,7 +195,7 @@ def run(options: Options, command: str = "drive") -> int:
         )
         remark(f"demo drive with its own traffic events ({flags})")
         options = dataclasses.replace(options, **DEMO)
-    options = with_level_start(options, options.given)
+    options = with_scenario(with_level_start(options, options.given))
     return perform(Job(command, options, options, options, duration=options.duration))
 
 
@@ -249,7 +249,8 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
         simulation = stack.enter_context(Simulation(job.config, driver=job.driver, visuals=False))
         telemetry = stack.enter_context(Telemetry(kept.out / "telemetry.csv"))
         observers: list[Observer] = [telemetry]
-        conflicts = ConflictLog() if job.config.events is not None else None
+        scripted = job.config.events is not None or job.config.scenario is not None
+        conflicts = ConflictLog() if scripted else None
         if conflicts is not None:
             observers.append(conflicts)
         log = None

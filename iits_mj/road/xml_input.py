@@ -52,8 +52,13 @@ def content_hash(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def parse_xml(content: bytes, source: str) -> Element:
+def parse_xml(content: bytes, source: str, lines: dict[Element, int] | None = None) -> Element:
     """Parses an XML document; `source` names it in errors.
+
+    Args:
+      content: of the file.
+      source: name of the file.
+      lines: gets the line of each element.
 
     Raises:
       MapError: not well-formed, nested too deeply, or with a document type declaration.
@@ -78,7 +83,9 @@ def parse_xml(content: bytes, source: str) -> Element:
                 f"{DEPTH_LIMIT} levels; OpenDRIVE needs fewer than 20"
             )
         # OpenDRIVE 1.7 files may carry a default namespace; the local name is enough here.
-        builder.start(tag.rpartition(":")[2], attributes)
+        element = builder.start(tag.rpartition(":")[2], attributes)
+        if lines is not None:
+            lines[element] = parser.CurrentLineNumber
 
     def end(tag: str) -> None:
         nonlocal depth

@@ -209,6 +209,19 @@ class DriveConfig(PriceOptions, TruckStart):
         metavar="FILE.toml",
         group="traffic",
     )
+    scenario: Path | None = option(
+        None,
+        help="OpenSCENARIO XML file: map, start and events of the drive; its ego is the truck; "
+        "without SUMO traffic",
+        metavar="FILE.xosc",
+        group="traffic",
+    )
+    ego: str | None = option(
+        None,
+        help="entity of the scenario that is the truck; without it Ego or Hero",
+        metavar="NAME",
+        group="traffic",
+    )
     recording: Path | None = option(
         None,
         help="drive in this recorded traffic, which does not react, instead of SUMO traffic",
@@ -279,6 +292,8 @@ class DriveConfig(PriceOptions, TruckStart):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.ego is not None and self.scenario is None:
+            raise InputError("ego names an entity of a scenario: give scenario, too")
         if self.prices() is not None and self.decision != "ddqn":
             maker = part_name(self.decision)
             raise InputError(f"lane-change-price is of decision ddqn; decision is {maker!r}")

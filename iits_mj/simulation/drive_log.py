@@ -32,7 +32,7 @@ from traffic_bridge.modes.resim import config_of
 # Time, positions, speeds, activations, histories and the plugins' states.
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 # Options that name files; the recording stores or hashes their content.
-FILES = ("map", "recording", "events", "speed_profile")
+FILES = ("map", "recording", "events", "scenario", "speed_profile")
 # Options of SUMO traffic, without effect on recorded traffic.
 OF_SUMO = (
     *("density", "traffic_speed", "traffic_mode"),

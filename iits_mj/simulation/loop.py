@@ -41,12 +41,13 @@ from iits_mj.simulation.parts import (
     placed,
     shows_road_users,
     surface_text,
+    with_scenario,
 )
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
 from iits_mj.simulation.traffic_flow import FlowMeter
 from iits_mj.simulation.truck_events import TruckEvents
 from iits_mj.truck import Truck
-from traffic_bridge import EventRecord, Mirror, PureSim, Recorder, Traffic, VehicleFrame
+from traffic_bridge import EndDrive, EventRecord, Mirror, PureSim, Recorder, Traffic, VehicleFrame
 
 _drive_frame = positional(DriveFrame)
 
@@ -93,7 +94,7 @@ class Simulation(LockStep):
         visuals: bool = True,
         timestep: float = TIMESTEP,
     ) -> None:
-        self.config = config
+        self.config = config = with_scenario(config)
         self.route: Route = load_route(config) if route is None else route
         road_users = traffic is not None or shows_road_users(config)
         self.mirror = Mirror(visuals=visuals, road_users=road_users)
@@ -413,5 +414,7 @@ class Simulation(LockStep):
             self.ended = f"collision with {vehicle} at the {body} at t = {when:.2f} s"
         elif (found := find_ending(ego, self.route, self.truck.footprint)) is not None:
             self.ended, self.failed = found
+        elif any(isinstance(record.event, EndDrive) for record in self.events):
+            self.ended = "reached the end of the scenario"
         elif self.time >= self.config.duration - 0.5 * self.timestep:
             self.ended = "reached the end of the time"

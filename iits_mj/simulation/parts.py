@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import mujoco
 import numpy as np
@@ -33,7 +33,7 @@ from iits_mj.road import RoadMap, Route
 from iits_mj.road.route import USABLE_LANE_WIDTH
 from iits_mj.road.unevenness import Unevenness
 from iits_mj.road.xml_input import SIZE_LIMIT
-from iits_mj.simulation.config import DriveConfig, TruckStart
+from iits_mj.simulation.config import AnyDrive, DriveConfig, TruckStart
 from iits_mj.simulation.frame import END_MARGIN, LEAVE_MARGIN
 from iits_mj.truck import Truck
 from traffic_bridge import (
@@ -51,6 +51,7 @@ from traffic_bridge import (
     read_events,
 )
 from traffic_bridge.network.map_sources import opendrive_file
+from traffic_bridge.scenario.openscenario import read_scenario
 from traffic_bridge.vehicles.service_level import BOUNDS
 
 if TYPE_CHECKING:
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
 
 _LARGE_MAP = 4 * 2**20  # bytes that take seconds to read
 SPEED_LIMITER = 25.0  # [m/s]: 90 km/h, directive 92/6/EEC
+FASTEST_START, SLOWEST_REFERENCE = 30.0, 1.0  # [m/s] of a start and of a reference speed
 SLOWEST_SHARE = 0.75  # of the reference speed: a slower truck would obstruct the traffic
 PAPER_TRAFFIC_SPEED = 12.5  # [m/s] speed limit of the traffic without a level of service
 # [m/s] of traffic where a road has no limit: 130 km/h, as advised in Germany
@@ -119,6 +121,42 @@ def placed(start: Start, route: Route, footprint: EgoFootprint) -> Start:
     return start
 
 
+def with_scenario(config: AnyDrive) -> AnyDrive:
+    """Returns the drive with map, route and start of its scenario; other drives are unchanged.
+
+    Options that differ from their defaults stay, except that there is no SUMO traffic. Applied
+    again, it changes nothing.
+
+    Raises:
+      InputError: the scenario cannot be used; the message has its file and line. MapError: so the
+        map.
+    """
+    if config.scenario is None:
+        return config
+    if config.traffic_mode not in ("inter", "none") or config.reactive:
+        raise InputError("a scenario has its own road users: leave traffic-mode and reactive out")
+    scenario = read_scenario(config.scenario, config.ego)
+    for note in scenario.notes:
+        remark(f"{config.scenario}: {note}")
+    config = dataclasses.replace(
+        config,
+        map=config.map or scenario.map,
+        route=config.route or scenario.route,
+        traffic_mode="none",
+    )
+    route = load_map(config.map).route(along=config.route)
+    start = scenario.start(route, TruckParameters.load(config.truck).footprint)
+    values: dict[str, Any] = {
+        "start_station": start.station,
+        "start_lane": start.lane,
+        "start_speed": min(start.speed, FASTEST_START),
+        "speed": min(max(start.speed, SLOWEST_REFERENCE), FASTEST_START),
+    }
+    fields = {field.name: field.default for field in dataclasses.fields(config)}
+    kept = {name: v for name, v in values.items() if getattr(config, name) == fields[name]}
+    return dataclasses.replace(config, **kept)
+
+
 @task("reading the map")
 def load_map(path: Path | None) -> RoadMap:
     """Returns the map of a file; without a path, the built-in highway.
@@ -170,7 +208,7 @@ def shows_road_users(config: DriveConfig) -> bool:
     The bodies for them cost some time of the physics.
     """
     sumo = not TRAFFIC.is_own(config.traffic_mode) and config.recording is None
-    return config.events is not None or not sumo
+    return config.events is not None or config.scenario is not None or not sumo
 
 
 @task("building the truck", usual=1.5)
@@ -238,8 +276,11 @@ def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> 
     replayed = config.recording is not None and not config.reactive
     without_sumo = replayed or config.traffic_mode == "none"
     recorded = RepSim(route, config.recording) if config.recording and without_sumo else None
-    if without_sumo and config.events is None:
+    if without_sumo and config.events is None and config.scenario is None:
         return recorded
+    events = () if config.events is None else read_events(config.events)
+    if config.scenario is not None:
+        events = (*read_scenario(config.scenario, config.ego).events(route), *events)
     settings = TrafficConfig(
         density=config.density,
         heavy_share=config.heavy_share,
@@ -248,7 +289,7 @@ def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> 
         lane_discipline=config.lane_discipline,
         scope=config.traffic_scope,
         footprint=footprint,
-        events=() if config.events is None else read_events(config.events),
+        events=events,
     )
     if without_sumo:
         return EventSim(route, settings, seed=config.seed, recorded=recorded)

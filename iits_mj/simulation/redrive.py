@@ -178,6 +178,7 @@ def recorded_config(
         raise InputError(f"{name}: made with other options than today's: {', '.join(other)}")
     files = dict.fromkeys(known.intersection(FILES))
     changed = {"map": map_path, "truck": truck_of(options, name, truck), "commands": "direct"}
+    changed["ego"] = None  # its file is not read again
     try:
         return DriveConfig(**{**without_own_parts(options), **files, **changed})
     except (TypeError, InputError) as error:

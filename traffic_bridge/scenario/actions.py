@@ -14,6 +14,7 @@ from typing import ClassVar
 
 from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
+from traffic_bridge.scenario.conditions import TRUCK
 from traffic_bridge.signals.events import LONGEST, Event
 
 SPEED_MAX = 70.0  # [m/s]
@@ -59,6 +60,8 @@ class PlaceVehicle(SceneEvent):
       relative_lane: lanes to the left of the truck's; lane: from the right, instead of it.
       speed: [m/s]; speed_difference: to the truck's speed, instead of it [m/s].
       type: name of its type; reactive: it brakes for vehicles ahead.
+      offset: to the left of its lane's center, which it keeps; None: it drives in the center [m].
+      length, width, height: other than those of its type [m].
     """
 
     kind: ClassVar[str] = "place_vehicle"
@@ -71,6 +74,10 @@ class PlaceVehicle(SceneEvent):
     speed_difference: float | None = None
     type: str = "car"
     reactive: bool = True
+    offset: float | None = None
+    length: float | None = None
+    width: float | None = None
+    height: float | None = None
 
     def _check(self) -> None:
         self._text("name")
@@ -86,6 +93,9 @@ class PlaceVehicle(SceneEvent):
                 self._whole(field, low, 20)
         self._text("type")
         _flag(self, "reactive")
+        self._optional("offset", -100.0, 100.0)
+        for field, high in (("length", 100.0), ("width", 10.0), ("height", 10.0)):
+            self._optional(field, 0.1, high)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,18 +167,22 @@ class ChangeLane(LateralManeuver):
 
     Attributes:
       relative_lane: lanes to the left; lane: from the right, instead of it.
+      to: "truck" or id of the vehicle to whose lane `relative_lane` refers; None: its own lane.
     """
 
     kind: ClassVar[str] = "change_lane"
 
     relative_lane: int | None = None
     lane: int | None = None
+    to: str | None = None
 
     def _check_maneuver(self) -> None:
         self._either("relative_lane", "lane")
         for field, low in (("lane", 0), ("relative_lane", -5)):
             if getattr(self, field) is not None:
                 self._whole(field, low, 20)
+        if self.to is not None:
+            self._text("to")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,14 +191,17 @@ class Swerve(LateralManeuver):
 
     Attributes:
       offset: greatest distance from the lane's center, positive to the left [m].
+      back: whether it moves back; false: it stays there.
     """
 
     kind: ClassVar[str] = "swerve"
 
     offset: float
+    back: bool = True
 
     def _check_maneuver(self) -> None:
         self._number("offset", -10.0, 10.0)
+        _flag(self, "back")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,21 +231,44 @@ class ChangeSpeed(Maneuver):
     """A change to a speed, which becomes the desired one; with `duration` only for that time.
 
     Attributes:
-      speed: [m/s]; speed_difference: to the truck's speed at the beginning, instead of it [m/s].
+      speed: [m/s]; speed_difference: to the truck's speed at the beginning, instead of it [m/s];
+        speed_factor: of the truck's speed, instead of it.
+      to: id of the vehicle that replaces the truck in these; continuous: the speed follows that of
+        the truck or of this vehicle until another maneuver changes it.
       acceleration: greatest magnitude [m/s2]; jerk: greatest magnitude [m/s3].
+      shape: course of the speed over time, one of `SHAPES`, or "step" for a change within one step
+        of the traffic, instead of a jerk; time: of the change [s]; None: the speed changes with the
+        acceleration as its mean.
     """
 
     kind: ClassVar[str] = "change_speed"
 
     speed: float | None = None
     speed_difference: float | None = None
+    speed_factor: float | None = None
+    to: str = TRUCK
+    continuous: bool = False
     acceleration: float = 1.5
     jerk: float = 5.0
+    shape: str | None = None
+    time: float | None = None
 
     def _check_maneuver(self) -> None:
-        self._either("speed", "speed_difference")
+        self._either("speed", "speed_difference", "speed_factor")
         self._optional("speed", 0.0, SPEED_MAX)
         self._optional("speed_difference", -SPEED_MAX, SPEED_MAX)
+        self._optional("speed_factor", 0.0, 10.0)
+        self._text("to")
+        _flag(self, "continuous")
+        if self.continuous and self.speed is not None:
+            raise InputError(f"{self.kind}: continuous has no meaning with speed")
+        if self.shape is not None:
+            one_of(f"{self.kind}: shape", self.shape, (*SHAPES, "step"))
+        self._optional("time", 0.01, 1e4)
+        if self.time is not None and self.shape in (None, "step"):
+            raise InputError(f"{self.kind}: time needs a shape: use one of {', '.join(SHAPES)}")
+        if self.continuous and self.shape in SHAPES:
+            raise InputError(f"{self.kind}: continuous is only for the shape step or a jerk")
         self._number("acceleration", 0.05, 15.0)
         self._number("jerk", 0.1, 1_000.0)
 
@@ -305,6 +345,25 @@ class CrossRoad(SceneEvent):
         self._number("speed", 0.1, 20.0)
         self._optional("distance", 0.1, 100.0)
         self._text("type")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Milestone(SceneEvent):
+    """Nothing happens; conditions of other events refer to it by its name."""
+
+    kind: ClassVar[str] = "milestone"
+    ends: ClassVar[tuple[str, ...]] = ()
+
+    def _check(self) -> None:
+        self._text("name")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EndDrive(TruckEvent):
+    """The drive ends."""
+
+    kind: ClassVar[str] = "end_drive"
+    ends: ClassVar[tuple[str, ...]] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -404,7 +463,7 @@ class StuckSpeedSensor(Fault):
 
 SCENARIO_EVENTS: tuple[type[Event], ...] = (
     *(PlaceVehicle, CutIn, ChangeLane, ChangeSpeed, Brake, Swerve, Drift, LoseCargo, CrossRoad),
-    *(FrictionChange, Wind, Puncture, BrakeLeak, StuckSpeedSensor),
+    *(Milestone, EndDrive, FrictionChange, Wind, Puncture, BrakeLeak, StuckSpeedSensor),
 )
 
 

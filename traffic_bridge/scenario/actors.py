@@ -66,15 +66,29 @@ class Plan:
 
 @dataclass
 class SpeedPlan(Plan):
-    """A change to a speed with bounded acceleration and jerk, or that speed held."""
+    """A change to a speed with bounded acceleration and jerk, or that speed held.
+
+    Attributes:
+      target: [m/s]; rate: greatest acceleration [m/s2]; jerk: [m/s3]; held: it does not end.
+      follow: target by the situation's bodies, None where it stays.
+      profile: speed at a time since the beginning, instead of rate and jerk; duration: of it [s].
+    """
 
     target: float = 0.0
     rate: float = 1.5
     jerk: float = 5.0
     held: bool = False
+    follow: Callable[[Iterable[Body]], float | None] | None = None
+    profile: Callable[[float], float] | None = None
+    duration: float = 0.0
+    elapsed: float = 0.0
 
     def next(self, speed: float, before: float, step: float) -> float:
         """Acceleration of the next step [m/s2]; `before` is that of the last one."""
+        if self.profile is not None:
+            self.elapsed = min(self.elapsed + step, self.duration)
+            self.done = self.elapsed >= self.duration - 1e-9
+            return (self.profile(self.elapsed) - speed) / step
         missing = self.target - speed
         change = self.jerk * step
         # The acceleration from which equal steps down to zero add up to the missing speed.
@@ -238,8 +252,11 @@ class Actor:
             plan.done = plan.elapsed >= plan.duration - 1e-9
         else:
             if isinstance(plan, SpeedPlan):
+                if plan.follow is not None:
+                    target = plan.follow(bodies)
+                    plan.target = plan.target if target is None else target
                 found = plan.next(speed, self.acceleration, step)
-                if not plan.held:
+                if not plan.held or plan.follow is not None:
                     self.desired_speed = plan.target
             elif self.driver is not None:
                 found = self._follow(bodies, step)

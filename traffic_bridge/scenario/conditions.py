@@ -33,6 +33,7 @@ ROLES: dict[str, tuple[int, bool]] = {
     "right_leader": (-1, True),
     "right_follower": (-1, False),
 }
+GAPS = ("gap", "time_gap", "ttc")  # measures of a gap
 EDGES = ("none", "rising", "falling", "either")
 STATES = ("begun", "ended")
 SLOWEST = 0.1  # [m/s] below which there is no time gap
@@ -153,17 +154,22 @@ class Situation:
         return None if found is None else self.bodies[found.id]
 
 
-def gap(a: Body, b: Body) -> float:
-    """Bumper gap of two bodies along the route [m]; 0 where they are side by side."""
+def gap(a: Body, b: Body, freespace: bool = True) -> float:
+    """Gap of two bodies along the route [m].
+
+    It is between the bumpers, 0 side by side; without `freespace` between the front bumpers.
+    """
+    if not freespace:
+        return abs(b.front - a.front)
     return max(b.rear - a.front, a.rear - b.front, 0.0)
 
 
-def time_gap(a: Body, b: Body) -> float:
+def time_gap(a: Body, b: Body, freespace: bool = True) -> float:
     """Time in which `a` covers its gap to `b` ahead of it [s]; inf if it never does."""
-    return gap(a, b) / a.pace if b.front > a.front and a.pace > SLOWEST else math.inf
+    return gap(a, b, freespace) / a.pace if b.front > a.front and a.pace > SLOWEST else math.inf
 
 
-def time_to_collision(a: Body, b: Body) -> float:
+def time_to_collision(a: Body, b: Body, freespace: bool = True) -> float:
     """Gap over closing speed of two bodies [s]; inf where they do not close in.
 
     J. C. Hayward, "Near-miss determination through use of a scale of danger", Highway Research
@@ -171,7 +177,7 @@ def time_to_collision(a: Body, b: Body) -> float:
     """
     behind, ahead = (a, b) if b.front > a.front else (b, a)
     closing = behind.pace - ahead.pace
-    return gap(a, b) / closing if closing > 0.0 else math.inf
+    return gap(a, b, freespace) / closing if closing > 0.0 else math.inf
 
 
 class Measure(NamedTuple):
@@ -214,6 +220,8 @@ class Condition:
       edge: "none": the comparison holds; "rising": it holds now and did not one step before;
         "falling": the reverse; "either": it changed.
       delay: time after which the condition follows the comparison [s].
+      freespace: the gap of a measure in `GAPS` is between the bumpers; false: between the front
+        bumpers.
 
     Raises:
       InputError: a value is not allowed, missing, or has no meaning for the measure.
@@ -229,6 +237,7 @@ class Condition:
     state: str = "ended"
     edge: str = "none"
     delay: float = 0.0
+    freespace: bool = True
 
     def __post_init__(self) -> None:
         """Checks every value."""
@@ -244,6 +253,8 @@ class Condition:
                 raise InputError(f"when: {(*limits, 'to')[0]} is not used with an event")
             make_plain(self)
             return
+        if not isinstance(self.freespace, bool):
+            raise InputError(f"when: freespace = {shown(self.freespace)}: allowed are true, false")
         needed = MEASURES[one_of("when: measure", self.measure, MEASURES)].bodies
         for limit in limits:
             if not is_number(getattr(self, limit)):
@@ -280,8 +291,12 @@ class Condition:
         if measure.bodies == 0:
             return situation.time
         names = (self.of,) if measure.bodies == 1 else (self.of, str(self.to))
-        found = [situation.find(name) for name in names]
-        return math.nan if None in found else float(measure.value(*found))
+        found: list[Any] = [situation.find(name) for name in names]
+        if None in found:
+            return math.nan
+        if not self.freespace and self.measure in GAPS:
+            found.append(False)
+        return float(measure.value(*found))
 
     def as_dict(self) -> dict[str, Any]:
         """The fields that differ from their defaults; `condition_of` is the inverse."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
-from iits_mj.road import Route
 from traffic_bridge.overrides import Undo
 from traffic_bridge.scenario.actions import (
     SHAPES,
@@ -18,20 +18,26 @@ from traffic_bridge.scenario.actions import (
     Swerve,
 )
 from traffic_bridge.scenario.actors import Actor, Approach, Plan, SpeedPlan
-from traffic_bridge.scenario.conditions import Body
+from traffic_bridge.scenario.conditions import Body, Situation
 
+# [m/s2], [m/s3] of a change of speed within one step of the traffic
+STEP_RATE, STEP_JERK = 1e5, 1e8
 HOLD_RATE, HOLD_JERK = 3.0, 30.0  # [m/s2], [m/s3] of a change of speed during a cut-in
 
 
-def target_lane(event: Maneuver, body: Body, truck: Body | None, route: Route) -> int | None:
+def target_lane(event: Maneuver, body: Body, situation: Situation) -> int | None:
     """The lane in which a vehicle ends a maneuver; None if the maneuver is not possible now."""
+    truck, route = situation.truck, situation.route
     target = body.lane
     if isinstance(event, CutIn):
         if truck is None:
             return None
         target = truck.lane
     elif isinstance(event, ChangeLane):
-        target = event.lane if event.lane is not None else body.lane + (event.relative_lane or 0)
+        other = body if event.to is None else situation.find(event.to)
+        if other is None or (event.lane is None and other.lane < 0):
+            return None
+        target = event.lane if event.lane is not None else other.lane + (event.relative_lane or 0)
     else:
         return target
     possible = target >= 0 and target != body.lane and route.lane_exists(target, body.front)
@@ -39,7 +45,7 @@ def target_lane(event: Maneuver, body: Body, truck: Body | None, route: Route) -
 
 
 def begin(
-    event: Maneuver, actor: Actor, target: int, truck: Body | None
+    event: Maneuver, actor: Actor, target: int, situation: Situation
 ) -> tuple[list[Plan], Undo]:
     """Begins a maneuver.
 
@@ -47,12 +53,13 @@ def begin(
       event: the maneuver.
       actor: its vehicle.
       target: see `target_lane`.
-      truck: now, None without one.
+      situation: now.
 
     Returns:
       Plans, of which more may follow while one is not done; and what undoes the maneuver.
     """
     plans: list[Plan] = []
+    truck = situation.truck
     if isinstance(event, CutIn) and truck is not None:
         _cut_in(event, actor, target, truck, plans)
     elif isinstance(event, LateralManeuver):
@@ -60,7 +67,7 @@ def begin(
     elif isinstance(event, Drift):
         _drift(event, actor, plans)
     elif isinstance(event, (Brake, ChangeSpeed)):
-        return plans, _change_speed(event, actor, truck, plans)
+        return plans, _change_speed(event, actor, situation, plans)
     return plans, lambda: None
 
 
@@ -73,6 +80,8 @@ def _aside(event: LateralManeuver, actor: Actor, target: int, plans: list[Plan])
 
         def swerve(time: float) -> float:
             x = time / span
+            if not event.back:
+                return start + (offset - start) * part(x)
             return start * (1.0 - part(x)) + offset * part(min(2.0 * x, 2.0 - 2.0 * x))
 
         plan = actor.plan_shift(swerve, span)
@@ -131,17 +140,31 @@ def _drift(event: Drift, actor: Actor, plans: list[Plan]) -> None:
 
 
 def _change_speed(
-    event: Brake | ChangeSpeed, actor: Actor, truck: Body | None, plans: list[Plan]
+    event: Brake | ChangeSpeed, actor: Actor, situation: Situation, plans: list[Plan]
 ) -> Undo:
-    before = actor.desired_speed
+    before, start = actor.desired_speed, actor.speed
     if isinstance(event, Brake):
         target, rate = min(event.to_speed, actor.speed), event.deceleration
+        plan = SpeedPlan(target=target, rate=rate, jerk=event.jerk)
     else:
-        rate = event.acceleration
-        target = event.speed or 0.0
-        if event.speed_difference is not None and truck is not None:
-            target = max(truck.speed + event.speed_difference, 0.0)
-    plan = SpeedPlan(target=target, rate=rate, jerk=event.jerk)
+        other = situation.find(event.to)
+        target = (event.speed or 0.0) if other is None else _target_speed(event, other)
+        plan = SpeedPlan(target=target, rate=event.acceleration, jerk=event.jerk)
+        if event.shape == "step":
+            plan.rate, plan.jerk = STEP_RATE, STEP_JERK
+        elif event.shape is not None:
+            part = SHAPES[event.shape]
+            span = event.time or max(abs(target - start) / event.acceleration, 1e-3)
+            plan.duration = span
+            plan.profile = lambda time: start + (target - start) * part(time / span)
+        if event.continuous:
+            plan.held = True
+
+            def follow(bodies: Iterable[Body]) -> float | None:
+                found = [body for body in bodies if body.name == event.to]
+                return _target_speed(event, found[0]) if found else None
+
+            plan.follow = follow
     actor.plan_speed(plan)
     plans.append(plan)
     if event.duration is None:
@@ -153,3 +176,12 @@ def _change_speed(
             actor.plan_speed(None)
 
     return undo
+
+
+def _target_speed(event: ChangeSpeed, other: Body) -> float:
+    """Speed that an event asks for beside a body [m/s]."""
+    if event.speed is not None:
+        return event.speed
+    if event.speed_factor is not None:
+        return event.speed_factor * other.speed
+    return max(other.speed + (event.speed_difference or 0.0), 0.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 from iits_mj.core.messages import EgoState, TrackedVehicle
 from iits_mj.core.vehicles import VehicleFrame
@@ -13,11 +13,14 @@ from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.overrides import Undo
 from traffic_bridge.scenario.actions import (
+    ChangeSpeed,
     CrossRoad,
+    CutIn,
     Fault,
     LateralManeuver,
     LoseCargo,
     Maneuver,
+    Milestone,
     PlaceVehicle,
     SceneEvent,
     TruckEvent,
@@ -218,7 +221,7 @@ class Scenario:
             running = self._place(event, situation)
         elif isinstance(event, CrossRoad):
             running = self._cross(event, situation)
-        elif isinstance(event, TruckEvent):
+        elif isinstance(event, (TruckEvent, Milestone)):
             running = _Running(EventRecord(event, "", time))
         else:
             assert self._others is not None
@@ -238,7 +241,7 @@ class Scenario:
 
     def _place(self, event: PlaceVehicle, situation: Situation) -> _Running | None:
         truck, kind, route = situation.truck, self._types[event.type], self._route
-        length = kind.length
+        length = event.length or kind.length
         if truck is None and (event.station is None or event.lane is None or event.speed is None):
             return None
         lane = event.lane
@@ -256,10 +259,16 @@ class Scenario:
         inside = 0.5 * length < station < route.length - 0.5 * length
         if not inside or lane < 0 or not route.lane_exists(lane, station):
             return None
-        offset = float(route.lane_offset(lane, station))
-        size = {name: getattr(kind, name) for name in ("kind", "length", "width", "height")}
+        offset = float(route.lane_offset(lane, station)) + (event.offset or 0.0)
+        size: dict[str, Any] = {"kind": kind.kind}
+        for name in ("length", "width", "height"):
+            size[name] = getattr(event, name) or getattr(kind, name)
         row = on_road(route, str(event.name), station, offset, speed=speed, **size)
-        return self._add(event, row, lane, situation, event.reactive and speed > 0.0)
+        running = self._add(event, row, lane, situation, event.reactive and speed > 0.0)
+        if running is not None and event.offset is not None:
+            shift = event.offset
+            self.actors.members[row.id].plan_shift(lambda _: shift, math.inf)  # type: ignore
+        return running
 
     def _add(
         self,
@@ -331,11 +340,14 @@ class Scenario:
 
     def _maneuver(self, event: Maneuver, situation: Situation) -> _Running | None:
         body, truck = situation.find(event.actor), situation.truck
-        if body is None or body.lane < 0:
+        if body is None or (body.lane < 0 and body.name not in self.actors.members):
             return None
-        if truck is None and getattr(event, "speed_difference", None) is not None:
+        relative = isinstance(event, ChangeSpeed) and event.speed is None
+        if (relative and situation.find(event.to) is None) or (  # type: ignore[attr-defined]
+            truck is None and isinstance(event, CutIn)
+        ):
             return None
-        target = target_lane(event, body, truck, self._route)
+        target = target_lane(event, body, situation)
         if target is None:
             return None
         actor = self._actor(body.name, situation)
@@ -344,7 +356,7 @@ class Scenario:
         if isinstance(event, LoseCargo):
             return self._lose_cargo(event, actor, situation)
         record = EventRecord(event, actor.name, situation.time)
-        plans, undo = begin(event, actor, target, truck)
+        plans, undo = begin(event, actor, target, situation)
         return _Running(record, undo=undo, plans=plans)
 
     def _lose_cargo(self, event: LoseCargo, actor: Actor, situation: Situation) -> _Running | None:

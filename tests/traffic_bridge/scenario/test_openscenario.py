@@ -1,0 +1,219 @@
+"""Scenarios of OpenSCENARIO files: their stories, and what is refused."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoFootprint
+from iits_mj.road import RoadMap
+from iits_mj.road.elements import DEFAULT_FRICTION
+from tests.paths import ROOT
+from tests.traffic_bridge.scripted_truck import ego_at
+from traffic_bridge import EventSim, TrafficConfig
+from traffic_bridge.scenario.openscenario import read_scenario
+
+FILES = ROOT / "../shared/data/xosc/xosc"
+TRUCK = EgoFootprint()
+STEP = 0.1
+STORIES = {
+    # file: truck's lane and speed, {vehicle: front at the start and speed}, and
+    # (event, earliest and latest time): with a truck at constant speed in its lane.
+    "alks_cut-in": ((0, 20.0), {"TargetCutIn": (53.97, 17.0)}, [("CutInEvent", 2.1, 2.3)]),
+    "alks_decelerate": (
+        (0, 20.0),
+        {"TargetDecelerate": (63.97, 20.0)},
+        [("DecelerateEvent", 2.1, 2.1)],
+    ),
+    "alks_r157_cut_in_quick_brake": (
+        (0, 20.0),
+        {"Target": (83.97, 15.0)},
+        [("LaneChange1Event", 2.1, 2.1), ("TargetreduceSpeedEvent", 4.1, 4.1)],
+    ),
+    # 25 m behind; it loses 4 m before it drives 6 m/s faster than the truck, to 12 m ahead.
+    "cut-in": (
+        (1, 30.0),
+        {"OverTaker": (28.97, 0.0)},
+        [("OverTakerStartSpeedEvent", 0.1, 0.1), ("CutInEvent", 6.9, 7.2)],
+    ),
+    # 20 m behind with 5 m/s more; then 8 m and 20 m free ahead.
+    "cut-in_simple": (
+        (0, 20.0),
+        {"OverTaker": (33.97, 25.0)},
+        [("CutInEvent", 6.6, 6.8), ("BrakeEvent", 9.0, 9.2)],
+    ),
+    "slow-lead-vehicle": ((0, 30.0), {"Lead": (203.97, 1.0)}, []),
+}
+
+
+def path_of(name: str) -> Path:
+    path = FILES / f"{name}.xosc"
+    if not path.exists():
+        pytest.skip("the scenarios are not here")
+    return path
+
+
+def play(path: Path, duration: float, truck_speed: float | None = None):
+    """Runs a scenario around a truck at constant speed; returns start, frames and records."""
+    scenario = read_scenario(path)
+    route = RoadMap.from_opendrive(scenario.map).route(along=scenario.route)
+    start = scenario.start(route, TRUCK)
+    speed = start.speed if truck_speed is None else truck_speed
+    frames = []
+    with EventSim(route, TrafficConfig(events=scenario.events(route))) as traffic:
+        for k in range(round(duration / STEP) + 1):
+            station = start.station + k * STEP * speed
+            offset = float(route.lane_offset(start.lane, station))
+            ego = ego_at(route, k * STEP, station, speed, offset)
+            frames.append(traffic.step(ego) if k else traffic.reset(ego))
+        return start, frames, {r.event.title: r for r in traffic.running_scenario().records}
+
+
+@pytest.mark.parametrize("name", STORIES)
+def test_the_story_of_a_published_scenario_takes_place(name):
+    (lane, speed), vehicles, events = STORIES[name]
+    start, frames, records = play(path_of(name), 12.0)
+    assert (start.lane, start.speed) == (lane, pytest.approx(speed))
+    for vehicle, (front, its_speed) in vehicles.items():
+        row = frames[0].find(vehicle)
+        assert row.station + 0.5 * row.length == pytest.approx(front, abs=0.05)
+        assert row.speed == its_speed
+        assert (row.length, row.width) == (5.04, 2.0)
+    for event, first, last in events:
+        assert first - 1e-6 <= records[event].begun <= last + 1e-6
+    # The acts and the end of the drive begin, too; nothing else does.
+    assert {n for n in records if n.endswith("Event")} == {event for event, *_ in events} | (
+        {"OvertakerBrakeEvent"} if name == "cut-in" else set()
+    )
+
+
+def test_a_cut_in_from_the_opposite_lane_ends_in_the_trucks_lane():
+    _, frames, records = play(path_of("alks_cut-in"), 8.0)
+    car = [frame.find("TargetCutIn") for frame in frames]
+    assert car[0].offset > 0.0
+    assert car[0].lane == -1
+    assert car[round(records["CutInEvent"].begun / STEP) + 41].lane == 0
+    assert {row.speed for row in car} == {17.0}
+
+
+def test_a_linear_change_of_speed_has_the_rate_of_the_file():
+    _, frames, records = play(path_of("alks_decelerate"), 6.0)
+    begun = round(records["DecelerateEvent"].begun / STEP)
+    speeds = [frame.find("TargetDecelerate").speed for frame in frames]
+    assert speeds[begun] == 20.0
+    assert speeds[begun + 10] == pytest.approx(13.0, abs=1e-6)
+    assert speeds[begun + 30] == 0.0
+
+
+def test_a_continuous_speed_follows_the_truck():
+    _, frames, _ = play(path_of("cut-in"), 2.0, truck_speed=20.0)
+    assert frames[-1].find("OverTaker").speed == pytest.approx(24.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("lane_change", "line 57: <LanePosition>: oncoming road users"),
+        ("pedestrian", "line 52: <AssignRouteAction>: this element is not supported"),
+        ("traffic_lights", "line 66: <AssignRouteAction>: this element is not supported"),
+        ("trailers", "line 70: <AcquirePositionAction>: this element is not supported"),
+        ("swarm", "line 33: <TrafficAction>: this element is not supported"),
+        ("synchronize", "HWManeuvers.xosc: line 22: <TargetPositionMaster>: this element is not"),
+        ("lane-change_trajectory_wp", "no entity is named Ego or Hero; choose one of Car"),
+        ("highway_merge", "road '2' is not on the route of the truck"),
+    ],
+)
+def test_what_a_scenario_has_beyond_the_subset_is_refused_with_its_line(name, words):
+    with pytest.raises(InputError, match=re.escape(words)):
+        play(path_of(name), 0.1)
+
+
+ROAD = """<OpenDRIVE><header revMajor="1" revMinor="6"/>
+<road id="1" length="1000" junction="-1"><planView>
+<geometry s="0" x="0" y="0" hdg="0" length="1000"><line/></geometry></planView>
+<lanes><laneSection s="0"><center><lane id="0" type="none"/></center><right>
+<lane id="-1" type="driving"><width sOffset="0" a="4" b="0" c="0" d="0"/></lane>
+<lane id="-2" type="driving"><width sOffset="0" a="4" b="0" c="0" d="0"/></lane>
+</right></laneSection></lanes></road></OpenDRIVE>"""
+BODY = """<BoundingBox><Center x="1.5" y="0" z="1"/>
+<Dimensions length="5" width="2" height="1.5"/></BoundingBox>"""
+SCENARIO = """<OpenSCENARIO><FileHeader revMajor="1" revMinor="2"/>
+<ParameterDeclarations><ParameterDeclaration name="V" value="20"/>
+<ParameterDeclaration name="W" value="${$V / 2 - 1}"/></ParameterDeclarations>
+<RoadNetwork><LogicFile filepath="road.xodr"/></RoadNetwork><Entities>
+<ScenarioObject name="Hero"><Vehicle vehicleCategory="truck">BODY<TrailerHitch dx="0"/>
+</Vehicle></ScenarioObject>
+<ScenarioObject name="car"><Vehicle vehicleCategory="car">BODY</Vehicle></ScenarioObject>
+</Entities><Storyboard><Init><Actions>
+<GlobalAction><EnvironmentAction><Environment name="wet">
+<RoadCondition frictionScaleFactor="0.5"/></Environment></EnvironmentAction></GlobalAction>
+<Private entityRef="Hero"><PrivateAction><TeleportAction><Position>
+<LanePosition roadId="1" laneId="-2" s="100"/></Position></TeleportAction></PrivateAction>
+<PrivateAction><LongitudinalAction><SpeedAction><SpeedActionTarget>
+<AbsoluteTargetSpeed value="$V"/></SpeedActionTarget></SpeedAction></LongitudinalAction>
+</PrivateAction></Private><Private entityRef="car"><PrivateAction><TeleportAction><Position>
+<RelativeLanePosition entityRef="Hero" dLane="1" ds="30"/></Position></TeleportAction>
+</PrivateAction><PrivateAction><LongitudinalAction><SpeedAction><SpeedActionTarget>
+<AbsoluteTargetSpeed value="$W"/></SpeedActionTarget></SpeedAction></LongitudinalAction>
+</PrivateAction></Private></Actions></Init>
+<Story name="s"><Act name="a"><ManeuverGroup name="g"><Actors><EntityRef entityRef="car"/></Actors>
+<Maneuver name="m"><Event name="aside" priority="overwrite"><Action name="x"><PrivateAction>
+<LateralAction><LaneOffsetAction><LaneOffsetActionDynamics dynamicsShape="sinusoidal"
+maxLateralAcc="2"/><LaneOffsetTarget><AbsoluteTargetLaneOffset value="1.5"/></LaneOffsetTarget>
+</LaneOffsetAction></LateralAction></PrivateAction></Action></Event></Maneuver></ManeuverGroup>
+<StartTrigger><ConditionGroup><Condition name="c" conditionEdge="none" delay="0">
+<ByValueCondition><SimulationTimeCondition value="1" rule="greaterThan"/></ByValueCondition>
+</Condition></ConditionGroup></StartTrigger></Act></Story></Storyboard></OpenSCENARIO>
+""".replace("BODY", BODY)
+
+
+def written(folder: Path, text: str = SCENARIO) -> Path:
+    (folder / "road.xodr").write_text(ROAD)
+    path = folder / "own.xosc"
+    path.write_text(text)
+    return path
+
+
+def test_parameters_relative_lanes_friction_and_lane_offset_are_read(tmp_path):
+    start, frames, records = play(written(tmp_path), 6.0)
+    assert (start.lane, start.speed) == (0, 20.0)
+    assert start.station + TRUCK.front_overhang == pytest.approx(100.0 + 1.5 + 2.5)
+    car = [frame.find("car") for frame in frames]
+    assert car[0].lane == 1
+    assert car[0].speed == 9.0
+    assert records["friction"].event.friction == pytest.approx(0.5 * DEFAULT_FRICTION)
+    assert records["aside"].begun == pytest.approx(1.1)
+    assert car[-1].offset - car[0].offset == pytest.approx(1.5, abs=1e-6)
+    # The greatest lateral acceleration is that of the file.
+    offsets = [row.offset for row in car]
+    bends = [a - 2.0 * b + c for a, b, c in zip(offsets, offsets[1:], offsets[2:], strict=False)]
+    assert max(bends) / STEP**2 == pytest.approx(2.0, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("$V / 2 - 1", "$X / 2", "line 3: <ParameterDeclaration>: parameter $X is not declared"),
+        ("$V / 2 - 1", "__import__(1)", "is no expression of numbers"),
+        ("$V / 2 - 1", "9 / 0", "is no expression of numbers"),
+        ('ds="30"', 'ds="nan"', "ds = nan: allowed is -1e+08 to 1e+08"),
+        ('dLane="1"', 'dLane="2"', "no such lane on the route"),
+        ('entityRef="Hero" dLane', 'entityRef="car" dLane', "refers to itself"),
+        ('entityRef="Hero" dLane', 'entityRef="Herro" dLane', "did you mean Hero"),
+        ('revMinor="2"', 'revMinor="9"', "is OpenSCENARIO 1.9"),
+        ('"overwrite"', '"skip"', "priority must be one of"),
+        ("SimulationTimeCondition", "TimeOfDayCondition", "<TimeOfDayCondition>: this element is"),
+        ("</OpenSCENARIO>", "", "is not well-formed XML"),
+    ],
+)
+def test_a_wrong_scenario_is_refused_with_its_place(tmp_path, old, new, words):
+    with pytest.raises(InputError, match=re.escape(words)):
+        play(written(tmp_path, SCENARIO.replace(old, new)), 0.1)
+
+
+def test_the_ego_can_be_named(tmp_path):
+    path = written(tmp_path)
+    assert read_scenario(path).ego == "Hero"
+    with pytest.raises(InputError, match=r"there is no entity 'cart' .did you mean car"):
+        read_scenario(path, "cart")

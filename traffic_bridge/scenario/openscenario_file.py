@@ -1,0 +1,210 @@
+"""Elements of OpenSCENARIO files: lines in messages, parameters, expressions and catalogs."""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+import re
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NoReturn
+from xml.etree.ElementTree import Element
+
+from iits_mj.core.errors import InputError, MapError
+from iits_mj.core.input_files import TEXT_SIZE_MAX, similar_file
+from iits_mj.road.xml_input import parse_xml
+
+LONGEST_EXPRESSION = 400
+CATALOG_FILES_MAX = 100
+_NAME = re.compile(r"\$([A-Za-z_][A-Za-z0-9_]*)")
+_OPERATORS: dict[type, Callable[..., float]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Mod: math.fmod,
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+}
+_FUNCTIONS: dict[str, Callable[..., float]] = {
+    "round": round,
+    "floor": math.floor,
+    "ceil": math.ceil,
+    "sqrt": math.sqrt,
+    "pow": math.pow,
+}
+
+
+class Node:
+    """An element with its file, its line, and the parameters in force.
+
+    Iterating gives the children.
+    """
+
+    def __init__(
+        self, path: Path, element: Element, lines: Mapping[Element, int], scope: Mapping[str, str]
+    ) -> None:
+        self.path, self.element, self.lines, self.scope = path, element, lines, scope
+        self.tag = element.tag
+
+    def __iter__(self) -> Iterator[Node]:
+        return (Node(self.path, e, self.lines, self.scope) for e in self.element)
+
+    def fail(self, message: str) -> NoReturn:
+        """Raises InputError with the file, the line and the element."""
+        line = self.lines.get(self.element, 0)
+        raise InputError(f"{self.path}: line {line}: <{self.tag}>: {message}")
+
+    def refuse(self) -> NoReturn:
+        """Raises InputError: the element is outside of what is read."""
+        self.fail("this element is not supported")
+
+    def only(self, *tags: str) -> Node:
+        """Returns the node itself, after it refused children with other tags."""
+        for child in self:
+            if child.tag not in tags:
+                child.refuse()
+        return self
+
+    def find(self, tag: str) -> Node | None:
+        """Returns the first child with a tag; None if there is none."""
+        return next((child for child in self if child.tag == tag), None)
+
+    def child(self, tag: str) -> Node:
+        """Returns the first child with a tag; InputError if there is none."""
+        found = self.find(tag)
+        if found is None:
+            has = ", ".join(f"<{child.tag}>" for child in self) or "nothing"
+            self.fail(f"needs <{tag}>; it has {has}")
+        return found
+
+    def scoped(self, assigned: Mapping[str, str] | None = None) -> Node:
+        """Returns the node with its declared parameters, some of them with assigned values."""
+        scope = dict(self.scope)
+        declared = self.find("ParameterDeclarations")
+        for each in () if declared is None else declared:
+            name = each.get("name")
+            inner = Node(self.path, each.element, self.lines, scope)
+            given = (assigned or {}).get(name)
+            scope[name] = inner.get("value") if given is None else given
+        return Node(self.path, self.element, self.lines, scope)
+
+    def get(self, name: str, default: str | None = None) -> str:
+        """Returns an attribute with its parameters and expressions replaced by values."""
+        text = self.element.get(name, default)
+        if text is None:
+            self.fail(f"has no attribute {name!r}")
+        text = text.strip()
+        if text.startswith("${") and text.endswith("}"):
+            return repr(self._evaluate(_NAME.sub(lambda m: self._value(m[1]), text[2:-1]), text))
+        if text.startswith("$"):
+            return self._value(text[1:])
+        return text
+
+    def number(
+        self, name: str, default: float | None = None, low: float = -1e8, high: float = 1e8
+    ) -> float:
+        """Returns an attribute as a finite number within bounds."""
+        text = self.get(name, None if default is None else repr(default))
+        try:
+            value = float(text)
+        except ValueError:
+            self.fail(f"{name} = {text[:40]!r} is not a number")
+        if not low <= value <= high:
+            self.fail(f"{name} = {text[:40]}: allowed is {low:g} to {high:g}")
+        return value
+
+    def _value(self, name: str) -> str:
+        if name not in self.scope:
+            self.fail(f"parameter ${name} is not declared")
+        return self.scope[name]
+
+    def _evaluate(self, text: str, source: str) -> float:
+        """The value of an expression of numbers."""
+
+        def value(node: ast.AST) -> float:
+            match node:
+                case ast.Expression(body=body):
+                    return value(body)
+                case ast.Constant(value=int() | float() as number):
+                    return float(number)
+                case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
+                    return _OPERATORS[type(op)](value(left), value(right))
+                case ast.UnaryOp(op=op, operand=operand) if type(op) in _OPERATORS:
+                    return _OPERATORS[type(op)](value(operand))
+                case ast.Call(func=ast.Name(id=name), args=args) if name in _FUNCTIONS:
+                    return float(_FUNCTIONS[name](*map(value, args)))
+            raise ValueError
+
+        try:
+            if len(text) > LONGEST_EXPRESSION:
+                raise ValueError
+            found = value(ast.parse(text.strip(), mode="eval"))
+        except (SyntaxError, ValueError, TypeError, ArithmeticError, RecursionError, MemoryError):
+            self.fail(f"{source[:60]!r} is no expression of numbers")
+        if not math.isfinite(found):
+            self.fail(f"{source[:60]!r} is not finite")
+        return found
+
+
+def read_root(path: Path) -> Node:
+    """Reads a scenario or a catalog.
+
+    Raises:
+      InputError: the file cannot be read or is no OpenSCENARIO XML.
+    """
+    try:
+        size = path.stat().st_size
+        if size > TEXT_SIZE_MAX:
+            raise InputError(f"{path}: {size} bytes are more than {TEXT_SIZE_MAX} allowed")
+        content = path.read_bytes()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: cannot be read: {reason}{similar_file(path)}") from error
+    lines: dict[Element, int] = {}
+    try:
+        root = parse_xml(content, str(path), lines)
+    except MapError as error:
+        raise InputError(str(error)) from error
+    if root.tag != "OpenSCENARIO":
+        raise InputError(f"{path}: the root element is <{root.tag[:40]}>, not <OpenSCENARIO>")
+    return Node(path, root, lines, {})
+
+
+class Catalogs:
+    """The catalogs of a scenario; files are read when an entry of them is needed."""
+
+    def __init__(self, root: Node) -> None:
+        self._folders: list[Path] = []
+        locations = root.find("CatalogLocations")
+        for location in () if locations is None else locations:
+            self._folders.append(root.path.parent / location.child("Directory").get("path"))
+        self._read: dict[Path, Any] = {}
+
+    def resolve(self, node: Node) -> Node:
+        """Returns the entry to which a CatalogReference refers; another node itself."""
+        if node.tag != "CatalogReference":
+            return node.scoped()
+        catalog, entry = node.get("catalogName"), node.get("entryName")
+        assigned = {}
+        assignments = node.find("ParameterAssignments")
+        for each in () if assignments is None else assignments:
+            assigned[each.element.get("parameterRef", "").lstrip("$")] = each.get("value")
+        for found in self._catalogs(node, catalog):
+            for child in found:
+                if child.element.get("name") == entry:
+                    return child.scoped(assigned)
+        return node.fail(f"no catalog {catalog!r} of the CatalogLocations has an entry {entry!r}")
+
+    def _catalogs(self, node: Node, name: str) -> Iterator[Node]:
+        for folder in dict.fromkeys(self._folders):
+            paths = sorted(folder.glob("*.xosc"))
+            if len(paths) > CATALOG_FILES_MAX:
+                node.fail(f"{folder} has more than {CATALOG_FILES_MAX} catalogs")
+            for path in paths:
+                if path not in self._read:
+                    self._read[path] = read_root(path)
+                found = self._read[path].find("Catalog")
+                if found is not None and found.element.get("name") == name:
+                    yield found
