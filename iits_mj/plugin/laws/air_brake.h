@@ -290,8 +290,9 @@ struct AirBrake {
       const WheelBrakeRates<T> rates = Rates(i, h);
       const size_t other = i ^ 1;  // wheel of the axle
       const bool other_active = next->wheel[other].abs_active != 0;
-      const T rise_max = wheel.RiseMax(rates, now.wheel[i], chamber->abs_active != 0,
-                                       now.wheel[other], other_active);
+      const bool refills = chamber->abs_active != 0 && s->faults.doubt[i] <= kDoubtMax;
+      const T rise_max =
+          wheel.RiseMax(rates, now.wheel[i], refills, now.wheel[other], other_active);
       const T before = wheel.Air(*chamber);
       wheel.Update(rates, supply, rise_max, duty[i], chamber);
       const T drawn = wheel.Air(*chamber) - before;

@@ -458,20 +458,22 @@ def test_the_lead_at_a_meeting_point_is_where_both_arrive_together():
 
 
 def test_truck_and_vehicle_meet_within_half_a_second_also_when_the_truck_speeds_up():
+    times = np.linspace(0.0, 4.0, 17)
+
     def touch(row, moment):
         """Contact at one position of the truck, 2 m apart, and one time, 0.25 s apart."""
         found = np.zeros((40, 17), dtype=bool)
         found[row, moment] = True
         return found
 
-    assert _meets(touch(10, 8), 10.0)
-    assert _meets(touch(12, 8), 10.0)
-    assert _meets(touch(8, 8), 10.0)
-    assert not _meets(touch(15, 8), 10.0)
-    assert not _meets(touch(5, 8), 10.0)
+    assert _meets(touch(10, 8), 10.0, times)
+    assert _meets(touch(12, 8), 10.0, times)
+    assert _meets(touch(8, 8), 10.0, times)
+    assert not _meets(touch(15, 8), 10.0, times)
+    assert not _meets(touch(5, 8), 10.0, times)
     # From rest the truck is 0.35 t^2 ahead: 5.6 m after 4 s.
-    assert _meets(touch(3, 16), 0.0)
-    assert not _meets(touch(6, 16), 0.0)
+    assert _meets(touch(3, 16), 0.0, times)
+    assert not _meets(touch(6, 16), 0.0, times)
 
 
 def test_settings_of_the_planner_are_positive():

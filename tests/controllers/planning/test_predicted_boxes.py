@@ -237,16 +237,17 @@ def test_a_curve_across_a_circle_heads_along_its_points():
 
 
 def test_a_crossing_vehicle_counts_until_half_a_second_after_its_last_contact():
+    times = np.linspace(0.0, 4.0, 17)
     touch = np.zeros((20, 17), dtype=bool)
     touch[5:7, 8:11] = True
     one = poses(other(speed=10.0, course=0.5 * math.pi))
-    lead = _crosses(touch, one, ego(speed=5.0))
+    lead = _crosses(touch, one, ego(speed=5.0), times, None)
     assert (lead.gap, lead.until) == (9.0, 3.0)
     touch[6, 16] = True
-    assert _crosses(touch, one, ego(speed=5.0)).until == math.inf
+    assert _crosses(touch, one, ego(speed=5.0), times, None).until == math.inf
     # One that can stop gently, or that the truck does not meet, is no lead.
-    assert _crosses(touch, poses(other(speed=5.0)), ego(speed=5.0)) is None
-    assert _crosses(touch, one, ego(speed=15.0)) is None
+    assert _crosses(touch, poses(other(speed=5.0)), ego(speed=5.0), times, None) is None
+    assert _crosses(touch, one, ego(speed=15.0), times, None) is None
 
 
 @pytest.mark.parametrize("name", shipped_trucks())
