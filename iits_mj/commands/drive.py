@@ -249,8 +249,7 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
         simulation = stack.enter_context(Simulation(job.config, driver=job.driver, visuals=False))
         telemetry = stack.enter_context(Telemetry(kept.out / "telemetry.csv"))
         observers: list[Observer] = [telemetry]
-        scripted = job.config.events is not None or job.config.scenario is not None
-        conflicts = ConflictLog() if scripted else None
+        conflicts = ConflictLog() if job.config.has_events else None
         if conflicts is not None:
             observers.append(conflicts)
         log = None

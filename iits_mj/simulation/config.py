@@ -290,6 +290,11 @@ class DriveConfig(PriceOptions, TruckStart):
     )
     seed: int = option(0, help="seed of everything random", low=0, high=2**31 - 1, group="run")
 
+    @property
+    def has_events(self) -> bool:
+        """Whether a file of events or a scenario is played."""
+        return self.events is not None or self.scenario is not None
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.ego is not None and self.scenario is None:

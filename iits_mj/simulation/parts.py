@@ -208,7 +208,7 @@ def shows_road_users(config: DriveConfig) -> bool:
     The bodies for them cost some time of the physics.
     """
     sumo = not TRAFFIC.is_own(config.traffic_mode) and config.recording is None
-    return config.events is not None or config.scenario is not None or not sumo
+    return config.has_events or not sumo
 
 
 @task("building the truck", usual=1.5)
@@ -276,7 +276,7 @@ def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> 
     replayed = config.recording is not None and not config.reactive
     without_sumo = replayed or config.traffic_mode == "none"
     recorded = RepSim(route, config.recording) if config.recording and without_sumo else None
-    if without_sumo and config.events is None and config.scenario is None:
+    if without_sumo and not config.has_events:
         return recorded
     events = () if config.events is None else read_events(config.events)
     if config.scenario is not None:

@@ -12,6 +12,9 @@ from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
 from traffic_bridge.scenario.conditions import Body
 from traffic_bridge.vehicles.idm import IdmParameters, acceleration
+from traffic_bridge.vehicles.types import VehicleType
+
+DIMENSIONS = ("length", "width", "height")
 
 # Below this speed a box does not turn further with its lateral motion [m/s].
 TIGHT_TURN = 2.0
@@ -360,8 +363,12 @@ def _placed(
     row: TrackedVehicle, route: Route, place: tuple[float, float, float], **more: Any
 ) -> TrackedVehicle:
     """A row at another station, offset and turn."""
-    size = {name: getattr(row, name) for name in ("kind", "length", "width", "height")}
-    return on_road(route, row.id, *place, **(size | more))
+    return on_road(route, row.id, *place, **(size_of(row) | more))
+
+
+def size_of(body: TrackedVehicle | VehicleType) -> dict[str, Any]:
+    """Kind, length, width and height [m] of a road user or of its type, as `on_road` takes them."""
+    return {name: getattr(body, name) for name in ("kind", *DIMENSIONS)}
 
 
 class Actors:

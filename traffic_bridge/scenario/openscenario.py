@@ -99,7 +99,8 @@ def read_scenario(path: str | Path, ego: str | None = None) -> OpenScenario:
       ego: name of the entity that is the truck; None: the first one named Ego or Hero.
 
     Raises:
-      InputError: the file cannot be read, has no such entity, or uses what is not supported.
+      InputError: the file cannot be read, the entity is not in it, or an element of it is not
+        supported.
     """
     return OpenScenario(read_root(Path(path)), ego)
 

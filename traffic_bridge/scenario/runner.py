@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 from iits_mj.core.messages import EgoState, TrackedVehicle
 from iits_mj.core.vehicles import VehicleFrame
@@ -25,7 +25,16 @@ from traffic_bridge.scenario.actions import (
     SceneEvent,
     TruckEvent,
 )
-from traffic_bridge.scenario.actors import Actor, Actors, Crosser, Plan, SpeedPlan, on_road
+from traffic_bridge.scenario.actors import (
+    DIMENSIONS,
+    Actor,
+    Actors,
+    Crosser,
+    Plan,
+    SpeedPlan,
+    on_road,
+    size_of,
+)
 from traffic_bridge.scenario.conditions import (
     ROUNDING,
     TRUCK,
@@ -260,9 +269,8 @@ class Scenario:
         if not inside or lane < 0 or not route.lane_exists(lane, station):
             return None
         offset = float(route.lane_offset(lane, station)) + (event.offset or 0.0)
-        size: dict[str, Any] = {"kind": kind.kind}
-        for name in ("length", "width", "height"):
-            size[name] = getattr(event, name) or getattr(kind, name)
+        given = {name: value for name in DIMENSIONS if (value := getattr(event, name))}
+        size = size_of(kind) | given
         row = on_road(route, str(event.name), station, offset, speed=speed, **size)
         running = self._add(event, row, lane, situation, event.reactive and speed > 0.0)
         if running is not None and event.offset is not None:
@@ -331,9 +339,8 @@ class Scenario:
         right, left = (float(edge) for edge in route.surface_edges(station))
         to_left = event.side == "right"
         distance = left - right if event.distance is None else event.distance
-        size = {n: getattr(kind, n) for n in ("kind", "length", "width", "height")}
         begin = right if to_left else left
-        row = on_road(route, name, station, begin, speed=event.speed, **size)
+        row = on_road(route, name, station, begin, speed=event.speed, **size_of(kind))
         member = Crosser(row, route, to_left, distance, event.distance is not None)
         self.actors.members[name] = member
         return _Running(EventRecord(event, name, situation.time), plans=[member.plan])
@@ -364,8 +371,7 @@ class Scenario:
         station = actor.station - 0.5 * actor.row.length - 0.5 * kind.length - CLEAR
         if station < kind.length:
             return None
-        size = {n: getattr(kind, n) for n in ("kind", "length", "width", "height")}
-        more = {"speed": actor.speed, **size}
+        more = {"speed": actor.speed, **size_of(kind)}
         row = on_road(self._route, str(event.name), station, actor.offset, **more)
         running = self._add(event, row, actor.lane, situation, reactive=False, clear=0.0)
         if running is not None:

@@ -151,7 +151,8 @@ def test_the_first_gap_reveals_a_drivers_headway():
     ]
     values = DRIVER.as_array().reshape(5, 1, 1)
     assert PairBlock(pairs).first_headways(values)[0] == pytest.approx(headways)
-    # Drivers who never return from it are as recorded; those who return at once have the set's.
+    # With a very long memory drivers keep the recorded headway; with a very short one they have the
+    # headway of the parameters.
     assert evaluate(pairs, DRIVER, memory=1e6).error < 0.02
     without = evaluate(pairs, DRIVER)
     assert evaluate(pairs, DRIVER, memory=1e-3).pair_errors == pytest.approx(
