@@ -30,6 +30,9 @@ _FLAGS = (
     # The processor draws in 3-D as well.
     *("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
     *("--hide-scrollbars", "--mute-audio", "--disable-background-networking"),
+    # A page behind another one has its full share of the processor, and its timers run.
+    *("--disable-renderer-backgrounding", "--disable-background-timer-throttling"),
+    "--disable-backgrounding-occluded-windows",
     *("--window-size=1280,800", "--remote-debugging-port=0", "about:blank"),
 )
 # Two processors draw a picture in up to a minute when other tests use them as well.
@@ -136,7 +139,8 @@ class Tab:
         return base64.b64decode(found["data"])
 
     def close(self) -> None:
-        """Closes the connection to the page."""
+        """Closes the page, which then draws no more, and the connection to it."""
+        self.call("Page.close")
         self._socket.close()
 
 
