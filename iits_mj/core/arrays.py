@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
-BoolArray = NDArray[np.bool_]
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-IndexArray = NDArray[np.intp]
+import numpy as np
+
+# Written out: from numpy 2.5 on `NDArray` is an alias whose parts `typing.get_origin` does not give
+# to those who read the types of fields.
+BoolArray = np.ndarray[tuple[Any, ...], np.dtype[np.bool_]]
+FloatArray = np.ndarray[tuple[Any, ...], np.dtype[np.float64]]
+IntArray = np.ndarray[tuple[Any, ...], np.dtype[np.int64]]
+IndexArray = np.ndarray[tuple[Any, ...], np.dtype[np.intp]]
 """Indices, such as the results of `np.searchsorted` and `np.argsort`."""
