@@ -121,8 +121,8 @@ def save_config(path: Path, command: str, config: Any) -> None:
     """
     if path.is_file() and not path.read_bytes().startswith(_WRITTEN):
         raise InputError(f"--save-config {str(path)!r}: exists and was not written by iits-mj")
-    holders = options.holders_of_given(type(config))
-    given = {name for holder in holders for name in getattr(config, holder)}
+    tells_given = bool(options.holders_of_given(type(config)))
+    given = options.given_in(config)
     rules = rules_of(type(config))
     lines = []
     for group, title in options.GROUPS.items():
@@ -135,7 +135,7 @@ def save_config(path: Path, command: str, config: Any) -> None:
                 rows.append(f"# {name}: not set")
                 continue
             row = f"{name} = {_text(value, rule, kinds, path.parent)}"
-            rows.append(row if not holders or name in given else f"# {row}")
+            rows.append(row if not tells_given or name in given else f"# {row}")
         if rows:
             lines += ["", f"# {title}", *rows]
     head = f"{_WRITTEN.decode()}{command}', version {iits_mj.__version__}."

@@ -152,6 +152,12 @@ def holders_of_given(kind: type[Any]) -> list[str]:
     return [field.name for field in dataclasses.fields(kind) if _GIVEN in field.metadata]
 
 
+def given_in(config: Any) -> frozenset[str]:
+    """Names of the options that the user gave; none if the dataclass does not know."""
+    holders = holders_of_given(type(config))
+    return frozenset(name for holder in holders for name in getattr(config, holder))
+
+
 def of(field: dataclasses.Field[Any]) -> Option | None:
     """The `Option` of a dataclass field; None when it has none."""
     return field.metadata.get(_KEY)
@@ -163,7 +169,7 @@ def words(config: Any) -> list[str]:
     Options that were not given and have their default are left out. A truck that is not named, but
     given as parameters, appears by its name.
     """
-    given = {name for holder in holders_of_given(type(config)) for name in getattr(config, holder)}
+    given = given_in(config)
     flags: list[str] = []
     positional: list[str] = []
     for field in dataclasses.fields(config):

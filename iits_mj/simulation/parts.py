@@ -26,6 +26,7 @@ from controllers.planning.speed_reference import (
 from controllers.stack import Stack
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint
+from iits_mj.core.options import given_in
 from iits_mj.core.progress import remark, task
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.parameters import TruckParameters
@@ -124,8 +125,8 @@ def placed(start: Start, route: Route, footprint: EgoFootprint) -> Start:
 def with_scenario(config: AnyDrive) -> AnyDrive:
     """Returns the drive with map, route and start of its scenario; other drives are unchanged.
 
-    Options that differ from their defaults stay, except that there is no SUMO traffic. Applied
-    again, it changes nothing.
+    Options stay that the user gave or that differ from their defaults. Applied again, it changes
+    nothing.
 
     Raises:
       InputError: the scenario cannot be used; the message has its file and line. MapError: so the
@@ -133,11 +134,17 @@ def with_scenario(config: AnyDrive) -> AnyDrive:
     """
     if config.scenario is None:
         return config
-    if config.traffic_mode not in ("inter", "none") or config.reactive:
-        raise InputError("a scenario has its own road users: leave traffic-mode and reactive out")
+    given = given_in(config)
+    mode = config.traffic_mode
+    if mode != "none" and (mode != "inter" or "traffic_mode" in given):
+        raise InputError(
+            f"traffic-mode = {mode!r}: a scenario has its own road users; leave traffic-mode out "
+            "or give none"
+        )
+    if config.reactive:
+        raise InputError("reactive is of SUMO traffic, which a scenario has not: leave it out")
     scenario = read_scenario(config.scenario, config.ego)
-    for note in scenario.notes:
-        remark(f"{config.scenario}: {note}")
+    asked = config
     config = dataclasses.replace(
         config,
         map=config.map or scenario.map,
@@ -153,8 +160,16 @@ def with_scenario(config: AnyDrive) -> AnyDrive:
         "speed": min(max(start.speed, SLOWEST_REFERENCE), FASTEST_START),
     }
     fields = {field.name: field.default for field in dataclasses.fields(config)}
-    kept = {name: v for name, v in values.items() if getattr(config, name) == fields[name]}
-    return dataclasses.replace(config, **kept)
+    set_here = {
+        name: value
+        for name, value in values.items()
+        if name not in given and getattr(config, name) == fields[name]
+    }
+    config = dataclasses.replace(config, **set_here)
+    if config != asked:
+        for note in scenario.notes:
+            remark(f"{config.scenario}: {note}")
+    return config
 
 
 @task("reading the map")

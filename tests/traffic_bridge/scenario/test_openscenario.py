@@ -5,10 +5,13 @@ from pathlib import Path
 
 import pytest
 
+from iits_mj.commands.drive import Options
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint
 from iits_mj.road import RoadMap
 from iits_mj.road.elements import DEFAULT_FRICTION
+from iits_mj.simulation import DriveConfig
+from iits_mj.simulation.parts import with_scenario
 from tests.paths import ROOT
 from tests.traffic_bridge.scripted_truck import ego_at
 from traffic_bridge import EventSim, TrafficConfig
@@ -217,3 +220,37 @@ def test_the_ego_can_be_named(tmp_path):
     assert read_scenario(path).ego == "Hero"
     with pytest.raises(InputError, match=r"there is no entity 'cart' .did you mean car"):
         read_scenario(path, "cart")
+
+
+HERO_TOO = '<EntityRef entityRef="car"/><EntityRef entityRef="Hero"/>'
+
+
+def test_options_that_a_user_gave_are_kept_and_notes_are_said_once(tmp_path, capsys):
+    # The truck's part of the story is its own driver's.
+    path = written(tmp_path, SCENARIO.replace('<EntityRef entityRef="car"/>', HERO_TOO))
+    plain = with_scenario(DriveConfig(scenario=path))
+    assert (plain.start_speed, plain.traffic_mode) == (20.0, "none")
+    assert with_scenario(plain) == plain
+    default = DriveConfig().start_speed
+    given = frozenset({"start_speed"})
+    options = with_scenario(Options(scenario=path, start_speed=default, given=given))
+    assert (options.start_speed, options.start_lane) == (default, 0)
+    assert with_scenario(options) == options
+    said = capsys.readouterr().err
+    notes = read_scenario(path).notes
+    assert notes
+    assert [said.count(note) for note in notes] == [2] * len(notes)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"traffic_mode": "inter"}, "traffic-mode = 'inter': a scenario has its own road users"),
+        ({"traffic_mode": "pure"}, "traffic-mode = 'pure': a scenario has its own"),
+        ({"reactive": True}, "reactive is of SUMO traffic"),
+    ],
+)
+def test_sumo_traffic_beside_a_scenario_is_refused(values, words, tmp_path):
+    options = Options(scenario=written(tmp_path), **values, given=frozenset(values))
+    with pytest.raises(InputError, match=re.escape(words)):
+        with_scenario(options)
