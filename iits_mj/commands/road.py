@@ -150,12 +150,12 @@ def _write(content: OpenDriveMap, options: Options) -> int:
 def _check(options: Options) -> int:
     # Loads matplotlib and SUMO's net.
     from iits_mj.render.map_drawing import draw_map
-    from traffic_bridge.network.map_sources import opendrive_file
+    from traffic_bridge.network.map_sources import read_map
 
     picture = Path(f"{options.map.stem}.png") if options.picture is None else options.picture
     prepare_file(picture, "--picture")
     with task("reading the map"):
-        road_map = RoadMap.from_opendrive(opendrive_file(options.map))
+        road_map = read_map(options.map)
     route, refused = None, ""
     try:
         with task("finding a route"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -74,7 +75,7 @@ def draw_map(road_map: RoadMap, route: Route | None, odd: Collection[str] = ()) 
     axes.set_aspect("equal")
     axes.set_xlabel("x [m]", color=INK)
     axes.set_ylabel("y [m]", color=INK)
-    dress(axes, f"{road_map.path.name}: {len(road_map.roads)} roads")
+    dress(axes, f"{Path(road_map.name).name}: {len(road_map.roads)} roads")
     handles = [
         Patch(
             color=_ODD if name == _UNUSABLE else _COLORS[name],

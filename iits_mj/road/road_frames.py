@@ -61,7 +61,7 @@ class RoadFrame:
     def __init__(self, road_map: RoadMap, road: Road) -> None:
         """Scales cross slopes above `SUPERELEVATION_LIMIT` down, as a route does."""
         self.road = road
-        source = str(road_map.path)
+        source = road_map.name
         pieces = join(road_map.roads, [(road.id, 1)], source)
         steepest = pieces[0].steepest()
         scale = SUPERELEVATION_LIMIT / steepest if steepest > SUPERELEVATION_LIMIT else 1.0

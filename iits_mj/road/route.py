@@ -62,40 +62,55 @@ class RoadMap:
 
     Attributes:
       path: the file, or a name in words for a road made in memory.
+      name: of the map in messages: the path, or the file from which that one was made.
       roads: by id, in the order of the file.
       content_hash: SHA-256 of the file.
       left_hand: whether vehicles drive on the left.
     """
 
-    def __init__(self, content: OpenDriveMap, path: str | Path, digest: str | None = None) -> None:
+    def __init__(
+        self,
+        content: OpenDriveMap,
+        path: str | Path,
+        digest: str | None = None,
+        name: str | None = None,
+    ) -> None:
         """Takes parsed records; use `from_opendrive` for a file."""
         digest = content_hash(repr(content).encode()) if digest is None else digest
-        self._fill(path, digest, content, RoadGraph(content, str(Path(path))))
+        name = str(Path(path)) if name is None else name
+        self._fill(path, digest, name, content, RoadGraph(content, name))
 
     @classmethod
-    def from_opendrive(cls, path: str | Path) -> RoadMap:
+    def from_opendrive(cls, path: str | Path, name: str | None = None) -> RoadMap:
         """Reads an OpenDRIVE file; a large one that was read before comes from the cache.
+
+        Args:
+          path: of the file.
+          name: of the map in messages; by default the path.
 
         Raises:
           MapError: it cannot be used; the message names file, road and reason.
         """
         content = read_file(Path(path))
         digest = content_hash(content)
+        name = str(Path(path)) if name is None else name
         if len(content) < SIZE_MIN:
-            return cls(parse(content, str(path)), path, digest)
-        cache = MapCache(digest, str(path))
+            return cls(parse(content, name), path, digest, name)
+        cache = MapCache(digest, name)
         state = cache.recall("map")
         if state is None:
-            made = cls(parse(content, str(path)), path, digest)
+            made = cls(parse(content, name), path, digest, name)
             cache.keep("map", (made.content, made._graph))
         else:
             made = cls.__new__(cls)
-            made._fill(path, digest, *state)
+            made._fill(path, digest, name, *state)
         made._cache = cache
         return made
 
-    def _fill(self, path: str | Path, digest: str, content: OpenDriveMap, graph: RoadGraph) -> None:
-        self.path = Path(path)
+    def _fill(
+        self, path: str | Path, digest: str, name: str, content: OpenDriveMap, graph: RoadGraph
+    ) -> None:
+        self.path, self.name = Path(path), name
         self.content = content
         self.roads: dict[str, Road] = {road.id: road for road in content.roads}
         self.content_hash = digest
@@ -165,7 +180,7 @@ class RoadMap:
     def _route(
         self, start: str | None, along: str | None, superelevation_limit: float, knot_spacing: float
     ) -> Route:
-        source = str(self.path)
+        source = self.name
         if along is None:
             choice = Choice(self._graph.chain(start), None)
         else:

@@ -51,7 +51,7 @@ from traffic_bridge import (
     TrafficConfig,
     read_events,
 )
-from traffic_bridge.network.map_sources import opendrive_file
+from traffic_bridge.network.map_sources import read_map
 from traffic_bridge.scenario.openscenario import read_scenario
 from traffic_bridge.vehicles.service_level import BOUNDS
 
@@ -176,7 +176,7 @@ def with_scenario(config: AnyDrive) -> AnyDrive:
 def load_map(path: Path | None) -> RoadMap:
     """Returns the map of a file; without a path, the built-in highway.
 
-    An OpenStreetMap extract or a SUMO net is converted first; see `map_sources.opendrive_file`.
+    An OpenStreetMap extract or a SUMO net is converted first; see `map_sources.read_map`.
 
     Raises:
       MapError: the file cannot be used.
@@ -187,7 +187,7 @@ def load_map(path: Path | None) -> RoadMap:
     with suppress(OSError):
         if _LARGE_MAP < (size := path.stat().st_size) <= SIZE_LIMIT:
             remark(f"reading {path} ({size / 2**20:.0f} MB)")
-    road_map = RoadMap.from_opendrive(opendrive_file(path))
+    road_map = read_map(path)
     if road_map.notes:
         first, more = road_map.notes[0], len(road_map.notes) - 1
         remark(f"{path}: {first}" + (f" (and {more} more)" if more else ""))

@@ -189,7 +189,7 @@ class LaneSurfaces:
         ):
             raise TrafficError(
                 f"{self._net.path.name}: lane {lane.id!r} was made of lane {number} of road "
-                f"{road!r}, which {self._frames.road_map.path} does not have; "
+                f"{road!r}, which {self._frames.road_map.name} does not have; "
                 "was the net made from another map?"
             )
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from iits_mj.core.errors import InputError, MapError, TrafficError
+from iits_mj.road import RoadMap
 from iits_mj.road.converted import with_arcs, with_terrain
 from iits_mj.road.elements import OpenDriveMap
 from iits_mj.road.opendrive import parse
@@ -64,6 +65,15 @@ def opendrive_file(path: Path) -> Path:
         except OSError as error:
             raise unwritable(folder, error) from error
     return target
+
+
+def read_map(path: Path) -> RoadMap:
+    """Returns a map of any supported format; messages name its own file.
+
+    Raises:
+      MapError, TrafficError: as `opendrive_file`.
+    """
+    return RoadMap.from_opendrive(opendrive_file(path), str(path))
 
 
 def is_source(path: Path) -> bool:

@@ -132,7 +132,7 @@ def _is_whole(net: Path) -> bool:
 
 
 def _make(content: bytes, left_hand: bool, target: Path, road_map: RoadMap) -> None:
-    name = str(road_map.path)
+    name = road_map.name
     try:
         # In the target's folder, so that the file can be moved in one operation.
         folder = tempfile.TemporaryDirectory(dir=target.parent, prefix="making_")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from xml.etree import ElementTree
 
 import numpy as np
@@ -168,3 +169,11 @@ def test_wrong_uses_are_refused(village, folder):
         convert(folder / "map.net.xml", left_hand=True)
     with pytest.raises(MapError, match="there is no such file"):
         map_sources.opendrive_file(folder / "nowhere.osm")
+
+
+def test_messages_about_a_converted_map_name_its_own_file(village):
+    road_map = map_sources.read_map(village)
+    assert road_map.name == str(village)
+    assert road_map.path != village
+    with pytest.raises(InputError, match=re.escape(str(village))):
+        road_map.route(along="roads:nowhere")
