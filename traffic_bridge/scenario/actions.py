@@ -7,14 +7,16 @@ a `PlaceVehicle`. An event begins when its conditions hold and its actor is ther
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from iits_mj.core.checks import one_of
+from iits_mj.core.checks import is_number, one_of
 from iits_mj.core.errors import InputError
-from traffic_bridge.scenario.conditions import TRUCK
+from iits_mj.road.route_choice import read_words
+from traffic_bridge.scenario.conditions import TRUCK, point_of
 from traffic_bridge.signals.events import LONGEST, Event
 
 SPEED_MAX = 70.0  # [m/s]
@@ -26,6 +28,10 @@ SHAPES: dict[str, Callable[[float], float]] = {
 }
 SIDES = ("left", "right")
 WINDS = ("gust", "steady")
+FRAMES = ("map", "route")  # of points: x, y and maybe z of the map; station and offset
+POINTS_MAX = 10_000
+
+Points = Sequence[Sequence[float]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,12 +53,36 @@ class SceneEvent(Event):
         if getattr(self, field) is not None:
             self._number(field, low, high)
 
+    def _check_way(self) -> None:
+        """Checks `along`, `points`, `frame` and `stays` of an event with a way of its own."""
+        along, points = (getattr(self, name) for name in ("along", "points"))
+        frame = one_of(f"{self.kind}: frame", getattr(self, "frame"), FRAMES)  # noqa: B009
+        _flag(self, "stays")
+        if along is not None:
+            self._text("along")
+            try:
+                read_words(along)
+            except InputError as error:
+                raise InputError(f"{self.kind}: along: {error}") from None
+        if points is None:
+            return
+        if not isinstance(points, (list, tuple)) or not 2 <= len(points) <= POINTS_MAX:
+            raise InputError(f"{self.kind}: points: give a list of 2 to {POINTS_MAX} points")
+        sizes = (2, 3) if frame == "map" else (2,)
+        made = tuple(point_of(f"{self.kind}: points", point, *sizes) for point in points)
+        if len({len(point) for point in made}) > 1:
+            raise InputError(f"{self.kind}: points: all have a height, or none")
+        if any(before[:2] == after[:2] for before, after in itertools.pairwise(made)):
+            raise InputError(f"{self.kind}: points: two equal points follow each other")
+        object.__setattr__(self, "points", made)
+
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceVehicle(SceneEvent):
     """A vehicle that appears as soon as its place is free, and disappears at the event's end.
 
-    It keeps its lane and its speed. `name` is the vehicle's id.
+    It keeps its lane and its speed. `name` is the vehicle's id. With `along` it drives on a road of
+    its own, such as an oncoming one; with `points` it moves on a path from the first point.
 
     Attributes:
       gap: between the bumpers, positive ahead of the truck, negative behind it [m].
@@ -62,6 +92,9 @@ class PlaceVehicle(SceneEvent):
       type: name of its type; reactive: it brakes for vehicles ahead.
       offset: to the left of its lane's center, which it keeps; None: it drives in the center [m].
       length, width, height: other than those of its type [m].
+      along: its road in the words of `iits_mj.road.route_choice`, where `station` and `lane` are;
+        None: the truck's.
+      points, frame, stays: see `FollowPath`.
     """
 
     kind: ClassVar[str] = "place_vehicle"
@@ -78,10 +111,19 @@ class PlaceVehicle(SceneEvent):
     length: float | None = None
     width: float | None = None
     height: float | None = None
+    along: str | None = None
+    points: Points | None = None
+    frame: str = "map"
+    stays: bool = False
 
     def _check(self) -> None:
         self._text("name")
-        self._either("gap", "station")
+        self._either("gap", "station", "points")
+        self._check_way()
+        if self.along is not None and (self.station is None or self.lane is None):
+            raise InputError(f"{self.kind}: along needs station and lane")
+        if self.points is not None and (self.lane, self.relative_lane) != (None, None):
+            raise InputError(f"{self.kind}: lane has no meaning with points")
         self._either("relative_lane", "lane", needed=False)
         self._either("speed", "speed_difference", needed=False)
         self._optional("gap", -2_000.0, 2_000.0)
@@ -166,7 +208,7 @@ class ChangeLane(LateralManeuver):
     """A lane change, such as a merge from a ramp or a cut-out.
 
     Attributes:
-      relative_lane: lanes to the left; lane: from the right, instead of it.
+      relative_lane: lanes to the left; lane: from the right of its road, instead of it.
       to: "truck" or id of the vehicle to whose lane `relative_lane` refers; None: its own lane.
     """
 
@@ -274,6 +316,130 @@ class ChangeSpeed(Maneuver):
 
 
 @dataclass(frozen=True, kw_only=True)
+class KeepDistance(Maneuver):
+    """A distance behind another vehicle, by a bounded acceleration.
+
+    The acceleration is proportional to the errors of the distance and of the speed, as of an
+    adaptive cruise control with a constant time gap: R. Rajamani, "Vehicle Dynamics and Control",
+    2nd ed., 2012, section 6.4.
+
+    Attributes:
+      to: "truck" or id of the vehicle ahead; freespace: the gap is between the bumpers; false:
+        between the front bumpers.
+      gap: [m]; time_gap: [s], instead of it.
+      continuous: until another maneuver changes the speed; false: until the distance is reached.
+      acceleration, deceleration: greatest magnitudes [m/s2]; fastest: [m/s].
+    """
+
+    kind: ClassVar[str] = "keep_distance"
+    ends: ClassVar[tuple[str, ...]] = ()
+
+    to: str = TRUCK
+    gap: float | None = None
+    time_gap: float | None = None
+    freespace: bool = True
+    continuous: bool = True
+    acceleration: float = 2.0
+    deceleration: float = 5.0
+    fastest: float = SPEED_MAX
+
+    def _check_maneuver(self) -> None:
+        self._text("to")
+        self._either("gap", "time_gap")
+        self._optional("gap", 0.0, 2_000.0)
+        self._optional("time_gap", 0.0, 100.0)
+        _flag(self, "freespace")
+        _flag(self, "continuous")
+        self._number("acceleration", 0.05, 100.0)
+        self._number("deceleration", 0.05, 100.0)
+        self._number("fastest", 0.0, SPEED_MAX)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Synchronize(Maneuver):
+    """An arrival at a station when another vehicle arrives at another one.
+
+    The acceleration is that of a cubic of time over the remaining way, planned again in every step
+    for the other's speed; it is bounded by what a dry road allows.
+
+    Attributes:
+      station: of its front bumper at the end, on its own road [m].
+      to: "truck" or id of the other vehicle; to_station: of that one's front bumper [m].
+      speed: at the end [m/s]; speed_difference: to the other's speed, instead of it [m/s]; neither:
+        it changes its speed at a constant rate.
+      tolerance: the event ends where it is so near to its station [m]; to_tolerance: or the other.
+    """
+
+    kind: ClassVar[str] = "synchronize"
+    ends: ClassVar[tuple[str, ...]] = ()
+
+    station: float
+    to_station: float
+    to: str = TRUCK
+    speed: float | None = None
+    speed_difference: float | None = None
+    tolerance: float = 0.5
+    to_tolerance: float = 0.5
+
+    def _check_maneuver(self) -> None:
+        self._text("to")
+        self._number("station", 0.0, LONGEST)
+        self._number("to_station", 0.0, LONGEST)
+        self._either("speed", "speed_difference", needed=False)
+        self._optional("speed", 0.0, SPEED_MAX)
+        self._optional("speed_difference", -SPEED_MAX, SPEED_MAX)
+        self._number("tolerance", 0.0, 100.0)
+        self._number("to_tolerance", 0.0, 100.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FollowPath(Maneuver):
+    """A motion on a path through points, or on another road, at a speed that other events change.
+
+    The road user is first where the path is nearest to it; its distance from the path vanishes
+    within 2 s. At the path's end it drives on if it is in a lane of the truck's route, and
+    otherwise disappears.
+
+    Attributes:
+      points: x and y, or x, y and z [m], or station and offset on the truck's route [m];
+        along: a road in the words of `iits_mj.road.route_choice`, instead of them.
+      frame: of the points, one of `FRAMES`.
+      times: of the first points since the beginning, at which it is there [s]; None: it moves at
+        its speed.
+      goal: number of the point at which the event ends, from 0; None: the last one, or the last one
+        with a time.
+      stays: it stands at the end of the path.
+    """
+
+    kind: ClassVar[str] = "follow_path"
+    ends: ClassVar[tuple[str, ...]] = ()
+
+    points: Points | None = None
+    along: str | None = None
+    frame: str = "map"
+    times: Sequence[float] | None = None
+    goal: int | None = None
+    stays: bool = False
+
+    def _check_maneuver(self) -> None:
+        self._either("points", "along")
+        self._check_way()
+        count = len(self.points or ())
+        if self.goal is not None:
+            self._whole("goal", 1, max(count - 1, 1))
+        if self.times is None:
+            return
+        times = self.times
+        if not isinstance(times, (list, tuple)) or not 2 <= len(times) <= count:
+            raise InputError(f"{self.kind}: times: give 2 or more, not more than there are points")
+        if not all(is_number(time) and 0.0 <= time <= LONGEST for time in times) or any(
+            before >= after for before, after in itertools.pairwise(times)
+        ):
+            raise InputError(f"{self.kind}: times must be rising numbers from 0 s")
+        object.__setattr__(self, "times", tuple(map(float, times)))
+
+
+@dataclass(frozen=True, kw_only=True)
 class Brake(Maneuver):
     """Braking to a speed, which the vehicle keeps; with `duration` it then drives on.
 
@@ -356,6 +522,28 @@ class Milestone(SceneEvent):
 
     def _check(self) -> None:
         self._text("name")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetValue(SceneEvent):
+    """A variable gets a value, a number or a text; conditions compare it.
+
+    Attributes:
+      variable: its name; value: new one.
+    """
+
+    kind: ClassVar[str] = "set_value"
+    ends: ClassVar[tuple[str, ...]] = ()
+
+    variable: str
+    value: float | str
+
+    def _check(self) -> None:
+        self._text("variable")
+        if is_number(self.value):
+            object.__setattr__(self, "value", float(self.value))
+        elif not isinstance(self.value, str):
+            raise InputError(f"{self.kind}: value = {self.value!r}: must be a number or a text")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -463,7 +651,8 @@ class StuckSpeedSensor(Fault):
 
 SCENARIO_EVENTS: tuple[type[Event], ...] = (
     *(PlaceVehicle, CutIn, ChangeLane, ChangeSpeed, Brake, Swerve, Drift, LoseCargo, CrossRoad),
-    *(Milestone, EndDrive, FrictionChange, Wind, Puncture, BrakeLeak, StuckSpeedSensor),
+    *(FollowPath, KeepDistance, Synchronize),
+    *(Milestone, SetValue, EndDrive, FrictionChange, Wind, Puncture, BrakeLeak, StuckSpeedSensor),
 )
 
 

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from iits_mj.core.angles import wrap_angle
 from iits_mj.core.messages import TrackedVehicle
+from iits_mj.core.neighbors import ALONG, LEVEL_OVER_ROAD
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
+from iits_mj.road.reference_line import RoadPoint
 from traffic_bridge.scenario.conditions import Body
+from traffic_bridge.scenario.paths import Path
 from traffic_bridge.vehicles.idm import IdmParameters, acceleration
 from traffic_bridge.vehicles.types import VehicleType
 
@@ -25,6 +30,9 @@ SETTLING = 2.0  # [s] in which a vehicle returns to its lane's center
 HARDEST = 9.0  # [m/s2]: braking of the car-following model is no harder than a dry road allows
 REST = 0.05  # [m/s]: a slower vehicle that brakes stands
 END = 1.0  # [m] before the end of the route, where vehicles leave
+VIEW = 300.0  # [m] within which a vehicle on a road of its own sees others
+
+Track = Route | Path
 
 
 def on_road(
@@ -40,19 +48,50 @@ def on_road(
       turn: of its heading against the road's [rad].
       **more: further fields of `TrackedVehicle`.
     """
-    point = route.evaluate(station, offset)
+    pose = _pose(route.evaluate(station, offset), turn)
+    lane = route.lane_at(station, offset)
+    values = {"station": station, "offset": offset, "lane": lane, **pose, **more}
+    return TrackedVehicle(id, **values)
+
+
+def beside_road(
+    route: Route, id: str, point: RoadPoint, turn: float, near: float | None, **more: Any
+) -> TrackedVehicle:
+    """A vehicle at a point of another road or path.
+
+    It is in a lane of the route unless it drives against it or on another level.
+
+    Args:
+      route: the truck's road.
+      id: of the vehicle.
+      point: of its center.
+      turn: of its heading against the point's [rad].
+      near: station on the route near which it is, if known [m].
+      **more: further fields of `TrackedVehicle`.
+    """
+    pose = _pose(point, turn)
+    station, offset = route.locate(pose["x"], pose["y"], near)
+    road = route.evaluate(station, offset)
+    against = math.cos(pose["yaw"] - float(road.heading))
+    inside = 0.0 <= station <= route.length and abs(pose["z"] - float(road.z)) < LEVEL_OVER_ROAD
+    lane = route.lane_at(station, offset) if inside and against > -math.cos(ALONG) else -1
+    return TrackedVehicle(
+        id, **{"station": station, "offset": offset, "lane": lane, **pose, **more}
+    )
+
+
+def _pose(point: RoadPoint, turn: float) -> dict[str, float]:
+    """The pose of a vehicle on a surface, which is turned against the surface's heading [rad]."""
     rise, bank = float(point.grade), math.tan(float(point.superelevation))
     cosine, sine = math.cos(turn), math.sin(turn)
-    place: dict[str, Any] = {
+    return {
         "x": float(point.x),
         "y": float(point.y),
         "z": float(point.z),
         "yaw": float(point.heading) + turn,
         "pitch": -math.atan(cosine * rise + sine * bank),
         "roll": math.atan(cosine * bank - sine * rise),
-        "lane": route.lane_at(station, offset),
     }
-    return TrackedVehicle(id, station=station, offset=offset, **(place | more))
 
 
 @dataclass
@@ -102,6 +141,37 @@ class SpeedPlan(Plan):
             self.done = not self.held
             return missing / step
         return found
+
+
+@dataclass
+class Law(Plan):
+    """An acceleration that depends on the road users.
+
+    Attributes:
+      acceleration: by the bodies and the step [s], in m/s2; None: the speed stays.
+    """
+
+    acceleration: Callable[[Iterable[Body], float], float | None] = lambda *_: None
+
+
+@dataclass
+class Timetable(Plan):
+    """A place on a path for each time.
+
+    Attributes:
+      at: station on the path [m] at a time since the beginning [s]; duration: [s].
+    """
+
+    at: Callable[[float], float] = lambda _: 0.0
+    duration: float = 0.0
+    elapsed: float = 0.0
+
+
+@dataclass
+class Course(Plan):
+    """The way along a path up to a station of it, the goal [m]."""
+
+    goal: float = 0.0
 
 
 @dataclass
@@ -162,50 +232,81 @@ class LateralPlan(Plan):
 
 
 class Actor:
-    """A vehicle on a lane of the route.
+    """A road user on a lane of the truck's route, of another one, or on a path.
 
     Args:
-      row: the vehicle at the beginning.
+      row: the road user at the beginning.
       route: the truck's road.
       lane: index of its lane.
       driver: parameters of its car-following model, with its desired speed; None: it keeps its
         speed.
+      track: its own road or path; None: the route.
+      place: station and offset of its center on that track [m]; None: those on the route.
+      stays: it stands at the end of its path; otherwise it drives on in its lane of the route, and
+        leaves where it is on none.
 
     Attributes:
-      name: id; station: of its center [m]; speed: along the road [m/s]; acceleration: [m/s2].
-      lane: that it keeps or changes to; shift: to the left of that lane's center [m].
-      speed_plan, lateral_plan: the motions now, None without one.
+      name: id; station: of its center on its track [m]; speed: along it [m/s]; acceleration:
+        [m/s2].
+      lane: that it keeps or changes to, of its track; shift: to the left of that lane's center or
+        of its path [m].
+      speed_plan, lateral_plan, course: the motions now, None without one.
     """
 
     def __init__(
-        self, row: TrackedVehicle, route: Route, lane: int, driver: IdmParameters | None
+        self,
+        row: TrackedVehicle,
+        route: Route,
+        lane: int,
+        driver: IdmParameters | None,
+        track: Track | None = None,
+        place: tuple[float, float] | None = None,
+        stays: bool = False,
     ) -> None:
         self.name = row.id
         self.row = row
         self.route = route
-        self.lane = lane
         self.driver = driver
-        self.station, self.speed, self.acceleration = row.station, row.speed, row.acceleration
-        self.speed_plan: SpeedPlan | Approach | None = None
+        self.speed, self.acceleration = row.speed, row.acceleration
+        self.speed_plan: SpeedPlan | Law | Timetable | Approach | None = None
         self.lateral_plan: LateralPlan | None = None
-        self.shift = 0.0
-        self.to_lane(lane, row.offset)
+        self.course: Course | None = None
+        self._near: float | None = row.station
+        place = (row.station, row.offset) if place is None else place
+        self.take(route if track is None else track, place, lane, stays)
+
+    def take(
+        self, track: Track, place: tuple[float, float], lane: int = 0, stays: bool = False
+    ) -> None:
+        """Leads it onto a track, on which its center has a station and an offset [m]."""
+        if self.course is not None:
+            self.course.done = True
+        self.course, self.track, self.stays = None, track, stays
+        self.station = place[0]
         self._lateral_speed = 0.0
+        self.to_lane(lane, place[1])
 
     @property
     def front(self) -> float:
-        """Station of the front bumper [m]."""
+        """Station of the front bumper on its track [m]."""
         return self.station + 0.5 * self.row.length
 
     @property
     def gone(self) -> bool:
-        """Whether it has reached the end of the route."""
-        return self.front >= self.route.length - END
+        """Whether it has reached the end of its track."""
+        if isinstance(self.track, Path):
+            return self.station >= self.track.length and not self.stays
+        return self.front >= self.track.length - END
+
+    @property
+    def route_lane(self) -> int:
+        """Lane of the route that it keeps or changes to, -1 on another track."""
+        return self.lane if self.track is self.route else self.row.lane
 
     @property
     def offset(self) -> float:
-        """Of its center [m]."""
-        return float(self.route.lane_offset(self.lane, self.station)) + self.shift
+        """Of its center on its track [m]."""
+        return float(self.track.lane_offset(self.lane, self.station)) + self.shift
 
     @property
     def desired_speed(self) -> float:
@@ -221,7 +322,7 @@ class Actor:
     def to_lane(self, lane: int, offset: float) -> None:
         """Makes a lane its own, in which it is at an offset, and lets it settle in its center."""
         self.lane = lane
-        self.shift = start = offset - float(self.route.lane_offset(lane, self.station))
+        self.shift = start = offset - float(self.track.lane_offset(lane, self.station))
         self.plan_shift(lambda t: start * (0.5 + 0.5 * math.cos(math.pi * t / SETTLING)), SETTLING)
 
     def plan_shift(self, shift: Callable[[float], float], duration: float) -> LateralPlan:
@@ -231,7 +332,7 @@ class Actor:
         self.lateral_plan = LateralPlan(shift=shift, duration=duration)
         return self.lateral_plan
 
-    def plan_speed(self, plan: SpeedPlan | Approach | None) -> None:
+    def plan_speed(self, plan: SpeedPlan | Law | Timetable | Approach | None) -> None:
         """Replaces its motion along the road; None: drives by the car-following model."""
         if self.speed_plan is not None:
             self.speed_plan.done = True
@@ -253,8 +354,18 @@ class Actor:
             self.speed = max(truck.speed + rate, 0.0)
             self.station = truck.front + gap + 0.5 * self.row.length
             plan.done = plan.elapsed >= plan.duration - 1e-9
+        elif isinstance(plan, Timetable):
+            plan.elapsed = min(plan.elapsed + step, plan.duration)
+            station = plan.at(plan.elapsed)
+            self.speed = (station - self.station) / step
+            self.acceleration = (self.speed - speed) / step
+            self.station = station
+            plan.done = plan.elapsed >= plan.duration - 1e-9
         else:
-            if isinstance(plan, SpeedPlan):
+            if isinstance(plan, Law):
+                law = plan.acceleration(bodies, step)
+                found = 0.0 if law is None else law
+            elif isinstance(plan, SpeedPlan):
                 if plan.follow is not None:
                     target = plan.follow(bodies)
                     plan.target = plan.target if target is None else target
@@ -276,6 +387,7 @@ class Actor:
             self.shift = lateral.shift(lateral.elapsed)
             lateral.done = lateral.elapsed >= lateral.duration - 1e-9
         self._lateral_speed = (self.offset - before) / step
+        self._follow_course()
         if plan is not None and plan.done:
             self.speed_plan = None
             plan.then()
@@ -286,8 +398,44 @@ class Actor:
 
     def _move(self, distance: float) -> None:
         """Advances its station by a way at its offset."""
-        curvature = float(self.route.evaluate(self.station).curvature)
+        curvature = float(self.track.evaluate(self.station).curvature)
         self.station += distance / max(1.0 - curvature * self.offset, 0.2)
+
+    def _follow_course(self) -> None:
+        """Ends its course at the goal, and its motion at the end of its path."""
+        if self.course is not None and self.station >= self.course.goal - 1e-6:
+            self.course.done = True
+        if isinstance(self.track, Path) and self.station >= self.track.length:
+            self.station = self.track.length
+            if self.stays:
+                self.plan_speed(None)
+                self.driver, self.speed, self.acceleration = None, 0.0, 0.0
+            else:
+                self.join_route()
+
+    def join_route(self) -> bool:
+        """Leads it from its own track onto the lane of the route in which it is; False: none."""
+        row = self.vehicle()
+        turn = row.yaw - float(self.route.heading(row.station))  # type: ignore[arg-type]
+        if row.lane < 0 or abs(wrap_angle(turn)) > ALONG:
+            return False
+        self.take(self.route, (row.station, row.offset), row.lane)
+        return True
+
+    def sees(self, bodies: Iterable[Body]) -> Iterable[Body]:
+        """The bodies with their places on its own track."""
+        if self.track is self.route:
+            yield from bodies
+            return
+        own = self.row
+        for body in bodies:
+            if math.hypot(body.x - own.x, body.y - own.y) > VIEW:
+                continue
+            station, offset = self.track.locate(body.x, body.y, self.station)
+            turn = body.yaw - float(self.track.evaluate(station).heading)
+            ends = [station + math.cos(turn) * x for x in (body.reach, body.reach - body.length)]
+            pace = body.speed * math.cos(turn)
+            yield body._replace(front=max(ends), rear=min(ends), offset=offset, pace=pace)
 
     def _follow(self, bodies: Iterable[Body], step: float) -> float:
         """Acceleration of the car-following model behind the nearest body in its way [m/s2]."""
@@ -296,7 +444,7 @@ class Actor:
             return -self.speed / step
         gap, leader = math.inf, self.speed
         front, offset, half = self.front, self.offset, 0.5 * self.row.width
-        for body in bodies:
+        for body in self.sees(bodies):
             if body.name == self.name or body.front <= front:
                 continue
             if abs(body.offset - offset) < half + 0.5 * body.width and body.rear - front < gap:
@@ -308,62 +456,18 @@ class Actor:
     def vehicle(self) -> TrackedVehicle:
         """The vehicle now."""
         turn = math.atan2(self._lateral_speed, max(self.speed, TIGHT_TURN))
-        return _placed(
-            self.row,
-            self.route,
-            (self.station, self.offset, turn),
-            speed=self.speed,
-            acceleration=self.acceleration,
-            lateral_speed=self._lateral_speed,
-        )
-
-
-class Crosser:
-    """A pedestrian, or another road user, who crosses the road on a straight path.
-
-    Args:
-      row: the road user at the beginning.
-      route: the truck's road.
-      left: whether the path leads to the left.
-      distance: length of the path [m]; stays: whether the road user stays at its end.
-    """
-
-    def __init__(
-        self, row: TrackedVehicle, route: Route, left: bool, distance: float, stays: bool
-    ) -> None:
-        self.name, self.row, self.route = row.id, row, route
-        self.speed, self.offset, self.station = row.speed, row.offset, row.station
-        self.lane = -1
-        self.left, self.remaining, self.stays = left, distance, stays
-        self.plan = Plan()
-
-    @property
-    def gone(self) -> bool:
-        """Whether it has reached the other side."""
-        return self.remaining <= 0.0 and not self.stays
-
-    def advance(self, step: float, bodies: Iterable[Body], truck: Body | None) -> None:
-        """Moves it by one step; see `Actor.advance`."""
-        del bodies, truck
-        way = min(self.row.speed * step, self.remaining)
-        self.remaining -= way
-        self.offset += way if self.left else -way
-        self.speed = way / step
-        self.plan.done = self.remaining <= 0.0
-
-    def vehicle(self) -> TrackedVehicle:
-        """The road user now."""
-        turn = 0.5 * math.pi if self.left else -0.5 * math.pi
-        sideways = self.speed if self.left else -self.speed
-        place = self.station, self.offset, turn
-        return _placed(self.row, self.route, place, speed=self.speed, lateral_speed=sideways)
-
-
-def _placed(
-    row: TrackedVehicle, route: Route, place: tuple[float, float, float], **more: Any
-) -> TrackedVehicle:
-    """A row at another station, offset and turn."""
-    return on_road(route, row.id, *place, **(size_of(row) | more))
+        more = {**size_of(self.row), "speed": self.speed, "acceleration": self.acceleration}
+        if self.track is self.route:
+            place = self.station, self.offset, turn
+            lateral = self._lateral_speed
+            return on_road(self.route, self.name, *place, lateral_speed=lateral, **more)
+        point = self.track.evaluate(self.station, self.offset)
+        row = beside_road(self.route, self.name, point, turn, self._near, **more)
+        self._near = row.station
+        heading = float(self.route.heading(row.station))  # type: ignore[arg-type]
+        sideways = self.speed * math.sin(row.yaw - heading)
+        self.row = dataclasses.replace(row, lateral_speed=sideways)
+        return self.row
 
 
 def size_of(body: TrackedVehicle | VehicleType) -> dict[str, Any]:
@@ -379,7 +483,7 @@ class Actors:
     """
 
     def __init__(self) -> None:
-        self.members: dict[str, Actor | Crosser] = {}
+        self.members: dict[str, Actor] = {}
         self._time = 0.0
         self._frame = VehicleFrame.empty()
 
@@ -407,7 +511,7 @@ class Actors:
             return frame
         lanes = frame.lanes.copy()
         for row, name in enumerate(frame.ids):
-            lanes[row] = self.members[name].lane
+            lanes[row] = self.members[name].route_lane
         return VehicleFrame(frame.ids, frame.kinds, lanes, frame.values.T)
 
     @property

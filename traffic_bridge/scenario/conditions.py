@@ -38,6 +38,7 @@ EDGES = ("none", "rising", "falling", "either")
 STATES = ("begun", "ended")
 SLOWEST = 0.1  # [m/s] below which there is no time gap
 MOST = 20  # conditions of a trigger
+FARTHEST = 1e8  # [m]: coordinates of points
 ROUNDING = 1e-9  # [s]: times of steps are sums of tenths
 
 
@@ -50,6 +51,7 @@ class Body(NamedTuple):
       lane: index from the right, -1 off the lanes.
       speed: [m/s]; pace: its part along the route [m/s]; acceleration: [m/s2].
       x, y: of its reference point: a vehicle's center, the truck's steer axle [m].
+      yaw: [rad]; reach: from its reference point to its front [m].
     """
 
     name: str
@@ -63,6 +65,8 @@ class Body(NamedTuple):
     acceleration: float
     x: float
     y: float
+    yaw: float
+    reach: float
 
     @property
     def length(self) -> float:
@@ -79,6 +83,8 @@ class Situation:
       route: the truck's road; footprint: of the truck.
       ego: the truck, None without one; vehicles: the traffic.
       events: state of the events by name, one of `STATES`; missing before their beginning.
+      values: of the variables that events have set.
+      step: of the traffic [s].
     """
 
     time: float
@@ -87,6 +93,8 @@ class Situation:
     ego: EgoState | None
     vehicles: VehicleFrame
     events: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    values: Mapping[str, float | str] = dataclasses.field(default_factory=dict)
+    step: float = 0.0
 
     @functools.cached_property
     def truck(self) -> Body | None:
@@ -107,6 +115,8 @@ class Situation:
             ego.acceleration,
             ego.x,
             ego.y,
+            ego.yaw,
+            self.footprint.front_overhang,
         )
 
     @functools.cached_property
@@ -126,7 +136,7 @@ class Situation:
         names = ("offset", "speed", "acceleration", "x", "y")
         offset, speed, acceleration, x, y = frame.columns(*names)
         columns = (station + half, station - half, offset, across)
-        rest = (speed, speed * cosine, acceleration, x, y)
+        rest = (speed, speed * cosine, acceleration, x, y, yaw, 0.5 * length)
         rows = np.column_stack((*columns, *rest)).tolist()
         return {
             name: Body._make((name, *row[:4], lane, *row[4:]))
@@ -205,7 +215,7 @@ MEASURES: dict[str, Measure] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """A comparison of a measure, or the state of another event.
+    """A comparison of a measure or of a variable, or the state of another event.
 
     A condition on a body that is not there does not hold.
 
@@ -216,10 +226,15 @@ class Condition:
         speed of `to` minus that of `of`; "distance" is in the plane, between the centers.
       above, below, equals: the value is compared with one or both limits, or with one number.
       of: "truck", a role of `ROLES`, or the id of a vehicle; to: the second body of the measure.
+      point: x and y of the map [m], instead of `to` of a "distance": the least one since the last
+        step of the traffic.
       event: name of an event, instead of a measure; state: that it has reached, of `STATES`.
+      variable: name of a variable, instead of a measure, see `actions.SetValue`: its number is
+        compared, or with `text` its text.
       edge: "none": the comparison holds; "rising": it holds now and did not one step before;
         "falling": the reverse; "either": it changed.
       delay: time after which the condition follows the comparison [s].
+      lasting: time for which the comparison must have held [s].
       freespace: the gap of a measure in `GAPS` is between the bumpers; false: between the front
         bumpers.
 
@@ -233,47 +248,74 @@ class Condition:
     equals: float | None = None
     of: str = TRUCK
     to: str | None = None
+    point: tuple[float, float] | None = None
     event: str | None = None
+    variable: str | None = None
+    text: str | None = None
     state: str = "ended"
     edge: str = "none"
     delay: float = 0.0
+    lasting: float = 0.0
     freespace: bool = True
 
     def __post_init__(self) -> None:
         """Checks every value."""
         one_of("when: edge", self.edge, EDGES)
         in_range("when: delay", self.delay, 0.0, 1e4, "s")
+        in_range("when: lasting", self.lasting, 0.0, 1e4, "s")
         limits = [n for n in ("above", "below", "equals") if getattr(self, n) is not None]
-        if (self.measure is None) == (self.event is None):
-            raise InputError("when: give a measure or an event, and not both")
-        if self.event is not None:
-            _name("when: event", self.event)
+        subjects = [n for n in ("measure", "event", "variable") if getattr(self, n) is not None]
+        if len(subjects) != 1:
+            raise InputError("when: give a measure or an event or a variable, and not both")
+        (subject,) = subjects
+        if subject == "measure":
+            self._check_bodies()
+        else:
+            _name(f"when: {subject}", getattr(self, subject))
+            self._unused(subject, "to", "point")
+        if subject != "variable":
+            self._unused(str(self.measure or subject), "text")
+        if subject == "event":
             one_of("when: state", self.state, STATES)
-            if limits or self.to is not None:
-                raise InputError(f"when: {(*limits, 'to')[0]} is not used with an event")
-            make_plain(self)
-            return
+            self._unused("event", *limits)
+        else:
+            for limit in limits:
+                if not is_number(value := getattr(self, limit)):
+                    raise InputError(f"when: {limit} = {shown(value)}: must be a number")
+            compared = len(limits) + (self.text is not None)
+            if not compared or (compared > 1 and limits != ["above", "below"]):
+                what = self.measure or f"variable {self.variable}"
+                raise InputError(f"when: {what} needs above, below or both, or equals alone")
+        make_plain(self)
+
+    def _unused(self, what: str, *names: str) -> None:
+        for name in names:
+            if getattr(self, name) is not None:
+                raise InputError(f"when: {name} is not used with {_article(what)}")
+
+    def _check_bodies(self) -> None:
+        """Checks the bodies of a measure."""
         if not isinstance(self.freespace, bool):
             raise InputError(f"when: freespace = {shown(self.freespace)}: allowed are true, false")
         needed = MEASURES[one_of("when: measure", self.measure, MEASURES)].bodies
-        for limit in limits:
-            if not is_number(getattr(self, limit)):
-                raise InputError(f"when: {limit} = {shown(getattr(self, limit))}: must be a number")
-        if not limits or ("equals" in limits and len(limits) > 1):
-            raise InputError(f"when: {self.measure} needs above, below or both, or equals alone")
         _name("when: of", self.of)
-        if (self.to is not None) != (needed == 2):
+        if self.point is not None:
+            if self.measure != "distance" or self.to is not None:
+                raise InputError("when: point is for the measure distance, instead of `to`")
+            object.__setattr__(self, "point", point_of("when: point", self.point, 2))
+        elif (self.to is not None) != (needed == 2):
             use = "needs `to`, the other body" if needed == 2 else "has no `to`"
             raise InputError(f"when: {self.measure} {use}")
         if self.to is not None:
             _name("when: to", self.to)
-        make_plain(self)
 
     def holds(self, situation: Situation) -> bool:
         """Whether the comparison holds now, without edge and delay."""
         if self.event is not None:
             found = situation.events.get(self.event)
             return found == self.state or (self.state == "begun" and found is not None)
+        if self.text is not None:
+            return situation.values.get(str(self.variable)) == self.text
         value = self.value(situation)
         if math.isnan(value):
             return False
@@ -286,7 +328,13 @@ class Condition:
         return low < value < high or (value == math.inf and self.below is None)
 
     def value(self, situation: Situation) -> float:
-        """The measure now, in its unit; NaN where a body is missing."""
+        """The measure now, in its unit, or the variable; NaN where it is missing."""
+        if self.variable is not None:
+            found_value = situation.values.get(self.variable)
+            return found_value if isinstance(found_value, float) else math.nan
+        if self.point is not None:
+            body = situation.find(self.of)
+            return math.nan if body is None else _passed(body, self.point, situation.step)
         measure = MEASURES[str(self.measure)]
         if measure.bodies == 0:
             return situation.time
@@ -302,6 +350,30 @@ class Condition:
         """The fields that differ from their defaults; `condition_of` is the inverse."""
         fields = dataclasses.fields(self)
         return {f.name: v for f in fields if (v := getattr(self, f.name)) != f.default}
+
+
+def point_of(what: str, value: Any, *sizes: int) -> tuple[float, ...]:
+    """A point of finite numbers, as many as one of the sizes; InputError if it is none."""
+    wanted = " or ".join(map(str, sizes))
+    if not isinstance(value, (list, tuple)) or len(value) not in sizes:
+        raise InputError(f"{what} = {shown(value)}: must be {wanted} numbers")
+    for number in value:
+        if not is_number(number) or abs(number) > FARTHEST:
+            raise InputError(f"{what} = {shown(value)}: each must be a number up to {FARTHEST:g}")
+    return tuple(float(number) for number in value)
+
+
+def _passed(body: Body, point: tuple[float, float], step: float) -> float:
+    """Least distance of a body's reference point to a point within the last step [m]."""
+    cosine, sine = math.cos(body.yaw), math.sin(body.yaw)
+    dx, dy = point[0] - body.x, point[1] - body.y
+    behind = -(dx * cosine + dy * sine)
+    back = min(max(behind, 0.0), max(body.speed, 0.0) * step)
+    return math.hypot(dx + back * cosine, dy + back * sine)
+
+
+def _article(word: str) -> str:
+    return f"an {word}" if word[0] in "aeiou" else f"a {word}"
 
 
 Groups = tuple[tuple[Condition, ...], ...]
@@ -375,10 +447,15 @@ class _Watch:
     def __init__(self, condition: Condition) -> None:
         self._condition = condition
         self._last: bool | None = None
+        self._since = math.nan
         self._history: deque[tuple[float, bool]] = deque()
 
     def step(self, situation: Situation) -> bool:
         condition, now = self._condition, self._condition.holds(situation)
+        if condition.lasting > 0.0:
+            if not now or math.isnan(self._since):
+                self._since = situation.time if now else math.nan
+            now = situation.time - self._since >= condition.lasting - ROUNDING
         before = now if self._last is None else self._last
         self._last = now
         value = {

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from traffic_bridge.overrides import Undo
 from traffic_bridge.scenario.actions import (
@@ -13,35 +16,76 @@ from traffic_bridge.scenario.actions import (
     ChangeSpeed,
     CutIn,
     Drift,
+    FollowPath,
+    KeepDistance,
     LateralManeuver,
     Maneuver,
     Swerve,
+    Synchronize,
 )
-from traffic_bridge.scenario.actors import Actor, Approach, Plan, SpeedPlan
-from traffic_bridge.scenario.conditions import Body, Situation
+from traffic_bridge.scenario.actors import (
+    HARDEST,
+    Actor,
+    Approach,
+    Course,
+    Law,
+    Plan,
+    SpeedPlan,
+    Timetable,
+)
+from traffic_bridge.scenario.conditions import SLOWEST, Body, Situation
+from traffic_bridge.scenario.paths import Path
 
 # [m/s2], [m/s3] of a change of speed within one step of the traffic
 STEP_RATE, STEP_JERK = 1e5, 1e8
+# Gains of the errors of distance [1/s2] and speed [1/s] of a vehicle that keeps a distance; they
+# damp its motion critically: SPEED_GAIN = 2 sqrt(GAP_GAIN) (judgement).
+GAP_GAIN, SPEED_GAIN = 0.16, 0.8
+REACHED = 0.1  # [m], [m/s]: errors at which a distance is reached
 HOLD_RATE, HOLD_JERK = 3.0, 30.0  # [m/s2], [m/s3] of a change of speed during a cut-in
 
 
-def target_lane(event: Maneuver, body: Body, situation: Situation) -> int | None:
-    """The lane in which a vehicle ends a maneuver; None if the maneuver is not possible now."""
-    truck, route = situation.truck, situation.route
-    target = body.lane
+def target_lane(
+    event: Maneuver, body: Body, situation: Situation, actor: Actor | None, own: Callable
+) -> int | None:
+    """The lane in which a vehicle ends a maneuver; None if the maneuver is not possible now.
+
+    Args:
+      event: the maneuver.
+      body: its vehicle.
+      situation: now.
+      actor: the vehicle, if it is one.
+      own: returns the lane of a vehicle on the actor's own road by its name, None if it is not on
+        it.
+    """
+    truck = situation.truck
+    joined = actor is None or actor.track is situation.route
+    lane = body.lane if actor is None or joined else actor.lane
     if isinstance(event, CutIn):
-        if truck is None:
+        if truck is None or (body.lane < 0 and not joined):
             return None
-        target = truck.lane
+        target, joined, lane = truck.lane, True, body.lane
+    elif isinstance(event, ChangeLane) and event.lane is not None:
+        target = event.lane
     elif isinstance(event, ChangeLane):
-        other = body if event.to is None else situation.find(event.to)
-        if other is None or (event.lane is None and other.lane < 0):
-            return None
-        target = event.lane if event.lane is not None else other.lane + (event.relative_lane or 0)
+        name = body.name if event.to is None else event.to
+        other = None if joined else lane if name == body.name else own(name)
+        if other is None:
+            found = situation.find(name)
+            if found is None or found.lane < 0 or (body.lane < 0 and not joined):
+                return None
+            other, joined, lane = found.lane, True, body.lane
+        target = other + (event.relative_lane or 0)
     else:
-        return target
-    possible = target >= 0 and target != body.lane and route.lane_exists(target, body.front)
-    return target if possible else None
+        return lane
+    if joined:
+        possible = situation.route.lane_exists(target, body.front)
+    else:
+        assert actor is not None
+        possible = not isinstance(actor.track, Path) and actor.track.lane_exists(
+            target, actor.front
+        )
+    return target if target >= 0 and target != lane and possible else None
 
 
 def begin(
@@ -68,6 +112,8 @@ def begin(
         _drift(event, actor, plans)
     elif isinstance(event, (Brake, ChangeSpeed)):
         return plans, _change_speed(event, actor, situation, plans)
+    elif isinstance(event, KeepDistance):
+        _keep_distance(event, actor, plans)
     return plans, lambda: None
 
 
@@ -185,3 +231,100 @@ def _target_speed(event: ChangeSpeed, other: Body) -> float:
     if event.speed_factor is not None:
         return event.speed_factor * other.speed
     return max(other.speed + (event.speed_difference or 0.0), 0.0)
+
+
+def _keep_distance(event: KeepDistance, actor: Actor, plans: list[Plan]) -> None:
+    plan = Law()
+
+    def accelerate(bodies: Iterable[Body], step: float) -> float | None:
+        ahead = next((body for body in bodies if body.name == event.to), None)
+        found = None if ahead is None else next(iter(actor.sees([ahead])), None)
+        if found is None:
+            return None
+        wanted = event.gap if event.gap is not None else event.time_gap * actor.speed  # type: ignore
+        gap = (found.rear if event.freespace else found.front) - actor.front
+        error, closing = gap - wanted, actor.speed - found.pace
+        plan.done = not event.continuous and abs(error) < REACHED and abs(closing) < REACHED
+        wish = GAP_GAIN * error - SPEED_GAIN * closing
+        wish = min(max(wish, -event.deceleration), event.acceleration)
+        return max(min(wish, (event.fastest - actor.speed) / step), -event.deceleration)
+
+    plan.acceleration = accelerate
+    actor.plan_speed(plan)
+    plans.append(plan)
+
+
+def synchronize(
+    event: Synchronize, actor: Actor, place_of: Callable[[], tuple[float, float] | None]
+) -> list[Plan]:
+    """Begins a synchronized motion.
+
+    Args:
+      event: the maneuver.
+      actor: its vehicle.
+      place_of: returns the station of the other's front bumper [m] and its speed [m/s]; None if it
+        is not there.
+
+    Returns:
+      The plan.
+    """
+    plan = Law()
+
+    def accelerate(bodies: Iterable[Body], step: float) -> float | None:
+        del bodies
+        found = place_of()
+        if found is None:
+            return None
+        way, others = event.station - actor.front, event.to_station - found[0]
+        final = event.speed
+        if event.speed_difference is not None:
+            final = max(found[1] + event.speed_difference, 0.0)
+        speed = actor.speed
+        if way <= event.tolerance or others <= event.to_tolerance:
+            plan.done = True
+            return 0.0 if final is None else min(max((final - speed) / step, -HARDEST), HARDEST)
+        if found[1] < SLOWEST:
+            # The other does not arrive: it waits before its station.
+            return -min(HARDEST, 0.5 * speed**2 / way)
+        span = max(others / found[1], step)
+        if final is None:
+            wish = 2.0 * (way - speed * span) / span**2
+        else:
+            motion = Approach(closing=speed, goal=way, final=final, duration=span)
+            wish = motion.at(0.5 * step)[2]
+        return min(max(wish, -HARDEST), HARDEST)
+
+    plan.acceleration = accelerate
+    actor.plan_speed(plan)
+    return [plan]
+
+
+def follow(event: FollowPath, actor: Actor, path: Path, numbers: list[int]) -> list[Plan]:
+    """Leads an actor onto a path.
+
+    Args:
+      event: the maneuver.
+      actor: its road user.
+      path: of the event's points.
+      numbers: of those points among the path's.
+
+    Returns:
+      The plan.
+    """
+    times = event.times
+    goal = event.goal if event.goal is not None else len(times or numbers) - 1
+    if times is None:
+        row = actor.vehicle()
+        place = path.locate(row.x, row.y)
+        if place[0] >= (end := float(path.stations[numbers[goal]])):
+            place = end, place[1]
+    else:
+        place = 0.0, 0.0
+        stations = path.stations[numbers[: len(times)]]
+        way = PchipInterpolator(np.array(times), stations)
+        last = times[-1]
+        at = lambda t: float(way(min(max(t, times[0]), last)))  # noqa: E731
+        actor.plan_speed(Timetable(at=at, duration=last))
+    actor.take(path, place, stays=event.stays)
+    actor.course = Course(goal=float(path.stations[numbers[goal]]))
+    return [actor.course]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 from iits_mj.core.messages import EgoState, TrackedVehicle
 from iits_mj.core.vehicles import VehicleFrame
@@ -13,25 +13,31 @@ from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.overrides import Undo
 from traffic_bridge.scenario.actions import (
+    ChangeLane,
     ChangeSpeed,
     CrossRoad,
     CutIn,
     Fault,
+    FollowPath,
     LateralManeuver,
     LoseCargo,
     Maneuver,
     Milestone,
     PlaceVehicle,
     SceneEvent,
+    SetValue,
+    Synchronize,
     TruckEvent,
 )
 from traffic_bridge.scenario.actors import (
     DIMENSIONS,
     Actor,
     Actors,
-    Crosser,
+    Course,
     Plan,
     SpeedPlan,
+    Track,
+    beside_road,
     on_road,
     size_of,
 )
@@ -43,7 +49,8 @@ from traffic_bridge.scenario.conditions import (
     Trigger,
     gap,
 )
-from traffic_bridge.scenario.maneuvers import begin, target_lane
+from traffic_bridge.scenario.maneuvers import begin, follow, synchronize, target_lane
+from traffic_bridge.scenario.paths import Path, points_on_route
 from traffic_bridge.signals.events import Event
 from traffic_bridge.vehicles.idm import IdmParameters
 from traffic_bridge.vehicles.types import road_user_types
@@ -120,6 +127,9 @@ class Scenario:
             if is_of_scenario(event)
         ]
         self._running: list[_Running] = []
+        words = (getattr(event, "along", None) for event, _ in self._pending)
+        # The roads other than the truck's.
+        self._roads = {text: route.road_map.route(along=text) for text in words if text is not None}
         self._last: Situation | None = None
 
     def __len__(self) -> int:
@@ -173,9 +183,17 @@ class Scenario:
     ) -> Situation:
         frame = VehicleFrame.empty() if frame is None else frame
         states: dict[str, str] = {}
+        values: dict[str, float | str] = {}
         for record in self.records:
             states[record.event.title] = "begun" if record.ended is None else "ended"
-        return Situation(time, self._route, self._config.footprint, ego, frame, states)
+            if isinstance(record.event, SetValue):
+                values[record.event.variable] = record.event.value
+        config = self._config
+        return Situation(
+            *(time, self._route, config.footprint, ego, frame, states),
+            values=values,
+            step=config.step_length,
+        )
 
     def _with_actors(self, others: VehicleFrame) -> VehicleFrame:
         own = self.actors.at(-math.inf)
@@ -230,8 +248,10 @@ class Scenario:
             running = self._place(event, situation)
         elif isinstance(event, CrossRoad):
             running = self._cross(event, situation)
-        elif isinstance(event, (TruckEvent, Milestone)):
+        elif isinstance(event, (TruckEvent, Milestone, SetValue)):
             running = _Running(EventRecord(event, "", time))
+            if isinstance(event, SetValue):
+                running.plans = [Plan(done=True)]
         else:
             assert self._others is not None
             if not self._others.ready(event):
@@ -251,32 +271,68 @@ class Scenario:
     def _place(self, event: PlaceVehicle, situation: Situation) -> _Running | None:
         truck, kind, route = situation.truck, self._types[event.type], self._route
         length = event.length or kind.length
-        if truck is None and (event.station is None or event.lane is None or event.speed is None):
+        placed = event.points is not None or None not in (event.station, event.lane)
+        if truck is None and not (placed and event.speed is not None):
             return None
-        lane = event.lane
-        if lane is None:
+        lane = event.lane or 0
+        if event.lane is None and event.points is None:
             lane = truck.lane + (event.relative_lane or 0)  # type: ignore[union-attr]
         speed = event.speed
         if speed is None:
             speed = max(truck.speed + (event.speed_difference or 0.0), 0.0)  # type: ignore[union-attr]
+        size = size_of(kind) | {n: value for n in DIMENSIONS if (value := getattr(event, n))}
+        if event.points is not None:
+            path, _ = self._path(event, length)
+            return self._appear(event, path, (0.0, 0.0), 0, situation, speed, size)
+        track = route if event.along is None else self._roads[event.along]
         if event.station is not None:
             station = event.station - 0.5 * length
         elif event.gap >= 0.0:  # type: ignore[operator]
             station = truck.front + event.gap + 0.5 * length  # type: ignore
         else:
             station = truck.rear + event.gap - 0.5 * length  # type: ignore
-        inside = 0.5 * length < station < route.length - 0.5 * length
-        if not inside or lane < 0 or not route.lane_exists(lane, station):
+        inside = 0.5 * length < station < track.length - 0.5 * length
+        if not inside or lane < 0 or not track.lane_exists(lane, station):
             return None
-        offset = float(route.lane_offset(lane, station)) + (event.offset or 0.0)
-        given = {name: value for name in DIMENSIONS if (value := getattr(event, name))}
-        size = size_of(kind) | given
-        row = on_road(route, str(event.name), station, offset, speed=speed, **size)
+        offset = float(track.lane_offset(lane, station)) + (event.offset or 0.0)
+        return self._appear(event, track, (station, offset), lane, situation, speed, size)
+
+    def _appear(
+        self,
+        event: PlaceVehicle,
+        track: Track,
+        place: tuple[float, float],
+        lane: int,
+        situation: Situation,
+        speed: float,
+        size: dict[str, Any],
+    ) -> _Running | None:
+        """Places a road user on a track."""
+        row = self._row(track, str(event.name), place, speed=speed, **size)
         running = self._add(event, row, lane, situation, event.reactive and speed > 0.0)
-        if running is not None and event.offset is not None:
-            shift = event.offset
-            self.actors.members[row.id].plan_shift(lambda _: shift, math.inf)  # type: ignore
+        if running is not None:
+            actor = self.actors.members[row.id]
+            actor.take(track, place, lane, event.stays)
+            if event.offset is not None:
+                shift = event.offset
+                actor.plan_shift(lambda _: shift, math.inf)
         return running
+
+    def _row(
+        self, track: Track, name: str, place: tuple[float, float], **more: Any
+    ) -> TrackedVehicle:
+        """A road user at a station and an offset of a track."""
+        if isinstance(track, Route) and track is self._route:
+            return on_road(track, name, *place, **more)
+        return beside_road(self._route, name, track.evaluate(*place), 0.0, None, **more)
+
+    def _path(self, event: PlaceVehicle | FollowPath, span: float) -> tuple[Path, list[int]]:
+        """The path of an event's points, and the numbers of these among the path's."""
+        assert event.points is not None
+        points, numbers = event.points, list(range(len(event.points)))
+        if event.frame == "route":
+            points, numbers = points_on_route(self._route, points)
+        return Path(points, span, self._route), numbers
 
     def _add(
         self,
@@ -291,7 +347,7 @@ class Scenario:
         name, half = row.id, 0.5 * row.length + clear
         if name in situation.bodies or name in self.actors.members:
             return None
-        place = Body(name, row.station + half, row.station - half, *([0.0] * 8))  # type: ignore
+        place = Body(name, row.station + half, row.station - half, *([0.0] * 10))  # type: ignore
         for body in (situation.truck, *situation.bodies.values()):
             if body is None or gap(place, body) > 0.0:
                 continue
@@ -317,7 +373,7 @@ class Scenario:
             return None
         known = self.actors.members.get(body.name)
         if known is not None:
-            return known if isinstance(known, Actor) else None
+            return known
         row = situation.vehicles.find(body.name)
         if row is None or row.lane < 0:
             return None
@@ -337,13 +393,17 @@ class Scenario:
         if name in situation.bodies or not 0.0 <= station <= route.length:
             return None
         right, left = (float(edge) for edge in route.surface_edges(station))
-        to_left = event.side == "right"
-        distance = left - right if event.distance is None else event.distance
-        begin = right if to_left else left
-        row = on_road(route, name, station, begin, speed=event.speed, **size_of(kind))
-        member = Crosser(row, route, to_left, distance, event.distance is not None)
+        begin, way = (right, left - right) if event.side == "right" else (left, right - left)
+        if event.distance is not None:
+            way = math.copysign(event.distance, way)
+        ends = [route.evaluate(station, begin), route.evaluate(station, begin + way)]
+        path = Path([(p.x, p.y) for p in ends], kind.length, route)  # type: ignore[misc]
+        row = self._row(path, name, (0.0, 0.0), speed=event.speed, **size_of(kind))
+        stays = event.distance is not None
+        member = Actor(row, route, 0, None, path, (0.0, 0.0), stays)
+        member.course = Course(goal=path.length)
         self.actors.members[name] = member
-        return _Running(EventRecord(event, name, situation.time), plans=[member.plan])
+        return _Running(EventRecord(event, name, situation.time), plans=[member.course])
 
     def _maneuver(self, event: Maneuver, situation: Situation) -> _Running | None:
         body, truck = situation.find(event.actor), situation.truck
@@ -354,17 +414,58 @@ class Scenario:
             truck is None and isinstance(event, CutIn)
         ):
             return None
-        target = target_lane(event, body, situation)
+        members = self.actors.members
+        known = members.get(body.name)
+        own = lambda name: self._lane_beside(known, name)  # noqa: E731
+        target = target_lane(event, body, situation, known, own)
         if target is None:
             return None
         actor = self._actor(body.name, situation)
         if actor is None:
             return None
+        refers = isinstance(event, CutIn) or (
+            isinstance(event, ChangeLane) and event.to is not None and own(event.to) is None
+        )
+        # Such a maneuver refers to the lanes of the truck's route.
+        if refers and actor.track is not self._route and not actor.join_route():
+            return None
+        record = EventRecord(event, actor.name, situation.time)
         if isinstance(event, LoseCargo):
             return self._lose_cargo(event, actor, situation)
-        record = EventRecord(event, actor.name, situation.time)
+        if isinstance(event, FollowPath):
+            return self._follow_path(event, actor, record)
+        if isinstance(event, Synchronize):
+            plans = synchronize(event, actor, lambda: self._front_of(event.to))
+            return _Running(record, plans=plans)
         plans, undo = begin(event, actor, target, situation)
         return _Running(record, undo=undo, plans=plans)
+
+    def _lane_beside(self, actor: Actor | None, name: str) -> int | None:
+        """Lane of a road user on an actor's own road; None if it is not on it."""
+        other = self.actors.members.get(name)
+        same = actor is not None and other is not None and other.track is actor.track
+        return other.lane if same and other is not None else None
+
+    def _front_of(self, name: str) -> tuple[float, float] | None:
+        """Station of a front bumper on its own road [m], and the speed [m/s]."""
+        member = self.actors.members.get(name)
+        if member is not None:
+            return member.front, member.speed
+        body = None if self._last is None else self._last.find(name)
+        return None if body is None else (body.front, body.pace)
+
+    def _follow_path(self, event: FollowPath, actor: Actor, record: EventRecord) -> _Running | None:
+        if event.points is not None:
+            path, numbers = self._path(event, actor.row.length)
+            return _Running(record, plans=follow(event, actor, path, numbers))
+        road, row = self._roads[str(event.along)], actor.vehicle()
+        place = road.locate(row.x, row.y)
+        lane = road.lane_at(*place)
+        if lane < 0:
+            return None
+        actor.take(road, place, lane)
+        actor.course = Course(goal=road.length - 0.5 * row.length - 2.0 * CLEAR)
+        return _Running(record, plans=[actor.course])
 
     def _lose_cargo(self, event: LoseCargo, actor: Actor, situation: Situation) -> _Running | None:
         kind = self._types[CARGO]
@@ -376,7 +477,6 @@ class Scenario:
         running = self._add(event, row, actor.lane, situation, reactive=False, clear=0.0)
         if running is not None:
             box = self.actors.members[row.id]
-            assert isinstance(box, Actor)
             box.plan_speed(SpeedPlan(rate=event.deceleration, jerk=1e3))
             # It slides on its own line.
             shift = box.shift

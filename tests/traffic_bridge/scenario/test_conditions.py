@@ -163,6 +163,11 @@ def test_one_group_must_hold_with_all_its_conditions():
         ({"event": "a", "measure": "speed"}, "not both"),
         ({}, "a measure or an event"),
         ({"measur": "speed"}, "did you mean measure"),
+        ({"measure": "gap", "point": [0, 0], "below": 1.0}, "point is for the measure distance"),
+        ({"measure": "distance", "point": [0], "below": 1.0}, "must be 2 numbers"),
+        ({"variable": "a"}, "variable a needs above"),
+        ({"variable": "a", "text": "x", "above": 1.0}, "equals alone"),
+        ({"event": "a", "text": "x"}, "text is not used"),
         ([], "must be a condition"),
         ("soon", "must be a condition"),
         ([[]], "no condition"),
@@ -173,6 +178,31 @@ def test_a_wrong_condition_is_refused_by_name(given, words):
     with pytest.raises(InputError, match="when") as raised:
         groups_of(given)
     assert words in str(raised.value)
+
+
+def test_a_variable_is_compared_as_a_number_or_a_text():
+    now = dataclasses.replace(situation(), values={"light": "green", "count": 11.0})
+    assert Condition(variable="light", text="green").holds(now)
+    assert not Condition(variable="light", text="red").holds(now)
+    assert Condition(variable="count", above=10.0).holds(now)
+    for missing in ("light", "other"):
+        assert not Condition(variable=missing, below=1e9).holds(now)
+
+
+def test_a_point_is_passed_also_between_two_steps():
+    # The truck has come from 498 m to 500 m within the last step.
+    now = dataclasses.replace(situation(), step=0.1)
+    for station, expected in ((500.0, 0.0), (499.1, 0.0), (498.0, 0.0), (497.0, 1.0), (501.0, 1.0)):
+        point = (station, now.ego.y)
+        found = Condition(measure="distance", point=point, below=9.0).value(now)
+        assert found == pytest.approx(expected, abs=1e-9), station
+
+
+def test_a_condition_that_must_last_begins_again_after_a_break():
+    trigger = Trigger(groups_of({"measure": "speed", "below": 15.0, "lasting": 0.2}))
+    speeds = (10.0, 10.0, 20.0, 10.0, 10.0, 10.0, 20.0)
+    found = [trigger.step(situation(time=0.1 * k, speed=v)) for k, v in enumerate(speeds)]
+    assert found == [False, False, False, False, False, True, False]
 
 
 def test_numpy_numbers_become_plain():
