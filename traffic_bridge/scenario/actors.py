@@ -30,6 +30,8 @@ SETTLING = 2.0  # [s] in which a vehicle returns to its lane's center
 HARDEST = 9.0  # [m/s2]: braking of the car-following model is no harder than a dry road allows
 REST = 0.05  # [m/s]: a slower vehicle that brakes stands
 END = 1.0  # [m] before the end of the route, where vehicles leave
+# A lane's center that moves by more than a distance [m] and a slope is another lane's (judgement).
+LANE_SHIFT, STEEPEST_LANE = 0.3, 0.3
 VIEW = 300.0  # [m] within which a vehicle on a road of its own sees others
 
 Track = Route | Path
@@ -346,7 +348,7 @@ class Actor:
           bodies: truck and vehicles at the beginning of the step.
           truck: the truck at the end of the step.
         """
-        before = self.offset
+        before, place, center = self.offset, self.station, self.offset - self.shift
         plan, speed = self.speed_plan, self.speed
         if isinstance(plan, Approach) and truck is not None:
             plan.elapsed = min(plan.elapsed + step, plan.duration)
@@ -381,6 +383,10 @@ class Actor:
                 self.speed = 0.0
             self.acceleration = (self.speed - speed) / step
             self._move(0.5 * (speed + self.speed) * step)
+        moved = float(self.track.lane_offset(self.lane, self.station)) - center
+        if abs(moved) > LANE_SHIFT + STEEPEST_LANE * abs(self.station - place):
+            # Lanes begin or end beside it, which changes their numbers: it stays where it is.
+            self.to_lane(self._lane_at(before), before)
         lateral = self.lateral_plan
         if lateral is not None:
             lateral.elapsed = min(lateral.elapsed + step, lateral.duration)
@@ -396,9 +402,18 @@ class Actor:
                 self.lateral_plan = None
             lateral.then()
 
+    def _lane_at(self, offset: float) -> int:
+        """The lane of its track nearest to an offset."""
+        if isinstance(self.track, Path):
+            return self.lane
+        lanes = range(self.track.lane_count(self.station))
+        there = [k for k in lanes if self.track.lane_exists(k, self.station)] or [self.lane]
+        center = self.track.lane_offset
+        return min(there, key=lambda k: abs(float(center(k, self.station)) - offset))
+
     def _move(self, distance: float) -> None:
-        """Advances its station by a way at its offset."""
-        curvature = float(self.track.evaluate(self.station).curvature)
+        """Advances its station by a way at its offset, with the curvature in the middle of it."""
+        curvature = float(self.track.evaluate(self.station + 0.5 * distance).curvature)
         self.station += distance / max(1.0 - curvature * self.offset, 0.2)
 
     def _follow_course(self) -> None:

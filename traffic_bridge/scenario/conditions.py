@@ -226,8 +226,8 @@ class Condition:
         speed of `to` minus that of `of`; "distance" is in the plane, between the centers.
       above, below, equals: the value is compared with one or both limits, or with one number.
       of: "truck", a role of `ROLES`, or the id of a vehicle; to: the second body of the measure.
-      point: x and y of the map [m], instead of `to` of a "distance": the least one since the last
-        step of the traffic.
+      point: x and y of the map [m], instead of `to` of a "distance": from the middle of the front
+        bumper, or `back` behind it [m], and the least one since the last step of the traffic.
       event: name of an event, instead of a measure; state: that it has reached, of `STATES`.
       variable: name of a variable, instead of a measure, see `actions.SetValue`: its number is
         compared, or with `text` its text.
@@ -249,6 +249,7 @@ class Condition:
     of: str = TRUCK
     to: str | None = None
     point: tuple[float, float] | None = None
+    back: float = 0.0
     event: str | None = None
     variable: str | None = None
     text: str | None = None
@@ -299,6 +300,7 @@ class Condition:
             raise InputError(f"when: freespace = {shown(self.freespace)}: allowed are true, false")
         needed = MEASURES[one_of("when: measure", self.measure, MEASURES)].bodies
         _name("when: of", self.of)
+        in_range("when: back", self.back, -100.0, 100.0, "m")
         if self.point is not None:
             if self.measure != "distance" or self.to is not None:
                 raise InputError("when: point is for the measure distance, instead of `to`")
@@ -334,7 +336,7 @@ class Condition:
             return found_value if isinstance(found_value, float) else math.nan
         if self.point is not None:
             body = situation.find(self.of)
-            return math.nan if body is None else _passed(body, self.point, situation.step)
+            return math.nan if body is None else _passed(body, self, situation.step)
         measure = MEASURES[str(self.measure)]
         if measure.bodies == 0:
             return situation.time
@@ -363,10 +365,13 @@ def point_of(what: str, value: Any, *sizes: int) -> tuple[float, ...]:
     return tuple(float(number) for number in value)
 
 
-def _passed(body: Body, point: tuple[float, float], step: float) -> float:
-    """Least distance of a body's reference point to a point within the last step [m]."""
+def _passed(body: Body, condition: Condition, step: float) -> float:
+    """Least distance of a body's front, or behind it, to a point within the last step [m]."""
+    assert condition.point is not None
+    x, y = condition.point
     cosine, sine = math.cos(body.yaw), math.sin(body.yaw)
-    dx, dy = point[0] - body.x, point[1] - body.y
+    ahead = body.reach - condition.back
+    dx, dy = x - body.x - ahead * cosine, y - body.y - ahead * sine
     behind = -(dx * cosine + dy * sine)
     back = min(max(behind, 0.0), max(body.speed, 0.0) * step)
     return math.hypot(dx + back * cosine, dy + back * sine)

@@ -102,6 +102,24 @@ class Node:
             return self._value(text[1:])
         return text
 
+    def has(self, name: str) -> bool:
+        """Whether it has an attribute."""
+        return name in self.element.attrib
+
+    def value(self, name: str) -> float | str:
+        """Returns an attribute as a number if it is a finite one, else as text."""
+        text = self.get(name)
+        try:
+            value = float(text)
+        except ValueError:
+            return text
+        return value if math.isfinite(value) else text
+
+    def all(self, tag: str) -> Iterator[Node]:
+        """Yields all elements below with a tag."""
+        for element in self.element.iter(tag):
+            yield Node(self.path, element, self.lines, self.scope)
+
     def number(
         self, name: str, default: float | None = None, low: float = -1e8, high: float = 1e8
     ) -> float:
@@ -176,6 +194,7 @@ class Catalogs:
     """The catalogs of a scenario; files are read when an entry of them is needed."""
 
     def __init__(self, root: Node) -> None:
+        self._scope = root.scope
         self._folders: list[Path] = []
         locations = root.find("CatalogLocations")
         for location in () if locations is None else locations:
@@ -204,7 +223,9 @@ class Catalogs:
                 node.fail(f"{folder} has more than {CATALOG_FILES_MAX} catalogs")
             for path in paths:
                 if path not in self._read:
-                    self._read[path] = read_root(path)
+                    read = read_root(path)
+                    # An entry may also use the parameters of the scenario.
+                    self._read[path] = Node(path, read.element, read.lines, self._scope)
                 found = self._read[path].find("Catalog")
                 if found is not None and found.element.get("name") == name:
                     yield found

@@ -292,7 +292,9 @@ class Scenario:
         else:
             station = truck.rear + event.gap - 0.5 * length  # type: ignore
         inside = 0.5 * length < station < track.length - 0.5 * length
-        if not inside or lane < 0 or not track.lane_exists(lane, station):
+        if event.along is not None:  # the rear may still be before the beginning of its road
+            inside = 0.0 <= event.station < track.length  # type: ignore[operator]
+        if not inside or lane < 0 or not track.lane_exists(lane, max(station, 0.0)):
             return None
         offset = float(track.lane_offset(lane, station)) + (event.offset or 0.0)
         return self._appear(event, track, (station, offset), lane, situation, speed, size)

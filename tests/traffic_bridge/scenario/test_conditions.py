@@ -190,11 +190,11 @@ def test_a_variable_is_compared_as_a_number_or_a_text():
 
 
 def test_a_point_is_passed_also_between_two_steps():
-    # The truck has come from 498 m to 500 m within the last step.
+    # The point of the truck 1.4 m behind its front has come from 498 m to 500 m in the last step.
     now = dataclasses.replace(situation(), step=0.1)
     for station, expected in ((500.0, 0.0), (499.1, 0.0), (498.0, 0.0), (497.0, 1.0), (501.0, 1.0)):
         point = (station, now.ego.y)
-        found = Condition(measure="distance", point=point, below=9.0).value(now)
+        found = Condition(measure="distance", point=point, back=1.4, below=9.0).value(now)
         assert found == pytest.approx(expected, abs=1e-9), station
 
 

@@ -1,0 +1,229 @@
+"""Positions, routes and trajectories of OpenSCENARIO files on the roads of a map."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from iits_mj.core.angles import wrap_angle
+from iits_mj.core.errors import InputError, MapError
+from iits_mj.road import RoadMap, Route
+from iits_mj.road.road_frames import RoadFrames
+from traffic_bridge.scenario.openscenario_file import Catalogs, Node
+
+NEAR = 1.0  # [m]: a position that is farther from a road is not on it
+SPACING = 2.0  # [m] between the points of a way along a lane
+STRAIGHT_ON = 100.0  # [m] that a road user can go who faces across its road
+LANEWISE = 0.7  # cosine of the angle to the road of one who goes along it
+
+Point = tuple[float, float, float]
+
+
+class Pose(NamedTuple):
+    """A place on the map: x, y, z [m], heading [rad]; road, s and t [m], "" where no road is."""
+
+    x: float
+    y: float
+    z: float
+    heading: float
+    road: str = ""
+    s: float = 0.0
+    t: float = 0.0
+
+    def ahead(self, way: float) -> Pose:
+        """Returns the place straight ahead by a way [m]."""
+        x = self.x + way * math.cos(self.heading)
+        return self._replace(x=x, y=self.y + way * math.sin(self.heading))
+
+
+class Places:
+    """The positions of a file on a map.
+
+    Args:
+      road_map: the map.
+      catalogs: of the file.
+    """
+
+    def __init__(self, road_map: RoadMap, catalogs: Catalogs) -> None:
+        self.frames = RoadFrames(road_map)
+        self._map, self._catalogs = road_map, catalogs
+        self._routes: dict[str, Route] = {}
+
+    def along(self, words: str, node: Node) -> Route:
+        """Returns the road in the words of `route_choice`; errors name the node."""
+        if words not in self._routes:
+            try:
+                self._routes[words] = self._map.route(along=words)
+            except (InputError, MapError) as error:
+                node.fail(str(error))
+        return self._routes[words]
+
+    def pose(self, node: Node) -> Pose:
+        """Returns the place of a position that does not depend on a road user.
+
+        It faces along its lane, unless it has an orientation.
+        """
+        if node.tag == "WorldPosition":
+            x, y = node.number("x"), node.number("y")
+            return self._under(x, y, node.number("h", 0.0), node)
+        if node.tag == "RoutePosition":
+            return self._on_route(node)
+        if node.tag not in ("LanePosition", "RoadPosition"):
+            node.refuse()
+        road, s = node.get("roadId"), node.number("s")
+        if road not in self._map.roads:
+            node.fail(f"the map has no road {road!r}")
+        frame = self.frames[road]
+        if not 0.0 <= s <= frame.length:
+            node.fail(f"s = {s:g} m: road {road!r} has 0 to {frame.length:.1f} m")
+        sense = 1
+        if node.tag == "RoadPosition":
+            t = node.number("t")
+        else:
+            lane = self.lane(node, road, s, round(node.number("laneId")))
+            sense = frame.road.travel(lane)
+            t = frame.center_at(lane, s) + node.number("offset", 0.0)
+        return self._turned(self.at(road, s, t, sense), node)
+
+    def at(self, road: str, s: float, t: float, sense: int = 1) -> Pose:
+        """Returns the place at (s, t) of a road [m], facing along s or, with -1, against it."""
+        point = self.frames[road].surface(np.array([s]), np.array([t]))
+        heading = float(point.heading[0]) + (math.pi if sense < 0 else 0.0)
+        x, y, z = float(point.x[0]), float(point.y[0]), float(point.z[0])
+        return Pose(x, y, z, wrap_angle(heading), road, s, t)
+
+    def lane(self, node: Node, road: str, s: float, lane: int) -> int:
+        """Returns a lane; errors name the node if the road does not have it."""
+        if not self.frames[road].kind(s, lane):
+            node.fail(f"road {road!r} has no lane {lane} at s = {s:g} m")
+        return lane
+
+    def driving_lane(self, pose: Pose) -> str:
+        """Returns the driving lane that leads where a pose faces, as ROAD_LANE; "": none there."""
+        if not pose.road:
+            return ""
+        frame = self.frames[pose.road]
+        section = frame.road.sections[frame.section(pose.s)]
+        found = [
+            (max(low - pose.t, pose.t - high, 0.0), lane)
+            for lane, low, high in frame.lanes(pose.s)
+            if (record := section.lane(lane)) is not None and record.is_driving
+        ]
+        outside, lane = min(found, default=(math.inf, 0))
+        if outside > NEAR:
+            return ""
+        along = self.at(pose.road, pose.s, pose.t, frame.road.travel(lane)).heading
+        return f"{pose.road}_{lane}" if math.cos(pose.heading - along) > 0.0 else ""
+
+    def waypoints(self, route: Node) -> list[Node]:
+        """Returns the positions of the waypoints of a route, or of the catalog's one."""
+        found = self._catalogs.resolve(route)
+        if found.tag != "Route" or found.get("closed", "false") == "true":
+            found.fail("is no open route")
+        points = list(found.only("ParameterDeclarations", "Waypoint"))
+        return [next(iter(p.child("Position"))) for p in points if p.tag == "Waypoint"]
+
+    def lane_name(self, position: Node) -> str:
+        """Returns the driving lane of a position, as ROAD_LANE."""
+        name = self.driving_lane(self.pose(position))
+        if not name:
+            position.fail("the position is on no driving lane")
+        return name
+
+    def way_on(self, pose: Pose, heading: float) -> list[Point]:
+        """Returns points on the way on from a pose: beside the road to its end, or straight on.
+
+        Args:
+          pose: the beginning, which is not among the points.
+          heading: of the road user there [rad].
+        """
+        forward = math.cos(heading - self.at(pose.road, pose.s, pose.t).heading) if pose.road else 0
+        if abs(forward) < LANEWISE:
+            end = pose._replace(heading=heading).ahead(STRAIGHT_ON)
+            return [(end.x, end.y, end.z)]
+        end_s = self.frames[pose.road].length if forward > 0.0 else 0.0
+        count = math.ceil(abs(end_s - pose.s) / SPACING)
+        stations = np.linspace(pose.s, end_s, count + 1)[1:]
+        if not count:
+            return self.way_on(pose._replace(road=""), heading)
+        frame = self.frames[pose.road]
+        lane = next(
+            (lane for lane, low, high in frame.lanes(pose.s) if low <= pose.t <= high), None
+        )
+        points = []
+        for s in stations.tolist():
+            t = pose.t
+            if lane is not None and frame.kind(s, lane):
+                t += frame.center_at(lane, s) - frame.center_at(lane, pose.s)
+            place = self.at(pose.road, s, t)
+            points.append((place.x, place.y, place.z))
+        return points
+
+    def _on_route(self, node: Node) -> Pose:
+        """The place of a RoutePosition."""
+        points = self.waypoints(next(iter(node.child("RouteRef"))))
+        first = self.pose(points[0])
+        place = next(iter(node.child("InRoutePosition")))
+        if place.tag not in ("FromLaneCoordinates", "FromRoadCoordinates"):
+            place.refuse()
+        route = self.along(words_of([self.lane_name(each) for each in points]), node)
+        station = route.locate(first.x, first.y)[0] + place.number("pathS", low=0.0)
+        if station > route.length:
+            place.fail(f"pathS ends behind the route of {route.length:.1f} m")
+        road, s, direction = road_at(route, station)
+        if place.tag == "FromRoadCoordinates":
+            pose = self.at(road, s, place.number("t"), direction)
+        else:
+            lane = self.lane(place, road, s, round(place.number("laneId")))
+            t = self.frames[road].center_at(lane, s) + place.number("laneOffset", 0.0)
+            pose = self.at(road, s, t, direction)
+        return self._turned(pose, node)
+
+    def _under(self, x: float, y: float, heading: float, node: Node) -> Pose:
+        """The place of a point; on the road whose direction is nearest to the heading."""
+        best, found = math.inf, Pose(x, y, node.number("z", 0.0), heading)
+        for road in self._map.roads:
+            s, t = self.frames[road].locate(x, y)
+            if not 0.0 <= s <= self.frames[road].length:
+                continue
+            spans = [(low, high) for _, low, high in self.frames[road].lanes(s)]
+            place = self.at(road, s, t)
+            outside = min((max(low - t, t - high, 0.0) for low, high in spans), default=math.inf)
+            if outside > NEAR or math.hypot(place.x - x, place.y - y) > 0.1:
+                continue
+            turn = outside + abs(math.sin(heading - place.heading))
+            if turn < best - 1e-6:
+                best, found = turn, place._replace(heading=heading)
+        return found
+
+    def _turned(self, pose: Pose, node: Node) -> Pose:
+        """A pose with the orientation of its node."""
+        turn = node.find("Orientation")
+        if turn is None:
+            return pose
+        own = turn.number("h", 0.0)
+        relative = turn.get("type", "absolute") == "relative"
+        return pose._replace(heading=wrap_angle(own + (pose.heading if relative else 0.0)))
+
+
+def words_of(lanes: Sequence[str]) -> str:
+    """Returns the words of `route_choice` for a way over lanes ROAD_LANE."""
+    names: list[str] = []
+    for name in lanes:
+        if not names or names[-1].rpartition("_")[0] != name.rpartition("_")[0]:
+            names.append(name)
+    return f"turns:{names[0]}" if len(names) == 1 else f"roads:{','.join(names)}"
+
+
+def road_at(route: Route, station: float) -> tuple[str, float, int]:
+    """Returns road, s [m] and direction of travel at a station of a route."""
+    segment = max(
+        (each for each in route.segments if each.station_start <= station),
+        key=lambda each: each.station_start,
+        default=route.segments[0],
+    )
+    s = segment.s_start + segment.direction * (station - segment.station_start)
+    return segment.road_id, s, segment.direction
