@@ -138,12 +138,15 @@ def read_signals(
 ) -> RoadSignals:
     """Returns the next light (or the one just passed) and the changed limits near the truck.
 
-    Without traffic, or without events in it, there are none.
+    Without traffic, or without events in it, there are none. Without SUMO the lights are those
+    whose states the events set.
     """
     signals = None if traffic is None else traffic.signal_controller()
-    if signals is None:
-        return RoadSignals()
     front = ego.station + footprint.front_overhang
+    if signals is None:
+        scenario = None if traffic is None else traffic.running_scenario()
+        shown = None if scenario is None else scenario.light_ahead(front - BEHIND)
+        return RoadSignals() if shown is None else RoadSignals(_light_message(shown))
     light = signals.light_ahead(front - BEHIND)
     lane = int(route.lane_at(ego.station, ego.offset))
     own = signals.light_ahead(front - BEHIND, lane) if light is not None and lane >= 0 else None

@@ -19,7 +19,7 @@ from iits_mj.simulation.conflicts import (
 from tests.paths import ROOT
 from traffic_bridge.scenario.conditions import Body
 
-BODY = Body("a", 100.0, 95.0, 0.0, 2.0, 0, 20.0, 20.0, 0.0, 0.0, 0.0)
+BODY = Body("a", 100.0, 95.0, 0.0, 2.0, 0, 20.0, 20.0, 0.0, 0.0, 0.0, 0.0, 2.5)
 
 
 def test_drac_stops_the_closing_exactly_at_contact():

@@ -24,6 +24,7 @@ from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
 
 TRUCK = "truck"
+SIGNAL = "signal "  # begins the variables that are the states of the map's lights
 # Neighbors of the truck by role: lanes to the left of the truck's own, and whether it is ahead.
 ROLES: dict[str, tuple[int, bool]] = {
     "leader": (0, True),

@@ -22,7 +22,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint
 from iits_mj.road import RoadMap, Route
 from traffic_bridge.scenario.actors import REST
-from traffic_bridge.scenario.conditions import ROLES, TRUCK
+from traffic_bridge.scenario.conditions import ROLES, SIGNAL, TRUCK
 from traffic_bridge.scenario.openscenario_file import Catalogs, Node, read_root
 from traffic_bridge.scenario.openscenario_places import Places, Pose, road_at, words_of
 from traffic_bridge.scenario.reading import event_of
@@ -621,7 +621,7 @@ class OpenScenario:
             signal.refuse()
         return {
             "event": "set_value",
-            "variable": f"signal {signal.get('name')}",
+            "variable": f"{SIGNAL}{signal.get('name')}",
             "value": signal.get("state"),
         }
 
@@ -896,7 +896,7 @@ class OpenScenario:
         if node.tag in references:
             name = node.get(references[node.tag])
             if node.tag == "TrafficSignalCondition":
-                return [[base | {"variable": f"signal {name}", "text": node.get("state")}]]
+                return [[base | {"variable": f"{SIGNAL}{name}", "text": node.get("state")}]]
             self._declare(node, name)
             if isinstance(node.value("value"), str):
                 if node.get("rule") != "equalTo":

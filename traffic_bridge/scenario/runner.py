@@ -11,6 +11,7 @@ from iits_mj.core.messages import EgoState, TrackedVehicle
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
+from traffic_bridge.network.stop_lines import VEHICLE_LIGHTS
 from traffic_bridge.overrides import Undo
 from traffic_bridge.scenario.actions import (
     ChangeLane,
@@ -43,6 +44,7 @@ from traffic_bridge.scenario.actors import (
 )
 from traffic_bridge.scenario.conditions import (
     ROUNDING,
+    SIGNAL,
     TRUCK,
     Body,
     Situation,
@@ -52,9 +54,11 @@ from traffic_bridge.scenario.conditions import (
 from traffic_bridge.scenario.maneuvers import begin, follow, synchronize, target_lane
 from traffic_bridge.scenario.paths import Path, points_on_route
 from traffic_bridge.signals.events import Event
+from traffic_bridge.signals.lights import LightAhead
 from traffic_bridge.vehicles.idm import IdmParameters
 from traffic_bridge.vehicles.types import road_user_types
 
+COLORS = ("red", "yellow", "green")  # lamps of a light from the top
 CLEAR = 1.0  # [m] before and behind a vehicle that appears
 CARGO = "obstacle"  # type of a lost load
 
@@ -140,6 +144,23 @@ class Scenario:
     def truck_events(self) -> list[EventRecord]:
         """The events of the truck's world and parts that have begun and not ended."""
         return [r for r in self.records if isinstance(r.event, TruckEvent) and r.ended is None]
+
+    def light_ahead(self, station: float) -> LightAhead | None:
+        """Returns the next light of the map at or after a station [m] whose state events have set.
+
+        It is the variable "signal ID": the lamps from the top, such as "on;off;off", or "red",
+        "yellow" or "green".
+        """
+        if self._last is None:
+            return None
+        for found in self._route.signals:
+            signal = found.signal
+            state = self._last.values.get(f"{SIGNAL}{signal.id}")
+            letter = _lamp(state) if signal.kind in VEHICLE_LIGHTS else None
+            if letter is not None and found.station >= station:
+                lane = self._route.lane_at(found.station, found.offset)
+                return LightAhead(signal.id, 0, letter, found.station, lane, None, None)
+        return None
 
     @property
     def faults(self) -> list[Fault]:
@@ -485,6 +506,15 @@ class Scenario:
             box.plan_shift(lambda _: shift, math.inf)
             running.plans = [box.speed_plan]  # type: ignore[list-item]
         return running
+
+
+def _lamp(state: float | str | None) -> str | None:
+    """The letter of a light of three lamps; None where no lamp is known to burn."""
+    lamps = str(state).lower().split(";")
+    if len(lamps) == len(COLORS) and "on" in lamps:
+        # Of red and yellow together the upper one counts.
+        return COLORS[lamps.index("on")][0]
+    return lamps[0][0] if lamps[0] in COLORS else None
 
 
 def is_of_scenario(event: Event) -> bool:
