@@ -75,16 +75,17 @@ def placed(start: Start, route: Route, footprint: EgoFootprint) -> Start:
     """Returns the configuration with a start that fits the route.
 
     On a route that is too short for the default station the drive starts as early as possible. If
-    the route is hardly longer than the truck, the trailer starts before it, where its plane
-    continues.
+    the route is hardly longer than the truck, or the start is given so, the trailer starts before
+    the route, where its plane continues.
 
     Raises:
       InputError: the start is not on the route, its lane does not exist there, or the route is too
         short; the message has the allowed values.
     """
     first, last = footprint.length, route.length - END_MARGIN - _ROOM
+    earliest = footprint.length - footprint.front_overhang - LEAVE_MARGIN + _SHORTEST
     if last < first:
-        first = footprint.length - footprint.front_overhang - LEAVE_MARGIN + _SHORTEST
+        first = earliest
         last = route.length - END_MARGIN - footprint.front_overhang - _SHORTEST
     if last < first:
         raise InputError(
@@ -102,10 +103,10 @@ def placed(start: Start, route: Route, footprint: EgoFootprint) -> Start:
                 f"the route is {route.length:.0f} m long: the start is at station {station:.1f} m"
             )
         start = dataclasses.replace(start, start_station=station)
-    if not first <= station <= last:
+    if not earliest <= station <= last:
         raise InputError(
             f"start-station {station:g} m is not on the route; use "
-            f"{first:.0f} to {last:.0f} m of its {route.length:.0f} m"
+            f"{math.ceil(earliest)} to {last:.0f} m of its {route.length:.0f} m"
         )
     lanes = route.lane_count(station)
     if not 0 <= start.start_lane < lanes:
