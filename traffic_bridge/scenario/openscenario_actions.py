@@ -1,0 +1,386 @@
+"""The actions of OpenSCENARIO files, and the starts of their entities, as events."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from iits_mj.core.angles import wrap_angle
+from iits_mj.core.errors import InputError
+from traffic_bridge.scenario.conditions import SIGNAL, TRUCK
+from traffic_bridge.scenario.openscenario_entities import (
+    ROUTES,
+    SAME,
+    Entities,
+    Entity,
+    Spot,
+    Values,
+    on,
+    polyline,
+)
+from traffic_bridge.scenario.openscenario_file import Node
+from traffic_bridge.scenario.openscenario_places import Pose, road_at, words_of
+from traffic_bridge.scenario.reading import event_of
+from traffic_bridge.signals.events import Event
+
+# Mean over greatest rate of the shapes of a change.
+MEANS = {"linear": 1.0, "sinusoidal": 2.0 / math.pi, "cubic": 2.0 / 3.0}
+SHORTEST = 0.1  # [s] of a change to the side
+
+AnyGroups = list[list[Values]]  # one must hold; of a group all conditions
+
+
+class Actions:
+    """Makes events of actions.
+
+    Args:
+      entities: of the file.
+      new_name: returns a name like a wanted one that no other event has.
+    """
+
+    def __init__(self, entities: Entities, new_name: Callable[[str], str]) -> None:
+        self._entities = entities
+        # The same names each time.
+        self._new_name = functools.cache(new_name)
+
+    def placed(self, name: str, entity: Entity) -> Iterator[Event]:
+        """Yields an entity at its start, with what it does from there."""
+        node = self._entities.start(name)
+        values = {
+            "event": "place_vehicle",
+            "name": name,
+            "speed": self._entities.speed(name),
+            "type": entity.type,
+            "reactive": False,
+            **entity.size,
+        }
+        spot = self._entities.spot(name)
+        if entity.walks or math.isnan(spot.offset):
+            yield scenario_event(node, values | self._standing(entity, self._entities.pose(name)))
+        else:
+            yield scenario_event(node, values | self._driving(entity, spot, node))
+        speed = self._entities.speeds.get(name)
+        if (
+            speed is not None
+            and next(iter(speed.child("SpeedActionTarget"))).get("continuous", "false") == "true"
+        ):
+            made = {"name": self._new_name(f"speed of {name}"), "actor": name}
+            yield scenario_event(speed, made | self._change_speed(speed))
+        if name in self._entities.trajectories:
+            action = self._entities.trajectories[name]
+            made = {"name": self._new_name(f"trajectory of {name}"), "actor": name}
+            yield scenario_event(action, made | self._trajectory(action, entity, at_start=True))
+
+    def _driving(self, entity: Entity, spot: Spot, node: Node) -> Values:
+        """The place of a vehicle on a road."""
+        track = self._entities.track(spot, node)
+        front = spot.station + entity.front
+        center = front - 0.5 * float(entity.size["length"])
+        lane = min(
+            (k for k in range(track.lane_count(center)) if track.lane_exists(k, center)),
+            key=lambda k: abs(float(track.lane_offset(k, center)) - spot.offset),
+        )
+        shift = spot.offset - float(track.lane_offset(lane, center))
+        return {
+            "station": front,
+            "lane": lane,
+            **({"offset": shift} if abs(shift) > 0.01 else {}),
+            **({"along": spot.along} if spot.along is not None else {}),
+        }
+
+    def _standing(self, entity: Entity, pose: Pose) -> Values:
+        """The way of a road user that is on no road or walks: on beside the road, or straight."""
+        center = pose.ahead(entity.center)
+        on = self._entities.places.way_on(center, pose.heading)
+        return {"points": _points([(center.x, center.y, center.z), *on]), "stays": entity.walks}
+
+    def _trajectory(self, action: Node, entity: Entity, at_start: bool = False) -> Values:
+        """The event of a FollowTrajectoryAction."""
+        if action.number("initialDistanceOffset", 0.0) != 0.0:
+            action.fail("initialDistanceOffset is not read")
+        vertices = list(polyline(action, self._entities.catalogs))
+        pose_of = self._entities.places.pose
+        poses = [pose_of(next(iter(each.child("Position")))) for each in vertices]
+        times = _times(action, vertices, at_start)
+        if times is None:  # places that follow each other twice add nothing
+            apart = [
+                k == 0 or math.dist(each[:2], poses[k - 1][:2]) > SAME
+                for k, each in enumerate(poses)
+            ]
+            poses = list(itertools.compress(poses, apart))
+        if len(poses) < 2:
+            action.fail("a trajectory needs two places")
+        centers = []
+        for before, pose, after in zip(
+            [poses[0], *poses[:-1]], poses, [*poses[1:], poses[-1]], strict=True
+        ):
+            heading = math.atan2(after.y - before.y, after.x - before.x)
+            centers.append(pose._replace(heading=heading).ahead(entity.center))
+        last = centers[-1]
+        points = [(each.x, each.y, each.z) for each in centers]
+        values: Values = {"event": "follow_path", "goal": len(points) - 1, "stays": entity.walks}
+        if entity.walks or on(self._entities.route, last) is None:
+            points.extend(self._entities.places.way_on(poses[-1], last.heading))
+        return values | {"points": _points(points)} | ({} if times is None else {"times": times})
+
+    def of_start(self, action: Node) -> Iterator[Event]:
+        """Yields the friction and the wind of an environment, or the new value of a variable."""
+        kind = next(iter(action))
+        if kind.tag != "EnvironmentAction":
+            yield scenario_event(kind, self._set_value(kind))
+            return
+        node = self._entities.catalogs.resolve(next(iter(kind)))
+        node.only("ParameterDeclarations", "TimeOfDay", "Weather", "RoadCondition")
+        road, weather = node.find("RoadCondition"), node.find("Weather")
+        start = self._entities.spot(self._entities.ego)
+        route = self._entities.route
+        if road is not None:
+            friction = route.friction(start.station, start.offset)
+            friction *= road.number("frictionScaleFactor")
+            yield scenario_event(road, {"event": "friction", "friction": friction})
+        wind = None if weather is None else weather.find("Wind")
+        if wind is not None:
+            # The file has where it blows to, from the map's x axis.
+            heading = float(route.heading(np.array(start.station)))
+            origin = wrap_angle(wind.number("direction") + math.pi - heading)
+            values = {"event": "wind", "shape": "steady", "speed": wind.number("speed")}
+            yield scenario_event(wind, {**values, "direction": math.degrees(origin)})
+
+    def _set_value(self, kind: Node) -> Values:
+        """The event of an action on a parameter, a variable or a traffic signal."""
+        if kind.tag in ("ParameterAction", "VariableAction"):
+            name = kind.get("parameterRef" if kind.tag == "ParameterAction" else "variableRef")
+            action = next(iter(kind))
+            if action.tag != "SetAction":
+                action.refuse()
+            return {"event": "set_value", "variable": name, "value": action.value("value")}
+        if kind.tag != "InfrastructureAction":
+            kind.refuse()
+        signal = next(iter(kind.child("TrafficSignalAction")))
+        if signal.tag != "TrafficSignalStateAction":
+            signal.refuse()
+        return {
+            "event": "set_value",
+            "variable": f"{SIGNAL}{signal.get('name')}",
+            "value": signal.get("state"),
+        }
+
+    def values(self, node: Node, name: str, actor: str) -> Values:
+        """Returns the event of an action for one actor, "" for none, with its name."""
+        values: Values = {"name": name}
+        if not actor:
+            return values | self._set_value(next(iter(node.child("GlobalAction"))))
+        values["actor"] = actor
+        kind = next(iter(node.child("PrivateAction")))
+        if kind.tag == "SynchronizeAction":
+            return values | self._synchronize(kind, actor)
+        if kind.tag not in ("LongitudinalAction", "LateralAction", "RoutingAction"):
+            next(iter(kind), kind).refuse()
+        action = next(iter(kind))
+        if action.tag == "LongitudinalDistanceAction":
+            return values | self._keep_distance(action)
+        if action.tag == "FollowTrajectoryAction":
+            return values | self._trajectory(action, self._entities.members[actor])
+        if action.tag in ROUTES:
+            lane = self._entities.places.driving_lane(self._entities.pose(actor))
+            if not lane:
+                action.fail("the entity does not start in a driving lane")
+            words = words_of([lane, *self._entities.waypoints(action)])
+            self._entities.places.along(words, action)
+            return values | {"event": "follow_path", "along": words}
+        if action.tag == "SpeedAction":
+            return values | self._change_speed(action)
+        if action.tag == "LaneChangeAction":
+            return values | self._change_lane(action, actor)
+        if action.tag == "LaneOffsetAction":
+            return values | _change_offset(action)
+        return action.refuse()
+
+    def _change_speed(self, action: Node) -> Values:
+        values: Values = {"event": "change_speed"}
+        dynamics = action.child("SpeedActionDynamics")
+        shape, dimension = dynamics.get("dynamicsShape"), dynamics.get("dynamicsDimension")
+        values["shape"] = shape
+        if shape != "step" and dimension == "time":
+            values["time"] = dynamics.number("value")
+        elif shape != "step" and shape in MEANS and dimension == "rate":
+            values["acceleration"] = MEANS[shape] * abs(dynamics.number("value"))
+        elif shape != "step":
+            dynamics.fail(f"{shape} over {dimension} is not read: time or rate")
+        target = next(iter(action.child("SpeedActionTarget")))
+        if target.tag == "AbsoluteTargetSpeed":
+            return values | {"speed": target.number("value")}
+        if target.tag != "RelativeTargetSpeed":
+            target.refuse()
+        factor = target.get("speedTargetValueType") == "factor"
+        return values | {
+            "to": self._entities.body(target),
+            "speed_factor" if factor else "speed_difference": target.number("value"),
+            "continuous": target.get("continuous") == "true",
+        }
+
+    def _change_lane(self, action: Node, actor: str) -> Values:
+        if float(action.get("targetLaneOffset", "0")) != 0.0:
+            action.fail("targetLaneOffset is not read")
+        dynamics = action.child("LaneChangeActionDynamics")
+        values = {"event": "change_lane", **_lateral(dynamics)}
+        target = next(iter(action.child("LaneChangeTarget")))
+        if target.tag == "RelativeTargetLane":
+            return values | self._relative_lane(target, actor)
+        spot = self._entities.spot(actor)
+        if math.isnan(spot.offset):
+            target.fail("the entity is on no road")
+        track = self._entities.track(spot, target)
+        road, s, _ = road_at(track, spot.station)
+        places = self._entities.places
+        lane = places.lane(target, road, s, round(target.number("value")))
+        place = places.at(road, s, places.frames[road].center_at(lane, s))
+        at, offset = track.locate(place.x, place.y, spot.station)
+        if (found := track.lane_at(at, offset)) < 0:
+            # A lane of the other direction: as far beside its own one.
+            own = float(track.lane_offset(track.lane_at(spot.station, spot.offset), spot.station))
+            return values | {"event": "swerve", "offset": offset - own, "back": False}
+        return values | {"lane": found}
+
+    def _relative_lane(self, target: Node, actor: str) -> Values:
+        """The target of a lane change relative to a road user.
+
+        Beyond the lanes of its own direction it is a distance to the center of the next lanes.
+        """
+        count = round(target.number("value"))
+        values: Values = {"to": self._entities.body(target), "relative_lane": count}
+        spot = self._entities.spot(actor)
+        if values["to"] != actor or math.isnan(spot.offset):
+            return values
+        track = self._entities.track(spot, target)
+        lane = track.lane_at(spot.station, spot.offset)
+        if lane < 0 or track.lane_exists(lane + count, spot.station):
+            return values
+        road, s, direction = road_at(track, spot.station)
+        frame = self._entities.places.frames[road]
+        centers = sorted(direction * 0.5 * (low + high) for _, low, high in frame.lanes(s))
+        point = track.evaluate(spot.station, spot.offset)
+        own = frame.locate(float(point.x), float(point.y), s)[1]
+        index = min(range(len(centers)), key=lambda k: abs(centers[k] - direction * own)) + count
+        if not 0 <= index < len(centers):
+            target.fail(f"there is no lane {count:+d} beside that of {actor}")
+        return {
+            "event": "swerve",
+            "offset": centers[index] - centers[index - count],
+            "back": False,
+        }
+
+    def _synchronize(self, action: Node, actor: str) -> Values:
+        master = self._entities.reference(action, "masterEntityRef")
+        stations = {}
+        for key, name, child in (
+            ("station", actor, "TargetPosition"),
+            ("to_station", master, "TargetPositionMaster"),
+        ):
+            spot = self._entities.spot(name)
+            if math.isnan(spot.offset):
+                action.fail(f"{name} is on no road")
+            track = self._entities.track(spot, action)
+            at = self._entities.station(next(iter(action.child(child))), track)
+            stations[key] = at + self._entities.members[name].front
+        values: Values = {
+            "event": "synchronize",
+            "to": TRUCK if master == self._entities.ego else master,
+            **stations,
+        }
+        tolerances = {"targetTolerance": "tolerance", "targetToleranceMaster": "to_tolerance"}
+        for name, field in tolerances.items():
+            if action.has(name):
+                values[field] = action.number(name)
+        final = action.find("FinalSpeed")
+        if final is not None:
+            speed = next(iter(final.only("AbsoluteSpeed", "RelativeSpeedToMaster")))
+            if any(True for _ in speed):
+                next(iter(speed)).refuse()
+            relative = speed.tag == "RelativeSpeedToMaster"
+            if relative and speed.get("speedTargetValueType") != "delta":
+                speed.fail("speedTargetValueType is not read: delta")
+            values["speed_difference" if relative else "speed"] = speed.number("value")
+        return values
+
+    def _keep_distance(self, action: Node) -> Values:
+        if action.get("displacement", "trailingReferencedEntity") != "trailingReferencedEntity":
+            action.fail("displacement is not read: trailingReferencedEntity")
+        timed = action.has("timeGap")
+        values: Values = {
+            "event": "keep_distance",
+            "to": self._entities.body(action),
+            "time_gap" if timed else "gap": action.number("timeGap" if timed else "distance"),
+            "freespace": action.get("freespace") == "true",
+            "continuous": action.get("continuous") == "true",
+        }
+        limits = action.find("DynamicConstraints")
+        names = {
+            "maxAcceleration": "acceleration",
+            "maxDeceleration": "deceleration",
+            "maxSpeed": "fastest",
+        }
+        for name, field in names.items():
+            if limits is not None and limits.has(name):
+                values[field] = limits.number(name)
+        return values
+
+
+def _times(action: Node, vertices: Sequence[Node], at_start: bool) -> list[float] | None:
+    """Times of the vertices since the beginning of the event [s]; None: it has none."""
+    reference = action.find("TimeReference")
+    timing = None if reference is None else next(iter(reference), None)
+    if timing is None or timing.tag == "None":
+        return None
+    if timing.get("domainAbsoluteRelative") != "relative" and not at_start:
+        timing.fail("absolute times are read in Init only: relative")
+    scale, offset = timing.number("scale"), timing.number("offset")
+    return [scale * each.number("time") + offset for each in vertices]
+
+
+def _points(points: Sequence[tuple[float, float, float]]) -> list[list[float]]:
+    """Points to the millimeter, without those that a straight piece between others has."""
+    table = np.round(np.array(points), 3)
+    return table.tolist()
+
+
+def _lateral(dynamics: Node) -> Values:
+    shape = dynamics.get("dynamicsShape")
+    if shape == "step":
+        return {"shape": "linear", "duration": SHORTEST}
+    if dynamics.get("dynamicsDimension") != "time":
+        dynamics.fail(f"dynamicsDimension {dynamics.get('dynamicsDimension')!r} is not read: time")
+    return {"shape": shape, "duration": max(dynamics.number("value"), SHORTEST)}
+
+
+def _change_offset(action: Node) -> Values:
+    if action.get("continuous", "false") == "true":
+        action.fail("continuous is not read")
+    dynamics = action.child("LaneOffsetActionDynamics")
+    target = next(iter(action.child("LaneOffsetTarget")))
+    if target.tag != "AbsoluteTargetLaneOffset":
+        target.refuse()
+    offset, shape = target.number("value"), dynamics.get("dynamicsShape")
+    # Greatest second derivative of the unit shapes.
+    steepest = {"sinusoidal": 0.5 * math.pi**2, "cubic": 6.0}
+    duration = SHORTEST
+    if shape in steepest:
+        bound = dynamics.number("maxLateralAcc", low=0.01)
+        duration = max(math.sqrt(steepest[shape] * abs(offset) / bound), SHORTEST)
+    elif shape != "step":
+        dynamics.fail(f"dynamicsShape {shape!r} is not read: step, {', '.join(steepest)}")
+    values = {"event": "swerve", "offset": offset, "back": False, "duration": duration}
+    return values | {"shape": shape if shape in steepest else "linear"}
+
+
+def scenario_event(node: Node, values: Mapping[str, Any], groups: AnyGroups | None = None) -> Event:
+    """Returns the event of a mapping that begins on groups of conditions; errors name the node."""
+    try:
+        return event_of({**values, **({"when": groups} if groups else {})})
+    except InputError as error:
+        node.fail(str(error))

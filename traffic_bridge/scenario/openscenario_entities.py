@@ -1,0 +1,390 @@
+"""The entities of OpenSCENARIO files: types, sizes, and their starts on the roads of a map."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from iits_mj.core.angles import wrap_angle
+from iits_mj.core.checks import did_you_mean
+from iits_mj.road import RoadMap, Route
+from traffic_bridge.scenario.conditions import ROLES, TRUCK
+from traffic_bridge.scenario.openscenario_file import Catalogs, Node
+from traffic_bridge.scenario.openscenario_places import Places, Pose, road_at, words_of
+
+EGOS = ("ego", "hero")
+# Types of road users by the vehicle's category in the file.
+CATEGORIES = {
+    "car": "car",
+    "van": "van",
+    "truck": "truck",
+    "bus": "truck",
+    "semitrailer": "articulated",
+    "trailer": "articulated",
+    "motorbike": "bicycle",
+    "bicycle": "bicycle",
+}
+# Elements of the ego that the truck's own driver replaces.
+DRIVERS = ("ControllerAction", "ActivateControllerAction")
+ROUTES = ("AssignRouteAction", "AcquirePositionAction")
+ARTICULATED = 12.0  # [m]: least length of a truck with trailers that has a body of its own
+SAME = 1e-3  # [m], [s]
+
+Values = dict[str, Any]
+
+
+class Entity(NamedTuple):
+    """A road user: type, size with its trailers, and from its reference point to its front [m]."""
+
+    node: Node
+    type: str
+    size: Values
+    front: float
+
+    @property
+    def center(self) -> float:
+        """From its reference point to the center of its box [m]."""
+        return self.front - 0.5 * float(self.size["length"])
+
+    @property
+    def walks(self) -> bool:
+        """Whether it is no vehicle."""
+        return self.type in ("pedestrian", "obstacle")
+
+
+class Spot(NamedTuple):
+    """Station and offset of a reference point [m] on a road, the truck's or in words `along`."""
+
+    station: float
+    offset: float
+    along: str | None = None
+
+
+class Entities:
+    """The entities of a file, on the map of the truck's route.
+
+    Args:
+      root: of the file.
+      init: actions of its start.
+      ego: name of the entity that is the truck; None: the first one named Ego or Hero.
+      map_path: OpenDRIVE file.
+
+    Attributes:
+      members: by name; ego: name of the truck; towed: names of trailers of others.
+      starts, speeds, routes, trajectories: elements of the start, by name.
+      catalogs: of the file.
+    """
+
+    def __init__(self, root: Node, init: Node, ego: str | None, map_path: Path) -> None:
+        self.catalogs, self._map = Catalogs(root), map_path
+        self._route: Route | None = None
+        self._places: Places | None = None
+        self._known: dict[str, Spot] = {}
+        self.starts: dict[str, Node] = {}
+        self.routes: dict[str, Node] = {}
+        self.trajectories: dict[str, Node] = {}
+        self.speeds: dict[str, Node] = {}
+        self.towed: set[str] = set()
+        objects = root.child("Entities").only("ScenarioObject")
+        self.members = {each.get("name"): self._entity(each) for each in objects}
+        for name in list(self.members):
+            self.members[name] = self._with_trailers(name)
+        self.ego = self._ego(objects, ego)
+        for private in init:
+            if private.tag == "Private":
+                self._read_private(private)
+
+    def use(self, route: Route) -> None:
+        """Takes the truck's route, and its map."""
+        if self._route is not route:
+            self._route, self._known = route, {}
+            self._places = Places(route.road_map, self.catalogs)
+
+    @property
+    def route(self) -> Route:
+        """The truck's route."""
+        assert self._route is not None
+        return self._route
+
+    @property
+    def places(self) -> Places:
+        """The positions on the map, that of the file unless a route with another one is in use."""
+        if self._places is None:
+            self._places = Places(RoadMap.from_opendrive(self._map), self.catalogs)
+        return self._places
+
+    @functools.cached_property
+    def ego_words(self) -> str:
+        """The road of the ego in the words of `route_choice`.
+
+        Raises:
+          InputError, MapError: the map of the file cannot be used, or the ego is on none of its
+            driving lanes.
+        """
+        node = self.start(self.ego)
+        if node.tag == "LanePosition" and self.ego not in self.routes:
+            return words_of([f"{node.get('roadId')}_{node.get('laneId')}"])
+        lane = self.places.driving_lane(self.turn_along(self.ego, self.places.pose(node)))
+        if not lane:
+            node.fail("the ego is on no driving lane that leads where it faces")
+        return self.words(self.ego, lane)
+
+    def front(self, name: str) -> float:
+        """Returns the distance from the reference point of an entity, or TRUCK, to its front."""
+        return self.members[self.ego if name == TRUCK else name].front
+
+    def _entity(self, node: Node) -> Entity:
+        node.only("CatalogReference", "Vehicle", "Pedestrian", "MiscObject", "ObjectController")
+        if node.get("name") in (TRUCK, *ROLES):
+            node.fail(f"the name {node.get('name')!r} has another meaning: rename the entity")
+        body = self.catalogs.resolve(next(iter(node)))
+        if body.tag == "Vehicle":
+            category = body.get("vehicleCategory")
+            if category not in CATEGORIES:
+                body.fail(f"vehicleCategory {category!r} is not read: {', '.join(CATEGORIES)}")
+            kind = CATEGORIES[category]
+        elif body.tag in ("Pedestrian", "MiscObject"):
+            kind = "pedestrian" if body.tag == "Pedestrian" else "obstacle"
+        else:
+            body.fail("is no vehicle, pedestrian or object")
+        box = body.child("BoundingBox")
+        size = {n: box.child("Dimensions").number(n) for n in ("length", "width", "height")}
+        front = box.child("Center").number("x") + 0.5 * size["length"]
+        return Entity(node, kind, size, front)
+
+    def _with_trailers(self, name: str) -> Entity:
+        """An entity with the length of its whole combination."""
+        entity = self.members[name]
+        body = self.catalogs.resolve(next(iter(entity.node)))
+        place, rear, towed = 0.0, entity.front - float(entity.size["length"]), False
+        while (trailer := self._trailer(body)) is not None:
+            coupler = trailer.child("TrailerCoupler").number("dx")
+            place += body.child("TrailerHitch").number("dx") - coupler
+            box = trailer.child("BoundingBox")
+            half = 0.5 * box.child("Dimensions").number("length", low=0.1)
+            rear, towed = min(place + box.child("Center").number("x") - half, rear), True
+            body = trailer
+        if not towed:
+            return entity
+        length = entity.front - rear
+        kind = "articulated" if entity.type == "truck" and length >= ARTICULATED else entity.type
+        return entity._replace(type=kind, size=entity.size | {"length": length})
+
+    def _trailer(self, body: Node) -> Node | None:
+        """The vehicle that another one tows, None if it tows none."""
+        found = body.find("Trailer")
+        each = None if found is None else next(iter(found), None)
+        if each is None:
+            return None
+        if each.tag == "Trailer":
+            return self.catalogs.resolve(next(iter(each)))
+        name = each.get("entityRef")
+        if not name:
+            return None
+        self.towed.add(self.reference(each))
+        return self.catalogs.resolve(next(iter(self.members[name].node)))
+
+    def _ego(self, objects: Node, wanted: str | None) -> str:
+        if wanted is not None:
+            if wanted not in self.members:
+                objects.fail(
+                    f"there is no entity {wanted!r}{did_you_mean(wanted, self.members)}; there "
+                    f"are {', '.join(self.members)}"
+                )
+            return wanted
+        for name in self.members:
+            if name.lower() in EGOS:
+                return name
+        names = ", ".join(self.members)
+        return objects.fail(f"no entity is named Ego or Hero; choose one of {names}")
+
+    def _read_private(self, private: Node) -> None:
+        name = self.reference(private)
+        for action in private.only("PrivateAction"):
+            kind = next(iter(action))
+            if kind.tag == "TeleportAction":
+                self.starts[name] = next(iter(kind.child("Position")))
+            elif kind.tag == "LongitudinalAction" and kind.find("SpeedAction") is not None:
+                self.speeds[name] = kind.child("SpeedAction")
+            elif kind.tag == "RoutingAction":
+                routing = next(iter(kind))
+                if routing.tag == "FollowTrajectoryAction":
+                    self.trajectories[name] = routing
+                elif routing.tag in ROUTES:
+                    self.routes[name] = routing
+                else:
+                    routing.refuse()
+            elif kind.tag not in DRIVERS or name != self.ego:
+                next(iter(kind), kind).refuse()
+
+    def reference(self, node: Node, attribute: str = "entityRef") -> str:
+        """Returns the entity to which a node refers."""
+        name = node.get(attribute)
+        if name not in self.members:
+            node.fail(f"there is no entity {name!r}{did_you_mean(name, self.members)}")
+        return name
+
+    def body(self, node: Node, attribute: str = "entityRef") -> str:
+        """Returns the name by which events know an entity."""
+        name = self.reference(node, attribute)
+        return TRUCK if name == self.ego else name
+
+    def start(self, name: str) -> Node:
+        """Returns the position at which an entity starts."""
+        if name in self.starts:
+            return self.starts[name]
+        if name in self.trajectories:
+            vertex = next(iter(polyline(self.trajectories[name], self.catalogs)))
+            return next(iter(vertex.child("Position")))
+        return self.members[name].node.fail("has no TeleportAction in Init")
+
+    def words(self, name: str, lane: str) -> str:
+        """Returns the road of an entity that starts in a lane, in the words of `route_choice`."""
+        routing = self.routes.get(name)
+        return words_of([lane] if routing is None else [lane, *self.waypoints(routing)])
+
+    def waypoints(self, routing: Node) -> list[str]:
+        """Returns the lanes over which an action leads, as ROAD_LANE."""
+        if routing.tag == "AcquirePositionAction":
+            points = [next(iter(routing.child("Position")))]
+        else:
+            points = self.places.waypoints(next(iter(routing)))
+        return [self.places.lane_name(each) for each in points]
+
+    def turn_along(self, name: str, pose: Pose) -> Pose:
+        """Returns a pose with the heading of the trajectory that begins there, if there is one."""
+        if name in self.starts or name not in self.trajectories:
+            return pose
+        vertices = list(polyline(self.trajectories[name], self.catalogs))[:2]
+        ends = [self.places.pose(next(iter(each.child("Position")))) for each in vertices]
+        return pose._replace(heading=math.atan2(ends[1].y - ends[0].y, ends[1].x - ends[0].x))
+
+    def pose(self, name: str) -> Pose:
+        """Returns where the reference point of an entity is at the start, and where it faces."""
+        node = self.start(name)
+        if not node.tag.startswith("Relative"):
+            return self.turn_along(name, self.places.pose(node))
+        spot = self.spot(name)
+        track = self.track(spot, node)
+        road, s, direction = road_at(track, spot.station)
+        point = track.evaluate(spot.station, spot.offset)
+        _, t = self.places.frames[road].locate(float(point.x), float(point.y), s)
+        turn = node.find("Orientation")
+        pose = self.places.at(road, s, t, direction)
+        own = 0.0 if turn is None else turn.number("h", 0.0)
+        absolute = turn is not None and turn.get("type", "absolute") == "absolute"
+        return pose._replace(heading=own if absolute else pose.heading + own)
+
+    def track(self, spot: Spot, node: Node) -> Route:
+        """Returns the road on which a spot is."""
+        return self.route if spot.along is None else self.places.along(spot.along, node)
+
+    def spot(self, name: str) -> Spot:
+        """Returns where the reference point of an entity is at the start, on its own road.
+
+        The offset is NaN where it is on no road that leads where it faces.
+        """
+        if name not in self._known:
+            node = self.start(name)
+            self._known[name] = Spot(math.nan, math.nan)  # marks a reference to itself
+            self._known[name] = self._find_spot(name, node)
+        spot = self._known[name]
+        if math.isnan(spot.station):
+            self.start(name).fail("the position refers to itself")
+        return spot
+
+    def _find_spot(self, name: str, node: Node) -> Spot:
+        if node.tag.startswith("Relative"):
+            return self.relative(node)
+        pose = self.turn_along(name, self.places.pose(node))
+        if name == self.ego or name not in self.routes:
+            if (found := on(self.route, pose)) is not None:
+                return found
+            if name == self.ego:
+                node.fail("the position is not on the route of the truck, or faces against it")
+        lane = self.places.driving_lane(pose)
+        if lane:
+            words = self.words(name, lane)
+            own = on(self.places.along(words, node), pose)
+            if own is not None:
+                return own._replace(along=words)
+        if name in self.routes and not self.members[name].walks:
+            self.routes[name].fail("does not begin in the driving lane in which the entity starts")
+        return Spot(0.0, math.nan)
+
+    def relative(self, node: Node) -> Spot:
+        """Returns the place of a position relative to an entity."""
+        if node.tag not in ("RelativeRoadPosition", "RelativeLanePosition"):
+            node.refuse()
+        other = self.spot(self.reference(node))
+        if math.isnan(other.offset):
+            node.fail("refers to an entity that is on no road")
+        track = self.track(other, node)
+        station = other.station + node.number("ds")
+        if not 0.0 <= station <= track.length:
+            node.fail(f"the position is not on the road of the other one, of {track.length:.1f} m")
+        if node.tag == "RelativeRoadPosition":
+            return other._replace(station=station, offset=other.offset + node.number("dt"))
+        lane = track.lane_at(other.station, other.offset) + round(node.number("dLane"))
+        if not track.lane_exists(lane, station):
+            node.fail("there is no such lane on the route")
+        offset = float(track.lane_offset(lane, station)) + node.number("offset", 0.0)
+        return other._replace(station=station, offset=offset)
+
+    def station(self, node: Node, track: Route) -> float:
+        """Returns the station of a position on a road, the truck's or another one [m]."""
+        if node.tag.startswith("Relative"):
+            spot = self.relative(node)
+            if self.track(spot, node) is track:
+                return spot.station
+        else:
+            pose = self.places.pose(node)
+            found = on(track, pose, facing=False)
+            if found is not None:
+                return found.station
+        return node.fail("the position is not on the road of the entity")
+
+    def speed(self, name: str) -> float:
+        """Returns the speed at the start [m/s]."""
+        action = self.speeds.get(name)
+        if action is None:
+            return 0.0
+        target = next(iter(action.child("SpeedActionTarget")))
+        if target.tag == "AbsoluteTargetSpeed":
+            return target.number("value")
+        if target.tag != "RelativeTargetSpeed":
+            target.refuse()
+        other, value = self.speed(self.reference(target)), target.number("value")
+        return other * value if target.get("speedTargetValueType") == "factor" else other + value
+
+
+def polyline(action: Node, catalogs: Catalogs) -> Iterator[Node]:
+    """Yields the vertices of the trajectory of a FollowTrajectoryAction."""
+    reference = action.find("TrajectoryRef")
+    holder = action if reference is None else reference
+    found = holder.find("Trajectory") or holder.find("CatalogReference")
+    if found is None:
+        action.fail("has no Trajectory")
+    trajectory = catalogs.resolve(found)
+    if trajectory.get("closed", "false") == "true":
+        trajectory.fail("closed trajectories are not read")
+    shape = next(iter(trajectory.child("Shape")))
+    if shape.tag != "Polyline":
+        shape.refuse()
+    yield from shape.only("Vertex")
+
+
+def on(track: Route, pose: Pose, facing: bool = True) -> Spot | None:
+    """Returns where a pose is on a road; None if it is not on it, or faces against it."""
+    station, offset = track.locate(pose.x, pose.y)
+    point = track.evaluate(station, offset)
+    away = math.hypot(float(point.x) - pose.x, float(point.y) - pose.y)
+    right, left = (float(edge) for edge in track.surface_edges(station))
+    inside = 0.0 <= station <= track.length and right - SAME <= offset <= left + SAME
+    against = abs(wrap_angle(pose.heading - float(point.heading))) > 0.5 * math.pi
+    if away > 1.0 or not inside or (facing and against):
+        return None
+    return Spot(station, offset)
