@@ -344,7 +344,7 @@ def _times(action: Node, vertices: Sequence[Node], at_start: bool) -> list[float
 
 
 def _points(points: Sequence[tuple[float, float, float]]) -> list[list[float]]:
-    """Points to the millimeter, without those that a straight piece between others has."""
+    """Points to the millimeter."""
     table = np.round(np.array(points), 3)
     return table.tolist()
 

@@ -16,6 +16,7 @@ from traffic_bridge.scenario.openscenario_file import Catalogs, Node
 
 NEAR = 1.0  # [m]: a position that is farther from a road is not on it
 SPACING = 2.0  # [m] between the points of a way along a lane
+FLAT = 0.01  # [m]: points that are so near to a straight piece are left out
 STRAIGHT_ON = 100.0  # [m] that a road user can go who faces across its road
 LANEWISE = 0.7  # cosine of the angle to the road of one who goes along it
 
@@ -140,27 +141,24 @@ class Places:
           pose: the beginning, which is not among the points.
           heading: of the road user there [rad].
         """
-        forward = math.cos(heading - self.at(pose.road, pose.s, pose.t).heading) if pose.road else 0
-        if abs(forward) < LANEWISE:
-            end = pose._replace(heading=heading).ahead(STRAIGHT_ON)
-            return [(end.x, end.y, end.z)]
-        end_s = self.frames[pose.road].length if forward > 0.0 else 0.0
-        count = math.ceil(abs(end_s - pose.s) / SPACING)
-        stations = np.linspace(pose.s, end_s, count + 1)[1:]
-        if not count:
-            return self.way_on(pose._replace(road=""), heading)
+        straight = pose._replace(heading=heading).ahead(STRAIGHT_ON)
+        if not pose.road:
+            return [straight[:3]]
         frame = self.frames[pose.road]
-        lane = next(
-            (lane for lane, low, high in frame.lanes(pose.s) if low <= pose.t <= high), None
-        )
+        start = min(max(frame.locate(pose.x, pose.y)[0], 0.0), frame.length)
+        forward = math.cos(heading - self.at(pose.road, start, pose.t).heading)
+        end = frame.length if forward > 0.0 else 0.0
+        count = math.ceil(abs(end - start) / SPACING)
+        if abs(forward) < LANEWISE or not count:
+            return [straight[:3]]
+        lanes = [lane for lane, low, high in frame.lanes(start) if low <= pose.t <= high]
         points = []
-        for s in stations.tolist():
+        for s in np.linspace(start, end, count + 1)[1:].tolist():
             t = pose.t
-            if lane is not None and frame.kind(s, lane):
-                t += frame.center_at(lane, s) - frame.center_at(lane, pose.s)
-            place = self.at(pose.road, s, t)
-            points.append((place.x, place.y, place.z))
-        return points
+            if lanes and frame.kind(s, lanes[0]):
+                t += frame.center_at(lanes[0], s) - frame.center_at(lanes[0], start)
+            points.append(self.at(pose.road, s, t)[:3])
+        return thinned(points)
 
     def _on_route(self, node: Node) -> Pose:
         """The place of a RoutePosition."""
@@ -227,3 +225,17 @@ def road_at(route: Route, station: float) -> tuple[str, float, int]:
     )
     s = segment.s_start + segment.direction * (station - segment.station_start)
     return segment.road_id, s, segment.direction
+
+
+def thinned(points: Sequence[Point]) -> list[Point]:
+    """Returns points without those that are nearly on the straight pieces between the others."""
+    kept = list(points[:1])
+    table = np.array(points)
+    first = 0
+    for last in range(2, len(points)):
+        between, piece = table[first + 1 : last] - table[first], table[last] - table[first]
+        along = np.clip(between @ piece / max(float(piece @ piece), 1e-12), 0.0, 1.0)
+        if np.linalg.norm(between - along[:, None] * piece, axis=1).max() > FLAT:
+            first = last - 1
+            kept.append(points[first])
+    return [*kept, *points[-1:]] if len(points) > 1 else kept
