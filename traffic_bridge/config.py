@@ -12,7 +12,7 @@ from iits_mj.core.assets import DEFAULT_MIX
 from iits_mj.core.checks import in_range, is_number, is_whole, make_plain, shown
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint
-from traffic_bridge.scenario.actions import CrossRoad, PlaceVehicle
+from traffic_bridge.scenario.actions import CrossRoad, PlaceVehicle, Swarm
 from traffic_bridge.scenario.reading import check_references, event_of
 from traffic_bridge.signals.events import Event, SlowConvoy, StoppedVehicle, VehicleChange
 from traffic_bridge.vehicles.service_level import BOUNDS, SteadyFlow, steady_flow
@@ -233,6 +233,11 @@ class TrafficConfig:
                         f"{entry.kind}: type = {entry.type!r}: the types are {known}, "
                         f"{', '.join(ROAD_USERS)}"
                     )
+            elif isinstance(entry, Swarm):
+                for wanted in entry.mix or ():
+                    if wanted not in names:
+                        raise InputError(f"{entry.kind}: mix: {wanted!r}: the types are {known}")
+                wanted = None
             elif isinstance(entry, (StoppedVehicle, SlowConvoy, Departure)):
                 wanted = entry.type
             elif isinstance(entry, VehicleChange) and "." not in entry.target:

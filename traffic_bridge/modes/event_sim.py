@@ -19,7 +19,7 @@ class EventSim(Mode):
     Args:
       route: the truck's road.
       config: its events, types, view range, step and footprint are used.
-      seed: is not used, as nothing is random.
+      seed: of the places of swarms; nothing else is random.
       recorded: traffic among which the events take place, None for an empty road.
 
     Raises:
@@ -53,7 +53,7 @@ class EventSim(Mode):
 
     def reset(self, ego: EgoState | None = None) -> VehicleFrame:
         """Begins again; see `Traffic`."""
-        self._steps, self._scenario = 0, Scenario(self.config, self.route)
+        self._steps, self._scenario = 0, Scenario(self.config, self.route, seed=self.seed)
         others = VehicleFrame.empty() if self._recorded is None else self._recorded.reset(ego)
         return self._scenario.observe(0.0, ego, others)
 

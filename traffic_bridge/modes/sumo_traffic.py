@@ -79,7 +79,7 @@ class SumoTraffic:
             self._demand = Demand(
                 self.session, lanes, self.vehicles, config, rng, self.signals.limits
             )
-            self.scenario = Scenario(config, route, self.signals.events, self._take)
+            self.scenario = Scenario(config, route, self.signals.events, self._take, seed)
             self.signals.events.records = self.scenario.records
             actors = self.scenario.actors
             self._actors = ReplayedVehicles(self.session, lanes, actors, config.step_length, ACTOR)

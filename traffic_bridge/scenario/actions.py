@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -30,6 +30,7 @@ SIDES = ("left", "right")
 WINDS = ("gust", "steady")
 FRAMES = ("map", "route")  # of points: x, y and maybe z of the map; station and offset
 POINTS_MAX = 10_000
+SWARM_MAX = 500  # vehicles
 
 Points = Sequence[Sequence[float]]
 
@@ -514,6 +515,53 @@ class CrossRoad(SceneEvent):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Swarm(SceneEvent):
+    """Vehicles on all driving lanes in an ellipse around a body, outside of a circle.
+
+    They drive by the Intelligent Driver Model, each straight on along its own road. A vehicle that
+    leaves the ellipse disappears, and another one appears in the ring between circle and ellipse.
+    The traffic's seed decides where. `name` begins the ids, such as "swarm.7".
+
+    Attributes:
+      count: of vehicles; fewer where there is no room for more.
+      inner: radius of the circle [m].
+      half_length, half_width: of the ellipse, in the direction of the body and across it [m];
+        ahead: from the body to the ellipse's center [m].
+      speed: desired [m/s].
+      mix: weights of the types by name; None: cars.
+      to: "truck" or id of the body.
+    """
+
+    kind: ClassVar[str] = "swarm"
+
+    count: int
+    inner: float
+    half_length: float
+    half_width: float
+    speed: float
+    ahead: float = 0.0
+    mix: Mapping[str, float] | None = None
+    to: str = TRUCK
+
+    def _check(self) -> None:
+        self._text("name")
+        self._text("to")
+        self._whole("count", 1, SWARM_MAX)
+        self._number("inner", 0.0, 10_000.0)
+        self._number("half_length", 1.0, 10_000.0)
+        self._number("half_width", 1.0, 10_000.0)
+        self._number("ahead", -10_000.0, 10_000.0)
+        self._number("speed", 0.1, SPEED_MAX)
+        mix = {"car": 1.0} if self.mix is None else self.mix
+        weights = list(mix.values()) if isinstance(mix, Mapping) else []
+        if not weights or not all(is_number(w) and 0.0 <= w < 1e6 for w in weights):
+            raise InputError(f"{self.kind}: mix = {mix!r}: give types with their weights")
+        if sum(weights) <= 0.0:
+            raise InputError(f"{self.kind}: mix = {mix!r}: one weight must be positive")
+        object.__setattr__(self, "mix", {str(n): float(w) for n, w in mix.items()})
+
+
+@dataclass(frozen=True, kw_only=True)
 class Milestone(SceneEvent):
     """Nothing happens; conditions of other events refer to it by its name."""
 
@@ -651,7 +699,7 @@ class StuckSpeedSensor(Fault):
 
 SCENARIO_EVENTS: tuple[type[Event], ...] = (
     *(PlaceVehicle, CutIn, ChangeLane, ChangeSpeed, Brake, Swerve, Drift, LoseCargo, CrossRoad),
-    *(FollowPath, KeepDistance, Synchronize),
+    *(FollowPath, KeepDistance, Synchronize, Swarm),
     *(Milestone, SetValue, EndDrive, FrictionChange, Wind, Puncture, BrakeLeak, StuckSpeedSensor),
 )
 

@@ -32,7 +32,8 @@ REST = 0.05  # [m/s]: a slower vehicle that brakes stands
 END = 1.0  # [m] before the end of the route, where vehicles leave
 # A lane's center that moves by more than a distance [m] and a slope is another lane's (judgement).
 LANE_SHIFT, STEEPEST_LANE = 0.3, 0.3
-VIEW = 300.0  # [m] within which a vehicle on a road of its own sees others
+# [m] ahead and aside within which a vehicle on a road of its own sees others
+VIEW, ASIDE = 300.0, 30.0
 
 Track = Route | Path
 
@@ -443,8 +444,12 @@ class Actor:
             yield from bodies
             return
         own = self.row
+        cosine, sine = math.cos(own.yaw), math.sin(own.yaw)
         for body in bodies:
-            if math.hypot(body.x - own.x, body.y - own.y) > VIEW:
+            dx, dy = body.x - own.x, body.y - own.y
+            ahead, aside = dx * cosine + dy * sine, dy * cosine - dx * sine
+            # A road bends away by less than its way from here.
+            if not -body.length <= ahead <= VIEW or abs(aside) > ASIDE + ahead:
                 continue
             station, offset = self.track.locate(body.x, body.y, self.station)
             turn = body.yaw - float(self.track.evaluate(station).heading)

@@ -14,6 +14,7 @@ from iits_mj.core.angles import wrap_angle
 from iits_mj.core.errors import InputError
 from traffic_bridge.scenario.conditions import SIGNAL, TRUCK
 from traffic_bridge.scenario.openscenario_entities import (
+    CATEGORIES,
     ROUTES,
     SAME,
     Entities,
@@ -131,6 +132,9 @@ class Actions:
     def of_start(self, action: Node) -> Iterator[Event]:
         """Yields the friction and the wind of an environment, or the new value of a variable."""
         kind = next(iter(action))
+        if kind.tag == "TrafficAction":
+            yield scenario_event(kind, self._swarm(kind))
+            return
         if kind.tag != "EnvironmentAction":
             yield scenario_event(kind, self._set_value(kind))
             return
@@ -150,6 +154,34 @@ class Actions:
             origin = wrap_angle(wind.number("direction") + math.pi - heading)
             values = {"event": "wind", "shape": "steady", "speed": wind.number("speed")}
             yield scenario_event(wind, {**values, "direction": math.degrees(origin)})
+
+    def _swarm(self, kind: Node) -> Values:
+        action = next(iter(kind))
+        if action.tag != "TrafficSwarmAction":
+            action.refuse()
+        center = action.find("CentralObject") or action.child("CentralSwarmObject")
+        attribute = "entityRef" if center.has("entityRef") else "name"
+        mix: dict[str, float] = {}
+        definition = action.find("TrafficDefinition")
+        categories = None if definition is None else definition.find("VehicleCategoryDistribution")
+        for entry in categories or ():
+            category = entry.get("category")
+            if category not in CATEGORIES:
+                entry.fail(f"category {category!r} is not read: {', '.join(CATEGORIES)}")
+            weight = mix.get(CATEGORIES[category], 0.0) + entry.number("weight", low=0.0)
+            mix[CATEGORIES[category]] = weight
+        return {
+            "event": "swarm",
+            "name": self._new_name(kind.get("trafficName", "swarm")),
+            "to": self._entities.body(center, attribute),
+            "count": round(action.number("numberOfVehicles")),
+            "inner": action.number("innerRadius"),
+            "half_length": action.number("semiMajorAxis"),
+            "half_width": action.number("semiMinorAxis"),
+            "ahead": action.number("offset"),
+            "speed": action.number("velocity"),
+            **({"mix": mix} if mix else {}),
+        }
 
     def _set_value(self, kind: Node) -> Values:
         """The event of an action on a parameter, a variable or a traffic signal."""

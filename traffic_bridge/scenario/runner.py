@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+import numpy as np
+
 from iits_mj.core.messages import EgoState, TrackedVehicle
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
@@ -27,11 +29,13 @@ from traffic_bridge.scenario.actions import (
     PlaceVehicle,
     SceneEvent,
     SetValue,
+    Swarm,
     Synchronize,
     TruckEvent,
 )
 from traffic_bridge.scenario.actors import (
     DIMENSIONS,
+    END,
     Actor,
     Actors,
     Course,
@@ -53,6 +57,7 @@ from traffic_bridge.scenario.conditions import (
 )
 from traffic_bridge.scenario.maneuvers import begin, follow, synchronize, target_lane
 from traffic_bridge.scenario.paths import Path, points_on_route
+from traffic_bridge.scenario.swarm import RunningSwarm
 from traffic_bridge.signals.events import Event
 from traffic_bridge.signals.lights import LightAhead
 from traffic_bridge.vehicles.idm import IdmParameters
@@ -107,6 +112,7 @@ class Scenario:
       others: carries out other events that have conditions; None if there are none.
       take: called with the id of a vehicle that becomes an actor, to remove it from the traffic
         simulation; returns its desired speed [m/s].
+      seed: of the places of swarms.
 
     Attributes:
       actors: the road users that move on a plan.
@@ -119,6 +125,7 @@ class Scenario:
         route: Route,
         others: OtherEvents | None = None,
         take: Callable[[TrackedVehicle], float] = lambda row: row.speed,
+        seed: int = 0,
     ) -> None:
         self.actors = Actors()
         self.records: list[EventRecord] = []
@@ -134,6 +141,8 @@ class Scenario:
         words = (getattr(event, "along", None) for event, _ in self._pending)
         # The roads other than the truck's.
         self._roads = {text: route.road_map.route(along=text) for text in words if text is not None}
+        self._seed = seed
+        self._swarms: list[RunningSwarm] = []
         self._last: Situation | None = None
 
     def __len__(self) -> int:
@@ -195,7 +204,13 @@ class Scenario:
         if not len(self):
             return others
         self._end(time)
-        self._last = self._begin(self._situation(time, ego, self._with_actors(others)), others)
+        situation = self._situation(time, ego, self._with_actors(others))
+        if self._swarms:
+            for swarm in self._swarms:
+                swarm.update(situation)
+            self.actors.show()
+            situation = self._situation(time, ego, self._with_actors(others))
+        self._last = self._begin(situation, others)
         frame = self._last.vehicles
         return frame if ego is None else frame.near(ego.x, ego.y, self._config.view_range)
 
@@ -269,6 +284,8 @@ class Scenario:
             running = self._place(event, situation)
         elif isinstance(event, CrossRoad):
             running = self._cross(event, situation)
+        elif isinstance(event, Swarm):
+            running = self._begin_swarm(event, situation)
         elif isinstance(event, (TruckEvent, Milestone, SetValue)):
             running = _Running(EventRecord(event, "", time))
             if isinstance(event, SetValue):
@@ -380,6 +397,41 @@ class Scenario:
         self.actors.members[name] = Actor(row, self._route, lane, driver)
         remove = lambda: self._remove(name)  # noqa: E731
         return _Running(EventRecord(event, name, situation.time), undo=remove)
+
+    def _begin_swarm(self, event: Swarm, situation: Situation) -> _Running | None:
+        """Begins a swarm; None while its body is not there."""
+        if situation.find(event.to) is None:
+            return None
+        number = sum(isinstance(record.event, Swarm) for record in self.records)
+        random = np.random.default_rng([self._seed, number])
+        swarm = RunningSwarm(event, random, self._route.road_map, self._join, self._remove)
+        self._swarms.append(swarm)
+        swarm.update(situation)
+
+        def undo() -> None:
+            self._swarms.remove(swarm)
+            swarm.leave()
+
+        return _Running(EventRecord(event, "", situation.time), undo=undo)
+
+    def _join(
+        self, name: str, lane: str, place: tuple[float, float], kind: str, speed: float
+    ) -> TrackedVehicle | None:
+        """Adds a vehicle at a point of a lane ROAD_LANE; None where its road is too short."""
+        words, size = f"turns:{lane}", size_of(self._types[kind])
+        if words not in self._roads:
+            self._roads[words] = self._route.road_map.route(along=words)
+        road = self._roads[words]
+        station, offset = road.locate(*place)
+        index = road.lane_at(station, offset)
+        if index < 0 or not 0.0 < station < road.length - 0.5 * size["length"] - END:
+            return None
+        row = self._row(road, name, (station, offset), speed=speed, **size)
+        driver = self._driver(row, speed)
+        actor = Actor(row, self._route, index, driver, road, (station, offset))
+        actor.join_route()
+        self.actors.members[name] = actor
+        return row
 
     def _remove(self, name: str) -> None:
         self.actors.members.pop(name, None)

@@ -24,6 +24,7 @@ from traffic_bridge import (
     Puncture,
     SetValue,
     StuckSpeedSensor,
+    Swarm,
     Swerve,
     Synchronize,
     TrafficConfig,
@@ -33,6 +34,9 @@ from traffic_bridge import (
 from traffic_bridge.scenario.actions import SCENARIO_EVENTS
 from traffic_bridge.scenario.reading import EVENTS, event_of
 
+SWARM = {
+    "name": "s", "count": 9, "inner": 5.0, "half_length": 50.0, "half_width": 9.0, "speed": 20.0
+}  # fmt: skip
 ONE_OF_EACH = (
     PlaceVehicle(name="a", gap=20.0, relative_lane=1),
     CutIn(actor="a", when={"measure": "gap", "to": "a", "below": 15.0}),
@@ -47,6 +51,7 @@ ONE_OF_EACH = (
     KeepDistance(actor="a", time_gap=1.5),
     Synchronize(actor="a", station=500.0, to_station=480.0, speed=10.0),
     SetValue(variable="light", value="green"),
+    Swarm(**SWARM),
     Milestone(name="later"),
     EndDrive(),
     FrictionChange(friction=0.3, start=100.0, end=200.0),
@@ -113,6 +118,9 @@ def test_every_event_takes_conditions_and_refuses_two_beginnings():
         ("keep_distance", {"actor": "a"}, "give gap or time_gap"),
         ("synchronize", {"actor": "a", "station": 1.0, "to_station": -1.0}, "to_station = -1.0"),
         ("set_value", {"variable": "a", "value": None}, "a number or a text"),
+        ("swarm", SWARM | {"count": 0}, "count = 0"),
+        ("swarm", SWARM | {"mix": {"car": -1.0}}, "give types with their weights"),
+        ("swarm", SWARM | {"mix": {"car": 0.0}}, "one weight must be positive"),
         ("cutin", {}, "did you mean cut_in"),
     ],
 )
@@ -133,6 +141,7 @@ def test_a_wrong_value_is_refused_with_what_is_allowed(kind, values, words):
         ((PlaceVehicle(name="a", gap=1.0), Brake(name="a", actor="a")), "have the name 'a'"),
         ((PlaceVehicle(name="leader", gap=1.0),), "'leader' has another meaning"),
         ((PlaceVehicle(name="a", gap=1.0, type="tram"),), "the types are car, van"),
+        ((Swarm(**SWARM, mix={"tram": 1.0}),), "'tram': the types are car, van"),
     ],
 )
 def test_events_refer_to_events_and_types_that_exist(events, words):

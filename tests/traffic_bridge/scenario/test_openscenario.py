@@ -1,5 +1,6 @@
 """Scenarios of OpenSCENARIO files: their stories, and what is refused."""
 
+import math
 import re
 from pathlib import Path
 
@@ -114,16 +115,9 @@ def test_a_continuous_speed_follows_the_truck():
     assert frames[-1].find("OverTaker").speed == pytest.approx(24.0)
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("swarm", "line 33: <TrafficAction>: this element is not supported"),
-        ("lane-change_trajectory_wp", "no entity is named Ego or Hero; choose one of Car"),
-    ],
-)
-def test_what_a_scenario_has_beyond_the_subset_is_refused_with_its_line(name, words):
-    with pytest.raises(InputError, match=re.escape(words)):
-        play(path_of(name), 0.1)
+def test_an_entity_that_is_to_be_the_truck_must_be_named():
+    with pytest.raises(InputError, match="no entity is named Ego or Hero; choose one of Car"):
+        read_scenario(path_of("lane-change_trajectory_wp"))
 
 
 ROAD = """<OpenDRIVE><header revMajor="1" revMinor="6"/>
@@ -207,6 +201,86 @@ def test_parameters_relative_lanes_friction_and_lane_offset_are_read(tmp_path):
 def test_a_wrong_scenario_is_refused_with_its_place(tmp_path, old, new, words):
     with pytest.raises(InputError, match=re.escape(words)):
         play(written(tmp_path, SCENARIO.replace(old, new)), 0.1)
+
+
+ACTION = """<LateralAction><LaneOffsetAction><LaneOffsetActionDynamics dynamicsShape="sinusoidal"
+maxLateralAcc="2"/><LaneOffsetTarget><AbsoluteTargetLaneOffset value="1.5"/></LaneOffsetTarget>
+</LaneOffsetAction></LateralAction>"""
+VERTICES = """<Vertex time="0"><Position><WorldPosition x="140" y="-6" z="0" h="0"/></Position></Vertex>
+<Vertex time="4"><Position><WorldPosition x="180" y="-6" z="0" h="0"/></Position></Vertex>
+<Vertex time="6"><Position><LanePosition roadId="1" laneId="-1" s="220"/></Position></Vertex>"""
+
+
+def following(shape: str, timing: str = "<None/>", more: str = "") -> str:
+    """The scenario in which the car follows a trajectory at 1 s."""
+    action = f"""<RoutingAction><FollowTrajectoryAction {more}><TrajectoryRef><Trajectory name="t"
+closed="false"><Shape>{shape}</Shape></Trajectory></TrajectoryRef>
+<TimeReference>{timing}</TimeReference><TrajectoryFollowingMode followingMode="position"/>
+</FollowTrajectoryAction></RoutingAction>"""
+    assert ACTION in SCENARIO
+    return SCENARIO.replace(ACTION, action)
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+def test_a_trajectory_with_times_has_the_reference_point_at_its_vertices(tmp_path, scale):
+    timing = f'<Timing domainAbsoluteRelative="relative" scale="{scale}" offset="0.5"/>'
+    text = following(f"<Polyline>{VERTICES}</Polyline>", timing)
+    _, frames, records = play(written(tmp_path, text), 16.0)
+    begun = records["aside"].begun
+    for time, x, y in ((0.0, 140.0, -6.0), (4.0, 180.0, -6.0), (6.0, 220.0, -2.0)):
+        row = frames[round((begun + 0.5 + scale * time) / STEP)].find("car")
+        # The center is 1.5 m before the reference point.
+        reference = row.x - 1.5 * math.cos(row.yaw), row.y - 1.5 * math.sin(row.yaw)
+        assert reference == pytest.approx((x, y), abs=0.25)
+    assert records["aside"].ended == pytest.approx(begun + 0.5 + 6.0 * scale, abs=0.11)
+
+
+def test_a_trajectory_without_times_is_driven_at_the_vehicles_speed(tmp_path):
+    _, frames, records = play(
+        written(tmp_path, following(f"<Polyline>{VERTICES}</Polyline>")), 14.0
+    )
+    rows = [frame.find("car") for frame in frames]
+    assert {row.speed for row in rows} == {9.0}
+    assert records["aside"].ended is not None
+    # It drives on in the lane where the trajectory ends.
+    assert rows[-1].lane == 1
+    assert rows[-1].offset == pytest.approx(-2.0, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (following("<Clothoid/>"), "<Clothoid>: this element is not supported"),
+        (following("<Nurbs/>"), "<Nurbs>: this element is not supported"),
+        (
+            following(f"<Polyline>{VERTICES}</Polyline>", more='initialDistanceOffset="3"'),
+            "initialDistanceOffset is not read",
+        ),
+        (
+            following(
+                f"<Polyline>{VERTICES}</Polyline>",
+                '<Timing domainAbsoluteRelative="absolute" scale="1" offset="0"/>',
+            ),
+            "<Timing>: absolute times are read in Init only",
+        ),
+        (
+            SCENARIO.replace(ACTION, "<RoutingAction><RandomRouteAction/></RoutingAction>"),
+            "<RandomRouteAction>: this element is not supported",
+        ),
+        (
+            SCENARIO.replace(
+                ACTION,
+                "<RoutingAction><AcquirePositionAction><Position><LanePosition roadId='9' "
+                "laneId='-1' s='5'/></Position></AcquirePositionAction></RoutingAction>",
+            ),
+            "<LanePosition>: the map has no road '9'",
+        ),
+    ],
+)
+def test_what_a_scenario_has_beyond_the_subset_is_refused_with_its_line(tmp_path, text, words):
+    with pytest.raises(InputError, match=re.escape(words)) as raised:
+        play(written(tmp_path, text), 0.1)
+    assert re.search(r"own.xosc: line \d+: <", str(raised.value))
 
 
 def test_the_ego_can_be_named(tmp_path):

@@ -179,3 +179,24 @@ def test_synchronize_four_vehicles_box_the_truck_in_and_leave_again():
     # Free again where the truck's reference point is 5 m before s = 500 m.
     free = records["Free_Speed_Event_NPC"].begun
     assert free == pytest.approx((500.0 - 5.0 - 100.0) / 20.0, abs=0.11)
+
+
+def test_swarm_vehicles_drive_on_both_sides_around_the_truck():
+    start, frames, records = play(path_of("swarm"), 20.0)
+    assert (start.lane, start.speed) == (1, 10.0)
+    assert records["swarm"].begun == 0.0
+    first = frames[0]
+    # On 100 m before and behind the circle of 200 m, not all of the 75 vehicles have room.
+    assert 20 < len(first) <= 75
+    ego = start.station
+    for row in first:
+        assert 195.0 < abs(row.station - ego) < 305.0
+        assert row.speed == 30.0
+        assert row.kind == "car"
+    own = [row for row in first if row.lane >= 0]
+    assert {row.lane for row in own} == {0, 1, 2}
+    oncoming = [row for row in first if row.lane < 0]
+    assert len(oncoming) > 8
+    assert all(row.offset > 0.0 and math.cos(row.yaw - own[0].yaw) < -0.9 for row in oncoming)
+    # Later there are vehicles beside the truck, which come from the ring.
+    assert any(abs(row.station - ego - 200.0) < 100.0 for row in frames[-1])
