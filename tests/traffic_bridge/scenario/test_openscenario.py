@@ -206,8 +206,8 @@ def test_a_wrong_scenario_is_refused_with_its_place(tmp_path, old, new, words):
 ACTION = """<LateralAction><LaneOffsetAction><LaneOffsetActionDynamics dynamicsShape="sinusoidal"
 maxLateralAcc="2"/><LaneOffsetTarget><AbsoluteTargetLaneOffset value="1.5"/></LaneOffsetTarget>
 </LaneOffsetAction></LateralAction>"""
-VERTICES = """<Vertex time="0"><Position><WorldPosition x="140" y="-6" z="0" h="0"/></Position></Vertex>
-<Vertex time="4"><Position><WorldPosition x="180" y="-6" z="0" h="0"/></Position></Vertex>
+VERTICES = """<Vertex time="0"><Position><WorldPosition x="140" y="-6"/></Position></Vertex>
+<Vertex time="4"><Position><WorldPosition x="180" y="-6"/></Position></Vertex>
 <Vertex time="6"><Position><LanePosition roadId="1" laneId="-1" s="220"/></Position></Vertex>"""
 
 
