@@ -316,8 +316,6 @@ def follow(event: FollowPath, actor: Actor, path: Path, numbers: list[int]) -> l
     if times is None:
         row = actor.vehicle()
         place = path.locate(row.x, row.y)
-        if place[0] >= (end := float(path.stations[numbers[goal]])):
-            place = end, place[1]
     else:
         place = 0.0, 0.0
         stations = path.stations[numbers[: len(times)]]

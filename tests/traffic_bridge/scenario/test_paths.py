@@ -15,6 +15,7 @@ from traffic_bridge import (
     ChangeSpeed,
     EventSim,
     FollowPath,
+    InterSim,
     KeepDistance,
     PlaceVehicle,
     Recorder,
@@ -154,6 +155,18 @@ def test_an_oncoming_vehicle_changes_its_lanes_and_brakes_for_the_one_ahead(two_
     assert fast[195].speed == pytest.approx(5.0, abs=0.8)
     # Its right is the truck's left.
     assert fast[-1].offset - fast[195].offset == pytest.approx(4.0, abs=0.01)
+
+
+def test_own_roads_and_paths_are_the_same_beside_sumos_vehicles(two_way):
+    events = (
+        PlaceVehicle(name="car", along="turns:1_1", station=1400.0, lane=1, speed=15.0),
+        PlaceVehicle(name="a", points=CORNER, speed=2.0, type="pedestrian", stays=True),
+    )
+    alone = drive(events, 15.0, road=two_way)
+    among = drive(events, 15.0, road=two_way, make=InterSim, density=0.2, clear_distance=80.0)
+    for name in ("car", "a"):
+        assert among.track(name) == alone.track(name)
+    assert max(len(frame) for frame in among.frames) > 3
 
 
 def test_an_oncoming_vehicle_swerves_to_its_own_left(two_way):
