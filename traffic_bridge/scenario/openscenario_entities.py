@@ -13,7 +13,7 @@ from iits_mj.core.checks import did_you_mean
 from iits_mj.road import RoadMap, Route
 from traffic_bridge.scenario.conditions import ROLES, TRUCK
 from traffic_bridge.scenario.openscenario_file import Catalogs, Node
-from traffic_bridge.scenario.openscenario_places import Places, Pose, road_at, words_of
+from traffic_bridge.scenario.openscenario_places import Places, Pose, road_at, turned, words_of
 
 EGOS = ("ego", "hero")
 # Types of road users by the vehicle's category in the file.
@@ -31,6 +31,7 @@ CATEGORIES = {
 DRIVERS = ("ControllerAction", "ActivateControllerAction")
 ROUTES = ("AssignRouteAction", "AcquirePositionAction")
 ARTICULATED = 12.0  # [m]: least length of a truck with trailers that has a body of its own
+TRAILERS_MAX = 10
 SAME = 1e-3  # [m], [s]
 
 Values = dict[str, Any]
@@ -159,13 +160,15 @@ class Entities:
         """An entity with the length of its whole combination."""
         entity = self.members[name]
         body = self.catalogs.resolve(next(iter(entity.node)))
-        place, rear, towed = 0.0, entity.front - float(entity.size["length"]), False
+        place, rear, towed = 0.0, entity.front - float(entity.size["length"]), 0
         while (trailer := self._trailer(body)) is not None:
+            if towed == TRAILERS_MAX:
+                body.fail(f"tows more than {TRAILERS_MAX} trailers, or itself")
             coupler = trailer.child("TrailerCoupler").number("dx")
             place += body.child("TrailerHitch").number("dx") - coupler
             box = trailer.child("BoundingBox")
             half = 0.5 * box.child("Dimensions").number("length", low=0.1)
-            rear, towed = min(place + box.child("Center").number("x") - half, rear), True
+            rear, towed = min(place + box.child("Center").number("x") - half, rear), towed + 1
             body = trailer
         if not towed:
             return entity
@@ -265,18 +268,18 @@ class Entities:
     def pose(self, name: str) -> Pose:
         """Returns where the reference point of an entity is at the start, and where it faces."""
         node = self.start(name)
-        if not node.tag.startswith("Relative"):
-            return self.turn_along(name, self.places.pose(node))
-        spot = self.spot(name)
+        if node.tag.startswith("Relative"):
+            return self._relative_pose(node)
+        return self.turn_along(name, self.places.pose(node))
+
+    def _relative_pose(self, node: Node) -> Pose:
+        """The pose of a position relative to an entity, along that one's road or turned."""
+        spot = self.relative(node)
         track = self.track(spot, node)
         road, s, direction = road_at(track, spot.station)
         point = track.evaluate(spot.station, spot.offset)
         _, t = self.places.frames[road].locate(float(point.x), float(point.y), s)
-        turn = node.find("Orientation")
-        pose = self.places.at(road, s, t, direction)
-        own = 0.0 if turn is None else turn.number("h", 0.0)
-        absolute = turn is not None and turn.get("type", "absolute") == "absolute"
-        return pose._replace(heading=own if absolute else pose.heading + own)
+        return turned(self.places.at(road, s, t, direction), node)
 
     def track(self, spot: Spot, node: Node) -> Route:
         """Returns the road on which a spot is."""
@@ -297,9 +300,12 @@ class Entities:
         return spot
 
     def _find_spot(self, name: str, node: Node) -> Spot:
+        pose = self.pose(name)
         if node.tag.startswith("Relative"):
-            return self.relative(node)
-        pose = self.turn_along(name, self.places.pose(node))
+            spot = self.relative(node)
+            heading = float(self.track(spot, node).evaluate(spot.station).heading)
+            if math.cos(pose.heading - heading) > 0.0:
+                return spot
         if name == self.ego or name not in self.routes:
             if (found := on(self.route, pose)) is not None:
                 return found
@@ -347,17 +353,20 @@ class Entities:
                 return found.station
         return node.fail("the position is not on the road of the entity")
 
-    def speed(self, name: str) -> float:
-        """Returns the speed at the start [m/s]."""
+    def speed(self, name: str, asked: tuple[str, ...] = ()) -> float:
+        """Returns the speed at the start [m/s]; `asked` are entities whose speed depends on it."""
         action = self.speeds.get(name)
         if action is None:
             return 0.0
+        if name in asked:
+            action.fail("the speed refers to itself")
         target = next(iter(action.child("SpeedActionTarget")))
         if target.tag == "AbsoluteTargetSpeed":
             return target.number("value")
         if target.tag != "RelativeTargetSpeed":
             target.refuse()
-        other, value = self.speed(self.reference(target)), target.number("value")
+        other = self.speed(self.reference(target), (*asked, name))
+        value = target.number("value")
         return other * value if target.get("speedTargetValueType") == "factor" else other + value
 
 
@@ -379,6 +388,8 @@ def polyline(action: Node, catalogs: Catalogs) -> Iterator[Node]:
 
 def on(track: Route, pose: Pose, facing: bool = True) -> Spot | None:
     """Returns where a pose is on a road; None if it is not on it, or faces against it."""
+    if pose.road and all(segment.road_id != pose.road for segment in track.segments):
+        return None  # it is on another road, such as one on a bridge over this one
     station, offset = track.locate(pose.x, pose.y)
     point = track.evaluate(station, offset)
     away = math.hypot(float(point.x) - pose.x, float(point.y) - pose.y)

@@ -87,7 +87,7 @@ class Places:
             lane = self.lane(node, road, s, round(node.number("laneId")))
             sense = frame.road.travel(lane)
             t = frame.center_at(lane, s) + node.number("offset", 0.0)
-        return self._turned(self.at(road, s, t, sense), node)
+        return turned(self.at(road, s, t, sense), node)
 
     def at(self, road: str, s: float, t: float, sense: int = 1) -> Pose:
         """Returns the place at (s, t) of a road [m], facing along s or, with -1, against it."""
@@ -178,7 +178,7 @@ class Places:
             lane = self.lane(place, road, s, round(place.number("laneId")))
             t = self.frames[road].center_at(lane, s) + place.number("laneOffset", 0.0)
             pose = self.at(road, s, t, direction)
-        return self._turned(pose, node)
+        return turned(pose, node)
 
     def _under(self, x: float, y: float, heading: float, node: Node) -> Pose:
         """The place of a point; on the road whose direction is nearest to the heading."""
@@ -197,14 +197,15 @@ class Places:
                 best, found = turn, place._replace(heading=heading)
         return found
 
-    def _turned(self, pose: Pose, node: Node) -> Pose:
-        """A pose with the orientation of its node."""
-        turn = node.find("Orientation")
-        if turn is None:
-            return pose
-        own = turn.number("h", 0.0)
-        relative = turn.get("type", "absolute") == "relative"
-        return pose._replace(heading=wrap_angle(own + (pose.heading if relative else 0.0)))
+
+def turned(pose: Pose, node: Node) -> Pose:
+    """Returns a pose with the orientation of its node."""
+    turn = node.find("Orientation")
+    if turn is None:
+        return pose
+    own = turn.number("h", 0.0)
+    relative = turn.get("type", "absolute") == "relative"
+    return pose._replace(heading=wrap_angle(own + (pose.heading if relative else 0.0)))
 
 
 def words_of(lanes: Sequence[str]) -> str:

@@ -290,6 +290,44 @@ def test_the_ego_can_be_named(tmp_path):
         read_scenario(path, "cart")
 
 
+RELATIVE = '<RelativeLanePosition entityRef="Hero" dLane="1" ds="30"/>'
+TURNED = RELATIVE.replace("/>", '><Orientation type="relative" h="TURN"/></RelativeLanePosition>')
+
+
+@pytest.mark.parametrize(("turn", "way"), [(0.1, 9.0), (3.1, -9.0)])
+def test_a_vehicle_moves_where_its_orientation_leads_along_its_lane(tmp_path, turn, way):
+    text = SCENARIO.replace(RELATIVE, TURNED.replace("TURN", str(turn)))
+    car = [frame.find("car") for frame in play(written(tmp_path, text), 1.0)[1]]
+    # There is no lane in the other direction: it goes against this one.
+    assert car[-1].x - car[0].x == pytest.approx(way, abs=0.01)
+    assert {row.lane for row in car} == ({1} if turn < 1.0 else {-1})
+    assert [row.y for row in car] == pytest.approx([-2.0] * len(car), abs=0.07)
+
+
+TRAILER = '<Trailer><TrailerRef entityRef="car"/></Trailer><TrailerHitch dx="0"/>'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            f'"car">{BODY}</Vehicle>',
+            f'"car">{BODY}<TrailerCoupler dx="1"/>{TRAILER}</Vehicle>',
+            "tows more than 10 trailers, or itself",
+        ),
+        (
+            '<AbsoluteTargetSpeed value="$W"/>',
+            '<RelativeTargetSpeed entityRef="car" value="1" speedTargetValueType="delta"/>',
+            "the speed refers to itself",
+        ),
+    ],
+)
+def test_what_refers_to_itself_is_refused(tmp_path, old, new, words):
+    assert old in SCENARIO
+    with pytest.raises(InputError, match=words):
+        play(written(tmp_path, SCENARIO.replace(old, new)), 0.1)
+
+
 HERO_TOO = '<EntityRef entityRef="car"/><EntityRef entityRef="Hero"/>'
 
 
