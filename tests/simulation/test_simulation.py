@@ -157,6 +157,14 @@ def test_a_drive_starts_at_the_first_point_of_its_route(point: float, station: f
     assert placed(DriveConfig(start_station=100.0), route, EgoFootprint()).start_station == 100.0
 
 
+def test_a_given_start_may_leave_the_trailer_before_the_route() -> None:
+    # The truck's rear is 3.6 m before the beginning; at 5 m it would have left the road.
+    route = Route.straight(length=500.0)
+    assert placed(DriveConfig(start_station=11.5), route, EgoFootprint()).start_station == 11.5
+    with pytest.raises(InputError, match="use 12 to 485 m"):
+        placed(DriveConfig(start_station=10.0), route, EgoFootprint())
+
+
 def test_without_traffic_a_map_drives_along_its_route_without_netconvert(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,7 +5,12 @@ import math
 
 import pytest
 
+from iits_mj.core.messages import LightState
+from iits_mj.road import RoadMap
+from iits_mj.simulation.frame import read_signals
 from tests.traffic_bridge.scenario.test_openscenario import STEP, TRUCK, path_of, play
+from tests.traffic_bridge.scripted_truck import ego_at
+from traffic_bridge import EventSim, TrafficConfig
 from traffic_bridge.scenario.openscenario import read_scenario
 
 
@@ -200,3 +205,32 @@ def test_swarm_vehicles_drive_on_both_sides_around_the_truck():
     assert all(row.offset > 0.0 and math.cos(row.yaw - own[0].yaw) < -0.9 for row in oncoming)
     # Later there are vehicles beside the truck, which come from the ring.
     assert any(abs(row.station - ego - 200.0) < 100.0 for row in frames[-1])
+
+
+def test_the_driver_sees_the_light_of_the_map_in_the_state_that_the_file_sets():
+    scenario = read_scenario(path_of("traffic_lights"))
+    route = RoadMap.from_opendrive(scenario.map).route(along=scenario.route)
+    start = scenario.start(route, TRUCK)
+    seen = {}
+    with EventSim(route, TrafficConfig(events=scenario.events(route))) as traffic:
+        # The truck stands 20 m before the light, which is yellow 0.1 s after that.
+        ego = ego_at(route, 0.0, start.station + 70.0, 0.0, float(route.lane_offset(0, 80.0)))
+        for step in range(150):
+            traffic.step(ego) if step else traffic.reset(ego)
+            light = read_signals(traffic, ego, route, TRUCK).light
+            assert light.station == pytest.approx(109.0, abs=0.1)
+            seen.setdefault(light.state, step * STEP)
+    assert seen == {
+        LightState.GREEN: 0.0,
+        LightState.YELLOW: pytest.approx(0.2, abs=0.11),
+        LightState.RED: pytest.approx(3.2, abs=0.21),
+    }
+
+
+def test_without_states_set_by_events_no_light_is_shown():
+    scenario = read_scenario(path_of("pedestrian"))
+    route = RoadMap.from_opendrive(scenario.map).route(along=scenario.route)
+    with EventSim(route, TrafficConfig(events=scenario.events(route))) as traffic:
+        ego = ego_at(route, 0.0, 40.0, 0.0, float(route.lane_offset(0, 40.0)))
+        traffic.reset(ego)
+        assert read_signals(traffic, ego, route, TRUCK).light is None
