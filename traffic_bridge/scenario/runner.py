@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from iits_mj.core.errors import InputError, MapError
 from iits_mj.core.messages import EgoState, TrackedVehicle
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
@@ -419,9 +420,12 @@ class Scenario:
     ) -> TrackedVehicle | None:
         """Adds a vehicle at a point of a lane ROAD_LANE; None where its road is too short."""
         words, size = f"turns:{lane}", size_of(self._types[kind])
-        if words not in self._roads:
-            self._roads[words] = self._route.road_map.route(along=words)
-        road = self._roads[words]
+        try:
+            road = self._roads[words] = self._roads.get(words) or self._route.road_map.route(
+                along=words
+            )
+        except (InputError, MapError):
+            return None  # the road has links that cannot be driven
         station, offset = road.locate(*place)
         index = road.lane_at(station, offset)
         if index < 0 or not 0.0 < station < road.length - 0.5 * size["length"] - END:
@@ -498,10 +502,10 @@ class Scenario:
         actor = self._actor(body.name, situation)
         if actor is None:
             return None
-        refers = isinstance(event, CutIn) or (
+        refers = isinstance(event, (CutIn, LoseCargo)) or (
             isinstance(event, ChangeLane) and event.to is not None and own(event.to) is None
         )
-        # Such a maneuver refers to the lanes of the truck's route.
+        # Such a maneuver takes place on the truck's route.
         if refers and actor.track is not self._route and not actor.join_route():
             return None
         record = EventRecord(event, actor.name, situation.time)
