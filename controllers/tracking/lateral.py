@@ -20,6 +20,14 @@ Crossing at every small reversal would make the wheel jump to and fro in a long 
 therefore stays on its flank until the missing angle on the other side is large enough, and then
 crosses at a steady rate. The inverse of play is that of Tao and Kokotovic (1996), with hysteresis
 and a bounded rate.
+
+In calm, a dead zone on the angle alone has a limit cycle: it leaves the truck without feedback, the
+truck drifts from one side of its path to the other, and the loop of double integrator and
+hysteresis crosses the play at both ends. In calm, the wheel therefore rests at the steady angle
+itself. A gentle correction of the drift comes before, and ends early enough for the way back
+through the play. The rest lasts until the predicted error is no longer bearable. Where the path's
+curvature changes, the wheel moves anyway, and corrections along its way need no crossing. A greater
+correction ends the calm for some seconds, see `CalmConfig`.
 """
 
 from __future__ import annotations
@@ -72,11 +80,15 @@ class Memory(ctypes.Structure):
       flank: of the play that is in contact, 1 (left) or -1.
       asked: steering wheel angle that the inverse of the play asks for [rad].
       predicted: 0 while the observer has no prediction.
+      strength: greatest correction of the last seconds over the idle angle, decaying.
+      drift: speed across the path, filtered with the model [m/s].
+      resting: 1 while the wheel rests in calm.
     """
 
     _fields_ = [
         *((name, kernels.Real) for name in ("started", "error", "demand", "integral", "wheel")),
         *((name, kernels.Real) for name in ("output", "flank", "asked", "predicted")),
+        *((name, kernels.Real) for name in ("strength", "drift", "resting")),
     ]
 
 
@@ -115,6 +127,17 @@ def pack_settings(config: LateralConfig, steering: Steering) -> bytes:
         config.play.missing_angle,
         config.play.missing_acceleration,
         config.play.crossing_rate * CONTROL_PERIOD,
+        config.calm.strength,
+        math.exp(-CONTROL_PERIOD / config.calm.strength_time),
+        config.calm.horizon,
+        config.calm.settled,
+        config.calm.rest_error,
+        config.calm.return_time,
+        config.calm.settle_time,
+        config.calm.delay,
+        1.0 - math.exp(-CONTROL_PERIOD / config.calm.drift_time),
+        config.calm.path_jerk,
+        config.calm.missing_share,
     )
     return struct.pack(f"{len(numbers)}d", *numbers)
 

@@ -36,6 +36,46 @@ class PlayConfig:
 
 
 @dataclass(frozen=True)
+class CalmConfig:
+    """Settings of the steering wheel's rest in calm.
+
+    With the wheel's angle held, the truck's offset e, its drift v across the path and the lateral
+    acceleration a beyond the steady one give the error `e + v t + a t^2 / 2`.
+
+    Attributes:
+      strength: calm are corrections below this multiple of the idle angle.
+      strength_time: time constant with which a greater correction is forgotten [s].
+      horizon: of the predicted error [s].
+      settled: change of the error over the horizon below which the wheel rests [m].
+      rest_error: predicted error that ends the rest [m].
+      return_time: in which the wanted drift leads back to the path [s].
+      settle_time: in which a correction changes the drift to the wanted one [s].
+      delay: from the decision to cross the play to the truck's response [s].
+      drift_time: time constant of the drift's filter [s].
+      path_jerk: change of the path's lateral acceleration that suspends the rest [m/s3].
+      missing_share: of `PlayConfig`'s missing angles, for the way to the steady angle.
+
+    Raises:
+      InputError: a number is not positive and finite.
+    """
+
+    strength: float = 2.0
+    strength_time: float = 6.7
+    horizon: float = 3.0
+    settled: float = 0.01
+    rest_error: float = 0.03
+    return_time: float = 6.0
+    settle_time: float = 1.0
+    delay: float = 0.5
+    drift_time: float = 0.5
+    path_jerk: float = 0.2
+    missing_share: float = 0.3
+
+    def __post_init__(self) -> None:
+        require_positive(self, *(entry.name for entry in fields(self)))
+
+
+@dataclass(frozen=True)
 class LateralConfig:
     """Weights and limits of the steering controller.
 
@@ -60,7 +100,7 @@ class LateralConfig:
       integral_error_max: offset above which the integral does not change [m].
       integral_max: [m s].
       speed_min: speed below which the wheel is held [m/s].
-      play: see `PlayConfig`.
+      play: see `PlayConfig`; calm: see `CalmConfig`.
 
     Raises:
       InputError: a number is not positive and finite, or the speeds do not rise.
@@ -86,6 +126,7 @@ class LateralConfig:
     integral_max: float = 3.0
     speed_min: float = 0.3
     play: PlayConfig = field(default_factory=PlayConfig)
+    calm: CalmConfig = field(default_factory=CalmConfig)
 
     def __post_init__(self) -> None:
         require_positive(self, *(entry.name for entry in fields(self) if entry.type == "float"))

@@ -21,6 +21,9 @@ struct Settings {
   // Of the steering gear; its rate and `most`, the sine of its angle, are those of road wheels.
   double ratio, half_play, angle_max, rate_max, most;
   double missing_angle, missing_acceleration, crossing_reach;
+  // In calm: times and shares of `CalmConfig`.
+  double strength_max, strength_kept, horizon, settled, rest_error;
+  double return_time, settle_time, delay, drift_share, path_jerk, missing_share;
 };
 
 // The units' yaw rates follow, and the articulations between them.
@@ -32,6 +35,7 @@ struct Memory {
   double started, error, demand, integral, wheel;
   double output, flank, asked;  // Of the play.
   double predicted;
+  double strength, drift, resting;  // Of the calm.
 };
 
 // What the observer remembers of the speeds (w, r of each unit).
@@ -207,11 +211,13 @@ void FollowPlay(const Settings& s, const Truck& truck, Memory* m) {
 }
 
 // Steering wheel angle [rad] that brings the gear's output to a demand of the road wheels' angle.
-double TurnWheel(const Settings& s, double demand, double response, Memory* m) {
+//
+// Args: `share` is of the angle that may be missing before the wheel crosses the play.
+double TurnWheel(const Settings& s, double demand, double response, double share, Memory* m) {
   const double missing = demand * s.ratio - m->output;
   const double bearable =
       std::min(s.missing_angle, s.missing_acceleration / std::max(response, 1e-6));
-  if (missing * m->flank < -bearable * s.ratio) m->flank = -m->flank;
+  if (missing * m->flank < -share * bearable * s.ratio) m->flank = -m->flank;
   // The wheel never moves off its flank toward the play.
   const double target = m->output + m->flank * (std::max(missing * m->flank, 0.0) + s.half_play);
   const double contact = m->output + m->flank * s.half_play;
@@ -230,12 +236,79 @@ void Move(const Settings& s, double rate, double error, double speed, Memory* m)
   }
 }
 
-// Sine of the demand without corrections that are too small for a crossing of the play; `steady`
-// is the sine of the angle for the path and the disturbance alone.
-double Quieted(const Settings& s, double steady, double response, const Memory& m) {
+// Angle of the road wheels below which a correction is not worth a crossing of the play [rad].
+double Idle(const Settings& s, double response) {
+  return std::min(s.idle_angle, s.idle_acceleration / response);
+}
+
+// Greatest distance from the path within a time at an offset, a drift and an acceleration.
+double Farthest(double offset, double drift, double acceleration, double time) {
+  const double last = offset + drift * time + 0.5 * acceleration * time * time;
+  double most = std::max(std::fabs(offset), std::fabs(last));
+  const double turn = acceleration == 0.0 ? 0.0 : -drift / acceleration;
+  if (turn > 0.0 && turn < time) most = std::max(most, std::fabs(offset + 0.5 * drift * turn));
+  return most;
+}
+
+// How the wheel rests in calm.
+struct Calm {
+  // Args: `steady` is the sine of the angle for the path and the disturbance alone, `drift` the
+  // speed across the path, `jerk` the change of the path's lateral acceleration over time.
+  Calm(const Settings& s, double steady, double response, double drift, double jerk, bool trusted,
+       Memory* m)
+      : jerk(jerk) {
+    const double strength = std::fabs(m->demand - steady) / Idle(s, response);
+    m->strength = std::max(strength, m->strength * s.strength_kept);
+    calm = trusted && m->strength < s.strength_max;
+    beyond = response * (std::sin(m->output / s.ratio) - steady);
+    m->drift += beyond * s.period + s.drift_share * (drift - m->drift);
+    // The slide that is left when the wheel has crossed the play; a drift to the path is wanted.
+    slide = m->drift + beyond * s.delay + m->error / s.return_time;
+    quiet = calm ? 1.0 - std::min(std::fabs(jerk) / s.path_jerk, 1.0) : 1.0;
+    const double wanted = -slide / s.settle_time;
+    gentle = calm && (quiet >= 0.5 || wanted * jerk >= 0.0) ? wanted / response : 0.0;
+    // Where the path itself turns the wheel, a correction needs no crossing of the play.
+    const bool free = (m->demand - steady) * jerk > 0.0 || m->flank * jerk > 0.0;
+    idle_share = free ? quiet : 1.0;
+  }
+
+  // Share of the missing angle at which the wheel crosses the play. `correction` is the sine of the
+  // wanted angle beyond the steady one.
+  double Crossing(const Settings& s, double correction, Memory* m) const {
+    const double moved = std::fabs(slide) * s.horizon;
+    const double turned = 0.5 * std::fabs(beyond) * s.horizon * s.horizon;
+    const double far = std::max(Farthest(m->error, m->drift, beyond, s.horizon), moved);
+    const bool bearable = m->resting ? far < s.rest_error : std::max(moved, turned) < s.settled;
+    m->resting = calm && quiet > 0.5 && bearable ? 1.0 : 0.0;
+    double share = 1.0;
+    if (calm && quiet > 0.5 && !m->resting) {
+      const bool pushing = moved >= s.settled && correction * m->flank > 0.0;
+      share = pushing ? 1.0 : s.missing_share;
+    }
+    if (m->flank * jerk > 0.0) {
+      share += s.idle_acceleration / s.missing_acceleration * (1.0 - quiet);
+    }
+    return share;
+  }
+
+  const double jerk;
+  bool calm;
+  double beyond;      // Lateral acceleration at the gear's output beyond the steady one.
+  double slide;       // [m/s]
+  double quiet;       // 1 where the path's curvature does not change.
+  double gentle;      // Road wheel angle against the slide.
+  double idle_share;  // Of the angle that is not worth a crossing.
+};
+
+// Sine of the demand: the steady one, a gentle correction that stays within the idle angle, and
+// what the controller demands beyond the idle angle.
+double Quieted(const Settings& s, double steady, double response, const Calm& calm,
+               const Memory& m) {
   const double beyond = m.demand - steady;
-  const double idle = std::min(s.idle_angle, s.idle_acceleration / response);
-  const double wanted = steady + std::copysign(std::max(std::fabs(beyond) - idle, 0.0), beyond);
+  const double idle = calm.idle_share * Idle(s, response);
+  const double gentle = Clip(calm.gentle, -idle, idle);
+  const double wanted =
+      steady + gentle + std::copysign(std::max(std::fabs(beyond) - idle, 0.0), beyond);
   return Clip(wanted, -s.most, s.most);
 }
 
@@ -300,10 +373,18 @@ IITS_KERNEL double iits_steer(const iits::Settings* settings, iits::Memory* memo
   for (std::ptrdiff_t i = 0; i < speeds; ++i) {
     seen.lasting[i] += s.steady_share * (push[i] - seen.lasting[i]);
   }
-  const double near = iits::Sum(ahead.data(), std::min<std::ptrdiff_t>(s.near_count, previews));
-  double steady = iits::Square(course_speed) * (near / s.near_count) / gains.response;
+  const std::ptrdiff_t count = std::min<std::ptrdiff_t>(s.near_count, previews);
+  const std::ptrdiff_t next = std::min<std::ptrdiff_t>(count, previews - count);
+  const double near = iits::Sum(ahead.data(), count) / s.near_count;
+  const double later = iits::Sum(ahead.data() + next, count) / s.near_count;
+  const double square = iits::Square(course_speed);
+  double steady = square * near / gains.response;
   steady += iits::Dot(gains.balance, seen.lasting, speeds);
-  const double demand = std::asin(iits::Quieted(s, steady, gains.response, *m));
-  m->wheel = iits::TurnWheel(s, demand, gains.response, m);
+  const double jerk = square * (later - near) / (s.near_count * s.preview_step);
+  const double across = t.lateral_speed + course_speed * heading;
+  const iits::Calm calm(s, steady, gains.response, across, jerk, trust == 1.0, m);
+  const double wanted = iits::Quieted(s, steady, gains.response, calm, *m);
+  const double share = calm.Crossing(s, wanted - steady, m);
+  m->wheel = iits::TurnWheel(s, std::asin(wanted), gains.response, share, m);
   return m->wheel;
 }

@@ -146,13 +146,16 @@ class SteeringPlay:
         self._output = min(max(self._output, wheel - half), wheel + half)
         return self._output
 
-    def turn(self, demand, gain):
-        """Steering wheel angle [rad] for a road wheel angle; `gain` is the steady response."""
+    def turn(self, demand, gain, share=1.0):
+        """Steering wheel angle [rad] for a road wheel angle; `gain` is the steady response.
+
+        `share` is of the angle that may be missing before the wheel crosses the play.
+        """
         config, ratio, half = self.config, self.steering.ratio, 0.5 * self.steering.dead_band
         output = demand * ratio if self._output is None else self._output
         missing = demand * ratio - output
         bearable = min(config.missing_angle, config.missing_acceleration / max(gain, 1e-6))
-        if missing * self._flank < -bearable * ratio:
+        if missing * self._flank < -share * bearable * ratio:
             self._flank = -self._flank
         target = output + self._flank * (max(missing * self._flank, 0.0) + half)
         contact = output + self._flank * half
@@ -161,6 +164,61 @@ class SteeringPlay:
         wheel = self._wheel + self._flank * reach if crossing else target
         self._wheel = min(max(wheel, -self.steering.angle_max), self.steering.angle_max)
         return self._wheel
+
+
+class Rest:
+    """How the wheel rests in calm; see the kernel's `Calm`."""
+
+    def __init__(self, config, ratio):
+        self.config, self.calm, self.ratio = config, config.calm, ratio
+        self.strength, self.drift, self.resting = 0.0, 0.0, False
+        self.gentle, self.idle_share = 0.0, 1.0
+
+    def update(self, steady, response, across, jerk, trusted, law):
+        calm = self.calm
+        strength = abs(law.demand - steady) / law.idle(response)
+        kept = math.exp(-CONTROL_PERIOD / calm.strength_time)
+        self.strength = max(strength, self.strength * kept)
+        self.still = trusted and self.strength < calm.strength
+        self.offset, self.flank, self.jerk = law.offset, law.play._flank, jerk
+        self.beyond = response * (math.sin(law.play._output / self.ratio) - steady)
+        share = 1.0 - math.exp(-CONTROL_PERIOD / calm.drift_time)
+        self.drift += self.beyond * CONTROL_PERIOD + share * (across - self.drift)
+        self.slide = self.drift + self.beyond * calm.delay + self.offset / calm.return_time
+        self.quiet = 1.0 - min(abs(jerk) / calm.path_jerk, 1.0) if self.still else 1.0
+        wanted = -self.slide / calm.settle_time
+        along = self.quiet >= 0.5 or wanted * jerk >= 0.0
+        self.gentle = wanted / response if self.still and along else 0.0
+        free = (law.demand - steady) * jerk > 0.0 or self.flank * jerk > 0.0
+        self.idle_share = self.quiet if free else 1.0
+
+    def farthest(self):
+        """Greatest distance from the path over the horizon."""
+        offset, drift, a, time = self.offset, self.drift, self.beyond, self.calm.horizon
+        places = [offset, offset + drift * time + 0.5 * a * time * time]
+        turn = -drift / a if a else 0.0
+        if 0.0 < turn < time:
+            places.append(offset + 0.5 * drift * turn)
+        return max(abs(place) for place in places)
+
+    def crossing(self, correction):
+        """Share of the missing angle at which the wheel crosses the play."""
+        calm, play = self.calm, self.config.play
+        moved = abs(self.slide) * calm.horizon
+        turned = 0.5 * abs(self.beyond) * calm.horizon * calm.horizon
+        if self.resting:
+            bearable = max(self.farthest(), moved) < calm.rest_error
+        else:
+            bearable = max(moved, turned) < calm.settled
+        self.resting = self.still and self.quiet > 0.5 and bearable
+        share = 1.0
+        if self.still and self.quiet > 0.5 and not self.resting:
+            pushing = moved >= calm.settled and correction * self.flank > 0.0
+            share = 1.0 if pushing else calm.missing_share
+        if self.flank * self.jerk > 0.0:
+            ratio = self.config.idle_acceleration / play.missing_acceleration
+            share += ratio * (1.0 - self.quiet)
+        return share
 
 
 class Steering(LateralController):
@@ -176,10 +234,12 @@ class Steering(LateralController):
         self.lasting = np.zeros(units + 1)
         self.play = SteeringPlay(steering, config.play)
         self.observer = DisturbanceObserver(config.disturbance_time, units)
+        self.rest = Rest(config, steering.ratio)
 
     def steer(self, ego, trajectory):
         config, view = self.config, PathView(trajectory)
         offset, heading = view.error(ego)
+        self.offset = offset
         if self.demand is None:
             self.demand, self.wheel = math.sin(ego.road_wheel_angle), ego.steering_wheel_angle
         self.play.follow(ego.steering_wheel_angle, ego.road_wheel_angle)
@@ -208,18 +268,30 @@ class Steering(LateralController):
         rate -= dot(gains.disturbance, push)
         self.move(rate, offset, speed)
         near = float(np.add.reduce(ahead[: self.near])) / self.near
+        later = float(np.add.reduce(ahead[self.near : 2 * self.near])) / self.near
         share = 1.0 - math.exp(-CONTROL_PERIOD / config.steady_time)
         self.lasting += share * (push - self.lasting)
         steady = speed**2 * near / gains.response + dot(gains.balance, self.lasting)
-        demand = math.asin(self.quieted(steady, gains.response))
-        self.wheel = self.play.turn(demand, gains.response)
+        step = config.preview_time / count
+        jerk = speed**2 * (later - near) / (self.near * step)
+        across = ego.lateral_speed + speed * heading
+        trusted = self.trust(speed) == 1.0
+        self.rest.update(steady, gains.response, across, jerk, trusted, self)
+        wanted = self.quieted(steady, gains.response)
+        share = self.rest.crossing(wanted - steady)
+        self.wheel = self.play.turn(math.asin(wanted), gains.response, share)
         return self.wheel
+
+    def idle(self, response):
+        """Angle below which a correction is not worth a crossing [rad]."""
+        return min(self.config.idle_angle, self.config.idle_acceleration / response)
 
     def quieted(self, steady, response):
         """Sine of the demand without corrections that are too small for a crossing."""
         beyond = self.demand - steady
-        idle = min(self.config.idle_angle, self.config.idle_acceleration / response)
-        wanted = steady + math.copysign(max(abs(beyond) - idle, 0.0), beyond)
+        idle = self.rest.idle_share * self.idle(response)
+        gentle = min(max(self.rest.gentle, -idle), idle)
+        wanted = steady + gentle + math.copysign(max(abs(beyond) - idle, 0.0), beyond)
         return min(max(wanted, -self.most), self.most)
 
     def move(self, rate, offset, speed):

@@ -93,6 +93,51 @@ def test_steering_of_one_to_four_units_equals_its_python_form_to_the_bit(name):
     assert compiled.observed[1].tolist() == python.observer.value.tolist()
 
 
+def test_in_calm_the_wheel_rests_and_moves_as_in_its_python_form_to_the_bit():
+    rng, speed = np.random.default_rng(5), 20.0
+    compiled, python = LateralController(PARAMETERS, CONFIG), Steering(PARAMETERS, CONFIG)
+    station = np.arange(0.0, 400.0)
+    bend = 1e-3 * np.clip((station - 120.0) / 80.0, 0.0, 1.0)
+    yaw = np.cumsum(bend)
+    path = dataclasses.replace(
+        arc(step=1.0, length=399.0),
+        station=station,
+        x=np.cumsum(np.cos(yaw)),
+        y=np.cumsum(np.sin(yaw)),
+        yaw=yaw,
+        curvature=bend,
+    )
+    wheel = offset = 0.0
+    rests, turning = [], []
+    for k in range(700):
+        place = 5.0 + speed * 0.02 * k
+        heading, curvature = (float(np.interp(place, station, row)) for row in (yaw, bend))
+        offset = 0.99 * offset + rng.normal(0.0, 1e-3)
+        turned = rng.normal(0.0, 1e-4) - (4e-4 if 150 < k < 200 else 0.0)
+        ego = EgoState(
+            x=float(np.interp(place, station, path.x)) - offset * math.sin(heading),
+            y=float(np.interp(place, station, path.y)) + offset * math.cos(heading),
+            yaw=heading + turned,
+            station=place,
+            speed=speed,
+            yaw_rate=speed * curvature,
+            trailer_yaw_rate=speed * curvature,
+            steering_wheel_angle=wheel,
+            road_wheel_angle=wheel / PARAMETERS.steering.ratio,
+            mass=40_000.0,
+        )
+        wheel = compiled.steer(ego, path)
+        assert wheel == python.steer(ego, path)
+        memory = compiled.memory
+        assert (memory.strength, memory.drift) == (python.rest.strength, python.rest.drift)
+        assert bool(memory.resting) == python.rest.resting
+        rests.append(memory.resting)
+        turning.append(python.rest.quiet < 0.5)
+    # The wheel comes to rest and leaves it again several times; the clothoid counts as one.
+    assert np.count_nonzero(np.diff(rests)) >= 4
+    assert any(turning)
+
+
 @pytest.mark.parametrize("left", [1.0, -1.0])
 def test_in_a_bend_tighter_than_the_truck_turns_the_wheel_ends_at_its_stop(left):
     path, stop = arc(radius=2.0, length=12.0), PARAMETERS.steering.angle_max

@@ -8,6 +8,7 @@ import pytest
 
 from controllers.tracking.lateral import LateralController, check_finite, unit_motions
 from controllers.tracking.lateral_gains import (
+    CalmConfig,
     Gains,
     LateralConfig,
     LateralGains,
@@ -214,9 +215,9 @@ def test_on_a_bend_the_demand_is_that_of_its_curvature_ahead(controller):
     assert controller.memory.demand == pytest.approx(rate * CONTROL_PERIOD, rel=0.05)
     # While the demand is near the steady angle of the bend, the wheel asks for just that angle.
     steady = 10.0**2 / 400.0 / gains.response
-    quick = LateralController(
-        PARAMETERS, dataclasses.replace(CONFIG, play=PlayConfig(crossing_rate=1e3))
-    )
+    never = CalmConfig(strength=1e-9)
+    config = dataclasses.replace(CONFIG, play=PlayConfig(crossing_rate=1e3), calm=never)
+    quick = LateralController(PARAMETERS, config)
     quick._gains, quick._mass = controller._gains, controller._mass
     for off in (-0.5, 0.5):
         quick.reset()
