@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-# Written out: from numpy 2.5 on `NDArray` is an alias whose parts `typing.get_origin` does not give
-# to those who read the types of fields.
+# Written out, because truck files are read by the types of the parameters: `typing.get_origin` of
+# these is `np.ndarray`. Of numpy's own `NDArray[...]` it no longer is from numpy 2.5 on.
 BoolArray = np.ndarray[tuple[Any, ...], np.dtype[np.bool_]]
 FloatArray = np.ndarray[tuple[Any, ...], np.dtype[np.float64]]
 IntArray = np.ndarray[tuple[Any, ...], np.dtype[np.int64]]

@@ -16,9 +16,8 @@ from dataclasses import dataclass, field, fields, make_dataclass
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import BoolArray, FloatArray
 from iits_mj.core.checks import in_range
 from iits_mj.core.neighbors import Neighbors
 from iits_mj.core.vehicles import TrackedVehicle as TrackedVehicle
@@ -389,7 +388,7 @@ class SpeedProfile:
 
     station: FloatArray
     speed: FloatArray
-    neutral: NDArray[np.bool_] | None = None
+    neutral: BoolArray | None = None
 
     def at(self, station: float) -> float:
         """Returns the reference speed at a station [m/s], constant beyond both ends."""

@@ -54,29 +54,6 @@ class SceneEvent(Event):
         if getattr(self, field) is not None:
             self._number(field, low, high)
 
-    def _check_way(self) -> None:
-        """Checks `along`, `points`, `frame` and `stays` of an event with a way of its own."""
-        along, points = (getattr(self, name) for name in ("along", "points"))
-        frame = one_of(f"{self.kind}: frame", getattr(self, "frame"), FRAMES)  # noqa: B009
-        _flag(self, "stays")
-        if along is not None:
-            self._text("along")
-            try:
-                read_words(along)
-            except InputError as error:
-                raise InputError(f"{self.kind}: along: {error}") from None
-        if points is None:
-            return
-        if not isinstance(points, (list, tuple)) or not 2 <= len(points) <= POINTS_MAX:
-            raise InputError(f"{self.kind}: points: give a list of 2 to {POINTS_MAX} points")
-        sizes = (2, 3) if frame == "map" else (2,)
-        made = tuple(point_of(f"{self.kind}: points", point, *sizes) for point in points)
-        if len({len(point) for point in made}) > 1:
-            raise InputError(f"{self.kind}: points: all have a height, or none")
-        if any(before[:2] == after[:2] for before, after in itertools.pairwise(made)):
-            raise InputError(f"{self.kind}: points: two equal points follow each other")
-        object.__setattr__(self, "points", made)
-
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceVehicle(SceneEvent):
@@ -120,7 +97,7 @@ class PlaceVehicle(SceneEvent):
     def _check(self) -> None:
         self._text("name")
         self._either("gap", "station", "points")
-        self._check_way()
+        _check_way(self)
         if self.along is not None and (self.station is None or self.lane is None):
             raise InputError(f"{self.kind}: along needs station and lane")
         if self.points is not None and (self.lane, self.relative_lane) != (None, None):
@@ -424,7 +401,7 @@ class FollowPath(Maneuver):
 
     def _check_maneuver(self) -> None:
         self._either("points", "along")
-        self._check_way()
+        _check_way(self)
         count = len(self.points or ())
         if self.goal is not None:
             self._whole("goal", 1, max(count - 1, 1))
@@ -702,6 +679,30 @@ SCENARIO_EVENTS: tuple[type[Event], ...] = (
     *(FollowPath, KeepDistance, Synchronize, Swarm),
     *(Milestone, SetValue, EndDrive, FrictionChange, Wind, Puncture, BrakeLeak, StuckSpeedSensor),
 )
+
+
+def _check_way(event: PlaceVehicle | FollowPath) -> None:
+    """Checks `along`, `points`, `frame` and `stays`."""
+    kind, points = event.kind, event.points
+    one_of(f"{kind}: frame", event.frame, FRAMES)
+    _flag(event, "stays")
+    if event.along is not None:
+        event._text("along")
+        try:
+            read_words(event.along)
+        except InputError as error:
+            raise InputError(f"{kind}: along: {error}") from None
+    if points is None:
+        return
+    if not isinstance(points, (list, tuple)) or not 2 <= len(points) <= POINTS_MAX:
+        raise InputError(f"{kind}: points: give a list of 2 to {POINTS_MAX} points")
+    sizes = (2, 3) if event.frame == "map" else (2,)
+    made = tuple(point_of(f"{kind}: points", point, *sizes) for point in points)
+    if len({len(point) for point in made}) > 1:
+        raise InputError(f"{kind}: points: all have a height, or none")
+    if any(before[:2] == after[:2] for before, after in itertools.pairwise(made)):
+        raise InputError(f"{kind}: points: two equal points follow each other")
+    object.__setattr__(event, "points", made)
 
 
 def _flag(event: Event, field: str) -> None:

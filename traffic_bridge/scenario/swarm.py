@@ -117,15 +117,20 @@ class SwarmPlaces:
         self._map = road_map
         self._frames = RoadFrames(road_map)
         self._known: dict[str, LanePlaces] = {}
+        # Both ends of each road: x and y [m].
+        self._ends = {
+            name: road.plan.evaluate([0.0, road.length])
+            for name, road in road_map.roads.items()
+            if road.junction is None
+        }
 
     def around(self, event: Swarm, center: Body) -> LanePlaces:
         """Returns the places in the ring of an event around a body."""
         reach = math.hypot(event.half_length, event.half_width) + abs(event.ahead)
         near = []
-        for name, road in self._map.roads.items():
-            line = road.plan.evaluate([0.0, road.length])
+        for name, line in self._ends.items():
             away = np.hypot(np.asarray(line.x) - center.x, np.asarray(line.y) - center.y)
-            if road.junction is None and float(away.min()) < reach + road.length:
+            if float(away.min()) < reach + self._map.roads[name].length:
                 near.append(self._of_road(name))
         x, y, heading = (
             np.concatenate([np.zeros(0), *(each[k] for each in near)]) for k in range(3)
