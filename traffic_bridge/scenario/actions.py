@@ -457,6 +457,14 @@ class LoseCargo(Maneuver):
 
 
 @dataclass(frozen=True, kw_only=True)
+class RemoveVehicle(Maneuver):
+    """A road user disappears; the event that placed it ends."""
+
+    kind: ClassVar[str] = "remove_vehicle"
+    ends: ClassVar[tuple[str, ...]] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
 class CrossRoad(SceneEvent):
     """A pedestrian or a cyclist who crosses the road from its edge, at constant speed.
 
@@ -676,7 +684,7 @@ class StuckSpeedSensor(Fault):
 
 SCENARIO_EVENTS: tuple[type[Event], ...] = (
     *(PlaceVehicle, CutIn, ChangeLane, ChangeSpeed, Brake, Swerve, Drift, LoseCargo, CrossRoad),
-    *(FollowPath, KeepDistance, Synchronize, Swarm),
+    *(FollowPath, KeepDistance, Synchronize, Swarm, RemoveVehicle),
     *(Milestone, SetValue, EndDrive, FrictionChange, Wind, Puncture, BrakeLeak, StuckSpeedSensor),
 )
 

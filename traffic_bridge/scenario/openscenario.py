@@ -121,10 +121,11 @@ class OpenScenario:
         actions, triggers = self._actions, self._triggers
         made: list[Event] = []
         for node in self._init:
-            if node.tag == "GlobalAction":
+            if node.tag == "GlobalAction" and node.find("EntityAction") is None:
                 made.extend(actions.of_start(node))
+        added = {step.name for step in self._steps if _is_added(step.action)}
         for name, entity in self._entities.members.items():
-            if name != self.ego and name not in self._entities.towed:
+            if name not in (self.ego, *added) and name not in self._entities.towed:
                 made.extend(actions.placed(name, entity))
         for act, node in self._acts:
             trigger = node.find("StartTrigger")
@@ -136,6 +137,10 @@ class OpenScenario:
             groups = [] if trigger is None else triggers.groups(trigger)
             begun = {"event": step.act, "state": "begun"}
             groups = [[begun, *group] for group in groups or [[]]]
+            if step.name in added:
+                entity = self._entities.members[step.name]
+                made.extend(actions.placed(step.name, entity, groups))
+                continue
             values = actions.values(step.action, step.name, step.actor)
             made.append(scenario_event(step.event, values, groups))
         triggers.family = -1
@@ -208,6 +213,9 @@ class OpenScenario:
                             self._triggers.elements.setdefault(("action", action.get("name")), [])
                             continue
                         name = self._new_name(event.get("name"))
+                        if _is_added(action):
+                            # Conditions know its event by the name of the entity.
+                            name = self._entities.add(action.child("GlobalAction", "EntityAction"))
                         self._steps.append(_Step(name, action, actor, event, act, family))
                         self._triggers.families[name] = family
                         key = "action", action.get("name")
@@ -224,6 +232,11 @@ class OpenScenario:
             name, number = f"{wanted} {number}", number + 1
         self._names.add(name)
         return name
+
+
+def _is_added(action: Node) -> bool:
+    """Whether an action adds an entity."""
+    return any(True for _ in action.all("AddEntityAction"))
 
 
 def _once(node: Node) -> None:

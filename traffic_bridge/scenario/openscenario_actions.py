@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
@@ -16,7 +15,6 @@ from traffic_bridge.scenario.conditions import SIGNAL, TRUCK
 from traffic_bridge.scenario.openscenario_entities import (
     CATEGORIES,
     ROUTES,
-    SAME,
     Entities,
     Entity,
     Spot,
@@ -32,6 +30,7 @@ from traffic_bridge.signals.events import Event
 # Mean over greatest rate of the shapes of a change.
 MEANS = {"linear": 1.0, "sinusoidal": 2.0 / math.pi, "cubic": 2.0 / 3.0}
 SHORTEST = 0.1  # [s] of a change to the side
+STEP = 4e-3  # [m]: places of a trajectory that are nearer to each other are one
 
 AnyGroups = list[list[Values]]  # one must hold; of a group all conditions
 
@@ -49,8 +48,10 @@ class Actions:
         # The same names each time.
         self._new_name = functools.cache(new_name)
 
-    def placed(self, name: str, entity: Entity) -> Iterator[Event]:
-        """Yields an entity at its start, with what it does from there."""
+    def placed(
+        self, name: str, entity: Entity, groups: AnyGroups | None = None
+    ) -> Iterator[Event]:
+        """Yields an entity at its start, with what it does from there, on groups of conditions."""
         node = self._entities.start(name)
         values = {
             "event": "place_vehicle",
@@ -62,9 +63,10 @@ class Actions:
         }
         spot = self._entities.spot(name)
         if entity.walks or math.isnan(spot.offset):
-            yield scenario_event(node, values | self._standing(entity, self._entities.pose(name)))
+            values |= self._standing(entity, self._entities.pose(name))
         else:
-            yield scenario_event(node, values | self._driving(entity, spot, node))
+            values |= self._driving(entity, spot, node)
+        yield scenario_event(node, values, groups)
         speed = self._entities.speeds.get(name)
         if (
             speed is not None
@@ -105,15 +107,9 @@ class Actions:
         if action.number("initialDistanceOffset", 0.0) != 0.0:
             action.fail("initialDistanceOffset is not read")
         vertices = list(polyline(action, self._entities.catalogs))
-        pose_of = self._entities.places.pose
-        poses = [pose_of(next(iter(each.child("Position")))) for each in vertices]
+        poses = [self._vertex(each, each is vertices[-1]) for each in vertices]
         times = _times(action, vertices, at_start)
-        if times is None:  # places that follow each other twice add nothing
-            apart = [
-                k == 0 or math.dist(each[:2], poses[k - 1][:2]) > SAME
-                for k, each in enumerate(poses)
-            ]
-            poses = list(itertools.compress(poses, apart))
+        poses, times = _apart(poses, times)
         if len(poses) < 2:
             action.fail("a trajectory needs two places")
         centers = []
@@ -128,6 +124,13 @@ class Actions:
         if entity.walks or on(self._entities.route, last) is None:
             points.extend(self._entities.places.way_on(poses[-1], last.heading))
         return values | {"points": _points(points)} | ({} if times is None else {"times": times})
+
+    def _vertex(self, vertex: Node, last: bool) -> Pose:
+        """The place of a vertex; only the last one needs its road."""
+        node = next(iter(vertex.child("Position")))
+        if node.tag == "WorldPosition" and node.has("z") and not last:
+            return Pose(*(node.number(axis) for axis in "xyz"), node.number("h", 0.0))
+        return self._entities.places.pose(node)
 
     def of_start(self, action: Node) -> Iterator[Event]:
         """Yields the friction and the wind of an environment, or the new value of a variable."""
@@ -206,7 +209,13 @@ class Actions:
         """Returns the event of an action for one actor, "" for none, with its name."""
         values: Values = {"name": name}
         if not actor:
-            return values | self._set_value(next(iter(node.child("GlobalAction"))))
+            kind = next(iter(node.child("GlobalAction")))
+            if kind.tag == "EntityAction" and kind.find("DeleteEntityAction") is not None:
+                gone = self._entities.reference(kind)
+                if gone == self._entities.ego:
+                    kind.fail("the truck cannot be removed")
+                return values | {"event": "remove_vehicle", "actor": gone}
+            return values | self._set_value(kind)
         values["actor"] = actor
         kind = next(iter(node.child("PrivateAction")))
         if kind.tag == "SynchronizeAction":
@@ -373,6 +382,31 @@ def _times(action: Node, vertices: Sequence[Node], at_start: bool) -> list[float
         timing.fail("absolute times are read in Init only: relative")
     scale, offset = timing.number("scale"), timing.number("offset")
     return [scale * each.number("time") + offset for each in vertices]
+
+
+def _apart(
+    poses: Sequence[Pose], times: Sequence[float] | None
+) -> tuple[list[Pose], list[float] | None]:
+    """Places, and their times, without those at which one has not moved on.
+
+    One who stands until a time is a little ahead then, so that no two places are the same.
+    """
+    kept: list[Pose] = []
+    at: list[float] = []
+    begun = 0  # number of kept places when the last one was reached
+    for k, pose in enumerate(poses):
+        if not kept or math.dist(pose[:2], kept[begun - 1][:2]) > STEP:
+            kept.append(pose)
+            begun = len(kept)
+        elif times is None:
+            continue
+        elif len(kept) == begun:
+            kept.append(kept[-1].ahead(0.5 * STEP))
+        else:
+            at.pop()
+        if times is not None:
+            at.append(times[k])
+    return kept, None if times is None else at
 
 
 def _points(points: Sequence[tuple[float, float, float]]) -> list[list[float]]:

@@ -30,7 +30,9 @@ CATEGORIES = {
 # Elements of the ego that the truck's own driver replaces.
 DRIVERS = ("ControllerAction", "ActivateControllerAction")
 ROUTES = ("AssignRouteAction", "AcquirePositionAction")
-ARTICULATED = 12.0  # [m]: least length of a truck with trailers that has a body of its own
+# [m]: the greatest length of a rigid truck, Council Directive 96/53/EC, annex I; a longer one, or a
+# longer combination with a truck, has the body of an articulated truck.
+ARTICULATED = 12.0
 TRAILERS_MAX = 10
 SAME = 1e-3  # [m], [s]
 
@@ -94,9 +96,11 @@ class Entities:
         for name in list(self.members):
             self.members[name] = self._with_trailers(name)
         self.ego = self._ego(objects, ego)
-        for private in init:
-            if private.tag == "Private":
-                self._read_private(private)
+        for node in init:
+            if node.tag == "Private":
+                self._read_private(node)
+            elif node.find("EntityAction") is not None:
+                self.add(node.child("EntityAction"))
 
     def use(self, route: Route) -> None:
         """Takes the truck's route, and its map."""
@@ -154,6 +158,8 @@ class Entities:
         box = body.child("BoundingBox")
         size = {n: box.child("Dimensions").number(n) for n in ("length", "width", "height")}
         front = box.child("Center").number("x") + 0.5 * size["length"]
+        if body.tag == "Vehicle" and category == "truck" and size["length"] > ARTICULATED:
+            kind = "articulated"  # no rigid one is so long
         return Entity(node, kind, size, front)
 
     def _with_trailers(self, name: str) -> Entity:
@@ -173,7 +179,7 @@ class Entities:
         if not towed:
             return entity
         length = entity.front - rear
-        kind = "articulated" if entity.type == "truck" and length >= ARTICULATED else entity.type
+        kind = "articulated" if entity.type == "truck" and length > ARTICULATED else entity.type
         return entity._replace(type=kind, size=entity.size | {"length": length})
 
     def _trailer(self, body: Node) -> Node | None:
@@ -222,6 +228,14 @@ class Entities:
                     routing.refuse()
             elif kind.tag not in DRIVERS or name != self.ego:
                 next(iter(kind), kind).refuse()
+
+    def add(self, node: Node) -> str:
+        """Takes the start of an entity from the EntityAction that adds it; returns its name."""
+        name = self.reference(node)
+        if name == self.ego or name in self.starts:
+            node.fail(f"{name} is there from the beginning, or added twice")
+        self.starts[name] = next(iter(node.child("AddEntityAction", "Position")))
+        return name
 
     def reference(self, node: Node, attribute: str = "entityRef") -> str:
         """Returns the entity to which a node refers."""

@@ -12,9 +12,10 @@ from typing import Any, NoReturn
 from xml.etree.ElementTree import Element
 
 from iits_mj.core.errors import InputError, MapError
-from iits_mj.core.input_files import TEXT_SIZE_MAX, similar_file
+from iits_mj.core.input_files import similar_file
 from iits_mj.road.xml_input import parse_xml
 
+SIZE_MAX = 256 * 2**20  # bytes of a file; a minute among 60 vehicles takes 7 MB
 LONGEST_EXPRESSION = 400
 CATALOG_FILES_MAX = 100
 _NAME = re.compile(r"\$([A-Za-z_][A-Za-z0-9_]*)")
@@ -71,13 +72,13 @@ class Node:
         """Returns the first child with a tag; None if there is none."""
         return next((child for child in self if child.tag == tag), None)
 
-    def child(self, tag: str) -> Node:
-        """Returns the first child with a tag; InputError if there is none."""
+    def child(self, tag: str, *below: str) -> Node:
+        """Returns the first child with a tag, or below it; InputError if there is none."""
         found = self.find(tag)
         if found is None:
             has = ", ".join(f"<{child.tag}>" for child in self) or "nothing"
             self.fail(f"needs <{tag}>; it has {has}")
-        return found
+        return found.child(*below) if below else found
 
     def scoped(self, assigned: Mapping[str, str] | None = None) -> Node:
         """Returns the node with its declared parameters, some of them with assigned values."""
@@ -174,8 +175,8 @@ def read_root(path: Path) -> Node:
     """
     try:
         size = path.stat().st_size
-        if size > TEXT_SIZE_MAX:
-            raise InputError(f"{path}: {size} bytes are more than {TEXT_SIZE_MAX} allowed")
+        if size > SIZE_MAX:
+            raise InputError(f"{path}: {size} bytes are more than {SIZE_MAX} allowed")
         content = path.read_bytes()
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error

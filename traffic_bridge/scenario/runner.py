@@ -28,6 +28,7 @@ from traffic_bridge.scenario.actions import (
     Maneuver,
     Milestone,
     PlaceVehicle,
+    RemoveVehicle,
     SceneEvent,
     SetValue,
     Swarm,
@@ -509,6 +510,8 @@ class Scenario:
         if refers and actor.track is not self._route and not actor.join_route():
             return None
         record = EventRecord(event, actor.name, situation.time)
+        if isinstance(event, RemoveVehicle):
+            return self._take_away(record)
         if isinstance(event, LoseCargo):
             return self._lose_cargo(event, actor, situation)
         if isinstance(event, FollowPath):
@@ -518,6 +521,15 @@ class Scenario:
             return _Running(record, plans=plans)
         plans, undo = begin(event, actor, target, situation)
         return _Running(record, undo=undo, plans=plans)
+
+    def _take_away(self, record: EventRecord) -> _Running:
+        """Removes an actor, and ends the events that are about it."""
+        for running in list(self._running):
+            if running.record.actor == record.actor:
+                running.record.ended = record.begun
+                self._running.remove(running)
+        self._remove(record.actor)
+        return _Running(record, plans=[Plan(done=True)])
 
     def _lane_beside(self, actor: Actor | None, name: str) -> int | None:
         """Lane of a road user on an actor's own road; None if it is not on it."""
