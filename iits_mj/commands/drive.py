@@ -105,6 +105,12 @@ class Kept:
         metavar="DIR",
         group="output",
     )
+    osi: Path | None = option(
+        None,
+        help="write OSI ground truth of all road users (MCAP)",
+        metavar="FILE.mcap",
+        group="output",
+    )
     replay: bool = option(
         False,
         help="write replay.html, the drive in 3-D for a browser; the report opens it",
@@ -262,6 +268,11 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
 
             video = film.path if film else None
             observers.append(bags.enter_context(BagWriter(kept.bag, simulation, video)))
+        if kept.osi is not None:
+            # Load protobuf only for OSI.
+            from iits_mj.export.osi import OsiLog
+
+            observers.append(stack.enter_context(OsiLog(kept.osi, simulation)))
         track = None
         if kept.replay:
             # Load viser only for replays.
@@ -394,6 +405,8 @@ def _write(job: Job, outcome: Outcome) -> list[tuple[str, Path]]:
         pages.append(("replay in 3-D", outcome.replay))
     if job.kept.can_log is not None:
         pages.append((f"CAN log, {outcome.logged} frames", job.kept.can_log))
+    if job.kept.osi is not None:
+        pages.append(("OSI ground truth", job.kept.osi))
     return [*pages, ("video", outcome.video)] if outcome.video is not None else pages
 
 

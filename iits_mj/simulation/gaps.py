@@ -6,6 +6,7 @@ import itertools
 import math
 import struct
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,7 +35,7 @@ _BEHIND_AXLE = 0.6
 
 def truck_boxes(ego: EgoState, parameters: TruckParameters) -> tuple[FloatArray, ...]:
     """Returns the corners of each unit in the map frame, of shape (4, 2) [m]."""
-    return tuple(np.array(box_corners(*unit)) for unit in _units(ego, parameters))
+    return tuple(np.array(box_corners(*unit)) for unit in truck_units(ego, parameters))
 
 
 def nearest_box_distance(
@@ -52,7 +53,7 @@ def nearest_box_distance(
     if not frame:
         return math.inf
     columns, lanes = frame.addresses
-    units = _units(ego, parameters)
+    units = truck_units(ego, parameters)
     return float(
         _nearest_box(
             *(struct.pack(f"{6 * len(units)}d", *itertools.chain(*units)), len(units)),
@@ -62,10 +63,21 @@ def nearest_box_distance(
     )
 
 
-def _units(ego: EgoState, parameters: TruckParameters) -> list[tuple[float, ...]]:
-    """Origin, heading, reach ahead and behind, and width of each unit."""
+class UnitBox(NamedTuple):
+    """A unit's box in the plane: its origin [m], heading [rad], reach and width [m]."""
+
+    x: float
+    y: float
+    yaw: float
+    ahead: float
+    behind: float
+    width: float
+
+
+def truck_units(ego: EgoState, parameters: TruckParameters) -> list[UnitBox]:
+    """Returns the boxes of the units, front to rear."""
     x, y, yaw = ego.x, ego.y, ego.yaw
-    found: list[tuple[float, ...]] = []
+    found: list[UnitBox] = []
     articulations = iter((ego.articulation, *ego.rear_articulations))
     for unit in parameters.units:
         rear = unit.length - unit.front_overhang
@@ -76,5 +88,5 @@ def _units(ego: EgoState, parameters: TruckParameters) -> list[tuple[float, ...]
             hitch = unit.coupling.position
             x, y = x - hitch * math.cos(yaw), y - hitch * math.sin(yaw)
             yaw = yaw - next(articulations)
-        found.append((x, y, yaw, unit.front_overhang, rear, unit.width))
+        found.append(UnitBox(x, y, yaw, unit.front_overhang, rear, unit.width))
     return found

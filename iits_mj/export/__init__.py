@@ -1,0 +1,1 @@
+"""Drives in the formats of ASAM: OpenSCENARIO XML with OpenDRIVE, and OSI ground truth."""
