@@ -1,4 +1,4 @@
-"""Write a recorded drive for other tools: OpenSCENARIO XML with its OpenDRIVE map, OSI ground truth.
+"""Write a recorded drive as OpenSCENARIO XML with its map, or as OSI ground truth.
 
 'iits-mj record' makes the recording of a drive, with or without scripted events; 'iits-mj
 import-trajectories' that of measured traffic. The road users of the scenario repeat what they did.

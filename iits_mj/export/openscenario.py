@@ -326,5 +326,3 @@ def _at(time: float, point: str = "start") -> Any:
     xosc = _xosc()
     condition = xosc.SimulationTimeCondition(round(time, 6), xosc.Rule.greaterOrEqual)
     return xosc.ValueTrigger("time", 0.0, xosc.ConditionEdge.none, condition, point)
-
-

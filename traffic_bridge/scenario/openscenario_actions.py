@@ -48,9 +48,7 @@ class Actions:
         # The same names each time.
         self._new_name = functools.cache(new_name)
 
-    def placed(
-        self, name: str, entity: Entity, groups: AnyGroups | None = None
-    ) -> Iterator[Event]:
+    def placed(self, name: str, entity: Entity, groups: AnyGroups | None = None) -> Iterator[Event]:
         """Yields an entity at its start, with what it does from there, on groups of conditions."""
         node = self._entities.start(name)
         values = {
