@@ -33,6 +33,8 @@ SHOTS = {
     "lane_change": (8.0, "chase"),
     "tight_turn": (11.0, "chase"),
     "dock": (25.0, "side"),
+    "cut_in": (6.5, "chase"),
+    "emergency_stop": (9.0, "side"),
 }
 SIZE = (640, 360)
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "environments" / "images"

@@ -43,6 +43,8 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
     "iits_mj/LaneChange-v0": _driving("lane_change", 300, 247.0),
     "iits_mj/TightTurn-v0": _driving("tight_turn", 300, 285.0),
     "iits_mj/Dock-v0": _driving("dock", 120, 91.0),
+    "iits_mj/CutIn-v0": _driving("cut_in", 200, 122.0),
+    "iits_mj/EmergencyStop-v0": _driving("emergency_stop", 200, 154.0),
     "iits_mj/Highway-v0": _other("highway:HighwayEnv", 120, -4.0),
     "iits_mj/HighwayFast-v0": {
         **_other("highway:HighwayFastEnv", 120, -3.5),

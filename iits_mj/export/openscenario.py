@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import FloatArray, IntArray
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState
 from iits_mj.core.output_files import OutputFile, write_whole
@@ -61,7 +61,7 @@ class Track(NamedTuple):
 
     name: str
     body: Any
-    frames: FloatArray
+    frames: IntArray
     poses: FloatArray
     speed: float
 

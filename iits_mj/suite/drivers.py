@@ -16,7 +16,16 @@ import numpy as np
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.suite.scene import TURN_RADIUS
-from iits_mj.suite.tasks import Dock, LaneChange, LaneKeep, Stop, TightTurn
+from iits_mj.suite.tasks import (
+    CutInTask,
+    Dock,
+    EmergencyStop,
+    LaneChange,
+    LaneKeep,
+    Stop,
+    TightTurn,
+)
+from iits_mj.suite.tasks.encounters import SIGHT, STANDSTILL, Encounter
 from iits_mj.suite.tasks.path import PATH_PREVIEW
 
 ScriptedDriver = Callable[[Mapping[str, FloatArray]], FloatArray]
@@ -96,6 +105,16 @@ def dock(seen: Mapping[str, FloatArray]) -> FloatArray:
     return _steered(drive, wheels, Dock.steer_max)
 
 
+def cut_in(seen: Mapping[str, FloatArray]) -> FloatArray:
+    """Follows at the wanted speed; brakes as hard as it must."""
+    return _followed(seen, CutInTask.brake_max)
+
+
+def emergency_stop(seen: Mapping[str, FloatArray]) -> FloatArray:
+    """Follows at the wanted speed; brakes as hard as it must."""
+    return _followed(seen, EmergencyStop.brake_max)
+
+
 def highway(seen: Mapping[str, FloatArray]) -> FloatArray:
     """Overtakes a slower vehicle if the adjacent lane is free."""
     ahead, behind = seen["ahead"].reshape(-1, 3), seen["behind"].reshape(-1, 3)
@@ -112,12 +131,32 @@ def highway(seen: Mapping[str, FloatArray]) -> FloatArray:
 
 DRIVERS: dict[str, ScriptedDriver] = {
     driver.__name__: driver
-    for driver in (cruise, stop, hill_start, lane_keep, lane_change, tight_turn, dock, highway)
+    for driver in (
+        *(cruise, stop, hill_start, lane_keep, lane_change, tight_turn, dock),
+        *(cut_in, emergency_stop, highway),
+    )
 }
 
 
 def _one(seen: Mapping[str, FloatArray], name: str) -> float:
     return float(seen[name][0])
+
+
+def _followed(seen: Mapping[str, FloatArray], brake_max: float) -> FloatArray:
+    """Returns the pedal for the wanted speed, or the braking that ends an approach 3 m behind."""
+    gap, closing = _one(seen, "gap"), _one(seen, "closing_speed")
+    wanted = -_one(seen, "speed_error")
+    if abs(_one(seen, "beside")) < 3.5 and gap < SIGHT:
+        needed = 0.5 * max(closing, 0.0) ** 2 / max(gap - STANDSTILL, 0.5)
+        needed -= min(_one(seen, "car_acceleration"), 0.0)
+        if needed > 0.7 and gap < 2.0 * _one(seen, "speed"):
+            wanted = min(wanted, -1.3 * needed)
+    target = _one(seen, "speed") - _one(seen, "speed_error")
+    if target < 0.5:
+        return _clipped(min(wanted / brake_max, -0.3))
+    # The engine's drag alone brakes gently.
+    pedal = 0.3 * target / Encounter.target + 0.5 * wanted
+    return _clipped(max(pedal, 0.0) if wanted > -0.7 else wanted / brake_max)
 
 
 def _speed_held(seen: Mapping[str, FloatArray]) -> float:

@@ -190,7 +190,7 @@ def test_a_variant_is_trained_although_the_tables_have_the_training(tmp_path, mo
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["train", "--only", "Stpo"], "--only Stpo: must be of Cruise, Dock"),
+        (["train", "--only", "Stpo"], "--only Stpo: must be of Cruise, CutIn, Dock"),
         (["train", "--only", "Stop", "--algorithms", "dqn"], "no training has"),
         (["levels", "--steps", "5"], "--steps and --set are of train"),
     ],

@@ -127,7 +127,8 @@ class Actions:
         """The place of a vertex; only the last one needs its road."""
         node = next(iter(vertex.child("Position")))
         if node.tag == "WorldPosition" and node.has("z") and not last:
-            return Pose(*(node.number(axis) for axis in "xyz"), node.number("h", 0.0))
+            x, y, z = (node.number(axis) for axis in "xyz")
+            return Pose(x, y, z, node.number("h", 0.0))
         return self._entities.places.pose(node)
 
     def of_start(self, action: Node) -> Iterator[Event]:

@@ -50,7 +50,7 @@ ONE_OF_EACH = (
     CrossRoad(name="walker", gap=50.0),
     FollowPath(actor="a", points=[[0.0, 1.0], [5, 2]], times=[0, 2.0]),
     KeepDistance(actor="a", time_gap=1.5),
-    RemoveVehicle(actor="a", at_time=5.0),
+    RemoveVehicle(actor="a"),
     Synchronize(actor="a", station=500.0, to_station=480.0, speed=10.0),
     SetValue(variable="light", value="green"),
     Swarm(**SWARM),
