@@ -26,6 +26,8 @@ SHAPES: dict[str, Callable[[float], float]] = {
     "cubic": lambda x: x * x * (3.0 - 2.0 * x),
     "linear": lambda x: x,
 }
+# Greatest rate of change of the shapes, over the time of the change.
+STEEPEST = {"sinusoidal": 0.5 * math.pi, "cubic": 1.5, "linear": 1.0}
 SIDES = ("left", "right")
 WINDS = ("gust", "steady")
 FRAMES = ("map", "route")  # of points: x, y and maybe z of the map; station and offset
@@ -147,13 +149,22 @@ class LateralManeuver(Maneuver):
 
     Attributes:
       duration: of the motion to the side [s]; shape: of it, one of `SHAPES`.
+      lateral_speed: greatest speed of the motion, which gives the duration [m/s].
+      distance: driven meanwhile at the speed of the beginning, which gives the duration [m].
     """
 
-    duration: float | None = 3.0
+    duration: float | None = None
     shape: str = "sinusoidal"
+    lateral_speed: float | None = None
+    distance: float | None = None
 
     def _check(self) -> None:
-        self._number("duration", 0.1, 60.0)
+        self._either("duration", "lateral_speed", "distance", needed=False)
+        if self.lateral_speed is None and self.distance is None and self.duration is None:
+            object.__setattr__(self, "duration", 3.0)
+        self._optional("duration", 0.1, 60.0)
+        self._optional("lateral_speed", 0.01, 20.0)
+        self._optional("distance", 0.1, 2_000.0)
         one_of(f"{self.kind}: shape", self.shape, SHAPES)
         super()._check()
 
@@ -257,8 +268,8 @@ class ChangeSpeed(Maneuver):
         the truck or of this vehicle until another maneuver changes it.
       acceleration: greatest magnitude [m/s2]; jerk: greatest magnitude [m/s3].
       shape: course of the speed over time, one of `SHAPES`, or "step" for a change within one step
-        of the traffic, instead of a jerk; time: of the change [s]; None: the speed changes with the
-        acceleration as its mean.
+        of the traffic, instead of a jerk; time: of the change [s]; distance: driven meanwhile,
+        instead of it [m]; neither: the speed changes with the acceleration as its mean.
     """
 
     kind: ClassVar[str] = "change_speed"
@@ -272,6 +283,7 @@ class ChangeSpeed(Maneuver):
     jerk: float = 5.0
     shape: str | None = None
     time: float | None = None
+    distance: float | None = None
 
     def _check_maneuver(self) -> None:
         self._either("speed", "speed_difference", "speed_factor")
@@ -284,9 +296,12 @@ class ChangeSpeed(Maneuver):
             raise InputError(f"{self.kind}: continuous has no meaning with speed")
         if self.shape is not None:
             one_of(f"{self.kind}: shape", self.shape, (*SHAPES, "step"))
+        self._either("time", "distance", needed=False)
         self._optional("time", 0.01, 1e4)
-        if self.time is not None and self.shape in (None, "step"):
-            raise InputError(f"{self.kind}: time needs a shape: use one of {', '.join(SHAPES)}")
+        self._optional("distance", 0.1, 1e5)
+        if (self.time or self.distance) is not None and self.shape in (None, "step"):
+            names = "time" if self.distance is None else "distance"
+            raise InputError(f"{self.kind}: {names} needs a shape: use one of {', '.join(SHAPES)}")
         if self.continuous and self.shape in SHAPES:
             raise InputError(f"{self.kind}: continuous is only for the shape step or a jerk")
         self._number("acceleration", 0.05, 15.0)

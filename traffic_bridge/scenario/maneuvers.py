@@ -11,6 +11,7 @@ from scipy.interpolate import PchipInterpolator
 from traffic_bridge.overrides import Undo
 from traffic_bridge.scenario.actions import (
     SHAPES,
+    STEEPEST,
     Brake,
     ChangeLane,
     ChangeSpeed,
@@ -42,6 +43,7 @@ STEP_RATE, STEP_JERK = 1e5, 1e8
 # damp its motion critically: SPEED_GAIN = 2 sqrt(GAP_GAIN) (judgement).
 GAP_GAIN, SPEED_GAIN = 0.16, 0.8
 REACHED = 0.1  # [m], [m/s]: errors at which a distance is reached
+SHORTEST = 0.1  # [s] of a motion to the side
 HOLD_RATE, HOLD_JERK = 3.0, 30.0  # [m/s2], [m/s3] of a change of speed during a cut-in
 
 
@@ -118,11 +120,11 @@ def begin(
 
 
 def _aside(event: LateralManeuver, actor: Actor, target: int, plans: list[Plan]) -> None:
-    assert event.duration is not None
-    part, span = SHAPES[event.shape], event.duration
+    part = SHAPES[event.shape]
     if isinstance(event, Swerve):
         offset = event.offset
         start = actor.shift
+        span = _span(event, (offset - start) * (2.0 if event.back else 1.0), actor.speed)
 
         def swerve(time: float) -> float:
             x = time / span
@@ -134,8 +136,18 @@ def _aside(event: LateralManeuver, actor: Actor, target: int, plans: list[Plan])
     else:
         actor.to_lane(target, actor.offset)
         start = actor.shift
+        span = _span(event, start, actor.speed)
         plan = actor.plan_shift(lambda t: start * (1.0 - part(t / span)), span)
     plans.append(plan)
+
+
+def _span(event: LateralManeuver, way: float, speed: float) -> float:
+    """Time of a motion to the side by a way [m] at a speed [m/s]."""
+    if event.lateral_speed is not None:
+        return max(STEEPEST[event.shape] * abs(way) / event.lateral_speed, SHORTEST)
+    if event.distance is not None:
+        return max(event.distance / max(speed, SLOWEST), SHORTEST)
+    return event.duration or SHORTEST
 
 
 def _cut_in(event: CutIn, actor: Actor, target: int, truck: Body, plans: list[Plan]) -> None:
@@ -201,6 +213,9 @@ def _change_speed(
         elif event.shape is not None:
             part = SHAPES[event.shape]
             span = event.time or max(abs(target - start) / event.acceleration, 1e-3)
+            if event.distance is not None:
+                # All shapes have the mean of both speeds as their mean speed.
+                span = 2.0 * event.distance / max(start + target, SLOWEST)
             plan.duration = span
             plan.profile = lambda time: start + (target - start) * part(time / span)
         if event.continuous:

@@ -15,7 +15,7 @@ from iits_mj.core.messages import EgoFootprint
 from iits_mj.road import Route
 from traffic_bridge.scenario.conditions import ROLES, TRUCK
 from traffic_bridge.scenario.openscenario_actions import Actions, scenario_event
-from traffic_bridge.scenario.openscenario_entities import Entities
+from traffic_bridge.scenario.openscenario_entities import UNUSED, Entities
 from traffic_bridge.scenario.openscenario_file import Node, read_root
 from traffic_bridge.scenario.openscenario_triggers import Triggers
 from traffic_bridge.signals.events import Event
@@ -75,7 +75,9 @@ class OpenScenario:
             *("FileHeader", "ParameterDeclarations", "VariableDeclarations", "CatalogLocations"),
             *("RoadNetwork", "Entities", "Storyboard"),
         )
-        network = root.child("RoadNetwork").only("LogicFile", "SceneGraphFile")
+        network = root.child("RoadNetwork")
+        network.only("LogicFile", "SceneGraphFile", "UsedArea", "TrafficSignals")
+        self._has_signals = next(iter(network.find("TrafficSignals") or ()), None) is not None
         self.map = root.path.parent / network.child("LogicFile").get("filepath")
         board = root.child("Storyboard").only("Init", "Story", "StopTrigger")
         self._init = board.child("Init").child("Actions")
@@ -159,6 +161,10 @@ class OpenScenario:
         if self._skipped:
             names = ", ".join(dict.fromkeys(self._skipped))
             yield f"the truck's own driver replaces the events of {self.ego}: {names}"
+        if self._entities.unused:
+            yield f"without effect: {', '.join(self._entities.unused)}"
+        if self._has_signals:
+            yield "without effect: TrafficSignals; lights keep the states that events give them"
         if self.ego in self._entities.trajectories:
             yield f"the truck's own driver replaces the trajectory of {self.ego}"
         waiting = dict.fromkeys(
@@ -189,7 +195,7 @@ class OpenScenario:
         actors = group.child("Actors")
         if actors.get("selectTriggeringEntities", "false") == "true":
             actors.fail("selectTriggeringEntities is not read")
-        names = [self._entities.reference(each) for each in actors.only("EntityRef")]
+        names = [n for each in actors.only("EntityRef") for n in self._entities.several(each)]
         for node in group.only("Actors", "CatalogReference", "Maneuver"):
             if node.tag == "Actors":
                 continue
@@ -212,6 +218,9 @@ class OpenScenario:
                             self._skipped.append(event.get("name"))
                             self._triggers.elements.setdefault(("action", action.get("name")), [])
                             continue
+                        kind = next(iter(next(iter(action), action)), action)
+                        if kind.tag in UNUSED:
+                            self._entities.not_used(kind, actor)
                         name = self._new_name(event.get("name"))
                         if _is_added(action):
                             # Conditions know its event by the name of the entity.

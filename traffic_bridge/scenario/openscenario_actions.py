@@ -11,10 +11,12 @@ import numpy as np
 
 from iits_mj.core.angles import wrap_angle
 from iits_mj.core.errors import InputError
+from traffic_bridge.scenario.actions import STEEPEST
 from traffic_bridge.scenario.conditions import SIGNAL, TRUCK
 from traffic_bridge.scenario.openscenario_entities import (
     CATEGORIES,
     ROUTES,
+    UNUSED,
     Entities,
     Entity,
     Spot,
@@ -27,9 +29,9 @@ from traffic_bridge.scenario.openscenario_places import Pose, road_at, words_of
 from traffic_bridge.scenario.reading import event_of
 from traffic_bridge.signals.events import Event
 
-# Mean over greatest rate of the shapes of a change.
-MEANS = {"linear": 1.0, "sinusoidal": 2.0 / math.pi, "cubic": 2.0 / 3.0}
-SHORTEST = 0.1  # [s] of a change to the side
+SLOWEST_CHANGE = 0.05  # [m/s2]: a speed that changes more slowly stays
+SHORTEST = 0.1  # [s], [m] of a change
+LATERAL_ACCELERATION = 0.5  # [m/s2] of a lane offset without maxLateralAcc (judgement)
 STEP = 4e-3  # [m]: places of a trajectory that are nearer to each other are one
 
 AnyGroups = list[list[Values]]  # one must hold; of a group all conditions
@@ -215,8 +217,10 @@ class Actions:
                     kind.fail("the truck cannot be removed")
                 return values | {"event": "remove_vehicle", "actor": gone}
             return values | self._set_value(kind)
-        values["actor"] = actor
         kind = next(iter(node.child("PrivateAction")))
+        if kind.tag in UNUSED:
+            return values | {"event": "set_value", "variable": f"{kind.tag} unused", "value": 0.0}
+        values["actor"] = actor
         if kind.tag == "SynchronizeAction":
             return values | self._synchronize(kind, actor)
         if kind.tag not in ("LongitudinalAction", "LateralAction", "RoutingAction"):
@@ -234,7 +238,8 @@ class Actions:
             self._entities.places.along(words, action)
             return values | {"event": "follow_path", "along": words}
         if action.tag == "SpeedAction":
-            return values | self._change_speed(action)
+            made = self._change_speed(action)
+            return made | {"name": name} if made["event"] == "milestone" else values | made
         if action.tag == "LaneChangeAction":
             return values | self._change_lane(action, actor)
         if action.tag == "LaneOffsetAction":
@@ -248,10 +253,16 @@ class Actions:
         values["shape"] = shape
         if shape != "step" and dimension == "time":
             values["time"] = dynamics.number("value")
-        elif shape != "step" and shape in MEANS and dimension == "rate":
-            values["acceleration"] = MEANS[shape] * abs(dynamics.number("value"))
+        elif shape != "step" and shape in STEEPEST and dimension == "rate":
+            rate = abs(dynamics.number("value")) / STEEPEST[shape]
+            if rate < SLOWEST_CHANGE:
+                # Nothing happens, and the action does not end.
+                return {"event": "milestone"}
+            values["acceleration"] = rate
+        elif shape != "step" and dimension == "distance":
+            values["distance"] = max(dynamics.number("value"), SHORTEST)
         elif shape != "step":
-            dynamics.fail(f"{shape} over {dimension} is not read: time or rate")
+            dynamics.fail(f"{shape} over {dimension} is not read: time, rate or distance")
         target = next(iter(action.child("SpeedActionTarget")))
         if target.tag == "AbsoluteTargetSpeed":
             return values | {"speed": target.number("value")}
@@ -418,24 +429,27 @@ def _lateral(dynamics: Node) -> Values:
     shape = dynamics.get("dynamicsShape")
     if shape == "step":
         return {"shape": "linear", "duration": SHORTEST}
-    if dynamics.get("dynamicsDimension") != "time":
-        dynamics.fail(f"dynamicsDimension {dynamics.get('dynamicsDimension')!r} is not read: time")
-    return {"shape": shape, "duration": max(dynamics.number("value"), SHORTEST)}
+    dimension, value = dynamics.get("dynamicsDimension"), abs(dynamics.number("value"))
+    if dimension == "rate":
+        return {"shape": shape, "lateral_speed": value}
+    if dimension == "distance":
+        return {"shape": shape, "distance": max(value, SHORTEST)}
+    if dimension != "time":
+        dynamics.fail(f"dynamicsDimension {dimension!r}: allowed are time, rate, distance")
+    return {"shape": shape, "duration": max(value, SHORTEST)}
 
 
 def _change_offset(action: Node) -> Values:
-    if action.get("continuous", "false") == "true":
-        action.fail("continuous is not read")
     dynamics = action.child("LaneOffsetActionDynamics")
     target = next(iter(action.child("LaneOffsetTarget")))
     if target.tag != "AbsoluteTargetLaneOffset":
         target.refuse()
     offset, shape = target.number("value"), dynamics.get("dynamicsShape")
-    # Greatest second derivative of the unit shapes.
-    steepest = {"sinusoidal": 0.5 * math.pi**2, "cubic": 6.0}
+    # Greatest second derivative of the unit shapes; a linear one takes as long as a sinusoidal one.
+    steepest = {"sinusoidal": 0.5 * math.pi**2, "cubic": 6.0, "linear": 0.5 * math.pi**2}
     duration = SHORTEST
     if shape in steepest:
-        bound = dynamics.number("maxLateralAcc", low=0.01)
+        bound = dynamics.number("maxLateralAcc", LATERAL_ACCELERATION, low=0.01)
         duration = max(math.sqrt(steepest[shape] * abs(offset) / bound), SHORTEST)
     elif shape != "step":
         dynamics.fail(f"dynamicsShape {shape!r} is not read: step, {', '.join(steepest)}")

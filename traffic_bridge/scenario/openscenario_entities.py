@@ -27,8 +27,10 @@ CATEGORIES = {
     "motorbike": "bicycle",
     "bicycle": "bicycle",
 }
-# Elements of the ego that the truck's own driver replaces.
-DRIVERS = ("ControllerAction", "ActivateControllerAction")
+ALONG_ROAD = ("RelativeRoadPosition", "RelativeLanePosition")
+BESIDE = ("RelativeObjectPosition", "RelativeWorldPosition")
+# Private actions without an effect here: who is seen by whom, who drives whom, lamps and doors.
+UNUSED = ("VisibilityAction", "ControllerAction", "ActivateControllerAction", "AppearanceAction")
 ROUTES = ("AssignRouteAction", "AcquirePositionAction")
 # [m]: the greatest length of a rigid truck, Council Directive 96/53/EC, annex I; a longer one, or a
 # longer combination with a truck, has the body of an articulated truck.
@@ -79,6 +81,7 @@ class Entities:
       members: by name; ego: name of the truck; towed: names of trailers of others.
       starts, speeds, routes, trajectories: elements of the start, by name.
       catalogs: of the file.
+      unused: what has no effect here, in words.
     """
 
     def __init__(self, root: Node, init: Node, ego: str | None, map_path: Path) -> None:
@@ -86,16 +89,24 @@ class Entities:
         self._route: Route | None = None
         self._places: Places | None = None
         self._known: dict[str, Spot] = {}
+        self._asked: set[str] = set()  # whose pose is being found
         self.starts: dict[str, Node] = {}
         self.routes: dict[str, Node] = {}
         self.trajectories: dict[str, Node] = {}
         self.speeds: dict[str, Node] = {}
         self.towed: set[str] = set()
-        objects = root.child("Entities").only("ScenarioObject")
+        self.unused: dict[str, None] = {}
+        group = root.child("Entities").only("ScenarioObject", "EntitySelection")
+        objects = [each for each in group if each.tag == "ScenarioObject"]
         self.members = {each.get("name"): self._entity(each) for each in objects}
+        self._selections = {
+            each.get("name"): [self.reference(m) for m in each.child("Members").only("EntityRef")]
+            for each in group
+            if each.tag == "EntitySelection"
+        }
         for name in list(self.members):
             self.members[name] = self._with_trailers(name)
-        self.ego = self._ego(objects, ego)
+        self.ego = self._ego(group, ego)
         for node in init:
             if node.tag == "Private":
                 self._read_private(node)
@@ -211,7 +222,10 @@ class Entities:
         return objects.fail(f"no entity is named Ego or Hero; choose one of {names}")
 
     def _read_private(self, private: Node) -> None:
-        name = self.reference(private)
+        for name in self.several(private):
+            self._read_start(private, name)
+
+    def _read_start(self, private: Node, name: str) -> None:
         for action in private.only("PrivateAction"):
             kind = next(iter(action))
             if kind.tag == "TeleportAction":
@@ -226,7 +240,9 @@ class Entities:
                     self.routes[name] = routing
                 else:
                     routing.refuse()
-            elif kind.tag not in DRIVERS or name != self.ego:
+            elif kind.tag in UNUSED:
+                self.not_used(kind, name)
+            else:
                 next(iter(kind), kind).refuse()
 
     def add(self, node: Node) -> str:
@@ -243,6 +259,15 @@ class Entities:
         if name not in self.members:
             node.fail(f"there is no entity {name!r}{did_you_mean(name, self.members)}")
         return name
+
+    def several(self, node: Node) -> list[str]:
+        """Returns the entities to which a node refers: one, or those of a selection."""
+        return self._selections.get(node.get("entityRef")) or [self.reference(node)]
+
+    def not_used(self, kind: Node, name: str) -> None:
+        """Notes an action of an entity that has no effect here; the ego has its own driver."""
+        if name != self.ego:
+            self.unused[f"{kind.tag} of {name}"] = None
 
     def body(self, node: Node, attribute: str = "entityRef") -> str:
         """Returns the name by which events know an entity."""
@@ -282,9 +307,24 @@ class Entities:
     def pose(self, name: str) -> Pose:
         """Returns where the reference point of an entity is at the start, and where it faces."""
         node = self.start(name)
-        if node.tag.startswith("Relative"):
+        if node.tag in ALONG_ROAD:
             return self._relative_pose(node)
+        if node.tag in BESIDE:
+            return self._pose_beside(name, node)
         return self.turn_along(name, self.places.pose(node))
+
+    def _pose_beside(self, name: str, node: Node) -> Pose:
+        """The pose of a position relative to an entity, along that one's axes or the map's."""
+        if name in self._asked:
+            node.fail("the position refers to itself")
+        self._asked.add(name)
+        other = self.pose(self.reference(node))
+        self._asked.discard(name)
+        turn = other.heading if node.tag == "RelativeObjectPosition" else 0.0
+        dx, dy = node.number("dx"), node.number("dy")
+        x = other.x + dx * math.cos(turn) - dy * math.sin(turn)
+        y = other.y + dx * math.sin(turn) + dy * math.cos(turn)
+        return turned(self.places.under(x, y, other.heading, node), node)
 
     def _relative_pose(self, node: Node) -> Pose:
         """The pose of a position relative to an entity, along that one's road or turned."""
@@ -315,7 +355,7 @@ class Entities:
 
     def _find_spot(self, name: str, node: Node) -> Spot:
         pose = self.pose(name)
-        if node.tag.startswith("Relative"):
+        if node.tag in ALONG_ROAD:
             spot = self.relative(node)
             heading = float(self.track(spot, node).evaluate(spot.station).heading)
             if math.cos(pose.heading - heading) > 0.0:
@@ -337,13 +377,11 @@ class Entities:
 
     def relative(self, node: Node) -> Spot:
         """Returns the place of a position relative to an entity."""
-        if node.tag not in ("RelativeRoadPosition", "RelativeLanePosition"):
-            node.refuse()
         other = self.spot(self.reference(node))
         if math.isnan(other.offset):
             node.fail("refers to an entity that is on no road")
         track = self.track(other, node)
-        station = other.station + node.number("ds")
+        station = other.station + node.number("ds" if node.has("ds") else "dsLane")
         if not 0.0 <= station <= track.length:
             node.fail(f"the position is not on the road of the other one, of {track.length:.1f} m")
         if node.tag == "RelativeRoadPosition":
@@ -356,7 +394,7 @@ class Entities:
 
     def station(self, node: Node, track: Route) -> float:
         """Returns the station of a position on a road, the truck's or another one [m]."""
-        if node.tag.startswith("Relative"):
+        if node.tag in ALONG_ROAD:
             spot = self.relative(node)
             if self.track(spot, node) is track:
                 return spot.station

@@ -69,7 +69,7 @@ class Places:
         """
         if node.tag == "WorldPosition":
             x, y = node.number("x"), node.number("y")
-            return self._under(x, y, node.number("h", 0.0), node)
+            return self.under(x, y, node.number("h", 0.0), node)
         if node.tag == "RoutePosition":
             return self._on_route(node)
         if node.tag not in ("LanePosition", "RoadPosition"):
@@ -180,8 +180,8 @@ class Places:
             pose = self.at(road, s, t, direction)
         return turned(pose, node)
 
-    def _under(self, x: float, y: float, heading: float, node: Node) -> Pose:
-        """The place of a point; on the road whose direction is nearest to the heading."""
+    def under(self, x: float, y: float, heading: float, node: Node) -> Pose:
+        """Returns the place of a point, on the road whose direction is nearest to the heading."""
         best, found = math.inf, Pose(x, y, node.number("z", 0.0), heading)
         for road in self._map.roads:
             s, t = self.frames[road].locate(x, y)

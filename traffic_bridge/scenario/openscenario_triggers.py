@@ -76,7 +76,11 @@ class Triggers:
         if kind.tag == "ByValueCondition":
             return self._by_value(next(iter(kind)), base)
         triggering = kind.child("TriggeringEntities")
-        entities = [self._entities.body(each) for each in triggering.only("EntityRef")]
+        entities = [
+            TRUCK if name == self._entities.ego else name
+            for each in triggering.only("EntityRef")
+            for name in self._entities.several(each)
+        ]
         if len(entities) > 1 and edge != "none":
             triggering.fail(f"several entities with conditionEdge {edge!r} are not read")
         condition = next(iter(kind.child("EntityCondition")))
@@ -190,6 +194,14 @@ class Triggers:
         if node.tag == "ReachPositionCondition" or kind in PLANE:
             if node.get("freespace", "false") == "true":
                 node.fail("freespace to a position is not read")
+            if position.has("entityRef"):
+                if any(position.number(name, 0.0) for name in ("dx", "dy", "ds", "dLane", "dt")):
+                    position.fail("a place that moves with an entity is read where the entity is")
+                to = self._entities.body(position)
+                limit = (
+                    {"below": node.number("tolerance")} if node.has("tolerance") else _limit(node)
+                )
+                return {"measure": "distance", "of": of, "to": to, **limit}
             pose = self._entities.places.pose(position)
             limits = (
                 {"below": node.number("tolerance")}

@@ -1,5 +1,6 @@
 """Scenarios of OpenSCENARIO files: their stories, and what is refused."""
 
+import itertools
 import math
 import re
 from pathlib import Path
@@ -360,3 +361,141 @@ def test_sumo_traffic_beside_a_scenario_is_refused(values, words, tmp_path):
     options = Options(scenario=written(tmp_path), **values, given=frozenset(values))
     with pytest.raises(InputError, match=re.escape(words)):
         with_scenario(options)
+
+
+LANE_CHANGE = """<LateralAction><LaneChangeAction><LaneChangeActionDynamics
+dynamicsShape="SHAPE" value="VALUE" dynamicsDimension="DIMENSION"/><LaneChangeTarget>
+<RelativeTargetLane entityRef="Hero" value="0"/></LaneChangeTarget></LaneChangeAction>
+</LateralAction>"""
+
+
+@pytest.mark.parametrize(
+    ("shape", "dimension", "value", "duration"),
+    [
+        # 4 m to the side: the greatest lateral speed, the way at 9 m/s, and the time.
+        ("sinusoidal", "rate", 2.0, 0.5 * math.pi * 4.0 / 2.0),
+        ("linear", "rate", 1.0, 4.0),
+        ("cubic", "distance", 27.0, 3.0),
+        ("sinusoidal", "time", 2.5, 2.5),
+    ],
+)
+def test_a_lane_change_lasts_as_its_dimension_says(tmp_path, shape, dimension, value, duration):
+    change = LANE_CHANGE.replace("SHAPE", shape).replace("DIMENSION", dimension)
+    text = SCENARIO.replace(ACTION, change.replace("VALUE", str(value)))
+    _, frames, records = play(written(tmp_path, text), 8.0)
+    record = records["aside"]
+    assert record.ended - record.begun == pytest.approx(duration, abs=0.11)
+    rows = [frame.find("car") for frame in frames]
+    assert rows[-1].offset - rows[0].offset == pytest.approx(-4.0, abs=0.01)
+    if dimension == "rate":
+        steps = [b.offset - a.offset for a, b in itertools.pairwise(rows)]
+        assert -min(steps) / STEP == pytest.approx(value, rel=0.02)
+
+
+SPEED = """<LongitudinalAction><SpeedAction><SpeedActionDynamics dynamicsShape="linear"
+value="VALUE" dynamicsDimension="DIMENSION"/><SpeedActionTarget><AbsoluteTargetSpeed value="15"/>
+</SpeedActionTarget></SpeedAction></LongitudinalAction>"""
+
+
+def test_a_change_of_speed_over_a_distance_ends_there(tmp_path):
+    text = SCENARIO.replace(ACTION, SPEED.replace("VALUE", "48").replace("DIMENSION", "distance"))
+    _, frames, records = play(written(tmp_path, text), 8.0)
+    record = records["aside"]
+    first, last = (frames[round(t / STEP)].find("car") for t in (record.begun, record.ended))
+    assert (first.speed, last.speed) == (pytest.approx(9.0), pytest.approx(15.0))
+    assert last.x - first.x == pytest.approx(48.0, abs=1.5)
+
+
+def test_a_change_of_speed_at_no_rate_changes_nothing(tmp_path):
+    text = SCENARIO.replace(ACTION, SPEED.replace("VALUE", "0.0").replace("DIMENSION", "rate"))
+    _, frames, records = play(written(tmp_path, text), 4.0)
+    assert records["aside"].ended is None
+    assert {frame.find("car").speed for frame in frames} == {9.0}
+
+
+@pytest.mark.parametrize(
+    ("position", "x", "y"),
+    [
+        ('<RelativeObjectPosition entityRef="Hero" dx="30" dy="4"/>', 130.0, -2.0),
+        ('<RelativeWorldPosition entityRef="Hero" dx="25" dy="4"/>', 125.0, -2.0),
+        ('<RelativeLanePosition entityRef="Hero" dLane="1" dsLane="20"/>', 120.0, -2.0),
+    ],
+)
+def test_a_place_beside_an_entity(tmp_path, position, x, y):
+    _, frames, _ = play(written(tmp_path, SCENARIO.replace(RELATIVE, position)), 1.0)
+    car = frames[0].find("car")
+    # Its center is 1.5 m before the reference point.
+    assert (car.x, car.y) == pytest.approx((x + 1.5, y), abs=0.01)
+    assert frames[-1].find("car").lane == 1
+
+
+@pytest.mark.parametrize("tag", ["RelativeObjectPosition", "RelativeWorldPosition"])
+def test_a_place_beside_itself_is_refused(tmp_path, tag):
+    text = SCENARIO.replace(RELATIVE, f'<{tag} entityRef="car" dx="30" dy="4"/>')
+    with pytest.raises(InputError, match="the position refers to itself"):
+        play(written(tmp_path, text), 0.1)
+
+
+def test_a_selection_of_entities_acts_and_triggers(tmp_path):
+    text = SCENARIO.replace(
+        "</Entities>",
+        '<EntitySelection name="all"><Members><EntityRef entityRef="car"/></Members>'
+        "</EntitySelection></Entities>",
+    )
+    text = text.replace(
+        '<Actors><EntityRef entityRef="car"/>', '<Actors><EntityRef entityRef="all"/>'
+    )
+    text = text.replace('<Private entityRef="car">', '<Private entityRef="all">')
+    _, frames, _ = play(written(tmp_path, text), 6.0)
+    car = [frame.find("car") for frame in frames]
+    assert car[-1].offset - car[0].offset == pytest.approx(1.5, abs=1e-6)
+
+
+def test_what_has_no_effect_is_said_and_other_events_go_on(tmp_path):
+    hidden = '<VisibilityAction graphics="false" traffic="true" sensors="false"/>'
+    text = SCENARIO.replace(
+        "</Event>",
+        '</Event><Event name="hide" priority="parallel"><Action name="y"><PrivateAction>'
+        f"{hidden}</PrivateAction></Action></Event>",
+    )
+    text = text.replace(
+        "</PrivateAction></Private></Actions>",
+        "</PrivateAction><PrivateAction><ControllerAction/></PrivateAction></Private></Actions>",
+    )
+    text = text.replace(
+        "</RoadNetwork>",
+        "<TrafficSignals><TrafficSignalController/></TrafficSignals></RoadNetwork>",
+    )
+    path = written(tmp_path, text)
+    notes = "; ".join(read_scenario(path).notes)
+    assert "ControllerAction of car, VisibilityAction of car" in notes
+    assert "TrafficSignals" in notes
+    _, _, records = play(path, 3.0)
+    assert records["aside"].begun == pytest.approx(1.1)
+    assert records["hide"].ended is not None
+
+
+def test_a_distance_to_a_place_that_moves_with_an_entity(tmp_path):
+    condition = """<ByEntityCondition><TriggeringEntities triggeringEntitiesRule="any">
+<EntityRef entityRef="car"/></TriggeringEntities><EntityCondition><DistanceCondition value="20"
+freespace="false" rule="lessThan"><Position><RelativeObjectPosition entityRef="Hero" dx="DX"
+dy="0"/></Position></DistanceCondition></EntityCondition></ByEntityCondition>"""
+    time = '<ByValueCondition><SimulationTimeCondition value="1" rule="greaterThan"/>'
+    text = SCENARIO.replace(f"{time}</ByValueCondition>", condition)
+    text = text.replace(f"\n{time}</ByValueCondition>", condition)
+    assert "DistanceCondition" in text
+    # The truck, 11 m/s faster, comes from 30 m behind.
+    _, _, records = play(written(tmp_path, text.replace("DX", "0")), 4.0)
+    assert 0.5 < records["aside"].begun < 2.0
+    with pytest.raises(InputError, match="moves with an entity is read where the entity is"):
+        play(written(tmp_path, text.replace("DX", "5")), 0.1)
+
+
+def test_a_linear_lane_offset_without_a_bound(tmp_path):
+    linear = ACTION.replace('"sinusoidal"\nmaxLateralAcc="2"', '"linear"')
+    _, frames, records = play(written(tmp_path, SCENARIO.replace(ACTION, linear)), 8.0)
+    rows = [frame.find("car") for frame in frames]
+    assert rows[-1].offset - rows[0].offset == pytest.approx(1.5, abs=1e-6)
+    steps = {round(b.offset - a.offset, 4) for a, b in itertools.pairwise(rows)}
+    assert len(steps - {0.0}) <= 3
+    assert records["aside"].ended is not None
