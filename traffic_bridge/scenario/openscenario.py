@@ -218,9 +218,9 @@ class OpenScenario:
                             self._skipped.append(event.get("name"))
                             self._triggers.elements.setdefault(("action", action.get("name")), [])
                             continue
-                        kind = next(iter(next(iter(action), action)), action)
-                        if kind.tag in UNUSED:
-                            self._entities.not_used(kind, actor)
+                        does = next(iter(next(iter(action), action)), action)
+                        if does.tag in UNUSED:
+                            self._entities.not_used(does, actor)
                         name = self._new_name(event.get("name"))
                         if _is_added(action):
                             # Conditions know its event by the name of the entity.
