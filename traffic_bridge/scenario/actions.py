@@ -28,6 +28,8 @@ SHAPES: dict[str, Callable[[float], float]] = {
 }
 # Greatest rate of change of the shapes, over the time of the change.
 STEEPEST = {"sinusoidal": 0.5 * math.pi, "cubic": 1.5, "linear": 1.0}
+# Greatest second derivative; a linear change takes as long as a sinusoidal one.
+BENDS = {"sinusoidal": 0.5 * math.pi**2, "cubic": 6.0, "linear": 0.5 * math.pi**2}
 SIDES = ("left", "right")
 WINDS = ("gust", "steady")
 FRAMES = ("map", "route")  # of points: x, y and maybe z of the map; station and offset
@@ -150,20 +152,24 @@ class LateralManeuver(Maneuver):
     Attributes:
       duration: of the motion to the side [s]; shape: of it, one of `SHAPES`.
       lateral_speed: greatest speed of the motion, which gives the duration [m/s].
+      lateral_acceleration: greatest one, which gives it [m/s2].
       distance: driven meanwhile at the speed of the beginning, which gives the duration [m].
     """
 
     duration: float | None = None
     shape: str = "sinusoidal"
     lateral_speed: float | None = None
+    lateral_acceleration: float | None = None
     distance: float | None = None
 
     def _check(self) -> None:
-        self._either("duration", "lateral_speed", "distance", needed=False)
-        if self.lateral_speed is None and self.distance is None and self.duration is None:
+        given = ("duration", "lateral_speed", "lateral_acceleration", "distance")
+        self._either(*given, needed=False)
+        if all(getattr(self, name) is None for name in given):
             object.__setattr__(self, "duration", 3.0)
         self._optional("duration", 0.1, 60.0)
         self._optional("lateral_speed", 0.01, 20.0)
+        self._optional("lateral_acceleration", 0.01, 20.0)
         self._optional("distance", 0.1, 2_000.0)
         one_of(f"{self.kind}: shape", self.shape, SHAPES)
         super()._check()

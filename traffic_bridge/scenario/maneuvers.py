@@ -10,6 +10,7 @@ from scipy.interpolate import PchipInterpolator
 
 from traffic_bridge.overrides import Undo
 from traffic_bridge.scenario.actions import (
+    BENDS,
     SHAPES,
     STEEPEST,
     Brake,
@@ -124,7 +125,9 @@ def _aside(event: LateralManeuver, actor: Actor, target: int, plans: list[Plan])
     if isinstance(event, Swerve):
         offset = event.offset
         start = actor.shift
-        span = _span(event, (offset - start) * (2.0 if event.back else 1.0), actor.speed)
+        span = _span(event, offset - start, actor.speed)
+        if event.back and event.duration is None and event.distance is None:
+            span *= 2.0
 
         def swerve(time: float) -> float:
             x = time / span
@@ -145,6 +148,8 @@ def _span(event: LateralManeuver, way: float, speed: float) -> float:
     """Time of a motion to the side by a way [m] at a speed [m/s]."""
     if event.lateral_speed is not None:
         return max(STEEPEST[event.shape] * abs(way) / event.lateral_speed, SHORTEST)
+    if event.lateral_acceleration is not None:
+        return max(math.sqrt(BENDS[event.shape] * abs(way) / event.lateral_acceleration), SHORTEST)
     if event.distance is not None:
         return max(event.distance / max(speed, SLOWEST), SHORTEST)
     return event.duration or SHORTEST

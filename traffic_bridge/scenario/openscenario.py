@@ -15,9 +15,10 @@ from iits_mj.core.messages import EgoFootprint
 from iits_mj.road import Route
 from traffic_bridge.scenario.conditions import ROLES, TRUCK
 from traffic_bridge.scenario.openscenario_actions import Actions, scenario_event
-from traffic_bridge.scenario.openscenario_entities import UNUSED, Entities
+from traffic_bridge.scenario.openscenario_entities import UNUSED, Entities, Values
 from traffic_bridge.scenario.openscenario_file import Node, read_root
-from traffic_bridge.scenario.openscenario_triggers import Triggers
+from traffic_bridge.scenario.openscenario_triggers import Triggers, is_criterion
+from traffic_bridge.scenario.reading import event_of
 from traffic_bridge.signals.events import Event
 
 PRIORITIES = ("overwrite", "override", "parallel")
@@ -86,7 +87,7 @@ class OpenScenario:
         self._entities = Entities(root, self._init, ego, self.map)
         self.ego = self._entities.ego
         groups = (root.find("ParameterDeclarations"), root.find("VariableDeclarations"))
-        declared = {node.get("name"): node for group in groups for node in group or ()}
+        declared = {node.declared: node for group in groups for node in group or ()}
         self._triggers = Triggers(self._entities, declared)
         self._actions = Actions(self._entities, self._new_name)
         self._steps: list[_Step] = []
@@ -124,27 +125,43 @@ class OpenScenario:
         made: list[Event] = []
         for node in self._init:
             if node.tag == "GlobalAction" and node.find("EntityAction") is None:
-                made.extend(actions.of_start(node))
+                kind = next(iter(node))
+                made += [scenario_event(*each) for each in actions.of_world(kind)]
         added = {step.name for step in self._steps if _is_added(step.action)}
         for name, entity in self._entities.members.items():
-            if name not in (self.ego, *added) and name not in self._entities.towed:
+            away = name == self.ego or name in added or name in self._entities.towed
+            if not away and self._entities.starts_somewhere(name):
                 made.extend(actions.placed(name, entity))
+        stopped: set[str] = set()
         for act, node in self._acts:
             trigger = node.find("StartTrigger")
             groups = [] if trigger is None else triggers.groups(trigger)
             made.append(scenario_event(node, {"event": "milestone", "name": act}, groups))
+            stop = node.find("StopTrigger")
+            if stop is not None and (groups := triggers.groups(stop, stop=True)):
+                # Events that have not begun then never do.
+                stops = {"event": "set_value", "variable": f"{act} has stopped", "value": 1.0}
+                made.append(scenario_event(stop, stops | {"name": f"stop of {act}"}, groups))
+                stopped.add(act)
         for step in self._steps:
             trigger = step.event.find("StartTrigger")
             triggers.family = step.family
             groups = [] if trigger is None else triggers.groups(trigger)
-            begun = {"event": step.act, "state": "begun"}
-            groups = [[begun, *group] for group in groups or [[]]]
+            running: list[Values] = [{"event": step.act, "state": "begun"}]
+            if step.act in stopped:
+                running.append({"variable": f"{step.act} has stopped", "below": 0.5})
+            groups = [[*running, *group] for group in groups or [[]]]
             if step.name in added:
                 entity = self._entities.members[step.name]
                 made.extend(actions.placed(step.name, entity, groups))
                 continue
-            values = actions.values(step.action, step.name, step.actor)
-            made.append(scenario_event(step.event, values, groups))
+            if step.actor:
+                values = actions.values(step.action, step.name, step.actor)
+                made.append(scenario_event(step.event, values, groups))
+                continue
+            kind = next(iter(step.action.child("GlobalAction")))
+            for node, values in actions.of_world(kind, step.name):
+                made.append(scenario_event(node, values, groups))
         triggers.family = -1
         if self._stop is not None and (groups := triggers.groups(self._stop, stop=True)):
             made.append(scenario_event(self._stop, {"event": "end_drive"}, groups))
@@ -155,6 +172,10 @@ class OpenScenario:
             )
             for name, node in triggers.variables.items()
         ]
+        first += [
+            event_of({"event": "set_value", "variable": f"{act} has stopped", "value": 0.0})
+            for act in sorted(stopped)
+        ]
         return (*first, *made)
 
     def _remarks(self, board: Node) -> Iterator[str]:
@@ -163,6 +184,14 @@ class OpenScenario:
             yield f"the truck's own driver replaces the events of {self.ego}: {names}"
         if self._entities.unused:
             yield f"without effect: {', '.join(self._entities.unused)}"
+        lost = [
+            name for name in self._entities.members if not self._entities.starts_somewhere(name)
+        ]
+        if lost:
+            yield f"without a place, and so left out: {', '.join(lost)}"
+        criteria = [each.declared for each in board.all("Condition") if is_criterion(each)]
+        if criteria:
+            yield f"criteria of tests never hold: {', '.join(dict.fromkeys(criteria))}"
         if self._has_signals:
             yield "without effect: TrafficSignals; lights keep the states that events give them"
         if self.ego in self._entities.trajectories:
@@ -180,20 +209,16 @@ class OpenScenario:
             if act.tag != "Act":
                 continue
             act.only("ManeuverGroup", "StartTrigger", "StopTrigger")
-            stop = act.find("StopTrigger")
-            if stop is not None and any(True for _ in stop):
-                stop.refuse()
-            name = self._new_name(act.get("name"))
+            name = self._new_name(_name(act))
             self._acts.append((name, act))
-            self._triggers.elements["act start", act.get("name")] = [name]
+            self._triggers.elements["act start", _name(act)] = [name]
             for group in act:
                 if group.tag == "ManeuverGroup":
                     self._read_group(group, (story, act, group), name)
 
     def _read_group(self, group: Node, parents: Sequence[Node], act: str) -> None:
-        _once(group)
         actors = group.child("Actors")
-        if actors.get("selectTriggeringEntities", "false") == "true":
+        if actors.flag("selectTriggeringEntities"):
             actors.fail("selectTriggeringEntities is not read")
         names = [n for each in actors.only("EntityRef") for n in self._entities.several(each)]
         for node in group.only("Actors", "CatalogReference", "Maneuver"):
@@ -204,35 +229,37 @@ class OpenScenario:
             for event in maneuver.only("ParameterDeclarations", "Event"):
                 if event.tag != "Event":
                     continue
-                _once(event)
+                if set(names) != {self.ego}:
+                    _once(group)
+                    _once(event)
                 event.only("Action", "StartTrigger")
                 if event.get("priority") not in PRIORITIES:
                     event.fail(f"priority must be one of {', '.join(PRIORITIES)}")
                 made = []
                 for action in event:
-                    if action.tag != "Action":
+                    if action.tag != "Action" or not any(True for _ in action):
                         continue
                     private = action.find("PrivateAction") is not None
                     for actor in names if private else ("",):
                         if actor == self.ego:
-                            self._skipped.append(event.get("name"))
-                            self._triggers.elements.setdefault(("action", action.get("name")), [])
+                            self._skipped.append(_name(event))
+                            self._triggers.elements.setdefault(("action", _name(action)), [])
                             continue
                         does = next(iter(next(iter(action), action)), action)
                         if does.tag in UNUSED:
                             self._entities.not_used(does, actor)
-                        name = self._new_name(event.get("name"))
+                        name = self._new_name(_name(event))
                         if _is_added(action):
                             # Conditions know its event by the name of the entity.
                             name = self._entities.add(action.child("GlobalAction", "EntityAction"))
                         self._steps.append(_Step(name, action, actor, event, act, family))
                         self._triggers.families[name] = family
-                        key = "action", action.get("name")
+                        key = "action", _name(action)
                         self._triggers.elements.setdefault(key, []).append(name)
                         made.append(name)
                 for each in (*parents, maneuver, event):
                     kind = each.tag[:1].lower() + each.tag[1:]
-                    self._triggers.elements.setdefault((kind, each.get("name")), []).extend(made)
+                    self._triggers.elements.setdefault((kind, _name(each)), []).extend(made)
 
     def _new_name(self, wanted: str) -> str:
         """A name of an event that no other has."""
@@ -246,6 +273,11 @@ class OpenScenario:
 def _is_added(action: Node) -> bool:
     """Whether an action adds an entity."""
     return any(True for _ in action.all("AddEntityAction"))
+
+
+def _name(node: Node) -> str:
+    """Name of an element; files that follow no schema leave it out."""
+    return node.get("name", node.tag)
 
 
 def _once(node: Node) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from iits_mj.core.angles import wrap_angle
 from iits_mj.core.errors import InputError
-from traffic_bridge.scenario.actions import STEEPEST
+from traffic_bridge.scenario.actions import BENDS, STEEPEST
 from traffic_bridge.scenario.conditions import SIGNAL, TRUCK
 from traffic_bridge.scenario.openscenario_entities import (
     CATEGORIES,
@@ -68,10 +68,7 @@ class Actions:
             values |= self._driving(entity, spot, node)
         yield scenario_event(node, values, groups)
         speed = self._entities.speeds.get(name)
-        if (
-            speed is not None
-            and next(iter(speed.child("SpeedActionTarget"))).get("continuous", "false") == "true"
-        ):
+        if speed is not None and next(iter(speed.child("SpeedActionTarget"))).flag("continuous"):
             made = {"name": self._new_name(f"speed of {name}"), "actor": name}
             yield scenario_event(speed, made | self._change_speed(speed))
         if name in self._entities.trajectories:
@@ -133,15 +130,28 @@ class Actions:
             return Pose(x, y, z, node.number("h", 0.0))
         return self._entities.places.pose(node)
 
-    def of_start(self, action: Node) -> Iterator[Event]:
-        """Yields the friction and the wind of an environment, or the new value of a variable."""
-        kind = next(iter(action))
+    def of_world(self, kind: Node, name: str = "") -> Iterator[tuple[Node, Values]]:
+        """Yields the events of a global action, of which an environment may have several.
+
+        Args:
+          kind: element in the GlobalAction.
+          name: of the event; "": that of its kind.
+        """
+        named: Values = {"name": name} if name else {}
         if kind.tag == "TrafficAction":
-            yield scenario_event(kind, self._swarm(kind))
+            yield kind, self._swarm(kind)
+            return
+        if kind.tag == "EntityAction" and kind.find("DeleteEntityAction") is not None:
+            gone = self._entities.reference(kind)
+            if gone == self._entities.ego:
+                kind.fail("the truck cannot be removed")
+            yield kind, named | {"event": "remove_vehicle", "actor": gone}
             return
         if kind.tag != "EnvironmentAction":
-            yield scenario_event(kind, self._set_value(kind))
+            yield kind, named | self._set_value(kind)
             return
+        if named:  # what begins with the action, whatever the environment has
+            yield kind, named | {"event": "set_value", "variable": "environment", "value": name}
         node = self._entities.catalogs.resolve(next(iter(kind)))
         node.only("ParameterDeclarations", "TimeOfDay", "Weather", "RoadCondition")
         road, weather = node.find("RoadCondition"), node.find("Weather")
@@ -150,14 +160,14 @@ class Actions:
         if road is not None:
             friction = route.friction(start.station, start.offset)
             friction *= road.number("frictionScaleFactor")
-            yield scenario_event(road, {"event": "friction", "friction": friction})
+            yield road, {"event": "friction", "friction": friction}
         wind = None if weather is None else weather.find("Wind")
         if wind is not None:
             # The file has where it blows to, from the map's x axis.
             heading = float(route.heading(np.array(start.station)))
             origin = wrap_angle(wind.number("direction") + math.pi - heading)
             values = {"event": "wind", "shape": "steady", "speed": wind.number("speed")}
-            yield scenario_event(wind, {**values, "direction": math.degrees(origin)})
+            yield wind, {**values, "direction": math.degrees(origin)}
 
     def _swarm(self, kind: Node) -> Values:
         action = next(iter(kind))
@@ -182,7 +192,7 @@ class Actions:
             "inner": action.number("innerRadius"),
             "half_length": action.number("semiMajorAxis"),
             "half_width": action.number("semiMinorAxis"),
-            "ahead": action.number("offset"),
+            "ahead": action.number("offset", 0.0),
             "speed": action.number("velocity"),
             **({"mix": mix} if mix else {}),
         }
@@ -207,16 +217,8 @@ class Actions:
         }
 
     def values(self, node: Node, name: str, actor: str) -> Values:
-        """Returns the event of an action for one actor, "" for none, with its name."""
+        """Returns the event of a private action for one actor, with its name."""
         values: Values = {"name": name}
-        if not actor:
-            kind = next(iter(node.child("GlobalAction")))
-            if kind.tag == "EntityAction" and kind.find("DeleteEntityAction") is not None:
-                gone = self._entities.reference(kind)
-                if gone == self._entities.ego:
-                    kind.fail("the truck cannot be removed")
-                return values | {"event": "remove_vehicle", "actor": gone}
-            return values | self._set_value(kind)
         kind = next(iter(node.child("PrivateAction")))
         if kind.tag in UNUSED:
             return values | {"event": "set_value", "variable": f"{kind.tag} unused", "value": 0.0}
@@ -249,7 +251,7 @@ class Actions:
     def _change_speed(self, action: Node) -> Values:
         values: Values = {"event": "change_speed"}
         dynamics = action.child("SpeedActionDynamics")
-        shape, dimension = dynamics.get("dynamicsShape"), dynamics.get("dynamicsDimension")
+        shape, dimension = dynamics.get("dynamicsShape"), dynamics.get("dynamicsDimension", "")
         values["shape"] = shape
         if shape != "step" and dimension == "time":
             values["time"] = dynamics.number("value")
@@ -268,11 +270,11 @@ class Actions:
             return values | {"speed": target.number("value")}
         if target.tag != "RelativeTargetSpeed":
             target.refuse()
-        factor = target.get("speedTargetValueType") == "factor"
+        factor = target.get("speedTargetValueType", "delta") == "factor"
         return values | {
             "to": self._entities.body(target),
             "speed_factor" if factor else "speed_difference": target.number("value"),
-            "continuous": target.get("continuous") == "true",
+            "continuous": target.flag("continuous"),
         }
 
     def _change_lane(self, action: Node, actor: str) -> Values:
@@ -367,8 +369,8 @@ class Actions:
             "event": "keep_distance",
             "to": self._entities.body(action),
             "time_gap" if timed else "gap": action.number("timeGap" if timed else "distance"),
-            "freespace": action.get("freespace") == "true",
-            "continuous": action.get("continuous") == "true",
+            "freespace": action.flag("freespace"),
+            "continuous": action.flag("continuous"),
         }
         limits = action.find("DynamicConstraints")
         names = {
@@ -442,19 +444,16 @@ def _lateral(dynamics: Node) -> Values:
 def _change_offset(action: Node) -> Values:
     dynamics = action.child("LaneOffsetActionDynamics")
     target = next(iter(action.child("LaneOffsetTarget")))
-    if target.tag != "AbsoluteTargetLaneOffset":
+    if target.tag not in ("AbsoluteTargetLaneOffset", "RelativeTargetLaneOffset"):
         target.refuse()
     offset, shape = target.number("value"), dynamics.get("dynamicsShape")
-    # Greatest second derivative of the unit shapes; a linear one takes as long as a sinusoidal one.
-    steepest = {"sinusoidal": 0.5 * math.pi**2, "cubic": 6.0, "linear": 0.5 * math.pi**2}
-    duration = SHORTEST
-    if shape in steepest:
-        bound = dynamics.number("maxLateralAcc", LATERAL_ACCELERATION, low=0.01)
-        duration = max(math.sqrt(steepest[shape] * abs(offset) / bound), SHORTEST)
-    elif shape != "step":
-        dynamics.fail(f"dynamicsShape {shape!r} is not read: step, {', '.join(steepest)}")
-    values = {"event": "swerve", "offset": offset, "back": False, "duration": duration}
-    return values | {"shape": shape if shape in steepest else "linear"}
+    values: Values = {"event": "swerve", "offset": offset, "back": False}
+    if shape == "step":
+        return values | {"shape": "linear", "duration": SHORTEST}
+    if shape not in BENDS:
+        dynamics.fail(f"dynamicsShape {shape!r} is not read: step, {', '.join(BENDS)}")
+    bound = dynamics.number("maxLateralAcc", LATERAL_ACCELERATION, low=0.01)
+    return values | {"shape": shape, "lateral_acceleration": bound}
 
 
 def scenario_event(node: Node, values: Mapping[str, Any], groups: AnyGroups | None = None) -> Event:

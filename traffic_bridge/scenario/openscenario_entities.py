@@ -27,6 +27,7 @@ CATEGORIES = {
     "motorbike": "bicycle",
     "bicycle": "bicycle",
 }
+AHEAD = "leadingReferencedEntity"
 ALONG_ROAD = ("RelativeRoadPosition", "RelativeLanePosition")
 BESIDE = ("RelativeObjectPosition", "RelativeWorldPosition")
 # Private actions without an effect here: who is seen by whom, who drives whom, lamps and doors.
@@ -79,7 +80,7 @@ class Entities:
 
     Attributes:
       members: by name; ego: name of the truck; towed: names of trailers of others.
-      starts, speeds, routes, trajectories: elements of the start, by name.
+      starts, speeds, distances, routes, trajectories: elements of the start, by name.
       catalogs: of the file.
       unused: what has no effect here, in words.
     """
@@ -94,6 +95,7 @@ class Entities:
         self.routes: dict[str, Node] = {}
         self.trajectories: dict[str, Node] = {}
         self.speeds: dict[str, Node] = {}
+        self.distances: dict[str, Node] = {}
         self.towed: set[str] = set()
         self.unused: dict[str, None] = {}
         group = root.child("Entities").only("ScenarioObject", "EntitySelection")
@@ -107,11 +109,18 @@ class Entities:
         for name in list(self.members):
             self.members[name] = self._with_trailers(name)
         self.ego = self._ego(group, ego)
+        gone: list[str] = []
         for node in init:
             if node.tag == "Private":
                 self._read_private(node)
-            elif node.find("EntityAction") is not None:
-                self.add(node.child("EntityAction"))
+            elif (action := node.find("EntityAction")) is not None:
+                if action.find("AddEntityAction") is not None:
+                    self.add(action)
+                else:
+                    gone.append(self.reference(action))
+        for name in gone:
+            self.starts.pop(name, None)
+            self.trajectories.pop(name, None)
 
     def use(self, route: Route) -> None:
         """Takes the truck's route, and its map."""
@@ -143,7 +152,12 @@ class Entities:
         node = self.start(self.ego)
         if node.tag == "LanePosition" and self.ego not in self.routes:
             return words_of([f"{node.get('roadId')}_{node.get('laneId')}"])
-        lane = self.places.driving_lane(self.turn_along(self.ego, self.places.pose(node)))
+        place = node
+        while place.tag in (*ALONG_ROAD, *BESIDE) and len(self._asked) <= len(self.members):
+            self._asked.add(self.reference(place))
+            place = self.start(self.reference(place))  # on the same road
+        self._asked.clear()
+        lane = self.places.driving_lane(self.turn_along(self.ego, self.places.pose(place)))
         if not lane:
             node.fail("the ego is on no driving lane that leads where it faces")
         return self.words(self.ego, lane)
@@ -232,6 +246,8 @@ class Entities:
                 self.starts[name] = next(iter(kind.child("Position")))
             elif kind.tag == "LongitudinalAction" and kind.find("SpeedAction") is not None:
                 self.speeds[name] = kind.child("SpeedAction")
+            elif kind.tag == "LongitudinalAction":
+                self.distances[name] = kind.child("LongitudinalDistanceAction")
             elif kind.tag == "RoutingAction":
                 routing = next(iter(kind))
                 if routing.tag == "FollowTrajectoryAction":
@@ -273,6 +289,15 @@ class Entities:
         """Returns the name by which events know an entity."""
         name = self.reference(node, attribute)
         return TRUCK if name == self.ego else name
+
+    def starts_somewhere(self, name: str) -> bool:
+        """Whether the file says where an entity is, or it is a trailer or the ego."""
+        return (
+            name in self.starts
+            or name in self.trajectories
+            or name in self.towed
+            or name == self.ego
+        )
 
     def start(self, name: str) -> Node:
         """Returns the position at which an entity starts."""
@@ -347,11 +372,36 @@ class Entities:
         if name not in self._known:
             node = self.start(name)
             self._known[name] = Spot(math.nan, math.nan)  # marks a reference to itself
-            self._known[name] = self._find_spot(name, node)
+            spot = self._find_spot(name, node)
+            self._known[name] = self._at_distance(name, spot)
         spot = self._known[name]
         if math.isnan(spot.station):
             self.start(name).fail("the position refers to itself")
         return spot
+
+    def _at_distance(self, name: str, spot: Spot) -> Spot:
+        """The place of an entity that starts at a distance to another one in its lane."""
+        action = self.distances.get(name)
+        if action is None:
+            return spot
+        other, reference = self.spot(self.reference(action)), self.reference(action)
+        if math.isnan(spot.offset) or math.isnan(other.offset) or spot.along != other.along:
+            action.fail(f"{name} and {reference} are not on the same road")
+        behind = action.get("displacement", "trailingReferencedEntity") != AHEAD
+        gap = (
+            action.number("distance", low=0.0)
+            if action.has("distance")
+            else action.number("timeGap", low=0.0) * self.speed(name if behind else reference)
+        )
+        own, its = self.members[name], self.members[reference]
+        if action.flag("freespace"):
+            length = float(own.size["length"]), float(its.size["length"])
+            reach = (
+                its.front - length[1] - own.front if behind else its.front - own.front + length[0]
+            )
+        else:
+            reach = its.front - own.front
+        return spot._replace(station=other.station + reach + (-gap if behind else gap))
 
     def _find_spot(self, name: str, node: Node) -> Spot:
         pose = self.pose(name)
@@ -430,7 +480,7 @@ def polyline(action: Node, catalogs: Catalogs) -> Iterator[Node]:
     if found is None:
         action.fail("has no Trajectory")
     trajectory = catalogs.resolve(found)
-    if trajectory.get("closed", "false") == "true":
+    if trajectory.flag("closed"):
         trajectory.fail("closed trajectories are not read")
     shape = next(iter(trajectory.child("Shape")))
     if shape.tag != "Polyline":

@@ -16,6 +16,7 @@ from iits_mj.core.input_files import similar_file
 from iits_mj.road.xml_input import parse_xml
 
 SIZE_MAX = 256 * 2**20  # bytes of a file; a minute among 60 vehicles takes 7 MB
+BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
 LONGEST_EXPRESSION = 400
 CATALOG_FILES_MAX = 100
 _NAME = re.compile(r"\$([A-Za-z_][A-Za-z0-9_]*)")
@@ -85,7 +86,7 @@ class Node:
         scope = dict(self.scope)
         declared = self.find("ParameterDeclarations")
         for each in () if declared is None else declared:
-            name = each.get("name")
+            name = each.declared
             inner = Node(self.path, each.element, self.lines, scope)
             given = (assigned or {}).get(name)
             scope[name] = inner.get("value") if given is None else given
@@ -102,6 +103,18 @@ class Node:
         if text.startswith("$"):
             return self._value(text[1:])
         return text
+
+    def flag(self, name: str) -> bool:
+        """Returns a truth value, false where the attribute is missing."""
+        text = self.get(name, "false").lower()
+        if text not in BOOLEANS:
+            self.fail(f"{name} = {text[:40]!r} is neither true nor false")
+        return BOOLEANS[text]
+
+    @property
+    def declared(self) -> str:
+        """Name of a declaration, without the sign of a parameter before it."""
+        return self.element.get("name", "").lstrip("$")
 
     def has(self, name: str) -> bool:
         """Whether it has an attribute."""
@@ -199,7 +212,8 @@ class Catalogs:
         self._folders: list[Path] = []
         locations = root.find("CatalogLocations")
         for location in () if locations is None else locations:
-            self._folders.append(root.path.parent / location.child("Directory").get("path"))
+            if (folder := location.find("Directory")) is not None:
+                self._folders.append(root.path.parent / folder.get("path"))
         self._read: dict[Path, Any] = {}
 
     def resolve(self, node: Node) -> Node:

@@ -122,7 +122,7 @@ class Places:
     def waypoints(self, route: Node) -> list[Node]:
         """Returns the positions of the waypoints of a route, or of the catalog's one."""
         found = self._catalogs.resolve(route)
-        if found.tag != "Route" or found.get("closed", "false") == "true":
+        if found.tag != "Route" or found.flag("closed"):
             found.fail("is no open route")
         points = list(found.only("ParameterDeclarations", "Waypoint"))
         return [next(iter(p.child("Position"))) for p in points if p.tag == "Waypoint"]

@@ -24,6 +24,7 @@ EDGES = {"none": "none", "rising": "rising", "falling": "falling", "risingOrFall
 STATES = {"startTransition": "begun", "endTransition": "ended", "completeState": "ended"}
 INSTANT = 1e-6  # [s] after a time that a condition excludes
 NEVER: Values = {"measure": "time", "below": -1.0}
+CRITERION = "criteria_"  # begins the names of conditions that CARLA's ScenarioRunner reads as tests
 PLANE = ("cartesianDistance", "euclidianDistance")
 
 
@@ -68,11 +69,13 @@ class Triggers:
         return self._entities.ego in names
 
     def _condition(self, node: Node) -> AnyGroups:
-        edge = node.get("conditionEdge")
+        edge = node.get("conditionEdge", "none")
         if edge not in EDGES:
             node.fail(f"conditionEdge {edge!r}: allowed are {', '.join(EDGES)}")
         base: Values = {"edge": EDGES[edge], "delay": node.number("delay", 0.0)}
         kind = next(iter(node))
+        if is_criterion(node):
+            return [[base | NEVER]]
         if kind.tag == "ByValueCondition":
             return self._by_value(next(iter(kind)), base)
         triggering = kind.child("TriggeringEntities")
@@ -162,7 +165,7 @@ class Triggers:
             return {"measure": "speed", "of": of, "below": REST, "lasting": node.number("duration")}
         if tag in ("ReachPositionCondition", "DistanceCondition"):
             return self._by_position(node, of)
-        values: Values = {"of": of, "freespace": node.get("freespace") == "true"}
+        values: Values = {"of": of, "freespace": node.flag("freespace")}
         kind = node.get("relativeDistanceType", "longitudinal")
         if tag == "RelativeDistanceCondition" and kind in PLANE:
             if values.pop("freespace"):
@@ -192,7 +195,7 @@ class Triggers:
         front = self._entities.front(of)
         kind = node.get("relativeDistanceType", "euclidianDistance")
         if node.tag == "ReachPositionCondition" or kind in PLANE:
-            if node.get("freespace", "false") == "true":
+            if node.flag("freespace"):
                 node.fail("freespace to a position is not read")
             if position.has("entityRef"):
                 if any(position.number(name, 0.0) for name in ("dx", "dy", "ds", "dLane", "dt")):
@@ -210,7 +213,7 @@ class Triggers:
             )
             point = (pose.x, pose.y)
             return {"measure": "distance", "of": of, "point": point, "back": front, **limits}
-        if kind != "longitudinal" or node.get("freespace", "false") == "true":
+        if kind != "longitudinal" or node.flag("freespace"):
             node.fail(f"relativeDistanceType {kind!r}, or freespace, to a position is not read")
         limit = _limit(node)
         if "below" not in limit:
@@ -218,6 +221,11 @@ class Triggers:
         at = self._entities.station(position, self._entities.route) + front
         bounds = {"above": at - limit["below"], "below": at + limit["below"]}
         return {"measure": "station", "of": of, **bounds}
+
+
+def is_criterion(condition: Node) -> bool:
+    """Returns whether a condition is a criterion of a test, which never stops a drive."""
+    return condition.declared.startswith(CRITERION)
 
 
 def _limit(node: Node) -> Values:

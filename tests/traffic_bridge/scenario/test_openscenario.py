@@ -499,3 +499,118 @@ def test_a_linear_lane_offset_without_a_bound(tmp_path):
     steps = {round(b.offset - a.offset, 4) for a, b in itertools.pairwise(rows)}
     assert len(steps - {0.0}) <= 3
     assert records["aside"].ended is not None
+
+
+STOP = """</StartTrigger><StopTrigger><ConditionGroup><Condition name="c" conditionEdge="none"
+delay="0"><ByValueCondition><SimulationTimeCondition value="TIME" rule="greaterThan"/>
+</ByValueCondition></Condition></ConditionGroup></StopTrigger></Act>"""
+LATER = """<Event name="later" priority="parallel"><Action name="z"><PrivateAction>ACTION
+</PrivateAction></Action><StartTrigger><ConditionGroup><Condition name="c" delay="0">
+<ByValueCondition><SimulationTimeCondition value="3" rule="greaterThan"/></ByValueCondition>
+</Condition></ConditionGroup></StartTrigger></Event></Maneuver>"""
+
+
+@pytest.mark.parametrize(("time", "begins"), [(2.0, False), (5.0, True)])
+def test_events_of_an_act_that_has_stopped_do_not_begin(tmp_path, time, begins):
+    text = SCENARIO.replace("</Maneuver>", LATER.replace("ACTION", ACTION))
+    text = text.replace("</StartTrigger></Act>", STOP.replace("TIME", str(time)))
+    _, _, records = play(written(tmp_path, text), 6.0)
+    assert records["aside"].begun == pytest.approx(1.1)
+    assert ("later" in records) is begins
+
+
+def test_the_way_back_to_the_center_lasts_as_long_as_the_way_out(tmp_path):
+    back = ACTION.replace('value="1.5"', 'value="0"')
+    late = LATER.replace('value="3"', 'value="5"').replace("ACTION", back)
+    text = SCENARIO.replace("</Maneuver>", late)
+    _, frames, records = play(written(tmp_path, text), 10.0)
+    out, home = (records[name].ended - records[name].begun for name in ("aside", "later"))
+    assert home == pytest.approx(out, abs=0.11)
+    assert out == pytest.approx(math.sqrt(0.5 * math.pi**2 * 1.5 / 2.0), abs=0.11)
+    first, last = frames[0].find("car"), frames[-1].find("car")
+    assert last.offset == pytest.approx(first.offset, abs=1e-6)
+
+
+def test_attributes_that_files_leave_out(tmp_path):
+    text = SCENARIO.replace(' conditionEdge="none"', "").replace(
+        '<Maneuver name="m">', "<Maneuver>"
+    )
+    text = text.replace('name="V"', 'name="$V"')
+    _, _, records = play(written(tmp_path, text), 3.0)
+    assert records["aside"].begun == pytest.approx(1.1)
+
+
+def test_criteria_of_tests_do_not_stop_a_drive(tmp_path):
+    criterion = """</Story><StopTrigger><ConditionGroup><Condition name="criteria_CollisionTest"
+delay="0" conditionEdge="rising"><ByValueCondition><ParameterCondition parameterRef="" value=""
+rule="lessThan"/></ByValueCondition></Condition></ConditionGroup></StopTrigger>"""
+    path = written(tmp_path, SCENARIO.replace("</Story>", criterion))
+    _, _, records = play(path, 3.0)
+    assert "end_drive" not in records
+    assert any("criteria_CollisionTest" in note for note in read_scenario(path).notes)
+
+
+def test_an_environment_changes_in_a_story(tmp_path):
+    weather = """<Event name="rain" priority="parallel"><Action name="z"><GlobalAction>
+<EnvironmentAction><Environment name="e"><RoadCondition frictionScaleFactor="0.4"/></Environment>
+</EnvironmentAction></GlobalAction></Action><StartTrigger><ConditionGroup><Condition name="c"
+delay="0"><ByValueCondition><SimulationTimeCondition value="2" rule="greaterThan"/>
+</ByValueCondition></Condition></ConditionGroup></StartTrigger></Event></Maneuver>"""
+    scenario = read_scenario(written(tmp_path, SCENARIO.replace("</Maneuver>", weather)))
+    route = RoadMap.from_opendrive(tmp_path / "road.xodr").route(along=scenario.route)
+    frictions = [event for event in scenario.events(route) if event.kind == "friction"]
+    assert [event.friction for event in frictions] == pytest.approx(
+        [0.5 * DEFAULT_FRICTION, 0.4 * DEFAULT_FRICTION]
+    )
+    _, _, records = play(written(tmp_path, SCENARIO.replace("</Maneuver>", weather)), 3.0)
+    assert records["rain"].begun == pytest.approx(2.1)
+
+
+@pytest.mark.parametrize(
+    ("displacement", "gap"), [("leadingReferencedEntity", 20.0), ("trailingReferencedEntity", 9.0)]
+)
+def test_a_vehicle_starts_at_its_distance(tmp_path, displacement, gap):
+    # A time gap of 1 s of the one behind: the truck at 20 m/s, or the car at 9 m/s.
+    action = f"""<PrivateAction><LongitudinalAction><LongitudinalDistanceAction entityRef="Hero"
+freespace="true" continuous="false" timeGap="1" displacement="{displacement}"/>
+</LongitudinalAction></PrivateAction></Private></Actions>"""
+    text = SCENARIO.replace("</Private></Actions>", action)
+    start, frames, _ = play(written(tmp_path, text), 0.2)
+    car, front = frames[0].find("car"), start.station + TRUCK.front_overhang
+    if displacement == "leadingReferencedEntity":
+        found = car.station - 0.5 * car.length - front
+    else:  # behind the body of the file's ego, 5 m long
+        found = front - 5.0 - car.station - 0.5 * car.length
+    assert found == pytest.approx(gap, abs=0.02)
+
+
+def test_an_entity_without_a_place_is_left_out(tmp_path):
+    extra = f'<ScenarioObject name="lost"><Vehicle vehicleCategory="car">{BODY}</Vehicle>'
+    text = SCENARIO.replace("</Entities>", f"{extra}</ScenarioObject></Entities>")
+    path = written(tmp_path, text)
+    assert "without a place, and so left out: lost" in read_scenario(path).notes
+    _, frames, _ = play(path, 0.5)
+    assert frames[-1].find("lost") is None
+
+
+def test_a_truth_value_that_is_none_is_refused(tmp_path):
+    change = (
+        SPEED.replace("VALUE", "3")
+        .replace("DIMENSION", "time")
+        .replace(
+            '<AbsoluteTargetSpeed value="15"/>',
+            '<RelativeTargetSpeed entityRef="Hero" value="1" continuous="maybe"/>',
+        )
+    )
+    with pytest.raises(InputError, match="continuous = 'maybe' is neither true nor false"):
+        play(written(tmp_path, SCENARIO.replace(ACTION, change)), 0.1)
+
+
+def test_the_ego_may_start_beside_another_entity(tmp_path):
+    text = SCENARIO.replace(
+        '<LanePosition roadId="1" laneId="-2" s="100"/>',
+        '<RelativeLanePosition entityRef="car" dLane="-1" ds="-40"/>',
+    ).replace(RELATIVE, '<LanePosition roadId="1" laneId="-1" s="200"/>')
+    start, frames, _ = play(written(tmp_path, text), 0.2)
+    assert (start.lane, frames[0].find("car").lane) == (0, 1)
+    assert start.station + TRUCK.front_overhang == pytest.approx(160.0 + 4.0)
