@@ -105,6 +105,12 @@ class Kept:
         metavar="DIR",
         group="output",
     )
+    xosc: Path | None = option(
+        None,
+        help="write what all road users did as OpenSCENARIO XML, with the map as .xodr beside it",
+        metavar="FILE.xosc",
+        group="output",
+    )
     osi: Path | None = option(
         None,
         help="write OSI ground truth of all road users (MCAP)",
@@ -268,6 +274,11 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
 
             video = film.path if film else None
             observers.append(bags.enter_context(BagWriter(kept.bag, simulation, video)))
+        if kept.xosc is not None:
+            # Load scenariogeneration only for OpenSCENARIO.
+            from iits_mj.export.openscenario import XoscLog
+
+            observers.append(stack.enter_context(XoscLog(kept.xosc, simulation)))
         if kept.osi is not None:
             # Load protobuf only for OSI.
             from iits_mj.export.osi import OsiLog
@@ -405,6 +416,8 @@ def _write(job: Job, outcome: Outcome) -> list[tuple[str, Path]]:
         pages.append(("replay in 3-D", outcome.replay))
     if job.kept.can_log is not None:
         pages.append((f"CAN log, {outcome.logged} frames", job.kept.can_log))
+    if job.kept.xosc is not None:
+        pages.append(("OpenSCENARIO", job.kept.xosc))
     if job.kept.osi is not None:
         pages.append(("OSI ground truth", job.kept.osi))
     return [*pages, ("video", outcome.video)] if outcome.video is not None else pages

@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -17,16 +18,20 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray, IntArray
+from iits_mj.core.context import Finishing
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import EgoState
+from iits_mj.core.messages import EgoState, Scene, Trajectory
 from iits_mj.core.output_files import OutputFile, write_whole
+from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.export.osi import unit_motions
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.units import Unit
 from iits_mj.road import Route
 from iits_mj.simulation.gaps import truck_units
+from iits_mj.simulation.lock_step import Observer
+from iits_mj.simulation.loop import Simulation
 from traffic_bridge import Recording
-from traffic_bridge.recording.rows import COLUMNS
+from traffic_bridge.recording.rows import COLUMNS, ego_row
 
 EGO = "Ego"
 MINOR_VERSION = 3
@@ -97,14 +102,10 @@ def write_recording(
       InputError: scenariogeneration is missing, the path has another ending, the recording is
         empty, or a file cannot be written.
     """
-    xosc = _xosc()
-    if path.suffix != ".xosc":
-        raise InputError(f"OpenSCENARIO file {str(path)!r}: its name must end with .xosc")
+    _check(path, route)
     if len(recording) < 2:
         raise InputError(f"the recording has {len(recording)} frames: a drive has at least 2")
-    source = route.road_map.path
-    if not source.is_file():
-        raise InputError(f"the map {source} is no OpenDRIVE file, which a scenario needs")
+    xosc, source = _xosc(), route.road_map.path
     road = path.with_suffix(".xodr")
     if not (road.is_file() and road.samefile(source)):
         write_whole(road, source.read_bytes(), "map")
@@ -159,6 +160,53 @@ def write_recording(
     with OutputFile(path, "OpenSCENARIO file") as partial:
         made.write_xml(str(partial))
     return path, road
+
+
+class XoscLog(Finishing, Observer):
+    """Observer that writes a drive as an OpenSCENARIO file when it ends; a context manager.
+
+    Args:
+      path: of the file.
+      simulation: at its start.
+
+    Raises:
+      InputError: as of `write_recording`.
+    """
+
+    def __init__(self, path: Path, simulation: Simulation) -> None:
+        _check(path, simulation.route)
+        self._path, self._route = path, simulation.route
+        self._parameters = simulation.truck.parameters
+        self._times: list[float] = []
+        self._states: list[tuple[float, ...]] = []
+        self._frames: list[VehicleFrame] = []
+
+    def planned(self, scene: Scene, trajectory: Trajectory) -> None:
+        """Keeps the road users of a scene."""
+        del trajectory
+        self._times.append(scene.time)
+        self._states.append(ego_row(scene.ego))
+        self._frames.append(VehicleFrame.of(scene.vehicles))
+
+    def close(self) -> None:
+        """Writes the file; the drive must have at least two scenes."""
+        recording = Recording.of_frames({}, np.array(self._times), self._frames)
+        recording = replace(recording, ego=np.array(self._states))
+        write_recording(self._path, recording, self._parameters, self._route)
+
+    def abandon(self) -> None:
+        """Writes nothing."""
+
+
+def _check(path: Path, route: Route) -> None:
+    """Checks what a file needs before a drive begins."""
+    _xosc()
+    if path.suffix != ".xosc":
+        raise InputError(f"OpenSCENARIO file {str(path)!r}: its name must end with .xosc")
+    if not route.road_map.path.is_file():
+        raise InputError(
+            f"the map {route.road_map.path} is no OpenDRIVE file, which a scenario needs"
+        )
 
 
 def _truck(recording: Recording, parameters: TruckParameters, route: Route) -> Track:

@@ -10,7 +10,7 @@ from qc_openscenario.main import run_checks
 
 from iits_mj.cli import main
 from iits_mj.core.errors import InputError
-from iits_mj.export.openscenario import write_recording
+from iits_mj.export.openscenario import XoscLog, write_recording
 from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.road import RoadMap
 from iits_mj.simulation import DriveConfig, Simulation
@@ -196,3 +196,13 @@ def test_an_empty_recording_is_refused(highway, tmp_path):
     empty = Recording.of_frames({}, np.zeros(0), [])
     with pytest.raises(InputError, match="has 0 frames"):
         write_recording(tmp_path / "a.xosc", empty, None, highway)
+
+
+def test_a_drive_writes_the_same_file_without_a_recording(drive, scenario, tmp_path):
+    events = drive.parent / "events.toml"
+    config = DriveConfig(traffic_mode="none", events=events, start_station=300.0, duration=4.0)
+    path = tmp_path / "braking.xosc"
+    with Simulation(config, visuals=False) as simulation, XoscLog(path, simulation) as log:
+        simulation.run([log])
+    texts = [re.sub(r' date="[^"]*"', "", p.read_text()) for p in (scenario, path)]
+    assert texts[0] == texts[1]
