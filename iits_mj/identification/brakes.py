@@ -17,6 +17,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.units import GRAVITY
 from iits_mj.identification.estimate import Estimate, Free, fit, unseen
 from iits_mj.identification.log import PRESSURES, Log, Series
 from iits_mj.model.air_brake import circuits, torque_slope
@@ -35,8 +36,13 @@ _STEP = 0.3
 _HOLD = 1.0
 _LONGEST = 1.0
 _BEFORE = 0.5
+# The brakes give what the driveline does not: its torque must change by less in an event [N m].
+_TORQUE_CHANGE = 20.0
 # Fewer groups give no reliable interval.
 _EVENTS_MIN = 4
+# Errors of the fit against the truck itself, on a level road without noise: its control compares
+# with one lag for all circuits. Of the dead time [s], and of the build-up time [1].
+_DEAD_TIME_ERROR, _BUILD_UP_ERROR = 0.0016, 0.023
 # Grid on which the supply and its lag are computed [s].
 _GRID = 0.002
 
@@ -85,10 +91,17 @@ def _held_pressure(pressure: FloatArray, width: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class Event:
-    """An application of the brakes by one step of the demand: its time and its hold [s]."""
+    """An application of the brakes by one step of the demand.
+
+    Attributes:
+      time, hold: of the step, and how long it holds [s].
+      missing: deceleration that the road's slope takes away, as a share of the demand. The control
+        finds it missing from the start; it knows the engine's drag and the rolling resistance.
+    """
 
     time: float
     hold: float
+    missing: float
 
 
 def identify_brake_response(log: Log, parameters: TruckParameters) -> list[Estimate]:
@@ -111,7 +124,10 @@ def identify_brake_response(log: Log, parameters: TruckParameters) -> list[Estim
             estimates += unseen(free, lacks)
             continue
         rate, filtering = brake.supply_rise_rate, brake.filter_time_constant
-        responses = [_Response(e, log.series(names[0]), rate, filtering) for e in events]
+        pressure = log.series(names[0])
+        responses = [
+            _Response(e, pressure, rate, filtering, brake.trim_gain * e.missing) for e in events
+        ]
         estimates += _fit_circuit(free, responses, _uncertainty(log))
     return estimates
 
@@ -119,13 +135,15 @@ def identify_brake_response(log: Log, parameters: TruckParameters) -> list[Estim
 class _Response:
     """One event's samples, and the response's shape for trial values of dead time and lag."""
 
-    def __init__(self, event: Event, samples: Series, rate: float, control_lag: float) -> None:
+    def __init__(
+        self, event: Event, samples: Series, rate: float, control_lag: float, drift: float
+    ) -> None:
         start, stop = event.time - _BEFORE, event.time + event.hold
         near = (samples.time >= start - 1e-9) & (samples.time <= stop + 1e-9)
         self._time = samples.time[near] - event.time
         self._pressure = samples.value[near]
         self._since = np.arange(0.0, event.hold + _GRID, _GRID)
-        self._rate, self._control_lag = rate, control_lag
+        self._rate, self._control_lag, self._drift = rate, control_lag, drift
         self.set_level(self.span)
 
     @property
@@ -136,6 +154,7 @@ class _Response:
     def set_level(self, level: float) -> None:
         """Sets the final level of the supply [Pa], and with it the length of its ramp."""
         self._ramp = np.minimum(self._since * self._rate / max(level, 1.0), 1.0)
+        self._ramp += self._drift * self._since
 
     def residual(self, dead_time: float, lag: float, scale: float) -> FloatArray:
         """Model less record in units of `scale`, with the best free levels."""
@@ -192,10 +211,11 @@ def _fit_circuit(
     for response in responses:
         response.set_level(response.level(values[0], values[1]))
     (dead_time, build_up), _ = fit(free, residual)
-    wide = dead_time.half_width + uncertainty
+    wide = float(np.hypot(dead_time.half_width, _DEAD_TIME_ERROR)) + uncertainty
     if dead_time.identifiable and uncertainty > 0.05 * dead_time.value:
         reason = f"the demand's onset is known within {2e3 * uncertainty:.0f} ms only"
         dead_time = free[0].unseen(reason)
+    build_up = build_up.widened(_BUILD_UP_ERROR)
     return [dataclasses.replace(dead_time, half_width=wide), build_up]
 
 
@@ -219,10 +239,32 @@ def brake_events(log: Log) -> list[Event]:
     jumps = np.flatnonzero(np.abs(np.diff(demand)) > _NOTHING) + 1
     ends = np.append(time[jumps[1:]], time[-1:])[: len(jumps)]
     return [
-        Event(float(time[index]), float(min(end - time[index], _LONGEST)))
+        Event(
+            float(time[index]),
+            float(min(end - time[index], _LONGEST)),
+            -GRAVITY * float(log.at("grade", time[index])) / float(demand[index])
+            if "grade" in log
+            else 0.0,
+        )
         for index, end in zip(jumps, ends, strict=True)
         if demand[index - 1] == 0.0
         and demand[index] >= _STEP
         and end - time[index] >= _HOLD
         and time[index] - time[0] >= _BEFORE
+        and _calm(log, float(time[index]))
     ]
+
+
+def _calm(log: Log, start: float) -> bool:
+    """Whether the driveline's torque is steady from before an application until its end.
+
+    The brake control deducts the driveline's braking: an engine that still pulls, or a gear change,
+    gives the demand on the chambers another shape than a step.
+    """
+    for name, most in (("engine_torque", _TORQUE_CHANGE), ("shift_in_process", 0.5)):
+        if name in log:
+            series = log.series(name)
+            near = (series.time > start - _BEFORE) & (series.time < start + _LONGEST)
+            if near.any() and np.ptp(series.value[near]) > most:
+                return False
+    return True

@@ -22,7 +22,7 @@ from mujoco import rollout
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.identification.estimate import Estimate, Free, fit, unseen
-from iits_mj.identification.log import Log
+from iits_mj.identification.log import Log, Series
 from iits_mj.model import powertrain
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.tables import Table2D
@@ -209,10 +209,21 @@ def _windows(log: Log, parameters: TruckParameters) -> list[_Window]:
             continue
         grid = np.arange(0.0, time[stop - 1] - begin + _STEP, _STEP)
         speed = log.at("engine_speed", begin + grid)
-        pedal = np.clip(log.held("command_accelerator_pedal", begin + grid), 0.0, 1.0)
+        pedal = np.clip(_pedal(log, begin + grid), 0.0, 1.0)
         part = np.arange(start, stop)[time[start:stop] >= counted]
         windows.append(_Window(grid, speed, pedal, time[part] - begin, series.value[part]))
     return windows
+
+
+def _pedal(log: Log, time: FloatArray) -> FloatArray:
+    """The pedal's position at other times.
+
+    On a bus a position holds until the next frame. A table shows it up to a row late: a straight
+    line between rows has the right time on average.
+    """
+    name = "command_accelerator_pedal"
+    known = isinstance(log.signals[name], Series)
+    return log.held(name, time) if known else log.at(name, time)
 
 
 def _starts(log: Log) -> list[tuple[float, float]]:
