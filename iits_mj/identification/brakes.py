@@ -42,7 +42,7 @@ _TORQUE_CHANGE = 20.0
 _EVENTS_MIN = 4
 # Errors of the fit against the truck itself, on a level road without noise: its control compares
 # with one lag for all circuits. Of the dead time [s], and of the build-up time [1].
-_DEAD_TIME_ERROR, _BUILD_UP_ERROR = 0.0016, 0.023
+_DEAD_TIME_ERROR, _BUILD_UP_ERROR = 0.002, 0.023
 # Grid on which the supply and its lag are computed [s].
 _GRID = 0.002
 

@@ -33,6 +33,9 @@ NAMES = ("torque_map_scale", "engine_drag_scale", "boost_lag", "torque_rise_rate
 # Time step of the bench, and longest stretch of the log on it [s].
 _STEP = 0.005
 _WINDOW = 12.0
+# Error of the map's scale by a pedal that moves between the rows of a table, measured against the
+# truck [1].
+_SCALE_ERROR = 0.003
 # Times after which the charge is gone: without pedal, and after a gear change [s].
 _COASTED = 3.0
 _FORGOTTEN = 8.0
@@ -170,8 +173,8 @@ def identify_engine(log: Log, parameters: TruckParameters) -> list[Estimate]:
             groups.append(np.where(np.isfinite(error), error, 0.0))
         return groups
 
-    estimates, _ = fit(free, residual, step=1e-3, tolerance=1e-5)
-    return estimates
+    (scale, *others), _ = fit(free, residual, step=1e-3, tolerance=1e-5)
+    return [scale.widened(_SCALE_ERROR), *others]
 
 
 def with_engine(parameters: TruckParameters, values: dict[str, float]) -> TruckParameters:

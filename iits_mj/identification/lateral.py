@@ -1,9 +1,17 @@
 """Cornering stiffness of the axle groups: the linear yaw-roll model fitted to a steered drive.
 
 Output error in windows of nearly constant speed: the recorded steering drives the model of
-`analytic.yaw_roll`. Its response is linear in the initial state and the steering's offset, which
-are solved for. Motion shows only forces over masses, so the mass must be known. The model has
-neither load transfer nor saturation: windows with high lateral acceleration are left out.
+`analytic.yaw_roll`. Its response is linear in the initial state, the steering's offset and the
+road's cross slope, which pulls all masses aside and changes at a constant rate; they are solved
+for. Motion shows only forces over masses, so the mass must be known.
+
+Load transfer and saturation bend the tires' law: over a window with lateral acceleration a, a force
+`F = C s (1 - k a^2)` has the best linear gain `C (1 - k a_e^2)` with
+
+    a_e^2 = (E[a^4] - E[a] E[a^3]) / Var(a)
+
+(least squares, slip s in proportion to a), so that each window takes the stiffness at its a_e.
+Windows with high lateral acceleration are left out.
 
 The ratio of steering wheel to road wheels comes from the two angles, if the log has both.
 """
@@ -15,29 +23,37 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import expm
+from scipy.linalg import expm, lstsq
 
 from iits_mj.analytic import RollSystem, YawRoll
+from iits_mj.analytic.roll_bodies import RollData
+from iits_mj.analytic.traction import side_share
+from iits_mj.analytic.yaw_plane import axles_on_road
 from iits_mj.core.arrays import FloatArray
 from iits_mj.identification.estimate import Estimate, Free, fit, unseen
 from iits_mj.identification.log import Log
 from iits_mj.identification.longitudinal import payload_of
 from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.tire_law import cornering_stiffness, friction
 
 # Units of the linear model: a tractor with a semitrailer.
 _UNITS = 2
 # Outputs that are compared, if the log has them: place among the states.
 _STATES = {"yaw_rate": 1, "trailer_yaw_rate": 2, "articulation": 3}
 _PLANE_STATES = 4
+# Samples whose responses are computed at once.
+_BLOCK = 16
 # Shortest sampling step, and lengths of the windows [s].
-_STEP_MIN = 0.02
+_STEP_MIN = 0.04
 _WINDOW, _WINDOW_MIN = 6.0, 4.0
 _RATIO_WINDOW = 10.0
 _SPEED_MIN = 6.0
 # The model is linear and at one speed: greatest lateral acceleration [m/s2] and speed range [1].
 _ACCELERATION_MAX = 2.0
 _SPEED_RANGE = 0.08
-# Errors of linear tires with static loads in this range, against the truck itself, and of a linkage
+# Windows share systems of one speed [m/s] and one lateral acceleration [m/s2], in steps of these.
+_SPEED_STEP, _ACCELERATION_STEP = 0.5, 0.5
+# Errors of the equivalent linear tires in this range, against the truck itself, and of a linkage
 # without compliance [1]; the intervals include them.
 _MODEL_ERROR = 0.03
 _RATIO_MODEL_ERROR = 0.005
@@ -95,11 +111,20 @@ def pitman_angle(wheel: FloatArray, dead_band: float) -> FloatArray:
     return found
 
 
+_State = tuple[float, float, float]
+
+
 @dataclass(frozen=True)
 class _Window:
-    """A stretch of the log: speed [m/s], steering angle [rad], (n,), signals by name, (n,) each."""
+    """A stretch of the log.
 
-    speed: float
+    Attributes:
+      state: speed [m/s] and equivalent lateral acceleration of the first and the last unit [m/s2],
+        rounded.
+      steering: angle [rad], (n,); signals: by name, (n,) each.
+    """
+
+    state: _State
     steering: FloatArray
     signals: Mapping[str, FloatArray]
 
@@ -146,76 +171,113 @@ def identify_cornering(
     }
     payload = payload_of(parameters, mass)
     longest = max(len(window.steering) for window in windows)
+    states = {window.state for window in windows}
+    models = {
+        speed: YawRoll.from_parameters(parameters, payload, cruise_speed=speed)
+        for speed in {state[0] for state in states}
+    }
+    softened = {s: _softening(parameters, payload, models[s[0]], s) for s in states}
+    axles = [axle.tire for axle in axles_on_road(parameters, payload)[1]]
 
     def residual(values: FloatArray) -> list[FloatArray]:
-        found = dict(zip(kinds, map(float, values), strict=False))
-        trial = _with_cornering(parameters, found)
         divisor = 1.0 if direct else float(values[-1]) if wants_ratio else float(ratio or 1.0)
+        factor = {name: values[i] / prior for i, (name, prior) in enumerate(kinds.items())}
+        scale = np.array([factor[name] for name in axles])
         responses = {}
-        for speed in {window.speed for window in windows}:
-            model = YawRoll.from_parameters(trial, payload, cruise_speed=speed)
-            responses[speed] = _responses(model.at(speed), longest, step)
-        return [_errors(responses[w.speed], w, divisor, scales) for w in windows]
+        for state, share in softened.items():
+            model = models[state[0]]
+            model = dataclasses.replace(model, cornering=scale * share * model.cornering)
+            responses[state] = _responses(model.at(state[0]), longest, step)
+        return [_errors(responses[w.state], w, divisor, scales) for w in windows]
 
     estimates, _ = fit(free, residual, tolerance=_TOLERANCE)
     return [estimate.widened(_MODEL_ERROR) for estimate in estimates]
 
 
-def _with_cornering(p: TruckParameters, coefficients: Mapping[str, float]) -> TruckParameters:
-    """The truck with these cornering coefficients of its kinds of tires [1/rad]."""
-    tires = {
-        kind: dataclasses.replace(
-            tire, cornering_coefficient=coefficients.get(kind, tire.cornering_coefficient)
-        )
-        for kind, tire in p.tires.items()
-    }
-    return dataclasses.replace(p, tires=tires)
+def _softening(
+    p: TruckParameters, payload: float, model: YawRoll, state: _State
+) -> FloatArray:
+    """Share of the axles' cornering stiffness left at a window's lateral acceleration, (axles,)."""
+    speed, *accelerations = state
+    data = RollData.from_parameters(p, payload, speed)
+    system = model.at(speed)
+    # Per lateral acceleration of a steady turn.
+    turn = system.steady_state()
+    steady = dict(zip(system.states, turn / (speed * turn[1]), strict=True))
+    common, shares = p.tire_common, []
+    for i, axle in enumerate(axles_on_road(p, payload)[1]):
+        tire = p.tires[axle.tire]
+        lateral = accelerations[min(int(model.plane.unit[i]), 1)]
+        # Per tire.
+        load = float(data.cruise_load[i]) / (2 * tire.count)
+        moved = float(data.tires[i] / data.track[i]) * steady[f"alpha_{i + 1}"] * lateral
+        sides = load + np.array([-1.0, 1.0]) * moved / tire.count
+        stiffness = cornering_stiffness(np.array([load, *sides]), tire, common)
+        force = float(model.cornering[i]) * steady[f"slip_{i + 1}"] * lateral / (2 * tire.count)
+        rho = abs(force) / (friction(load, common.friction_lateral, common) * load)
+        bent = float(side_share(common, rho))
+        shares.append(0.5 * float(stiffness[1] + stiffness[2]) / float(stiffness[0]) * bent)
+    return np.array(shares)
+
+
+def _equivalent(acceleration: FloatArray) -> float:
+    """Lateral acceleration [m/s2], (n,), at which a bent tire has its gain over a window."""
+    a = acceleration
+    square = (np.mean(a**4) - a.mean() * np.mean(a**3)) / max(float(np.var(a)), 1e-12)
+    return _ACCELERATION_STEP * round(float(np.sqrt(max(square, 0.0))) / _ACCELERATION_STEP)
 
 
 def _errors(
     responses: FloatArray, window: _Window, divisor: float, scales: Mapping[str, float]
 ) -> FloatArray:
-    """Model less record over all signals, initial state and steering offset solved for."""
+    """Model less record over all signals; see the module on what is solved for."""
     steering = window.steering / divisor
     n = len(steering)
     columns, measured = [], []
     for name, scale in scales.items():
-        early, late, *initial = responses[:n, _STATES[name], :].T
+        early, late, *others = responses[:n, _STATES[name], :].T
         # The state answers one sample later: to this sample's steering and to the next one's.
         forced = np.zeros(n)
         forced[1:] = (
             np.convolve(early, steering)[: n - 1] + np.convolve(late, steering[1:])[: n - 1]
         )
         offset = np.concatenate([[0.0], np.cumsum(early + late)[:-1]])
-        columns.append(np.column_stack([forced, *initial, offset]) / scale)
+        columns.append(np.column_stack([forced, *others, offset]) / scale)
         measured.append(window.signals[name] / scale)
     basis, target = np.vstack(columns), np.concatenate(measured)
     forced, free = basis[:, 0], basis[:, 1:]
-    levels, *_ = np.linalg.lstsq(free, target - forced, rcond=None)
+    levels, *_ = lstsq(free, target - forced, lapack_driver="gelsy")
     return np.asarray(forced + free @ levels - target)
 
 
 def _responses(system: RollSystem, length: int, step: float) -> FloatArray:
-    """Plane states, shape (length, 4, 6), by samples since a start.
+    """Plane states, shape (length, 4, 8), by samples since a start.
 
-    To unit samples of steering that is straight between them (its sample and the one after), and
-    to each initial plane state.
+    To unit samples of steering that is straight between them (its sample and the one after), to
+    each initial plane state, and to a lateral acceleration of all masses, constant and in
+    proportion to time, as a road's cross slope gives it.
     """
     size = len(system.B)
-    # x' = A x + B u with u' constant: one exponential gives all three matrices.
-    whole = np.zeros((size + 2, size + 2))
+    # Behind the states: steering and its rise in a step, acceleration and its rise in a step.
+    whole = np.zeros((size + 4, size + 4))
     whole[:size, :size], whole[:size, size] = system.A * step, system.B * step
-    whole[size, size + 1] = 1.0
+    whole[0, size + 2] = step
+    whole[[size, size + 2], [size + 1, size + 3]] = 1.0
     power = expm(whole)
-    A, first, late = power[:size, :size], power[:size, size], power[:size, size + 1]
-    state = np.zeros((size, 2 + _PLANE_STATES))
-    state[:, 0], state[:, 1] = first - late, late
-    state[:_PLANE_STATES, 2:] = np.eye(_PLANE_STATES)
-    found = np.empty((length, _PLANE_STATES, 2 + _PLANE_STATES))
-    for k in range(length):
-        found[k] = state[:_PLANE_STATES]
-        state = A @ state
-    return found
+    start = np.zeros((size + 4, 4 + _PLANE_STATES))
+    first, late = power[:size, size], power[:size, size + 1]
+    start[:size, 0], start[:size, 1] = first - late, late
+    start[:_PLANE_STATES, 2:-2] = np.eye(_PLANE_STATES)
+    start[[size + 2, size + 3], [-2, -1]] = 1.0
+    # The first powers of a block, applied to the state at each block's start.
+    rows = [np.eye(_PLANE_STATES, size + 4)]
+    for _ in range(_BLOCK - 1):
+        rows.append(rows[-1] @ power)
+    jump, states = np.linalg.matrix_power(power, _BLOCK), [start]
+    for _ in range(length // _BLOCK):
+        states.append(jump @ states[-1])
+    found = np.einsum("kij,bjc->bkic", np.array(rows), np.array(states), optimize=True)
+    return np.asarray(found.reshape(-1, _PLANE_STATES, 4 + _PLANE_STATES)[:length])
 
 
 def _windows(log: Log, parameters: TruckParameters) -> tuple[float, list[_Window]]:
@@ -247,7 +309,12 @@ def _windows(log: Log, parameters: TruckParameters) -> tuple[float, list[_Window
             continue
         if np.ptp(signals["yaw_rate"][part]) < _YAW_RATE_MIN:
             continue
-        # Systems are shared by windows of one speed.
-        mean = round(2.0 * float(speed[part].mean())) / 2.0
-        windows.append(_Window(mean, steering[part], {n: v[part] for n, v in signals.items()}))
+        own = {name: values[part] for name, values in signals.items()}
+        mean = float(speed[part].mean())
+        lead, last = (
+            _equivalent(mean * own[name])
+            for name in ("yaw_rate", "trailer_yaw_rate" if "trailer_yaw_rate" in own else "yaw_rate")
+        )
+        mean = _SPEED_STEP * round(mean / _SPEED_STEP)
+        windows.append(_Window((mean, lead, last), steering[part], own))
     return step, windows

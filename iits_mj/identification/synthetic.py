@@ -99,7 +99,7 @@ class Driver:
         *,
         weave: float = 0.0,
     ) -> None:
-        self._rng, self._route, self._weave = rng, route, weave
+        self._rng, self._weave = rng, weave
         front, rear = parameters.lead.groups(0.0)
         self._wheelbase = float(np.mean([a.position for a in rear]) - front[0].position)
         self._ratio = parameters.steering.ratio
@@ -112,7 +112,8 @@ class Driver:
         for i in range(len(limit) - 2, -1, -1):
             limit[i] = min(limit[i], math.sqrt(limit[i + 1] ** 2 + 2.0 * 5.0 * _BRAKING))
         self._limit = np.minimum(limit, _SPEED_MAX)
-        self._offset = route.lane_offset(0, self._station)
+        middle = route.evaluate(self._station, route.lane_offset(0, self._station))
+        self._x, self._y = np.asarray(middle.x), np.asarray(middle.y)
         self._noise, self._until, self._phase = 0.0, 0.0, "pull"
         self._pedal, self._demand, self._braking, self._wanted = 1.0, 0.0, False, 20.0
 
@@ -155,9 +156,8 @@ class Driver:
         """Pure pursuit of the lane's middle, with a driver's noise."""
         ahead = state.station + max(_PREVIEW * state.speed, 8.0)
         distance = ahead - state.station
-        middle = float(np.interp(ahead, self._station, self._offset))
-        aim = self._route.evaluate(ahead, middle)
-        dx, dy = float(aim.x) - state.x, float(aim.y) - state.y
+        dx = float(np.interp(ahead, self._station, self._x)) - state.x
+        dy = float(np.interp(ahead, self._station, self._y)) - state.y
         side = -math.sin(state.yaw) * dx + math.cos(state.yaw) * dy
         angle = self._ratio * (self._wheelbase + 0.004 * state.speed**2) * 2.0 * side / distance**2
         decay = math.exp(-CONTROL_PERIOD / _STEERING_TIME)
@@ -183,7 +183,7 @@ def frames(
     Args:
       rows: of `drive`.
       parameters: with the reference torque.
-      messages: names of the truck's messages and their periods [s]; commands come every 20 ms.
+      messages: names of the truck's messages and their periods [s]; commands come every 100 ms, and when they change.
       noise: standard deviation of the speeds' noise, share of the speed.
       yaw_noise: of the yaw rates [rad/s]; that of the articulation is half of it [rad].
       seed: of the noise.
@@ -197,7 +197,7 @@ def frames(
     wanted = {row.quantity for rows in signals.values() for row in rows}
     found = []
     for tick, (state, report, command) in enumerate(rows):
-        if commands:
+        if commands and (tick % 5 == 0 or command != rows[tick - 1][2]):
             found += [f for f in command_to_frames(command, tick, state.time) if f.pgn in heard]
         noisy = _noisy(state, noise, yaw_noise, rng)
         values = {name: known_quantities[name](noisy, report, references) for name in wanted}
