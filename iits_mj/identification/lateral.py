@@ -5,6 +5,13 @@ Output error in windows of nearly constant speed: the recorded steering drives t
 road's cross slope, which pulls all masses aside and changes at a constant rate; they are solved
 for. Motion shows only forces over masses, so the mass must be known.
 
+The friction of the fifth wheel, a few hundred N m, turns a tractor in a gentle bend as a percent of
+its steering would, and the tires' stiffness by several percent. The recorded articulation shows its
+course (it is elastic over 2 mrad, then slips); its size is fitted and not reported.
+
+A truck slows down for a bend. Its path changes little by that, so that the recorded yaw rates are
+scaled to the window's one speed.
+
 Load transfer and saturation bend the tires' law: over a window with lateral acceleration a, a force
 `F = C s (1 - k a^2)` has the best linear gain `C (1 - k a_e^2)` with
 
@@ -24,8 +31,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import expm, lstsq
+from scipy.ndimage import uniform_filter1d
 
-from iits_mj.analytic import RollSystem, YawRoll
+from iits_mj.analytic import YawRoll
 from iits_mj.analytic.roll_bodies import RollData
 from iits_mj.analytic.traction import side_share
 from iits_mj.analytic.yaw_plane import axles_on_road
@@ -51,6 +59,9 @@ _SPEED_MIN = 6.0
 # The model is linear and at one speed: greatest lateral acceleration [m/s2] and speed range [1].
 _ACCELERATION_MAX = 2.0
 _SPEED_RANGE = 0.08
+# Articulation over which the friction of the fifth wheel is elastic (the plugin's law) [rad], time
+# over which the recorded one is smoothed [s], and greatest friction that is allowed [N m].
+_WIND_UP, _SMOOTH, _FRICTION_MAX = 0.002, 0.4, 4000.0
 # Windows share systems of one speed [m/s] and one lateral acceleration [m/s2], in steps of these.
 _SPEED_STEP, _ACCELERATION_STEP = 0.5, 0.5
 # Errors of the equivalent linear tires in this range, against the truck itself, and of a linkage
@@ -111,6 +122,7 @@ def pitman_angle(wheel: FloatArray, dead_band: float) -> FloatArray:
     return found
 
 
+_FRICTION = "coupling_friction"
 _State = tuple[float, float, float]
 
 
@@ -121,11 +133,13 @@ class _Window:
     Attributes:
       state: speed [m/s] and equivalent lateral acceleration of the first and the last unit [m/s2],
         rounded.
-      steering: angle [rad], (n,); signals: by name, (n,) each.
+      steering: angle [rad], (n,); friction: of the fifth wheel over its greatest, against a positive
+        rate of the articulation, (n,); signals: by name, (n,) each.
     """
 
     state: _State
     steering: FloatArray
+    friction: FloatArray
     signals: Mapping[str, FloatArray]
 
 
@@ -156,15 +170,17 @@ def identify_cornering(
     wants_ratio = not direct and ratio is None
     if wants_ratio:
         free.append(_ratio(parameters))
+    plate = parameters.couplings[0].yaw_friction if len(parameters.units) > 1 else 0.0
+    free.append(Free(_FRICTION, "N m", max(plate, 1.0), 0.0, _FRICTION_MAX))
     if lacking:
-        return unseen(free, f"the log lacks {', '.join(lacking)}")
+        return unseen(free[:-1], f"the log lacks {', '.join(lacking)}")
     if len(parameters.units) != _UNITS:
-        return unseen(free, f"the truck has {len(parameters.units)} units, the linear model has 2")
+        return unseen(free[:-1], f"the truck has {len(parameters.units)} units, the linear model has 2")
     if mass is None:
-        return unseen(free, "motion shows it only as a ratio to the mass, which is not known")
+        return unseen(free[:-1], "motion shows it only as a ratio to the mass, which is not known")
     step, windows = _windows(log, parameters)
     if not windows:
-        return unseen(free, "the log has no steered stretch of 4 s at a steady speed")
+        return unseen(free[:-1], "the log has no steered stretch of 4 s at a steady speed")
     scales = {
         name: float(np.sqrt(np.mean([np.var(w.signals[name]) for w in windows])))
         for name in windows[0].signals
@@ -180,18 +196,19 @@ def identify_cornering(
     axles = [axle.tire for axle in axles_on_road(parameters, payload)[1]]
 
     def residual(values: FloatArray) -> list[FloatArray]:
-        divisor = 1.0 if direct else float(values[-1]) if wants_ratio else float(ratio or 1.0)
+        divisor = 1.0 if direct else float(values[-2]) if wants_ratio else float(ratio or 1.0)
         factor = {name: values[i] / prior for i, (name, prior) in enumerate(kinds.items())}
         scale = np.array([factor[name] for name in axles])
         responses = {}
         for state, share in softened.items():
             model = models[state[0]]
             model = dataclasses.replace(model, cornering=scale * share * model.cornering)
-            responses[state] = _responses(model.at(state[0]), longest, step)
-        return [_errors(responses[w.state], w, divisor, scales) for w in windows]
+            responses[state] = _responses(model, state[0], longest, step)
+        friction = float(values[-1])
+        return [_errors(responses[w.state], w, divisor, friction, scales) for w in windows]
 
     estimates, _ = fit(free, residual, tolerance=_TOLERANCE)
-    return [estimate.widened(_MODEL_ERROR) for estimate in estimates]
+    return [estimate.widened(_MODEL_ERROR) for estimate in estimates[:-1]]
 
 
 def _softening(
@@ -228,21 +245,24 @@ def _equivalent(acceleration: FloatArray) -> float:
 
 
 def _errors(
-    responses: FloatArray, window: _Window, divisor: float, scales: Mapping[str, float]
+    responses: FloatArray,
+    window: _Window,
+    divisor: float,
+    friction: float,
+    scales: Mapping[str, float],
 ) -> FloatArray:
     """Model less record over all signals; see the module on what is solved for."""
-    steering = window.steering / divisor
-    n = len(steering)
+    inputs = (window.steering / divisor, friction * window.friction)
+    n = len(window.steering)
     columns, measured = [], []
     for name, scale in scales.items():
-        early, late, *others = responses[:n, _STATES[name], :].T
-        # The state answers one sample later: to this sample's steering and to the next one's.
+        answers = responses[:n, _STATES[name], :].T
+        # The state answers one sample later: to this sample's input and to the next one's.
         forced = np.zeros(n)
-        forced[1:] = (
-            np.convolve(early, steering)[: n - 1] + np.convolve(late, steering[1:])[: n - 1]
-        )
-        offset = np.concatenate([[0.0], np.cumsum(early + late)[:-1]])
-        columns.append(np.column_stack([forced, *others, offset]) / scale)
+        for signal, early, late in zip(inputs, answers[0:4:2], answers[1:4:2], strict=True):
+            forced[1:] += np.convolve(early, signal)[: n - 1] + np.convolve(late, signal[1:])[: n - 1]
+        offset = np.concatenate([[0.0], np.cumsum(answers[0] + answers[1])[:-1]])
+        columns.append(np.column_stack([forced, *answers[4:], offset]) / scale)
         measured.append(window.signals[name] / scale)
     basis, target = np.vstack(columns), np.concatenate(measured)
     forced, free = basis[:, 0], basis[:, 1:]
@@ -250,34 +270,60 @@ def _errors(
     return np.asarray(forced + free @ levels - target)
 
 
-def _responses(system: RollSystem, length: int, step: float) -> FloatArray:
-    """Plane states, shape (length, 4, 8), by samples since a start.
+def _responses(model: YawRoll, speed: float, length: int, step: float) -> FloatArray:
+    """Plane states, shape (length, 4, 10), by samples since a start.
 
-    To unit samples of steering that is straight between them (its sample and the one after), to
-    each initial plane state, and to a lateral acceleration of all masses, constant and in
-    proportion to time, as a road's cross slope gives it.
+    To unit samples, straight between them (the sample and the one after), of the steering and of a
+    moment that closes the articulation; to each initial plane state; and to a lateral acceleration
+    of all masses, constant and in proportion to time, as a road's cross slope gives it.
     """
+    system = model.at(speed)
     size = len(system.B)
-    # Behind the states: steering and its rise in a step, acceleration and its rise in a step.
-    whole = np.zeros((size + 4, size + 4))
+    # Behind the states: inputs and their rises in a step.
+    whole = np.zeros((size + 6, size + 6))
     whole[:size, :size], whole[:size, size] = system.A * step, system.B * step
-    whole[0, size + 2] = step
-    whole[[size, size + 2], [size + 1, size + 3]] = 1.0
+    whole[:size, size + 2] = _closing(model, size) * step
+    whole[0, size + 4] = step
+    inputs = size + np.arange(0, 6, 2)
+    whole[inputs, inputs + 1] = 1.0
     power = expm(whole)
-    start = np.zeros((size + 4, 4 + _PLANE_STATES))
-    first, late = power[:size, size], power[:size, size + 1]
-    start[:size, 0], start[:size, 1] = first - late, late
-    start[:_PLANE_STATES, 2:-2] = np.eye(_PLANE_STATES)
-    start[[size + 2, size + 3], [-2, -1]] = 1.0
+    start = np.zeros((size + 6, 6 + _PLANE_STATES))
+    for column in (0, 2):
+        first, late = power[:size, size + column], power[:size, size + column + 1]
+        start[:size, column], start[:size, column + 1] = first - late, late
+    start[:_PLANE_STATES, 4:-2] = np.eye(_PLANE_STATES)
+    start[[size + 4, size + 5], [-2, -1]] = 1.0
     # The first powers of a block, applied to the state at each block's start.
-    rows = [np.eye(_PLANE_STATES, size + 4)]
+    rows = [np.eye(_PLANE_STATES, size + 6)]
     for _ in range(_BLOCK - 1):
         rows.append(rows[-1] @ power)
     jump, states = np.linalg.matrix_power(power, _BLOCK), [start]
     for _ in range(length // _BLOCK):
         states.append(jump @ states[-1])
     found = np.einsum("kij,bjc->bkic", np.array(rows), np.array(states), optimize=True)
-    return np.asarray(found.reshape(-1, _PLANE_STATES, 4 + _PLANE_STATES)[:length])
+    return np.asarray(found.reshape(-1, _PLANE_STATES, 6 + _PLANE_STATES)[:length])
+
+
+def _closing(model: YawRoll, size: int) -> FloatArray:
+    """Rates of the states (size,) by a moment [N m] that reduces the first articulation."""
+    force = np.zeros(len(model.inertia))
+    force[1:3] = -1.0, 1.0
+    rates = np.linalg.solve(model.inertia, force)
+    flat = 1 + model.plane.units
+    first_rate = 2 * model.plane.units + len(rates) - flat
+    found = np.zeros(size)
+    found[:flat], found[first_rate : first_rate + len(rates) - flat] = rates[:flat], rates[flat:]
+    return found
+
+
+def _friction(log: Log, time: FloatArray) -> FloatArray:
+    """Friction of the fifth wheel over its greatest, (n,); zero without an articulation."""
+    if "articulation" not in log:
+        return np.zeros_like(time)
+    length = max(round(_SMOOTH / (time[1] - time[0])), 1)
+    smooth = uniform_filter1d(log.at("articulation", time), length)
+    # The wind-up follows the articulation behind a play.
+    return (smooth - pitman_angle(smooth, 2.0 * _WIND_UP)) / _WIND_UP
 
 
 def _windows(log: Log, parameters: TruckParameters) -> tuple[float, list[_Window]]:
@@ -291,7 +337,9 @@ def _windows(log: Log, parameters: TruckParameters) -> tuple[float, list[_Window
     else:
         steering = pitman_angle(log.at("steering_wheel_angle", time), parameters.steering.dead_band)
     signals = {name: log.at(name, time) for name in _STATES if name in log}
-    calm = np.abs(speed * signals["yaw_rate"]) < _ACCELERATION_MAX
+    friction = _friction(log, time)
+    rates = [signals[name] for name in ("yaw_rate", "trailer_yaw_rate") if name in signals]
+    calm = np.max(np.abs(rates), axis=0) * speed < _ACCELERATION_MAX
     length, least = round(_WINDOW / step), round(_WINDOW_MIN / step)
     windows, start = [], 0
     while start < len(time) - least:
@@ -304,8 +352,8 @@ def _windows(log: Log, parameters: TruckParameters) -> tuple[float, list[_Window
         if stop - part.start < least or speed[part].min() < _SPEED_MIN:
             continue
         # Compare the ends of a straight line, because noise is no change of speed.
-        rise = np.polyfit(time[part], speed[part], 1)[0] * (time[stop - 1] - time[part.start])
-        if abs(rise) > _SPEED_RANGE * speed[part].mean():
+        line = np.polyval(np.polyfit(time[part], speed[part], 1), time[part])
+        if abs(line[-1] - line[0]) > _SPEED_RANGE * speed[part].mean():
             continue
         if np.ptp(signals["yaw_rate"][part]) < _YAW_RATE_MIN:
             continue
@@ -316,5 +364,7 @@ def _windows(log: Log, parameters: TruckParameters) -> tuple[float, list[_Window
             for name in ("yaw_rate", "trailer_yaw_rate" if "trailer_yaw_rate" in own else "yaw_rate")
         )
         mean = _SPEED_STEP * round(mean / _SPEED_STEP)
-        windows.append(_Window((mean, lead, last), steering[part], own))
+        # A path has yaw rates in proportion to the speed.
+        own = {name: v if name == "articulation" else v * mean / line for name, v in own.items()}
+        windows.append(_Window((mean, lead, last), steering[part], friction[part], own))
     return step, windows
