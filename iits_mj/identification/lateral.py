@@ -2,8 +2,7 @@
 
 Output error in windows of nearly constant speed: the recorded steering drives the model of
 `analytic.yaw_roll`. Its response is linear in the initial state, the steering's offset and the
-road's cross slope, which pulls all masses aside and changes at a constant rate; they are solved
-for. Motion shows only forces over masses, so the mass must be known.
+road's cross slope, which pulls all masses aside along a parabola over time; they are solved for. Motion shows only forces over masses, so the mass must be known.
 
 The friction of the fifth wheel, a few hundred N m, turns a tractor in a gentle bend as a percent of
 its steering would, and the tires' stiffness by several percent. The recorded articulation shows its
@@ -271,37 +270,37 @@ def _errors(
 
 
 def _responses(model: YawRoll, speed: float, length: int, step: float) -> FloatArray:
-    """Plane states, shape (length, 4, 10), by samples since a start.
+    """Plane states, shape (length, 4, 11), by samples since a start.
 
     To unit samples, straight between them (the sample and the one after), of the steering and of a
     moment that closes the articulation; to each initial plane state; and to a lateral acceleration
-    of all masses, constant and in proportion to time, as a road's cross slope gives it.
+    of all masses in proportion to powers of time, 0 to 2, as a road's cross slope gives it.
     """
     system = model.at(speed)
     size = len(system.B)
     # Behind the states: inputs and their rises in a step.
-    whole = np.zeros((size + 6, size + 6))
+    whole = np.zeros((size + 7, size + 7))
     whole[:size, :size], whole[:size, size] = system.A * step, system.B * step
     whole[:size, size + 2] = _closing(model, size) * step
     whole[0, size + 4] = step
-    inputs = size + np.arange(0, 6, 2)
+    inputs = size + np.array([0, 2, 4, 5])
     whole[inputs, inputs + 1] = 1.0
     power = expm(whole)
-    start = np.zeros((size + 6, 6 + _PLANE_STATES))
+    start = np.zeros((size + 7, 7 + _PLANE_STATES))
     for column in (0, 2):
         first, late = power[:size, size + column], power[:size, size + column + 1]
         start[:size, column], start[:size, column + 1] = first - late, late
-    start[:_PLANE_STATES, 4:-2] = np.eye(_PLANE_STATES)
-    start[[size + 4, size + 5], [-2, -1]] = 1.0
+    start[:_PLANE_STATES, 4:-3] = np.eye(_PLANE_STATES)
+    start[size + 4 :, -3:] = np.eye(3)
     # The first powers of a block, applied to the state at each block's start.
-    rows = [np.eye(_PLANE_STATES, size + 6)]
+    rows = [np.eye(_PLANE_STATES, size + 7)]
     for _ in range(_BLOCK - 1):
         rows.append(rows[-1] @ power)
     jump, states = np.linalg.matrix_power(power, _BLOCK), [start]
     for _ in range(length // _BLOCK):
         states.append(jump @ states[-1])
     found = np.einsum("kij,bjc->bkic", np.array(rows), np.array(states), optimize=True)
-    return np.asarray(found.reshape(-1, _PLANE_STATES, 6 + _PLANE_STATES)[:length])
+    return np.asarray(found.reshape(-1, _PLANE_STATES, 7 + _PLANE_STATES)[:length])
 
 
 def _closing(model: YawRoll, size: int) -> FloatArray:
