@@ -48,7 +48,7 @@ MINUTES = (5.0, 30.0)
 SPEED_NOISE, YAW_NOISE = (0.002, 0.01), 0.002  # shares of the speed; [rad/s] and half of it in rad
 PAYLOAD = (4_000.0, 34_000.0)  # [kg]
 START, SPEED = 80.0, 15.0  # [m], [m/s]
-TIMESTEP = 0.004  # of the physics [s]
+TIMESTEP = 0.002  # of the physics [s]
 # Messages with longer periods than a bus has them, which makes frames cheaper [s].
 MESSAGES = LONGITUDINAL | LATERAL | dict.fromkeys(("VDC2", "IITS_TRAILER", "IITS_MOTION"), 0.04)
 GRADE_STEP = 12.5  # of the given table of grades [m]

@@ -36,13 +36,17 @@ _STEP = 0.3
 _HOLD = 1.0
 _LONGEST = 1.0
 _BEFORE = 0.5
+# Time after which the last application has left the chambers [s].
+_RELEASED = 1.5
 # The brakes give what the driveline does not: its torque must change by less in an event [N m].
 _TORQUE_CHANGE = 20.0
 # Fewer groups give no reliable interval.
 _EVENTS_MIN = 4
 # Errors of the fit against the truck itself, on a level road without noise: its control compares
 # with one lag for all circuits. Of the dead time [s], and of the build-up time [1].
-_DEAD_TIME_ERROR, _BUILD_UP_ERROR = 0.002, 0.023
+_DEAD_TIME_ERROR, _BUILD_UP_ERROR = 0.002, 0.04
+# Dead times of single applications of a table: beyond the prior, and their grid [s].
+_DEAD_TIME_ADDED, _DEAD_TIME_STEP = 0.25, 0.015
 # Grid on which the supply and its lag are computed [s].
 _GRID = 0.002
 
@@ -191,7 +195,7 @@ def _lagged(signal: FloatArray, lag: float) -> FloatArray:
 def _fit_circuit(
     free: list[Free], responses: list[_Response], uncertainty: float
 ) -> list[Estimate]:
-    """Fits one circuit; the `uncertainty` of the demands' onset [s] widens the dead time's."""
+    """Fits one circuit; with an `uncertainty` of the demands' onset [s], the build-up time alone."""
     scale = max((response.span for response in responses), default=0.0)
     reason = ""
     if len(responses) < _EVENTS_MIN:
@@ -204,19 +208,30 @@ def _fit_circuit(
     if reason:
         return unseen(free, reason)
 
+    if uncertainty > 0.05 * free[0].prior:
+        # Each application has a dead time of its own.
+        own = np.arange(-2.0 * uncertainty, free[0].prior + _DEAD_TIME_ADDED, _DEAD_TIME_STEP)
+
+        def nearest(values: FloatArray) -> list[tuple[float, FloatArray]]:
+            trials = [[(d, r.residual(d, values[0], scale)) for d in own] for r in responses]
+            return [min(trial, key=lambda pair: float(pair[1] @ pair[1])) for trial in trials]
+
+        _, values = fit(free[1:], lambda values: [error for _, error in nearest(values)])
+        for response, (dead_time, _) in zip(responses, nearest(values), strict=True):
+            response.set_level(response.level(dead_time, values[0]))
+        (build_up,), _ = fit(free[1:], lambda values: [error for _, error in nearest(values)])
+        reason = f"the demand's onset is known within {2e3 * uncertainty:.0f} ms only"
+        return [free[0].unseen(reason), build_up.widened(_BUILD_UP_ERROR)]
+
     def residual(values: FloatArray) -> list[FloatArray]:
         return [r.residual(values[0], values[1], scale) for r in responses]
 
     _, values = fit(free, residual)
     for response in responses:
         response.set_level(response.level(values[0], values[1]))
-    (dead_time, build_up), _ = fit(free, residual)
-    wide = float(np.hypot(dead_time.half_width, _DEAD_TIME_ERROR)) + uncertainty
-    if dead_time.identifiable and uncertainty > 0.05 * dead_time.value:
-        reason = f"the demand's onset is known within {2e3 * uncertainty:.0f} ms only"
-        dead_time = free[0].unseen(reason)
-    build_up = build_up.widened(_BUILD_UP_ERROR)
-    return [dataclasses.replace(dead_time, half_width=wide), build_up]
+    (delay, build_up), _ = fit(free, residual)
+    wide = float(np.hypot(delay.half_width, _DEAD_TIME_ERROR)) + uncertainty
+    return [dataclasses.replace(delay, half_width=wide), build_up.widened(_BUILD_UP_ERROR)]
 
 
 def _uncertainty(log: Log) -> float:
@@ -247,7 +262,7 @@ def brake_events(log: Log) -> list[Event]:
             else 0.0,
         )
         for index, end in zip(jumps, ends, strict=True)
-        if demand[index - 1] == 0.0
+        if not np.any(demand[np.searchsorted(time, time[index] - _RELEASED) : index])
         and demand[index] >= _STEP
         and end - time[index] >= _HOLD
         and time[index] - time[0] >= _BEFORE
