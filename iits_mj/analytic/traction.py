@@ -134,7 +134,7 @@ def traction_forces(
         rate=rate[keep, keep],
         articulation=articulation[:, keep].T,
         steer=-(resistance * plane.steer) @ bodies.patches[:, keep],
-        cornering=_side_share(common, rho) / (1.0 + axle_forces / (common.slip_stiffness * loads)),
+        cornering=side_share(common, rho) / (1.0 + axle_forces / (common.slip_stiffness * loads)),
         trail=_trail_share(rho),
     )
 
@@ -164,8 +164,8 @@ def lead_pitch(parameters: TruckParameters, payload: float, load_changes: FloatA
     return rise / (group_center(rear) - group_center(front))
 
 
-def _side_share(common: TireCommon, rho: FloatArray) -> FloatArray:
-    """Magic Formula over its initial slope at normalized slip rho, any shape."""
+def side_share(common: TireCommon, rho: FloatArray) -> FloatArray:
+    """Returns side force over its initial slope times slip at normalized slip rho, any shape."""
     rho = np.maximum(rho, 1e-6)
     return np.asarray(lateral_shape(rho / common.shape_lateral, common) / rho)
 

@@ -61,14 +61,20 @@ def run(options: Options) -> int:
 def measure(options: Options) -> Results:
     """Returns the selected checks as one set of results.
 
-    All groups are those without "truck", whose figures are among them; of another truck than the
-    default one also without `validation.DEFAULT_ONLY`. The quick form uses the laden truck only and
+    All groups are those without "truck", whose figures are among them, and "measured", which needs
+    a file; of another truck than the default one also without `validation.DEFAULT_ONLY`. The quick form uses the laden truck only and
     leaves out the step sizes, which repeat the same figures.
 
     Raises:
       InputError: the group drives the default truck only, and another one is chosen.
     """
     other = not options.default_truck
+    if options.measured is not None and options.what not in ("all", "measured"):
+        raise InputError(
+            f"validate {options.what} has no use for --measured: leave out one of both"
+        )
+    if options.measured is not None:
+        options = replace(options, what="measured")
     if options.what != "all":
         if other and options.what in validation.DEFAULT_ONLY:
             allowed = [name for name in validation.COMMANDS if name not in validation.DEFAULT_ONLY]
@@ -79,7 +85,7 @@ def measure(options: Options) -> Results:
         usual = SECONDS[options.what][options.quick] if options.what in SECONDS else None
         with task(f"validating {options.what}", usual=usual):
             return validation.COMMANDS[options.what](options)
-    left_out = {"truck", *(validation.DEFAULT_ONLY if other else ())}
+    left_out = {"truck", "measured", *(validation.DEFAULT_ONLY if other else ())}
     if options.quick:
         left_out.add("step-size")
         options = replace(options, payload=options.payloads()[0])

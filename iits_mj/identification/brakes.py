@@ -17,6 +17,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.units import GRAVITY
 from iits_mj.identification.estimate import Estimate, Free, fit, unseen
 from iits_mj.identification.log import PRESSURES, Log, Series
 from iits_mj.model.air_brake import circuits, torque_slope
@@ -35,8 +36,17 @@ _STEP = 0.3
 _HOLD = 1.0
 _LONGEST = 1.0
 _BEFORE = 0.5
+# Time after which the last application has left the chambers [s].
+_RELEASED = 1.5
+# The brakes give what the driveline does not: its torque must change by less in an event [N m].
+_TORQUE_CHANGE = 20.0
 # Fewer groups give no reliable interval.
 _EVENTS_MIN = 4
+# Errors of the fit against the truck itself, on a level road without noise: its control compares
+# with one lag for all circuits. Of the dead time [s], and of the build-up time [1].
+_DEAD_TIME_ERROR, _BUILD_UP_ERROR = 0.002, 0.04
+# Dead times of single applications of a table: beyond the prior, and their grid [s].
+_DEAD_TIME_ADDED, _DEAD_TIME_STEP = 0.25, 0.015
 # Grid on which the supply and its lag are computed [s].
 _GRID = 0.002
 
@@ -85,10 +95,17 @@ def _held_pressure(pressure: FloatArray, width: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class Event:
-    """An application of the brakes by one step of the demand: its time and its hold [s]."""
+    """An application of the brakes by one step of the demand.
+
+    Attributes:
+      time, hold: of the step, and how long it holds [s].
+      missing: deceleration that the road's slope takes away, as a share of the demand. The control
+        finds it missing from the start; it knows the engine's drag and the rolling resistance.
+    """
 
     time: float
     hold: float
+    missing: float
 
 
 def identify_brake_response(log: Log, parameters: TruckParameters) -> list[Estimate]:
@@ -111,7 +128,10 @@ def identify_brake_response(log: Log, parameters: TruckParameters) -> list[Estim
             estimates += unseen(free, lacks)
             continue
         rate, filtering = brake.supply_rise_rate, brake.filter_time_constant
-        responses = [_Response(e, log.series(names[0]), rate, filtering) for e in events]
+        pressure = log.series(names[0])
+        responses = [
+            _Response(e, pressure, rate, filtering, brake.trim_gain * e.missing) for e in events
+        ]
         estimates += _fit_circuit(free, responses, _uncertainty(log))
     return estimates
 
@@ -119,13 +139,15 @@ def identify_brake_response(log: Log, parameters: TruckParameters) -> list[Estim
 class _Response:
     """One event's samples, and the response's shape for trial values of dead time and lag."""
 
-    def __init__(self, event: Event, samples: Series, rate: float, control_lag: float) -> None:
+    def __init__(
+        self, event: Event, samples: Series, rate: float, control_lag: float, drift: float
+    ) -> None:
         start, stop = event.time - _BEFORE, event.time + event.hold
         near = (samples.time >= start - 1e-9) & (samples.time <= stop + 1e-9)
         self._time = samples.time[near] - event.time
         self._pressure = samples.value[near]
         self._since = np.arange(0.0, event.hold + _GRID, _GRID)
-        self._rate, self._control_lag = rate, control_lag
+        self._rate, self._control_lag, self._drift = rate, control_lag, drift
         self.set_level(self.span)
 
     @property
@@ -136,6 +158,7 @@ class _Response:
     def set_level(self, level: float) -> None:
         """Sets the final level of the supply [Pa], and with it the length of its ramp."""
         self._ramp = np.minimum(self._since * self._rate / max(level, 1.0), 1.0)
+        self._ramp += self._drift * self._since
 
     def residual(self, dead_time: float, lag: float, scale: float) -> FloatArray:
         """Model less record in units of `scale`, with the best free levels."""
@@ -172,7 +195,7 @@ def _lagged(signal: FloatArray, lag: float) -> FloatArray:
 def _fit_circuit(
     free: list[Free], responses: list[_Response], uncertainty: float
 ) -> list[Estimate]:
-    """Fits one circuit; the `uncertainty` of the demands' onset [s] widens the dead time's."""
+    """Fits one circuit; with an `uncertainty` of the demands' onset [s], the build-up time alone."""
     scale = max((response.span for response in responses), default=0.0)
     reason = ""
     if len(responses) < _EVENTS_MIN:
@@ -185,18 +208,30 @@ def _fit_circuit(
     if reason:
         return unseen(free, reason)
 
+    if uncertainty > 0.05 * free[0].prior:
+        # Each application has a dead time of its own.
+        own = np.arange(-2.0 * uncertainty, free[0].prior + _DEAD_TIME_ADDED, _DEAD_TIME_STEP)
+
+        def nearest(values: FloatArray) -> list[tuple[float, FloatArray]]:
+            trials = [[(d, r.residual(d, values[0], scale)) for d in own] for r in responses]
+            return [min(trial, key=lambda pair: float(pair[1] @ pair[1])) for trial in trials]
+
+        _, values = fit(free[1:], lambda values: [error for _, error in nearest(values)])
+        for response, (dead_time, _) in zip(responses, nearest(values), strict=True):
+            response.set_level(response.level(dead_time, values[0]))
+        (build_up,), _ = fit(free[1:], lambda values: [error for _, error in nearest(values)])
+        reason = f"the demand's onset is known within {2e3 * uncertainty:.0f} ms only"
+        return [free[0].unseen(reason), build_up.widened(_BUILD_UP_ERROR)]
+
     def residual(values: FloatArray) -> list[FloatArray]:
         return [r.residual(values[0], values[1], scale) for r in responses]
 
     _, values = fit(free, residual)
     for response in responses:
         response.set_level(response.level(values[0], values[1]))
-    (dead_time, build_up), _ = fit(free, residual)
-    wide = dead_time.half_width + uncertainty
-    if dead_time.identifiable and uncertainty > 0.05 * dead_time.value:
-        reason = f"the demand's onset is known within {2e3 * uncertainty:.0f} ms only"
-        dead_time = free[0].unseen(reason)
-    return [dataclasses.replace(dead_time, half_width=wide), build_up]
+    (delay, build_up), _ = fit(free, residual)
+    wide = float(np.hypot(delay.half_width, _DEAD_TIME_ERROR)) + uncertainty
+    return [dataclasses.replace(delay, half_width=wide), build_up.widened(_BUILD_UP_ERROR)]
 
 
 def _uncertainty(log: Log) -> float:
@@ -219,10 +254,32 @@ def brake_events(log: Log) -> list[Event]:
     jumps = np.flatnonzero(np.abs(np.diff(demand)) > _NOTHING) + 1
     ends = np.append(time[jumps[1:]], time[-1:])[: len(jumps)]
     return [
-        Event(float(time[index]), float(min(end - time[index], _LONGEST)))
+        Event(
+            float(time[index]),
+            float(min(end - time[index], _LONGEST)),
+            -GRAVITY * float(log.at("grade", time[index])) / float(demand[index])
+            if "grade" in log
+            else 0.0,
+        )
         for index, end in zip(jumps, ends, strict=True)
-        if demand[index - 1] == 0.0
+        if not np.any(demand[np.searchsorted(time, time[index] - _RELEASED) : index])
         and demand[index] >= _STEP
         and end - time[index] >= _HOLD
         and time[index] - time[0] >= _BEFORE
+        and _calm(log, float(time[index]))
     ]
+
+
+def _calm(log: Log, start: float) -> bool:
+    """Whether the driveline's torque is steady from before an application until its end.
+
+    The brake control deducts the driveline's braking: an engine that still pulls, or a gear change,
+    gives the demand on the chambers another shape than a step.
+    """
+    for name, most in (("engine_torque", _TORQUE_CHANGE), ("shift_in_process", 0.5)):
+        if name in log:
+            series = log.series(name)
+            near = (series.time > start - _BEFORE) & (series.time < start + _LONGEST)
+            if near.any() and np.ptp(series.value[near]) > most:
+                return False
+    return True

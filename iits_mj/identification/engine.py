@@ -22,7 +22,7 @@ from mujoco import rollout
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.identification.estimate import Estimate, Free, fit, unseen
-from iits_mj.identification.log import Log
+from iits_mj.identification.log import Log, Series
 from iits_mj.model import powertrain
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.tables import Table2D
@@ -33,6 +33,9 @@ NAMES = ("torque_map_scale", "engine_drag_scale", "boost_lag", "torque_rise_rate
 # Time step of the bench, and longest stretch of the log on it [s].
 _STEP = 0.005
 _WINDOW = 12.0
+# Error of the map's scale by a pedal that moves between the rows of a table, measured against the
+# truck [1].
+_SCALE_ERROR = 0.003
 # Times after which the charge is gone: without pedal, and after a gear change [s].
 _COASTED = 3.0
 _FORGOTTEN = 8.0
@@ -170,8 +173,8 @@ def identify_engine(log: Log, parameters: TruckParameters) -> list[Estimate]:
             groups.append(np.where(np.isfinite(error), error, 0.0))
         return groups
 
-    estimates, _ = fit(free, residual, step=1e-3, tolerance=1e-5)
-    return estimates
+    (scale, *others), _ = fit(free, residual, step=1e-3, tolerance=1e-5)
+    return [scale.widened(_SCALE_ERROR), *others]
 
 
 def with_engine(parameters: TruckParameters, values: dict[str, float]) -> TruckParameters:
@@ -209,10 +212,21 @@ def _windows(log: Log, parameters: TruckParameters) -> list[_Window]:
             continue
         grid = np.arange(0.0, time[stop - 1] - begin + _STEP, _STEP)
         speed = log.at("engine_speed", begin + grid)
-        pedal = np.clip(log.held("command_accelerator_pedal", begin + grid), 0.0, 1.0)
+        pedal = np.clip(_pedal(log, begin + grid), 0.0, 1.0)
         part = np.arange(start, stop)[time[start:stop] >= counted]
         windows.append(_Window(grid, speed, pedal, time[part] - begin, series.value[part]))
     return windows
+
+
+def _pedal(log: Log, time: FloatArray) -> FloatArray:
+    """The pedal's position at other times.
+
+    On a bus a position holds until the next frame. A table shows it up to a row late: a straight
+    line between rows has the right time on average.
+    """
+    name = "command_accelerator_pedal"
+    known = isinstance(log.signals[name], Series)
+    return log.held(name, time) if known else log.at(name, time)
 
 
 def _starts(log: Log) -> list[tuple[float, float]]:

@@ -96,18 +96,26 @@ def identify(
         "engine": lambda: identify_engine(log, parameters),
         "shifts": lambda: identify_shifts(log, parameters),
         "brakes": lambda: identify_brake_response(log, parameters),
-        "steering": lambda: _steering(log, parameters, known),
+        "steering": lambda: _steering(log, parameters, known, motion),
     }
     names = each([name for name in GROUPS if name in groups], "identifying", str)
     estimates = [estimate for name in names for estimate in fits[name]()]
     return Identification(tuple(estimates), motion, known, parameters)
 
 
-def _steering(log: Log, parameters: TruckParameters, mass: float | None) -> list[Estimate]:
-    """Ratio, if the log has both angles, and cornering coefficients."""
+def _steering(
+    log: Log, parameters: TruckParameters, mass: float | None, motion: Motion
+) -> list[Estimate]:
+    """Ratio, if the log has both angles, and cornering coefficients with the error of the mass."""
     ratio = identify_ratio(log, parameters)
     value = ratio.value if ratio is not None and ratio.identifiable else None
     cornering = identify_cornering(log, parameters, mass, value)
+    shares = [e.half_width / e.value for e in motion.estimates if e.name == "mass"]
+    if shares and mass is not None:
+        # Forces are in proportion to the mass.
+        cornering = [
+            e.widened(shares[0]) if e.name.startswith("cornering") else e for e in cornering
+        ]
     return cornering if ratio is None else [ratio, *cornering]
 
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from iits_mj.core import tables
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import BusError, InputError
-from iits_mj.core.units import KMH, RPM
+from iits_mj.core.units import GRAVITY, KMH, RPM
 from iits_mj.j1939 import Frame, Status, decode, read_log
 from iits_mj.j1939.mapping import SignalRow, commands, reports
 from iits_mj.j1939.quantities import ReferenceTorques
@@ -54,8 +54,16 @@ SIGNALS: dict[str, str] = {
     "lateral_acceleration": "[m/s2] of the tractor's centre of gravity",
 }
 _ROWS_MIN = 50
-_TO_SI = {"rpm": RPM, "kPa": 1e3, "km/h": KMH, "deg": np.pi / 180.0, "deg/s": np.pi / 180.0}
-_TO_SI |= {"%": 0.01, "bar": 1e5, "MPa": 1e6}
+_DEGREE = np.pi / 180.0
+# Other units that a table may have, by the unit of the signal, and that unit in each.
+_UNITS = {
+    "m/s": {"km/h": KMH},
+    "m/s2": {"g": GRAVITY},
+    "rad": {"deg": _DEGREE},
+    "rad/s": {"rpm": RPM, "deg/s": _DEGREE},
+    "Pa": {"kPa": 1e3, "bar": 1e5, "MPa": 1e6},
+    "1": {"-": 1.0, "%": 0.01},
+}
 # Signals with another name on the bus, and signals that only serve to compute others.
 _BUS_NAMES = {"wheel_based_speed": "speed_of_wheels"}
 _PARTS = (
@@ -187,7 +195,8 @@ def read_table(path: str | Path, names: dict[str, str] | None = None) -> Log:
     """Reads a telemetry table: one column for each signal, with titles `name [unit]`.
 
     Raises:
-      InputError: unreadable file, a missing column, or a cell that is not a number.
+      InputError: unreadable file, a missing column, an unknown unit, or a cell that is not a
+        number.
     """
     titles = {title: name for name, title in (names or {}).items()}
     headings, rows = _csv(path, "log")
@@ -197,12 +206,23 @@ def read_table(path: str | Path, names: dict[str, str] | None = None) -> Log:
         if name in SIGNALS and not (name in (names or {}) and title == name):
             # `Log` refuses a value that becomes infinite.
             with np.errstate(over="ignore"):
-                columns[name] = _column(rows, index, title) * _TO_SI.get(unit, 1.0)
+                columns[name] = _column(rows, index, title) * _factor(name, unit)
     if titles:
         raise InputError(f"log {str(path)!r} has no column {next(iter(titles))!r}")
     if "time" not in columns:
         raise InputError(f"log {str(path)!r} lacks the column 'time'")
     return Log(columns)
+
+
+def _factor(name: str, unit: str) -> float:
+    """SI units in one unit of a column; a column without a unit has the signal's."""
+    own = SIGNALS[name].partition("[")[2].partition("]")[0]
+    known = {own: 1.0, "": 1.0, **_UNITS.get(own, {})}
+    if unit not in known:
+        raise InputError(
+            f"column {name!r} has the unit {unit!r}; use {' or '.join(filter(None, known))}"
+        )
+    return known[unit]
 
 
 def _csv(path: str | Path, what: str) -> tuple[list[tuple[str, str]], list[list[str]]]:

@@ -20,6 +20,8 @@ _COARSEST = 0.1
 _LOADED = 0.2
 _FALL = (0.1, 0.9)
 _FALL_SAMPLES = 3
+# Time after which a truck without pedal coasts [s].
+_COASTED = 1.5
 # A longer change is a launch or a fault, not a shift [s].
 _LONGEST = 3.0
 # Changes further from the median than this share of it are outliers.
@@ -95,14 +97,14 @@ def _cuts(log: Log, parameters: TruckParameters, changes: list[_Change]) -> list
     if log.missing("engine_torque", "engine_speed"):
         return []
     engine, series = parameters.engine, log.series("engine_torque")
-    cuts = []
+    drag, cuts = _drag_scale(log, parameters), []
     for change in changes:
         before = int(np.searchsorted(series.time, change.start)) - 1
         level = float(series.value[max(before - 1, 0)])
         if level < _LOADED * engine.reference_torque:
             continue
         speed = float(log.at("engine_speed", change.start))
-        bottom = -float(np.interp(speed, engine.drag_speed, engine.drag_torque))
+        bottom = -drag * float(np.interp(speed, engine.drag_speed, engine.drag_torque))
         near = (series.time > change.start - 0.1) & (series.time < change.end)
         time, share = series.time[near], (series.value[near] - bottom) / (level - bottom)
         last = int(np.argmax(share < _FALL[0])) if np.any(share < _FALL[0]) else 0
@@ -113,6 +115,24 @@ def _cuts(log: Log, parameters: TruckParameters, changes: list[_Change]) -> list
             if slope < 0.0:
                 cuts.append(-1.0 / slope)
     return cuts
+
+
+def _drag_scale(log: Log, parameters: TruckParameters) -> float:
+    """Engine drag over the parameters', by the torque of the coasting truck; 1 if it never does."""
+    if "command_accelerator_pedal" not in log:
+        return 1.0
+    series, engine = log.series("engine_torque"), parameters.engine
+    pressed = log.held("command_accelerator_pedal", series.time) > 0.0
+    used = pressed | (log.held("shift_in_process", series.time) > 0.5)
+    if "command_engine_brake" in log:
+        used |= log.held("command_engine_brake", series.time) > 0.0
+    last = np.maximum.accumulate(np.where(used, series.time, -np.inf))
+    coasting = series.time - last > _COASTED
+    if not coasting.any():
+        return 1.0
+    speed = log.at("engine_speed", series.time[coasting])
+    drag = np.interp(speed, engine.drag_speed, engine.drag_torque)
+    return float(np.median(-series.value[coasting] / drag))
 
 
 def _mean(free: Free, values: FloatArray, unseen_part: float = 0.0) -> Estimate:

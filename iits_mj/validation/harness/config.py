@@ -55,6 +55,12 @@ class ValidateConfig:
     data: Path | None = option(
         None, help="recorded trajectories to compare the traffic with", metavar="FILE", group="data"
     )
+    measured: Path | None = option(
+        None,
+        help="measured manoeuvre to drive: steering-wheel angle and speed, and what to compare",
+        metavar="FILE.csv",
+        group="data",
+    )
     roads: Path | None = option(
         None,
         help=f"folder with roads and cycles for fuel measurements: {PAPER_ROAD}, {CYCLE_55}, "
