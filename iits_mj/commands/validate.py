@@ -85,7 +85,7 @@ def measure(options: Options) -> Results:
         usual = SECONDS[options.what][options.quick] if options.what in SECONDS else None
         with task(f"validating {options.what}", usual=usual):
             return validation.COMMANDS[options.what](options)
-    left_out = {"truck", "measured", *(validation.DEFAULT_ONLY if other else ())}
+    left_out = {"truck", "credibility", "measured", *(validation.DEFAULT_ONLY if other else ())}
     if options.quick:
         left_out.add("step-size")
         options = replace(options, payload=options.payloads()[0])

@@ -7,9 +7,9 @@
 from collections.abc import Callable
 
 from iits_mj.core.results import Results
-from iits_mj.validation.handling import plants, step_size
-from iits_mj.validation.handling.group import run_lateral, run_standards
 from iits_mj.validation import measured
+from iits_mj.validation.handling import credibility, plants, step_size
+from iits_mj.validation.handling.group import run_lateral, run_standards
 from iits_mj.validation.harness.config import ValidateConfig
 from iits_mj.validation.longitudinal import group as longitudinal
 from iits_mj.validation.pbs import group as pbs
@@ -27,6 +27,7 @@ COMMANDS: dict[str, Callable[[ValidateConfig], Results]] = {
     "traffic": traffic.run,
     "planning": planning.run,
     "truck": run_truck,
+    "credibility": credibility.run,
     "measured": measured.run,
 }
 # Groups of the default truck and its surroundings: they refuse another truck.
