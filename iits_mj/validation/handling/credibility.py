@@ -116,7 +116,7 @@ def _circle(trucks: Sequence[TruckParameters], payload: float, timestep: float) 
     found.panel(
         "steering over lateral acceleration",
         "lateral acceleration [m/s2]",
-        "road-wheel angle less wheelbase over radius [deg]",
+        "steer angle less L/R [deg]",
         Line("statics", grid, reference, "reference"),
         Line("truck", grid, curves[0], "simulation"),
         Line(f"lowest of {len(curves) - 1} drawn trucks", grid, low),
