@@ -150,10 +150,10 @@ def _finish(
     rows = list(sweep_runs.table_rows(sweep, runs, options))
     sweep_runs.write_runs(options.out / "runs.csv", rows)
     notes = [] if boundary is None else [_boundary_text(sweep, boundary)]
-    begun = Counter(row["events"] for row in rows if row["outcome"] != "error")
+    begun = Counter(r["events"] for r in rows if r["outcome"] in ("near miss", "comfortable"))
     if len(begun) > 1:
         fewer = sum(count for events, count in begun.items() if events < max(begun))
-        notes.append(f"In {fewer} runs fewer events began than in the others.")
+        notes.append(f"In {fewer} runs without collision fewer events began than in the others.")
     order = sorted(range(len(rows)), key=lambda k: sweep_runs.severity(runs[k], rows[k]["outcome"]))
     worst = [rows[k] for k in order]
     with task("writing the report"):

@@ -21,6 +21,7 @@ DEPTH = 20  # halvings of a side of the first cells
 # boundary counts less by this factor: an island of another outcome may hide in it.
 EXPLORED = 16.0
 _GOLDEN = 0.6180339887498949  # its multiples spread a part of the cells over all
+_ROUNDING = 1e-9
 Node = tuple[int, ...]
 Cell = tuple[Node, Node]
 
@@ -120,20 +121,37 @@ class Boundary:
         return math.prod(round(1.0 / width) + 1 for width in self.widths())
 
     def predicted(self, shares: FloatArray) -> list[str]:
-        """Returns the outcomes at places between the nodes, by linear interpolation.
+        """Returns the outcomes at places between the nodes of a plane, by linear interpolation.
+
+        What is interpolated is the distance to the nearest bracket, for each outcome positive at
+        its nodes and negative at others.
 
         Args:
-          shares: places as shares of two or more axes, shape (n, axes).
+          shares: places as shares of the two axes, shape (n, 2).
         """
         # Load SciPy only for pictures.
-        from scipy.interpolate import LinearNDInterpolator
+        from scipy.spatial import Delaunay, KDTree
 
         known = {node: name for node, name in self.found.items() if name is not None}
         names = sorted(set(known.values()))
         places = np.array([self.share(node) for node in known])
-        degrees = np.array([[name == each for each in names] for name in known.values()], float)
-        values = LinearNDInterpolator(places, degrees)(shares)
-        return [names[k] for k in np.argmax(values, axis=1).tolist()]
+        own = np.array([[name == each for each in names] for name in known.values()])
+        middles = [self.share(node) for node, *_ in self.brackets()]
+        distances = KDTree(middles).query(places)[0] if middles else np.ones(len(places))
+        values = np.where(own, 1.0, -1.0) * distances[:, None]
+        found = np.zeros(len(shares), dtype=int)
+        # SciPy's interpolator solves a system for each triangle, in threads that hinder each other.
+        for corners in Delaunay(places).simplices:
+            first, (p, q) = places[corners[0]], places[corners[1:]] - places[corners[0]]
+            x, y = (shares - first).T
+            area = p[0] * q[1] - p[1] * q[0]
+            if abs(area) < _ROUNDING**2:
+                continue  # nodes on one line
+            u, v = (x * q[1] - y * q[0]) / area, (y * p[0] - x * p[1]) / area
+            parts = np.stack([1.0 - u - v, u, v], axis=1)
+            inside = (parts >= -_ROUNDING).all(axis=1)
+            found[inside] = np.argmax(parts[inside] @ values[corners], axis=1)
+        return [names[k] for k in found.tolist()]
 
     def _missing(self, *cells: Cell) -> list[Node]:
         return [node for cell in cells for node in _corners(cell) if node not in self.found]

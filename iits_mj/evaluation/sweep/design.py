@@ -309,7 +309,16 @@ class Sweep:
 
     def command(self, point: Point) -> str:
         """The command line that repeats the drive of a point."""
-        return shlex.join(["iits-mj", "drive", *options.words(self.asked(point))])
+        words = ["iits-mj", "drive", *options.words(self.base)]
+        for name, text in point:
+            flag = name.replace("_", "-")
+            if name in self.parameters:
+                words += ["--param", f"{name}={text}"]
+            elif text in ("true", "false"):
+                words.append(f"--{flag}" if text == "true" else f"--no-{flag}")
+            else:
+                words += [f"--{flag}", text]
+        return shlex.join(words)
 
     def identity(self) -> dict[str, str]:
         """What the drives depend on besides their points, as text by name.
