@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import math
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ from iits_mj.core.input_files import read_toml
 from iits_mj.core.output_files import write_whole
 from iits_mj.core.progress import shown_on
 from iits_mj.core.tables import write_table
-from iits_mj.evaluation import sweep as package
+from iits_mj.evaluation.sweep import design
 from iits_mj.evaluation.sweep.design import Drive, Point, Sweep, SweepConfig
 from iits_mj.simulation import Simulation
 from iits_mj.simulation.config import with_level_start
@@ -41,7 +42,7 @@ UNITS = {
 @functools.cache
 def sweep_code() -> str:
     """Digest of the code that drives the points."""
-    return drive_digest(package)
+    return drive_digest(design, sys.modules[__name__])
 
 
 @dataclass(frozen=True)
