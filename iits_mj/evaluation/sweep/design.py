@@ -29,10 +29,11 @@ from traffic_bridge.scenario.parameters import Parameter, assignments
 from traffic_bridge.scenario.reading import read_events, read_parameters
 
 COUNT_MAX, RUNS_MAX = 10_000, 100_000
-# Names and texts of the values at one point.
+# Names and texts of the values at one point, and of sets of values, one of which is chosen.
 Point = tuple[tuple[str, str], ...]
-_NOT_SWEPT = ("param", "scenario", "events")
-_FIELDS = {field.name: field for field in dataclasses.fields(DriveConfig)}
+Choices = tuple[tuple[dict[str, str], ...], ...]
+_FIELDS = {f.name: f for f in dataclasses.fields(DriveConfig)}
+_SWEPT = [name for name in _FIELDS if name not in ("param", "scenario", "events")]
 
 
 @dataclass(frozen=True)
@@ -41,24 +42,18 @@ class Axis:
 
     Attributes:
       name: of it; values: texts, empty for a range without a number of values.
-      low, high: ends of a range, nan for a list.
+      ends: of a range, () for a list.
     """
 
     name: str
     values: tuple[str, ...]
-    low: float = math.nan
-    high: float = math.nan
-
-    @property
-    def is_range(self) -> bool:
-        """Whether it is a range of numbers."""
-        return math.isfinite(self.low)
+    ends: tuple[float, ...] = ()
 
     def at(self, share: float) -> str:
         """The value at a share of the range, or of the list."""
-        if self.is_range:
-            return number_text(self.low + (self.high - self.low) * share)
-        return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
+        if self.ends:
+            return number_text(self.ends[0] + (self.ends[1] - self.ends[0]) * share)
+        return self.values[int(share * len(self.values))]
 
 
 def number_text(value: float) -> str:
@@ -76,32 +71,34 @@ def axes_of(texts: Sequence[str]) -> tuple[Axis, ...]:
 
 
 def _axis(name: str, text: str) -> Axis:
-    parts = text.split(":")
-    try:
-        first = float(parts[0])
-    except ValueError:
-        first = math.nan  # a text, as the file of an own part
-    if len(parts) == 1 or (math.isnan(first) and parts[0].lower() != "nan"):
+    parts, what = text.split(":"), f"param {name} = {shown(text)}"
+    # Other values with colons are texts, such as the class of a file.
+    if not any(_is_number(part) for part in parts[:2]) or len(parts) == 1:
         values = [part.strip() for part in text.split(",")]
-        if "" in values:
-            raise InputError(f"param {name} = {shown(text)}: a value is empty")
-        if twice := [value for value in values if values.count(value) > 1]:
-            raise InputError(f"param {name}: the value {twice[0]} is there twice")
+        if "" in values or len(set(values)) < len(values):
+            raise InputError(f"{what}: a value is empty or there twice")
         return Axis(name, tuple(values))
-    wrong = InputError(f"param {name} = {shown(text)}: use LOW:HIGH:COUNT, LOW:HIGH or A,B,C")
-    try:
-        low, high = float(parts[0]), float(parts[1])
-        count = int(parts[2]) if len(parts) == 3 else 0
-    except ValueError:
-        raise wrong from None
-    if len(parts) > 3 or not math.isfinite(low) or not math.isfinite(high):
-        raise wrong
+    numbers = all(_is_number(part) for part in parts) and all(
+        part.strip("-").isdecimal() for part in parts[2:]
+    )
+    if not numbers or len(parts) > 3:
+        raise InputError(f"{what}: use LOW:HIGH:COUNT, LOW:HIGH or A,B,C")
+    low, high = float(parts[0]), float(parts[1])
     if low >= high:
-        raise InputError(f"param {name} = {shown(text)}: the lower end must be below the upper one")
-    if len(parts) == 3 and not 2 <= count <= COUNT_MAX:
-        raise InputError(f"param {name} = {shown(text)}: {count} values; use 2 to {COUNT_MAX}")
-    axis = Axis(name, (), low, high)
+        raise InputError(f"{what}: the lower end must be below the upper one")
+    axis = Axis(name, (), (low, high))
+    if len(parts) == 2:
+        return axis
+    if not 2 <= (count := int(parts[2])) <= COUNT_MAX:
+        raise InputError(f"{what}: {count} values; use 2 to {COUNT_MAX}")
     return dataclasses.replace(axis, values=tuple(axis.at(k / (count - 1)) for k in range(count)))
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +109,8 @@ class Drive(DriveConfig):
 
 
 def _near(default: float | None, unit: str, help: str) -> Any:
-    return option(default, help=help, unit=unit, low=0.0, high=100.0, group="data")
+    text = f"{help}"
+    return option(default, help=text, unit=unit, low=0.0, high=100.0, group="data")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,24 +146,24 @@ class SweepConfig(DriveConfig):
         group="run",
     )
     near_ttc: float = _near(
-        1.5, "s", "near miss: time to collision below this (van der Horst and Hogema, 1993)"
+        1.5, "s", "time to collision below this (van der Horst and Hogema, 1993)"
     )
     near_drac: float = _near(
         3.4,
         "m/s2",
-        "near miss: deceleration rate to avoid a crash above this, which is comfortable for most "
+        "deceleration rate to avoid a crash above this, which is comfortable for most "
         "drivers (AASHTO, Green Book, 2018)",
     )
     near_deceleration: float = _near(
         3.5,
         "m/s2",
-        "near miss: deceleration of the truck above this, the limit of adaptive cruise controls "
+        "deceleration of the truck above this, the limit of adaptive cruise controls "
         "(ISO 15622:2018)",
     )
     near_pet: float | None = _near(
         None,
         "s",
-        "near miss: post-encroachment time below this, for crossing road users, as 1 s (Peesapati "
+        "post-encroachment time below this, for crossing road users, as 1 s (Peesapati "
         "et al., 2013); without it not used",
     )
     jobs: int = option(1, help="number of processes on this machine", low=1, high=256, group="run")
@@ -184,14 +182,15 @@ class Sweep:
 
     Attributes:
       base: the drive without the swept values; parameters: of the scenario.
-      axes: swept parameters and options; choices: of the grid, sets of values of which one is
-        chosen, see `Distribution`.
+      swept: the swept parameters and options, as parameters; axes: their values.
+      choices: of a grid, sets of values of which one is chosen.
     """
 
     base: Drive
     parameters: Mapping[str, Parameter]
+    swept: Mapping[str, Parameter]
     axes: tuple[Axis, ...]
-    choices: tuple[tuple[dict[str, str], ...], ...]
+    choices: Choices
 
     @classmethod
     def of(cls, config: SweepConfig) -> Sweep:
@@ -200,63 +199,53 @@ class Sweep:
         Raises:
           InputError: the scenario cannot be read, a name is unknown, or a value is not allowed.
         """
-        path = config.scenario
-        choices: tuple[tuple[dict[str, str], ...], ...] = ()
+        path, plain = config.scenario, config.samples is None and config.adaptive is None
+        choices: Choices = ()
         given = config.given & set(_FIELDS) - {"param", "scenario"}
-        values = {name: getattr(config, name) for name in _FIELDS if name not in ("param", "given")}
+        values = {name: getattr(config, name) for name in _FIELDS if name != "param"}
         if path.suffix == ".xosc":
             if (found := read_distribution(path)) is not None:
                 path, choices = found.scenario, found.choices
-                if config.samples is not None or config.adaptive is not None:
+                if not plain:
                     raise InputError(f"{config.scenario} names its points: give no other design")
-            parameters = declared_parameters(path)
-            values["scenario"] = path
+            parameters, values["scenario"] = declared_parameters(path), path
             read_scenario(path, config.ego)
+        elif config.events is not None:
+            raise InputError(f"{path} is a file of events: leave --events out")
         else:
-            if config.events is not None:
-                raise InputError(f"{path} is a file of events: leave --events out")
             parameters = read_parameters(path)
             read_events(path)
             values |= {"scenario": None, "events": path}
             given |= {"events"}
-        base = Drive(**values, given=given)
-        axes = tuple(_known(axis, parameters, base) for axis in axes_of(config.param))
-        for name, text in (pair for sets in choices for each in sets for pair in each.items()):
-            if name in (axis.name for axis in axes):
+        base, swept, axes = Drive(**values, given=given), {}, []
+        for axis in axes_of(config.param):
+            name = axis.name if axis.name in parameters else axis.name.replace("-", "_")
+            if any(name in each for sets in choices for each in sets):
                 raise InputError(f"param {name}: {config.scenario} has its values")
-            _check_value(name, text, parameters)
-        if not axes and not choices:
+            if name not in parameters and name in given:
+                raise InputError(f"param {axis.name}: --{axis.name} is given, too")
+            if plain and not axis.values:
+                text = f"{name}={':'.join(map(number_text, axis.ends))}"
+                raise InputError(f"param {text}: a grid needs a number of values: {text}:12")
+            axes.append(dataclasses.replace(axis, name=name))
+        ends = (tuple({a.name: text} for text in a.values or (a.at(0.0), a.at(1.0))) for a in axes)
+        choices = (*choices, *ends)
+        for name, text in (pair for sets in choices for each in sets for pair in each.items()):
+            if name not in swept:
+                swept[name] = parameters.get(name) or _option(name, parameters)
+            _parsed(swept[name], text, name in parameters)
+        if not choices:
             has = ", ".join(parameters) or "none"
             raise InputError(f"nothing is swept: give --param NAME=VALUES; {path} has {has}")
-        plain = config.samples is None and config.adaptive is None
-        for axis in axes:
-            if plain and not axis.values:
-                text = f"{axis.name}={axis.low:g}:{axis.high:g}"
-                raise InputError(f"param {text}: a grid needs a number of values: {text}:12")
-        return cls(base, parameters, axes, (*choices, *(_chosen(axis) for axis in axes)))
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The names of the swept values, in the order of points."""
-        return tuple(dict.fromkeys(name for sets in self.choices for each in sets for name in each))
+        return cls(base, parameters, swept, tuple(axes), choices)
 
     def label(self, name: str) -> str:
         """A name with its unit, for pictures."""
-        if name in self.parameters:
-            unit = self.parameters[name].unit
-        else:
-            rule = options.of(_FIELDS[name])
-            unit = "" if rule is None else rule.unit
-        return f"{name} [{unit}]" if unit else name
+        return f"{name} [{self.swept[name].unit}]" if self.swept[name].unit else name
 
     def grid(self) -> list[Point]:
-        """The points of the grid, the last parameter changing first.
-
-        Raises:
-          InputError: there are too many.
-        """
-        count = math.prod(map(len, self.choices))
-        if count > RUNS_MAX:
+        """The points of the grid, the last parameter changing first; InputError for too many."""
+        if (count := math.prod(map(len, self.choices))) > RUNS_MAX:
             raise InputError(f"the grid has {count} points: at most {RUNS_MAX} are allowed")
         return [
             tuple(pair for part in parts for pair in part.items())
@@ -268,42 +257,29 @@ class Sweep:
 
         M. D. McKay, R. J. Beckman and W. J. Conover, Technometrics 21(2), 1979.
         """
-        rng = np.random.default_rng(seed)
-        columns = []
+        rng, columns = np.random.default_rng(seed), []
         for axis in self.axes:
             shares = (rng.permutation(count) + rng.random(count)) / count
             texts = [axis.at(share) for share in shares.tolist()]
-            if axis.is_range and isinstance(self._default(axis.name), int):
+            if axis.ends and isinstance(self.swept[axis.name].default, int):
                 texts = [number_text(round(float(text))) for text in texts]
             columns.append([(axis.name, text) for text in texts])
         return list(zip(*columns, strict=True))
 
-    def _default(self, name: str) -> Any:
-        parameter = self.parameters.get(name)
-        return parameter.default if parameter is not None else _FIELDS[name].default
-
     def continuous(self) -> tuple[Axis, ...]:
-        """The axes of an adaptive design.
-
-        Raises:
-          InputError: an axis is a list, or has only whole values.
-        """
+        """The axes of an adaptive design; InputError for a list or for whole numbers."""
         axes = tuple(axis for axis in self.axes if len(axis.values) != 1)
         for axis in axes:
-            if not axis.is_range or isinstance(self._default(axis.name), int):
+            if not axis.ends or isinstance(self.swept[axis.name].default, int):
                 raise InputError(f"param {axis.name}: adaptive needs a range of real numbers")
         if not axes:
             raise InputError("adaptive needs a range: give --param NAME=LOW:HIGH")
         return axes
 
     def asked(self, point: Point) -> Drive:
-        """The options that give the drive of a point.
-
-        Raises:
-          InputError: an option does not have such a value.
-        """
+        """The options that give the drive of a point; InputError if they are not allowed."""
         own = tuple(f"{name}={text}" for name, text in point if name in self.parameters)
-        others = {n: option_value(n, text) for n, text in point if n not in self.parameters}
+        others = {n: _parsed(self.swept[n], t, False) for n, t in point if n not in self.parameters}
         given = self.base.given | set(others) | ({"param"} if own else set())
         return dataclasses.replace(self.base, param=own, given=given, **others)
 
@@ -314,7 +290,7 @@ class Sweep:
             flag = name.replace("_", "-")
             if name in self.parameters:
                 words += ["--param", f"{name}={text}"]
-            elif text in ("true", "false"):
+            elif isinstance(self.swept[name].default, bool):
                 words.append(f"--{flag}" if text == "true" else f"--no-{flag}")
             else:
                 words += [f"--{flag}", text]
@@ -326,8 +302,8 @@ class Sweep:
         Raises:
           InputError: a file cannot be read.
         """
-        swept = {axis.name for axis in self.axes} - set(self.parameters)
-        found = {n: str(v) for n, v in stored_options(self.base).items() if n not in swept}
+        left = set(self.swept) - set(self.parameters)
+        found = {n: str(v) for n, v in stored_options(self.base).items() if n not in left}
         files = {n: v for n in _FIELDS if isinstance(v := getattr(self.base, n), Path)}
         if self.base.scenario is not None:
             used = read_scenario(self.base.scenario, self.base.ego).files
@@ -346,53 +322,26 @@ class Sweep:
         return found
 
 
-def _chosen(axis: Axis) -> tuple[dict[str, str], ...]:
-    return tuple({axis.name: value} for value in axis.values or (axis.at(0.0), axis.at(1.0)))
-
-
-def _known(axis: Axis, parameters: Mapping[str, Parameter], base: Drive) -> Axis:
-    """The axis with the name of a parameter or of an option, whose values are checked."""
-    name = axis.name if axis.name in parameters else axis.name.replace("-", "_")
-    allowed = [*parameters, *(n for n in _FIELDS if n not in _NOT_SWEPT)]
-    if name not in allowed:
+def _option(name: str, parameters: Mapping[str, Parameter]) -> Parameter:
+    """An option of a drive as a parameter."""
+    if name not in _SWEPT:
         has = f"has the parameters {', '.join(parameters)}" if parameters else "has no parameters"
-        near = did_you_mean(name, allowed)
+        near = did_you_mean(name, (*parameters, *_SWEPT))
         raise InputError(
-            f"param {axis.name}: neither a parameter of the scenario nor an option{near}; it {has}"
+            f"param {name}: neither a parameter of the scenario nor an option{near}; it {has}"
         )
-    if name not in parameters and name in base.given:
-        raise InputError(f"param {axis.name}: --{axis.name.replace('_', '-')} is given, too")
-    for value in axis.values or (axis.at(0.0), axis.at(1.0)):
-        _check_value(name, value, parameters)
-    return dataclasses.replace(axis, name=name)
-
-
-def _check_value(name: str, text: str, parameters: Mapping[str, Parameter]) -> None:
-    if name in parameters:
-        parameters[name].parse(text)
-    elif name in _FIELDS and name not in _NOT_SWEPT:
-        option_value(name, text)
-    else:
-        raise InputError(f"parameter {name!r} is not declared{did_you_mean(name, parameters)}")
-
-
-def option_value(name: str, text: str) -> Any:
-    """Returns the value of an option of a drive.
-
-    Raises:
-      InputError: it is of another kind, or not allowed.
-    """
     rule, hint = options.of(_FIELDS[name]), get_type_hints(DriveConfig)[name]
     kinds = get_args(hint) or (hint,)
-    value: Any = text
-    if bool in kinds:
-        value = {"true": True, "false": False}.get(text)
-        if value is None:
-            raise InputError(f"param {name} = {shown(text)}: use true or false")
-    elif int in kinds or float in kinds:
-        value = Parameter(f"param {name}", 0.0 if float in kinds else 0).parse(text)
-    elif Path in kinds and name != "truck":
-        value = Path(text)
-    if rule is not None:
+    default = next((kind() for kind in (bool, float, int) if kind in kinds), "")
+    return Parameter(name, default, rule.unit if rule is not None else "")
+
+
+def _parsed(parameter: Parameter, text: str, own: bool) -> Any:
+    """A value; one of an option (not `own`) is checked with its rule, and may be a path."""
+    name, value = parameter.name, parameter.parse(text)
+    if own:
+        return value
+    if (rule := options.of(_FIELDS[name])) is not None:
         options.check_value(name.replace("_", "-"), value, rule)
-    return value
+    is_path = Path in get_args(get_type_hints(DriveConfig)[name]) and name != "truck"
+    return Path(text) if is_path else value

@@ -43,8 +43,8 @@ def draw_sweep(
       boundary: of an adaptive design.
     """
     judged: list[Judged] = [(dict(run.values), run, outcome(run, config)[0]) for run in runs]
-    counts = {n: len({values[n] for values, _, _ in judged}) for n in sweep.names}
-    varied = [name for name in sweep.names if counts[name] > 1] or list(sweep.names[:1])
+    counts = {n: len({values[n] for values, _, _ in judged}) for n in list(sweep.swept)}
+    varied = [name for name in list(sweep.swept) if counts[name] > 1] or list(list(sweep.swept)[:1])
     full = len(runs) == math.prod(counts.values()) and boundary is None
     label = sweep.label
     if len(varied) == 1:

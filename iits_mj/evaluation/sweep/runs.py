@@ -146,6 +146,17 @@ def outcome(run: SweepRun, config: SweepConfig) -> tuple[str, str]:
     return ("near miss", ", ".join(near)) if near else ("comfortable", "")
 
 
+def limits_text(config: SweepConfig) -> str:
+    """What the outcomes mean, in words."""
+    pet = "" if config.near_pet is None else f", PET below {config.near_pet:g} s"
+    return (
+        f"A near miss has a time to collision below {config.near_ttc:g} s, a DRAC above "
+        f"{config.near_drac:g} m/s2, a deceleration of the truck above "
+        f"{config.near_deceleration:g} m/s2{pet}. A failure is a roll-over, a road departure or a "
+        "simulation that diverged."
+    )
+
+
 def severity(run: SweepRun, found: str) -> tuple[float, ...]:
     """A key that sorts runs from the worst to the best."""
     speed = 0.0 if math.isnan(run.impact_speed) else run.impact_speed
