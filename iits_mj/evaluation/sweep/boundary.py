@@ -96,8 +96,8 @@ class Boundary:
                 places = sorted(lines[axis, before + after])
                 inside = [p for p in places if cell[0][axis] <= p <= cell[1][axis]]
                 for low, high in itertools.pairwise(inside):
-                    ends = [self.found[(*before, place, *after)] for place in (low, high)]
-                    if None not in ends and ends[0] != ends[1] and high - low > 1:
+                    ends = {self.found[(*before, place, *after)] for place in (low, high)}
+                    if None not in ends and len(ends) == 2 and high - low > 1:
                         middle = (*before, (low + high) // 2, *after)
                         made[axis, middle] = float((high - low) / self._spans[axis])
         return [(node, axis, length) for (axis, node), length in made.items()]

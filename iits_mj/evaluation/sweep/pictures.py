@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -18,16 +18,15 @@ from iits_mj.evaluation.sweep.boundary import Boundary
 from iits_mj.evaluation.sweep.design import Sweep, SweepConfig
 from iits_mj.evaluation.sweep.runs import OUTCOMES, SweepRun, outcome
 from iits_mj.render import plots
-from iits_mj.render.plots import GRID, INK, PALETTE
+from iits_mj.render.plots import INK, PALETTE
 
 COLORS = dict(
     zip(OUTCOMES, (PALETTE[1], PALETTE[4], PALETTE[3], "#b8bfc6", PALETTE[2]), strict=True)
 )
-_MAP = ListedColormap(list(COLORS.values()))
-PANELS_MAX, VALUES_MAX = 9, 6  # of values: as panels, and in pairs
-TEXTS_MAX = 160  # cells of a map with numbers
+_STYLE: dict[str, Any] = {"cmap": ListedColormap(list(COLORS.values())), "vmin": 0, "vmax": 4}
+PANELS_MAX, PAIRED_MAX = 9, 6  # maps over a third value; values whose pairs are drawn
+TEXTS_MAX = 300  # cells of a map with numbers
 _PIXELS = 240  # of a side of an interpolated map
-NUMBERS = "Numbers: speed of the impact [km/h], else the least time to collision [s]."
 Judged = tuple[Mapping[str, str], SweepRun, str]
 
 
@@ -43,51 +42,39 @@ def draw_sweep(
       boundary: of an adaptive design.
     """
     judged: list[Judged] = [(dict(run.values), run, outcome(run, config)[0]) for run in runs]
-    counts = {n: len({values[n] for values, _, _ in judged}) for n in list(sweep.swept)}
-    varied = [name for name in list(sweep.swept) if counts[name] > 1] or list(list(sweep.swept)[:1])
-    full = len(runs) == math.prod(counts.values()) and boundary is None
-    label = sweep.label
+    judged.sort(key=lambda each: -OUTCOMES.index(each[2]))
+    counts = {name: len({values[name] for values, _, _ in judged}) for name in sweep.swept}
+    full = len(runs) == math.prod(counts.values())
+    varied = [name for name, count in counts.items() if count > 1] or list(counts)[:1]
+    draw = functools.partial(_map, label=sweep.label, full=full)
     if len(varied) == 1:
-        return _lines(judged, varied[0], label(varied[0]), config), ""
+        return _lines(judged, varied[0], sweep.label(varied[0]), config), ""
     if len(varied) == 2:
         figure, ((ax,),) = _figure(1, 1)
-        _map(ax, judged, varied, label, full, boundary)
-        return figure, NUMBERS if full and len(judged) <= TEXTS_MAX else ""
+        numbers = full and len(judged) <= TEXTS_MAX
+        draw(ax, judged, varied, boundary=boundary, numbers=numbers)
+        text = "Numbers: speed of the impact [km/h], else the least time to collision [s]."
+        return figure, text if numbers else ""
     few = min(varied, key=lambda name: counts[name])
     if len(varied) == 3 and full and counts[few] <= PANELS_MAX:
-        rest = [name for name in varied if name != few]
-        texts = sorted({values[few] for values, _, _ in judged}, key=_order)
-        columns = min(3, len(texts))
-        figure, axes = _figure(math.ceil(len(texts) / columns), columns)
-        for ax, text in itertools.zip_longest(axes.flat, texts):
-            if text is None:
-                ax.set_visible(False)
-                continue
-            _map(ax, [each for each in judged if each[0][few] == text], rest, label, full, None)
+        rest, texts = [name for name in varied if name != few], _scale(judged, few)[0]
+        figure, axes = _figure(1, len(texts))
+        for ax, text in zip(axes[0], texts, strict=True):
+            draw(ax, [each for each in judged if each[0][few] == text], rest)
             ax.set_title(f"{few} = {text}", fontsize=9, color=INK)
         return figure, ""
-    varied = varied[:VALUES_MAX]
+    varied = varied[:PAIRED_MAX]
     figure, axes = _figure(len(varied) - 1, len(varied) - 1)
-    for row, column in itertools.product(range(len(varied) - 1), repeat=2):
-        if column > row:
-            axes[row, column].set_visible(False)
-        else:
-            _map(axes[row, column], judged, [varied[column], varied[row + 1]], label, full, None)
-    last = "" if full else "; worse outcomes are drawn last"
-    return figure, f"Each place has the worst outcome over the other values{last}."
-
-
-def _order(text: str) -> tuple[float, str]:
-    try:
-        return float(text), text
-    except ValueError:
-        return math.inf, text
+    for (row, column), ax in np.ndenumerate(axes):
+        ax.set_visible(column <= row)
+        draw(ax, judged, [varied[column], varied[row + 1]])
+    return figure, "Each place has the worst outcome over the other values."
 
 
 def _figure(rows: int, columns: int) -> tuple[Figure, np.ndarray]:
-    scale = 1.0 if rows * columns == 1 else 0.62
-    figure = Figure(figsize=(7.2 * scale * columns + 0.6, 5.2 * scale * rows + 0.6))
-    figure.set_layout_engine("constrained")
+    scale = 1.0 if rows * columns == 1 else 0.6
+    size = 7.2 * scale * columns + 0.6, 5.2 * scale * rows + 0.6
+    figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
     handles = [Patch(color=color, label=name) for name, color in COLORS.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=8, frameon=False)
@@ -96,64 +83,54 @@ def _figure(rows: int, columns: int) -> tuple[Figure, np.ndarray]:
 
 def _scale(judged: Sequence[Judged], name: str) -> tuple[list[str], np.ndarray, bool]:
     """The different texts of a value in their order, their places, and whether they are numbers."""
-    texts = sorted({values[name] for values, _, _ in judged}, key=_order)
-    numbers = all(math.isfinite(_order(text)[0]) for text in texts)
-    return texts, np.array([float(t) for t in texts] if numbers else range(len(texts))), numbers
+    texts = list(dict.fromkeys(values[name] for values, _, _ in judged))
+    try:
+        texts.sort(key=float)
+        return texts, np.array([float(text) for text in texts]), True
+    except ValueError:
+        return sorted(texts), np.arange(float(len(texts))), False
 
 
 def _map(
     ax: Axes,
     judged: Sequence[Judged],
     names: Sequence[str],
+    *,
     label: Callable[[str], str],
     full: bool,
-    boundary: Boundary | None,
+    boundary: Boundary | None = None,
+    numbers: bool = False,
 ) -> None:
     """Draws the worst outcome over two values: cells of a grid, places, or an interpolated map."""
-    scales = [_scale(judged, name) for name in names]
-    worst: dict[tuple[int, ...], Judged] = {}
-    for each in sorted(judged, key=lambda each: -OUTCOMES.index(each[2])):
-        key = tuple(scale[0].index(each[0][n]) for n, scale in zip(names, scales, strict=True))
-        worst[key] = each
-    (_, x, _), (_, y, _) = scales
-    if full:
-        codes = np.full((len(y), len(x)), math.nan)
-        for (i, j), each in worst.items():
-            codes[j, i] = OUTCOMES.index(each[2])
-            if len(worst) <= TEXTS_MAX and len(worst) == len(judged):
-                ax.text(x[i], y[j], _number(each[1]), ha="center", va="center", fontsize=7)
-        ax.pcolormesh(_edges(x), _edges(y), codes, cmap=_MAP, vmin=0, vmax=4, edgecolors="white")
+    (xs, x, _), (ys, y, _) = scales = [_scale(judged, name) for name in names]
+    # The worst come last.
+    worst = {(xs.index(v[names[0]]), ys.index(v[names[1]])): (r, o) for v, r, o in judged}
+    codes = np.full((len(y), len(x)), math.nan)
+    for (i, j), (_, name) in worst.items():
+        codes[j, i] = OUTCOMES.index(name)
+    if full and boundary is None:
+        ax.pcolormesh(_edges(x), _edges(y), codes, edgecolors="white", **_STYLE)
     else:
         if boundary is not None:
-            box = x[0], x[-1], y[0], y[-1]
             steps = (np.arange(_PIXELS) + 0.5) / _PIXELS
             shares = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
-            codes = np.array([OUTCOMES.index(name) for name in boundary.predicted(shares)])
-            image = codes.reshape(_PIXELS, _PIXELS)
-            style: dict[str, Any] = {
-                "cmap": _MAP,
-                "vmin": 0,
-                "vmax": 4,
-                "alpha": 0.55,
-                "aspect": "auto",
-            }
-            ax.imshow(image, extent=box, origin="lower", interpolation="nearest", **style)
-        colors = [COLORS[each[2]] for each in worst.values()]
-        at = np.array(list(worst))
-        size = 14 if boundary is not None else 30
-        ax.scatter(x[at[:, 0]], y[at[:, 1]], s=size, c=colors, edgecolors="white", linewidths=0.5)
-    for (texts, places, numbers), axis in zip(scales, (ax.xaxis, ax.yaxis), strict=True):
-        if not numbers:
+            found = np.array([OUTCOMES.index(name) for name in boundary.predicted(shares)])
+            image = found.reshape(_PIXELS, _PIXELS)
+            box = x[0], x[-1], y[0], y[-1]
+            ax.imshow(image, extent=box, origin="lower", aspect="auto", alpha=0.55, **_STYLE)
+        at = np.array(list(worst)).T
+        size = 30 if boundary is None else 14
+        ax.scatter(x[at[0]], y[at[1]], size, codes[at[1], at[0]], edgecolors=INK, lw=0.3, **_STYLE)
+    for (i, j), (run, _) in worst.items() if numbers else ():
+        hit = math.isfinite(run.impact_speed)
+        text = f"{3.6 * run.impact_speed:.0f}" if hit else f"{run.ttc:.1f}"
+        ax.text(x[i], y[j], text.replace("inf", ""), ha="center", va="center", fontsize=6.5)
+    for (texts, places, are_numbers), axis in zip(scales, (ax.xaxis, ax.yaxis), strict=True):
+        if not are_numbers:
             axis.set_ticks(places, texts)
     ax.set_xlabel(label(names[0]), color=INK)
     ax.set_ylabel(label(names[1]), color=INK)
     ax.tick_params(colors=INK, labelsize=8)
-
-
-def _number(run: SweepRun) -> str:
-    if math.isfinite(run.impact_speed):
-        return f"{3.6 * run.impact_speed:.0f}"
-    return f"{run.ttc:.1f}" if math.isfinite(run.ttc) else ""
 
 
 def _edges(places: np.ndarray) -> np.ndarray:
@@ -171,32 +148,22 @@ def _lines(judged: Sequence[Judged], name: str, label: str, config: SweepConfig)
     figure, axes = _figure(3, 1)
     figure.set_size_inches(8.0, 7.2)
     edges = _edges(x)
-    curves: Sequence[tuple[str, Sequence[tuple[str, str, float | None]]]] = (
-        (
-            "time [s]",
-            (("time to collision", "ttc", config.near_ttc), ("time gap", "time_gap", None)),
-        ),
-        (
-            "deceleration [m/s²]",
-            (
-                ("to avoid a crash (DRAC)", "drac", config.near_drac),
-                ("of the truck", "deceleration", config.near_deceleration),
-            ),
-        ),
-        ("gap [m], speed [m/s]", (("least gap", "gap", None), ("impact", "impact_speed", None))),
-    )
-    for ax, (y_label, lines) in zip(axes[:, 0], curves, strict=True):
-        for k, (low, high) in enumerate(itertools.pairwise(edges)):
-            ax.axvspan(low, high, color=COLORS[judged[k][2]], alpha=0.25, linewidth=0)
-        for k, (title, measure, limit) in enumerate(lines):
-            color = PALETTE[0] if k == 0 else PALETTE[5]
+    drac, braking = config.near_drac, config.near_deceleration
+    curves: dict[str, Sequence[tuple[str, str, float | None]]] = {
+        "time [s]": (("to collision", "ttc", config.near_ttc), ("time gap", "time_gap", None)),
+        "deceleration [m/s²]": (("DRAC", "drac", drac), ("of the truck", "deceleration", braking)),
+        "gap [m], speed [m/s]": (("least gap", "gap", None), ("impact", "impact_speed", None)),
+    }
+    for ax, (y_label, lines) in zip(axes[:, 0], curves.items(), strict=True):
+        for each, low, high in zip(judged, edges, edges[1:], strict=False):
+            ax.axvspan(low, high, color=COLORS[each[2]], alpha=0.25, linewidth=0)
+        for (title, measure, limit), color in zip(lines, (PALETTE[0], PALETTE[5]), strict=True):
             values = np.array([getattr(run, measure) for _, run, _ in judged], float)
             values[~np.isfinite(values)] = math.nan
             ax.plot(x, values, color=color, marker="o", ms=3, label=title)
             if limit is not None:
                 ax.axhline(limit, color=color, linestyle="--", linewidth=1.0)
         plots.dress(ax, "")
-        ax.grid(True, color=GRID)
         ax.set_ylabel(y_label, color=INK)
         ax.legend(loc="best", fontsize=8, frameon=False)
         ax.set_xlim(edges[0], edges[-1])
