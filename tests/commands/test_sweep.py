@@ -116,7 +116,9 @@ def test_a_failed_drive_has_a_row_with_its_error_and_the_others_are_driven(fake,
     assert "1 error" in capsys.readouterr().out
 
 
-def test_a_folder_of_another_sweep_is_refused_with_the_difference(fake, tmp_path, capsys):
+def test_a_folder_of_another_sweep_is_refused_with_the_difference(
+    fake, tmp_path, capsys, monkeypatch
+):
     scenario = tmp_path / "e.toml"
     scenario.write_text((ROOT / "examples/cut_in.toml").read_text())
     out = tmp_path / "out"
@@ -130,6 +132,10 @@ def test_a_folder_of_another_sweep_is_refused_with_the_difference(fake, tmp_path
     text = capsys.readouterr().err
     assert "has the drives of another sweep: its events was e.toml, SHA-256" in text
     assert "use another --out" in text
+    scenario.write_text(scenario.read_text().replace("-21.0", "-20.0"))
+    monkeypatch.setattr(sweep_runs, "sweep_code", lambda: "another")
+    assert run(out, *words, scenario=str(scenario)) == 2
+    assert "its version of the code was" in capsys.readouterr().err
     assert (out / "runs.csv").read_bytes() == before
     assert len(fake.driven) == 2
 

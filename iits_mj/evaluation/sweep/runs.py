@@ -192,6 +192,7 @@ def check_folder(folder: Path, identity: Mapping[str, str]) -> None:
       InputError: the folder has the drives of another sweep; the message says what differs.
     """
     path = folder / "sweep.toml"
+    identity = {**identity, "version of the code": sweep_code()}
     if path.exists():
         then = read_toml(path, "description of a sweep")
         for name in (*then, *identity):
