@@ -32,7 +32,13 @@ from iits_mj.core.output_files import unwritable
 from iits_mj.j1939 import Frame as BusFrame
 from iits_mj.j1939.state import TruckSender
 from iits_mj.simulation.config import PARTS, DriveConfig
-from iits_mj.simulation.drive_log import FILES, stored_options, truck_of, without_own_parts
+from iits_mj.simulation.drive_log import (
+    FILES,
+    stored_names,
+    stored_options,
+    truck_of,
+    without_own_parts,
+)
 from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.lock_step import LockStep, Observer
 from iits_mj.simulation.loop import Simulation
@@ -113,7 +119,7 @@ class Bag:
           InputError: the bag has other options than `DriveConfig`, or needs a map, a file, or a
             part of the user's own. No code is run because a bag names it.
         """
-        known = {field.name for field in dataclasses.fields(DriveConfig)}
+        known = stored_names()
         if set(self.options) != known:
             other = ", ".join(sorted(set(self.options) ^ known))
             raise InputError(f"the bag was made by a version with other options: {other}")

@@ -9,6 +9,9 @@ SECTIONS = {
         "replay": "drive in recorded traffic, or verify a recording",
         "import-trajectories": "place recorded trajectories on a map for replay",
     },
+    "scenarios": {
+        "sweep": "drive a scenario at many values of its parameters; map of collisions",
+    },
     "look at drives": {
         "render": "draw a film or a picture of a recorded drive: other cameras, weather, sizes",
         "compare": "compare two drives: what differs, where they part, over time and station",

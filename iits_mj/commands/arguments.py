@@ -2,7 +2,8 @@
 
 A field made by `iits_mj.core.options.option` becomes `--name-with-dashes`; a bool becomes
 `--name/--no-name`; a size is `WIDTHxHEIGHT`;
-a positional `tuple[str, ...]` takes any number of words. Every error is an InputError of one line.
+a positional `tuple[str, ...]` takes any number of words, another one may be given several times.
+Every error is an InputError of one line.
 """
 
 from __future__ import annotations
@@ -274,7 +275,10 @@ def _add(
         count = "*" if value_type == tuple[str, ...] else None if needed else "?"
         section.add_argument(field.name, nargs=count, metavar=metavar, help=text)
         return
-    section.add_argument(f"--{flag}", default=None, metavar=metavar, required=needed, help=text)
+    action = "append" if value_type == tuple[str, ...] else "store"
+    section.add_argument(
+        f"--{flag}", action=action, default=None, metavar=metavar, required=needed, help=text
+    )
 
 
 def _help(field: dataclasses.Field[Any], rule: options.Option) -> str:

@@ -83,7 +83,8 @@ class Option:
         if isinstance(value, bool):
             return "yes" if value else "no"
         if isinstance(value, tuple):
-            return "x".join(str(part) for part in value)
+            texts = value and isinstance(value[0], str)
+            return (", " if texts else "x").join(str(part) for part in value)
         shown = f"{value:.6g}" if isinstance(value, float) else self.label(value)
         return f"{shown} {self.unit}".strip()
 
@@ -181,6 +182,8 @@ def words(config: Any) -> list[str]:
             positional += map(str, value if isinstance(value, tuple) else (value,))
         elif isinstance(value, bool):
             flags.append(flag if value else f"--no-{flag[2:]}")
+        elif isinstance(value, tuple) and value and isinstance(value[0], str):
+            flags += [word for part in value for word in (flag, part)]
         elif isinstance(value, tuple):
             flags += [flag, "x".join(map(str, value))]
         elif isinstance(value, float):

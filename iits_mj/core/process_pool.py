@@ -116,6 +116,38 @@ def worker_pool(jobs: int) -> ProcessPoolExecutor:
     return ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin_worker)
 
 
+class SharedPool(Executor):
+    """A pool that several calls of `run_all` share, as their `make_pool`; a context manager.
+
+    Args:
+      make: makes the pool of that many workers; see `run_all`.
+    """
+
+    def __init__(self, make: Callable[[int], Executor]) -> None:
+        self._make, self._jobs = make, 1
+        self._pool: Executor | None = None
+
+    def __call__(self, jobs: int) -> SharedPool:
+        """Returns itself; the workers start with the first task."""
+        self._jobs = max(jobs, self._jobs)
+        return self
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Schedules a call of a function."""
+        if self._pool is None:
+            self._pool = self._make(self._jobs)
+        return self._pool.submit(fn, *args, **kwargs)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Ends the workers after a failure; otherwise they wait for the next call."""
+        if cancel_futures and self._pool is not None:
+            self._pool.shutdown(wait, cancel_futures=True)
+            self._pool = None
+
+    def __exit__(self, *error: object) -> None:
+        self.shutdown(cancel_futures=True)
+
+
 def _failed_text(faults: list[str], what: str) -> str:
     return (
         f"{len(faults)} {what} could not be done: {'; '.join(faults)}; the finished ones are kept, "

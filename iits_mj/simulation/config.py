@@ -27,6 +27,7 @@ from iits_mj.road.route_choice import route_option
 from iits_mj.road.unevenness import CLASSES
 from traffic_bridge import TRAFFIC, TrafficSource
 from traffic_bridge.config import HIGHEST_HEAVY_SHARE
+from traffic_bridge.scenario.parameters import assignments
 from traffic_bridge.vehicles.service_level import BOUNDS
 
 DENSITIES = ("dense", "medium", "sparse", "empty", *BOUNDS)
@@ -222,6 +223,14 @@ class DriveConfig(PriceOptions, TruckStart):
         metavar="NAME",
         group="traffic",
     )
+    param: tuple[str, ...] = option(
+        (),
+        help="value of a parameter of the events or the scenario; may be given for several "
+        "parameters",
+        test=assignments,
+        metavar="NAME=VALUE",
+        group="traffic",
+    )
     recording: Path | None = option(
         None,
         help="drive in this recorded traffic, which does not react, instead of SUMO traffic",
@@ -299,6 +308,8 @@ class DriveConfig(PriceOptions, TruckStart):
         super().__post_init__()
         if self.ego is not None and self.scenario is None:
             raise InputError("ego names an entity of a scenario: give scenario, too")
+        if self.param and not self.has_events:
+            raise InputError("param sets a parameter of events or a scenario: give one of them")
         if self.prices() is not None and self.decision != "ddqn":
             maker = part_name(self.decision)
             raise InputError(f"lane-change-price is of decision ddqn; decision is {maker!r}")

@@ -95,7 +95,11 @@ class _Track:
 
 
 class ConflictLog(Observer):
-    """Observer that measures the conflicts with the vehicles of events, every 100 ms."""
+    """Observer that measures the conflicts with the vehicles of events, every 100 ms.
+
+    Attributes:
+      records: events that have begun; deceleration: the truck's greatest so far [m/s2].
+    """
 
     def __init__(self) -> None:
         self._tracks: dict[str, _Track] = {}
@@ -103,11 +107,13 @@ class ConflictLog(Observer):
         # Gap [m], time gap [s], TTC [s], DRAC [m/s2] and RSS margin [m] to the body ahead.
         self._ahead: list[tuple[float, ...]] = []
         self.records: tuple[EventRecord, ...] = ()
+        self.deceleration = 0.0
 
     def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         """Adds one instant."""
         assert isinstance(simulation, Simulation)
         self.records = simulation.events
+        self.deceleration = max(self.deceleration, -frame.ego.acceleration)
         scene = frame.scene
         now = Situation(
             frame.time, simulation.route, scene.footprint, frame.ego, simulation.vehicles
@@ -235,7 +241,7 @@ class ConflictLog(Observer):
             if math.isfinite(c.pet):
                 text += f", PET {c.pet:.2f} s"
             rows.append((f"conflict with {c.actor}", text))
-        return rows
+        return [*rows, ("greatest deceleration", f"{self.deceleration:.2f} m/s2")]
 
     def as_dict(self) -> dict[str, Any]:
         """Returns the events and conflicts for JSON, units in the names."""
@@ -251,6 +257,7 @@ class ConflictLog(Observer):
                 for record in self.records
             ],
             "conflicts": [conflict.as_dict() for conflict in self.conflicts()],
+            "greatest_deceleration_mps2": self.deceleration,
         }
 
 

@@ -25,14 +25,17 @@ from iits_mj.plugin import library_path
 from iits_mj.simulation.config import PARTS, DriveConfig
 from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.lock_step import LockStep, Observer
+from iits_mj.simulation.parts import configured_events
 from iits_mj.truck import Truck
-from traffic_bridge import Recorder, Recording, read_events
+from traffic_bridge import Recorder, Recording
 from traffic_bridge.modes.resim import config_of
 
 # Time, positions, speeds, activations, histories and the plugins' states.
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 # Options that name files; the recording stores or hashes their content.
 FILES = ("map", "recording", "events", "scenario", "speed_profile")
+# Options of the content of these files, which the recording stores.
+OF_FILES = ("param",)
 # Options of SUMO traffic, without effect on recorded traffic.
 OF_SUMO = (
     *("density", "traffic_speed", "traffic_mode"),
@@ -50,9 +53,16 @@ def truck_versions(parameters: TruckParameters) -> dict[str, str]:
     }
 
 
+def stored_names() -> set[str]:
+    """Returns the names of the options that a recording or a bag stores."""
+    return {field.name for field in dataclasses.fields(DriveConfig)} - set(OF_FILES)
+
+
 def stored_options(config: DriveConfig) -> dict[str, Any]:
     """Returns the options of a drive as plain values: files, truck and own parts by name."""
-    values = {field.name: getattr(config, field.name) for field in dataclasses.fields(DriveConfig)}
+    kept = stored_names()
+    fields = [field.name for field in dataclasses.fields(DriveConfig) if field.name in kept]
+    values = {name: getattr(config, name) for name in fields}
     parameters = TruckParameters.load(config.truck)
     values |= {"truck": parameters.name, "payload": parameters.check_payload(config.payload)}
     values |= {name: part_name(values[name]) for name in PARTS}
@@ -224,7 +234,7 @@ def check_options(
     values = stored_options(asked)
     then = options_of(recording, name) if "drive" in recording.meta else _of_traffic(recording)
     for field in dataclasses.fields(DriveConfig):
-        if field.name not in given or field.name in FILES:
+        if field.name not in given or field.name in (*FILES, *OF_FILES):
             continue
         flag, value = field.name.replace("_", "-"), values[field.name]
         if field.name not in then:
@@ -234,7 +244,7 @@ def check_options(
                 f"{name}: made with {flag} {then[field.name]}, not {value}; leave --{flag} out"
             )
     if "events" in given and asked.events is not None:
-        events, stored = read_events(asked.events), config_of(recording, name).events
+        events, stored = configured_events(asked), config_of(recording, name).events
         if events != stored:
             was = "other events than" if stored else "no events, not with"
             raise InputError(f"{name}: made with {was} {asked.events}; leave --events out")

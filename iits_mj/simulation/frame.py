@@ -89,6 +89,20 @@ class DivergedError(Error):
     """The simulation diverged, or a number of the truck's state is not finite."""
 
 
+class Impact(NamedTuple):
+    """A collision of the truck.
+
+    Attributes:
+      time: of the first contact [s]; vehicle: id; body: of the truck that is touched.
+      speed: magnitude of the difference of both velocities [m/s].
+    """
+
+    time: float
+    vehicle: str
+    body: str
+    speed: float
+
+
 class Ending(NamedTuple):
     """Reason why a drive is over, and whether it is a failure."""
 

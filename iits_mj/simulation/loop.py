@@ -5,6 +5,7 @@ The truck advances every 2 ms, the controller every 20 ms, traffic and planner e
 
 from __future__ import annotations
 
+import cmath
 import copy
 import dataclasses
 import math
@@ -26,6 +27,7 @@ from iits_mj.simulation.drive_log import DriveLog
 from iits_mj.simulation.frame import (
     DivergedError,
     DriveFrame,
+    Impact,
     check_finite,
     find_ending,
     read_signals,
@@ -74,6 +76,7 @@ class Simulation(LockStep):
       ended: reason of the end, "" while the drive goes on.
       collision: the truck touched another vehicle; failed: it did, it rolled over, or the
         simulation diverged.
+      impact: the collision; None without one.
 
     Raises:
       MapError: the map cannot be read. TrafficError: SUMO refuses the network.
@@ -165,7 +168,7 @@ class Simulation(LockStep):
         self.observers = self._log
         self.collision = self.failed = False
         self._summary = SummaryBuilder(FlowMeter(self.route))
-        self._touched: tuple[float, str, str] | None = None
+        self.impact: Impact | None = None
         self._fuel_start = ego.fuel_used
         self._distance, self._odometer_time, self._odometer_speed = 0.0, 0.0, ego.speed
         self._wall_start = time.perf_counter()
@@ -267,6 +270,7 @@ class Simulation(LockStep):
             ended=ended or self.ended or "still driving",
             collision=self.collision,
             failed=self.failed,
+            impact_speed=None if self.impact is None else self.impact.speed,
             fuel=self.frame.ego.fuel_used - self._fuel_start,
             road_surface=surface_text(self.route),
             warnings=warnings,
@@ -324,7 +328,7 @@ class Simulation(LockStep):
 
     def _advance_bodies(self, steps: int) -> None:
         # While a contact is possible in this cycle, every step moves and checks the bodies.
-        stride = 1 if self._watching and self._touched is None else steps
+        stride = 1 if self._watching and self.impact is None else steps
         for _ in range(0, steps, stride):
             if stride < steps:
                 self._move_bodies()
@@ -399,19 +403,26 @@ class Simulation(LockStep):
         )
 
     def _note_contact(self) -> None:
-        """Stores the first contact with its time."""
-        if self._touched is None and (found := self.mirror.contacts(self.truck.data)):
-            self._touched = (self.time, *found[0])
+        """Stores the first contact."""
+        if self.impact is None and (found := self.mirror.contacts(self.truck.data)):
+            name, body = found[0]
+            other = self.vehicles[self.vehicles.ids.index(name)]
+            elapsed = self._steps % self._cycle_steps * self.timestep
+            speed = other.speed + other.acceleration * elapsed
+            # Observing a copy leaves the bits of the drive as they are, see `_show`.
+            ego = copy.copy(self.truck).observe()
+            difference = cmath.rect(ego.speed, ego.yaw) - cmath.rect(speed, other.yaw)
+            self.impact = Impact(self.time, name, body, abs(difference))
 
     def _check_end(self, ego: EgoState) -> None:
         if self._watching:
             # The contacts of the last step are those of the vehicles' former places.
             mujoco.mj_fwdPosition(self.truck.model, self.truck.data)
             self._note_contact()
-        if self._touched is not None:
-            when, vehicle, body = self._touched
+        if self.impact is not None:
+            hit = self.impact
             self.collision = self.failed = True
-            self.ended = f"collision with {vehicle} at the {body} at t = {when:.2f} s"
+            self.ended = f"collision with {hit.vehicle} at the {hit.body} at t = {hit.time:.2f} s"
         elif (found := find_ending(ego, self.route, self.truck.footprint)) is not None:
             self.ended, self.failed = found
         elif any(isinstance(record.event, EndDrive) for record in self.events):

@@ -52,7 +52,11 @@ from traffic_bridge import (
     read_events,
 )
 from traffic_bridge.network.map_sources import read_map
-from traffic_bridge.scenario.openscenario import read_scenario
+from traffic_bridge.scenario.openscenario import OpenScenario, read_scenario
+from traffic_bridge.scenario.openscenario_parameters import declared_parameters
+from traffic_bridge.scenario.parameters import assignments
+from traffic_bridge.scenario.reading import read_parameters
+from traffic_bridge.signals.events import Event
 from traffic_bridge.vehicles.service_level import BOUNDS
 
 if TYPE_CHECKING:
@@ -144,7 +148,7 @@ def with_scenario(config: AnyDrive) -> AnyDrive:
         )
     if config.reactive:
         raise InputError("reactive is of SUMO traffic, which a scenario has not: leave it out")
-    scenario = read_scenario(config.scenario, config.ego)
+    scenario = _read_scenario(config, config.scenario)
     asked = config
     config = dataclasses.replace(
         config,
@@ -171,6 +175,33 @@ def with_scenario(config: AnyDrive) -> AnyDrive:
         for note in scenario.notes:
             remark(f"{config.scenario}: {note}")
     return config
+
+
+def _read_scenario(config: DriveConfig, path: Path) -> OpenScenario:
+    """Returns the scenario with the values of its parameters; those of a file of events are left.
+
+    Without a file of events all parameters must be the scenario's.
+    """
+    given = assignments(config.param)
+    if config.events is not None:
+        own = declared_parameters(path)
+        given = {name: text for name, text in given.items() if name in own}
+    return read_scenario(path, config.ego, given)
+
+
+def configured_events(config: DriveConfig) -> tuple[Event, ...]:
+    """Returns the events of the configured file, with the values of its parameters.
+
+    Raises:
+      InputError: the file cannot be used, or does not have a parameter that the scenario lacks.
+    """
+    if config.events is None:
+        return ()
+    given = assignments(config.param)
+    if config.scenario is not None:
+        own, others = read_parameters(config.events), declared_parameters(config.scenario)
+        given = {n: text for n, text in given.items() if n in own or n not in others}
+    return read_events(config.events, given)
 
 
 @task("reading the map")
@@ -294,9 +325,9 @@ def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> 
     recorded = RepSim(route, config.recording) if config.recording and without_sumo else None
     if without_sumo and not config.has_events:
         return recorded
-    events = () if config.events is None else read_events(config.events)
+    events = configured_events(config)
     if config.scenario is not None:
-        events = (*read_scenario(config.scenario, config.ego).events(route), *events)
+        events = (*_read_scenario(config, config.scenario).events(route), *events)
     settings = TrafficConfig(
         density=config.density,
         heavy_share=config.heavy_share,

@@ -20,6 +20,7 @@ from iits_mj.simulation.drive_log import (
     FILES,
     StateHash,
     options_of,
+    stored_names,
     truck_of,
     truck_versions,
     without_own_parts,
@@ -172,7 +173,7 @@ def recorded_config(
       InputError: the recording has no drive, other options, or was of another map or truck.
     """
     options = options_of(recording, name)
-    known = {field.name for field in dataclasses.fields(DriveConfig)}
+    known = stored_names()
     if set(options) != known:
         other = sorted(set(options) ^ known)
         raise InputError(f"{name}: made with other options than today's: {', '.join(other)}")

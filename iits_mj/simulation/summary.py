@@ -20,6 +20,7 @@ _UNITS = {
     "mean_speed": "mps",
     "max_speed": "mps",
     "last_speed": "mps",
+    "impact_speed": "mps",
     "closest_gap": "m",
     "closest_box": "m",
     "fuel": "kg",
@@ -95,6 +96,7 @@ class DriveSummary(_Summary):
       ended, duration, distance, mean_speed, max_speed: see `ServeSummary`.
       failed: True after a collision or a roll-over, or when the simulation diverged.
       collision: True when the truck touched another vehicle.
+      impact_speed: magnitude of the difference of both velocities then [m/s], None without.
       lane_changes: completed; refused: requested and refused.
       unsure_decisions: decisions that a learned policy left to a rule because it was unsure.
       red_lights_run: stop lines that the front bumper crossed at red; first_red_light: time of the
@@ -126,6 +128,7 @@ class DriveSummary(_Summary):
     traffic: TrafficFlow
     warnings: dict[str, int] = field(default_factory=dict)
     unsure_decisions: int = 0
+    impact_speed: float | None = None
 
     @property
     def fuel_per_100km(self) -> float:
@@ -142,8 +145,10 @@ class DriveSummary(_Summary):
         if self.first_red_light is not None:
             red_lights = f"{self.red_lights_run}, the first at t = {self.first_red_light:.1f} s"
         unsure = f"{self.unsure_decisions} decisions, made by look-ahead"
+        hit = self.impact_speed
         return [
             ("ended", self.ended),
+            *([] if hit is None else [("impact speed", f"{hit:.2f} m/s ({hit * 3.6:.1f} km/h)")]),
             ("time", f"{self.duration:.1f} s"),
             ("distance", f"{self.distance / 1e3:z.3f} km"),
             ("mean speed", f"{self.mean_speed:z.2f} m/s ({self.mean_speed * 3.6:z.1f} km/h)"),
@@ -228,6 +233,7 @@ class SummaryBuilder:
         road_surface: str,
         warnings: dict[str, int],
         unsure_decisions: int,
+        impact_speed: float | None,
     ) -> DriveSummary:
         """Returns the summary up to the frame `last`; `wall_time` in seconds, `fuel` in kg."""
         duration = last.time
@@ -254,6 +260,7 @@ class SummaryBuilder:
             traffic=self.traffic.flow,
             warnings=warnings,
             unsure_decisions=unsure_decisions,
+            impact_speed=impact_speed,
         )
 
 

@@ -15,6 +15,9 @@ from pathlib import Path
 import pytest
 
 from controllers.decision.policy import QNetwork
+from iits_mj.core.tables import read_rows
+from iits_mj.evaluation.sweep.runs import SweepRun
+from tests.paths import ROOT
 from traffic_bridge.recording.recording import Recording
 
 LONGEST = 120.0  # [s] for a command to begin and to end; against hanging
@@ -52,6 +55,11 @@ def samples_are_complete(folder: Path) -> None:
         assert len({line.count(",") for line in path.read_text().splitlines()}) == 1
 
 
+def runs_are_complete(folder: Path) -> None:
+    for path in (folder / "out/shards").glob("*.csv"):
+        assert len(read_rows(path, SweepRun, "runs")) == 1
+
+
 COMMANDS: dict[str, tuple[str, str, Callable[[Path], None]]] = {
     "drive": ("--no-video --duration 4000 --out out", "*/.telemetry*", drive_is_complete),
     "record": ("drive.npz --duration 4000", "tmp/iits_mj_sumo*", recording_is_complete),
@@ -70,6 +78,12 @@ COMMANDS: dict[str, tuple[str, str, Callable[[Path], None]]] = {
         "trucks/*/*.csv",
         samples_are_complete,
     ),
+    "sweep": (
+        f"{ROOT / 'examples/cut_in.toml'} --traffic-mode none --plant yaw-sideslip "
+        "--param gap=5:60:40 --out out --jobs 2 --shard 1",
+        "out/shards/*.csv",
+        runs_are_complete,
+    ),
 }
 
 
@@ -79,7 +93,7 @@ COMMANDS: dict[str, tuple[str, str, Callable[[Path], None]]] = {
         *((name, signal.SIGTERM) for name in ("drive", "record", "train")),
         *(
             pytest.param(name, signal.SIGTERM, marks=pytest.mark.slow)
-            for name in ("evaluate", "montecarlo")
+            for name in ("evaluate", "montecarlo", "sweep")
         ),
         *(pytest.param(name, signal.SIGINT, marks=pytest.mark.slow) for name in COMMANDS),
     ],

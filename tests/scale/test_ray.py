@@ -15,6 +15,7 @@ from iits_mj import cli
 from iits_mj.core.errors import Error, InputError
 from iits_mj.evaluation.trials import read_trials
 from iits_mj.scale.ray_executor import ClusterError, RayExecutor
+from tests.paths import ROOT
 
 ray = pytest.importorskip("ray")
 NODES = 3
@@ -264,3 +265,23 @@ def test_montecarlo_gives_the_results_of_one_machine(cluster, tmp_path):
         tables.append([row[:clock] + row[clock + 1 :] for row in rows])
     assert tables[0] == tables[1]
     assert len(tables[0]) == 4
+
+
+@pytest.mark.slow
+def test_a_sweep_has_the_rows_of_one_machine(cluster, tmp_path):
+    words = [
+        str(ROOT / "examples/cut_in.toml"),
+        "--traffic-mode",
+        "none",
+        "--plant",
+        "yaw-sideslip",
+    ]
+    words += ["--duration", "3", "--param", "gap=5,15", "--param", "payload=0,9000", "--shard", "1"]
+    words += ["--plant", "yaw-sideslip"]
+    tables = []
+    for folder, flags in (("here", ("--jobs", "2")), ("there", ("--ray", cluster))):
+        out = tmp_path / folder
+        assert cli.main(["sweep", *words, "--out", str(out), *flags]) == 0
+        tables.append((out / "runs.csv").read_bytes())
+    assert tables[0] == tables[1]
+    assert tables[0].count(b"comfortable") == 4

@@ -103,3 +103,25 @@ def test_a_log_of_the_example_agrees_with_the_telemetry_of_the_drive():
     marks = [line for line in panels[0].lines if line.role == "mark"]
     assert [float(line.x[0]) for line in marks] == [record.begun for record in log.records]
     assert dataclasses.asdict(conflict).keys() >= {"gap", "ttc", "drac", "pet"}
+
+
+def test_the_speed_of_an_impact_is_the_difference_of_both_velocities(tmp_path):
+    events = tmp_path / "e.toml"
+    events.write_text(
+        '[[events]]\nevent = "place_vehicle"\nname = "car"\ngap = 6.0\nspeed = 2.0\n'
+        "reactive = false\n"
+    )
+    config = DriveConfig(
+        traffic_mode="none", events=events, plant="yaw-sideslip", speed_planner="cruise"
+    )
+    log = ConflictLog()
+    with Simulation(config, visuals=False) as simulation:
+        summary = simulation.run([log])
+        impact, last = simulation.impact, simulation.frame.ego
+    assert impact.vehicle == "car"
+    assert impact.time <= last.time <= impact.time + 0.1
+    # Within the last 100 ms the truck brakes by less than 1 m/s.
+    assert last.speed - 2.0 <= impact.speed == summary.impact_speed <= last.speed - 2.0 + 1.0
+    assert summary.as_dict()["impact_speed_mps"] == impact.speed
+    assert any(name == "impact speed" for name, _ in summary.rows())
+    assert log.deceleration == log.as_dict()["greatest_deceleration_mps2"] > 1.0

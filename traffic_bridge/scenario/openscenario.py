@@ -7,7 +7,7 @@ wind, and the actions of the ego: it is the truck, and its own driver decides.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,8 +16,10 @@ from iits_mj.road import Route
 from traffic_bridge.scenario.conditions import ROLES, TRUCK
 from traffic_bridge.scenario.openscenario_actions import Actions, scenario_event
 from traffic_bridge.scenario.openscenario_entities import UNUSED, Entities, Values
-from traffic_bridge.scenario.openscenario_file import Node, read_root
+from traffic_bridge.scenario.openscenario_file import Node, number_or_text, read_root
+from traffic_bridge.scenario.openscenario_parameters import parameters_of
 from traffic_bridge.scenario.openscenario_triggers import Triggers, is_criterion
+from traffic_bridge.scenario.parameters import scope_of
 from traffic_bridge.scenario.reading import event_of
 from traffic_bridge.signals.events import Event
 
@@ -43,18 +45,21 @@ class _Step(NamedTuple):
     family: int
 
 
-def read_scenario(path: str | Path, ego: str | None = None) -> OpenScenario:
+def read_scenario(
+    path: str | Path, ego: str | None = None, given: Mapping[str, str] | None = None
+) -> OpenScenario:
     """Reads a scenario.
 
     Args:
       path: of the .xosc file.
       ego: name of the entity that is the truck; None: the first one named Ego or Hero.
+      given: values of the file's parameters, as text by name; the others are as declared.
 
     Raises:
-      InputError: the file cannot be read, the entity is not in it, or an element of it is not
-        supported.
+      InputError: the file cannot be read, the entity is not in it, a value is not allowed, or an
+        element is not supported.
     """
-    return OpenScenario(read_root(Path(path)), ego)
+    return OpenScenario(read_root(Path(path)), ego, given or {})
 
 
 class OpenScenario:
@@ -66,12 +71,13 @@ class OpenScenario:
       notes: what the truck's own driver replaces, in words.
     """
 
-    def __init__(self, root: Node, ego: str | None) -> None:
+    def __init__(self, root: Node, ego: str | None, given: Mapping[str, str]) -> None:
         header = root.child("FileHeader")
         version = header.get("revMajor"), header.get("revMinor")
         if version[0] != "1" or version[1] not in ("0", "1", "2", "3"):
             header.fail(f"is OpenSCENARIO {'.'.join(version)}; versions 1.0 to 1.3 are supported")
-        root = root.scoped()
+        scope_of(parameters_of(root), given, str(root.path))
+        root = root.scoped(given)
         root.only(
             *("FileHeader", "ParameterDeclarations", "VariableDeclarations", "CatalogLocations"),
             *("RoadNetwork", "Entities", "Storyboard"),
@@ -88,6 +94,7 @@ class OpenScenario:
         self.ego = self._entities.ego
         groups = (root.find("ParameterDeclarations"), root.find("VariableDeclarations"))
         declared = {node.declared: node for group in groups for node in group or ()}
+        self._values = root.scope
         self._triggers = Triggers(self._entities, declared)
         self._actions = Actions(self._entities, self._new_name)
         self._steps: list[_Step] = []
@@ -98,6 +105,11 @@ class OpenScenario:
             if story.tag == "Story":
                 self._read_story(story.scoped())
         self.notes = tuple(self._remarks(board))
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files that it uses beside its own: map and catalogs."""
+        return (self.map, *self._entities.catalogs.files())
 
     @property
     def route(self) -> str:
@@ -166,12 +178,11 @@ class OpenScenario:
         if self._stop is not None and (groups := triggers.groups(self._stop, stop=True)):
             made.append(scenario_event(self._stop, {"event": "end_drive"}, groups))
         # Variables have their first values before any condition.
-        first = [
-            scenario_event(
-                node, {"event": "set_value", "variable": name, "value": node.value("value")}
-            )
-            for name, node in triggers.variables.items()
-        ]
+        first = []
+        for name, node in triggers.variables.items():
+            text = self._values[name] if node.tag == "ParameterDeclaration" else node.get("value")
+            values = {"event": "set_value", "variable": name, "value": number_or_text(text)}
+            first.append(scenario_event(node, values))
         first += [
             event_of({"event": "set_value", "variable": f"{act} has stopped", "value": 0.0})
             for act in sorted(stopped)

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import ast
 import math
-import operator
-import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 from xml.etree.ElementTree import Element
@@ -14,28 +11,11 @@ from xml.etree.ElementTree import Element
 from iits_mj.core.errors import InputError, MapError
 from iits_mj.core.input_files import similar_file
 from iits_mj.road.xml_input import parse_xml
+from traffic_bridge.scenario.parameters import declared, evaluate
 
 SIZE_MAX = 256 * 2**20  # bytes of a file; a minute among 60 vehicles takes 7 MB
 BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
-LONGEST_EXPRESSION = 400
 CATALOG_FILES_MAX = 100
-_NAME = re.compile(r"\$([A-Za-z_][A-Za-z0-9_]*)")
-_OPERATORS: dict[type, Callable[..., float]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-    ast.Mod: math.fmod,
-    ast.USub: operator.neg,
-    ast.UAdd: operator.pos,
-}
-_FUNCTIONS: dict[str, Callable[..., float]] = {
-    "round": round,
-    "floor": math.floor,
-    "ceil": math.ceil,
-    "sqrt": math.sqrt,
-    "pow": math.pow,
-}
 
 
 class Node:
@@ -98,10 +78,13 @@ class Node:
         if text is None:
             self.fail(f"has no attribute {name!r}")
         text = text.strip()
-        if text.startswith("${") and text.endswith("}"):
-            return repr(self._evaluate(_NAME.sub(lambda m: self._value(m[1]), text[2:-1]), text))
-        if text.startswith("$"):
-            return self._value(text[1:])
+        try:
+            if text.startswith("${") and text.endswith("}"):
+                return repr(evaluate(text[2:-1], self.scope))
+            if text.startswith("$"):
+                return str(declared(text[1:], self.scope))
+        except InputError as error:
+            self.fail(str(error))
         return text
 
     def flag(self, name: str) -> bool:
@@ -122,12 +105,7 @@ class Node:
 
     def value(self, name: str) -> float | str:
         """Returns an attribute as a number if it is a finite one, else as text."""
-        text = self.get(name)
-        try:
-            value = float(text)
-        except ValueError:
-            return text
-        return value if math.isfinite(value) else text
+        return number_or_text(self.get(name))
 
     def all(self, tag: str) -> Iterator[Node]:
         """Yields all elements below with a tag."""
@@ -147,37 +125,14 @@ class Node:
             self.fail(f"{name} = {text[:40]}: allowed is {low:g} to {high:g}")
         return value
 
-    def _value(self, name: str) -> str:
-        if name not in self.scope:
-            self.fail(f"parameter ${name} is not declared")
-        return self.scope[name]
 
-    def _evaluate(self, text: str, source: str) -> float:
-        """The value of an expression of numbers."""
-
-        def value(node: ast.AST) -> float:
-            match node:
-                case ast.Expression(body=body):
-                    return value(body)
-                case ast.Constant(value=int() | float() as number):
-                    return float(number)
-                case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
-                    return _OPERATORS[type(op)](value(left), value(right))
-                case ast.UnaryOp(op=op, operand=operand) if type(op) in _OPERATORS:
-                    return _OPERATORS[type(op)](value(operand))
-                case ast.Call(func=ast.Name(id=name), args=args) if name in _FUNCTIONS:
-                    return float(_FUNCTIONS[name](*map(value, args)))
-            raise ValueError
-
-        try:
-            if len(text) > LONGEST_EXPRESSION:
-                raise ValueError
-            found = value(ast.parse(text.strip(), mode="eval"))
-        except (SyntaxError, ValueError, TypeError, ArithmeticError, RecursionError, MemoryError):
-            self.fail(f"{source[:60]!r} is no expression of numbers")
-        if not math.isfinite(found):
-            self.fail(f"{source[:60]!r} is not finite")
-        return found
+def number_or_text(text: str) -> float | str:
+    """Returns a text as a number if it is a finite one."""
+    try:
+        value = float(text)
+    except ValueError:
+        return text
+    return value if math.isfinite(value) else text
 
 
 def read_root(path: Path) -> Node:
@@ -231,9 +186,13 @@ class Catalogs:
                     return child.scoped(assigned)
         return node.fail(f"no catalog {catalog!r} of the CatalogLocations has an entry {entry!r}")
 
+    def files(self) -> list[Path]:
+        """Returns the catalogs of the locations, in their order."""
+        return [path for folder in dict.fromkeys(self._folders) for path in _files(folder)]
+
     def _catalogs(self, node: Node, name: str) -> Iterator[Node]:
         for folder in dict.fromkeys(self._folders):
-            paths = sorted(folder.glob("*.xosc"))
+            paths = _files(folder)
             if len(paths) > CATALOG_FILES_MAX:
                 node.fail(f"{folder} has more than {CATALOG_FILES_MAX} catalogs")
             for path in paths:
@@ -244,3 +203,7 @@ class Catalogs:
                 found = self._read[path].find("Catalog")
                 if found is not None and found.element.get("name") == name:
                     yield found
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*.xosc"))

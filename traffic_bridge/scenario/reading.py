@@ -12,6 +12,13 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.input_files import read_toml
 from traffic_bridge.scenario.actions import SCENARIO_EVENTS
 from traffic_bridge.scenario.conditions import ROLES, TRUCK, names_in
+from traffic_bridge.scenario.parameters import (
+    PARAMETERS_MAX,
+    Parameter,
+    parameter_of,
+    resolved,
+    scope_of,
+)
 from traffic_bridge.signals.events import (
     Event,
     LaneClosure,
@@ -58,8 +65,11 @@ def event_of(values: Mapping[str, Any]) -> Event:
     return EVENTS[name](**given)
 
 
-def read_events(path: str | Path) -> tuple[Event, ...]:
+def read_events(path: str | Path, given: Mapping[str, str] | None = None) -> tuple[Event, ...]:
     """The events of a TOML file, in its order; the fields are those of the events' classes.
+
+        [parameters]
+        opens = {default = 120.0, unit = "s", low = 30.0}
 
         [[events]]
         event = "lane_closure"
@@ -67,29 +77,58 @@ def read_events(path: str | Path) -> tuple[Event, ...]:
         start = 900.0
         end = 1100.0
         at_time = 20.0
-        until = 120.0
+        until = "$opens"
+
+    Args:
+      path: of the file.
+      given: values of parameters, as text by name; the others have their defaults.
 
     Raises:
-      InputError: the file cannot be read or is not TOML, or an event is not usable; the message
-        has the file, the event's number and what is allowed.
+      InputError: the file cannot be read or is not TOML, or a parameter or an event is not usable;
+        the message has the file, the event's number and what is allowed.
     """
     path = Path(path)
-    content = read_toml(path, "file of events")
-    unknown = [name for name in content if name != "events"]
-    if unknown:
-        raise InputError(f"{path}: {unknown[0]!r} is unknown; the file has tables [[events]]")
-    entries = content.get("events", [])
-    if not isinstance(entries, list) or any(not isinstance(entry, dict) for entry in entries):
-        raise InputError(f"{path}: 'events' must be tables [[events]]")
-    if len(entries) > EVENTS_MAX:
-        raise InputError(f"{path}: {len(entries)} events are more than {EVENTS_MAX} allowed")
+    entries, parameters = _read(path)
+    scope, used = scope_of(parameters, given or {}, str(path)), set[str]()
     events = []
     for number, entry in enumerate(entries, start=1):
         try:
-            events.append(event_of(entry))
+            events.append(event_of(resolved(entry, scope, used)))
         except InputError as error:
             raise InputError(f"{path}: event {number}: {error}") from error
+    for name in parameters:
+        if name not in used:
+            raise InputError(f'{path}: no event uses the parameter {name}: write "${name}"')
     return tuple(events)
+
+
+def read_parameters(path: str | Path) -> dict[str, Parameter]:
+    """The parameters of a TOML file of events by name; errors as of `read_events`."""
+    return _read(Path(path))[1]
+
+
+def _read(path: Path) -> tuple[list[dict[str, Any]], dict[str, Parameter]]:
+    content = read_toml(path, "file of events")
+    unknown = [name for name in content if name not in ("events", "parameters")]
+    if unknown:
+        raise InputError(
+            f"{path}: {unknown[0]!r} is unknown; the file has tables [[events]] and [parameters]"
+        )
+    entries, declared = content.get("events", []), content.get("parameters", {})
+    if not isinstance(entries, list) or any(not isinstance(entry, dict) for entry in entries):
+        raise InputError(f"{path}: 'events' must be tables [[events]]")
+    if not isinstance(declared, dict):
+        raise InputError(f"{path}: 'parameters' must be a table [parameters]")
+    for what, found, most in (
+        ("events", entries, EVENTS_MAX),
+        ("parameters", declared, PARAMETERS_MAX),
+    ):
+        if len(found) > most:
+            raise InputError(f"{path}: {len(found)} {what} are more than {most} allowed")
+    try:
+        return entries, {name: parameter_of(name, entry) for name, entry in declared.items()}
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def check_references(events: Sequence[Event]) -> None:

@@ -156,6 +156,7 @@ def test_the_example_is_read_from_its_file(tmp_path):
     place, cut_in, brake = read_events(ROOT / "examples/cut_in.toml")
     assert place.name == "car"
     assert (cut_in.gap, cut_in.speed_difference) == (15.0, -2.0)
+    assert read_events(ROOT / "examples/cut_in.toml", {"gap": "9"})[1].gap == 9.0
     assert brake.when[0][0].event == "cut_in"
     path = tmp_path / "wrong.toml"
     path.write_text(
