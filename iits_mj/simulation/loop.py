@@ -18,6 +18,7 @@ from controllers.planning.planner import Planner
 from controllers.stack import Stack
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import EgoFootprint, EgoState, Scene, positional
+from iits_mj.core.neighbors import Neighbors
 from iits_mj.core.progress import task
 from iits_mj.core.timing import CYCLE_PERIOD, TIMESTEP
 from iits_mj.road import Route
@@ -43,6 +44,7 @@ from iits_mj.simulation.parts import (
     surface_text,
     with_scenario,
 )
+from iits_mj.simulation.sensors import SUITES, Perception
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
 from iits_mj.simulation.traffic_flow import FlowMeter
 from iits_mj.simulation.truck_events import TruckEvents
@@ -70,6 +72,7 @@ class Simulation(LockStep):
     Attributes:
       config, route, truck, mirror, traffic: the parts; vehicles: the traffic now.
       driver: of the truck; path: from its commands to the truck.
+      perception: sensors and tracker, None where the stack knows the traffic as it is.
       frame: the drive at the end of the last cycle.
       ended: reason of the end, "" while the drive goes on.
       collision: the truck touched another vehicle; failed: it did, it rolled over, or the
@@ -122,6 +125,10 @@ class Simulation(LockStep):
             over_bytes=config.commands == "j1939",
             steering_angle_max=truck.parameters.steering.angle_max,
         )
+        self.perception: Perception | None = None
+        if config.sensors in SUITES:
+            suite = SUITES[config.sensors]
+            self.perception = Perception(suite, self.route, truck.footprint, config.seed)
         super().__init__(truck, made, self._scene, timestep=timestep, path=path)
         self._truck_events = TruckEvents(truck)
         self._recorder: Recorder | None = None
@@ -151,6 +158,8 @@ class Simulation(LockStep):
         self._tractor = self.truck.model.body("tractor").id
         self.driver.reset()
         self.path.reset()
+        if self.perception is not None:
+            self.perception.reset()
         self.vehicles = VehicleFrame.empty()
         if self.traffic is not None:
             with task("starting the traffic", usual=0.5):
@@ -219,7 +228,7 @@ class Simulation(LockStep):
         self._move_bodies(new=True)
         self._plan(ego)
         self.frame = self._make_frame(ego)
-        self._summary.add(self.frame)
+        self._summary.add(self._frame_of_all())
         self._check_end(ego)
         self._show()
         return self.frame
@@ -290,7 +299,10 @@ class Simulation(LockStep):
 
     def _scene(self, ego: EgoState) -> Scene:
         signals = read_signals(self.traffic, ego, self.route, self.truck.footprint)
-        return Scene(ego.time, ego, self.vehicles, self.truck.footprint, signals)
+        vehicles = self.vehicles
+        if self.perception is not None:
+            vehicles = self.perception.see(ego, vehicles)
+        return Scene(ego.time, ego, vehicles, self.truck.footprint, signals)
 
     def _observe(self) -> EgoState:
         """Observes the truck and adds the distance since the last call, by the trapezoidal rule."""
@@ -376,7 +388,10 @@ class Simulation(LockStep):
         route = self.route
         lane = int(route.lane_at(ego.station, ego.offset))
         point = route.evaluate(ego.station, ego.offset)
-        ahead, behind = self.scene.neighbors.corridor_gaps(lane)
+        neighbors = self.scene.neighbors
+        if self.perception is not None:  # gaps to the vehicles as they are
+            neighbors = Neighbors(ego, self.vehicles, self.truck.footprint)
+        ahead, behind = neighbors.corridor_gaps(lane)
         return _drive_frame(
             self.time,
             ego,
@@ -397,6 +412,13 @@ class Simulation(LockStep):
             self.driver.lane_changes,
             self.driver.refused,
         )
+
+    def _frame_of_all(self) -> DriveFrame:
+        """Returns the frame with the traffic as it is, for figures of the drive."""
+        if self.perception is None:
+            return self.frame
+        scene = dataclasses.replace(self.frame.scene, vehicles=self.vehicles)
+        return dataclasses.replace(self.frame, scene=scene)
 
     def _note_contact(self) -> None:
         """Stores the first contact with its time."""
