@@ -143,7 +143,7 @@ class Tracker:
             self._take(time, camera, detections)
         places = np.array([t.state[:2] for t in self._tracks]).reshape(-1, 2)
         covered = np.zeros(len(places), bool) if watched is None else watched(places)
-        kept = []
+        kept: list[_Track] = []
         for track, in_view in zip(self._tracks, covered, strict=True):
             enough = track.hits >= self.config.confirmed
             enough &= track.camera >= self.config.seen or not in_view

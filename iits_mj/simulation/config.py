@@ -286,6 +286,13 @@ class DriveConfig(PriceOptions, TruckStart):
         choices=SENSORS,
         group="decision",
     )
+    aeb: str = option(
+        "off",
+        help="advanced emergency braking, apart from the planner; on: it warns and brakes for "
+        "vehicles ahead",
+        choices=("off", "on"),
+        group="decision",
+    )
     commands: str = option(
         "direct",
         help="path of the commands to the truck; direct: unchanged; j1939: as frames at their "

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import mujoco
 
+from controllers.emergency_braking import EmergencyBraking, EmergencyReport
 from controllers.planning.planner import Planner
 from controllers.stack import Stack
 from iits_mj.core.errors import Error, InputError
@@ -129,7 +130,13 @@ class Simulation(LockStep):
         if config.sensors in SUITES:
             suite = SUITES[config.sensors]
             self.perception = Perception(suite, self.route, truck.footprint, config.seed)
-        super().__init__(truck, made, self._scene, timestep=timestep, path=path)
+        guard: EmergencyBraking | None = None
+        if config.aeb == "on":
+            # A driver knows a wet road from the wipers: so does the emergency braking.
+            guard = EmergencyBraking(
+                truck.parameters, lambda ego: self.route.friction(ego.station, ego.offset)
+            )
+        super().__init__(truck, made, self._scene, timestep=timestep, path=path, guard=guard)
         self._truck_events = TruckEvents(truck)
         self._recorder: Recorder | None = None
         self.traffic: Traffic | None
@@ -160,6 +167,8 @@ class Simulation(LockStep):
         self.path.reset()
         if self.perception is not None:
             self.perception.reset()
+        if self.guard is not None:
+            self.guard.reset()
         self.vehicles = VehicleFrame.empty()
         if self.traffic is not None:
             with task("starting the traffic", usual=0.5):
@@ -199,6 +208,16 @@ class Simulation(LockStep):
         """Mean speed of the traffic of a level of service [m/s]; infinite for other traffic."""
         steady = self.traffic.config.steady if isinstance(self.traffic, PureSim) else None
         return math.inf if steady is None else steady.speed
+
+    @property
+    def contact(self) -> tuple[float, str, str] | None:
+        """Time [s] of the first contact, the vehicle and the touched body; None without one."""
+        return self._touched
+
+    @property
+    def emergency(self) -> EmergencyReport | None:
+        """What the emergency braking reports now; None without one."""
+        return self.guard.report if isinstance(self.guard, EmergencyBraking) else None
 
     @property
     def stack(self) -> Stack:
@@ -358,7 +377,9 @@ class Simulation(LockStep):
             # `observe` updates the place on the route that the truck remembers. Observing a copy
             # leaves the bits of the drive independent of the observers.
             ego = copy.copy(self.truck).observe()
-            frame = dataclasses.replace(frame, time=self.time, ego=ego, command=self.command)
+            frame = dataclasses.replace(
+                frame, time=self.time, ego=ego, command=self.command, emergency=self.emergency
+            )
             self._move_bodies()
         for observer in due:
             observer.observe(self, frame)
@@ -411,6 +432,7 @@ class Simulation(LockStep):
             self._distance,
             self.driver.lane_changes,
             self.driver.refused,
+            self.emergency,
         )
 
     def _frame_of_all(self) -> DriveFrame:

@@ -1,0 +1,188 @@
+"""Objects in the truck's way, and the deceleration that avoids them.
+
+The way is a circular arc from the steer axle, of the present yaw rate over speed, as wide as the
+truck. The path of the trailer inside of a bend is not part of it, nor is the road: emergency
+braking knows no map.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from iits_mj.core.messages import EgoFootprint, EgoState
+from iits_mj.core.neighbors import LEVEL_OVER_TRUCK
+from iits_mj.core.vehicles import VehicleFrame
+
+# Kinds that cross the way: their motion across it is believed for longer.
+_CROSSING = ("pedestrian", "bicycle")
+
+
+@dataclass(frozen=True, slots=True)
+class WayConfig:
+    """Which objects count as in the way; our choices.
+
+    Attributes:
+      intrusion: least overlap of the widths [m]; smaller ones are within the error of a track.
+      horizon: longest prediction of an object's motion across the way [s]; a driver who changes
+        lanes can still stop doing so.
+      crossing_horizon: the same of pedestrians and cyclists [s].
+      reach: longest distance as a time at the truck's speed [s].
+      oncoming: objects that come nearer at more than this speed do not count [m/s]: the function
+        is for vehicles ahead that are slower or stand.
+      acceleration_error: decelerations of an object below this are not believed, and greater ones
+        count less by it [m/s2]: the error of a track.
+    """
+
+    intrusion: float = 0.25
+    horizon: float = 1.0
+    crossing_horizon: float = 2.5
+    reach: float = 8.0
+    oncoming: float = 1.0
+    acceleration_error: float = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """An object in the way.
+
+    Attributes:
+      id: name; gap: from the front bumper along the way [m].
+      speed: along the way [m/s]; acceleration: along the way, zero or negative [m/s2].
+    """
+
+    id: str
+    gap: float
+    speed: float
+    acceleration: float
+
+    def after(self, time: float, speed: float, acceleration: float) -> Target:
+        """Returns the target as it will be after a time [s].
+
+        Args:
+          time: [s].
+          speed: of the truck now [m/s].
+          acceleration: of the truck, which it keeps until it stands [m/s2].
+        """
+        way, _ = moved(speed, acceleration, time)
+        own, left = moved(self.speed, self.acceleration, time)
+        still = self.acceleration if left > 0.0 else 0.0
+        return Target(self.id, self.gap + own - way, left, still)
+
+
+def moved(speed: float, acceleration: float, time: float) -> tuple[float, float]:
+    """Returns the distance [m] and the speed [m/s] after a time; a braking body stops and stays."""
+    if acceleration < 0.0 and speed + acceleration * time < 0.0:
+        return -0.5 * speed**2 / acceleration if speed > 0.0 else 0.0, 0.0
+    return speed * time + 0.5 * acceleration * time**2, speed + acceleration * time
+
+
+def required_deceleration(target: Target, speed: float, margin: float) -> float:
+    """The constant deceleration from now on that leaves a margin to a target [m/s2].
+
+    The target keeps its deceleration until it stands. Zero if the truck does not come near, inf if
+    the margin is already lost while it closes in.
+
+    Args:
+      target: in the way.
+      speed: of the truck [m/s].
+      margin: distance to leave [m].
+    """
+    room, braking = target.gap - margin, -target.acceleration
+    closing = speed - target.speed
+    if closing <= 0.0 and (braking <= 0.0 or speed <= 0.0):
+        return 0.0
+    if room <= 0.0:
+        return math.inf if closing > 0.0 else 0.0
+    if braking <= 0.0:
+        return 0.5 * closing**2 / room
+    stop = 0.5 * speed**2 / (room + 0.5 * target.speed**2 / braking)
+    if closing <= 0.0:
+        return stop
+    # Both at one speed when the margin is reached, unless the target stands before that.
+    meeting = 2.0 * room / closing
+    return braking + 0.5 * closing**2 / room if meeting * braking < target.speed else stop
+
+
+def time_to_collision(target: Target, speed: float) -> float:
+    """Gap over closing speed [s]; inf if the truck does not close in."""
+    closing = speed - target.speed
+    return max(target.gap, 0.0) / closing if closing > 0.0 else math.inf
+
+
+def find_targets(
+    ego: EgoState,
+    vehicles: VehicleFrame,
+    age: float,
+    footprint: EgoFootprint,
+    curvature: float,
+    config: WayConfig,
+) -> list[Target]:
+    """Returns the objects in the truck's way, in the order of the frame.
+
+    Args:
+      ego: the truck now.
+      vehicles: tracks, or the traffic, `age` seconds ago.
+      age: [s].
+      footprint: of the truck.
+      curvature: of the way [1/m], positive to the left.
+      config: settings.
+    """
+    if not len(vehicles):
+        return []
+    columns = ("x", "y", "z", "yaw", "speed", "acceleration", "lateral_speed", "length", "width")
+    x, y, z, yaw, speed, acceleration, across, length, width = vehicles.columns(*columns)
+    dx = x + speed * np.cos(yaw) * age - ego.x
+    dy = y + speed * np.sin(yaw) * age - ego.y
+    forward, left = math.cos(ego.yaw), math.sin(ego.yaw)
+    ahead, aside = dx * forward + dy * left, dy * forward - dx * left
+    near = (ahead > footprint.front_overhang) & (
+        ahead < footprint.front_overhang + config.reach * max(ego.speed, 1.0) + 10.0
+    )
+    near &= np.abs(z - ego.z + math.tan(ego.pitch) * ahead) < LEVEL_OVER_TRUCK
+    chosen = np.flatnonzero(near)
+    if not chosen.size:
+        return []
+    ahead, aside, yaw, speed, acceleration, across, length, width = (
+        column[chosen] for column in (ahead, aside, yaw, speed, acceleration, across, length, width)
+    )
+    along, offset = along_arc(ahead, aside, curvature)
+    turned = yaw - ego.yaw - curvature * along
+    cosine, sine = np.cos(turned), np.sin(turned)
+    half_length = 0.5 * (length * np.abs(cosine) + width * np.abs(sine))
+    half_width = 0.5 * (width * np.abs(cosine) + length * np.abs(sine))
+    gap = along - half_length - footprint.front_overhang
+    own, slowing = (
+        speed * cosine,
+        np.minimum(acceleration * cosine + config.acceleration_error, 0.0),
+    )
+    closing = ego.speed - own
+    contact = np.where(closing > 0.0, np.maximum(gap, 0.0) / np.maximum(closing, 1e-6), np.inf)
+    crossing = np.array([vehicles.kinds[k] in _CROSSING for k in chosen])
+    horizon = np.where(crossing, config.crossing_horizon, config.horizon)
+    later = offset + across * np.minimum(contact, horizon)
+    inside = np.abs(later) < half_width + 0.5 * footprint.width - config.intrusion
+    inside &= own > -config.oncoming
+    return [
+        Target(vehicles.ids[chosen[k]], float(gap[k]), max(float(own[k]), 0.0), float(slowing[k]))
+        for k in np.flatnonzero(inside)
+    ]
+
+
+def along_arc(
+    ahead: np.ndarray, aside: np.ndarray, curvature: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Returns distance along a circular arc and offset to its left [m] of points in the truck.
+
+    Args:
+      ahead: of the points from the arc's start, along its first direction [m].
+      aside: the same to the left of it [m].
+      curvature: [1/m], positive to the left.
+    """
+    if abs(curvature) < 1e-6:
+        return ahead, aside
+    radius, side = 1.0 / abs(curvature), math.copysign(1.0, curvature)
+    toward = radius - side * aside
+    return radius * np.arctan2(ahead, toward), side * (radius - np.hypot(ahead, toward))
