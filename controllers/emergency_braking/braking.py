@@ -77,7 +77,7 @@ class EmergencyBrakingConfig:
 
     share: float = 0.8
     warning_time: float = 1.6
-    partial_time: float = 0.8
+    partial_time: float = 0.9
     partial_demand: float = 2.5
     release: float = 0.7
     excess: float = 1.25

@@ -17,6 +17,7 @@ from controllers.emergency_braking.braking import EMERGENCY_DEMAND
 from controllers.stack import Stack
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import Decision, EgoState, Scene, Trajectory, VehicleCommand
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.core.units import GRAVITY, KMH
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.parameters import AnyTruck
@@ -24,6 +25,7 @@ from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation
 from iits_mj.simulation.lock_step import Guard, LockStep
 from iits_mj.simulation.parts import make_stack
+from iits_mj.simulation.sensors import Perception, SensorSuite
 from traffic_bridge import EventSim, TrafficConfig
 from traffic_bridge.scenario.actions import SceneEvent
 
@@ -36,13 +38,10 @@ _WARNED = (EmergencyState.WARNING, EmergencyState.PARTIAL, EmergencyState.BRAKIN
 class BlindStack:
     """A driving stack to which no vehicle is shown."""
 
+    last_decision = Decision.KEEP
+
     def __init__(self, stack: Stack) -> None:
         self.stack = stack
-
-    @property
-    def last_decision(self) -> Decision:
-        """Of the stack."""
-        return self.stack.last_decision
 
     @property
     def lane_changes(self) -> int:
@@ -211,7 +210,7 @@ class _Log(Observer):
 
 @dataclass(frozen=True, kw_only=True)
 class Setup:
-    """A drive on a straight road of three lanes, in the middle one.
+    """A drive on a straight road of three lanes, in the middle one, or on another road.
 
     Attributes:
       speed: of the truck [m/s]; payload: [kg], None for the greatest.
@@ -220,6 +219,8 @@ class Setup:
       sensors: option of a drive; guard: "aeb", "driver" (the careful one) or "none".
       duration: at most [s]; seed: of the sensors.
       truck: see `DriveConfig`; timestep: of the physics [s].
+      route: other road; station, lane: of the start on it [m].
+      suite: other sensors than `sensors`.
     """
 
     speed: float
@@ -232,20 +233,24 @@ class Setup:
     duration: float = 30.0
     seed: int = 0
     truck: AnyTruck | None = None
-    timestep: float = 0.002
+    timestep: float = TIMESTEP
+    route: Route | None = None
+    station: float = START
+    lane: int = LANE
+    suite: SensorSuite | None = None
 
 
 def drive(setup: Setup) -> Drive:
     """Drives until the truck stands, touches a target or the time is over."""
-    route = Route.straight(
+    route = setup.route or Route.straight(
         length=_LENGTH, friction=setup.friction, grade=setup.grade, speed_limit=30.0
     )
     config = DriveConfig(
         truck=setup.truck,
         payload=setup.payload,
         traffic_mode="none",
-        start_station=START,
-        start_lane=LANE,
+        start_station=setup.station,
+        start_lane=setup.lane,
         start_speed=setup.speed,
         speed=setup.speed,
         speed_planner="cruise",
@@ -266,6 +271,10 @@ def drive(setup: Setup) -> Drive:
         visuals=False,
         timestep=setup.timestep,
     ) as simulation:
+        if setup.suite is not None:
+            simulation.perception = Perception(
+                setup.suite, route, simulation.truck.footprint, setup.seed
+            )
         if setup.guard == "driver":
             driver: Guard = DriverModel()
             simulation.guard = driver
@@ -281,7 +290,9 @@ def drive(setup: Setup) -> Drive:
     numbers = [np.array([row[k] for row in log.rows]) for k in (0, 1, 2, 4)]
     gap_time, gap = np.array(log.gaps).T
     return Drive(
-        *numbers[:3],
+        numbers[0],
+        numbers[1],
+        numbers[2],
         tuple(row[3] for row in log.rows),
         numbers[3],
         gap_time,
