@@ -77,7 +77,8 @@ def run(config: ValidateConfig) -> Results:
     results.add("", _traffic(config))
     results.notes.append(
         "The careful driver is performance model 1 of UN R157, annex 3: 0.4 s of perception, "
-        "0.75 s to the brakes, 12.65 m/s3 up to 0.774 g, with perfect sight. The brakes are the truck's."
+        "0.75 s to the brakes, 12.65 m/s3 up to 0.774 g, with perfect sight. The brakes are the "
+        "truck's."
     )
     return results
 
