@@ -208,7 +208,7 @@ def _false_reactions(setup: Setup, quick: bool) -> Findings:
         ),
     )
     ghosts = drive(
-        dataclasses.replace(setup, speed=80.0 * KMH, duration=20.0 if quick else 90.0, suite=noisy)
+        dataclasses.replace(setup, speed=80.0 * KMH, duration=8.0 if quick else 90.0, suite=noisy)
     )
     found.check("ghosts of the radars, 10 per s and 2 s long", ghosts.reacted, "1", 0.0, "== 0")
     if quick:
