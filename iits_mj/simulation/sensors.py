@@ -27,7 +27,7 @@ import numpy as np
 
 from controllers.perception import Detection, Tracker
 from iits_mj.core.angles import wrap_angles
-from iits_mj.core.arrays import BoolArray, FloatArray
+from iits_mj.core.arrays import BoolArray, FloatArray, IndexArray
 from iits_mj.core.checks import in_range, require_positive
 from iits_mj.core.messages import EgoFootprint, EgoState, TrackedVehicle
 from iits_mj.core.vehicles import VehicleFrame
@@ -46,8 +46,8 @@ class Sensor:
     """A radar, or a camera, which measures no speed.
 
     Attributes:
-      ahead, left: of the steer axle's center in the truck [m]; direction: of its axis [rad],
-        positive to the left of straight ahead.
+      ahead: of the truck's front, negative behind it [m]; left: of its middle plane [m].
+      direction: of its axis [rad], positive to the left of straight ahead.
       reach: range [m]; half_view: field of view to either side [rad].
       range_sigma: standard deviation of the range [m], and range_share: in proportion to it.
       bearing_sigma: of the bearing [rad]; speed_sigma: of the speed along sight [m/s].
@@ -87,10 +87,10 @@ class SensorSuite:
         in_range("SensorSuite: latency", self.latency, 0.0, 1.0)
 
 
-_LONG_RANGE = Sensor(1.4, 0.0, 0.0, 250.0, math.radians(15.0), 0.4, math.radians(0.3), ghosts=0.1)
-_SHORT_RANGE = Sensor(1.4, 0.0, 0.0, 100.0, math.radians(60.0), 0.1, math.radians(1.0), ghosts=0.1)
+_LONG_RANGE = Sensor(0.0, 0.0, 0.0, 250.0, math.radians(15.0), 0.4, math.radians(0.3), ghosts=0.1)
+_SHORT_RANGE = Sensor(0.0, 0.0, 0.0, 100.0, math.radians(60.0), 0.1, math.radians(1.0), ghosts=0.1)
 _CAMERA = Sensor(
-    *(1.0, 0.0, 0.0, 150.0, math.radians(50.0), 0.5, math.radians(0.2)),
+    *(-0.4, 0.0, 0.0, 150.0, math.radians(50.0), 0.5, math.radians(0.2)),
     range_share=0.05,
     camera=True,
 )
@@ -98,7 +98,7 @@ _CAMERA = Sensor(
 _SIDES = tuple(
     dataclasses.replace(
         _SHORT_RANGE,
-        ahead=0.5,
+        ahead=-0.9,
         left=side * 1.275,
         direction=side * math.radians(107.0),
         half_view=math.radians(72.0),
@@ -137,7 +137,8 @@ class Perception:
     def __init__(
         self, suite: SensorSuite, route: Route, footprint: EgoFootprint, seed: int
     ) -> None:
-        self.suite, self.footprint, self._seed = suite, footprint, seed
+        self.suite, self._seed = suite, seed
+        self._front = footprint.front_overhang
         self.tracker = Tracker(route)
         self._cameras = [sensor for sensor in suite.sensors if sensor.camera]
         self.reset()
@@ -176,7 +177,7 @@ class Perception:
         """Which places (n, 2) a camera covers."""
         covered = np.zeros(len(places), bool)
         for sensor in self._cameras:
-            dx, dy = places.T - np.array(_mount(sensor, ego))[:, None]
+            dx, dy = places.T - np.array(_mount(sensor, ego, self._front))[:, None]
             bearing = wrap_angles(np.arctan2(dy, dx) - ego.yaw - sensor.direction)
             near = np.hypot(dx, dy) <= sensor.reach
             covered |= near & (np.abs(bearing) <= sensor.half_view)
@@ -190,8 +191,12 @@ class Perception:
         vehicles: VehicleFrame,
         elapsed: float,
     ) -> list[Detection]:
-        random, (x, y) = self._random, _mount(sensor, ego)
-        shown = visible(sensor, ego, vehicles) if len(vehicles) else np.zeros(0, dtype=np.intp)
+        random, (x, y) = self._random, _mount(sensor, ego, self._front)
+        shown = (
+            visible(sensor, ego, vehicles, self._front)
+            if len(vehicles)
+            else np.zeros(0, dtype=np.intp)
+        )
         found = []
         for index in shown[random.random(len(shown)) < sensor.detection]:
             look = vehicles[int(index)]
@@ -254,17 +259,23 @@ class Perception:
             reach = sensor.reach * math.sqrt(random.random())
             bearing = ego.yaw + sensor.direction + sensor.half_view * random.uniform(-1.0, 1.0)
             speed = 0.0 if random.random() < 0.5 else random.uniform(0.5, 1.2) * ego.speed
-            place = np.array(_mount(sensor, ego)) + reach * _unit(bearing)
+            place = np.array(_mount(sensor, ego, self._front)) + reach * _unit(bearing)
             end = ego.time + random.exponential(sensor.ghost_life)
             ghosts.append(_Ghost(place, speed * _unit(ego.yaw), end))
 
 
-def visible(sensor: Sensor, ego: EgoState, vehicles: VehicleFrame) -> np.ndarray:
-    """Returns the indices of the vehicles that a sensor sees, without drop-outs.
+def visible(sensor: Sensor, ego: EgoState, vehicles: VehicleFrame, front: float) -> IndexArray:
+    """Returns the indices of the vehicles that a sensor sees, without drop-outs, shape (n,).
 
     A vehicle on another level counts like one on the road.
+
+    Args:
+      sensor: radar or camera.
+      ego: the truck.
+      vehicles: the traffic.
+      front: from the steer axle's center to the truck's front [m].
     """
-    x, y = _mount(sensor, ego)
+    x, y = _mount(sensor, ego, front)
     dx, dy, yaw, length, width = vehicles.columns("x", "y", "yaw", "length", "width")
     dx, dy = dx - x, dy - y
     near = np.flatnonzero(np.hypot(dx, dy) <= sensor.reach + 0.5 * length)
@@ -289,12 +300,13 @@ def visible(sensor: Sensor, ego: EgoState, vehicles: VehicleFrame) -> np.ndarray
     return near[shows & (nearest <= sensor.reach)]
 
 
-def _mount(sensor: Sensor, ego: EgoState) -> tuple[float, float]:
+def _mount(sensor: Sensor, ego: EgoState, front: float) -> tuple[float, float]:
     """Place of a sensor in the map [m]."""
+    ahead = front + sensor.ahead
     forward, left = math.cos(ego.yaw), math.sin(ego.yaw)
     return (
-        ego.x + sensor.ahead * forward - sensor.left * left,
-        ego.y + sensor.ahead * left + sensor.left * forward,
+        ego.x + ahead * forward - sensor.left * left,
+        ego.y + ahead * left + sensor.left * forward,
     )
 
 

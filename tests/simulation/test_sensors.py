@@ -14,7 +14,7 @@ from iits_mj.simulation.sensors import SUITES, Perception, Sensor, SensorSuite, 
 
 ROUTE = Route.straight(length=2000.0)
 EGO = EgoState(x=500.0, station=500.0, speed=20.0)
-FRONT = Sensor(1.4, 0.0, 0.0, 200.0, math.radians(15.0), 0.4, math.radians(0.3))
+FRONT = Sensor(0.0, 0.0, 0.0, 200.0, math.radians(15.0), 0.4, math.radians(0.3))
 
 
 def car(name, ahead, left=0.0, **more):
@@ -24,7 +24,7 @@ def car(name, ahead, left=0.0, **more):
 
 def seen(*vehicles, sensor=FRONT, ego=EGO):
     frame = VehicleFrame.of(vehicles)
-    return [frame.ids[k] for k in visible(sensor, ego, frame)]
+    return [frame.ids[k] for k in visible(sensor, ego, frame, 1.4)]
 
 
 def test_a_sensor_sees_within_its_range_and_its_field_of_view():
