@@ -26,6 +26,7 @@ from controllers.emergency_braking import EmergencyState
 from iits_mj.core.messages import EgoFootprint
 from iits_mj.core.progress import each
 from iits_mj.core.results import Findings, Line, Results
+from iits_mj.core.timing import TIMESTEP
 from iits_mj.core.units import KMH
 from iits_mj.road import RoadMap, Route
 from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation
@@ -64,7 +65,8 @@ _SAME = 0.1
 def run(config: ValidateConfig) -> Results:
     """Drives the regulation's tests, loads and roads, the careful driver's cases, and traffic."""
     results = Results("validate aeb")
-    base = Setup(speed=0.0, events=(), truck=config.truck)
+    step = config.timestep or TIMESTEP
+    base = Setup(speed=0.0, events=(), truck=config.truck, timestep=step)
     for payload in config.payloads()[:1] if config.quick else config.payloads():
         loaded = dataclasses.replace(base, payload=payload)
         load = f"{payload / 1e3:g}t"
@@ -328,7 +330,7 @@ def _traffic(config: ValidateConfig) -> Findings:
             aeb="on",
         )
         log = _Reactions()
-        with Simulation(setup, visuals=False) as simulation:
+        with Simulation(setup, visuals=False, timestep=config.timestep or TIMESTEP) as simulation:
             summary = simulation.run([log])
         reactions += log.count
         time += summary.duration
