@@ -15,8 +15,7 @@ from iits_mj.j1939.network import EMERGENCY_BRAKING
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, Simulation, Telemetry
 from iits_mj.simulation.lock_step import Observer
-from iits_mj.simulation.parts import make_stack
-from iits_mj.validation.aeb.drives import BlindStack
+from iits_mj.validation.aeb.drives import BlindPlanner
 from traffic_bridge import EventSim, PlaceVehicle, TrafficConfig
 
 
@@ -25,11 +24,11 @@ def blind_drive(commands="direct", aeb="on"):
     config = DriveConfig(
         traffic_mode="none", speed=60.0 * KMH, start_speed=60.0 * KMH, start_station=300.0,
         speed_planner="cruise", decision="keep", duration=9.0, aeb=aeb, commands=commands,
+        planner=BlindPlanner,
     )  # fmt: skip
     events = (PlaceVehicle(name="car", gap=70.0, relative_lane=0, speed=0.0),)
     return Simulation(
         config,
-        driver=lambda road, truck: BlindStack(make_stack(config, road, truck.parameters)),
         traffic=lambda road, footprint: EventSim(
             road, TrafficConfig(events=events, footprint=footprint)
         ),
