@@ -14,21 +14,31 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from iits_mj.core.angles import wrap_angle
 from iits_mj.core.arrays import BoolArray, FloatArray
-from iits_mj.core.checks import require_positive
 from iits_mj.core.messages import TrackedVehicle
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
 
+# Settings, our choices. Time constant of an acceleration [s]; its standard deviations along and
+# across the heading [m/s2]; gate of the squared Mahalanobis distance: 99.9 % of two degrees of
+# freedom.
+_TIME_CONSTANT, _ACCELERATION, _GATE = 2.0, (2.5, 0.5), 13.8
+# Scans with a detection before a track is reported, and those of a camera where one looks.
+_CONFIRMED, _SEEN = 3, 2
+# Time without detection after which a track ends, and one that is not confirmed [s].
+_LOST, _TENTATIVE = 0.8, 0.25
+# Share of a measured heading that a track takes over.
+_HEADING_SHARE = 0.3
 # A track this far above or below the route's surface is on another road [m].
 _OTHER_LEVEL = 3.0
-# Spread of a new track's velocity along and across its heading, and of its acceleration.
-_NEW_SPEED, _NEW_LATERAL, _NEW_ACCELERATION = 3.0, 0.7, 1.0
+# Spread of a new track's velocity along its heading, known and not, and across it [m/s], and of its
+# acceleration [m/s2].
+_NEW_SPEED, _UNKNOWN_SPEED, _NEW_LATERAL, _NEW_ACCELERATION = 3.0, 30.0, 0.7, 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,36 +63,6 @@ class Detection:
     look: TrackedVehicle
 
 
-@dataclass(frozen=True, slots=True)
-class TrackerConfig:
-    """Settings of the tracker; our choices where no source is named.
-
-    Attributes:
-      time_constant: of the acceleration [s]; a braking of seconds.
-      acceleration, lateral_acceleration: standard deviations of the acceleration along and across
-        the heading of the object [m/s2].
-      gate: greatest squared Mahalanobis distance of position and a new detection: 99.9 % of two
-        degrees of freedom.
-      confirmed: scans with a detection before a track is reported.
-      seen: of these, scans with a camera, where a camera looks at the place.
-      lost: time without detection after which a track ends [s]; tentative: of one not confirmed.
-      heading_share: of a measured heading that a track takes over.
-    """
-
-    time_constant: float = 2.0
-    acceleration: float = 2.5
-    lateral_acceleration: float = 0.5
-    gate: float = 13.8
-    confirmed: int = 3
-    seen: int = 2
-    lost: float = 0.8
-    tentative: float = 0.25
-    heading_share: float = 0.3
-
-    def __post_init__(self) -> None:
-        require_positive(self, *(each.name for each in dataclasses.fields(self)))
-
-
 @dataclass(slots=True, eq=False)
 class _Track:
     """State (6,) and its covariance (6, 6), appearance, and counts of scans."""
@@ -95,20 +75,17 @@ class _Track:
     hits: int = 1
     camera: int = 0
     confirmed: bool = False
-    counted: set[str] = field(default_factory=set)
+    counted: bool = True
 
 
 class Tracker:
     """Makes stable tracks of the detections of several sensors.
 
-    Args:
-      route: the truck's road, for station, offset and lane of the tracks.
-      config: settings.
+    The route, the truck's road, gives station, offset and lane of the tracks.
     """
 
-    def __init__(self, route: Route, config: TrackerConfig | None = None) -> None:
+    def __init__(self, route: Route) -> None:
         self.route = route
-        self.config = config or TrackerConfig()
         self.reset()
 
     def reset(self) -> None:
@@ -137,7 +114,7 @@ class Tracker:
         elapsed = 0.0 if math.isinf(self._time) else time - self._time
         for track in self._tracks:
             self._predict(track, elapsed)
-            track.counted.clear()
+            track.counted = False
         self._time = time
         for camera, detections in scans:
             self._take(time, camera, detections)
@@ -145,10 +122,10 @@ class Tracker:
         covered = np.zeros(len(places), bool) if watched is None else watched(places)
         kept: list[_Track] = []
         for track, in_view in zip(self._tracks, covered, strict=True):
-            enough = track.hits >= self.config.confirmed
-            enough &= track.camera >= self.config.seen or not in_view
+            enough = track.hits >= _CONFIRMED
+            enough &= track.camera >= _SEEN or not in_view
             track.confirmed |= enough or at_once
-            patience = self.config.lost if track.confirmed else self.config.tentative
+            patience = _LOST if track.confirmed else _TENTATIVE
             known = any(_inside(track.state, older) for older in kept if older.confirmed)
             if time - track.seen_at <= patience + 1e-9 and not known:
                 kept.append(track)
@@ -162,12 +139,11 @@ class Tracker:
     def _predict(self, track: _Track, elapsed: float) -> None:
         if elapsed <= 0.0:
             return
-        config = self.config
-        forward = transition(elapsed, config.time_constant)
+        forward = transition(elapsed)
         # Singer's noise for steps that are short against the time constant: of the acceleration.
-        kept = 1.0 - math.exp(-2.0 * elapsed / config.time_constant)
+        kept = 1.0 - math.exp(-2.0 * elapsed / _TIME_CONSTANT)
         turn = _rotation(track.look.yaw)
-        spread = np.diag([config.acceleration**2, config.lateral_acceleration**2]) * kept
+        spread = np.diag(np.square(_ACCELERATION)) * kept
         gain = np.array([elapsed**2 / 2.0, elapsed, 1.0])
         noise = np.kron(np.outer(gain, gain), turn @ spread @ turn.T)
         track.state = forward @ track.state
@@ -188,7 +164,7 @@ class Tracker:
         pairs.sort(key=lambda pair: pair[:3])
         free, used = set(range(len(detections))), set()
         for distance, name, k, track in pairs:
-            if distance > self.config.gate:
+            if distance > _GATE:
                 break
             if k in free and name not in used:
                 free.discard(k)
@@ -213,13 +189,12 @@ class Tracker:
         track.state = track.state + gain @ (value - model @ track.state)
         track.covariance = rest @ p @ rest.T + gain @ measured @ gain.T
         turned = wrap_angle(seen.look.yaw - track.look.yaw)
-        yaw = track.look.yaw + self.config.heading_share * turned
+        yaw = track.look.yaw + _HEADING_SHARE * turned
         track.look = dataclasses.replace(seen.look, yaw=yaw)
         track.seen_at = time
         track.camera += camera
-        if not track.counted:
-            track.hits += 1
-        track.counted.add("camera" if camera else "radar")
+        track.hits += not track.counted
+        track.counted = True
 
     def _begin(self, seen: Detection, time: float, camera: bool) -> None:
         """A new track that moves along its heading."""
@@ -232,24 +207,20 @@ class Tracker:
         turn = _rotation(look.yaw)
         covariance = np.zeros((6, 6))
         covariance[:2, :2] = (xx, xy), (xy, yy)
-        unknown = 30.0 if math.isnan(seen.speed) else _NEW_SPEED
-        covariance[2:4, 2:4] = turn @ np.diag([unknown**2, _NEW_LATERAL**2]) @ turn.T
+        along = _UNKNOWN_SPEED if math.isnan(seen.speed) else _NEW_SPEED
+        covariance[2:4, 2:4] = turn @ np.diag([along**2, _NEW_LATERAL**2]) @ turn.T
         covariance[4:, 4:] = np.eye(2) * _NEW_ACCELERATION**2
         state = np.array([seen.x, seen.y, *velocity, 0.0, 0.0])
         self._made += 1
         name = f"track{self._made:06d}"
-        track = _Track(name, state, covariance, look, time, camera=int(camera))
-        track.counted.add("camera" if camera else "radar")
-        self._tracks.append(track)
+        self._tracks.append(_Track(name, state, covariance, look, time, camera=int(camera)))
 
     def _vehicle(self, track: _Track, ahead: float) -> TrackedVehicle:
-        x, y, vx, vy, ax, ay = transition(ahead, self.config.time_constant) @ track.state
+        x, y, vx, vy, ax, ay = transition(ahead) @ track.state
         look, route = track.look, self.route
         station, offset = route.locate(x, y, look.station)
         road = route.evaluate(station, offset)
         lane = route.lane_at(station, offset)
-        if abs(look.z - float(road.z)) > _OTHER_LEVEL:
-            lane = -1
         forward, left = math.cos(look.yaw), math.sin(look.yaw)
         heading = float(road.heading)
         return dataclasses.replace(
@@ -262,7 +233,7 @@ class Tracker:
             lateral_speed=float(vy * math.cos(heading) - vx * math.sin(heading)),
             station=float(station),
             offset=float(offset),
-            lane=lane,
+            lane=lane if abs(look.z - float(road.z)) <= _OTHER_LEVEL else -1,
             yaw_rate=0.0,
         )
 
@@ -275,17 +246,12 @@ def _inside(place: FloatArray, track: _Track) -> bool:
     return bool(abs(along) < 0.5 * look.length and abs(across) < 0.5 * look.width)
 
 
-def transition(elapsed: float, time_constant: float) -> FloatArray:
+def transition(elapsed: float) -> FloatArray:
     """Matrix that advances a state by a time [s], shape (6, 6); Singer's, equation 12."""
-    t = time_constant
+    t = _TIME_CONSTANT
     fade = math.exp(-elapsed / t)
-    matrix = np.array(
-        [
-            [1.0, elapsed, t * t * (elapsed / t - 1.0 + fade)],
-            [0.0, 1.0, t * (1.0 - fade)],
-            [0.0, 0.0, fade],
-        ]
-    )
+    speed, place = t * (1.0 - fade), t * t * (elapsed / t - 1.0 + fade)
+    matrix = np.array([[1.0, elapsed, place], [0.0, 1.0, speed], [0.0, 0.0, fade]])
     return np.kron(matrix, np.eye(2))
 
 

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.perception import Detection, Tracker
+from controllers.perception.tracker import Detection, Tracker
 from iits_mj.core.angles import wrap_angles
 from iits_mj.core.arrays import BoolArray, FloatArray, IndexArray
 from iits_mj.core.checks import in_range, require_positive

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from controllers.perception import Detection, Tracker, TrackerConfig
-from iits_mj.core.errors import InputError
+from controllers.perception.tracker import Detection, Tracker
 from iits_mj.core.messages import TrackedVehicle
 from iits_mj.road import Route
 
@@ -100,8 +99,3 @@ def test_a_track_is_predicted_to_the_present():
     for k in range(30):
         tracker.update(0.1 * k, [(False, [seen(100.0 + 2.0 * k, 0.0, 20.0)])])
     assert tracker.vehicles(3.1)[0].x == pytest.approx(100.0 + 62.0, abs=0.1)
-
-
-def test_settings_must_be_positive():
-    with pytest.raises(InputError, match=r"lost .*-1"):
-        TrackerConfig(lost=-1.0)
