@@ -128,8 +128,9 @@ class Simulation(LockStep):
         )
         self.perception: Perception | None = None
         if config.sensors in SUITES:
-            suite = SUITES[config.sensors]
-            self.perception = Perception(suite, self.route, truck.footprint, config.seed)
+            self.perception = Perception(
+                SUITES[config.sensors], self.route, truck.footprint, config.seed
+            )
         guard: EmergencyBraking | None = None
         if config.aeb == "on":
             # A driver knows a wet road from the wipers: so does the emergency braking.

@@ -21,6 +21,7 @@ import dataclasses
 import functools
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,7 +39,7 @@ _SHOWS = 0.25
 _RAYS = 9
 # Standard deviation of a measured heading [rad].
 _HEADING_SIGMA = math.radians(1.0)
-_PERFECT = "perfect"
+LATENCY = 0.1  # from a scan to its tracks [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,17 +77,6 @@ class Sensor:
         in_range("Sensor: detection", self.detection, 0.0, 1.0)
 
 
-@dataclass(frozen=True, slots=True)
-class SensorSuite:
-    """The sensors of a truck; latency: from a scan to its tracks [s]."""
-
-    sensors: tuple[Sensor, ...]
-    latency: float = 0.1
-
-    def __post_init__(self) -> None:
-        in_range("SensorSuite: latency", self.latency, 0.0, 1.0)
-
-
 _LONG_RANGE = Sensor(0.0, 0.0, 0.0, 250.0, math.radians(15.0), 0.4, math.radians(0.3), ghosts=0.1)
 _SHORT_RANGE = Sensor(0.0, 0.0, 0.0, 100.0, math.radians(60.0), 0.1, math.radians(1.0), ghosts=0.1)
 _CAMERA = Sensor(
@@ -108,16 +98,13 @@ _SIDES = tuple(
 )
 _FRONT = (_LONG_RANGE, _SHORT_RANGE, _CAMERA)
 # By the option `sensors` of a drive.
-SUITES = {
-    "front": SensorSuite(_FRONT),
-    "surround": SensorSuite((*_FRONT, *_SIDES)),
-}
-CHOICES = (_PERFECT, *SUITES)
+SUITES = {"front": _FRONT, "surround": (*_FRONT, *_SIDES)}
+CHOICES = ("perfect", *SUITES)
 
 
 @dataclass(slots=True)
 class _Ghost:
-    """A ghost: place and velocity in the map [m], [m/s], and its end [s]."""
+    """Place, velocity and end of a ghost in the map [m], [m/s], [s]."""
 
     place: FloatArray
     velocity: FloatArray
@@ -128,19 +115,17 @@ class Perception:
     """The sensors of a truck and its tracker.
 
     Args:
-      suite: the sensors.
+      sensors: of the truck.
       route: the truck's road.
       footprint: of the truck.
       seed: of noise, drop-outs and ghosts.
     """
 
     def __init__(
-        self, suite: SensorSuite, route: Route, footprint: EgoFootprint, seed: int
+        self, sensors: Sequence[Sensor], route: Route, footprint: EgoFootprint, seed: int
     ) -> None:
-        self.suite, self._seed = suite, seed
-        self._front = footprint.front_overhang
+        self.sensors, self._seed, self._front = tuple(sensors), seed, footprint.front_overhang
         self.tracker = Tracker(route)
-        self._cameras = [sensor for sensor in suite.sensors if sensor.camera]
         self.reset()
 
     def reset(self) -> None:
@@ -148,7 +133,7 @@ class Perception:
         self._random = np.random.default_rng([self._seed, 77])
         self.tracker.reset()
         self._late: deque[tuple[EgoState, list[tuple[bool, list[Detection]]]]] = deque()
-        self._ghosts: list[list[_Ghost]] = [[] for _ in self.suite.sensors]
+        self._ghosts: list[list[_Ghost]] = [[] for _ in self.sensors]
         self._last: float | None = None
 
     def see(self, ego: EgoState, vehicles: VehicleFrame) -> VehicleFrame:
@@ -162,12 +147,10 @@ class Perception:
         self._last = ego.time
         scans = [
             (sensor.camera, self._scan(sensor, ghosts, ego, vehicles, elapsed))
-            for sensor, ghosts in zip(self.suite.sensors, self._ghosts, strict=True)
+            for sensor, ghosts in zip(self.sensors, self._ghosts, strict=True)
         ]
         self._late.append((ego, scans))
-        while self._late and (
-            first or self._late[0][0].time <= ego.time - self.suite.latency + 1e-6
-        ):
+        while self._late and (first or self._late[0][0].time <= ego.time - LATENCY + 1e-6):
             seen_from, arrived = self._late.popleft()
             watched = functools.partial(self._watched, seen_from)
             self.tracker.update(seen_from.time, arrived, watched, at_once=first)
@@ -176,7 +159,7 @@ class Perception:
     def _watched(self, ego: EgoState, places: FloatArray) -> BoolArray:
         """Which places (n, 2) a camera covers."""
         covered = np.zeros(len(places), bool)
-        for sensor in self._cameras:
+        for sensor in (each for each in self.sensors if each.camera):
             dx, dy = places.T - np.array(_mount(sensor, ego, self._front))[:, None]
             bearing = wrap_angles(np.arctan2(dy, dx) - ego.yaw - sensor.direction)
             near = np.hypot(dx, dy) <= sensor.reach
@@ -192,58 +175,49 @@ class Perception:
         elapsed: float,
     ) -> list[Detection]:
         random, (x, y) = self._random, _mount(sensor, ego, self._front)
-        shown = (
-            visible(sensor, ego, vehicles, self._front)
-            if len(vehicles)
-            else np.zeros(0, dtype=np.intp)
-        )
+        shown = visible(sensor, ego, vehicles, self._front)
         found = []
         for index in shown[random.random(len(shown)) < sensor.detection]:
             look = vehicles[int(index)]
-            velocity = look.speed * math.cos(look.yaw), look.speed * math.sin(look.yaw)
-            found.append(self._measure(sensor, look, (look.x - x, look.y - y), velocity, (x, y)))
+            velocity = look.speed * _unit(look.yaw)
+            found.append(self._measure(sensor, look, look.x - x, look.y - y, velocity, x, y))
         if sensor.ghosts > 0.0:
             self._haunt(sensor, ghosts, ego, elapsed)
         for ghost in ghosts:
             # A ghost has the heading of the truck's road, as far as a radar can tell.
-            look = TrackedVehicle("", z=ego.z, yaw=ego.yaw, station=ego.station)
-            off = ghost.place - (x, y)
-            velocity = float(ghost.velocity[0]), float(ghost.velocity[1])
-            found.append(
-                self._measure(sensor, look, (float(off[0]), float(off[1])), velocity, (x, y))
-            )
+            look, (dx, dy) = _ghost_look(ego), (ghost.place - (x, y)).tolist()
+            found.append(self._measure(sensor, look, dx, dy, ghost.velocity, x, y))
         return found
 
     def _measure(
         self,
         sensor: Sensor,
         look: TrackedVehicle,
-        off: tuple[float, float],
-        velocity: tuple[float, float],
-        mount: tuple[float, float],
+        dx: float,
+        dy: float,
+        velocity: FloatArray,
+        x: float,
+        y: float,
     ) -> Detection:
-        """A noisy detection of an object at `off` from the sensor."""
-        noise = self._random.normal(size=4)
-        true_range = math.hypot(*off)
+        """A noisy detection of an object at (dx, dy) from the sensor at (x, y)."""
+        noise = self._random.normal(size=4).tolist()
+        true_range = math.hypot(dx, dy)
         spread = sensor.range_sigma + sensor.range_share * true_range
         reach = max(true_range + spread * noise[0], 0.1)
-        bearing = math.atan2(off[1], off[0]) + sensor.bearing_sigma * noise[1]
+        bearing = math.atan2(dy, dx) + sensor.bearing_sigma * noise[1]
         ux, uy = math.cos(bearing), math.sin(bearing)
         along, across = spread**2, (reach * sensor.bearing_sigma) ** 2
-        speed = math.nan
-        if not sensor.camera:
-            speed = (velocity[0] * off[0] + velocity[1] * off[1]) / max(true_range, 0.1)
-            speed += sensor.speed_sigma * noise[2]
+        speed = float(velocity @ (dx, dy)) / max(true_range, 0.1) + sensor.speed_sigma * noise[2]
         return Detection(
-            x=mount[0] + reach * ux,
-            y=mount[1] + reach * uy,
+            x=x + reach * ux,
+            y=y + reach * uy,
             covariance=(
                 along * ux * ux + across * uy * uy,
                 (along - across) * ux * uy,
                 along * uy * uy + across * ux * ux,
             ),
             sight=(ux, uy),
-            speed=float(speed),
+            speed=math.nan if sensor.camera else speed,
             speed_sigma=sensor.speed_sigma,
             look=dataclasses.replace(look, yaw=look.yaw + _HEADING_SIGMA * noise[3]),
         )
@@ -298,6 +272,10 @@ def visible(sensor: Sensor, ego: EgoState, vehicles: VehicleFrame, front: float)
     ).any(axis=2)
     shows = (in_view & ~hidden).mean(axis=0) >= _SHOWS
     return near[shows & (nearest <= sensor.reach)]
+
+
+def _ghost_look(ego: EgoState) -> TrackedVehicle:
+    return TrackedVehicle("", z=ego.z, yaw=ego.yaw, station=ego.station)
 
 
 def _mount(sensor: Sensor, ego: EgoState, front: float) -> tuple[float, float]:

@@ -27,7 +27,7 @@ from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation
 from iits_mj.simulation.lock_step import LockStep
-from iits_mj.simulation.sensors import Perception, SensorSuite
+from iits_mj.simulation.sensors import Perception, Sensor
 from traffic_bridge import EventSim, TrafficConfig
 from traffic_bridge.scenario.actions import SceneEvent
 
@@ -187,7 +187,7 @@ def drive(
     route: Route | None = None,
     *,
     guard: CarefulDriver | None = None,
-    suite: SensorSuite | None = None,
+    sensors: Sequence[Sensor] = (),
     timestep: float = TIMESTEP,
 ) -> Drive:
     """Drives until the truck stands, touches a target or the time is over.
@@ -197,7 +197,7 @@ def drive(
       events: place and lead the targets.
       route: default: `straight`.
       guard: in place of the emergency braking, with perfect sight.
-      suite: other sensors.
+      sensors: in place of those of `config`.
       timestep: of the physics [s].
     """
     if guard is not None:
@@ -211,9 +211,9 @@ def drive(
         visuals=False,
         timestep=timestep,
     ) as simulation:
-        if suite is not None:
+        if sensors:
             size = simulation.truck.footprint
-            simulation.perception = Perception(suite, simulation.route, size, config.seed)
+            simulation.perception = Perception(sensors, simulation.route, size, config.seed)
         if guard is not None:
             simulation.guard = guard
             guard.observe(simulation.scene)

@@ -189,10 +189,9 @@ def false_reactions(config: DriveConfig, step: float, quick: bool) -> Findings:
     found.check(f"cars {CLEAR:g} m apart at 50 km/h: reactions", reacted, "1", 0.0, "== 0")
     many = tuple(
         dataclasses.replace(sensor, ghosts=0.0 if sensor.camera else 5.0, ghost_life=2.0)
-        for sensor in SUITES["front"].sensors
+        for sensor in SUITES["front"]
     )
-    noisy = dataclasses.replace(SUITES["front"], sensors=many)
-    ghosts = drive(at(config, 80.0, 8.0 if quick else 90.0), suite=noisy, timestep=step)
+    ghosts = drive(at(config, 80.0, 8.0 if quick else 90.0), sensors=many, timestep=step)
     found.check("ghosts of the radars, 10 per s and 2 s long", ghosts.reacted, "1", 0.0, "== 0")
     if quick:
         return found
