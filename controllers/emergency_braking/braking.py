@@ -13,17 +13,15 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 
 from controllers.emergency_braking.threat import (
     Target,
-    WayConfig,
     find_targets,
     moved,
     required_deceleration,
     time_to_collision,
 )
-from iits_mj.core.checks import in_range, require_positive
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Scene, VehicleCommand, XbrMode
 from iits_mj.core.units import GRAVITY
@@ -33,6 +31,26 @@ from iits_mj.road.elements import DEFAULT_FRICTION
 
 # Braking of at least this is emergency braking, UN R131, 2.4 [m/s2].
 EMERGENCY_DEMAND = 4.0
+# Share of the possible deceleration from which a needed one starts emergency braking; share of it
+# below which a stage ends, and above which partial braking becomes emergency braking in time.
+_SHARE, _RELEASE = 0.8, 0.7
+# Times from the warning and from the partial braking to the emergency braking [s]; UN R131 (01
+# series) asks for 1.4 s and 0.8 s. Deceleration of the partial braking [m/s2], on a slippery road
+# half of what would start emergency braking.
+_WARNING_TIME, _PARTIAL_TIME, _PARTIAL_DEMAND = 1.6, 0.9, 2.5
+# Demanded over needed deceleration, and greatest demand [m/s2].
+_EXCESS, _DEMAND_MAX = 1.25, 9.0
+# Distance to leave [m].
+_MARGIN = 1.0
+# Delay that gives the same distance as the brakes' build-up, 0.2 to 0.35 s on the truck [s]; share
+# of the friction that they use, 0.94 measured with ABS.
+_LAG, _ADHESION = 0.35, 0.92
+# Least speed at which a stage begins [m/s]; UN R131 (02 series) asks for 10 km/h or less.
+_SPEED_MIN = 5.0 / 3.6
+# Shortest warning; braking without a target; holding after a standstill [s].
+_LEAST, _LOST, _HOLD = 0.5, 0.5, 1.5
+# A driver's kick-down, 0 to 1, and turn of the steering wheel that override [rad/s].
+_KICK_DOWN, _STEERING_RATE = 0.95, 4.0
 # Below this speed a yaw rate has no meaning as a curvature [m/s].
 _TURNING = 2.0
 
@@ -46,66 +64,6 @@ class EmergencyState(enum.Enum):
     PARTIAL = "partial braking"
     BRAKING = "emergency braking"
     OVERRIDDEN = "overridden"
-
-
-@dataclass(frozen=True, slots=True)
-class EmergencyBrakingConfig:
-    """Settings of the emergency braking.
-
-    Attributes:
-      share: of the possible deceleration, from which a needed one starts emergency braking.
-      warning_time: from warning to emergency braking at least [s]; UN R131 (01): 1.4 s.
-      partial_time: from partial to emergency braking [s].
-      partial_demand: deceleration of the partial braking [m/s2], less than emergency braking; on a
-        slippery road half of what would start emergency braking.
-      release: share of `share` below which a stage ends, and above which a partial braking is
-        followed by an emergency braking after `partial_time`.
-      excess: demanded over needed deceleration; the demand is at least 4 m/s2.
-      demand_max: greatest demand [m/s2].
-      margin: distance to leave [m].
-      lag: of the brakes: the delay that gives the same distance as their build-up [s]; 0.2 to
-        0.35 s on the truck here.
-      adhesion: share of the friction that the brakes use; 0.94 measured with ABS.
-      speed_min: least speed at which a stage begins [m/s]; UN R131 (02) asks for 10 km/h or less.
-      least: shortest duration of a warning [s].
-      lost: time for which braking goes on without a target [s].
-      hold: time for which the brakes hold after a standstill [s].
-      human: a driver drives: a kick-down, or a fast turn of the steering wheel, overrides.
-      kick_down: accelerator of a kick-down, 0 to 1; steering_rate: of the override [rad/s].
-      way: which objects count.
-    """
-
-    share: float = 0.8
-    warning_time: float = 1.6
-    partial_time: float = 0.9
-    partial_demand: float = 2.5
-    release: float = 0.7
-    excess: float = 1.25
-    demand_max: float = 9.0
-    margin: float = 1.0
-    lag: float = 0.35
-    adhesion: float = 0.92
-    speed_min: float = 5.0 / 3.6
-    least: float = 0.5
-    lost: float = 0.5
-    hold: float = 1.5
-    human: bool = False
-    kick_down: float = 0.95
-    steering_rate: float = 4.0
-    way: WayConfig = field(default_factory=WayConfig)
-
-    def __post_init__(self) -> None:
-        names = [f.name for f in fields(self) if f.name not in ("human", "way", "margin")]
-        require_positive(self, *names)
-        require_positive(self, "margin", zero=True)
-        name = "EmergencyBrakingConfig: "
-        for share in ("share", "release", "adhesion", "kick_down"):
-            in_range(name + share, getattr(self, share), 0.0, 1.0)
-        in_range(name + "demand_max", self.demand_max, EMERGENCY_DEMAND, 10.0, "m/s2")
-        in_range(name + "partial_demand", self.partial_demand, 0.0, EMERGENCY_DEMAND, "m/s2")
-        in_range(name + "warning_time", self.warning_time, self.partial_time, 5.0, "s")
-        if not isinstance(self.human, bool):
-            raise InputError(f"{name}human = {self.human!r}: allowed is True or False")
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +90,7 @@ class EmergencyBraking:
       parameters: of the truck.
       friction: returns the coefficient of friction as far as it is known, by the truck's state;
         default: a dry road.
-      config: settings.
+      human: a driver drives, who overrides it by a kick-down or a fast turn of the wheel.
 
     Attributes:
       report: the last one.
@@ -142,9 +100,12 @@ class EmergencyBraking:
         self,
         parameters: TruckParameters,
         friction: Callable[[EgoState], float] | None = None,
-        config: EmergencyBrakingConfig | None = None,
+        *,
+        human: bool = False,
     ) -> None:
-        self.config = config or EmergencyBrakingConfig()
+        if not isinstance(human, bool):
+            raise InputError(f"human = {human!r}: allowed is True or False")
+        self.human = human
         self._friction = friction or (lambda _: DEFAULT_FRICTION)
         pressure = parameters.air_brake.pressure_max
         # Force of all wheel brakes at full pressure [N].
@@ -174,7 +135,7 @@ class EmergencyBraking:
 
     def possible(self, ego: EgoState) -> float:
         """Returns the deceleration that the brakes can give now [m/s2], at least 0.5."""
-        grip = self.config.adhesion * self._friction(ego) * GRAVITY
+        grip = _ADHESION * self._friction(ego) * GRAVITY
         force = min(grip, self._force / max(ego.mass, 1.0))
         return max(force + GRAVITY * self._slope, 0.5)
 
@@ -213,79 +174,73 @@ class EmergencyBraking:
 
     def _stage(self, ego: EgoState) -> tuple[EmergencyState, Target | None, float]:
         """The stage, its target and the deceleration that avoids it [m/s2]."""
-        now, config, was = EmergencyState, self.config, self.report.state
+        now, was = EmergencyState, self.report.state
         if self._scene is None:
             return now.OFF, None, 0.0
         lasted = ego.time - self._since
         if was is now.BRAKING and ego.speed < 0.3:
             return now.BRAKING if self._held(ego) else now.OFF, None, 0.0
         age = max(ego.time - self._scene.time, 0.0)
-        found = find_targets(
-            ego, self._vehicles, age, self._scene.footprint, self._curvature, config.way
-        )
-        limit = config.share * self.possible(ego)
-        rows = [(self._needed(ego, t, 0.0), t) for t in found]
-        needed, target = max(rows, key=lambda row: row[0], default=(0.0, None))
+        found = find_targets(ego, self._vehicles, age, self._scene.footprint, self._curvature)
+        limit = _SHARE * self.possible(ego)
+        needed, target = self._worst(ego, found, 0.0)
         active = was in (now.WARNING, now.PARTIAL, now.BRAKING, now.OVERRIDDEN)
-        if ego.speed < config.speed_min and not active:
+        if ego.speed < _SPEED_MIN and not active:
             return now.OFF, target, needed
         if was is now.BRAKING:
             # To the end: a truck that stopped braking short of its target could still reach it.
             if needed > 0.0:
                 self._threat_at = ego.time
-            if ego.time - self._threat_at < config.lost:
+            if ego.time - self._threat_at < _LOST:
                 return now.BRAKING, target, needed
-        partly = was is now.PARTIAL and lasted >= config.partial_time - 1e-6
-        if needed >= limit * (config.release if partly else 1.0):
+        partly = was is now.PARTIAL and lasted >= _PARTIAL_TIME - 1e-6
+        if needed >= limit * (_RELEASE if partly else 1.0):
             self._threat_at = ego.time
             return now.BRAKING, target, needed
-        for state, ahead in (
-            (now.PARTIAL, config.partial_time),
-            (now.WARNING, config.warning_time),
-        ):
+        for state, ahead in ((now.PARTIAL, _PARTIAL_TIME), (now.WARNING, _WARNING_TIME)):
             going = was is state or (was is now.PARTIAL and state is now.WARNING)
-            bound = limit * (config.release if going else 1.0)
-            soon, at = max(
-                ((self._needed(ego, t, ahead), t) for t in found),
-                key=lambda row: row[0],
-                default=(0.0, None),
-            )
+            bound = limit * (_RELEASE if going else 1.0)
+            soon, at = self._worst(ego, found, ahead)
             if soon >= bound:
                 return state, at, needed
-        if was in (now.WARNING, now.PARTIAL) and lasted < config.least:
+        if was in (now.WARNING, now.PARTIAL) and lasted < _LEAST:
             return was, target, needed
         return now.STANDBY, target, needed
 
-    def _needed(self, ego: EgoState, target: Target, ahead: float) -> float:
-        """Deceleration that avoids a target if the brakes are applied `ahead` [s] later [m/s2]."""
+    def _worst(
+        self, ego: EgoState, found: list[Target], ahead: float
+    ) -> tuple[float, Target | None]:
+        """Deceleration needed if the brakes are applied `ahead` [s] later, and its target."""
         # Braking of the driver counts, the function's own does not.
         slowing = min(ego.acceleration, 0.0) if self.report.demand == 0.0 or not ahead else 0.0
-        wait = ahead + self.config.lag
+        wait = ahead + _LAG
         _, speed = moved(ego.speed, slowing, wait)
-        return required_deceleration(
-            target.after(wait, ego.speed, slowing), speed, self.config.margin
-        )
+        needs = [
+            required_deceleration(t.after(wait, ego.speed, slowing), speed, _MARGIN) for t in found
+        ]
+        most = max(needs, default=0.0)
+        return most, found[needs.index(most)] if needs else None
 
     def _held(self, ego: EgoState) -> bool:
         if ego.speed > 0.1:
             self._threat_at = ego.time
-        return ego.time - self._threat_at < self.config.hold
+        return ego.time - self._threat_at < _HOLD
 
     def _strength(self, ego: EgoState, state: EmergencyState, needed: float) -> float:
         """Demanded deceleration of a stage [m/s2]."""
         if state is EmergencyState.PARTIAL:
-            return min(self.config.partial_demand, 0.5 * self.config.share * self.possible(ego))
+            return min(_PARTIAL_DEMAND, 0.5 * _SHARE * self.possible(ego))
         if state is not EmergencyState.BRAKING:
             return 0.0
-        wanted = self.config.excess * needed
-        return min(max(wanted, EMERGENCY_DEMAND), self.config.demand_max)
+        wanted = _EXCESS * needed
+        return min(max(wanted, EMERGENCY_DEMAND), _DEMAND_MAX)
 
     def _overrides(self, wanted: VehicleCommand) -> bool:
         """Whether a human driver acts so as to take over, or has and the threat lasts."""
-        if not self.config.human:
+        if not self.human:
             return False
         turned = 0.0 if self._wheel is None else abs(wanted.steering_wheel_angle - self._wheel)
-        kicked = wanted.accelerator_pedal >= self.config.kick_down > self._pedal
+        kicked = wanted.accelerator_pedal >= _KICK_DOWN > self._pedal
         self._wheel, self._pedal = wanted.steering_wheel_angle, wanted.accelerator_pedal
         still = self.report.state is EmergencyState.OVERRIDDEN
-        return still or kicked or turned / 0.02 > self.config.steering_rate
+        return still or kicked or turned / 0.02 > _STEERING_RATE

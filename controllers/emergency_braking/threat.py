@@ -16,32 +16,18 @@ from iits_mj.core.messages import EgoFootprint, EgoState
 from iits_mj.core.neighbors import LEVEL_OVER_TRUCK
 from iits_mj.core.vehicles import VehicleFrame
 
-# Kinds that cross the way: their motion across it is believed for longer.
-_CROSSING = ("pedestrian", "bicycle")
-
-
-@dataclass(frozen=True, slots=True)
-class WayConfig:
-    """Which objects count as in the way; our choices.
-
-    Attributes:
-      intrusion: least overlap of the widths [m]; smaller ones are within the error of a track.
-      horizon: longest prediction of an object's motion across the way [s]; a driver who changes
-        lanes can still stop doing so.
-      crossing_horizon: the same of pedestrians and cyclists [s].
-      reach: longest distance as a time at the truck's speed [s].
-      oncoming: objects that come nearer at more than this speed do not count [m/s]: the function
-        is for vehicles ahead that are slower or stand.
-      acceleration_error: decelerations of an object below this are not believed, and greater ones
-        count less by it [m/s2]: the error of a track.
-    """
-
-    intrusion: float = 0.25
-    horizon: float = 1.0
-    crossing_horizon: float = 2.5
-    reach: float = 8.0
-    oncoming: float = 1.0
-    acceleration_error: float = 0.5
+# Least overlap of the widths [m]: smaller ones are within the error of a track.
+_INTRUSION = 0.25
+# Longest prediction of an object's motion across the way, as a lane change can still be given up,
+# and of those that cross it [s].
+_HORIZON, _CROSSING_HORIZON, _CROSSING = 1.0, 2.5, ("pedestrian", "bicycle")
+# Reach as a time at the truck's speed [s].
+_REACH = 8.0
+# Objects that come nearer at more than this speed do not count [m/s]: the function is for vehicles
+# ahead that are slower or stand.
+_ONCOMING = 1.0
+# Of an object's deceleration, what is within the error of a track [m/s2].
+_ACCELERATION_ERROR = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +104,6 @@ def find_targets(
     age: float,
     footprint: EgoFootprint,
     curvature: float,
-    config: WayConfig,
 ) -> list[Target]:
     """Returns the objects in the truck's way, in the order of the frame.
 
@@ -128,7 +113,6 @@ def find_targets(
       age: [s].
       footprint: of the truck.
       curvature: of the way [1/m], positive to the left.
-      config: settings.
     """
     if not len(vehicles):
         return []
@@ -139,7 +123,7 @@ def find_targets(
     forward, left = math.cos(ego.yaw), math.sin(ego.yaw)
     ahead, aside = dx * forward + dy * left, dy * forward - dx * left
     near = (ahead > footprint.front_overhang) & (
-        ahead < footprint.front_overhang + config.reach * max(ego.speed, 1.0) + 10.0
+        ahead < footprint.front_overhang + _REACH * max(ego.speed, 1.0) + 10.0
     )
     near &= np.abs(z - ego.z + math.tan(ego.pitch) * ahead) < LEVEL_OVER_TRUCK
     chosen = np.flatnonzero(near)
@@ -156,15 +140,15 @@ def find_targets(
     gap = along - half_length - footprint.front_overhang
     own, slowing = (
         speed * cosine,
-        np.minimum(acceleration * cosine + config.acceleration_error, 0.0),
+        np.minimum(acceleration * cosine + _ACCELERATION_ERROR, 0.0),
     )
     closing = ego.speed - own
     contact = np.where(closing > 0.0, np.maximum(gap, 0.0) / np.maximum(closing, 1e-6), np.inf)
     crossing = np.array([vehicles.kinds[k] in _CROSSING for k in chosen])
-    horizon = np.where(crossing, config.crossing_horizon, config.horizon)
+    horizon = np.where(crossing, _CROSSING_HORIZON, _HORIZON)
     later = offset + across * np.minimum(contact, horizon)
-    inside = np.abs(later) < half_width + 0.5 * footprint.width - config.intrusion
-    inside &= own > -config.oncoming
+    inside = np.abs(later) < half_width + 0.5 * footprint.width - _INTRUSION
+    inside &= own > -_ONCOMING
     return [
         Target(vehicles.ids[chosen[k]], float(gap[k]), max(float(own[k]), 0.0), float(slowing[k]))
         for k in np.flatnonzero(inside)

@@ -8,12 +8,10 @@ import pytest
 
 from controllers.emergency_braking import (
     EmergencyBraking,
-    EmergencyBrakingConfig,
     EmergencyState,
 )
 from controllers.emergency_braking.threat import (
     Target,
-    WayConfig,
     along_arc,
     find_targets,
     required_deceleration,
@@ -43,14 +41,14 @@ def car(ahead, left=0.0, speed=0.0, **more):
 def targets(*vehicles, curvature=0.0, **ego):
     state = EgoState(**{"speed": SPEED, **ego})
     frame = VehicleFrame.of(vehicles)
-    return find_targets(state, frame, 0.0, FOOTPRINT, curvature, WayConfig())
+    return find_targets(state, frame, 0.0, FOOTPRINT, curvature)
 
 
 class Approach:
     """A truck that comes nearer to a car, brakes as it is told, and logs the stages."""
 
-    def __init__(self, gap, speed=SPEED, car_speed=0.0, config=None, friction=0.8, **parts):
-        self.guard = EmergencyBraking(TRUCK, lambda _: friction, config)
+    def __init__(self, gap, speed=SPEED, car_speed=0.0, human=False, friction=0.8, **parts):
+        self.guard = EmergencyBraking(TRUCK, lambda _: friction, human=human)
         self.gap, self.speed, self.car_speed, self.time = gap, speed, car_speed, 0.0
         self.deceleration, self.log = 0.0, []
         self.mu, self.parts = friction, parts
@@ -205,7 +203,7 @@ def test_a_kick_down_overrides_only_if_a_driver_drives():
     def kick(time):
         return VehicleCommand(accelerator_pedal=1.0 if time > 4.5 else 0.3)
 
-    human = Approach(150.0, config=EmergencyBrakingConfig(human=True)).run(15.0, kick)
+    human = Approach(150.0, human=True).run(15.0, kick)
     assert human.first(EmergencyState.OVERRIDDEN) == pytest.approx(4.52, abs=0.03)
     assert human.gap <= 0.0
     stack = Approach(150.0).run(15.0, kick)
@@ -217,7 +215,7 @@ def test_a_fast_turn_of_the_wheel_overrides_too():
     def turn(time):
         return VehicleCommand(steering_wheel_angle=6.0 * max(time - 4.5, 0.0))
 
-    drive = Approach(150.0, config=EmergencyBrakingConfig(human=True)).run(15.0, turn)
+    drive = Approach(150.0, human=True).run(15.0, turn)
     assert drive.first(EmergencyState.OVERRIDDEN) < 4.6
 
 
@@ -229,10 +227,6 @@ def test_weak_brakes_brake_sooner():
     assert heavy < 0.5 * light
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("share", 1.5), ("demand_max", 2.0), ("warning_time", 0.5), ("lag", math.nan), ("human", 1)],
-)
-def test_wrong_settings_are_refused_by_name(name, value):
-    with pytest.raises(InputError, match=name):
-        EmergencyBrakingConfig(**{name: value})
+def test_a_driver_is_there_or_not():
+    with pytest.raises(InputError, match="human"):
+        EmergencyBraking(TRUCK, human="yes")
