@@ -116,8 +116,8 @@ class AebFigures:
 
     def to_text(self) -> str:
         """Returns the figures in words."""
-        counts = (self.warnings, self.partial_brakings, self.brakings)
-        return "{} warnings, {} partial brakings, {} emergency brakings".format(*counts)
+        partly, fully = self.partial_brakings, self.brakings
+        return f"{self.warnings} warnings, {partly} partial brakings, {fully} emergency brakings"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
