@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from controllers.emergency_braking import EmergencyReport, EmergencyState
@@ -297,7 +297,7 @@ class SummaryBuilder:
             traffic=self.traffic.flow,
             warnings=warnings,
             unsure_decisions=unsure_decisions,
-            aeb=self.aeb,
+            aeb=None if self.aeb is None else replace(self.aeb),
         )
 
 
