@@ -24,6 +24,7 @@ from controllers.emergency_braking.threat import (
 )
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Scene, VehicleCommand, XbrMode
+from iits_mj.core.timing import CONTROL_PERIOD
 from iits_mj.core.units import GRAVITY
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.parameters import TruckParameters
@@ -160,7 +161,7 @@ class EmergencyBraking:
             "" if target is None else target.id,
             math.inf if target is None else time_to_collision(target, ego.speed),
             needed,
-            -strength,
+            0.0 - strength,  # without a negative zero
         )
         return min(-strength, other) if strength > 0.0 else 0.0
 
@@ -232,8 +233,7 @@ class EmergencyBraking:
             return min(_PARTIAL_DEMAND, 0.5 * _SHARE * self.possible(ego))
         if state is not EmergencyState.BRAKING:
             return 0.0
-        wanted = _EXCESS * needed
-        return min(max(wanted, EMERGENCY_DEMAND), _DEMAND_MAX)
+        return min(max(_EXCESS * needed, EMERGENCY_DEMAND), _DEMAND_MAX)
 
     def _overrides(self, wanted: VehicleCommand) -> bool:
         """Whether a human driver acts so as to take over, or has and the threat lasts."""
@@ -243,4 +243,4 @@ class EmergencyBraking:
         kicked = wanted.accelerator_pedal >= _KICK_DOWN > self._pedal
         self._wheel, self._pedal = wanted.steering_wheel_angle, wanted.accelerator_pedal
         still = self.report.state is EmergencyState.OVERRIDDEN
-        return still or kicked or turned / 0.02 > _STEERING_RATE
+        return still or kicked or turned > _STEERING_RATE * CONTROL_PERIOD
