@@ -316,7 +316,9 @@ def _drive(job: Job) -> tuple[Outcome, bool]:
     if receiver is not None and not receiver.accepted["IITS_COMMAND"]:
         print(f"iits-mj: {UNSTEERED}", file=sys.stderr)
         notes += (UNSTEERED,)
-    for unit, senders in receiver.senders.items() if receiver is not None else ():
+    # In a drive of the stack the second sender of XBR is the emergency braking.
+    heard = receiver if isinstance(simulation.driver, LogDriver) else None
+    for unit, senders in heard.senders.items() if heard is not None else ():
         if len(senders) > 1:
             named = ", ".join(f"0x{address:02X}" for address in senders)
             text = f"{unit} was obeyed from several senders ({named}): --source selects one."

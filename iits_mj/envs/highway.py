@@ -183,6 +183,8 @@ class HighwayEnv(DecisionEnv):
       standardized: whether the observation is standardized.
       plant: model of the truck's motion; see `iits_mj.Truck.load`. For a planar one, `info` has the
         limits of its validity that the episode has exceeded as `left_range`.
+      aeb: whether emergency braking guards the truck; its stage is in `info` as `aeb`.
+      sensors: what the truck knows of the traffic, see `DriveConfig`.
       render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
       camera: of the pictures: "chase", "side" or "cab".
       timestep: of the physics [s]; a drive has 0.002, and 0.005 trains as well in less time.
@@ -207,10 +209,18 @@ class HighwayEnv(DecisionEnv):
         reward: RewardConfig = REWARD,
         standardized: bool = True,
         plant: str = "full",
+        aeb: bool = False,
+        sensors: str = "perfect",
         render_mode: str | None = None,
         camera: str = "chase",
         timestep: float = TIMESTEP,
     ) -> None:
+        if not isinstance(aeb, bool):
+            raise InputError(f"aeb {aeb!r}: allowed is True or False")
+        # Load SUMO only for this environment.
+        from iits_mj.simulation.sensors import CHOICES
+
+        one_of("sensors", sensors, CHOICES)
         self._picture = Picture(render_mode, camera)
         super().__init__(
             density=density,
@@ -227,6 +237,7 @@ class HighwayEnv(DecisionEnv):
         )
         self.payload_height = payload_height
         self.plant = plant
+        self.aeb, self.sensors = aeb, sensors
         self.timestep = timestep
         self._world: TruckWorld | None = None
 
@@ -266,6 +277,8 @@ class HighwayEnv(DecisionEnv):
                 self.timestep,
                 payload_height=self.payload_height,
                 plant=self.plant,
+                aeb=self.aeb,
+                sensors=self.sensors,
                 visuals=self.render_mode is not None,
                 edit_spec=add_cameras,
             )
@@ -290,6 +303,7 @@ class HighwayEnv(DecisionEnv):
             "unsafe": simulation.stack.unsafe,
             "ended": simulation.ended,
             **limits,
+            **({} if frame.emergency is None else {"aeb": frame.emergency.state.value}),
         }
 
 

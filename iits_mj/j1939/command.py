@@ -9,11 +9,11 @@ import functools
 import math
 import operator
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 from iits_mj.core.checks import in_range
 from iits_mj.core.errors import BusError, InputError
-from iits_mj.core.messages import VehicleCommand
+from iits_mj.core.messages import VehicleCommand, XbrEbiMode, XbrMode
 from iits_mj.j1939.database import cycle_time, identifier
 from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame, tsc1_checksum, with_byte8, xbr_checksum
 from iits_mj.j1939.mapping import DataMaker, FieldOf, commands
@@ -21,6 +21,7 @@ from iits_mj.j1939.network import (
     BRAKES,
     CONTROLLER,
     DRIVELINE_RETARDER,
+    EMERGENCY_BRAKING,
     ENGINE_RETARDER,
     checked_sources,
 )
@@ -32,7 +33,7 @@ XBR_DEMAND_MIN = -10.0
 TORQUE_CONTROL = 2
 STEERING_ON = 1
 # SPN 2915: the second of four priorities, below an emergency brake.
-_XBR_PRIORITY = 1
+_XBR_PRIORITY, _EMERGENCY_PRIORITY = 1, 0
 _SHARES = ("accelerator_pedal", "engine_brake", "retarder", "brake_pedal")
 _FIELDS = tuple(field.name for field in fields(VehicleCommand))
 _numbers = operator.attrgetter(*_FIELDS)
@@ -122,13 +123,59 @@ class CommandSender:
         return found
 
 
+class EmergencySender:
+    """Sends the brake demand (XBR) of an emergency braking, with the highest priority (SPN 2915).
+
+    A demand is sent with every call, its end once.
+    """
+
+    def __init__(self, source: int = EMERGENCY_BRAKING) -> None:
+        checked_sources([source])
+        self._source, self._counter, self._demands = source, 0, False
+
+    def frames(self, demand: float, time: float) -> list[Frame]:
+        """The frames of a demand [m/s2], zero or negative, at a time [s].
+
+        Raises:
+          InputError: the demand is not finite or out of its range.
+        """
+        if not (demand or self._demands):
+            return []
+        self._demands = demand != 0.0
+        command = with_emergency(VehicleCommand(), demand)
+        _check(command)
+        sent, self._counter = COMMAND_MESSAGES["xbr"], self._counter + 1
+        return [_frame(sent, command, self._counter, time, self._source, _EMERGENCY_PRIORITY)]
+
+
+def with_emergency(command: VehicleCommand, demand: float) -> VehicleCommand:
+    """Returns a command with the stronger one of its XBR demand and an emergency braking's [m/s2].
+
+    All brakes answer the emergency braking.
+    """
+    own = command.xbr_demand if command.xbr_mode is not XbrMode.OFF else 0.0
+    if not demand < 0.0 or demand > own:
+        return command
+    return replace(
+        command,
+        xbr_demand=demand,
+        xbr_mode=XbrMode.MAXIMUM,
+        xbr_ebi_mode=XbrEbiMode.INTEGRATION,
+    )
+
+
 def _frame(
-    sent: CommandMessage, command: VehicleCommand, counter: int, time: float, source: int
+    sent: CommandMessage,
+    command: VehicleCommand,
+    counter: int,
+    time: float,
+    source: int,
+    priority: int = _XBR_PRIORITY,
 ) -> Frame:
     number = counter % sent.counters if sent.counters else 0
     try:
         can_id = identifier(sent.message, source, sent.address)
-        frame = Frame(can_id, _data(sent)(command, number), time)
+        frame = Frame(can_id, _data(sent, priority)(command, number), time)
     except BusError as error:
         raise InputError(f"command cannot be sent: {error}") from error
     return frame if sent.checksum is None else with_byte8(frame, number, sent.checksum(frame))
@@ -146,8 +193,11 @@ def _check(command: VehicleCommand) -> None:
 
 
 @functools.cache
-def _data(sent: CommandMessage) -> Callable[[VehicleCommand, int], bytes]:
-    """A function that makes the bytes of a message from a command and the message's counter."""
+def _data(sent: CommandMessage, priority: int) -> Callable[[VehicleCommand, int], bytes]:
+    """A function that makes the bytes of a message from a command and the message's counter.
+
+    The priority is that of XBR.
+    """
     rows = [
         r for r in commands() if r.message == sent.message and r.address in (None, sent.address)
     ]
@@ -161,7 +211,7 @@ def _data(sent: CommandMessage) -> Callable[[VehicleCommand, int], bytes]:
         return lambda command, _counter: make(command)
     if sent.message == "XBR":
         make = maker("xbr_priority", "xbr_message_counter")
-        return lambda command, counter: make(command, extra=(_XBR_PRIORITY, counter))
+        return lambda command, counter: make(command, extra=(priority, counter))
     if sent.message == "TSC1":
         make = maker("override_control_mode", "tsc1_message_counter")
         share = operator.attrgetter(rows[0].quantity)

@@ -27,6 +27,8 @@ SUSPENSION = 0x2F
 STABILITY = 0x3E
 # Headway controller: default address of the controller that commands the truck.
 CONTROLLER = 0x2A
+# Advanced emergency braking system (SAE J1939, table B3): a second sender of XBR.
+EMERGENCY_BRAKING = 0xA0
 # 254 is the null address and 255 the global address: neither can send a command.
 LAST_ADDRESS = 253
 NULL_ADDRESS = 0xFE

@@ -25,6 +25,7 @@ from iits_mj.j1939.network import CONTROLLER, LAST_ADDRESS
 from iits_mj.parameters import AnyTruck, check_truck, payload_option, truck_option
 from iits_mj.road.route_choice import route_option
 from iits_mj.road.unevenness import CLASSES
+from iits_mj.simulation.sensors import CHOICES as SENSORS
 from traffic_bridge import TRAFFIC, TrafficSource
 from traffic_bridge.config import HIGHEST_HEAVY_SHARE
 from traffic_bridge.scenario.parameters import assignments
@@ -286,6 +287,20 @@ class DriveConfig(PriceOptions, TruckStart):
         "inverse",
         own_parts.LONGITUDINAL,
         "speed controller; inverse: inverse powertrain and brake blending",
+    )
+    sensors: str = option(
+        "perfect",
+        help="what the driving stack knows of the traffic; perfect: everything at once; front: "
+        "tracks of two radars and a camera at the front; surround: also of radars at both sides",
+        choices=SENSORS,
+        group="decision",
+    )
+    aeb: str = option(
+        "off",
+        help="advanced emergency braking, apart from the planner; on: it warns and brakes for "
+        "vehicles ahead",
+        choices=("off", "on"),
+        group="decision",
     )
     commands: str = option(
         "direct",

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from controllers.emergency_braking import EmergencyReport
 from iits_mj.core.errors import Error
 from iits_mj.core.messages import (
     Decision,
@@ -57,6 +58,7 @@ class DriveFrame:
       gap_ahead, gap_behind: bumper to bumper in the truck's lane [m], inf without a vehicle.
       box_distance: to the nearest other vehicle, box to box [m], inf without one.
       distance: driven since the start [m]; lane_changes, refused: counted since the start.
+      emergency: report of the emergency braking, None without one.
     """
 
     time: float
@@ -77,6 +79,7 @@ class DriveFrame:
     distance: float
     lane_changes: int
     refused: int
+    emergency: EmergencyReport | None = None
 
     @property
     def time_gap(self) -> float:

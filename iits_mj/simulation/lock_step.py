@@ -15,6 +15,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.messages import Decision, EgoState, Scene, Trajectory, VehicleCommand
 from iits_mj.core.timing import CONTROL_PERIOD, CYCLE_PERIOD, TIMESTEP
 from iits_mj.j1939 import CommandReceiver, CommandSender, Frame
+from iits_mj.j1939.command import EmergencySender, with_emergency
 from iits_mj.j1939.receiver import STEERING_ANGLE_MAX
 from iits_mj.simulation.frame import DriveFrame
 
@@ -95,11 +96,25 @@ class Sender(Protocol):
         """Returns the frames that are due at this time [s]."""
 
 
+class Guard(Protocol):
+    """Watches the way apart from the driver and brakes; `EmergencyBraking` is one."""
+
+    def reset(self) -> None:
+        """Prepares for a new drive."""
+
+    def observe(self, scene: Scene) -> None:
+        """Receives every scene that the driver plans in."""
+
+    def demand(self, ego: EgoState, wanted: VehicleCommand) -> float:
+        """Returns a demanded acceleration [m/s2], 0 for none; called every 20 ms."""
+
+
 class CommandPath:
     """Passes commands from the driver to the truck, directly or as J1939 frames.
 
     On the direct path the truck gets the unchanged command, and the frames are only for listeners.
-    Over bytes, the truck gets the command that its `CommandReceiver` decodes from the frames.
+    Over bytes, the truck gets the command that its `CommandReceiver` decodes from the frames. The
+    demand of a guard is an XBR message of its own address, with the highest priority.
 
     Args:
       over_bytes: whether the truck obeys the frames; also an attribute.
@@ -126,12 +141,14 @@ class CommandPath:
         """Prepares for a new drive."""
         self.receiver = CommandReceiver(steering_angle_max=self._steering_angle_max)
         self._sender = self._make_sender()
+        self._guard_sender = EmergencySender()
 
     def transmit(
         self,
         command: VehicleCommand,
         time: float,
         listeners: Sequence[Callable[[Frame], None]] = (),
+        emergency: float = 0.0,
     ) -> VehicleCommand:
         """Returns the command that reaches the truck; calls the listeners with its frames.
 
@@ -139,20 +156,21 @@ class CommandPath:
           command: of the driver.
           time: of the command [s].
           listeners: called with each frame; without listeners a direct command is not encoded.
+          emergency: demand of a guard [m/s2], 0 for none.
 
         Raises:
           InputError: the command cannot be encoded.
         """
         if not (self.over_bytes or listeners):
-            return command
+            return with_emergency(command, emergency)
         # Log files keep microseconds: a drive repeated from a log must be the same.
         time = round(time, 6)
-        frames = self._sender.frames(command, time)
+        frames = self._sender.frames(command, time) + self._guard_sender.frames(emergency, time)
         for frame in frames:
             for listener in listeners:
                 listener(frame)
         if not self.over_bytes:
-            return command
+            return with_emergency(command, emergency)
         for frame in frames:
             self.receiver.receive(frame)
         return self.receiver.command(time)
@@ -177,9 +195,10 @@ class LockStep(Closing):
       observers: called at their periods.
       timestep: of the truck's physics [s], which divides 20 ms.
       path: from the driver's commands to the truck; default: the direct path.
+      guard: brakes apart from the driver; default: none.
 
     Attributes:
-      truck, driver, observers, timestep, path: the arguments.
+      truck, driver, observers, timestep, path, guard: the arguments.
       scene, trajectory: of the last plan; command: the last one that reached the truck.
       ended: reason of the end, "" while the drive goes on.
 
@@ -196,6 +215,7 @@ class LockStep(Closing):
         *,
         timestep: float = TIMESTEP,
         path: CommandPath | None = None,
+        guard: Guard | None = None,
     ) -> None:
         self._control_steps = round(CONTROL_PERIOD / timestep)
         self._cycle_steps = round(CYCLE_PERIOD / timestep)
@@ -209,6 +229,7 @@ class LockStep(Closing):
         self.observers = tuple(observers)
         self.timestep = timestep
         self.path = CommandPath(over_bytes=False) if path is None else path
+        self.guard = guard
         self._scenes = scenes
         self._start()
 
@@ -245,7 +266,8 @@ class LockStep(Closing):
             self._plan(ego)
         wanted = self.driver.control(ego)
         listeners = [observer.sent for observer in self.observers if observer.reads_bus]
-        self.command = self.path.transmit(wanted, self.time, listeners)
+        emergency = 0.0 if self.guard is None else self.guard.demand(ego, wanted)
+        self.command = self.path.transmit(wanted, self.time, listeners, emergency)
         for observer in self.observers:
             observer.commanded(ego, wanted, self.command)
         self.truck.command(self.command)
@@ -256,6 +278,8 @@ class LockStep(Closing):
         """Plans in the scene of a state; the next plan is due 100 ms later."""
         self.scene = self._scenes(ego)
         self.trajectory = self.driver.plan(self.scene)
+        if self.guard is not None:
+            self.guard.observe(self.scene)
         self._plan_due = self._steps + self._cycle_steps
         for observer in self.observers:
             observer.planned(self.scene, self.trajectory)

@@ -15,10 +15,12 @@ from pathlib import Path
 
 import mujoco
 
+from controllers.emergency_braking import EmergencyBraking, EmergencyReport
 from controllers.planning.planner import Planner
 from controllers.stack import Stack
 from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import EgoFootprint, EgoState, Scene, positional
+from iits_mj.core.neighbors import Neighbors
 from iits_mj.core.progress import task
 from iits_mj.core.timing import CYCLE_PERIOD, TIMESTEP
 from iits_mj.road import Route
@@ -45,6 +47,7 @@ from iits_mj.simulation.parts import (
     surface_text,
     with_scenario,
 )
+from iits_mj.simulation.sensors import SUITES, Perception
 from iits_mj.simulation.summary import DriveSummary, SummaryBuilder
 from iits_mj.simulation.traffic_flow import FlowMeter
 from iits_mj.simulation.truck_events import TruckEvents
@@ -72,6 +75,7 @@ class Simulation(LockStep):
     Attributes:
       config, route, truck, mirror, traffic: the parts; vehicles: the traffic now.
       driver: of the truck; path: from its commands to the truck.
+      perception: sensors and tracker, None where the stack knows the traffic as it is.
       frame: the drive at the end of the last cycle.
       ended: reason of the end, "" while the drive goes on.
       collision: the truck touched another vehicle; failed: it did, it rolled over, or the
@@ -125,7 +129,18 @@ class Simulation(LockStep):
             over_bytes=config.commands == "j1939",
             steering_angle_max=truck.parameters.steering.angle_max,
         )
-        super().__init__(truck, made, self._scene, timestep=timestep, path=path)
+        self.perception: Perception | None = None
+        if config.sensors in SUITES:
+            self.perception = Perception(
+                SUITES[config.sensors], self.route, truck.footprint, config.seed
+            )
+        guard: EmergencyBraking | None = None
+        if config.aeb == "on":
+            # A driver knows a wet road from the wipers: so does the emergency braking.
+            guard = EmergencyBraking(
+                truck.parameters, lambda ego: self.route.friction(ego.station, ego.offset)
+            )
+        super().__init__(truck, made, self._scene, timestep=timestep, path=path, guard=guard)
         self._truck_events = TruckEvents(truck)
         self._recorder: Recorder | None = None
         self.traffic: Traffic | None
@@ -154,6 +169,10 @@ class Simulation(LockStep):
         self._tractor = self.truck.model.body("tractor").id
         self.driver.reset()
         self.path.reset()
+        if self.perception is not None:
+            self.perception.reset()
+        if self.guard is not None:
+            self.guard.reset()
         self.vehicles = VehicleFrame.empty()
         if self.traffic is not None:
             with task("starting the traffic", usual=0.5):
@@ -195,6 +214,16 @@ class Simulation(LockStep):
         return math.inf if steady is None else steady.speed
 
     @property
+    def contact(self) -> tuple[float, str, str] | None:
+        """Time [s] of the first contact, the vehicle and the touched body; None without one."""
+        return self._touched
+
+    @property
+    def emergency(self) -> EmergencyReport | None:
+        """What the emergency braking reports now; None without one."""
+        return self.guard.report if isinstance(self.guard, EmergencyBraking) else None
+
+    @property
     def stack(self) -> Stack:
         """The stack that drives.
 
@@ -222,7 +251,7 @@ class Simulation(LockStep):
         self._move_bodies(new=True)
         self._plan(ego)
         self.frame = self._make_frame(ego)
-        self._summary.add(self.frame)
+        self._summary.add(self._frame_of_all())
         self._check_end(ego)
         self._show()
         return self.frame
@@ -294,7 +323,10 @@ class Simulation(LockStep):
 
     def _scene(self, ego: EgoState) -> Scene:
         signals = read_signals(self.traffic, ego, self.route, self.truck.footprint)
-        return Scene(ego.time, ego, self.vehicles, self.truck.footprint, signals)
+        vehicles = self.vehicles
+        if self.perception is not None:
+            vehicles = self.perception.see(ego, vehicles)
+        return Scene(ego.time, ego, vehicles, self.truck.footprint, signals)
 
     def _observe(self) -> EgoState:
         """Observes the truck and adds the distance since the last call, by the trapezoidal rule."""
@@ -350,7 +382,9 @@ class Simulation(LockStep):
             # `observe` updates the place on the route that the truck remembers. Observing a copy
             # leaves the bits of the drive independent of the observers.
             ego = copy.copy(self.truck).observe()
-            frame = dataclasses.replace(frame, time=self.time, ego=ego, command=self.command)
+            frame = dataclasses.replace(
+                frame, time=self.time, ego=ego, command=self.command, emergency=self.emergency
+            )
             self._move_bodies()
         for observer in due:
             observer.observe(self, frame)
@@ -380,7 +414,10 @@ class Simulation(LockStep):
         route = self.route
         lane = int(route.lane_at(ego.station, ego.offset))
         point = route.evaluate(ego.station, ego.offset)
-        ahead, behind = self.scene.neighbors.corridor_gaps(lane)
+        neighbors = self.scene.neighbors
+        if self.perception is not None:  # gaps to the vehicles as they are
+            neighbors = Neighbors(ego, self.vehicles, self.truck.footprint)
+        ahead, behind = neighbors.corridor_gaps(lane)
         return _drive_frame(
             self.time,
             ego,
@@ -400,7 +437,15 @@ class Simulation(LockStep):
             self._distance,
             self.driver.lane_changes,
             self.driver.refused,
+            self.emergency,
         )
+
+    def _frame_of_all(self) -> DriveFrame:
+        """Returns the frame with the traffic as it is, for figures of the drive."""
+        if self.perception is None:
+            return self.frame
+        scene = dataclasses.replace(self.frame.scene, vehicles=self.vehicles)
+        return dataclasses.replace(self.frame, scene=scene)
 
     def _note_contact(self) -> None:
         """Stores the first contact."""

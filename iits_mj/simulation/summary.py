@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from controllers.emergency_braking import EmergencyReport, EmergencyState
 from iits_mj.core.messages import LightState, PlanMode
+from iits_mj.core.timing import CYCLE_PERIOD
 from iits_mj.core.units import DIESEL_DENSITY
 from iits_mj.simulation.frame import DriveFrame
 from iits_mj.simulation.traffic_flow import FlowMeter, TrafficFlow
@@ -88,6 +90,37 @@ class _Summary:
         return _with_units(asdict(self))
 
 
+@dataclass(slots=True)
+class AebFigures:
+    """What the emergency braking did in a drive, seen every 100 ms.
+
+    Attributes:
+      warnings, partial_brakings, brakings: number of times that each stage began.
+      braking_time: in partial or emergency braking [s]; state: at the end.
+    """
+
+    warnings: int = 0
+    partial_brakings: int = 0
+    brakings: int = 0
+    braking_time: float = 0.0
+    state: str = EmergencyState.OFF.value
+
+    def add(self, report: EmergencyReport) -> None:
+        """Adds the report of one frame."""
+        state = report.state
+        if state.value != self.state:
+            self.warnings += state is EmergencyState.WARNING
+            self.partial_brakings += state is EmergencyState.PARTIAL
+            self.brakings += state is EmergencyState.BRAKING
+        self.braking_time += CYCLE_PERIOD * (report.demand < 0.0)
+        self.state = state.value
+
+    def to_text(self) -> str:
+        """Returns the figures in words."""
+        partly, fully = self.partial_brakings, self.brakings
+        return f"{self.warnings} warnings, {partly} partial brakings, {fully} emergency brakings"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveSummary(_Summary):
     """Figures of one drive, SI units.
@@ -98,6 +131,7 @@ class DriveSummary(_Summary):
       collision: True when the truck touched another vehicle.
       impact_speed: magnitude of the difference of both velocities then [m/s], None without.
       lane_changes: completed; refused: requested and refused.
+      aeb: what the emergency braking did, None without it.
       unsure_decisions: decisions that a learned policy left to a rule because it was unsure.
       red_lights_run: stop lines that the front bumper crossed at red; first_red_light: time of the
         first [s], None without one.
@@ -129,6 +163,7 @@ class DriveSummary(_Summary):
     warnings: dict[str, int] = field(default_factory=dict)
     unsure_decisions: int = 0
     impact_speed: float | None = None
+    aeb: AebFigures | None = None
 
     @property
     def fuel_per_100km(self) -> float:
@@ -156,6 +191,7 @@ class DriveSummary(_Summary):
             *([("policy unsure", unsure)] if self.unsure_decisions else []),
             ("red lights run", red_lights),
             ("emergency brakings", f"{self.emergency_brakings}"),
+            *([("AEB", self.aeb.to_text())] if self.aeb is not None else []),
             ("closest gap ahead", _metres(self.closest_gap, "no vehicle was ahead in the lane")),
             ("closest vehicle", _metres(self.closest_box, "none nearby")),
             ("traffic", self.traffic.to_text()),
@@ -171,6 +207,9 @@ class DriveSummary(_Summary):
         """Returns all figures for JSON, units in the names; None for a value that is not finite."""
         values = asdict(self) | {"fuel_per_100km_l": self.fuel_per_100km}
         del values["traffic"]
+        aeb = values.pop("aeb")
+        if aeb is not None:
+            values["aeb"] = {"braking_time_s": aeb.pop("braking_time"), **aeb}
         traffic = {
             "traffic_density_per_km": 1e3 * self.traffic.density,
             "traffic_flow_per_hour": 3600.0 * self.traffic.flow,
@@ -192,6 +231,7 @@ class SummaryBuilder:
     max_articulation: float = 0.0
     red_lights: list[float] = field(default_factory=list)
     emergencies: int = 0
+    aeb: AebFigures | None = None
     _front: float = math.inf
     _braking: bool = False
 
@@ -203,6 +243,9 @@ class SummaryBuilder:
         braking = frame.trajectory.mode is PlanMode.EMERGENCY
         self.emergencies += braking and not self._braking
         self._braking = braking
+        if frame.emergency is not None:
+            self.aeb = self.aeb or AebFigures()
+            self.aeb.add(frame.emergency)
         self.max_speed = max(self.max_speed, ego.speed)
         self.closest_gap = min(self.closest_gap, frame.gap_ahead)
         self.closest_box = min(self.closest_box, frame.box_distance)
@@ -261,6 +304,7 @@ class SummaryBuilder:
             warnings=warnings,
             unsure_decisions=unsure_decisions,
             impact_speed=impact_speed,
+            aeb=None if self.aeb is None else replace(self.aeb),
         )
 
 

@@ -98,13 +98,27 @@ COLUMNS: dict[str, Callable[[DriveFrame], Value]] = {
     "lane_changes [-]": lambda f: f.lane_changes,
 }
 
+# Columns of a drive with emergency braking.
+AEB_COLUMNS: dict[str, Callable[[DriveFrame], Value]] = {
+    "aeb_state [-]": lambda f: f.emergency.state.value if f.emergency else "",
+    "aeb_target [-]": lambda f: f.emergency.target if f.emergency else "",
+    "aeb_time_to_collision [s]": lambda f: _of(f, "time_to_collision"),
+    "aeb_required_deceleration [m/s2]": lambda f: _of(f, "required"),
+    "aeb_demand [m/s2]": lambda f: _of(f, "demand"),
+}
+
+
+def _of(frame: DriveFrame, name: str) -> float:
+    return math.nan if frame.emergency is None else float(getattr(frame.emergency, name))
+
 
 class Telemetry(Closing, Observer):
     """Observer that writes the table and keeps its columns for plots; a context manager.
 
     The table appears at `path` when the context ends; with None there is no file. A cell without a
     finite value, such as the gap to a missing vehicle, is empty. Each coupling behind the first one
-    adds a column: "articulation2 [rad]" and so on.
+    adds a column: "articulation2 [rad]" and so on. A drive with emergency braking adds
+    `AEB_COLUMNS`.
 
     Raises:
       InputError: the table cannot be written.
@@ -149,6 +163,8 @@ class Telemetry(Closing, Observer):
             f"articulation{i + 2} [rad]": lambda f, i=i: f.ego.rear_articulations[i]
             for i in range(len(frame.ego.rear_articulations))
         }
+        if frame.emergency is not None:
+            self._columns |= AEB_COLUMNS
         if self._file is not None:
             with self._whole():
                 self._writer.writerow(self._columns)

@@ -56,6 +56,7 @@ class TruckWorld(Closing):
       timestep: of the physics [s].
       payload_height: of the load's centre of gravity above the road [m]; default: the truck's.
       plant: model of the truck's motion; see `Truck.load`.
+      aeb: whether emergency braking guards the truck; sensors: see `DriveConfig`.
       visuals: adds bodies for pictures.
       edit_spec: called on the model's `MjSpec` before compilation, for cameras.
 
@@ -70,12 +71,15 @@ class TruckWorld(Closing):
         *,
         payload_height: float | None = None,
         plant: str = "full",
+        aeb: bool = False,
+        sensors: str = "perfect",
         visuals: bool = False,
         edit_spec: Callable[[mujoco.MjSpec], None] | None = None,
     ) -> None:
         self.timestep = timestep
         self.payload_height = payload_height
         self.plant = plant
+        self.aeb, self.sensors = aeb, sensors
         self.visuals = visuals
         self.edit_spec = edit_spec
         self.simulation: Simulation | None = None
@@ -114,6 +118,8 @@ class TruckWorld(Closing):
             # Observations and rewards assume a constant reference speed.
             speed_planner="cruise",
             seed=seed,
+            aeb="on" if self.aeb else "off",
+            sensors=self.sensors,
         )
         self.simulation = simulation = Simulation(
             config,

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 from iits_mj.core.results import Results
 from iits_mj.validation import measured
+from iits_mj.validation.aeb import group as aeb
 from iits_mj.validation.handling import credibility, plants, step_size
 from iits_mj.validation.handling.group import run_lateral, run_standards
 from iits_mj.validation.harness.config import ValidateConfig
@@ -26,6 +27,7 @@ COMMANDS: dict[str, Callable[[ValidateConfig], Results]] = {
     "plant": plants.run,
     "traffic": traffic.run,
     "planning": planning.run,
+    "aeb": aeb.run,
     "truck": run_truck,
     "credibility": credibility.run,
     "measured": measured.run,

@@ -447,3 +447,17 @@ def test_the_info_of_a_planar_plant_tells_the_limits_that_it_left(monkeypatch):
     info = environment.step(np.zeros(environment.action_space.shape))[4]
     assert info["left_range"] == "one limit; another"
     assert "left_range" not in gymnasium.make("iits_mj/LaneKeep-v0").reset(seed=0)[1]
+
+
+def test_emergency_braking_guards_the_highway_on_request():
+    env = gymnasium.make("iits_mj/Highway-v0", density="empty", aeb=True, sensors="front")
+    try:
+        env.reset(seed=0)
+        info = env.step(1)[-1]
+        assert info["aeb"] == "standby"
+        assert env.unwrapped.simulation.perception is not None
+    finally:
+        env.close()
+    for wrong in ({"aeb": "yes"}, {"sensors": "lidar"}):
+        with pytest.raises(InputError, match=next(iter(wrong))):
+            gymnasium.make("iits_mj/Highway-v0", **wrong)

@@ -1,0 +1,1 @@
+"""Perception: tracks of other road users from the detections of radars and cameras."""

@@ -1,0 +1,1 @@
+"""Validation of the emergency braking: UN R131, a careful driver, ordinary traffic."""
