@@ -57,6 +57,7 @@ class DriveFrame:
       gap_ahead, gap_behind: bumper to bumper in the truck's lane [m], inf without a vehicle.
       box_distance: to the nearest other vehicle, box to box [m], inf without one.
       distance: driven since the start [m]; lane_changes, refused: counted since the start.
+      steering_wheel_torque: of the driver, left positive [N m]; nan where it is not known.
     """
 
     time: float
@@ -77,6 +78,7 @@ class DriveFrame:
     distance: float
     lane_changes: int
     refused: int
+    steering_wheel_torque: float = math.nan
 
     @property
     def time_gap(self) -> float:

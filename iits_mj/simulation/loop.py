@@ -396,6 +396,7 @@ class Simulation(LockStep):
             self._distance,
             self.driver.lane_changes,
             self.driver.refused,
+            self.truck.read("steering_wheel_torque"),
         )
 
     def _note_contact(self) -> None:
