@@ -29,13 +29,13 @@ template <class T>
 struct Steering {
   // Attributes.
   T ratio, dead_band, angle_max, rate_max, stiffness, time_constant;
-  // Of the steering-wheel torque; they have no effect on the motion.
-  T caster_trail = 0, scrub_radius = 0, kingpin_inclination = 0, scrub_friction = 0, scrub_arm = 0;
-  T friction = 0;       // at the steering wheel [N m]
-  Curve<T> assistance;  // of the boost, at the kingpins, over the steering-wheel torque [N m]
   // Of each steered axle: distance ahead of the line on which the vehicle's turning center lies,
   // and distance of the knuckles.
   std::vector<T> wheelbase, track;
+  // Of the steering-wheel torque; they have no effect on the motion.
+  T caster_trail = 0, scrub_radius = 0, kingpin_inclination = 0, scrub_friction = 0, scrub_arm = 0;
+  T friction = 0;            // at the steering wheel [N m]
+  Curve<T> assistance = {};  // of the boost, at the kingpins, over the steering-wheel torque [N m]
 
   // Angles of an axle's left and right knuckle with a relaxed linkage [rad]. The gear turns the
   // first axle's mean wheel; all wheels turn about one center.
