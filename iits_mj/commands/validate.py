@@ -63,10 +63,10 @@ def run(options: Options) -> int:
 def measure(options: Options) -> Results:
     """Returns the selected checks as one set of results.
 
-    All groups are those without "truck", whose figures are among them, "credibility" and "aeb", which
-    take long, and "measured", which needs a file; of another truck than the default one also without
-    `validation.DEFAULT_ONLY`. The quick form uses the laden truck only and
-    leaves out the step sizes, which repeat the same figures.
+    All groups are those without "truck", whose figures are among them, "credibility" and "aeb",
+    which take long, and "measured", which needs a file; of another truck than the default one also
+    without `validation.DEFAULT_ONLY`. The quick form uses the laden truck only and leaves out the
+    step sizes, which repeat the same figures.
 
     Raises:
       InputError: the group drives the default truck only, and another one is chosen.

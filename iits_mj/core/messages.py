@@ -202,6 +202,7 @@ class TruckReport:
       abs_active, xbr_active: 1 while ABS modulates, while an XBR demand is being answered.
       asr_engine_active, asr_brake_active: 1 while traction control reduces the engine's torque,
         while it brakes spinning wheels.
+      steering_wheel_torque: of the driver, left positive [N m].
       abs_operational: 0 while ABS does not use a wheel's sensor.
       brake_pressure_rear2_left, brake_pressure_rear2_right: of the second drive axle [Pa].
       wheel_based_speed: of the drive axles' tires, a magnitude, as their sensor has no sign [m/s].
@@ -239,6 +240,7 @@ class TruckReport:
     reservoir_pressure_trailer: float | None = None
     compressor_active: float | None = None
     abs_active: float | None = None
+    steering_wheel_torque: float | None = None
     abs_operational: float | None = None
     xbr_active: float | None = None
     asr_engine_active: float | None = None

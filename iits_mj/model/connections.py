@@ -199,6 +199,7 @@ def add_sensors(root: ET.Element, p: TruckParameters) -> None:
     for name in air_brake.SIGNALS:
         plugin(name, "air_brake")
     plugin("steering_wheel_position", "steering")
+    plugin("steering_wheel_torque", "steering")
     for side in SIDES:
         knuckle = f"{p.lead.axles[0].name}_{side}_knuckle"
         ET.SubElement(sensor, "jointpos", name=f"steer_angle_{side}", joint=knuckle)

@@ -34,6 +34,7 @@ _TABLE: tuple[tuple[str, SensorUnit], ...] = (
     (r".*_torque_percent.*|engine_torque_percent|torque_loss_percent", SensorUnit(_PERCENT)),
     (r"fuel_rate", SensorUnit("kg/s")),
     (r"fuel_used", SensorUnit("kg", (), "since the reset")),
+    (r"steering_wheel_torque", SensorUnit(_NEWTON_METER, (), "of the driver, left positive")),
     (r"engine_torque|.*_brake_torque|retarder_torque|.*shaft_torque", SensorUnit(_NEWTON_METER)),
     (r"endurance_torque_demand", SensorUnit(_NEWTON_METER, (), "of engine brake and retarder")),
     (r"accelerator_pedal_position", SensorUnit("1", (), "0 to 1")),

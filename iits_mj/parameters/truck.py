@@ -28,6 +28,7 @@ from iits_mj.parameters.quantity import (
     Density,
     Inertia,
     Meters,
+    NewtonMeters,
     Newtons,
     PerRadian,
     Pure,
@@ -55,6 +56,15 @@ class Steering:
       dead_band, angle_max, rate_max: at the steering wheel.
       stiffness, damping, knuckle_inertia: of each knuckle.
       time_constant: of the steering actuator.
+      caster_trail, scrub_radius: distance of the tire's contact behind and beside the point where
+        the kingpin's axis meets the road.
+      kingpin_inclination: of that axis, inward.
+      scrub_friction, scrub_arm: a tire that turns on the spot resists with its load times both.
+      friction: of gear and column, at the steering wheel.
+      boost_torque, boost_assistance: torque at the steering wheel, and of the power steering at the
+        kingpins, both rising from 0; without them the driver steers alone.
+
+    All after `time_constant` shape the sensor of the driver's torque only, not the motion.
     """
 
     ratio: Ratio
@@ -65,6 +75,14 @@ class Steering:
     damping: RollDamping
     knuckle_inertia: Inertia
     time_constant: Seconds
+    caster_trail: Meters = 0.0
+    scrub_radius: Meters = 0.0
+    kingpin_inclination: Radians = 0.0
+    scrub_friction: Pure = 0.0
+    scrub_arm: Meters = 0.0
+    friction: NewtonMeters = 0.0
+    boost_torque: tuple[NewtonMeters, ...] = ()
+    boost_assistance: tuple[NewtonMeters, ...] = ()
 
 
 @dataclass(frozen=True)

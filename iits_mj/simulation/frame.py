@@ -59,6 +59,7 @@ class DriveFrame:
       box_distance: to the nearest other vehicle, box to box [m], inf without one.
       distance: driven since the start [m]; lane_changes, refused: counted since the start.
       emergency: report of the emergency braking, None without one.
+      steering_wheel_torque: of the driver, left positive [N m]; nan where it is not known.
     """
 
     time: float
@@ -80,6 +81,7 @@ class DriveFrame:
     lane_changes: int
     refused: int
     emergency: EmergencyReport | None = None
+    steering_wheel_torque: float = math.nan
 
     @property
     def time_gap(self) -> float:

@@ -438,6 +438,7 @@ class Simulation(LockStep):
             self.driver.lane_changes,
             self.driver.refused,
             self.emergency,
+            self.truck.read("steering_wheel_torque"),
         )
 
     def _frame_of_all(self) -> DriveFrame:

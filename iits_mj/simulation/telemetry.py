@@ -59,6 +59,7 @@ COLUMNS: dict[str, Callable[[DriveFrame], Value]] = {
     "trailer_yaw_rate [rad/s]": lambda f: f.ego.trailer_yaw_rate,
     "articulation [rad]": lambda f: f.ego.articulation,
     "steering_wheel_angle [rad]": lambda f: f.ego.steering_wheel_angle,
+    "steering_wheel_torque [N m]": lambda f: f.steering_wheel_torque,
     "road_wheel_angle [rad]": lambda f: f.ego.road_wheel_angle,
     "gear [-]": lambda f: f.ego.gear,
     "shift_in_process [-]": lambda f: int(f.ego.shift_in_process),

@@ -4,6 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from iits_mj.core.errors import InputError
+from iits_mj.road import Route
 from iits_mj.truck import Truck
 
 
@@ -183,3 +185,113 @@ def test_second_steered_axle_turns_less_about_the_same_center():
 def test_steering_refuses_axles_without_their_knuckles(wheelbase, track, tendon, message):
     with pytest.raises(ValueError, match=message.replace("(", r"\(")):
         mujoco.MjModel.from_xml_string(two_steered_axles(wheelbase, track, tendon))
+
+
+def torque(truck):
+    return float(truck.sensor("steering_wheel_torque")[0])
+
+
+def cornering(truck, degrees, kmh=70.0):
+    """Returns lateral acceleration and the driver's torque in a steady corner."""
+    truck.reset(speed=kmh / 3.6)
+    truck.command(steering_wheel_angle=np.radians(degrees), accelerator_pedal=0.2)
+    truck.step(round(4.0 / truck.model.opt.timestep))
+    return truck.observe().lateral_acceleration, torque(truck)
+
+
+def test_driver_needs_no_torque_straight_ahead(truck):
+    assert cornering(truck, 0.0)[1] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_torque_to_the_left_and_to_the_right_are_equal_and_have_the_sign_of_the_turn(truck):
+    left, right = cornering(truck, 25.0)[1], cornering(truck, -25.0)[1]
+    assert left > 1.0
+    assert right == pytest.approx(-left, rel=1e-6)
+
+
+def test_torque_rises_with_lateral_acceleration_degressively_within_8_newton_meters(truck):
+    """At 1 m/s2 it is 2 to 3 N m; drivers of trucks hold 2 to 8 N m."""
+    points = np.array([cornering(truck, degrees) for degrees in (8.0, 20.0, 40.0, 60.0)])
+    slopes = np.diff(points[:, 1]) / np.diff(points[:, 0])
+    assert 2.0 < np.interp(1.0, *points.T) < 3.0
+    assert (slopes > 0.2).all()
+    assert (np.diff(slopes) < 0.0).all()
+    assert 2.0 < points[-1, 1] < 8.0
+
+
+def on_center(truck):
+    """Returns the torque on center of turning to the left less that of turning back, 2.5 deg/s."""
+    truck.reset(speed=20.0)
+    felt = {}
+    for direction in (1.0, -1.0):
+        for degrees in np.arange(-3.0, 3.0, 0.1) * direction:
+            truck.command(steering_wheel_angle=np.radians(degrees), accelerator_pedal=0.2)
+            truck.step(20)
+            if abs(truck.observe().steering_wheel_angle) < np.radians(0.1):
+                felt[direction] = torque(truck)
+    return felt[1.0] - felt[-1.0]
+
+
+def test_friction_of_the_gear_is_felt_on_center(truck):
+    smooth = Truck.load(parameters={"steering": {"friction": 0.2}}, visuals=False)
+    rough = on_center(truck)
+    assert 0.5 < rough < 2.0 * truck.parameters.steering.friction
+    # A great part of the friction acts at so low a rate.
+    assert 1.0 < rough - on_center(smooth) < 2.0 * 0.8
+
+
+def test_torque_is_lower_on_a_slippery_road():
+    torques = []
+    for friction in (0.8, 0.2):
+        road = Route.straight(friction=friction)
+        slippery = Truck.load(0.0, route=road, visuals=False)
+        slippery.reset(station=100.0, speed=50.0 / 3.6)
+        slippery.command(steering_wheel_angle=np.radians(60.0))
+        slippery.step(1000)
+        slippery.observe()
+        torques.append(torque(slippery))
+    assert 0.0 < torques[1] < 0.85 * torques[0]
+
+
+def test_steering_on_the_spot_is_heavier_than_on_the_road_and_within_unece_r79(truck):
+    """UN R79 allows 450 N at the rim of a wheel with 0.225 m without, 200 N with the boost."""
+    truck.reset()
+    truck.command(steering_wheel_angle=3.0)
+    truck.step(round(0.3 / truck.model.opt.timestep))
+    truck.observe()
+    parking = torque(truck)
+    assert cornering(truck, 40.0)[1] < parking < 200.0 * 0.225
+    assert 5.0 < parking < 10.0
+
+
+def test_failed_boost_leaves_the_whole_load_to_the_driver(truck):
+    manual = Truck.load(
+        parameters={"steering": {"boost_torque": [], "boost_assistance": []}}, visuals=False
+    )
+    loads = [cornering(each, 25.0)[1] for each in (Truck.load(visuals=False), manual)]
+    assert loads[1] > 5.0 * loads[0]
+
+
+def test_sensor_of_the_torque_changes_no_bit_of_the_motion():
+    def without(spec):
+        spec.delete(spec.sensor("steering_wheel_torque"))
+
+    states = []
+    for edit in (None, without):
+        each = Truck.load(visuals=False, edit_spec=edit)
+        each.reset(speed=10.0)
+        each.data.ctrl[[0, 3]] = 0.5, 1.0
+        mujoco.mj_step(each.model, each.data, 500)
+        states.append(np.concatenate([each.data.qpos, each.data.qvel, each.data.plugin_state]))
+    np.testing.assert_array_equal(*states)
+
+
+@pytest.mark.parametrize("curve", [([0.0, 1.0], [0.0, 100.0, 200.0]), ([1.0, 2.0], [0.0, 10.0])])
+def test_bad_boost_curve_is_refused_by_name(curve):
+    with pytest.raises((ValueError, InputError), match="boost_torque"):
+        Truck.load(
+            parameters={
+                "steering": {"boost_torque": list(curve[0]), "boost_assistance": list(curve[1])}
+            },
+            visuals=False,
+        )

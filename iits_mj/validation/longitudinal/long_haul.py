@@ -301,7 +301,8 @@ def drive(
         if watch is not None:
             watch(state)
     gears = truck.read("driveline_loss") - truck.read("clutch_loss") - empty_retarder
-    lost = (truck.read("auxiliary_work"), truck.read("brake_work"), gears)
+    auxiliaries = truck.read("auxiliary_work") if parameters.engine.auxiliary_power else 0.0
+    lost = (auxiliaries, truck.read("brake_work"), gears)
     energies = tuple(energy / 3.6e6 for energy in (air, rolling, *lost))
     return Drive(
         state.fuel_used,
