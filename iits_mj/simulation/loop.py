@@ -214,11 +214,6 @@ class Simulation(LockStep):
         return math.inf if steady is None else steady.speed
 
     @property
-    def contact(self) -> tuple[float, str, str] | None:
-        """Time [s] of the first contact, the vehicle and the touched body; None without one."""
-        return self._touched
-
-    @property
     def emergency(self) -> EmergencyReport | None:
         """What the emergency braking reports now; None without one."""
         return self.guard.report if isinstance(self.guard, EmergencyBraking) else None

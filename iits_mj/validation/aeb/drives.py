@@ -220,9 +220,5 @@ def drive(
         log = _Log(simulation)
         ended = simulation.run([log]).ended
         time, speed, demand, ttc = np.array(log.rows).T
-        impact = 0.0
-        if simulation.contact is not None:
-            when, name, _ = simulation.contact
-            hit = simulation.vehicles.find(name)
-            impact = float(np.interp(when, time, speed)) - (hit.speed if hit else 0.0)
-    return Drive(time, speed, demand, ttc, tuple(log.states), log.gap, max(impact, 0.0), ended)
+        impact = 0.0 if simulation.impact is None else simulation.impact.speed
+    return Drive(time, speed, demand, ttc, tuple(log.states), log.gap, impact, ended)
