@@ -460,7 +460,7 @@ def _settings(job: Job) -> list[tuple[str, str]]:
         rule = option_fields.of(field)
         if rule is not None:
             value = used.get(field.name, getattr(job.options, field.name))
-            if value is not None:
+            if value not in (None, ()):
                 rows.append((field.name.replace("_", " "), rule.text(value)))
     return rows
 

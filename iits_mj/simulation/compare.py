@@ -23,7 +23,20 @@ from traffic_bridge import Recording
 TELEMETRY, SUMMARY, FILM = "telemetry.csv", "summary.json", "drive.mp4"
 # Settings that name outputs, and what differs between any two drives: they do not change a drive.
 _OUTPUTS = (
-    *("out", "video", "size", "camera", "fps", "weather", "can log", "bag", "replay", "json"),
+    *(
+        "out",
+        "video",
+        "size",
+        "camera",
+        "fps",
+        "weather",
+        "can log",
+        "bag",
+        "xosc",
+        "osi",
+        "replay",
+        "json",
+    ),
     *("command line", "date", "telemetry sha256"),
 )
 _SAME_TIME = 1e-6  # of two rows [s]

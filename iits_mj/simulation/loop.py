@@ -447,8 +447,8 @@ class Simulation(LockStep):
         """Stores the first contact."""
         if self.impact is None and (found := self.mirror.contacts(self.truck.data)):
             name, body = found[0]
-            other = self.vehicles[self.vehicles.ids.index(name)]
             elapsed = self._steps % self._cycle_steps * self.timestep
+            other = next(each for each in self.vehicles if each.id == name)
             speed = other.speed + other.acceleration * elapsed
             # Observing a copy leaves the bits of the drive as they are, see `_show`.
             ego = copy.copy(self.truck).observe()

@@ -276,7 +276,7 @@ class SummaryBuilder:
         road_surface: str,
         warnings: dict[str, int],
         unsure_decisions: int,
-        impact_speed: float | None,
+        impact_speed: float | None = None,
     ) -> DriveSummary:
         """Returns the summary up to the frame `last`; `wall_time` in seconds, `fuel` in kg."""
         duration = last.time

@@ -86,7 +86,7 @@ def test_a_blind_planner_is_stopped_before_the_car(commands):
 def test_without_it_the_blind_planner_hits_the_car():
     with blind_drive(aeb="off") as simulation:
         summary = simulation.run()
-        assert simulation.contact[1] == "car"
+        assert simulation.impact.vehicle == "car"
     assert summary.collision
     assert summary.aeb is None
     assert "aeb" not in summary.as_dict()
