@@ -406,7 +406,7 @@ class Simulation(LockStep):
         """Stores the first contact."""
         if self.impact is None and (found := self.mirror.contacts(self.truck.data)):
             name, body = found[0]
-            other = self.vehicles[self.vehicles.ids.index(name)]
+            other = next(each for each in self.vehicles if each.id == name)
             elapsed = self._steps % self._cycle_steps * self.timestep
             speed = other.speed + other.acceleration * elapsed
             # Observing a copy leaves the bits of the drive as they are, see `_show`.
