@@ -74,6 +74,20 @@ def test_adaptive_upshift_on_a_climb_is_not_undone():
         assert min(steps) > 0
 
 
+@pytest.mark.parametrize("timestep", [0.001, 0.002, 0.005])
+def test_light_truck_skips_low_gears_at_40_percent_pedal_and_a_laden_climb_does_not(timestep):
+    """With the released powertrain's shift speeds 19 t take 13.7 s to 20 km/h on a rougher road."""
+    cases = [Case(19_000.0, 0.0, 0.0), Case(55_000.0, 0.06, 5 * KMH)]
+    pedal = [0.4, 1.0]
+    controls = constant(2, 16.0, pedal, timestep=timestep)
+    traces = drive(cases, controls, changes=ADAPTIVE, timestep=timestep)
+    light, laden = ([change[1:] for change in shifts(g, timestep)] for g in traces["gear"])
+    assert light[:2] == [(2, 4), (4, 6)]
+    assert all(after == before + 1 for before, after in laden)
+    reached = timestep * np.argmax(traces["speed"][0] > 20 * KMH)
+    assert 9.0 < reached < 13.7
+
+
 def test_adaptive_strategy_accelerates_faster_than_the_tables_at_full_pedal():
     case, controls = Case(37_000.0, 0.0, 2.0), constant(1, 50.0, [1.0])
     speeds = [

@@ -146,6 +146,13 @@ def test_laden_truck_leaves_the_low_gears_on_a_climb(strategy):
         assert min(after - before for _, before, after in shifts(gear)) > 0, case
 
 
+def test_tables_hold_97_percent_of_the_speed_of_the_best_gear_on_8_percent_from_walking_pace():
+    case = Case(55_000.0, 0.08, 5 * KMH)
+    traces = drive([case], constant(1, 120.0, np.ones(1)))
+    assert traces["speed"][0, -1] > 0.97 * ideal_speed(case.mass, case.grade)
+    assert min(after - before for _, before, after in shifts(traces["gear"][0])) > 0
+
+
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_only_the_pedal_or_the_governor_reverses_a_gear_change(strategy):
     """Each run has a constant grade; the pedal takes a new value every 1 to 8 s.

@@ -104,7 +104,7 @@ int StrongestGear(const ShiftSituation<T>& now) {
 
 // The gear with the lowest fuel rate for the power demand, among those with an allowed engine speed
 // and a torque reserve over load and power. The present gear stays unless another one saves
-// `adaptive_gain` of its fuel, or the present one cannot give the power.
+// `adaptive_gain` of its fuel, or the present one cannot give the power. Low gears are skipped.
 template <class T>
 int AdaptiveGear(const ShiftSituation<T>& now) {
   const ShiftParameters<T>& p = now.p;
@@ -145,7 +145,7 @@ int AdaptiveGear(const ShiftSituation<T>& now) {
       best = gear;
     }
   }
-  return best;
+  return best == now.gear + 1 && now.SkipsSoon() ? now.gear : best;
 }
 
 }  // namespace iits

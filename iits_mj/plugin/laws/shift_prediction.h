@@ -221,11 +221,22 @@ struct ShiftSituation {
 
   // Shaft speed after an upshift and the build-up of the torque; 0 if the pedal's torque does not
   // hold the load then. A gear that failed under this load needs a greater reserve.
-  T SpeedAfterUpshift(int next) const {
+  T SpeedAfterUpshift(int next) const { return SpeedAfterUpshift(next, in.shaft_speed); }
+  T SpeedAfterUpshift(int next, T from) const {
     const bool failed = state.failed_gear > 0 && next >= state.failed_gear;
     const T reserve = failed ? Max(p.failed_reserve, p.torque_reserve) : p.torque_reserve;
-    const Dip dip = DipOf(next, in.shaft_speed);
+    const Dip dip = DipOf(next, from);
     return Bears(next, dip) && Carries(next, dip.speed, reserve) ? dip.speed : T(0);
+  }
+
+  // Whether the next but one gear, of the lower half, will hold the load when the next gear could
+  // be left again: every change costs speed, and a gear for so short a time is not worth one.
+  bool SkipsSoon() const {
+    const int next = gear + 2;
+    const T time = p.change_time + p.min_gear_time;
+    const T soon = in.shaft_speed + time * Max(0.0, state.acceleration);
+    return p.skip_up_max > 1 && 2 * next <= gears.count() && InputSpeed() < Ceiling() &&
+           SpeedAfterUpshift(next, soon) > 0;
   }
 
   // Whether the torque at the wheels has built up to the pedal's demand, with the engine's speed
