@@ -62,8 +62,8 @@ def measure(options: Options) -> Results:
     """Returns the selected checks as one set of results.
 
     All groups are those without "truck", whose figures are among them, and "measured", which needs
-    a file; of another truck than the default one also without `validation.DEFAULT_ONLY`. The quick form uses the laden truck only and
-    leaves out the step sizes, which repeat the same figures.
+    a file; of another truck than the default one also without `validation.DEFAULT_ONLY`. The quick
+    form uses the laden truck only and leaves out the step sizes, which repeat the same figures.
 
     Raises:
       InputError: the group drives the default truck only, and another one is chosen.

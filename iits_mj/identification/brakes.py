@@ -197,7 +197,7 @@ def _lagged(signal: FloatArray, lag: float) -> FloatArray:
 def _fit_circuit(
     free: list[Free], responses: list[_Response], uncertainty: float
 ) -> list[Estimate]:
-    """Fits one circuit; with an `uncertainty` of the demands' onset [s], the build-up time alone."""
+    """Fits one circuit; if the demands' onset is uncertain [s], its build-up time alone."""
     scale = max((response.span for response in responses), default=0.0)
     reason = ""
     if len(responses) < _EVENTS_MIN:

@@ -34,9 +34,9 @@ NAMES = ("torque_map_scale", "engine_drag_scale", "boost_lag", "torque_rise_rate
 # Time step of the bench, and longest stretch of the log on it [s].
 _STEP = 0.005
 _WINDOW = 12.0
-# Errors of the estimates by the bench's step, and by a pedal that moves between the rows of a table,
-# measured against the truck: shares of the value in the order of `NAMES`. A table's rows hide the
-# mean time of pedal steps by this share of their period.
+# Errors of the estimates by the bench's step, and by a pedal that moves between the rows of a
+# table, measured against the truck: shares of the value in the order of `NAMES`. A table's rows
+# hide the mean time of pedal steps by this share of their period.
 _BUS_ERRORS = (0.001, 0.003, 0.01, 0.003)
 _TABLE_ERRORS = (0.007, 0.02, 0.01, 0.02)
 _TABLE_ONSET = 0.2

@@ -2,7 +2,8 @@
 
 Output error in windows of nearly constant speed: the recorded steering drives the model of
 `analytic.yaw_roll`. Its response is linear in the initial state, the steering's offset and the
-road's cross slope, which pulls all masses aside along a parabola over time; they are solved for. Motion shows only forces over masses, so the mass must be known.
+road's cross slope, which pulls all masses aside along a parabola over time; they are solved for.
+Motion shows only forces over masses, so the mass must be known.
 
 The friction of the fifth wheel, a few hundred N m, turns a tractor in a gentle bend as a percent of
 its steering would, and the tires' stiffness by several percent. The recorded articulation shows its
@@ -136,8 +137,8 @@ class _Window:
     Attributes:
       state: speed [m/s] and equivalent lateral acceleration of the first and the last unit [m/s2],
         rounded.
-      steering: angle [rad], (n,); friction: of the fifth wheel over its greatest, against a positive
-        rate of the articulation, (n,); signals: by name, (n,) each.
+      steering: angle [rad], (n,); friction: of the fifth wheel over its greatest, against a
+        positive rate of the articulation, (n,); signals: by name, (n,) each.
     """
 
     state: _State
@@ -178,7 +179,9 @@ def identify_cornering(
     if lacking:
         return unseen(free[:-1], f"the log lacks {', '.join(lacking)}")
     if len(parameters.units) != _UNITS:
-        return unseen(free[:-1], f"the truck has {len(parameters.units)} units, the linear model has 2")
+        return unseen(
+            free[:-1], f"the truck has {len(parameters.units)} units, the linear model has 2"
+        )
     if mass is None:
         return unseen(free[:-1], "motion shows it only as a ratio to the mass, which is not known")
     step, windows = _windows(log, parameters)
@@ -218,9 +221,7 @@ def identify_cornering(
     return [estimate.widened(_MODEL_ERROR) for estimate in estimates[:-1]]
 
 
-def _softening(
-    p: TruckParameters, payload: float, model: YawRoll, state: _State
-) -> FloatArray:
+def _softening(p: TruckParameters, payload: float, model: YawRoll, state: _State) -> FloatArray:
     """Share of the axles' cornering stiffness left at a window's lateral acceleration, (axles,)."""
     speed, *accelerations = state
     data = RollData.from_parameters(p, payload, speed)
@@ -267,7 +268,9 @@ def _errors(
         # The state answers one sample later: to this sample's input and to the next one's.
         forced = np.zeros(n)
         for signal, early, late in zip(inputs, answers[0:4:2], answers[1:4:2], strict=True):
-            forced[1:] += np.convolve(early, signal)[: n - 1] + np.convolve(late, signal[1:])[: n - 1]
+            forced[1:] += (
+                np.convolve(early, signal)[: n - 1] + np.convolve(late, signal[1:])[: n - 1]
+            )
         offset = np.concatenate([[0.0], np.cumsum(answers[0] + answers[1])[:-1]])
         columns.append(np.column_stack([forced, *answers[4:], offset]) / scale)
         measured.append(window.signals[name] / scale)
@@ -368,7 +371,10 @@ def _windows(log: Log, parameters: TruckParameters) -> tuple[float, list[_Window
         mean = float(speed[part].mean())
         lead, last = (
             _equivalent(mean * own[name])
-            for name in ("yaw_rate", "trailer_yaw_rate" if "trailer_yaw_rate" in own else "yaw_rate")
+            for name in (
+                "yaw_rate",
+                "trailer_yaw_rate" if "trailer_yaw_rate" in own else "yaw_rate",
+            )
         )
         mean = _SPEED_STEP * round(mean / _SPEED_STEP)
         # A path has yaw rates in proportion to the speed.

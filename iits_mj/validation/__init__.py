@@ -7,9 +7,9 @@
 from collections.abc import Callable
 
 from iits_mj.core.results import Results
+from iits_mj.validation import measured
 from iits_mj.validation.handling import plants, step_size
 from iits_mj.validation.handling.group import run_lateral, run_standards
-from iits_mj.validation import measured
 from iits_mj.validation.harness.config import ValidateConfig
 from iits_mj.validation.longitudinal import group as longitudinal
 from iits_mj.validation.pbs import group as pbs

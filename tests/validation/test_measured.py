@@ -40,7 +40,8 @@ def columns():
 
 
 def write(path, columns, titles=TITLES):
-    rows = [",".join(titles), *(",".join(f"{x:.9g}" for x in row) for row in zip(*columns))]
+    cells = zip(*columns, strict=True)
+    rows = [",".join(titles), *(",".join(f"{x:.9g}" for x in row) for row in cells)]
     path.write_text("\n".join(rows) + "\n", encoding="utf-8")
     return path
 
@@ -70,7 +71,7 @@ def test_the_report_has_ratings_and_an_envelope_around_the_measurement(columns, 
     assert values["sine: yaw rate: rating by ISO/TS 18571"] > 0.97
     assert values["sine: articulation: measurement inside the envelope"] > 80.0
     panels = report.figures["measured"]
-    assert [panel.title for panel in panels][0] == "sine: yaw rate"
+    assert panels[0].title == "sine: yaw rate"
     measured, _, low, high = panels[0].lines
     assert np.all(low.y <= high.y)
     assert len(measured.x) == len(columns[0])
