@@ -37,7 +37,7 @@ LATERAL = {"VDC2": 0.02, "IITS_TRAILER": 0.02, "IITS_MOTION": 0.02}
 _STRAIGHT, _CLOTHOID, _ARC, _SLOPE = (60.0, 500.0), (70.0, 130.0), (80.0, 350.0), (250.0, 600.0)
 _GRADE_MAX, _CROSS_SLOPE, _BEND_SPEED, _COMFORT = 0.04, 0.025, (11.0, 24.0), 1.2
 _CURVE = 120.0
-# The driver: preview [s], least and greatest speed [m/s], and noise at the steering wheel [rad] with
+# The driver: preview [s], least and greatest speed [m/s], noise at the steering wheel [rad] with
 # its correlation time [s].
 _PREVIEW, _SPEED_MIN, _SPEED_MAX = 0.9, 8.0, 25.0
 _STEERING_NOISE, _STEERING_TIME = 0.05, 0.4
