@@ -104,7 +104,7 @@ class Driver:
         self._wheelbase = float(np.mean([a.position for a in rear]) - front[0].position)
         self._ratio = parameters.steering.ratio
         table = route.table(5.0)
-        self._station = np.arange(len(table)) * 5.0
+        self._station: FloatArray = np.arange(len(table), dtype=np.float64) * 5.0
         heading = np.unwrap(route.heading(self._station))
         bend = np.abs(np.gradient(heading, self._station))
         limit = np.sqrt(_COMFORT / np.maximum(bend, 1e-6))
@@ -206,9 +206,9 @@ def frames(
         for name, period in messages.items():
             if tick % round(period / CONTROL_PERIOD) == 0:
                 known = {
-                    r.signal: values[r.quantity] / r.scale
+                    r.signal: value / r.scale
                     for r in signals[name]
-                    if values[r.quantity] is not None
+                    if (value := values[r.quantity]) is not None
                 }
                 found.append(encode(make_group(name, known), time=state.time, saturate=True))
     return found
