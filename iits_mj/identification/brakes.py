@@ -45,8 +45,10 @@ _EVENTS_MIN = 4
 # Errors of the fit against the truck itself, on a level road without noise: its control compares
 # with one lag for all circuits. Of the dead time [s], and of the build-up time [1].
 _DEAD_TIME_ERROR, _BUILD_UP_ERROR = 0.002, 0.04
-# Dead times of single applications of a table: beyond the prior, and their grid [s].
-_DEAD_TIME_ADDED, _DEAD_TIME_STEP = 0.25, 0.015
+# Dead times of single applications of a table: beyond the prior, their grid, and a finer one around
+# the best of it [s].
+_DEAD_TIME_ADDED, _DEAD_TIME_STEP = 0.25, 0.016
+_DEAD_TIMES_NEAR = np.linspace(-0.008, 0.008, 5)
 # Grid on which the supply and its lag are computed [s].
 _GRID = 0.002
 
@@ -195,7 +197,7 @@ def _lagged(signal: FloatArray, lag: float) -> FloatArray:
 def _fit_circuit(
     free: list[Free], responses: list[_Response], uncertainty: float
 ) -> list[Estimate]:
-    """Fits one circuit; with an `uncertainty` of the demands' onset [s], the build-up time alone."""
+    """Fits one circuit; if the demands' onset is uncertain [s], its build-up time alone."""
     scale = max((response.span for response in responses), default=0.0)
     reason = ""
     if len(responses) < _EVENTS_MIN:
@@ -212,9 +214,13 @@ def _fit_circuit(
         # Each application has a dead time of its own.
         own = np.arange(-2.0 * uncertainty, free[0].prior + _DEAD_TIME_ADDED, _DEAD_TIME_STEP)
 
+        def best(r: _Response, lag: float, times: FloatArray) -> tuple[float, FloatArray]:
+            trials = [(float(d), r.residual(float(d), lag, scale)) for d in times]
+            return min(trials, key=lambda pair: float(pair[1] @ pair[1]))
+
         def nearest(values: FloatArray) -> list[tuple[float, FloatArray]]:
-            trials = [[(d, r.residual(d, values[0], scale)) for d in own] for r in responses]
-            return [min(trial, key=lambda pair: float(pair[1] @ pair[1])) for trial in trials]
+            around = [(r, best(r, values[0], own)[0]) for r in responses]
+            return [best(r, values[0], middle + _DEAD_TIMES_NEAR) for r, middle in around]
 
         _, values = fit(free[1:], lambda values: [error for _, error in nearest(values)])
         for response, (dead_time, _) in zip(responses, nearest(values), strict=True):

@@ -28,18 +28,24 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.tables import Table2D
 from iits_mj.plugin import register
 
-_NEEDED = ("engine_torque", "engine_speed", "command_accelerator_pedal", "shift_in_process")
+_PEDAL = "command_accelerator_pedal"
+_NEEDED = ("engine_torque", "engine_speed", _PEDAL, "shift_in_process")
 NAMES = ("torque_map_scale", "engine_drag_scale", "boost_lag", "torque_rise_rate")
 # Time step of the bench, and longest stretch of the log on it [s].
 _STEP = 0.005
 _WINDOW = 12.0
-# Error of the map's scale by a pedal that moves between the rows of a table, measured against the
-# truck [1].
-_SCALE_ERROR = 0.003
+# Errors of the estimates by the bench's step, and by a pedal that moves between the rows of a
+# table, measured against the truck: shares of the value in the order of `NAMES`. A table's rows
+# hide the mean time of pedal steps by this share of their period.
+_BUS_ERRORS = (0.001, 0.003, 0.01, 0.003)
+_TABLE_ERRORS = (0.007, 0.02, 0.01, 0.02)
+_TABLE_ONSET = 0.2
 # Times after which the charge is gone: without pedal, and after a gear change [s].
 _COASTED = 3.0
 _FORGOTTEN = 8.0
 _COUNTED_MIN = 1.0
+# More stretches than this, evenly over the log, add time and little knowledge.
+_WINDOWS_MAX = 40
 # Time for which a coasting engine runs on the bench before the pedal goes down [s].
 _BEFORE = 1.0
 _PEDAL_UP = 0.01
@@ -173,8 +179,14 @@ def identify_engine(log: Log, parameters: TruckParameters) -> list[Estimate]:
             groups.append(np.where(np.isfinite(error), error, 0.0))
         return groups
 
-    (scale, *others), _ = fit(free, residual, step=1e-3, tolerance=1e-5)
-    return [scale.widened(_SCALE_ERROR), *others]
+    estimates, _ = fit(free, residual, step=1e-3, tolerance=1e-5)
+    if _continuous(log):
+        return [e.widened(share) for e, share in zip(estimates, _BUS_ERRORS, strict=True)]
+    late = _TABLE_ONSET * float(np.median(np.diff(log.series(_PEDAL).time)))
+    scale, drag, lag, rise = (
+        e.widened(share) for e, share in zip(estimates, _TABLE_ERRORS, strict=True)
+    )
+    return [scale, drag, lag.widened(late / lag.value), rise]
 
 
 def with_engine(parameters: TruckParameters, values: dict[str, float]) -> TruckParameters:
@@ -215,7 +227,12 @@ def _windows(log: Log, parameters: TruckParameters) -> list[_Window]:
         pedal = np.clip(_pedal(log, begin + grid), 0.0, 1.0)
         part = np.arange(start, stop)[time[start:stop] >= counted]
         windows.append(_Window(grid, speed, pedal, time[part] - begin, series.value[part]))
-    return windows
+    return windows[:: -(-len(windows) // _WINDOWS_MAX) or 1]
+
+
+def _continuous(log: Log) -> bool:
+    """Whether the log has each position of the pedal when it is given, as a bus has."""
+    return isinstance(log.signals[_PEDAL], Series)
 
 
 def _pedal(log: Log, time: FloatArray) -> FloatArray:
@@ -224,9 +241,7 @@ def _pedal(log: Log, time: FloatArray) -> FloatArray:
     On a bus a position holds until the next frame. A table shows it up to a row late: a straight
     line between rows has the right time on average.
     """
-    name = "command_accelerator_pedal"
-    known = isinstance(log.signals[name], Series)
-    return log.held(name, time) if known else log.at(name, time)
+    return log.held(_PEDAL, time) if _continuous(log) else log.at(_PEDAL, time)
 
 
 def _starts(log: Log) -> list[tuple[float, float]]:
@@ -234,7 +249,7 @@ def _starts(log: Log) -> list[tuple[float, float]]:
     shifts = log.series("shift_in_process")
     ends = shifts.time[1:][np.diff(shifts.value) < -0.5]
     starts = [(float(end), float(end) + _FORGOTTEN) for end in ends]
-    pedal = log.series("command_accelerator_pedal")
+    pedal = log.series(_PEDAL)
     up = pedal.value > _PEDAL_UP
     pressed = np.flatnonzero(up[1:] & ~up[:-1]) + 1
     for index in pressed:

@@ -92,6 +92,7 @@ def fit(
     free: Sequence[Free],
     residual: Residual,
     *,
+    start: FloatArray | None = None,
     step: float | None = None,
     tolerance: float = 1e-8,
 ) -> tuple[list[Estimate], FloatArray]:
@@ -105,14 +106,16 @@ def fit(
     Args:
       free: the parameters, k of them.
       residual: gives groups of residuals, all in one unit, for parameter values (k,).
+      start: values at which the search begins, shape (k,); default: the priors.
       step: relative step of the difference quotients, for a residual with rounding errors.
       tolerance: relative change of costs or parameters at which the search ends.
 
     Returns:
       The estimates, and the values of the best fit (k,), identifiable or not.
     """
-    values = np.array([f.prior for f in free])
-    size = np.maximum(np.abs(values), 1e-12)
+    prior = np.array([f.prior for f in free])
+    values = prior if start is None else np.array(start, dtype=float)
+    size = np.maximum(np.abs(prior), 1e-12)
     active = list(range(len(free)))
     reasons: dict[int, str] = {}
     widths = np.full(len(free), math.inf)
@@ -125,10 +128,10 @@ def fit(
     while active:
         low = np.array([free[i].low for i in active]) / size[active]
         high = np.array([free[i].high for i in active]) / size[active]
-        start = np.clip(values[active] / size[active], low, high)
+        first = np.clip(values[active] / size[active], low, high)
         solution = least_squares(
             stacked,
-            start,
+            first,
             bounds=(low, high),
             x_scale="jac",
             loss="soft_l1",

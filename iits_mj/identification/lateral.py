@@ -2,7 +2,8 @@
 
 Output error in windows of nearly constant speed: the recorded steering drives the model of
 `analytic.yaw_roll`. Its response is linear in the initial state, the steering's offset and the
-road's cross slope, which pulls all masses aside along a parabola over time; they are solved for. Motion shows only forces over masses, so the mass must be known.
+road's cross slope, which pulls all masses aside along a parabola over time; they are solved for.
+Motion shows only forces over masses, so the mass must be known.
 
 The friction of the fifth wheel, a few hundred N m, turns a tractor in a gentle bend as a percent of
 its steering would, and the tires' stiffness by several percent. The recorded articulation shows its
@@ -48,12 +49,16 @@ _UNITS = 2
 # Outputs that are compared, if the log has them: place among the states.
 _STATES = {"yaw_rate": 1, "trailer_yaw_rate": 2, "articulation": 3}
 _PLANE_STATES = 4
+# Powers of time in a window's cross slope.
+_CROSS_SLOPES = 3
 # Samples whose responses are computed at once.
 _BLOCK = 16
 # Shortest sampling step, and lengths of the windows [s].
 _STEP_MIN = 0.04
 _WINDOW, _WINDOW_MIN = 6.0, 4.0
 _RATIO_WINDOW = 10.0
+# More windows than this, evenly over the log, add time and little knowledge.
+_WINDOWS_MAX = 100
 _SPEED_MIN = 6.0
 # The model is linear and at one speed: greatest lateral acceleration [m/s2] and speed range [1].
 _ACCELERATION_MAX = 2.0
@@ -65,7 +70,7 @@ _WIND_UP, _SMOOTH, _FRICTION_MAX = 0.002, 0.4, 4000.0
 _SPEED_STEP, _ACCELERATION_STEP = 0.5, 0.5
 # Errors of the equivalent linear tires in this range, against the truck itself, and of a linkage
 # without compliance [1]; the intervals include them.
-_MODEL_ERROR = 0.03
+_MODEL_ERROR = 0.05
 _RATIO_MODEL_ERROR = 0.005
 # Relative change at which the fit ends: far below the model's own error.
 _TOLERANCE = 1e-5
@@ -132,8 +137,8 @@ class _Window:
     Attributes:
       state: speed [m/s] and equivalent lateral acceleration of the first and the last unit [m/s2],
         rounded.
-      steering: angle [rad], (n,); friction: of the fifth wheel over its greatest, against a positive
-        rate of the articulation, (n,); signals: by name, (n,) each.
+      steering: angle [rad], (n,); friction: of the fifth wheel over its greatest, against a
+        positive rate of the articulation, (n,); signals: by name, (n,) each.
     """
 
     state: _State
@@ -174,7 +179,9 @@ def identify_cornering(
     if lacking:
         return unseen(free[:-1], f"the log lacks {', '.join(lacking)}")
     if len(parameters.units) != _UNITS:
-        return unseen(free[:-1], f"the truck has {len(parameters.units)} units, the linear model has 2")
+        return unseen(
+            free[:-1], f"the truck has {len(parameters.units)} units, the linear model has 2"
+        )
     if mass is None:
         return unseen(free[:-1], "motion shows it only as a ratio to the mass, which is not known")
     step, windows = _windows(log, parameters)
@@ -194,7 +201,7 @@ def identify_cornering(
     softened = {s: _softening(parameters, payload, models[s[0]], s) for s in states}
     axles = [axle.tire for axle in axles_on_road(parameters, payload)[1]]
 
-    def residual(values: FloatArray) -> list[FloatArray]:
+    def residual(values: FloatArray, leaning: bool = True) -> list[FloatArray]:
         divisor = 1.0 if direct else float(values[-2]) if wants_ratio else float(ratio or 1.0)
         factor = {name: values[i] / prior for i, (name, prior) in enumerate(kinds.items())}
         scale = np.array([factor[name] for name in axles])
@@ -204,15 +211,17 @@ def identify_cornering(
             model = dataclasses.replace(model, cornering=scale * share * model.cornering)
             responses[state] = _responses(model, state[0], longest, step)
         friction = float(values[-1])
-        return [_errors(responses[w.state], w, divisor, friction, scales) for w in windows]
+        keep = slice(None if leaning else -_CROSS_SLOPES)
+        answers = {state: response[:, :, keep] for state, response in responses.items()}
+        return [_errors(answers[w.state], w, divisor, friction, scales) for w in windows]
 
-    estimates, _ = fit(free, residual, tolerance=_TOLERANCE)
+    # With the cross slopes free, a search from afar may end in a minimum beside the right one.
+    _, near = fit(free, lambda values: residual(values, leaning=False), tolerance=1e-3)
+    estimates, _ = fit(free, residual, start=near, tolerance=_TOLERANCE)
     return [estimate.widened(_MODEL_ERROR) for estimate in estimates[:-1]]
 
 
-def _softening(
-    p: TruckParameters, payload: float, model: YawRoll, state: _State
-) -> FloatArray:
+def _softening(p: TruckParameters, payload: float, model: YawRoll, state: _State) -> FloatArray:
     """Share of the axles' cornering stiffness left at a window's lateral acceleration, (axles,)."""
     speed, *accelerations = state
     data = RollData.from_parameters(p, payload, speed)
@@ -259,7 +268,9 @@ def _errors(
         # The state answers one sample later: to this sample's input and to the next one's.
         forced = np.zeros(n)
         for signal, early, late in zip(inputs, answers[0:4:2], answers[1:4:2], strict=True):
-            forced[1:] += np.convolve(early, signal)[: n - 1] + np.convolve(late, signal[1:])[: n - 1]
+            forced[1:] += (
+                np.convolve(early, signal)[: n - 1] + np.convolve(late, signal[1:])[: n - 1]
+            )
         offset = np.concatenate([[0.0], np.cumsum(answers[0] + answers[1])[:-1]])
         columns.append(np.column_stack([forced, *answers[4:], offset]) / scale)
         measured.append(window.signals[name] / scale)
@@ -290,8 +301,8 @@ def _responses(model: YawRoll, speed: float, length: int, step: float) -> FloatA
     for column in (0, 2):
         first, late = power[:size, size + column], power[:size, size + column + 1]
         start[:size, column], start[:size, column + 1] = first - late, late
-    start[:_PLANE_STATES, 4:-3] = np.eye(_PLANE_STATES)
-    start[size + 4 :, -3:] = np.eye(3)
+    start[:_PLANE_STATES, 4:-_CROSS_SLOPES] = np.eye(_PLANE_STATES)
+    start[size + 4 :, -_CROSS_SLOPES:] = np.eye(_CROSS_SLOPES)
     # The first powers of a block, applied to the state at each block's start.
     rows = [np.eye(_PLANE_STATES, size + 7)]
     for _ in range(_BLOCK - 1):
@@ -360,10 +371,13 @@ def _windows(log: Log, parameters: TruckParameters) -> tuple[float, list[_Window
         mean = float(speed[part].mean())
         lead, last = (
             _equivalent(mean * own[name])
-            for name in ("yaw_rate", "trailer_yaw_rate" if "trailer_yaw_rate" in own else "yaw_rate")
+            for name in (
+                "yaw_rate",
+                "trailer_yaw_rate" if "trailer_yaw_rate" in own else "yaw_rate",
+            )
         )
         mean = _SPEED_STEP * round(mean / _SPEED_STEP)
         # A path has yaw rates in proportion to the speed.
         own = {name: v if name == "articulation" else v * mean / line for name, v in own.items()}
         windows.append(_Window((mean, lead, last), steering[part], friction[part], own))
-    return step, windows
+    return step, windows[:: -(-len(windows) // _WINDOWS_MAX) or 1]

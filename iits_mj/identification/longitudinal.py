@@ -1,6 +1,7 @@
 """Mass, resistances and brake gains: the point mass fitted to the recorded speed.
 
-    (m + J / r^2) v' = s T i / r - m g (sin(theta) + f cos(theta)) - 0.5 rho A v^2 - sum b_c F_c - k D
+    (m + J / r^2) v' = s T i / r - m g (sin(theta) + f cos(theta)) - 0.5 rho A v^2
+                       - sum b_c F_c - k D
 
 with engine torque T less that of the auxiliaries, overall ratio i with its efficiency, rotating
 inertia J of wheels, gearbox and engine, brake force F_c of each circuit from its chambers'
@@ -225,7 +226,8 @@ def _acceleration(inputs: _Inputs, values: Mapping[str, float]) -> FloatArray:
     """The model's acceleration [m/s2], shape (n,), at the recorded speed.
 
     `values` has mass, rolling_resistance, drag_area, engine_torque_scale, brake_gain and
-    cornering_drag_scale, and brake_gain_front, _drive, _trailer where a circuit differs from the rest.
+    cornering_drag_scale, and brake_gain_front, _drive, _trailer where a circuit differs from the
+    rest.
     """
     mass = values["mass"]
     gains = np.array([values.get(f"brake_gain_{name}", 1.0) for name in CIRCUITS])

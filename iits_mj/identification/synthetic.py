@@ -37,8 +37,8 @@ LATERAL = {"VDC2": 0.02, "IITS_TRAILER": 0.02, "IITS_MOTION": 0.02}
 _STRAIGHT, _CLOTHOID, _ARC, _SLOPE = (60.0, 500.0), (70.0, 130.0), (80.0, 350.0), (250.0, 600.0)
 _GRADE_MAX, _CROSS_SLOPE, _BEND_SPEED, _COMFORT = 0.04, 0.025, (11.0, 24.0), 1.2
 _CURVE = 120.0
-# The driver: preview [s], least and greatest speed [m/s], and steering noise at the wheel [rad] with its
-# correlation time [s].
+# The driver: preview [s], least and greatest speed [m/s], noise at the steering wheel [rad] with
+# its correlation time [s].
 _PREVIEW, _SPEED_MIN, _SPEED_MAX = 0.9, 8.0, 25.0
 _STEERING_NOISE, _STEERING_TIME = 0.05, 0.4
 _BRAKE_SPEED, _BRAKING = 9.0, 0.7
@@ -82,7 +82,7 @@ def random_road(rng: np.random.Generator, length: float, *, winding: bool) -> Ro
 class Driver:
     """Steers along a lane's middle, and accelerates, coasts, cruises and brakes in turn.
 
-    Bends limit the speed. A call gives the command at a time [s] and a state.
+    Bends limit the speed. It begins a new phase at random times.
 
     Args:
       rng: of phases and steering noise.
@@ -104,7 +104,7 @@ class Driver:
         self._wheelbase = float(np.mean([a.position for a in rear]) - front[0].position)
         self._ratio = parameters.steering.ratio
         table = route.table(5.0)
-        self._station = np.arange(len(table)) * 5.0
+        self._station: FloatArray = np.arange(len(table), dtype=np.float64) * 5.0
         heading = np.unwrap(route.heading(self._station))
         bend = np.abs(np.gradient(heading, self._station))
         limit = np.sqrt(_COMFORT / np.maximum(bend, 1e-6))
@@ -118,6 +118,7 @@ class Driver:
         self._pedal, self._demand, self._braking, self._wanted = 1.0, 0.0, False, 20.0
 
     def __call__(self, time: float, state: EgoState) -> VehicleCommand:
+        """Returns the command at a time [s]; times must increase from call to call."""
         if time >= self._until:
             self._next(time)
         if state.speed < _SPEED_MIN:
@@ -183,7 +184,8 @@ def frames(
     Args:
       rows: of `drive`.
       parameters: with the reference torque.
-      messages: names of the truck's messages and their periods [s]; commands come every 100 ms, and when they change.
+      messages: names of the truck's messages and their periods [s]; commands come every 100 ms,
+        and when they change.
       noise: standard deviation of the speeds' noise, share of the speed.
       yaw_noise: of the yaw rates [rad/s]; that of the articulation is half of it [rad].
       seed: of the noise.
@@ -204,17 +206,15 @@ def frames(
         for name, period in messages.items():
             if tick % round(period / CONTROL_PERIOD) == 0:
                 known = {
-                    r.signal: values[r.quantity] / r.scale
+                    r.signal: value / r.scale
                     for r in signals[name]
-                    if values[r.quantity] is not None
+                    if (value := values[r.quantity]) is not None
                 }
                 found.append(encode(make_group(name, known), time=state.time, saturate=True))
     return found
 
 
-def _noisy(
-    state: EgoState, noise: float, yaw_noise: float, rng: np.random.Generator
-) -> EgoState:
+def _noisy(state: EgoState, noise: float, yaw_noise: float, rng: np.random.Generator) -> EgoState:
     speed, lead, last, angle = rng.standard_normal(4)
     return dataclasses.replace(
         state,

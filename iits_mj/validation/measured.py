@@ -2,8 +2,8 @@
 
 The truck gets the measured steering-wheel angle and holds the measured speed, on a level road. Its
 yaw rate, lateral acceleration and articulation are drawn over the measured ones and rated by
-ISO/TS 18571 (`harness.rating`), as a diagnosis without a bound. The envelope is that of trucks drawn
-from the uncertainty of the parameters, `mjcf/spread.toml`.
+ISO/TS 18571 (`harness.rating`), as a diagnosis without a bound. The envelope is that of trucks
+drawn from the uncertainty of the parameters, `mjcf/spread.toml`.
 
 The steering-wheel angle is the actual one. The command is ahead of it by the actuator's lag, which
 the simulated steering has and a measured angle has already behind it.
@@ -36,7 +36,7 @@ OUTPUTS = {
 }
 # Trucks of the envelope, in full and in the quick form.
 _TRUCKS, _TRUCKS_QUICK = 20, 8
-# The truck takes the first angle over this time before the manoeuvre, and settles for this time [s].
+# Times before the manoeuvre: the truck takes the first angle, then settles [s].
 _TURN_IN, _SETTLE = 2.0, 4.0
 # Longest manoeuvre [s], and speeds for which the model is meant [m/s].
 _LONGEST, _SPEEDS = 600.0, (3.0, 40.0)
@@ -46,8 +46,8 @@ def read_maneuver(path: Path) -> Log:
     """Reads a measured manoeuvre: a table with titles `name [unit]`.
 
     Raises:
-      InputError: the table lacks a column, or has a wrong unit, a gap, times that do not increase, or
-        values that the model is not meant for.
+      InputError: the table lacks a column, or has a wrong unit, a gap, times that do not increase,
+        or values that the model is not meant for.
     """
     log = read_table(path)
     if lacks := log.lacks(*NEEDED):
@@ -152,7 +152,7 @@ def run(config: ValidateConfig) -> Results:
             Line("highest", time, high),
         )
     found.notes.append(
-        "Ratings are a diagnosis without a bound: more than 0.94 is excellent, 0.8 good, 0.58 fair. "
+        "Ratings are a diagnosis without a bound: above 0.94 is excellent, 0.8 good, 0.58 fair. "
         f"The envelope is that of {count} trucks drawn from mjcf/spread.toml."
     )
     report.add("measured", found)

@@ -7,16 +7,10 @@ import pytest
 
 from iits_mj.identification import from_frames, identify, overlay, write_toml
 from iits_mj.identification.log import with_grade
+from iits_mj.identification.synthetic import LONGITUDINAL, drive, frames
 from iits_mj.parameters import TruckParameters
 from tests.combinations import load
-from tests.identification.truck_drives import (
-    LONGITUDINAL,
-    drive,
-    frames,
-    hidden_truck,
-    hill_drive,
-    hills,
-)
+from tests.identification.truck_drives import hidden_truck, hill_drive, hills
 
 
 def recorded(parameters, hidden, payload=0.0, duration=200.0):

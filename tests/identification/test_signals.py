@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from iits_mj.core.errors import InputError
-from iits_mj.identification import Log, Series
+from iits_mj.identification import Log, Series, read_table
 from iits_mj.identification.brakes import brake_events
 from iits_mj.identification.log import with_slope
 from iits_mj.identification.replay import graded_road, replay
@@ -94,3 +94,13 @@ def test_drive_without_a_pedal_cannot_be_replayed():
     log = Log({"time": time, "speed": np.full(100, 10.0), "grade": np.zeros(100)})
     with pytest.raises(InputError, match="lacks command_accelerator_pedal"):
         replay(log, PARAMETERS)
+
+
+def test_a_column_with_an_unknown_unit_is_refused(tmp_path):
+    path = tmp_path / "log.csv"
+    rows = "\n".join(f"{0.1 * k:.1f},{36.0 + k}" for k in range(60))
+    path.write_text(f"time [s],speed [mph]\n{rows}\n", encoding="utf-8")
+    with pytest.raises(InputError, match="'speed' has the unit 'mph'; use m/s or km/h"):
+        read_table(path)
+    path.write_text(f"time [s],speed [km/h]\n{rows}\n", encoding="utf-8")
+    assert read_table(path)["speed"][0] == pytest.approx(10.0)

@@ -10,8 +10,8 @@ A simulated signal C is compared with a measured one T, both sampled at the same
 - slope: with the shift removed, of the slopes as means of nine samples, 1 less the relative error
   over 200 %.
 
-The rating is 0.4 corridor + 0.2 phase + 0.2 magnitude + 0.2 slope. The standard wants data of 10 kHz;
-here the samples are the measured ones, which suits vehicle dynamics.
+The rating is 0.4 corridor + 0.2 phase + 0.2 magnitude + 0.2 slope. The standard wants data of
+10 kHz; here the samples are the measured ones, which suits vehicle dynamics.
 """
 
 from __future__ import annotations
