@@ -30,6 +30,7 @@ SECONDS = {
     "plant": (80.0, 12.0),
     "traffic": (20.0, 3.0),
     "planning": (40.0, 7.0),
+    "measured": (40.0, 10.0),
     "credibility": (280.0, 75.0),
     "aeb": (600.0, 25.0),
 }

@@ -62,7 +62,7 @@ _UNITS = {
     "rad": {"deg": _DEGREE},
     "rad/s": {"rpm": RPM, "deg/s": _DEGREE},
     "Pa": {"kPa": 1e3, "bar": 1e5, "MPa": 1e6},
-    "1": {"-": 1.0, "%": 0.01},
+    "1": {"%": 0.01},
 }
 # Signals with another name on the bus, and signals that only serve to compute others.
 _BUS_NAMES = {"wheel_based_speed": "speed_of_wheels"}
@@ -215,9 +215,9 @@ def read_table(path: str | Path, names: dict[str, str] | None = None) -> Log:
 
 
 def _factor(name: str, unit: str) -> float:
-    """SI units in one unit of a column; a column without a unit has the signal's."""
+    """SI units in one unit of a column; a column without a unit, or with "-", has the signal's."""
     own = SIGNALS[name].partition("[")[2].partition("]")[0]
-    known = {own: 1.0, "": 1.0, **_UNITS.get(own, {})}
+    known = {own: 1.0, "": 1.0, "-": 1.0, **_UNITS.get(own, {})}
     if unit not in known:
         raise InputError(
             f"column {name!r} has the unit {unit!r}; use {' or '.join(filter(None, known))}"

@@ -126,7 +126,7 @@ def test_a_late_controller_has_the_complete_state_within_a_second():
     report = receiver.report()
     unheard = {field for field in TruckReport.__slots__ if getattr(report, field) in (None, ())}
     # Only quantities derived from these fields are sent.
-    assert unheard == {"clutch_engagement", "xbr_mode", "xbr_active"}
+    assert unheard == {*("clutch_engagement", "xbr_mode", "xbr_active", "steering_wheel_torque")}
 
 
 def test_a_state_that_is_not_finite_is_refused():

@@ -157,8 +157,12 @@ def bare_model(
 def remove_plugins(spec: mujoco.MjSpec, kinds: Collection[str]) -> None:
     """Removes all instances of these plugins and their sensors and actuators."""
     names = {plugin.name for plugin in spec.plugins if plugin.plugin_name in kinds}
+    # The steering computes this one from the tires' forces.
+    of_tires = {"steering_wheel_torque"} if "iits.tire" in kinds else set()
     for sensor in list(spec.sensors):
-        if sensor.type == mujoco.mjtSensor.mjSENS_PLUGIN and sensor.plugin.name in names:
+        if sensor.type == mujoco.mjtSensor.mjSENS_PLUGIN and (
+            sensor.plugin.name in names or sensor.name in of_tires
+        ):
             spec.delete(sensor)
     for actuator in list(spec.actuators):
         if actuator.plugin.active and actuator.plugin.name in names:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import mujoco
 
-from iits_mj.core.messages import TrackedVehicle
+from iits_mj.core.messages import EgoState, TrackedVehicle
 from iits_mj.simulation.gaps import nearest_box_distance
 from iits_mj.suite import scene
 from iits_mj.suite.physics import WITHOUT_GEAR, Observed, Physics
@@ -73,7 +73,22 @@ class Encounter(DrivingTask):
     def __init__(self, random: Any = None) -> None:
         super().__init__(random)
         self._traffic: EventSim | None = None
+        self._states: list[EgoState] = []  # of the truck at the steps of the traffic
         self._mirror = _mirror()
+
+    def __getstate__(self) -> dict[str, Any]:
+        # The traffic is made again from its events and the truck's states.
+        traffic = None if self._traffic is None else (self._traffic.route, self._traffic.config)
+        return vars(self) | {"_traffic": traffic}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        if self._traffic is not None:
+            first, *others = self._states
+            self._traffic = EventSim(*state["_traffic"])
+            self._traffic.reset(first)
+            for ego in others:
+                self._traffic.step(ego)
 
     @classmethod
     def edit_spec(cls, spec: mujoco.MjSpec) -> None:
@@ -94,13 +109,15 @@ class Encounter(DrivingTask):
             density="empty", footprint=physics.truck.footprint, events=self.events(speed)
         )
         self._traffic = EventSim(route, config)
-        self._see(physics, self._traffic.reset(physics.ego()).find(OTHER))
+        self._states = [physics.ego()]
+        self._see(physics, self._traffic.reset(self._states[0]).find(OTHER))
         super().initialize_episode(physics)
 
     def after_step(self, physics: Physics) -> None:
         """Moves the car."""
         if self._traffic is not None:
-            self._see(physics, self._traffic.step(physics.ego()).find(OTHER))
+            self._states.append(physics.ego())
+            self._see(physics, self._traffic.step(self._states[-1]).find(OTHER))
         super().after_step(physics)
 
     def _see(self, physics: Physics, vehicle: TrackedVehicle | None) -> None:

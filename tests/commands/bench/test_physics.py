@@ -28,7 +28,7 @@ def test_the_tree_has_the_trucks_bodies_but_no_plugin(truck):
 def test_one_kind_of_plugin_is_removed_with_its_sensors(truck):
     without = bench_physics.truck_model(truck, visuals=False, without={"iits.tire"})
     assert without.nplugin == truck.model.nplugin - 3
-    assert without.nsensor == truck.model.nsensor - 24
+    assert without.nsensor == truck.model.nsensor - 25  # and the torque at the steering wheel
     assert without.nactuator == truck.model.nactuator
 
 
