@@ -27,6 +27,7 @@ from iits_mj.core.errors import Error
 if TYPE_CHECKING:
     from iits_mj.commands.arguments import General
 
+_AGAIN = 0.05  # [s] until a dropped interrupt is raised again: outside of the finalizer
 EXIT_SHORT, EXIT_USE, EXIT_FAULT, EXIT_INTERRUPTED, EXIT_TERMINATED = 1, 2, 70, 130, 143
 # As of tools that the signal SIGPIPE ends: 128 and its number. 0 would claim that checks hold.
 EXIT_PIPE = 141
@@ -135,8 +136,19 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 @contextlib.contextmanager
 def _termination_as_interrupt() -> Iterator[list[int]]:
-    """Handles SIGTERM as the current handler of Ctrl-C does; yields the signals received."""
+    """Handles SIGTERM as the current handler of Ctrl-C does; yields the signals received.
+
+    Python drops an interrupt that arrives in a finalizer; then it is raised again.
+    """
     received: list[int] = []
+    report = sys.unraisablehook
+
+    def again(dropped: sys.UnraisableHookArgs) -> None:
+        if issubclass(dropped.exc_type, KeyboardInterrupt):
+            number = signal.SIGTERM if received else signal.SIGINT
+            threading.Timer(_AGAIN, os.kill, (os.getpid(), number)).start()
+        else:
+            report(dropped)
 
     def end(number: int, frame: FrameType | None) -> None:
         received.append(number)
@@ -150,9 +162,11 @@ def _termination_as_interrupt() -> Iterator[list[int]]:
         yield received
         return
     before = signal.signal(signal.SIGTERM, end)
+    sys.unraisablehook = again
     try:
         yield received
     finally:
+        sys.unraisablehook = report
         signal.signal(signal.SIGTERM, before)
 
 

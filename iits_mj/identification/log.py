@@ -217,12 +217,10 @@ def read_table(path: str | Path, names: dict[str, str] | None = None) -> Log:
 def _factor(name: str, unit: str) -> float:
     """SI units in one unit of a column; a column without a unit, or with "-", has the signal's."""
     own = SIGNALS[name].partition("[")[2].partition("]")[0]
-    known = {own: 1.0, "": 1.0, "-": 1.0, **_UNITS.get(own, {})}
-    if unit not in known:
-        raise InputError(
-            f"column {name!r} has the unit {unit!r}; use {' or '.join(filter(None, known))}"
-        )
-    return known[unit]
+    known = {own: 1.0, **_UNITS.get(own, {})}
+    if unit not in ("", "-", *known):
+        raise InputError(f"column {name!r} has the unit {unit!r}; use {' or '.join(known)}")
+    return known.get(unit, 1.0)
 
 
 def _csv(path: str | Path, what: str) -> tuple[list[tuple[str, str]], list[list[str]]]:

@@ -160,3 +160,26 @@ def end(command: str, number: signal.Signals, tmp_path: Path) -> bytes:
     codes = {signal.SIGTERM: 143, signal.SIGINT: 130, signal.SIGKILL: -9}
     assert process.returncode == codes[number], error.decode()
     return error
+
+
+def test_an_interrupt_that_python_drops_in_a_finalizer_is_raised_again():
+    program = """
+import time
+from iits_mj.cli import _termination_as_interrupt
+
+class Lost:
+    def __del__(self):
+        raise KeyboardInterrupt
+
+with _termination_as_interrupt():
+    try:
+        Lost()
+        time.sleep(60.0)
+    except KeyboardInterrupt:
+        print("interrupted")
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=50, check=True
+    )
+    assert done.stdout == "interrupted\n"
+    assert done.stderr == ""

@@ -82,7 +82,7 @@ class Encounter(DrivingTask):
         return vars(self) | {"_traffic": traffic}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
+        self.__dict__.update(state)
         if self._traffic is not None:
             first, *others = self._states
             self._traffic = EventSim(*state["_traffic"])
