@@ -119,10 +119,10 @@ def write_recording(
     tracks += _others(recording, {EGO, *(_trailer_name(k) for k in range(1, 10))})
     time, last = recording.time - recording.time[0], len(recording) - 1
     for track in tracks:
+        if len(track.frames) < 2:
+            continue  # seen for one instant: without a path
         entities.add_scenario_object(track.name, track.body)
         begin, end = int(track.frames[0]), int(track.frames[-1])
-        if len(track.frames) < 2:
-            continue
         group = xosc.ManeuverGroup(track.name)
         group.add_actor(track.name)
         maneuver = xosc.Maneuver(track.name)
@@ -212,21 +212,20 @@ def _check(path: Path, route: Route) -> None:
 def _truck(recording: Recording, parameters: TruckParameters, route: Route) -> Track:
     """The truck's track."""
     poses, frames = [], []
-    rear = _reference(parameters.units[0])
+    first = recording.ego_at(0)
+    assert first is not None
+    rear, box = _reference(parameters.units[0]), truck_units(first, parameters)[0]
+    # The center of the box is on the surface; the reference point lies in its plane.
+    back = rear + 0.5 * (box.ahead - box.behind)
     for k in range(len(recording)):
         ego = recording.ego_at(k)
         if ego is None:
             break
         motion = unit_motions(ego, parameters, route)[0]
-        box = truck_units(ego, parameters)[0]
-        # The center of the box is on the surface; the reference point lies in its plane.
-        back = rear + 0.5 * (box.ahead - box.behind)
         x, y = ego.x - rear * math.cos(ego.yaw), ego.y - rear * math.sin(ego.yaw)
         z = motion.z + back * math.sin(ego.pitch)
         frames.append(k)
         poses.append((x, y, z, ego.yaw, ego.pitch, ego.roll))
-    first = recording.ego_at(0)
-    assert first is not None
     body = _unit(parameters.units[0], 0, parameters)
     return Track(EGO, body, np.array(frames), np.array(poses), first.speed)
 

@@ -401,7 +401,8 @@ def _apart(
 ) -> tuple[list[Pose], list[float] | None]:
     """Places, and their times, without those at which one has not moved on.
 
-    One who stands until a time is a little ahead then, so that no two places are the same.
+    No two places may be the same: where a road user stands, the place at the end of that time is
+    moved ahead by half of `STEP`.
     """
     kept: list[Pose] = []
     at: list[float] = []

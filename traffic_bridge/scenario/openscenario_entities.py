@@ -30,7 +30,7 @@ CATEGORIES = {
 AHEAD = "leadingReferencedEntity"
 ALONG_ROAD = ("RelativeRoadPosition", "RelativeLanePosition")
 BESIDE = ("RelativeObjectPosition", "RelativeWorldPosition")
-# Private actions without an effect here: who is seen by whom, who drives whom, lamps and doors.
+# Private actions that are accepted and ignored: visibility, controllers, lamps and doors.
 UNUSED = ("VisibilityAction", "ControllerAction", "ActivateControllerAction", "AppearanceAction")
 ROUTES = ("AssignRouteAction", "AcquirePositionAction")
 # [m]: the greatest length of a rigid truck, Council Directive 96/53/EC, annex I; a longer one, or a

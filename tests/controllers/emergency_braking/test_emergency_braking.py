@@ -45,7 +45,7 @@ def targets(*vehicles, curvature=0.0, **ego):
 
 
 class Approach:
-    """A truck that comes nearer to a car, brakes as it is told, and logs the stages."""
+    """Drives a truck towards a car: it obeys the emergency braking, whose stages it logs."""
 
     def __init__(self, gap, speed=SPEED, car_speed=0.0, human=False, friction=0.8, **parts):
         self.guard = EmergencyBraking(TRUCK, lambda _: friction, human=human)
