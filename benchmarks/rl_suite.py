@@ -44,6 +44,7 @@ from controllers.decision.trip import ACTIONS, TEST_SEEDS, TRAINING_SEEDS, VALID
 from iits_mj import suite
 from iits_mj.envs import LEVELS, level_id
 from iits_mj.envs.baselines import FOLDER, Policy, shipped_file
+from iits_mj.evaluation.hoel2020 import StackDriver
 
 SETTINGS = Path(__file__).with_suffix(".toml")
 SEEDS = range(5)
@@ -232,10 +233,21 @@ def _random(env: Any, observation: Any) -> Any:
 def scripted(environment: str) -> Act:
     """Returns the scripted driver of an environment.
 
-    Highways have the rule `lookahead`, and the speed planning has cruise control at the reference
-    speed.
+    Highways have the rule `lookahead`, in the published scenario with car following, and the speed
+    planning has cruise control at the reference speed.
     """
     name = short(environment)
+    if name.startswith("Hoel"):
+        driver = StackDriver(decision.make("lookahead"))
+
+        def drive(env: Any, observation: Any) -> Any:
+            del observation
+            world = env.unwrapped.world
+            if world.step_number == 0:
+                driver.reset()
+            return np.int64(driver.act(world))
+
+        return drive
     if name.startswith("Highway"):
         maker = decision.make("lookahead")
         return lambda env, _: np.int64(ACTIONS.index(maker.decide(env.unwrapped.context())))

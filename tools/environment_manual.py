@@ -21,6 +21,7 @@ from iits_mj import suite
 from iits_mj.envs import ENVIRONMENTS, LEVELS
 from iits_mj.envs.driving import DrivingEnv
 from iits_mj.envs.highway import DecisionEnv, HighwayEnv, HighwayFastEnv
+from iits_mj.envs.hoel2020 import Hoel2020Env
 from iits_mj.envs.platoon import PlatoonEnv
 from iits_mj.envs.speed_planning import SpeedPlanningEnv
 from iits_mj.suite import tasks
@@ -30,6 +31,12 @@ OTHERS: dict[str, type[gymnasium.Env[Any, Any]]] = {
     "Highway": HighwayEnv,
     "HighwayFast": HighwayFastEnv,
     "SpeedPlanning": SpeedPlanningEnv,
+    "Hoel2020": Hoel2020Env,
+}
+_ACTIONS = {
+    "HighwayFast": "left, keep, right",
+    "SpeedPlanning": "set speed",
+    "Hoel2020": "ten pairs of acceleration and lane change",
 }
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "environments"
 _NOTE = "<!-- made from the code by `python tools/environment_manual.py` -->"
@@ -155,7 +162,7 @@ def _index() -> str:
             f"[{name}]({_snake(name)}.md)",
             "",
             f"`iits_mj/{name}-v0`",
-            "left, keep, right" if name == "HighwayFast" else "set speed",
+            _ACTIONS[name],
             _headline(kind),
         )
         for name, kind in OTHERS.items()
@@ -178,7 +185,7 @@ def _index() -> str:
         "environment; after `import iits_mj.envs` the id alone is enough. In Gymnasium, an "
         "observation is one vector, each number divided by its scale and clipped to [-5, 5].",
         _table(("", "dm_control", "Gymnasium", "actions", ""), rows),
-        "Every id has an easier and a harder level, as `iits_mj/CruiseEasy-v0` and "
+        "Every id but `Hoel2020` has an easier and a harder level, as `iits_mj/CruiseEasy-v0` and "
         "`iits_mj/CruiseHard-v0`; each page says how they differ. `max_episode_steps` ends an "
         "episode also where `time_limit`, `duration` or `length` allow a longer one: give both to "
         "`gymnasium.make`. Scores of random, scripted and trained drivers: "
@@ -282,7 +289,7 @@ def _registered(name: str) -> list[tuple[str, str]]:
     return [
         ("`max_episode_steps`", f"{settings['max_episode_steps']}"),
         ("`reward_threshold`", f"{settings['reward_threshold']:g}"),
-        ("other levels", "; ".join(levels)),
+        ("other levels", "; ".join(levels) or "none"),
     ]
 
 

@@ -52,6 +52,7 @@ def draw(folder: Path, names: Sequence[str] = ()) -> None:
     pictures["highway"] = partial(_stepped, "Highway", 40, 3, density="dense", traffic_speed=12.5)
     pictures["highway_fast"] = partial(_stepped, "HighwayFast", 20, 1, density="dense")
     pictures["speed_planning"] = partial(_stepped, "SpeedPlanning", 6, 1)
+    pictures["hoel2020"] = partial(_stepped, "Hoel2020", 5, 3)
     pictures["platoon"] = _platoon
     if unknown := set(names) - set(pictures):
         raise ValueError(f"no picture {sorted(unknown)}; pictures: {', '.join(pictures)}")

@@ -10,11 +10,16 @@ import functools
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import iits_mj
+from controllers import decision
+from controllers.decision.prices import Prices
 from iits_mj.commands.output import (
     ClusterOptions,
     ResultOptions,
+    finish,
     pool_of,
     prepare_file,
     prepare_folder,
@@ -24,11 +29,15 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.options import option
 from iits_mj.core.progress import remark, task
 from iits_mj.core.results import Results
+from iits_mj.envs.baselines import load_baseline
 from iits_mj.evaluation import evaluate
 from iits_mj.evaluation.drives import trial_code
 from iits_mj.evaluation.figures import summarize
 from iits_mj.evaluation.trials import Task, Trial, task_of
 from iits_mj.scale.shards import Plan, Shards, run_sharded
+
+if TYPE_CHECKING:
+    from iits_mj.evaluation.hoel2020 import Driver
 
 QUICK_LENGTH = 500.0
 KEPT = "evaluate.csv"
@@ -38,11 +47,20 @@ KEPT = "evaluate.csv"
 class Options(evaluate.EvaluateConfig, ClusterOptions, ResultOptions):
     """Flags of `iits-mj evaluate`."""
 
+    scenario: str = option(
+        "paper",
+        help="paper: its traffic cells; hoel2020: the published truck scenario of Hoel et al., in "
+        "which a policy trained there joins the methods",
+        choices=("paper", "hoel2020"),
+        group="traffic",
+    )
     quick: bool = option(False, help="one short trip in each cell, within minutes", group="run")
 
 
 def run(options: Options) -> int:
     """Drives the missing trips, shows the table, writes the report; returns the exit code."""
+    if options.scenario == "hoel2020":
+        return _hoel2020(options)
     if options.quick:
         options = dataclasses.replace(options, trials=1, length=QUICK_LENGTH)
     if options.report is not None:
@@ -63,6 +81,57 @@ def run(options: Options) -> int:
         stream = sys.stderr if options.json else sys.stdout
         print(f"report: {web} (the same as Markdown: {text})", file=stream)
     return 0 if results.ok else 1
+
+
+# Flags that also have a meaning in another scenario than the paper's.
+_COMMON = (
+    *("scenario", "trials", "methods", "weights", "seeds", "seed", "jobs", "file", "json"),
+    *("report", "lane_change_price", "imposed_braking_price", "left_lane_price", "quick"),
+)
+
+
+def _hoel2020(options: Options) -> int:
+    """Compares the methods in the scenario of Hoel et al. (2020)."""
+    from iits_mj.evaluation import hoel2020
+
+    for field in dataclasses.fields(options):
+        if field.name not in _COMMON and getattr(options, field.name) != field.default:
+            flag = field.name.replace("_", "-")
+            raise InputError(f"--{flag} has no meaning with --scenario hoel2020: leave it out")
+    if options.file is not None:
+        prepare_file(options.file, "--file")
+    first = evaluate.trial_seed(0, 0, options)
+    seeds = range(first, first + (1 if options.quick else options.trials))
+    makers = functools.partial(_driver, weights=options.weights, prices=options.prices())
+
+    def measure() -> Results:
+        with task("driving", unit="episodes") as report:
+            episodes = hoel2020.evaluate(
+                (*options.names(), _LEARNED),
+                makers,
+                seeds,
+                options.jobs,
+                lambda done, total: report(done, total=total),
+            )
+        if options.file is not None:
+            hoel2020.write(options.file, episodes)
+        return hoel2020.summarize(episodes)
+
+    return finish(options, measure)
+
+
+_LEARNED = "dqn (Stable-Baselines3)"
+
+
+def _driver(method: str, weights: Path | None, prices: Prices | None) -> Driver:
+    """Returns the driver of a method in the scenario of Hoel et al. (2020)."""
+    from iits_mj.evaluation.hoel2020 import PolicyDriver, StackDriver
+
+    if method == _LEARNED:
+        return PolicyDriver(load_baseline("iits_mj/Hoel2020-v0", "dqn"))
+    learned = method == "ddqn"
+    file = None if weights is None or not learned else str(weights)
+    return StackDriver(decision.make(method, file, prices if learned else None))
 
 
 def drive(options: Options) -> list[Trial]:

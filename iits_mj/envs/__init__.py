@@ -51,17 +51,20 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
         "vector_entry_point": "iits_mj.envs.highway_vector:HighwayFastVectorEnv",
     },
     "iits_mj/SpeedPlanning-v0": _other("speed_planning:SpeedPlanningEnv", 120, -3.6),
+    "iits_mj/Hoel2020-v0": _other("hoel2020:Hoel2020Env", 100, 70.0),
 }
 
 # Trucks of which a hard environment draws one for each episode; the agent does not see which.
 _FAMILY = {"truck": ("tractor_semitrailer_6x4", "tractor_semitrailer_6x2", "vecto_40t")}
-# Arguments of the easier and harder forms of an environment: `iits_mj/CruiseHard-v0`.
+# Arguments of the easier and harder forms of an environment: `iits_mj/CruiseHard-v0`. A published
+# scenario has none.
 LEVELS: dict[str, dict[str, dict[str, Any]]] = {
     name: {"Easy": {"density": "sparse"}, "Hard": {"density": "dense", "traffic_speed": 12.5}}
     if "Highway" in name
     else {"Easy": {"payload": 0.0}, "Hard": _FAMILY}
     for name in ENVIRONMENTS
 }
+LEVELS["iits_mj/Hoel2020-v0"] = {}
 
 
 def level_id(name: str, level: str) -> str:

@@ -104,27 +104,32 @@ class Picture(Closing):
             self._model = model
 
 
-def top_view(boxes: Sequence[tuple[float, float, float]], lanes: int) -> NDArray[np.uint8]:
+def top_view(
+    boxes: Sequence[tuple[float, float, float]], lanes: int, lane_width: float = 4.0
+) -> NDArray[np.uint8]:
     """Returns a picture (360, 640, 3) of a straight road from above, driven to the right.
 
     Args:
       boxes: a vehicle's front bumper ahead of the truck's, its offset left of the rightmost lane's
         middle, and its length [m]; the truck first.
-      lanes: number of lanes, 4 m wide.
+      lanes: number of lanes.
+      lane_width: of each [m].
     """
     height, width = RENDER_SIZE
     along, across = 2.0, 20.0  # pixels per meter
+    half = 0.5 * lane_width
     picture = np.full((height, width, 3), (96, 128, 80), np.uint8)
 
     def fill(left: float, right: float, ahead: tuple[float, float], color: Sequence[int]) -> None:
         """Colors a rectangle: offsets [m], and stations before the truck's front [m]."""
-        rows = [round(0.5 * height - across * (y - 2.0 * (lanes - 1))) for y in (left, right)]
+        rows = [round(0.5 * height - across * (y - half * (lanes - 1))) for y in (left, right)]
         columns = [min(max(round(0.25 * width + along * x), 0), width) for x in ahead]
         picture[max(rows[0], 0) : max(rows[1], 0), columns[0] : columns[1]] = color
 
-    fill(4.0 * lanes - 2.0, -2.0, (-width, width), (80, 80, 84))
+    fill(lane_width * lanes - half, -half, (-width, width), (80, 80, 84))
     for line in range(lanes + 1):
-        fill(4.0 * line - 1.9, 4.0 * line - 2.1, (-width, width), (230, 230, 230))
+        middle = lane_width * line - half
+        fill(middle + 0.1, middle - 0.1, (-width, width), (230, 230, 230))
     for number, (front, offset, length) in enumerate(boxes):
         color = (40, 90, 180) if number else (190, 30, 30)
         fill(offset + 1.25, offset - 1.25, (front - length, front), color)
