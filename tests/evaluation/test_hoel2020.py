@@ -13,7 +13,7 @@ from controllers import decision
 from iits_mj.cli import main
 from iits_mj.evaluation import hoel2020
 from iits_mj.evaluation.hoel2020 import Episode, PolicyDriver, StackDriver
-from traffic_bridge.hoel2020 import ACTIONS, HoelHighway
+from traffic_bridge.hoel2020 import ACTIONS
 
 
 def driver(method):
