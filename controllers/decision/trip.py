@@ -57,6 +57,9 @@ class RewardConfig:
     discount: float = 0.99
 
 
+_MARGIN = 200.0  # [m] beyond the distance at reference speed, so that time ends a trip
+
+
 @dataclass(frozen=True)
 class RewardTerms:
     """The terms of one decision, discounted to its instant; all zero or negative."""
@@ -154,6 +157,14 @@ class TripConfig(TrafficDemand):
         require_positive(self, "start_station", zero=True)
         if self.payload is not None:
             require_positive(self, "payload", zero=True)
+
+
+def start_anywhere(trip: TripConfig, generator: np.random.Generator) -> TripConfig:
+    """Returns the trip with a random start from which its duration fits the 15 km road."""
+    start, room = trip.start_station, TripConfig.length - trip.start_station
+    length = min(room, trip.reference_speed * trip.duration + _MARGIN)
+    shift = float(generator.uniform(0.0, room - length))
+    return replace(trip, start_station=start + shift, length=length)
 
 
 def usual_payload(parameters: TruckParameters) -> float:

@@ -45,7 +45,7 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
     "iits_mj/Dock-v0": _driving("dock", 120, 91.0),
     "iits_mj/CutIn-v0": _driving("cut_in", 200, 122.0),
     "iits_mj/EmergencyStop-v0": _driving("emergency_stop", 200, 154.0),
-    "iits_mj/Highway-v0": _other("highway:HighwayEnv", 120, -4.0),
+    "iits_mj/Highway-v0": _other("highway:HighwayEnv", 120, -13.7),
     "iits_mj/HighwayFast-v0": {
         **_other("highway:HighwayFastEnv", 120, -3.5),
         "vector_entry_point": "iits_mj.envs.highway_vector:HighwayFastVectorEnv",
@@ -64,6 +64,7 @@ LEVELS: dict[str, dict[str, dict[str, Any]]] = {
     else {"Easy": {"payload": 0.0}, "Hard": _FAMILY}
     for name in ENVIRONMENTS
 }
+LEVELS["iits_mj/Highway-v0"]["Easy"] = {"density": "medium"}
 LEVELS["iits_mj/Hoel2020-v0"] = {}
 
 

@@ -22,6 +22,7 @@ from controllers.decision.trip import (
     RewardTerms,
     TripConfig,
     World,
+    start_anywhere,
 )
 from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
@@ -98,6 +99,7 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
         super().reset(seed=seed, options=options)
         self._number = self.family.draw(self.np_random)
         trip = dataclasses.replace(self.trip, truck=self.family.members[self._number])
+        trip = self._placed(trip)
         observation = self._open().reset(self.np_random, trip)
         return self.scaled(observation), self._info(RewardTerms())
 
@@ -127,6 +129,10 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
           InputError: no episode has begun.
         """
         return self._open().context()
+
+    def _placed(self, trip: TripConfig) -> TripConfig:
+        """Returns the trip with its place on the road."""
+        return trip
 
     def _open(self) -> World:
         """Returns the world, which the first call makes."""
@@ -166,6 +172,7 @@ class HighwayEnv(DecisionEnv):
     a change costs at once and gains speed 10 to 60 s later. `reward=RewardConfig()` and
     `standardized=False` give the paper's reward and the observation in [-1, 1].
 
+    An episode begins at a random place of the road, from which its duration fits the road.
     Terminated by a collision or a roll-over; truncated at the end of the time or of the road.
     Version history: v0, first.
 
@@ -198,7 +205,7 @@ class HighwayEnv(DecisionEnv):
     def __init__(
         self,
         *,
-        density: str = "medium",
+        density: str = "dense",
         traffic_speed: float = 15.0,
         keeps_right: bool = False,
         speed: float = 60.0 / 3.6,
@@ -266,6 +273,9 @@ class HighwayEnv(DecisionEnv):
         if self._world is not None:
             self._world.close()
             self._world = None
+
+    def _placed(self, trip: TripConfig) -> TripConfig:
+        return start_anywhere(trip, self.np_random)
 
     def _open(self) -> TruckWorld:
         if self._world is None:

@@ -99,7 +99,7 @@ def open_world(
       InputError: the name is unknown, or the environment has no model to show.
     """
     check_name(name)
-    if name == "iits_mj/HighwayFast-v0":
+    if name in ("iits_mj/HighwayFast-v0", "iits_mj/Hoel2020-v0"):
         raise InputError(f"{name} has no MuJoCo model to show: use iits_mj/Highway-v0")
     settings = {"truck": truck, "payload": payload, "plant": plant}
     return _gymnasium(name, settings) if "/" in name else _suite(name, settings, seed)

@@ -64,7 +64,10 @@ def test_a_truck_in_motion_continues_as_copy_pickle_and_in_a_new_process(pool: A
     assert elsewhere.get(60) == expected
 
 
-@pytest.mark.parametrize("name", [n for n in ENVIRONMENTS if n != "iits_mj/Highway-v0"])
+IN_SUMO = ("iits_mj/Highway-v0", "iits_mj/Hoel2020-v0")
+
+
+@pytest.mark.parametrize("name", [n for n in ENVIRONMENTS if n not in IN_SUMO])
 def test_an_environment_continues_as_copy_pickle_and_in_a_new_process(name: str, pool: Any) -> None:
     environment = gymnasium.make(name)
     environment.reset(seed=1)
@@ -75,8 +78,9 @@ def test_an_environment_continues_as_copy_pickle_and_in_a_new_process(name: str,
     assert elsewhere.get(120) == expected
 
 
-def test_the_highway_is_copied_before_its_traffic_runs_and_refused_afterwards() -> None:
-    environment = gymnasium.make("iits_mj/Highway-v0")
+@pytest.mark.parametrize("name", IN_SUMO)
+def test_sumo_traffic_is_copied_before_it_runs_and_refused_afterwards(name: str) -> None:
+    environment = gymnasium.make(name)
     for twin in (copy.deepcopy(environment), pickle.loads(pickle.dumps(environment))):
         twin.close()
     environment.reset(seed=1)

@@ -18,12 +18,11 @@ from controllers.decision.trip import (
     VALIDATION_SEEDS,
     TripConfig,
     cell_trip,
+    start_anywhere,
     usual_payload,
 )
 from iits_mj.parameters import TruckParameters
 
-ROAD_LENGTH = TripConfig.length
-_MARGIN = 200.0  # [m] beyond the distance at reference speed, so that time ends a trip
 # Reference speeds of the randomized trips [m/s], those of predictive cruise control.
 _REFERENCES = (50.0 / 3.6, 80.0 / 3.6)
 # Share of the randomized trips in traffic that keeps right.
@@ -51,14 +50,6 @@ def _base(config: TrainConfig, parameters: TruckParameters, duration: float) -> 
     """Returns a trip of the truck, with its usual load, for a time [s]."""
     payload = usual_payload(parameters)
     return TripConfig(truck=config.truck, payload=payload, duration=duration, reward=config.reward)
-
-
-def start_anywhere(trip: TripConfig, generator: np.random.Generator) -> TripConfig:
-    """Returns the trip with a random start from which its duration fits the 15 km road."""
-    start, room = trip.start_station, ROAD_LENGTH - trip.start_station
-    length = min(room, trip.reference_speed * trip.duration + _MARGIN)
-    shift = float(generator.uniform(0.0, room - length))
-    return replace(trip, start_station=start + shift, length=length)
 
 
 def training_generator(config: TrainConfig, round_index: int, trip: int) -> np.random.Generator:

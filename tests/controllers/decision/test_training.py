@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from controllers.decision.learning.training import TrainConfig, train
-from controllers.decision.learning.trips import ROAD_LENGTH, sample_trip, validation_trips
+from controllers.decision.learning.trips import sample_trip, validation_trips
 from controllers.decision.policy import QNetwork
 from controllers.decision.trip import TripConfig
 from iits_mj import cli
@@ -369,10 +369,12 @@ def test_trips_start_at_random_places_and_fit_on_the_road():
     for duration in (10.0, 300.0, 5000.0):
         trips = [sample_trip(TrainConfig(trip_duration=duration), random) for _ in range(200)]
         ends = [t.start_station + t.length for t in trips]
-        assert max(ends) <= ROAD_LENGTH + 1e-6
+        assert max(ends) <= TripConfig.length + 1e-6
         assert min(t.start_station for t in trips) >= 60.0
         # A trip ends by its duration, not by its length, unless the road is too short.
-        assert all(t.length >= min(t.reference_speed * duration, ROAD_LENGTH - 60.0) for t in trips)
+        assert all(
+            t.length >= min(t.reference_speed * duration, TripConfig.length - 60.0) for t in trips
+        )
     starts = [
         sample_trip(TrainConfig(trip_duration=300.0), random).start_station for _ in range(200)
     ]
