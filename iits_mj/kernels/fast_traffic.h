@@ -112,11 +112,6 @@ class Traffic {
     iits::Place(v.change_from, step, phase, kChangeDuration, offset, speed);
   }
 
-  // Draws the hidden wishes of all drivers again; none wishes to drive slower than it does.
-  void Redraw() {
-    for (Vehicle& v : *this) v.desired = std::max(v.speed, DesiredSpeed(static_cast<int>(v.kind)));
-  }
-
   const Vehicle* Ahead(double front, std::int64_t lane) const {
     for (Vehicle& v : *this) {
       if (v.front > front && v.lane == lane) return &v;

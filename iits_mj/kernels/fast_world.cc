@@ -473,12 +473,6 @@ IITS_KERNEL void iits_worlds_braking(char* rows, std::ptrdiff_t stride, std::ptr
     Trip(At(rows, stride, i), laws).ImposedBraking(braking + 3 * i);
 }
 
-// Draws the hidden wishes of all other drivers again.
-IITS_KERNEL void iits_worlds_redraw(char* rows, std::ptrdiff_t stride, std::ptrdiff_t n,
-                                    const Laws* laws) {
-  for (std::ptrdiff_t i = 0; i < n; ++i) Traffic(At(rows, stride, i), laws).Redraw();
-}
-
 // Copies `from[indices[i]]` to row i of `to`, which has `capacity` places for vehicles.
 IITS_KERNEL void iits_worlds_copy(char* from, std::ptrdiff_t stride, const std::int64_t* indices,
                                   std::ptrdiff_t n, char* to, std::ptrdiff_t capacity) {

@@ -20,7 +20,6 @@ from controllers.decision.fast_world.state import (
     capacity_of,
     copied,
     new_states,
-    set_random,
     set_traffic,
 )
 from controllers.decision.observation import OBSERVATION_SIZE
@@ -39,7 +38,6 @@ _decide = batch_function("iits_worlds_decide", Address, Address)
 _drive = batch_function("iits_worlds_drive", Address, Address)
 _allowed = batch_function("iits_worlds_allowed", Address)
 _braking = batch_function("iits_worlds_braking", Address)
-_redraw = batch_function("iits_worlds_redraw")
 # Fields of `TripSummary` in the state.
 _TOTALS = (
     *("distance", "decisions", "changes", "refused", "dangerous", "collisions"),
@@ -192,15 +190,6 @@ class FastWorlds:
         copies.step(chosen.ravel())
         copies.drive(rule, until - copies.states["time"])
         return copies
-
-    def redraw(self, generator: np.random.Generator) -> None:
-        """Draws what no truck sees again: desired speeds of the others, and arrivals from now on.
-
-        No driver's desired speed is below its speed.
-        """
-        for state in self.states:
-            set_random(state, generator)
-        _redraw(self.states)
 
     def summary(self, index: int) -> TripSummary:
         """Returns the totals of a world's trip so far."""

@@ -109,24 +109,6 @@ def test_a_roll_out_compares_decisions_in_the_same_future_traffic():
     assert (way[:, 0] != way[:, 1]).any()
 
 
-def test_hidden_wishes_are_drawn_again_without_moving_anybody():
-    worlds = started(1)
-    worlds.drive(MOBIL, 30.0)
-    copies = worlds.copy([0, 0])
-    copies.redraw(np.random.default_rng(5))
-    for name in ("front", "speed", "lane", "kind"):
-        for index in (0, 1):
-            column = copies.states["vehicles"][name][index]
-            assert np.array_equal(
-                column[: copies.states["count"][index]],
-                worlds.states["vehicles"][name][0, : worlds.states["count"][0]],
-            )
-    count = worlds.states["count"][0]
-    rows = copies.states["vehicles"][:, :count]
-    assert (rows["desired"] >= rows["speed"]).all()
-    assert not np.array_equal(rows["desired"][0], rows["desired"][1])
-
-
 def test_a_second_trip_with_one_generator_is_another_one():
     env, generator = HighwayEnv(), np.random.default_rng(0)
     first = env.reset(generator, DENSE)
