@@ -13,6 +13,7 @@ from controllers.emergency_braking import EmergencyState
 from controllers.emergency_braking.braking import EMERGENCY_DEMAND
 from controllers.planning.planner import Planner
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.assets import regulation_path
 from iits_mj.core.messages import (
     Decision,
     EgoState,
@@ -28,8 +29,8 @@ from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation
 from iits_mj.simulation.lock_step import LockStep
 from iits_mj.simulation.sensors import Perception, Sensor
-from traffic_bridge import EventSim, TrafficConfig
-from traffic_bridge.scenario.actions import SceneEvent
+from traffic_bridge import EventSim, TrafficConfig, read_events
+from traffic_bridge.signals.events import Event
 
 LANE_WIDTH = 4.0  # of `Route.straight` [m]
 WARNED = (EmergencyState.WARNING, EmergencyState.PARTIAL, EmergencyState.BRAKING)
@@ -55,29 +56,42 @@ class BlindPlanner(Planner):
 
 
 class CarefulDriver:
-    """A guard that brakes as the driver of UN R157 with perfect sight and the truck's brakes."""
+    """A guard that brakes as the driver of UN R157 with perfect sight and the truck's brakes.
 
-    def __init__(self) -> None:
+    A vehicle ahead hides those before it until it leaves the middle of the lane by `DEVIATION`.
+
+    Args:
+      near: time to collision of a risk [s].
+      risky: deceleration of a vehicle ahead that is a risk, positive [m/s2].
+      at_time: of a risk in any case [s].
+    """
+
+    def __init__(
+        self, near: float = NEAR, risky: float = RISKY_BRAKING, at_time: float = math.inf
+    ) -> None:
+        self._near, self._risky, self._at_time = near, risky, at_time
         self.reset()
 
     def reset(self) -> None:
         """Prepares for a new drive."""
-        self._risk_at = math.inf
+        self._risk_at = self._at_time
 
     def observe(self, scene: Scene) -> None:
         """Notes the time of the first risk."""
         ego, half = scene.ego, 0.5 * scene.footprint.width
-        for other in scene.vehicles:
+        for other in sorted(scene.vehicles, key=lambda vehicle: vehicle.station):
             aside = abs(other.offset - ego.offset)
             gap = other.station - 0.5 * other.length - ego.station - scene.footprint.front_overhang
             if gap < 0.0 or aside > 5.0:
                 continue
             own_lane = aside < 0.5 * other.width + half
             comes = abs(other.lateral_speed) > 0.1 and aside < LANE_WIDTH - DEVIATION
-            near = 0.0 < gap < NEAR * (ego.speed - other.speed)
-            braking = own_lane and other.acceleration < -RISKY_BRAKING
+            near = 0.0 < gap < self._near * (ego.speed - other.speed)
+            braking = own_lane and other.acceleration < -self._risky
             if braking or (near and (own_lane or comes)):
                 self._risk_at = min(self._risk_at, scene.time)
+            if aside < DEVIATION:
+                return
 
     def demand(self, ego: EgoState, wanted: VehicleCommand) -> float:
         """Returns the demand [m/s2]: a ramp after perception and delay."""
@@ -176,14 +190,20 @@ def at(config: DriveConfig, speed_kmh: float, duration: float = 20.0) -> DriveCo
     return dataclasses.replace(config, speed=speed, start_speed=speed, duration=duration)
 
 
+def scenario(name: str, **values: float) -> tuple[Event, ...]:
+    """Returns the events of `examples/regulations/NAME.toml` with values of its parameters."""
+    given = {key: repr(float(value)) for key, value in values.items()}
+    return read_events(regulation_path(f"{name}.toml"), given)
+
+
 def straight(friction: float = 0.8, grade: float = 0.0) -> Route:
-    """Returns a straight road of three lanes."""
+    """Returns a straight road of three lanes, that of `examples/regulations/road.csv`."""
     return Route.straight(length=3_000.0, friction=friction, grade=grade, speed_limit=30.0)
 
 
 def drive(
     config: DriveConfig,
-    events: Sequence[SceneEvent] = (),
+    events: Sequence[Event] = (),
     route: Route | None = None,
     *,
     guard: CarefulDriver | None = None,
