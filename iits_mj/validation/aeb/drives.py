@@ -58,7 +58,8 @@ class BlindPlanner(Planner):
 class CarefulDriver:
     """A guard that brakes as the driver of UN R157 with perfect sight and the truck's brakes.
 
-    A vehicle ahead hides those before it until it leaves the middle of the lane by `DEVIATION`.
+    A vehicle ahead hides those before it until it leaves the middle of the lane by `DEVIATION`. A
+    slower vehicle in the lane that becomes visible so is a risk.
 
     Args:
       near: time to collision of a risk [s].
@@ -75,23 +76,30 @@ class CarefulDriver:
     def reset(self) -> None:
         """Prepares for a new drive."""
         self._risk_at = self._at_time
+        self._hidden: set[str] = set()
 
     def observe(self, scene: Scene) -> None:
         """Notes the time of the first risk."""
         ego, half = scene.ego, 0.5 * scene.footprint.width
+        before, self._hidden = self._hidden, set()
+        in_view = True
         for other in sorted(scene.vehicles, key=lambda vehicle: vehicle.station):
             aside = abs(other.offset - ego.offset)
             gap = other.station - 0.5 * other.length - ego.station - scene.footprint.front_overhang
             if gap < 0.0 or aside > 5.0:
                 continue
+            if not in_view:
+                self._hidden.add(other.id)
+                continue
             own_lane = aside < 0.5 * other.width + half
             comes = abs(other.lateral_speed) > 0.1 and aside < LANE_WIDTH - DEVIATION
             near = 0.0 < gap < self._near * (ego.speed - other.speed)
-            braking = own_lane and other.acceleration < -self._risky
-            if braking or (near and (own_lane or comes)):
+            risk = near and (own_lane or comes)
+            risk |= own_lane and other.acceleration < -self._risky
+            risk |= own_lane and other.id in before and other.speed < ego.speed
+            if risk:
                 self._risk_at = min(self._risk_at, scene.time)
-            if aside < DEVIATION:
-                return
+            in_view = aside > DEVIATION
 
     def demand(self, ego: EgoState, wanted: VehicleCommand) -> float:
         """Returns the demand [m/s2]: a ramp after perception and delay."""
@@ -105,13 +113,14 @@ class Drive:
     """What a drive came to; histories every 20 ms, shape (n,).
 
     Attributes:
-      time [s], speed [m/s], demand [m/s2]: of the truck and of its guard.
+      time [s], station [m], speed [m/s], demand [m/s2]: of the truck and of its guard.
       ttc: time to collision with the target [s]; states: stages of the emergency braking.
       gap: least gap to a vehicle in the way [m]; ended: reason of the end.
       impact: relative speed at the contact [m/s], 0 without one.
     """
 
     time: FloatArray
+    station: FloatArray
     speed: FloatArray
     demand: FloatArray
     ttc: FloatArray
@@ -152,7 +161,7 @@ class _Log(Observer):
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
-        self.rows: list[tuple[float, float, float, float]] = []
+        self.rows: list[tuple[float, float, float, float, float]] = []
         self.states: list[EmergencyState] = []
         self.gap = math.inf
 
@@ -162,7 +171,7 @@ class _Log(Observer):
         self.states.append(EmergencyState.OFF if report is None else report.state)
         demand = obeyed.xbr_demand if report is None else report.demand
         ttc = math.inf if report is None else report.time_to_collision
-        self.rows.append((ego.time, ego.speed, demand, ttc))
+        self.rows.append((ego.time, ego.station, ego.speed, demand, ttc))
 
     def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         self.gap = min(self.gap, frame.gap_ahead)
@@ -239,6 +248,6 @@ def drive(
             guard.observe(simulation.scene)
         log = _Log(simulation)
         ended = simulation.run([log]).ended
-        time, speed, demand, ttc = np.array(log.rows).T
+        time, station, speed, demand, ttc = np.array(log.rows).T
         impact = 0.0 if simulation.impact is None else simulation.impact.speed
-    return Drive(time, speed, demand, ttc, tuple(log.states), log.gap, impact, ended)
+    return Drive(time, station, speed, demand, ttc, tuple(log.states), log.gap, impact, ended)

@@ -61,9 +61,9 @@ CUT_INS = tuple(itertools.product((5.0, 10.0, 15.0, 20.0, 30.0), (10.0, 20.0, 30
 TRAFFIC = tuple(itertools.product(("dense", "D", "E"), ("perfect", "surround"), (0, 1)))
 # Time to collision with the target at the start; time at which a braking begins, and duration of a
 # cut-in [s].
-_FIRST, _BEGINS, _CUT_IN = 7.0, 3.0, 4.0
+_FIRST, _BEGINS, CUT_IN = 7.0, 3.0, 4.0
 # A difference of impact speeds that is none [km/h].
-_SAME = 0.1
+SAME = 0.1
 
 
 def run(config: ValidateConfig) -> Results:
@@ -182,7 +182,7 @@ def braking(time_gap: float, deceleration: float) -> tuple[Event, ...]:
 
 def cut_in(gap: float, difference: float) -> tuple[Event, ...]:
     """A car that changes to the truck's lane at a gap [m], slower than 80 km/h by [km/h]."""
-    return scenario("r157_cut_in", gap=gap, slower=difference * KMH, duration=_CUT_IN)
+    return scenario("r157_cut_in", gap=gap, slower=difference * KMH, duration=CUT_IN)
 
 
 def _against_driver(config: DriveConfig, step: float, quick: bool) -> Findings:
@@ -203,7 +203,7 @@ def _against_driver(config: DriveConfig, step: float, quick: bool) -> Findings:
         avoided = np.sum((driver == 0.0) & (aeb > 0.0))
         found.check(f"{kind}: impacts that the driver avoids", avoided, "1", 0.0, "== 0")
         more = np.max(aeb - driver)
-        found.check(f"{kind}: greatest excess of the impact", more, "km/h", 0.0, f"<= {_SAME:g}")
+        found.check(f"{kind}: greatest excess of the impact", more, "km/h", 0.0, f"<= {SAME:g}")
         found.check(f"{kind}: impacts of the driver", np.sum(driver > 0.0), "1")
         found.check(f"{kind}: impacts with emergency braking", np.sum(aeb > 0.0), "1")
         number = np.arange(1.0, len(cases) + 1.0)
