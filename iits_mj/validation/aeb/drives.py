@@ -116,6 +116,7 @@ class Drive:
       time [s], station [m], speed [m/s], demand [m/s2]: of the truck and of its guard.
       ttc: time to collision with the target [s]; states: stages of the emergency braking.
       gap: least gap to a vehicle in the way [m]; ended: reason of the end.
+      room: least distance of tractor and trailer from the edges of the first lane [m].
       impact: relative speed at the contact [m/s], 0 without one.
     """
 
@@ -126,6 +127,7 @@ class Drive:
     ttc: FloatArray
     states: tuple[EmergencyState, ...]
     gap: float
+    room: float
     impact: float
     ended: str
 
@@ -163,7 +165,7 @@ class _Log(Observer):
         self._simulation = simulation
         self.rows: list[tuple[float, float, float, float, float]] = []
         self.states: list[EmergencyState] = []
-        self.gap = math.inf
+        self.gap = self.room = math.inf
 
     def commanded(self, ego: EgoState, wanted: VehicleCommand, obeyed: VehicleCommand) -> None:
         del wanted
@@ -175,6 +177,12 @@ class _Log(Observer):
 
     def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         self.gap = min(self.gap, frame.gap_ahead)
+        run, ego = self._simulation, frame.ego
+        lane, station = run.config.start_lane, ego.station
+        middle = float(run.route.lane_offset(lane, station))
+        aside = max(abs(offset - middle) for offset in (ego.offset, ego.trailer_offset))
+        half = 0.5 * float(run.route.lane_width(lane, station)) - aside
+        self.room = min(self.room, half - 0.5 * frame.scene.footprint.width)
         if frame.ego.speed < 0.05:
             simulation.stop("the truck stands")
 
@@ -250,4 +258,6 @@ def drive(
         ended = simulation.run([log]).ended
         time, station, speed, demand, ttc = np.array(log.rows).T
         impact = 0.0 if simulation.impact is None else simulation.impact.speed
-    return Drive(time, station, speed, demand, ttc, tuple(log.states), log.gap, impact, ended)
+    return Drive(
+        time, station, speed, demand, ttc, tuple(log.states), log.gap, log.room, impact, ended
+    )

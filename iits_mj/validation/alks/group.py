@@ -29,6 +29,7 @@ from iits_mj.simulation import DriveConfig
 from iits_mj.validation.aeb.drives import BASE, DEVIATION, LANE_WIDTH, at, drive, scenario, straight
 from iits_mj.validation.aeb.group import CUT_IN, SAME
 from iits_mj.validation.alks.driver import CAR, Brakes, measure
+from iits_mj.validation.alks.lane import lane_keeping
 from iits_mj.validation.harness.config import ValidateConfig
 from traffic_bridge.scenario.actions import SHAPES
 from traffic_bridge.signals.events import Event
@@ -132,6 +133,7 @@ def run(config: ValidateConfig) -> Results:
             found, rows = against_driver(setup, (friction, grade), label, step, quick)
             results.add(label.replace(" ", "_"), found)
             results.tables[label] = rows
+        results.add("", lane_keeping(setup, f"{payload / 1e3:g} t load", step, quick))
     found = false_reactions(dataclasses.replace(STACK, truck=config.truck), step)
     results.add("", found)
     results.notes.append(
