@@ -144,13 +144,17 @@ def crossing_child(config: DriveConfig, step: float, quick: bool) -> Findings:
     return found
 
 
+def two_cars() -> tuple[Event, ...]:
+    """Two cars that stand at both sides of the way."""
+    return scenario("r131_two_cars", clear=CLEAR, width=CAR_WIDTH)
+
+
 def false_reactions(config: DriveConfig, step: float, quick: bool) -> Findings:
     """Cars at both sides, cars on the shoulder of bends, and radar ghosts: nothing must happen."""
     found, aside = Findings("no reaction"), 0.5 * (CLEAR + CAR_WIDTH)
-    sides = scenario("r131_two_cars", clear=CLEAR, width=CAR_WIDTH)
     passing = at(config, PASSING, 8.0)
     reacted = sum(
-        drive(dataclasses.replace(passing, seed=seed), sides, timestep=step).reacted
+        drive(dataclasses.replace(passing, seed=seed), two_cars(), timestep=step).reacted
         for seed in range(1 if quick else 10)
     )
     found.check(f"cars {CLEAR:g} m apart at 50 km/h: reactions", reacted, "1", 0.0, "== 0")
