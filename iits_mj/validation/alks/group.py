@@ -101,7 +101,7 @@ SCENARIOS = (
     Scenario(
         "cut-out",
         "time gap to the leader [s]",
-        "time from it to the standing car [s]",
+        "time to the car [s]",
         (1.0, 1.5, 2.0),
         (1.6, 2.0, 2.5, 3.5),
         _cut_out,
