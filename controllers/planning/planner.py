@@ -340,10 +340,22 @@ class Planner:
             speed,
             stop,
             demand,
-            self._stops.holds(stop, scene.ego),
+            self._stops.holds(stop, scene.ego) or self._is_close(leads),
             deceleration,
         )
         return rolled, urgency
+
+    def _is_close(self, leads: list[Lead]) -> bool:
+        """Whether a leader stands nearer than the standstill gap: the truck stops at once.
+
+        The plan's speed is zero there. Held, the plan still brakes a truck that rolls on, as on a
+        descent.
+        """
+        nearest, stopped = (
+            self.config.speed.following.standstill_gap,
+            self.config.passing.lead_speed,
+        )
+        return any(lead.gap < nearest and lead.speed <= stopped for lead in leads)
 
 
 def named_decision(value: object) -> Decision:

@@ -223,6 +223,17 @@ def test_a_braking_leader_of_the_lane_being_left_counts_before_it_is_slower():
         assert bool(found) == counts
 
 
+@pytest.mark.parametrize(
+    ("gap", "speed", "brakes"), [(3.0, 0.0, True), (3.0, 2.0, False), (6.0, 0.0, False)]
+)
+def test_nearer_than_the_standstill_gap_to_what_stands_the_truck_is_held(gap, speed, brakes):
+    # On a descent the truck would roll on: its plan stands and demands nothing.
+    ego = dataclasses.replace(at(), speed=0.6)
+    other = car(ROUTE, "other", ego.station + 1.4 + gap + 2.4, 0, speed)
+    plan = Planner(ROUTE, PlannerConfig(), PARAMETERS).plan(Scene(0.0, ego, (other,)))
+    assert (plan.acceleration[-1] < -1.0) == brakes
+
+
 def test_an_aborted_change_leaves_the_lane_that_it_had_begun_to_enter():
     planner = Planner(ROUTE, PlannerConfig(), PARAMETERS)
     maneuver, ego = planner.maneuver, at()

@@ -73,6 +73,15 @@ def test_a_stack_that_sees_nothing_falls_short(monkeypatch):
     assert any(not check.ok for check in found.checks)
 
 
+def test_the_empty_truck_does_not_roll_on_into_a_standing_car_on_a_descent():
+    case = group.Case(80.0, 0.75, 1.5)
+    empty = at(dataclasses.replace(group.STACK, payload=0.0), 80.0, group.DURATION)
+    events = group.SCENARIOS[2].events(case, 0.8)
+    made = drive(empty, events, straight(*group.DESCENT))
+    assert made.impact == 0.0
+    assert 2.0 < made.gap < 4.5
+
+
 def test_cars_beside_the_way_cause_no_braking():
     found = group.false_reactions(STACK, TIMESTEP, quick=True)
     assert [check.name for check in found.checks if not check.ok] == []
