@@ -55,6 +55,7 @@ validation: $(VENV)/installed
 	failed=0; $(BIN)/iits-mj validate --report docs/validation || failed=$$?; \
 	$(BIN)/iits-mj validate credibility --report docs/validation || failed=$$?; \
 	$(BIN)/iits-mj validate aeb --report docs/validation || failed=$$?; \
+	$(BIN)/iits-mj validate alks --report docs/validation || failed=$$?; \
 	for truck in $$($(BIN)/python -c '$(OTHER_TRUCKS)'); do \
 	  $(BIN)/iits-mj validate truck --truck $$truck --report docs/validation || failed=$$?; \
 	done; exit $$failed

@@ -34,6 +34,9 @@ _CONFIRMED, _SEEN = 3, 2
 _LOST, _TENTATIVE = 0.8, 0.25
 # Share of a measured heading that a track takes over.
 _HEADING_SHARE = 0.3
+# A wheeled vehicle moves across its heading by no more than this share of its motion along it: what
+# stands does not move aside, whatever the noise of its position says.
+_COURSE = 0.35
 # A track this far above or below the route's surface is on another road [m].
 _OTHER_LEVEL = 3.0
 # Spread of a new track's velocity along its heading, known and not, and across it [m/s], and of its
@@ -222,15 +225,18 @@ class Tracker:
         road = route.evaluate(station, offset)
         lane = route.lane_at(station, offset)
         forward, left = math.cos(look.yaw), math.sin(look.yaw)
-        heading = float(road.heading)
+        along, across = float(vx * forward + vy * left), float(vy * forward - vx * left)
+        if look.kind != "pedestrian":
+            across = math.copysign(min(abs(across), _COURSE * abs(along)), across)
+        turned = look.yaw - float(road.heading)
         return dataclasses.replace(
             look,
             id=track.name,
             x=float(x),
             y=float(y),
-            speed=float(vx * forward + vy * left),
+            speed=along,
             acceleration=float(ax * forward + ay * left),
-            lateral_speed=float(vy * math.cos(heading) - vx * math.sin(heading)),
+            lateral_speed=along * math.sin(turned) + across * math.cos(turned),
             station=float(station),
             offset=float(offset),
             lane=lane if abs(look.z - float(road.z)) <= _OTHER_LEVEL else -1,

@@ -88,8 +88,8 @@ class Maneuver:
         return self._lanes.follow(self.lane(ego), ego)
 
     def origin(self, ego: EgoState) -> LanePath | None:
-        """Path of the lane that the truck is leaving, None outside a change."""
-        if self.change is None or self.change.aborted or self.residual is None:
+        """Path of the lane that the truck is leaving, also as it aborts; None outside a change."""
+        if self.change is None or self.residual is None:
             return None
         return self._origin(ego, self.change)
 
@@ -359,6 +359,7 @@ class Maneuver:
         value += float(target.driven_at(ego.station)) - float(origin.driven_at(ego.station))
         self.residual = self._back(ego, value, slope, bend, margin)
         self._middle = float(origin.offset_at(ego.station))
+        change.origin_offset = float(target.offset_at(ego.station))
         change.aborted = True
         self.aborted += 1
         return origin

@@ -265,13 +265,19 @@ class Planner:
     def _old_leader(
         self, scene: Scene, path: LanePath, residual: Quintic, old: Neighbor
     ) -> list[Lead]:
-        """The leader of the lane being left as a lead, while the truck may still touch it."""
+        """The leader of the lane being left as a lead, while the truck may still touch it.
+
+        It counts if the truck, at its present speed, comes within the margin of it before it is
+        beside it, also as the leader brakes on as it does now.
+        """
         ego, config = scene.ego, self.config
         last = max(residual.end, ego.station + 1.0)
-        closing = ego.speed - old.speed
+        braking = replace(Lead.of(old), acceleration=min(old.acceleration, 0.0))
 
         def spare(until: float) -> float:
-            return old.gap - max(closing, 0.0) * until - config.safety.margin
+            # The gap is least at one of both ends, as the leader does not speed up.
+            closed = ego.speed * until - braking.at(until)[0]
+            return old.gap - max(closed, 0.0) - config.safety.margin
 
         longest = (last - ego.station) / max(ego.speed, 1.0)
         if spare(longest) > 0.0:
@@ -334,10 +340,22 @@ class Planner:
             speed,
             stop,
             demand,
-            self._stops.holds(stop, scene.ego),
+            self._stops.holds(stop, scene.ego) or self._is_close(leads),
             deceleration,
         )
         return rolled, urgency
+
+    def _is_close(self, leads: list[Lead]) -> bool:
+        """Whether a leader stands nearer than the standstill gap: the truck stops at once.
+
+        The plan's speed is zero there. Held, the plan still brakes a truck that rolls on, as on a
+        descent.
+        """
+        nearest, stopped = (
+            self.config.speed.following.standstill_gap,
+            self.config.passing.lead_speed,
+        )
+        return any(lead.gap < nearest and lead.speed <= stopped for lead in leads)
 
 
 def named_decision(value: object) -> Decision:

@@ -2,9 +2,10 @@
 
 Truck: closed-form solutions, standards and the paper. Traffic: the theory of its model and, with
 --data, recorded traffic. Planning: its limits and bounds and the truck itself, with --roads on
-other roads, too. Group aeb, emergency braking by UN R131, is not part of all. --truck measures
-another truck: all groups but those that drive the default truck only; group truck has its main
-figures on one page. Exit code 0 when every check holds, 1 when a check falls short.
+other roads, too. Groups aeb, emergency braking by UN R131, and alks, lane keeping by UN R157, are
+not part of all. --truck measures another truck: all groups but those that drive the default truck
+only; group truck has its main figures on one page. Exit code 0 when every check holds, 1 when a
+check falls short.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ SECONDS = {
     "measured": (40.0, 10.0),
     "credibility": (280.0, 75.0),
     "aeb": (600.0, 25.0),
+    "alks": (600.0, 15.0),
 }
 
 
@@ -64,10 +66,10 @@ def run(options: Options) -> int:
 def measure(options: Options) -> Results:
     """Returns the selected checks as one set of results.
 
-    All groups are those without "truck", whose figures are among them, "credibility" and "aeb",
-    which take long, and "measured", which needs a file; of another truck than the default one also
-    without `validation.DEFAULT_ONLY`. The quick form uses the laden truck only and leaves out the
-    step sizes, which repeat the same figures.
+    All groups are those without "truck", whose figures are among them, "credibility", "aeb" and
+    "alks", which take long, and "measured", which needs a file; of another truck than the default
+    one also without `validation.DEFAULT_ONLY`. The quick form uses the laden truck only and leaves
+    out the step sizes, which repeat the same figures.
 
     Raises:
       InputError: the group drives the default truck only, and another one is chosen.
@@ -89,7 +91,7 @@ def measure(options: Options) -> Results:
         usual = SECONDS[options.what][options.quick] if options.what in SECONDS else None
         with task(f"validating {options.what}", usual=usual):
             return validation.COMMANDS[options.what](options)
-    alone = {"truck", "credibility", "aeb", "measured"}
+    alone = {"truck", "credibility", "aeb", "alks", "measured"}
     left_out = alone | set(validation.DEFAULT_ONLY if other else ())
     if options.quick:
         left_out.add("step-size")

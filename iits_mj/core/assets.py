@@ -16,17 +16,29 @@ DEFAULT_MIX = (("car", 0.70), ("van", 0.12), ("truck", 0.08), ("articulated", 0.
 
 def mjcf_dir() -> Path:
     """Returns the model folder: `mjcf/` beside the sources, or inside the installed package."""
-    for candidate in (_PACKAGE.parent / "mjcf", _PACKAGE / "mjcf"):
-        if (candidate / "trucks" / DEFAULT_TRUCK / "truck.toml").is_file():
-            return candidate
-    raise InputError(f"the model folder mjcf/ is missing beside {_PACKAGE}; reinstall iits-mj")
+    return _folder("mjcf", f"trucks/{DEFAULT_TRUCK}/truck.toml")
 
 
 def mjcf_path(name: str) -> Path:
     """Returns the path of a model file, for `mujoco.MjModel.from_xml_path(str(path))`."""
-    folder = mjcf_dir()
+    return _file(mjcf_dir(), name, "model file")
+
+
+def regulation_path(name: str) -> Path:
+    """Returns the path of a scenario of `examples/regulations`, also in the installed package."""
+    return _file(_folder("examples/regulations", "road.csv"), name, "scenario")
+
+
+def _folder(name: str, marker: str) -> Path:
+    for candidate in (_PACKAGE.parent / name, _PACKAGE / name):
+        if (candidate / marker).is_file():
+            return candidate
+    raise InputError(f"the folder {name}/ is missing beside {_PACKAGE}; reinstall iits-mj")
+
+
+def _file(folder: Path, name: str, what: str) -> Path:
     path = folder / name
     if not path.is_file():
         present = ", ".join(sorted(p.name for p in folder.iterdir()))
-        raise InputError(f"no model file {name!r}; there are: {present}")
+        raise InputError(f"no {what} {name!r}; there are: {present}")
     return path

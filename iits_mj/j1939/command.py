@@ -14,7 +14,8 @@ from dataclasses import dataclass, fields, replace
 from iits_mj.core.checks import in_range
 from iits_mj.core.errors import BusError, InputError
 from iits_mj.core.messages import VehicleCommand, XbrEbiMode, XbrMode
-from iits_mj.j1939.database import cycle_time, identifier
+from iits_mj.j1939 import groups
+from iits_mj.j1939.database import cycle_time, encode, identifier
 from iits_mj.j1939.frame import GLOBAL_ADDRESS, Frame, tsc1_checksum, with_byte8, xbr_checksum
 from iits_mj.j1939.mapping import DataMaker, FieldOf, commands
 from iits_mj.j1939.network import (
@@ -34,6 +35,16 @@ TORQUE_CONTROL = 2
 STEERING_ON = 1
 # SPN 2915: the second of four priorities, below an emergency brake.
 _XBR_PRIORITY, _EMERGENCY_PRIORITY = 1, 0
+# SPN 5676 and 5677 by the stage of the emergency braking: state, and level of the warning.
+_STAGES = {
+    "off": (1, 0),
+    "standby": (3, 0),
+    "overridden": (4, 0),
+    "warning": (5, 1),
+    "partial braking": (6, 2),
+    "emergency braking": (7, 2),
+}
+_LONGEST_TTC = 12.5  # of SPN 5680 [s]
 _SHARES = ("accelerator_pedal", "engine_brake", "retarder", "brake_pedal")
 _FIELDS = tuple(field.name for field in fields(VehicleCommand))
 _numbers = operator.attrgetter(*_FIELDS)
@@ -126,12 +137,35 @@ class CommandSender:
 class EmergencySender:
     """Sends the brake demand (XBR) of an emergency braking, with the highest priority (SPN 2915).
 
-    A demand is sent with every call, its end once.
+    A demand is sent with every call, its end once. AEBS1 is sent at its own rate.
     """
 
     def __init__(self, source: int = EMERGENCY_BRAKING) -> None:
         checked_sources([source])
         self._source, self._counter, self._demands = source, 0, False
+        self._schedule = Schedule([cycle_time("AEBS1")])
+
+    def status(
+        self, stage: str, target: bool, time_to_collision: float, time: float
+    ) -> list[Frame]:
+        """The frame of AEBS1 if it is due at a time [s].
+
+        Args:
+          stage: of the emergency braking, a value of its `EmergencyState`.
+          target: whether it has one.
+          time_to_collision: with the target [s]; inf if the truck does not close in.
+          time: [s].
+        """
+        if not self._schedule.due(time):
+            return []
+        state, level = _STAGES[stage]
+        group = groups.AEBS1(
+            aebs_state=state,
+            collision_warning_level=level,
+            relevant_object_detected=float(target),
+            time_to_collision=min(time_to_collision, _LONGEST_TTC),
+        )
+        return [encode(group, time=time, source=self._source)]
 
     def frames(self, demand: float, time: float) -> list[Frame]:
         """The frames of a demand [m/s2], zero or negative, at a time [s].

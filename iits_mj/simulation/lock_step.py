@@ -149,6 +149,7 @@ class CommandPath:
         time: float,
         listeners: Sequence[Callable[[Frame], None]] = (),
         emergency: float = 0.0,
+        stage: tuple[str, bool, float] | None = None,
     ) -> VehicleCommand:
         """Returns the command that reaches the truck; calls the listeners with its frames.
 
@@ -157,6 +158,8 @@ class CommandPath:
           time: of the command [s].
           listeners: called with each frame; without listeners a direct command is not encoded.
           emergency: demand of a guard [m/s2], 0 for none.
+          stage: of an emergency braking, whether it has a target, and the time to collision [s],
+            for AEBS1; None: no guard that reports them.
 
         Raises:
           InputError: the command cannot be encoded.
@@ -166,7 +169,8 @@ class CommandPath:
         # Log files keep microseconds: a drive repeated from a log must be the same.
         time = round(time, 6)
         frames = self._sender.frames(command, time) + self._guard_sender.frames(emergency, time)
-        for frame in frames:
+        reports = [] if stage is None else self._guard_sender.status(*stage, time)
+        for frame in frames + reports:
             for listener in listeners:
                 listener(frame)
         if not self.over_bytes:
@@ -267,12 +271,17 @@ class LockStep(Closing):
         wanted = self.driver.control(ego)
         listeners = [observer.sent for observer in self.observers if observer.reads_bus]
         emergency = 0.0 if self.guard is None else self.guard.demand(ego, wanted)
-        self.command = self.path.transmit(wanted, self.time, listeners, emergency)
+        stage = self._stage()
+        self.command = self.path.transmit(wanted, self.time, listeners, emergency, stage)
         for observer in self.observers:
             observer.commanded(ego, wanted, self.command)
         self.truck.command(self.command)
         self._advance_physics(self._control_steps)
         return ego
+
+    def _stage(self) -> tuple[str, bool, float] | None:
+        """Stage of an emergency braking, see `CommandPath.transmit`; None without one."""
+        return None
 
     def _plan(self, ego: EgoState) -> None:
         """Plans in the scene of a state; the next plan is due 100 ms later."""

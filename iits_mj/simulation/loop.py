@@ -218,6 +218,12 @@ class Simulation(LockStep):
         """What the emergency braking reports now; None without one."""
         return self.guard.report if isinstance(self.guard, EmergencyBraking) else None
 
+    def _stage(self) -> tuple[str, bool, float] | None:
+        report = self.emergency
+        if report is None:
+            return None
+        return report.state.value, bool(report.target), report.time_to_collision
+
     @property
     def stack(self) -> Stack:
         """The stack that drives.

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from iits_mj.core.results import Results
 from iits_mj.validation import measured
 from iits_mj.validation.aeb import group as aeb
+from iits_mj.validation.alks import group as alks
 from iits_mj.validation.handling import credibility, plants, step_size
 from iits_mj.validation.handling.group import run_lateral, run_standards
 from iits_mj.validation.harness.config import ValidateConfig
@@ -28,6 +29,7 @@ COMMANDS: dict[str, Callable[[ValidateConfig], Results]] = {
     "traffic": traffic.run,
     "planning": planning.run,
     "aeb": aeb.run,
+    "alks": alks.run,
     "truck": run_truck,
     "credibility": credibility.run,
     "measured": measured.run,

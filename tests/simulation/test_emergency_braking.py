@@ -3,6 +3,7 @@
 import csv
 import json
 
+import numpy as np
 import pytest
 
 from controllers.emergency_braking import EmergencyState
@@ -11,12 +12,15 @@ from iits_mj.core.messages import VehicleCommand, XbrMode
 from iits_mj.core.units import KMH
 from iits_mj.j1939 import CommandReceiver, CommandSender
 from iits_mj.j1939.command import EmergencySender, with_emergency
+from iits_mj.j1939.database import decode
 from iits_mj.j1939.network import EMERGENCY_BRAKING
 from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, Simulation, Telemetry
 from iits_mj.simulation.lock_step import Observer
 from iits_mj.validation.aeb.drives import BlindPlanner
 from traffic_bridge import EventSim, PlaceVehicle, TrafficConfig
+
+AEBS1 = 61487
 
 
 def blind_drive(commands="direct", aeb="on"):
@@ -41,10 +45,12 @@ class Senders(Observer):
     reads_bus = True
 
     def __init__(self):
-        self.seen = set()
+        self.seen, self.stages = set(), []
 
     def sent(self, frame):
         self.seen.add((frame.source, frame.pgn))
+        if frame.pgn == AEBS1:
+            self.stages.append((frame.time, decode(frame).group))
 
 
 def test_the_stronger_demand_wins_on_the_direct_path():
@@ -80,12 +86,24 @@ def test_a_blind_planner_is_stopped_before_the_car(commands):
     assert summary.aeb.brakings == 1
     assert summary.aeb.warnings >= 1
     assert 0.3 < summary.closest_gap < 6.0
-    assert EMERGENCY_BRAKING in {source for source, _ in senders.seen}
+    assert (EMERGENCY_BRAKING, AEBS1) in senders.seen
+    times, groups = zip(*senders.stages, strict=True)
+    # Every 50 ms, in commands that are 20 ms apart.
+    assert np.diff(times).mean() == pytest.approx(0.05, abs=0.002)
+    order = list(dict.fromkeys(round(group.aebs_state) for group in groups))
+    assert order[:4] == [3, 5, 6, 7]  # ready, warning, with braking, emergency braking
+    for group in groups:
+        braking = group.aebs_state in (5, 6, 7)
+        assert group.relevant_object_detected or group.aebs_state != 5
+        assert group.collision_warning_level == (0 if not braking else 1 + (group.aebs_state > 5))
+    assert min(group.time_to_collision for group in groups) < 2.0
 
 
 def test_without_it_the_blind_planner_hits_the_car():
     with blind_drive(aeb="off") as simulation:
-        summary = simulation.run()
+        senders = Senders()
+        summary = simulation.run([senders])
+        assert not senders.stages
         assert simulation.impact.vehicle == "car"
     assert summary.collision
     assert summary.aeb is None

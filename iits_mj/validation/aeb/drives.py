@@ -13,6 +13,7 @@ from controllers.emergency_braking import EmergencyState
 from controllers.emergency_braking.braking import EMERGENCY_DEMAND
 from controllers.planning.planner import Planner
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.assets import regulation_path
 from iits_mj.core.messages import (
     Decision,
     EgoState,
@@ -28,8 +29,8 @@ from iits_mj.road import Route
 from iits_mj.simulation import DriveConfig, DriveFrame, Observer, Simulation
 from iits_mj.simulation.lock_step import LockStep
 from iits_mj.simulation.sensors import Perception, Sensor
-from traffic_bridge import EventSim, TrafficConfig
-from traffic_bridge.scenario.actions import SceneEvent
+from traffic_bridge import EventSim, TrafficConfig, read_events
+from traffic_bridge.signals.events import Event
 
 LANE_WIDTH = 4.0  # of `Route.straight` [m]
 WARNED = (EmergencyState.WARNING, EmergencyState.PARTIAL, EmergencyState.BRAKING)
@@ -55,29 +56,50 @@ class BlindPlanner(Planner):
 
 
 class CarefulDriver:
-    """A guard that brakes as the driver of UN R157 with perfect sight and the truck's brakes."""
+    """A guard that brakes as the driver of UN R157 with perfect sight and the truck's brakes.
 
-    def __init__(self) -> None:
+    A vehicle ahead hides those before it until it leaves the middle of the lane by `DEVIATION`. A
+    slower vehicle in the lane that becomes visible so is a risk.
+
+    Args:
+      near: time to collision of a risk [s].
+      risky: deceleration of a vehicle ahead that is a risk, positive [m/s2].
+      at_time: of a risk in any case [s].
+    """
+
+    def __init__(
+        self, near: float = NEAR, risky: float = RISKY_BRAKING, at_time: float = math.inf
+    ) -> None:
+        self._near, self._risky, self._at_time = near, risky, at_time
         self.reset()
 
     def reset(self) -> None:
         """Prepares for a new drive."""
-        self._risk_at = math.inf
+        self._risk_at = self._at_time
+        self._hidden: set[str] = set()
 
     def observe(self, scene: Scene) -> None:
         """Notes the time of the first risk."""
         ego, half = scene.ego, 0.5 * scene.footprint.width
-        for other in scene.vehicles:
+        before, self._hidden = self._hidden, set()
+        in_view = True
+        for other in sorted(scene.vehicles, key=lambda vehicle: vehicle.station):
             aside = abs(other.offset - ego.offset)
             gap = other.station - 0.5 * other.length - ego.station - scene.footprint.front_overhang
             if gap < 0.0 or aside > 5.0:
                 continue
+            if not in_view:
+                self._hidden.add(other.id)
+                continue
             own_lane = aside < 0.5 * other.width + half
             comes = abs(other.lateral_speed) > 0.1 and aside < LANE_WIDTH - DEVIATION
-            near = 0.0 < gap < NEAR * (ego.speed - other.speed)
-            braking = own_lane and other.acceleration < -RISKY_BRAKING
-            if braking or (near and (own_lane or comes)):
+            near = 0.0 < gap < self._near * (ego.speed - other.speed)
+            risk = near and (own_lane or comes)
+            risk |= own_lane and other.acceleration < -self._risky
+            risk |= own_lane and other.id in before and other.speed < ego.speed
+            if risk:
                 self._risk_at = min(self._risk_at, scene.time)
+            in_view = aside > DEVIATION
 
     def demand(self, ego: EgoState, wanted: VehicleCommand) -> float:
         """Returns the demand [m/s2]: a ramp after perception and delay."""
@@ -91,18 +113,21 @@ class Drive:
     """What a drive came to; histories every 20 ms, shape (n,).
 
     Attributes:
-      time [s], speed [m/s], demand [m/s2]: of the truck and of its guard.
+      time [s], station [m], speed [m/s], demand [m/s2]: of the truck and of its guard.
       ttc: time to collision with the target [s]; states: stages of the emergency braking.
       gap: least gap to a vehicle in the way [m]; ended: reason of the end.
+      room: least distance of tractor and trailer from the edges of the first lane [m].
       impact: relative speed at the contact [m/s], 0 without one.
     """
 
     time: FloatArray
+    station: FloatArray
     speed: FloatArray
     demand: FloatArray
     ttc: FloatArray
     states: tuple[EmergencyState, ...]
     gap: float
+    room: float
     impact: float
     ended: str
 
@@ -138,9 +163,9 @@ class _Log(Observer):
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
-        self.rows: list[tuple[float, float, float, float]] = []
+        self.rows: list[tuple[float, float, float, float, float]] = []
         self.states: list[EmergencyState] = []
-        self.gap = math.inf
+        self.gap = self.room = math.inf
 
     def commanded(self, ego: EgoState, wanted: VehicleCommand, obeyed: VehicleCommand) -> None:
         del wanted
@@ -148,10 +173,16 @@ class _Log(Observer):
         self.states.append(EmergencyState.OFF if report is None else report.state)
         demand = obeyed.xbr_demand if report is None else report.demand
         ttc = math.inf if report is None else report.time_to_collision
-        self.rows.append((ego.time, ego.speed, demand, ttc))
+        self.rows.append((ego.time, ego.station, ego.speed, demand, ttc))
 
     def observe(self, simulation: LockStep, frame: DriveFrame) -> None:
         self.gap = min(self.gap, frame.gap_ahead)
+        run, ego = self._simulation, frame.ego
+        lane, station = run.config.start_lane, ego.station
+        middle = float(run.route.lane_offset(lane, station))
+        aside = max(abs(offset - middle) for offset in (ego.offset, ego.trailer_offset))
+        half = 0.5 * float(run.route.lane_width(lane, station)) - aside
+        self.room = min(self.room, half - 0.5 * frame.scene.footprint.width)
         if frame.ego.speed < 0.05:
             simulation.stop("the truck stands")
 
@@ -176,14 +207,20 @@ def at(config: DriveConfig, speed_kmh: float, duration: float = 20.0) -> DriveCo
     return dataclasses.replace(config, speed=speed, start_speed=speed, duration=duration)
 
 
+def scenario(name: str, **values: float) -> tuple[Event, ...]:
+    """Returns the events of `examples/regulations/NAME.toml` with values of its parameters."""
+    given = {key: repr(float(value)) for key, value in values.items()}
+    return read_events(regulation_path(f"{name}.toml"), given)
+
+
 def straight(friction: float = 0.8, grade: float = 0.0) -> Route:
-    """Returns a straight road of three lanes."""
+    """Returns a straight road of three lanes, that of `examples/regulations/road.csv`."""
     return Route.straight(length=3_000.0, friction=friction, grade=grade, speed_limit=30.0)
 
 
 def drive(
     config: DriveConfig,
-    events: Sequence[SceneEvent] = (),
+    events: Sequence[Event] = (),
     route: Route | None = None,
     *,
     guard: CarefulDriver | None = None,
@@ -219,6 +256,8 @@ def drive(
             guard.observe(simulation.scene)
         log = _Log(simulation)
         ended = simulation.run([log]).ended
-        time, speed, demand, ttc = np.array(log.rows).T
+        time, station, speed, demand, ttc = np.array(log.rows).T
         impact = 0.0 if simulation.impact is None else simulation.impact.speed
-    return Drive(time, speed, demand, ttc, tuple(log.states), log.gap, impact, ended)
+    return Drive(
+        time, station, speed, demand, ttc, tuple(log.states), log.gap, log.room, impact, ended
+    )

@@ -17,7 +17,6 @@ their noise. All tests are on a straight road unless said otherwise.
 from __future__ import annotations
 
 import dataclasses
-import functools
 import itertools
 
 import numpy as np
@@ -38,11 +37,12 @@ from iits_mj.validation.aeb.drives import (
     Drive,
     at,
     drive,
+    scenario,
     straight,
 )
 from iits_mj.validation.harness.config import ValidateConfig
 from traffic_bridge import PlaceVehicle
-from traffic_bridge.scenario.actions import Brake, ChangeLane, SceneEvent
+from traffic_bridge.signals.events import Event
 
 # UN R131, 02 series: speed [km/h], greatest impact speed [km/h] on a car and on a child.
 CAR_IMPACTS = {20: 0, 40: 0, 60: 0, 70: 0, 80: 28, 90: 42}
@@ -59,11 +59,11 @@ ROADS = ((0.5, 0.0), (0.8, -0.06), (0.8, 0.04), (0.5, -0.06), (0.5, 0.04))
 BRAKINGS = tuple(itertools.product((0.6, 0.8, 1.0, 1.3, 1.6, 2.0), (4.0, 6.0, 8.0)))
 CUT_INS = tuple(itertools.product((5.0, 10.0, 15.0, 20.0, 30.0), (10.0, 20.0, 30.0, 40.0)))
 TRAFFIC = tuple(itertools.product(("dense", "D", "E"), ("perfect", "surround"), (0, 1)))
-# Time to collision with the target at the start; time at which a braking or a cut-in begins, and
-# duration of the cut-in [s].
-_FIRST, _BEGINS, _CUT_IN = 7.0, 3.0, 4.0
+# Time to collision with the target at the start; time at which a braking begins, and duration of a
+# cut-in [s].
+_FIRST, _BEGINS, CUT_IN = 7.0, 3.0, 4.0
 # A difference of impact speeds that is none [km/h].
-_SAME = 0.1
+SAME = 0.1
 
 
 def run(config: ValidateConfig) -> Results:
@@ -91,9 +91,6 @@ def _kmh(speed: float) -> float:
     return speed / KMH
 
 
-_car = functools.partial(PlaceVehicle, name="car", relative_lane=0, reactive=False)
-
-
 def cars(config: DriveConfig, step: float, quick: bool) -> Findings:
     """A standing car from each speed, one of 12 km/h, and a standing one on other roads."""
     found = Findings()
@@ -101,7 +98,8 @@ def cars(config: DriveConfig, step: float, quick: bool) -> Findings:
     cases += [(80, MOVING, 0.8, 0.0), *((80, 0.0, *road) for road in ROADS[: 1 if quick else None])]
     for speed, target, friction, grade in cases:
         gap, other = max(_FIRST * (speed - target) * KMH, 25.0), (friction, grade) in ROADS
-        events, road = (_car(gap=gap, speed=target * KMH),), straight(friction, grade)
+        events = scenario("r131_car", gap=gap, speed=target * KMH)
+        road = straight(friction, grade)
         made = drive(at(config, speed, 40.0), events, road, timestep=step)
         name = f"car of {target:g} km/h at {speed} km/h"
         name += f", friction {friction:g}, grade {100.0 * grade:+.0f} %" if other else ""
@@ -138,27 +136,25 @@ def crossing_child(config: DriveConfig, step: float, quick: bool) -> Findings:
     middle = float(straight().lane_offset(config.start_lane, begin))
     for speed in (20,) if quick else tuple(CHILD_IMPACTS):
         x = begin + EgoFootprint().front_overhang + _FIRST * speed * KMH
-        points = ((x, middle - _FIRST * CHILD_SPEED * KMH), (x, middle + 20.0))
-        child = PlaceVehicle(
-            name="child", type="pedestrian", points=points, speed=CHILD_SPEED * KMH
-        )
-        made, most = drive(at(config, speed), (child,), timestep=step), CHILD_IMPACTS[speed]
+        child = scenario("r131_child", station=x, offset=middle, speed=CHILD_SPEED * KMH)
+        made, most = drive(at(config, speed), child, timestep=step), CHILD_IMPACTS[speed]
         # The child moves across: the truck's own speed counts.
         hit = _kmh(made.speed[-1]) if "collision" in made.ended else 0.0
         found.check(f"impact at {speed} km/h", hit, "km/h", float(most), f"<= {most}")
     return found
 
 
+def two_cars() -> tuple[Event, ...]:
+    """Two cars that stand at both sides of the way."""
+    return scenario("r131_two_cars", clear=CLEAR, width=CAR_WIDTH)
+
+
 def false_reactions(config: DriveConfig, step: float, quick: bool) -> Findings:
     """Cars at both sides, cars on the shoulder of bends, and radar ghosts: nothing must happen."""
     found, aside = Findings("no reaction"), 0.5 * (CLEAR + CAR_WIDTH)
-    sides = [
-        _car(name=name, gap=70.0, offset=offset, speed=0.0)
-        for name, offset in (("left", aside), ("right", -aside))
-    ]
     passing = at(config, PASSING, 8.0)
     reacted = sum(
-        drive(dataclasses.replace(passing, seed=seed), sides, timestep=step).reacted
+        drive(dataclasses.replace(passing, seed=seed), two_cars(), timestep=step).reacted
         for seed in range(1 if quick else 10)
     )
     found.check(f"cars {CLEAR:g} m apart at 50 km/h: reactions", reacted, "1", 0.0, "== 0")
@@ -182,17 +178,15 @@ def false_reactions(config: DriveConfig, step: float, quick: bool) -> Findings:
     return found
 
 
-def braking(time_gap: float, deceleration: float) -> tuple[SceneEvent, ...]:
+def braking(time_gap: float, deceleration: float) -> tuple[Event, ...]:
     """A car ahead at 80 km/h, with a time gap [s], that brakes to a stop [m/s2]."""
-    car = _car(gap=time_gap * 80.0 * KMH, speed=80.0 * KMH)
-    return car, Brake(actor="car", at_time=_BEGINS, deceleration=deceleration)
+    times = {"time_gap": time_gap, "begins": _BEGINS}
+    return scenario("r157_braking", speed=80.0 * KMH, deceleration=deceleration, **times)
 
 
-def cut_in(gap: float, difference: float) -> tuple[SceneEvent, ...]:
+def cut_in(gap: float, difference: float) -> tuple[Event, ...]:
     """A car that changes to the truck's lane at a gap [m], slower than 80 km/h by [km/h]."""
-    ahead = gap + _BEGINS * difference * KMH
-    car = _car(gap=ahead, relative_lane=1, speed=(80.0 - difference) * KMH)
-    return car, ChangeLane(actor="car", relative_lane=-1, at_time=_BEGINS, duration=_CUT_IN)
+    return scenario("r157_cut_in", gap=gap, slower=difference * KMH, duration=CUT_IN)
 
 
 def _against_driver(config: DriveConfig, step: float, quick: bool) -> Findings:
@@ -213,7 +207,7 @@ def _against_driver(config: DriveConfig, step: float, quick: bool) -> Findings:
         avoided = np.sum((driver == 0.0) & (aeb > 0.0))
         found.check(f"{kind}: impacts that the driver avoids", avoided, "1", 0.0, "== 0")
         more = np.max(aeb - driver)
-        found.check(f"{kind}: greatest excess of the impact", more, "km/h", 0.0, f"<= {_SAME:g}")
+        found.check(f"{kind}: greatest excess of the impact", more, "km/h", 0.0, f"<= {SAME:g}")
         found.check(f"{kind}: impacts of the driver", np.sum(driver > 0.0), "1")
         found.check(f"{kind}: impacts with emergency braking", np.sum(aeb > 0.0), "1")
         number = np.arange(1.0, len(cases) + 1.0)

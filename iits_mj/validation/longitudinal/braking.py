@@ -17,6 +17,7 @@ distance, hence "style". No wheel may stay locked for longer than 1 s above 15 k
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -82,12 +83,24 @@ def lock_time(record: Run, above: float = 15.0 * KMH) -> float:
     return longest * PERIOD
 
 
-def distance(record: Run) -> float:
+class Stop(Protocol):
+    """Station [m] and speed [m/s] of a stop, shape (n,)."""
+
+    @property
+    def station(self) -> FloatArray:
+        """[m]."""
+
+    @property
+    def speed(self) -> FloatArray:
+        """[m/s]."""
+
+
+def distance(record: Stop) -> float:
     """Distance along the road from the first sample to the last [m]."""
     return float(record.station[-1] - record.station[0])
 
 
-def fully_developed(record: Run) -> float:
+def fully_developed(record: Stop) -> float:
     """Mean fully developed deceleration [m/s2], from 80 to 10 % of the initial speed.
 
     UN R13, annex 4, 1.1.2. NaN if the truck does not become that slow.

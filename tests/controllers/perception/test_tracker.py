@@ -1,5 +1,6 @@
 """The tracker follows objects through noise, gaps and crossings."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -99,3 +100,20 @@ def test_a_track_is_predicted_to_the_present():
     for k in range(30):
         tracker.update(0.1 * k, [(False, [seen(100.0 + 2.0 * k, 0.0, 20.0)])])
     assert tracker.vehicles(3.1)[0].x == pytest.approx(100.0 + 62.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("kind", "moves"), [("car", False), ("pedestrian", True)])
+def test_what_has_wheels_and_stands_does_not_move_aside(kind, moves):
+    tracker, random, aside = Tracker(ROUTE), np.random.default_rng(7), []
+    for k in range(40):
+        found = seen(100.0, 3.0, 0.0, random.normal(size=3))
+        look = dataclasses.replace(found.look, kind=kind)
+        tracker.update(0.1 * k, [(False, [dataclasses.replace(found, look=look)])])
+        aside += [abs(vehicle.lateral_speed) for vehicle in tracker.vehicles(0.1 * k)]
+    # The noise of the position alone is that of a slow lane change.
+    assert (max(aside) > 0.15) == moves
+
+
+def test_a_slow_lane_change_keeps_its_lateral_speed():
+    shown = follow(lambda t: (100.0 + 6.0 * t, 4.0 - 1.0 * t, 6.0), 3.5)
+    assert shown[-1][0].lateral_speed == pytest.approx(-1.0, abs=0.25)

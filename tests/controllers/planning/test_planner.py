@@ -9,7 +9,7 @@ from controllers.planning.config import PlannerConfig, SpeedConfig
 from controllers.planning.planner import Planner
 from iits_mj.core.angles import wrap_angles
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import Decision, EgoState, PlanMode, Scene, SpeedProfile
+from iits_mj.core.messages import Decision, EgoFootprint, EgoState, PlanMode, Scene, SpeedProfile
 from iits_mj.road import RoadMap, Route
 from tests.controllers.scenes import Ideal, RightLaneEnds, at, car
 
@@ -122,6 +122,28 @@ def test_a_leader_that_brakes_hard_causes_an_emergency_and_is_not_hit():
     assert any(plan.mode is PlanMode.EMERGENCY for plan in drive.plans)
     assert gap > 1.0
     assert drive.planner.emergencies < 4
+
+
+@pytest.mark.parametrize("begins", [0.3, 1.0, 1.6])
+def test_a_leader_that_brakes_while_the_truck_leaves_its_lane_is_not_hit(begins):
+    # It brakes from 16.67 m/s to 3 m/s before the truck is beside it.
+    end = begins + (16.67 - 3.0) / 7.0
+
+    def leader(time):
+        braking = min(max(time - begins, 0.0), end - begins)
+        station = 500.0 + 1.4 + 10.0 + 2.4 + 16.67 * min(time, begins)
+        station += 16.67 * braking - 3.5 * braking**2 + 3.0 * max(time - end, 0.0)
+        slowing = -7.0 if begins < time < end else 0.0
+        return car(ROUTE, "leader", station, 0, 16.67 - 7.0 * braking, acceleration=slowing)
+
+    drive = Ideal(ROUTE, 500.0, 0, 16.67).run(5.0, lambda t: (leader(t),), at(0.0, Decision.LEFT))
+    first = next(plan for plan in drive.plans if plan.mode is PlanMode.EMERGENCY)
+    assert first.time[0] <= begins + 0.31
+    aside = 0.5 * (1.8 + EgoFootprint().width)
+    for state in drive.states:
+        other = leader(state.time)
+        gap = other.station - 2.4 - 1.4 - state.station
+        assert gap > 0.3 or abs(state.offset - other.offset) > aside
 
 
 def test_the_truck_aborts_a_change_when_its_gap_closes_early():

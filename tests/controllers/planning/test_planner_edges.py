@@ -211,6 +211,43 @@ def test_the_leader_of_the_lane_being_left_counts_unless_it_is_passed():
     assert maneuver.origin(scene.ego) is None
 
 
+def test_a_braking_leader_of_the_lane_being_left_counts_before_it_is_slower():
+    planner = Planner(ROUTE, PlannerConfig(), PARAMETERS)
+    path = PREVIEW.follow(1, 1000.0, 400.0, 150.0)
+    start, end = (float(ROUTE.lane_offset(lane, 1000.0)) for lane in (0, 1))
+    planner.maneuver.residual = Quintic.to_zero(1000.0, 90.0, start - end)
+    planner.maneuver.change = Change(start, end - start)
+    for braking, counts in ((0.0, False), (-0.5, False), (-5.0, True)):
+        old = car(ROUTE, "old", 1015.0, 0, at().speed, acceleration=braking)
+        found, _ = planner._leads(Scene(0.0, at(), (old,)), path)
+        assert bool(found) == counts
+
+
+@pytest.mark.parametrize(
+    ("gap", "speed", "brakes"), [(3.0, 0.0, True), (3.0, 2.0, False), (6.0, 0.0, False)]
+)
+def test_nearer_than_the_standstill_gap_to_what_stands_the_truck_is_held(gap, speed, brakes):
+    # On a descent the truck would roll on: its plan stands and demands nothing.
+    ego = dataclasses.replace(at(), speed=0.6)
+    other = car(ROUTE, "other", ego.station + 1.4 + gap + 2.4, 0, speed)
+    plan = Planner(ROUTE, PlannerConfig(), PARAMETERS).plan(Scene(0.0, ego, (other,)))
+    assert (plan.acceleration[-1] < -1.0) == brakes
+
+
+def test_an_aborted_change_leaves_the_lane_that_it_had_begun_to_enter():
+    planner = Planner(ROUTE, PlannerConfig(), PARAMETERS)
+    maneuver, ego = planner.maneuver, at()
+    path = PREVIEW.follow(1, 1000.0, 400.0, 150.0)
+    start, end = (float(ROUTE.lane_offset(lane, 1000.0)) for lane in (0, 1))
+    maneuver.residual = Quintic.to_zero(990.0, 90.0, start - end)
+    maneuver.change = Change(start, end - start)
+    back = maneuver._abort(ego, path, maneuver.change, planner._margins.at(ego.mass))
+    assert (back.lane, maneuver.origin(ego).lane) == (0, 1)
+    # A car that stands there, near and in the truck's width, is braked for.
+    near = dataclasses.replace(car(ROUTE, "near", 1020.0, 1, 0.0), offset=start + 2.0)
+    assert planner._leads(Scene(0.0, ego, (near,)), back)[0]
+
+
 @pytest.mark.parametrize(("begin", "wanted"), [(0, Decision.LEFT), (1, Decision.RIGHT)])
 def test_a_change_to_either_side_knows_its_size(begin, wanted):
     planner = Planner(ROUTE, PlannerConfig(), PARAMETERS)
