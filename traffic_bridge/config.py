@@ -31,6 +31,7 @@ LANE_CHANGE_MODELS = ("lc2013", "mobil")
 LANE_DISCIPLINES = ("right", "free")
 HIGHEST_HEAVY_SHARE = 0.6
 SCOPES = ("route", "both", "map")
+MOST_PEDESTRIANS = 3_000.0  # per hour at a crossing of 4 m: a person each 1.2 s
 # Allowed values of the numbers in `TrafficConfig`.
 RANGES = {
     "speed_limit": (1.0, FASTEST),
@@ -40,6 +41,7 @@ RANGES = {
     "clear_distance": (20.0, 5_000.0),
     "fill_ahead": (0.0, 200_000.0),
     "fill_behind": (0.0, 200_000.0),
+    "pedestrians": (0.0, MOST_PEDESTRIANS),
 }
 
 
@@ -110,6 +112,8 @@ class TrafficConfig:
         leave at the map's ends, and out of sight of the truck where the density needs it.
       turning_shares: of vehicles that turn right, go straight and turn left at a junction, for each
         lane that makes the turn; only for the scope "map".
+      pedestrians: persons per hour at each crossing of the map; it needs sidewalks, see
+        `traffic_bridge.vehicles.pedestrians`.
       footprint: size of the ego combination.
       events: see `traffic_bridge.signals.events` and `traffic_bridge.scenario.actions`.
       departures: listed vehicles, in addition to the random ones.
@@ -136,6 +140,7 @@ class TrafficConfig:
     footprint: EgoFootprint = field(default_factory=EgoFootprint)
     events: tuple[Event, ...] = ()
     departures: tuple[Departure, ...] = ()
+    pedestrians: float = 0.0
 
     def __post_init__(self) -> None:
         """Checks every value; converts mappings in `mix` and `density` to tuples and numbers."""

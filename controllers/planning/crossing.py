@@ -41,6 +41,9 @@ _ROUNDING = 1e-6
 _ROOM = 0.4
 # The truck expects a vehicle to yield if it can stop at this deceleration [m/s2].
 _YIELDS = 1.5
+# Pedestrians and cyclists do not yield, and the truck passes this long before or after them [s].
+_WALKERS, _WALKER_TIME = ("pedestrian", "bicycle"), 1.5
+_VEHICLE_TIME = 0.5  # the same for vehicles [s]
 # Braking for a crossing vehicle, positive [m/s2].
 _COMFORT = 1.3
 # A slower vehicle is at rest [m/s]; a slower oncoming vehicle does not count [m/s].
@@ -104,15 +107,16 @@ def crossing_leads(
         if chosen.any():
             others = boxes(found.only(chosen))
             touch[:, :, chosen] = np.logical_or.reduce([u.touch(others, _ROOM) for u in units])
-    leads = []
+    leads, names = [], np.flatnonzero(near).tolist()
     for index in np.flatnonzero(matters & touch.any(axis=(0, 1))).tolist():
         if wrong_way[index]:
             # The longer prediction is for crossing vehicles only.
             lead = _meets_head_on(touch[:, : len(_TIMES), index], found.one(index), ego)
         else:
-            lead = _crosses(touch[:, :, index], found.one(index), ego, times, line)
+            walks = neighbors.kinds[names[index]] in _WALKERS
+            lead = _crosses(touch[:, :, index], found.one(index), ego, times, line, walks)
         if lead is not None:
-            leads.append((lead, neighbors.ids[int(np.flatnonzero(near)[index])]))
+            leads.append((lead, neighbors.ids[names[index]]))
     return leads
 
 
@@ -144,7 +148,12 @@ def _meets_head_on(touch: BoolArray, one: Poses, ego: EgoState) -> Lead | None:
 
 
 def _crosses(
-    touch: BoolArray, one: Poses, ego: EgoState, times: FloatArray, line: float | None
+    touch: BoolArray,
+    one: Poses,
+    ego: EgoState,
+    times: FloatArray,
+    line: float | None,
+    walks: bool,
 ) -> Lead | None:
     """The lead of a crossing vehicle, from the positions and times of contact.
 
@@ -154,17 +163,19 @@ def _crosses(
       ego: the truck.
       times: of the prediction [s].
       line: distance to the line of a junction without a light [m], None for none.
+      walks: it is a pedestrian or a cyclist.
     """
     places, moments = np.asarray(touch.any(axis=1)), np.asarray(touch.any(axis=0))
     # Braking does not help against a vehicle that is already at the truck.
     if not places.any() or places[0]:
         return None
     speed = float(one.speed[0])
-    if speed > _AT_REST and not _meets(touch, ego.speed, times):
+    margin = _WALKER_TIME if walks else _VEHICLE_TIME
+    if speed > _AT_REST and not _meets(touch, ego.speed, times, margin):
         return None
     first = int(moments.argmax())
     left = float(one.distance(times[first : first + 1])[0, 0])
-    yields = _YIELDS if line is None or speed <= _AT_REST else 0.0
+    yields = _YIELDS if (line is None and not walks) or speed <= _AT_REST else 0.0
     if first > 0 and speed**2 < 2.0 * yields * left:
         return None
     last = float(times[len(moments) - 1 - int(moments[::-1].argmax())])
@@ -175,11 +186,11 @@ def _crosses(
     return Lead(gap, 0.0, 0.0, until)
 
 
-def _meets(touch: BoolArray, speed: float, times: FloatArray) -> bool:
-    """Whether truck and vehicle meet, within half a second."""
+def _meets(touch: BoolArray, speed: float, times: FloatArray, margin: float) -> bool:
+    """Whether truck and vehicle meet, within a margin of time [s]."""
     rows = len(touch) - 1
     for gain in (0.0, _SPEEDING_UP):
-        for late in (-0.5, 0.0, 0.5):
+        for late in (-margin, 0.0, margin):
             time = np.maximum(times + late, 0.0)
             way = speed * time + 0.5 * gain * time**2
             row = np.minimum(np.rint(way / _STEP).astype(int), rows)

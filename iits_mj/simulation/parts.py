@@ -250,12 +250,13 @@ def surface_text(route: Route) -> str:
 
 
 def shows_road_users(config: DriveConfig) -> bool:
-    """Whether the traffic of a drive may have pedestrians, cyclists or obstacles; SUMO's has none.
+    """Whether the traffic of a drive may have pedestrians, cyclists or obstacles.
 
-    The bodies for them cost some time of the physics.
+    SUMO's has pedestrians only if they are asked for. The bodies for them cost some time of the
+    physics.
     """
     sumo = not TRAFFIC.is_own(config.traffic_mode) and config.recording is None
-    return config.has_events or not sumo
+    return config.has_events or config.pedestrians > 0.0 or not sumo
 
 
 @task("building the truck", usual=1.5)
@@ -322,6 +323,8 @@ def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> 
         raise InputError("reactive adds SUMO traffic that sees the truck: use traffic-mode inter")
     replayed = config.recording is not None and not config.reactive
     without_sumo = replayed or config.traffic_mode == "none"
+    if config.pedestrians and (without_sumo or own):
+        raise InputError("pedestrians walk in SUMO traffic: use traffic-mode inter or pure")
     recorded = RepSim(route, config.recording) if config.recording and without_sumo else None
     if without_sumo and not config.has_events:
         return recorded
@@ -337,6 +340,7 @@ def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> 
         scope=config.traffic_scope,
         footprint=footprint,
         events=events,
+        pedestrians=config.pedestrians,
     )
     if without_sumo:
         return EventSim(route, settings, seed=config.seed, recorded=recorded)
