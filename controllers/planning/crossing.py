@@ -42,7 +42,7 @@ _ROOM = 0.4
 # The truck expects a vehicle to yield if it can stop at this deceleration [m/s2].
 _YIELDS = 1.5
 # Pedestrians and cyclists do not yield, and the truck passes this long before or after them [s].
-_WALKERS, _WALKER_TIME = ("pedestrian", "bicycle"), 1.5
+WALKERS, _WALKER_TIME = ("pedestrian", "bicycle"), 1.5
 _VEHICLE_TIME = 0.5  # the same for vehicles [s]
 # Braking for a crossing vehicle, positive [m/s2].
 _COMFORT = 1.3
@@ -109,11 +109,14 @@ def crossing_leads(
             touch[:, :, chosen] = np.logical_or.reduce([u.touch(others, _ROOM) for u in units])
     leads, names = [], np.flatnonzero(near).tolist()
     for index in np.flatnonzero(matters & touch.any(axis=(0, 1))).tolist():
+        walks = neighbors.kinds[names[index]] in WALKERS
+        soon = touch[:, : len(_TIMES), index]
         if wrong_way[index]:
             # The longer prediction is for crossing vehicles only.
-            lead = _meets_head_on(touch[:, : len(_TIMES), index], found.one(index), ego)
+            lead = _meets_head_on(soon, found.one(index), ego)
+        elif walks:
+            lead = _crosses(soon, found.one(index), ego, _TIMES, None, walks)
         else:
-            walks = neighbors.kinds[names[index]] in _WALKERS
             lead = _crosses(touch[:, :, index], found.one(index), ego, times, line, walks)
         if lead is not None:
             leads.append((lead, neighbors.ids[names[index]]))
@@ -175,7 +178,7 @@ def _crosses(
         return None
     first = int(moments.argmax())
     left = float(one.distance(times[first : first + 1])[0, 0])
-    yields = _YIELDS if (line is None and not walks) or speed <= _AT_REST else 0.0
+    yields = 0.0 if speed > _AT_REST and (walks or line is not None) else _YIELDS
     if first > 0 and speed**2 < 2.0 * yields * left:
         return None
     last = float(times[len(moments) - 1 - int(moments[::-1].argmax())])

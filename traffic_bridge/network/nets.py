@@ -49,7 +49,7 @@ OPENDRIVE_OPTIONS = (
     "3",
 )
 REVISION = "4"  # of the changes that this module makes to a net; part of the cache key
-WALKWAY_REVISION = "1"  # the same, of nets with walkways
+WALKWAY_REVISION = "3"  # the same, of nets with walkways
 ADVICE = "; a drive with traffic-mode none needs no net"
 _OTHER_TURNS = {"l": "r", "r": "l", "L": "R", "R": "L"}
 _SEAL = "<!-- sha256 "

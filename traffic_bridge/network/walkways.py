@@ -15,6 +15,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import MapError
 from iits_mj.road.elements import Road
 from traffic_bridge.network.net_file import ORIGIN, WALKER, NetFile, NetLane
@@ -22,6 +23,8 @@ from traffic_bridge.network.net_file import ORIGIN, WALKER, NetFile, NetLane
 # Sidewalks along all roads; only those that the map has are used, see `read_crossings`.
 OPTIONS = ("--sidewalks.guess", "--sidewalks.guess.max-speed", "70", "--crossings.guess")
 SIDEWALK = "sidewalk"  # OpenDRIVE's type of lane
+SET_BACK = 1.5  # [m] behind the edge of the road at which persons wait: trailers cut corners
+CURB = 0.5  # [m] between the road and its sidewalk: netconvert's sidewalks touch the road
 LINE_GAP = 0.5  # [m] from a stop line to the crossing behind it, at least
 
 
@@ -57,7 +60,7 @@ class Crossing:
     id: str
     edges: tuple[str, ...]
     sides: tuple[tuple[Sidewalk, ...], tuple[Sidewalk, ...]]
-    outline: np.ndarray
+    outline: FloatArray
 
 
 def has_sidewalks(road: Road | None) -> bool:
@@ -88,11 +91,16 @@ def with_vehicle_lanes(text: str, base: str, name: str) -> str:
             )
         if not edge.startswith(":"):
             _take_shapes(made, lanes)
+            for lane in new[edge][: len(new[edge]) - len(made)]:
+                lane.set("shape", _moved_right(lane.attrib["shape"], CURB))
     ways = _ways(source, old)
     for link, made in _ways(root, new).items():
         # A way that is split for a crossing has the map's shape already.
         if len(ways.get(link, ())) == len(made):
             _take_shapes(made, ways[link])
+    for edge in root.findall("edge[@function='crossing']"):
+        for lane in edge.findall("lane"):
+            _set_back(lane)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
@@ -129,8 +137,7 @@ def read_crossings(net: Path, roads: Mapping[str, Road]) -> tuple[Crossing, ...]
         if len(sides) != 2 or not all(sides) or not all(has_sidewalks(roads.get(r)) for r in owners):
             continue
         (lane,) = lanes[name]
-        corners = (lane.get("outlineShape") or lane.attrib["shape"]).split()
-        outline = np.array([[float(n) for n in corner.split(",")[:2]] for corner in corners])
+        outline = _points(lane.get("outlineShape") or lane.attrib["shape"])[:, :2]
         found.append(Crossing(name, crossed, (sides[0], sides[1]), outline))
     return tuple(found)
 
@@ -160,6 +167,34 @@ def _lanes(root: Element) -> dict[str, list[Element]]:
         edge.attrib["id"]: sorted(edge.findall("lane"), key=lambda lane: int(lane.attrib["index"]))
         for edge in root.findall("edge")
     }
+
+
+def _moved_right(shape: str, distance: float) -> str:
+    """A polyline moved to its right [m]."""
+    points = _points(shape)
+    course = np.gradient(points[:, :2], axis=0)
+    course /= np.hypot(*course.T)[:, None]
+    points[:, :2] += distance * np.column_stack([course[:, 1], -course[:, 0]])
+    return _text(points)
+
+
+def _points(shape: str) -> FloatArray:
+    """The points of a shape, shape (n, 2) or (n, 3) [m]."""
+    return np.array([[float(n) for n in point.split(",")] for point in shape.split()])
+
+
+def _text(points: FloatArray) -> str:
+    return " ".join(",".join(f"{n:.3f}" for n in point) for point in points)
+
+
+def _set_back(crossing: Element) -> None:
+    """Lengthens a crossing, so that persons wait behind the edges of the road."""
+    points = _points(crossing.attrib["shape"])
+    for end, inner in ((0, 1), (-1, -2)):
+        outward = points[end] - points[inner]
+        points[end] += SET_BACK / float(np.hypot(*outward[:2])) * outward
+    crossing.set("shape", _text(points))
+    crossing.set("length", f"{float(crossing.attrib['length']) + 2.0 * SET_BACK:.2f}")
 
 
 def _take_shapes(lanes: list[Element], sources: list[Element]) -> None:

@@ -8,7 +8,7 @@ when a person steps onto the road: at lights with green, elsewhere by the juncti
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from iits_mj.core.messages import EgoState, TrackedVehicle
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road.reference_line import RoadPoint
 from traffic_bridge.config import TrafficConfig
+from traffic_bridge.modes.smoothing import Box
 from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.network.walkways import read_crossings
 from traffic_bridge.scenario.actors import beside_road, size_of
@@ -31,6 +32,8 @@ SPEED_MEAN, SPEED_DEVIATION, SPEED_BOUNDS = 1.34, 0.26, (0.82, 1.86)
 WALK = (8.0, 25.0)  # [m] from the crossing where a walk begins and ends
 # SUMO's persons jump by up to some meters in walking areas; their bodies follow at this speed [m/s].
 FASTEST_BODY = 2.5
+STEP = 0.7  # [m] of a person who stops before the truck
+STANDS = 0.001  # [m/s], the speed of a person who stops: SUMO has no zero
 MOVES = 0.2  # [m/s]: a faster body looks where it goes
 STREAM = 1609  # separates the generator of pedestrians from that of vehicles with the same seed
 _SECONDS = 3600.0  # of an hour
@@ -77,6 +80,8 @@ class Pedestrians:
         self._size = size_of(pedestrian_type())
         self._count = 0
         self._step = config.step_length
+        self._held: set[str] = set()
+        self._speeds: dict[str, float] = {}
         # Place and heading of each body in view, and its station.
         self._bodies: dict[str, tuple[float, float, float, float]] = {}
 
@@ -96,11 +101,26 @@ class Pedestrians:
             self._person.add(name, begin.edge, start, typeID=KIND)
             self._person.appendWalkingStage(name, [begin.edge, end.edge], goal)
             self._person.setSpeed(name, speed)
+            self._speeds[name] = speed
 
-    def frame(self, ego: EgoState | None) -> VehicleFrame:
-        """The persons within view of the truck, or all without a truck."""
+    def frame(self, ego: EgoState | None, boxes: Sequence[Box] = ()) -> VehicleFrame:
+        """The persons within view of the truck, or all without a truck.
+
+        Args:
+          ego: the truck.
+          boxes: of the truck on the route; nobody walks into them.
+        """
         rows = list(self._rows(ego))
         self._bodies = {row.id: (row.x, row.y, row.yaw, row.station) for row in rows}
+        held = set()
+        for row in rows if boxes else ():
+            turn = row.yaw - float(self._route.heading(row.station))  # type: ignore[arg-type]
+            if any(_walks_into(row, turn, box) for box in boxes):
+                held.add(row.id)
+        for name in sorted(held ^ self._held):
+            if name in self._bodies:
+                self._person.setSpeed(name, STANDS if name in held else self._speeds[name])
+        self._held = held
         return VehicleFrame.of(rows)
 
     def _rows(self, ego: EgoState | None) -> Iterator[TrackedVehicle]:
@@ -123,3 +143,16 @@ class Pedestrians:
                 heading = math.atan2(dy, dx) if speed > MOVES else before[2]
             point = RoadPoint(x, y, z, wrap_angle(heading), 0.0, 0.0, 0.0)  # type: ignore[arg-type]
             yield beside_road(self._route, name, point, 0.0, near, speed=speed, **self._size)
+
+
+def _walks_into(person: TrackedVehicle, turn: float, box: Box) -> bool:
+    """Whether a person who takes a step touches the truck where it is now.
+
+    Args:
+      person: standing or walking.
+      turn: its heading relative to the road [rad].
+      box: of the truck.
+    """
+    along = abs(person.station + STEP * math.cos(turn) - box.station)
+    aside = abs(person.offset + STEP * math.sin(turn) - box.offset)
+    return along < 0.5 * (box.length + person.length) and aside < 0.5 * (box.width + person.width)
