@@ -32,6 +32,8 @@ SPEED_MEAN, SPEED_DEVIATION, SPEED_BOUNDS = 1.34, 0.26, (0.82, 1.86)
 WALK = (8.0, 25.0)  # [m] from the crossing where a walk begins and ends
 # SUMO's persons jump by up to some meters in walking areas; their bodies follow at this speed [m/s].
 FASTEST_BODY = 2.5
+# A person who stands keeps this distance from the truck's sides, and from its way before it [m].
+AWAY, AHEAD = 1.5, 2.0
 STEP = 0.7  # [m] of a person who stops before the truck
 STANDS = 0.001  # [m/s], the speed of a person who stops: SUMO has no zero
 MOVES = 0.2  # [m/s]: a faster body looks where it goes
@@ -110,7 +112,7 @@ class Pedestrians:
           ego: the truck.
           boxes: of the truck on the route; nobody walks into them.
         """
-        rows = list(self._rows(ego))
+        rows = list(self._rows(ego, boxes))
         self._bodies = {row.id: (row.x, row.y, row.yaw, row.station) for row in rows}
         held = set()
         for row in rows if boxes else ():
@@ -123,7 +125,7 @@ class Pedestrians:
         self._held = held
         return VehicleFrame.of(rows)
 
-    def _rows(self, ego: EgoState | None) -> Iterator[TrackedVehicle]:
+    def _rows(self, ego: EgoState | None, boxes: Sequence[Box]) -> Iterator[TrackedVehicle]:
         person, (left, low) = self._person, self._net.offset
         for name in sorted(person.getIDList()):
             x, y, z = person.getPosition3D(name)
@@ -135,6 +137,8 @@ class Pedestrians:
             heading = math.radians(90.0 - person.getAngle(name))
             before, speed, near = self._bodies.get(name), 0.0, None
             if before is not None:
+                if boxes and person.getSpeed(name) < MOVES:
+                    x, y = self._stepped_back(x, y, before[3], boxes)
                 dx, dy, near = x - before[0], y - before[1], before[3]
                 away = math.hypot(dx, dy)
                 speed = min(away / self._step, FASTEST_BODY)
@@ -143,6 +147,22 @@ class Pedestrians:
                 heading = math.atan2(dy, dx) if speed > MOVES else before[2]
             point = RoadPoint(x, y, z, wrap_angle(heading), 0.0, 0.0, 0.0)  # type: ignore[arg-type]
             yield beside_road(self._route, name, point, 0.0, near, speed=speed, **self._size)
+
+    def _stepped_back(
+        self, x: float, y: float, near: float, boxes: Sequence[Box]
+    ) -> tuple[float, float]:
+        """The place of a person who stands, out of reach of a truck beside it."""
+        station, offset = self._route.locate(x, y, near)
+        moved = offset
+        for box in boxes:
+            if abs(station - box.station) < 0.5 * box.length + AHEAD:
+                side = math.copysign(1.0, offset - box.offset)
+                clear = box.offset + side * (0.5 * box.width + AWAY)
+                moved = side * max(side * moved, side * clear)
+        if moved == offset:
+            return x, y
+        point = self._route.evaluate(station, moved)
+        return float(point.x), float(point.y)
 
 
 def _walks_into(person: TrackedVehicle, turn: float, box: Box) -> bool:
