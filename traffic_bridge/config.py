@@ -22,6 +22,7 @@ from traffic_bridge.vehicles.types import (
     VehicleType,
     default_types,
     motorway_types,
+    road_user_types,
     type_from_dict,
 )
 
@@ -30,6 +31,8 @@ DENSITIES = {"dense": 0.05, "medium": 0.02, "sparse": 0.005, "empty": 0.0}
 LANE_CHANGE_MODELS = ("lc2013", "mobil")
 LANE_DISCIPLINES = ("right", "free")
 HIGHEST_HEAVY_SHARE = 0.6
+HIGHEST_BICYCLE_SHARE = 0.5
+BICYCLE = "bicycle"
 SCOPES = ("route", "both", "map")
 MOST_PEDESTRIANS = 3_000.0  # per hour at a crossing of 4 m: a person each 1.2 s
 # Allowed values of the numbers in `TrafficConfig`.
@@ -42,6 +45,7 @@ RANGES = {
     "fill_ahead": (0.0, 200_000.0),
     "fill_behind": (0.0, 200_000.0),
     "pedestrians": (0.0, MOST_PEDESTRIANS),
+    "bicycles": (0.0, HIGHEST_BICYCLE_SHARE),
 }
 
 
@@ -114,6 +118,7 @@ class TrafficConfig:
         lane that makes the turn; only for the scope "map".
       pedestrians: persons per hour at each crossing of the map; it needs sidewalks, see
         `traffic_bridge.vehicles.pedestrians`.
+      bicycles: share of cyclists in the mix, 0 to 0.5; they ride on the driving lanes.
       footprint: size of the ego combination.
       events: see `traffic_bridge.signals.events` and `traffic_bridge.scenario.actions`.
       departures: listed vehicles, in addition to the random ones.
@@ -141,6 +146,7 @@ class TrafficConfig:
     events: tuple[Event, ...] = ()
     departures: tuple[Departure, ...] = ()
     pedestrians: float = 0.0
+    bicycles: float = 0.0
 
     def __post_init__(self) -> None:
         """Checks every value; converts mappings in `mix` and `density` to tuples and numbers."""
@@ -187,6 +193,9 @@ class TrafficConfig:
             raise InputError(f"footprint {shown(self.footprint)}: must be an EgoFootprint")
         for what, kind in (("types", VehicleType), ("events", Event), ("departures", Departure)):
             object.__setattr__(self, what, _all_of(what, getattr(self, what), kind))
+        if self.bicycles and BICYCLE not in [kind.name for kind in self.types]:
+            cyclist = next(kind for kind in road_user_types() if kind.name == BICYCLE)
+            object.__setattr__(self, "types", (*self.types, cyclist))
         if self.lane_discipline == "free":
             kinds = tuple(
                 dataclasses.replace(kind, keep_right_bias=0.0, politeness=0.0, lc_keep_right=0.0)
@@ -257,8 +266,12 @@ class TrafficConfig:
 
     @property
     def weights(self) -> tuple[tuple[str, float], ...]:
-        """Name and weight of each type: `mix` with the `heavy_share`."""
-        return self.mix if self.heavy_share is None else self._mix_with(self.heavy_share)
+        """Name and weight of each type: `mix` with the `heavy_share` and the bicycles."""
+        mix = self.mix if self.heavy_share is None else self._mix_with(self.heavy_share)
+        if not self.bicycles:
+            return mix
+        share = self.bicycles / (1.0 - self.bicycles) * sum(weight for _, weight in mix)
+        return (*mix, (BICYCLE, share))
 
     @property
     def shares(self) -> tuple[tuple[VehicleType, float], ...]:

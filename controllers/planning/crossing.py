@@ -42,7 +42,7 @@ _ROOM = 0.4
 # The truck expects a vehicle to yield if it can stop at this deceleration [m/s2].
 _YIELDS = 1.5
 # Pedestrians and cyclists do not yield, and the truck passes this long before or after them [s].
-WALKERS, _WALKER_TIME = ("pedestrian", "bicycle"), 1.5
+_WALKERS, _WALKER_TIME = ("pedestrian", "bicycle"), 1.5
 _VEHICLE_TIME = 0.5  # the same for vehicles [s]
 # Braking for a crossing vehicle, positive [m/s2].
 _COMFORT = 1.3
@@ -109,7 +109,7 @@ def crossing_leads(
             touch[:, :, chosen] = np.logical_or.reduce([u.touch(others, _ROOM) for u in units])
     leads, names = [], np.flatnonzero(near).tolist()
     for index in np.flatnonzero(matters & touch.any(axis=(0, 1))).tolist():
-        walks = neighbors.kinds[names[index]] in WALKERS
+        walks = neighbors.kinds[names[index]] in _WALKERS
         soon = touch[:, : len(_TIMES), index]
         if wrong_way[index]:
             # The longer prediction is for crossing vehicles only.

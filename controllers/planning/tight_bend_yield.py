@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.planning.crossing import WALKERS
 from controllers.planning.following import braking_profile
 from controllers.planning.predicted_boxes import Poses, bodies_along, unit_lengths
 from controllers.planning.road_preview import LanePath, RoadPreview
@@ -185,7 +184,7 @@ class TightBends:
         times = _TIMES[: 1 + int(np.searchsorted(_TIMES, max(leaves + _EARLY, 1.0)))]
         matters = times >= min(max(enters - _EARLY, 0.0), times[-1])
         for index, name in enumerate(names):
-            if kinds[index] in WALKERS:
+            if kinds[index] == "pedestrian":
                 continue  # they stop and turn within a step: `crossing_leads` has them
             one = found.one(index)
             if one.speed[0] < _STOPPED:

@@ -51,6 +51,7 @@ from traffic_bridge import (
     TrafficConfig,
     read_events,
 )
+from traffic_bridge.mirror.mirror import CROWD, ROAD_USER_POOL
 from traffic_bridge.network.map_sources import read_map
 from traffic_bridge.scenario.openscenario import OpenScenario, read_scenario
 from traffic_bridge.scenario.openscenario_parameters import declared_parameters
@@ -249,14 +250,16 @@ def surface_text(route: Route) -> str:
     return f"{route.unevenness}" + (f", cross slope {slope:g} %" if slope else "")
 
 
-def shows_road_users(config: DriveConfig) -> bool:
-    """Whether the traffic of a drive may have pedestrians, cyclists or obstacles.
+def road_user_slots(config: DriveConfig) -> bool | dict[str, int]:
+    """Returns the bodies for pedestrians, cyclists and obstacles, as `Mirror` takes them.
 
-    SUMO's has pedestrians only if they are asked for. The bodies for them cost some time of the
-    physics.
+    They cost some time of the physics. SUMO's traffic has pedestrians and cyclists only if they are
+    asked for.
     """
     sumo = not TRAFFIC.is_own(config.traffic_mode) and config.recording is None
-    return config.has_events or config.pedestrians > 0.0 or not sumo
+    if config.pedestrians or config.bicycles:
+        return ROAD_USER_POOL | CROWD
+    return config.has_events or not sumo
 
 
 @task("building the truck", usual=1.5)
@@ -323,8 +326,10 @@ def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> 
         raise InputError("reactive adds SUMO traffic that sees the truck: use traffic-mode inter")
     replayed = config.recording is not None and not config.reactive
     without_sumo = replayed or config.traffic_mode == "none"
-    if config.pedestrians and (without_sumo or own):
-        raise InputError("pedestrians walk in SUMO traffic: use traffic-mode inter or pure")
+    if (config.pedestrians or config.bicycles) and (without_sumo or own):
+        raise InputError(
+            "pedestrians and bicycles need SUMO traffic: use traffic-mode inter or pure"
+        )
     recorded = RepSim(route, config.recording) if config.recording and without_sumo else None
     if without_sumo and not config.has_events:
         return recorded
@@ -341,6 +346,7 @@ def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> 
         footprint=footprint,
         events=events,
         pedestrians=config.pedestrians,
+        bicycles=config.bicycles,
     )
     if without_sumo:
         return EventSim(route, settings, seed=config.seed, recorded=recorded)

@@ -193,9 +193,7 @@ def _read(path: Path, _changed: int, _size: int) -> NetFile:
     if root.tag != "net" or location is None:
         raise ValueError("it has no <net> with a <location>")
     x, y = (float(value) for value in location.get("netOffset", "").split(","))
-    edges = tuple(
-        edge for item in root.findall("edge") if (edge := _edge(item)).lanes
-    )
+    edges = tuple(edge for item in root.findall("edge") if (edge := _edge(item)).lanes)
     there = {lane.id for edge in edges for lane in edge.lanes}
     links = (_connection(item) for item in root.findall("connection"))
     found = NetFile(
@@ -219,9 +217,7 @@ def _read(path: Path, _changed: int, _size: int) -> NetFile:
 
 def _edge(item: Element) -> NetEdge:
     identity = item.attrib["id"]
-    lanes = (
-        _lane(lane, identity) for lane in item.findall("lane") if lane.get("allow") != WALKER
-    )
+    lanes = (_lane(lane, identity) for lane in item.findall("lane") if lane.get("allow") != WALKER)
     return NetEdge(identity, tuple(sorted(lanes, key=lambda lane: lane.index)))
 
 

@@ -24,6 +24,8 @@ from traffic_bridge.network.netconvert_input import BRIDGE, opendrive_for_netcon
 from traffic_bridge.network.stop_lines import stop_offsets
 from traffic_bridge.network.walkways import (
     OPTIONS as WALKWAY_OPTIONS,
+)
+from traffic_bridge.network.walkways import (
     has_sidewalks,
     lines_before,
     read_crossings,
@@ -65,9 +67,7 @@ def cache_dir() -> Path:
     return folder
 
 
-def build_network(
-    source: RoadMap | Route, whole: bool = True, walkways: bool = False
-) -> NetFile:
+def build_network(source: RoadMap | Route, whole: bool = True, walkways: bool = False) -> NetFile:
     """Returns the SUMO net of a map (or a route's map): shipped, cached or newly made.
 
     If netconvert refuses the map of a route, and the net need not be `whole`, the net has the
@@ -146,9 +146,7 @@ def _is_whole(net: Path) -> bool:
     return bool(seal) and digest.split()[:1] == [hashlib.sha256(body).hexdigest().encode()]
 
 
-def _make(
-    content: bytes, left_hand: bool, target: Path, road_map: RoadMap, walkways: bool
-) -> None:
+def _make(content: bytes, left_hand: bool, target: Path, road_map: RoadMap, walkways: bool) -> None:
     name = road_map.name
     try:
         # In the target's folder, so that the file can be moved in one operation.

@@ -74,7 +74,8 @@ def with_vehicle_lanes(text: str, base: str, name: str) -> str:
     """Returns a net with walkways whose vehicle lanes have the shapes of the net without them.
 
     Args:
-      text: the net with walkways; base: the net of the same map without them.
+      text: the net with walkways.
+      base: the net of the same map without them.
       name: of the map, for errors.
 
     Raises:
@@ -98,9 +99,8 @@ def with_vehicle_lanes(text: str, base: str, name: str) -> str:
         # A way that is split for a crossing has the map's shape already.
         if len(ways.get(link, ())) == len(made):
             _take_shapes(made, ways[link])
-    for edge in root.findall("edge[@function='crossing']"):
-        for lane in edge.findall("lane"):
-            _set_back(lane)
+    for lane in root.findall("edge[@function='crossing']/lane"):
+        _set_back(lane)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
@@ -134,7 +134,11 @@ def read_crossings(net: Path, roads: Mapping[str, Road]) -> tuple[Crossing, ...]
         name, crossed = edge.attrib["id"], tuple(edge.get("crossingEdges", "").split())
         sides = [tuple(ends.get(area, ())) for area in sorted(areas.get(name, ()))]
         owners = {_road_of(lanes[one]) for one in crossed if one in lanes}
-        if len(sides) != 2 or not all(sides) or not all(has_sidewalks(roads.get(r)) for r in owners):
+        if (
+            len(sides) != 2
+            or not all(sides)
+            or not all(has_sidewalks(roads.get(r)) for r in owners)
+        ):
             continue
         (lane,) = lanes[name]
         outline = _points(lane.get("outlineShape") or lane.attrib["shape"])[:, :2]
@@ -203,7 +207,9 @@ def _take_shapes(lanes: list[Element], sources: list[Element]) -> None:
             lane.set(key, source.attrib[key])
 
 
-def _ways(root: Element, lanes: Mapping[str, list[Element]]) -> dict[tuple[str, ...], list[Element]]:
+def _ways(
+    root: Element, lanes: Mapping[str, list[Element]]
+) -> dict[tuple[str, ...], list[Element]]:
     """The lanes inside a junction of each connection between vehicle lanes.
 
     A connection is named by its edges and by the places of its lanes from the left.
@@ -211,13 +217,13 @@ def _ways(root: Element, lanes: Mapping[str, list[Element]]) -> dict[tuple[str, 
     named = {lane.attrib["id"]: lane for edge in lanes.values() for lane in edge}
     links = root.findall("connection")
     inside = {f"{link.get('from')}_{link.get('fromLane')}": link.get("via") for link in links}
-    found = {}
+    found: dict[tuple[str, ...], list[Element]] = {}
     for link in links:
         start, end, via = link.attrib["from"], link.attrib["to"], link.get("via")
         if start.startswith(":") or end.startswith(":"):
             continue
-        key = start, str(len(lanes[start]) - int(link.attrib["fromLane"]))
-        key = *key, end, str(len(lanes[end]) - int(link.attrib["toLane"]))
+        places = ((start, link.attrib["fromLane"]), (end, link.attrib["toLane"]))
+        key = (start, end, *(str(len(lanes[edge]) - int(lane)) for edge, lane in places))
         way = []
         while via:
             way.append(named[via])

@@ -1,8 +1,9 @@
 """Pedestrians that SUMO simulates: they walk along sidewalks and cross the road at crossings.
 
 Each crossing has a Poisson flow of persons. A person begins on a sidewalk near the crossing, walks
-over it, and leaves on a sidewalk of the other side. SUMO's model of pedestrians ("striping") decides
-when a person steps onto the road: at lights with green, elsewhere by the junction's right of way.
+over it, and leaves on a sidewalk of the other side. SUMO's model of pedestrians ("striping")
+decides when a person steps onto the road: at lights with green, elsewhere by the junction's right
+of way.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ from traffic_bridge.session import Session
 from traffic_bridge.vehicles.types import VehicleType, road_user_types
 
 KIND = "pedestrian"
-# Speed of walking: mean, standard deviation and bounds [m/s], from U. Weidmann, Transporttechnik der
-# Fussgaenger, ETH Zurich, 1993; the bounds are two standard deviations.
+# Speed of walking: mean, standard deviation and bounds at two of them [m/s], from U. Weidmann,
+# Transporttechnik der Fussgaenger, ETH Zurich, 1993.
 SPEED_MEAN, SPEED_DEVIATION, SPEED_BOUNDS = 1.34, 0.26, (0.82, 1.86)
 WALK = (8.0, 25.0)  # [m] from the crossing where a walk begins and ends
-# SUMO's persons jump by up to some meters in walking areas; their bodies follow at this speed [m/s].
+# SUMO's persons jump by some meters in walking areas; their bodies follow at this speed [m/s].
 FASTEST_BODY = 2.5
 # A person who stands keeps this distance from the truck's sides, and from its way before it [m].
 AWAY, AHEAD = 1.5, 2.0
@@ -94,7 +95,8 @@ class Pedestrians:
             sides = self._crossings[number].sides
             first = int(self._rng.integers(2))
             begin, end = (
-                side[int(self._rng.integers(len(side)))] for side in (sides[first], sides[1 - first])
+                side[int(self._rng.integers(len(side)))]
+                for side in (sides[first], sides[1 - first])
             )
             start, goal = (one.place(self._rng.uniform(*WALK)) for one in (begin, end))
             speed = float(np.clip(self._rng.normal(SPEED_MEAN, SPEED_DEVIATION), *SPEED_BOUNDS))
