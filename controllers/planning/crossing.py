@@ -110,6 +110,8 @@ def crossing_leads(
     leads, names = [], np.flatnonzero(near).tolist()
     for index in np.flatnonzero(matters & touch.any(axis=(0, 1))).tolist():
         walks = neighbors.kinds[names[index]] in _WALKERS
+        if walks and found.speed[index] <= _AT_REST and aside[index] >= half_width:
+            continue  # beside the lane: `TightBends` keeps the trailer off
         soon = touch[:, : len(_TIMES), index]
         if wrong_way[index]:
             # The longer prediction is for crossing vehicles only.

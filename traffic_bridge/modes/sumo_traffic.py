@@ -193,7 +193,7 @@ class SumoTraffic:
             for name in sorted(self._held):
                 set_speed(name, held[name])
         if self._pedestrians is not None:
-            frame = VehicleFrame.joined(frame, self._pedestrians.frame(ego, boxes))
+            frame = VehicleFrame.joined(frame, self._pedestrians.frame(ego, self._with_ego))
         return frame
 
     def close(self) -> None:

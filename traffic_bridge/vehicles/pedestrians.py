@@ -10,16 +10,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from iits_mj.core.angles import wrap_angle
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import EgoState, TrackedVehicle
+from iits_mj.core.messages import EgoFootprint, EgoState, TrackedVehicle
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road.reference_line import RoadPoint
 from traffic_bridge.config import TrafficConfig
-from traffic_bridge.modes.smoothing import Box
+from traffic_bridge.mirror.articulation import Articulation
 from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.network.walkways import read_crossings
 from traffic_bridge.scenario.actors import beside_road, size_of
@@ -33,10 +34,9 @@ SPEED_MEAN, SPEED_DEVIATION, SPEED_BOUNDS = 1.34, 0.26, (0.82, 1.86)
 WALK = (8.0, 25.0)  # [m] from the crossing where a walk begins and ends
 # SUMO's persons jump by some meters in walking areas; their bodies follow at this speed [m/s].
 FASTEST_BODY = 2.5
-# A person who stands keeps this distance from the truck's sides, and from its way before it [m].
-AWAY, AHEAD = 1.5, 2.0
-STEP = 0.7  # [m] of a person who stops before the truck
-STANDS = 0.001  # [m/s], the speed of a person who stops: SUMO has no zero
+# A person who stands keeps this distance from the truck's sides, also beside its way ahead, and one
+# who walks this one [m].
+AWAY, AHEAD, CLOSE = 2.0, 2.0, 0.6
 MOVES = 0.2  # [m/s]: a faster body looks where it goes
 STREAM = 1609  # separates the generator of pedestrians from that of vehicles with the same seed
 _SECONDS = 3600.0  # of an hour
@@ -82,9 +82,7 @@ class Pedestrians:
         self._rng = np.random.default_rng([seed, STREAM])
         self._size = size_of(pedestrian_type())
         self._count = 0
-        self._step = config.step_length
-        self._held: set[str] = set()
-        self._speeds: dict[str, float] = {}
+        self._step, self._footprint = config.step_length, config.footprint
         # Place and heading of each body in view, and its station.
         self._bodies: dict[str, tuple[float, float, float, float]] = {}
 
@@ -105,29 +103,20 @@ class Pedestrians:
             self._person.add(name, begin.edge, start, typeID=KIND)
             self._person.appendWalkingStage(name, [begin.edge, end.edge], goal)
             self._person.setSpeed(name, speed)
-            self._speeds[name] = speed
 
-    def frame(self, ego: EgoState | None, boxes: Sequence[Box] = ()) -> VehicleFrame:
+    def frame(self, ego: EgoState | None, reacts: bool) -> VehicleFrame:
         """The persons within view of the truck, or all without a truck.
 
         Args:
           ego: the truck.
-          boxes: of the truck on the route; nobody walks into them.
+          reacts: nobody walks into the truck's sides, and persons who stand step back from them.
         """
-        rows = list(self._rows(ego, boxes))
+        units = _units(ego, self._footprint) if reacts and ego is not None else ()
+        rows = list(self._rows(ego, units))
         self._bodies = {row.id: (row.x, row.y, row.yaw, row.station) for row in rows}
-        held = set()
-        for row in rows if boxes else ():
-            turn = row.yaw - float(self._route.heading(row.station))  # type: ignore[arg-type]
-            if any(_walks_into(row, turn, box) for box in boxes):
-                held.add(row.id)
-        for name in sorted(held ^ self._held):
-            if name in self._bodies:
-                self._person.setSpeed(name, STANDS if name in held else self._speeds[name])
-        self._held = held
         return VehicleFrame.of(rows)
 
-    def _rows(self, ego: EgoState | None, boxes: Sequence[Box]) -> Iterator[TrackedVehicle]:
+    def _rows(self, ego: EgoState | None, units: Sequence[_Unit]) -> Iterator[TrackedVehicle]:
         person, (left, low) = self._person, self._net.offset
         for name in sorted(person.getIDList()):
             x, y, z = person.getPosition3D(name)
@@ -139,8 +128,9 @@ class Pedestrians:
             heading = math.radians(90.0 - person.getAngle(name))
             before, speed, near = self._bodies.get(name), 0.0, None
             if before is not None:
-                if boxes and person.getSpeed(name) < MOVES:
-                    x, y = self._stepped_back(x, y, before[3], boxes)
+                stands = person.getSpeed(name) < MOVES
+                for unit in units:
+                    x, y = unit.leave(before, x, y, stands)
                 dx, dy, near = x - before[0], y - before[1], before[3]
                 away = math.hypot(dx, dy)
                 speed = min(away / self._step, FASTEST_BODY)
@@ -150,31 +140,44 @@ class Pedestrians:
             point = RoadPoint(x, y, z, wrap_angle(heading), 0.0, 0.0, 0.0)  # type: ignore[arg-type]
             yield beside_road(self._route, name, point, 0.0, near, speed=speed, **self._size)
 
-    def _stepped_back(
-        self, x: float, y: float, near: float, boxes: Sequence[Box]
+
+@dataclass(frozen=True)
+class _Unit:
+    """A unit of the truck seen from above: middle of its front edge, heading, length, half width."""
+
+    x: float
+    y: float
+    yaw: float
+    length: float
+    half_width: float
+
+    def place(self, x: float, y: float) -> tuple[float, float]:
+        """Distances of a point ahead of the front edge and to the left of the middle [m]."""
+        dx, dy, c, s = x - self.x, y - self.y, math.cos(self.yaw), math.sin(self.yaw)
+        return c * dx + s * dy, c * dy - s * dx
+
+    def leave(
+        self, body: tuple[float, ...], x: float, y: float, stands: bool
     ) -> tuple[float, float]:
-        """The place of a person who stands, out of reach of a truck beside it."""
-        station, offset = self._route.locate(x, y, near)
-        moved = offset
-        for box in boxes:
-            if abs(station - box.station) < 0.5 * box.length + AHEAD:
-                side = math.copysign(1.0, offset - box.offset)
-                clear = box.offset + side * (0.5 * box.width + AWAY)
-                moved = side * max(side * moved, side * clear)
-        if moved == offset:
+        """The place to which a person at a place goes beside the unit, instead of into it."""
+        ahead, left = self.place(x, y)
+        if not -self.length - AWAY < ahead < (AHEAD if stands else 0.0):
             return x, y
-        point = self._route.evaluate(station, moved)
-        return float(point.x), float(point.y)
+        side = math.copysign(1.0, self.place(*body[:2])[1])
+        lacking = self.half_width + (AWAY if stands else CLOSE) - side * left
+        if lacking <= 0.0:
+            return x, y
+        return x - side * lacking * math.sin(self.yaw), y + side * lacking * math.cos(self.yaw)
 
 
-def _walks_into(person: TrackedVehicle, turn: float, box: Box) -> bool:
-    """Whether a person who takes a step touches the truck where it is now.
-
-    Args:
-      person: standing or walking.
-      turn: its heading relative to the road [rad].
-      box: of the truck.
-    """
-    along = abs(person.station + STEP * math.cos(turn) - box.station)
-    aside = abs(person.offset + STEP * math.sin(turn) - box.offset)
-    return along < 0.5 * (box.length + person.length) and aside < 0.5 * (box.width + person.width)
+def _units(ego: EgoState, footprint: EgoFootprint) -> tuple[_Unit, _Unit]:
+    """The motor vehicle and what it tows, which bends at a kingpin as of a usual combination."""
+    half, kingpin = 0.5 * footprint.width, Articulation.of_length(footprint.length).kingpin
+    first = 0.5 * footprint.length - kingpin  # from the front bumper to the kingpin
+    reach, yaw = footprint.front_overhang, ego.yaw - ego.articulation
+    x, y = ego.x + reach * math.cos(ego.yaw), ego.y + reach * math.sin(ego.yaw)
+    bend_x, bend_y = x - first * math.cos(ego.yaw), y - first * math.sin(ego.yaw)
+    return (
+        _Unit(x, y, ego.yaw, first, half),
+        _Unit(bend_x, bend_y, yaw, footprint.length - first, half),
+    )
