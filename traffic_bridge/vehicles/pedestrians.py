@@ -36,7 +36,7 @@ WALK = (8.0, 25.0)  # [m] from the crossing where a walk begins and ends
 FASTEST_BODY = 2.5
 # A person who stands keeps this distance from the truck's sides, also beside its way ahead, and one
 # who walks this one [m].
-AWAY, AHEAD, CLOSE = 2.0, 2.0, 0.6
+AWAY, AHEAD, CLOSE = 2.0, 2.0, 0.9
 MOVES = 0.2  # [m/s]: a faster body looks where it goes
 STREAM = 1609  # separates the generator of pedestrians from that of vehicles with the same seed
 _SECONDS = 3600.0  # of an hour
