@@ -19,6 +19,7 @@ from iits_mj.core.errors import InputError, MapError, TrafficError
 from iits_mj.core.progress import remark
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.route import MAPS, USABLE_LANE_WIDTH
+from traffic_bridge.network.light_programs import with_programs
 from traffic_bridge.network.net_file import ORIGIN, WALKER, NetFile
 from traffic_bridge.network.netconvert_input import BRIDGE, opendrive_for_netconvert
 from traffic_bridge.network.stop_lines import stop_offsets
@@ -159,6 +160,7 @@ def _make(content: bytes, left_hand: bool, target: Path, road_map: RoadMap, walk
         text = _converted(source, made, name)
         if walkways:
             text = with_vehicle_lanes(_converted(source, made, name, WALKWAY_OPTIONS), text, name)
+        text = with_programs(text, road_map.content.light_programs, road_map.roads)
         if left_hand:
             text = _mirrored(text)
         # Lanes through a direct junction belong to no road of the map.

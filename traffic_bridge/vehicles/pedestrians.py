@@ -143,7 +143,7 @@ class Pedestrians:
 
 @dataclass(frozen=True)
 class _Unit:
-    """A unit of the truck seen from above: middle of its front edge, heading, length, half width."""
+    """A unit of the truck from above: middle of its front edge, heading, length, half width."""
 
     x: float
     y: float

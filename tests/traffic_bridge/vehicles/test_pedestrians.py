@@ -104,7 +104,7 @@ def test_cyclists_ride_in_the_traffic(road_map):
 def test_a_road_without_sidewalks_has_no_pedestrians():
     with (
         PureSim(RoadMap.builtin().route(), TrafficConfig(pedestrians=10.0)) as traffic,
-        pytest.raises(InputError, match="pedestrians need sidewalks: .*highway"),
+        pytest.raises(InputError, match=r"pedestrians need sidewalks: .*highway"),
     ):
         traffic.reset()
 
