@@ -12,6 +12,7 @@ no moving vehicle to yield, and stops before the line as long as it can.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -77,14 +78,17 @@ def crossing_leads(
     line = _line(scene)
     times = _TIMES if line is None else _LONG_TIMES
     reach = max(max(ego.speed, 3.0) * times[-1], ego.speed**2 / (2.0 * _COMFORT)) + 10.0
-    if neighbors.all_along(preview):
-        return []
     near = np.abs(neighbors.station - ego.station) < reach + 40.0
-    near &= neighbors.on_level(preview)
-    others = np.flatnonzero(near & ~neighbors.surely_along(preview)).tolist()
-    if all(_is_along(neighbors, index, preview) for index in others):
-        return []
-    found = Poses.of(neighbors, near, preview)
+    # Where the route comes back to this place, a vehicle may have the station of the other part.
+    back = ~near & neighbors.posed & (np.hypot(neighbors.x - ego.x, neighbors.y - ego.y) < reach)
+    if not back.any():
+        if neighbors.all_along(preview):
+            return []
+        others = near & neighbors.on_level(preview) & ~neighbors.surely_along(preview)
+        if all(_is_along(neighbors, k, preview) for k in np.flatnonzero(others).tolist()):
+            return []
+    near = (near | back) & neighbors.on_level(preview)
+    found = _placed_here(Poses.of(neighbors, near, preview), back[near], ego, preview)
     angle = np.abs(found.to_road)
     across = (angle > ALONG) & (angle < np.pi - ALONG)
     aside = np.abs(found.offset - path.driven_at(found.station)) - 0.5 * found.width
@@ -123,6 +127,19 @@ def crossing_leads(
         if lead is not None:
             leads.append((lead, neighbors.ids[names[index]]))
     return leads
+
+
+def _placed_here(found: Poses, back: BoolArray, ego: EgoState, preview: RoadPreview) -> Poses:
+    """The poses, those of `back` with their places on the part of the route where the truck is."""
+    if not back.any():
+        return found
+    station, offset, to_road = found.station.copy(), found.offset.copy(), found.to_road.copy()
+    for k in np.flatnonzero(back).tolist():
+        place = preview.route.locate(float(found.x[k]), float(found.y[k]), ego.station)
+        station[k], offset[k] = place
+        heading = preview.route.evaluate(place[0], 0.0).heading
+        to_road[k] = wrap_angle(float(found.yaw[k] - heading))
+    return replace(found, station=station, offset=offset, to_road=to_road)
 
 
 def _line(scene: Scene) -> float | None:
