@@ -175,7 +175,7 @@ def _crosses(
     ego: EgoState,
     times: FloatArray,
     line: float | None,
-    walks: bool,
+    walks: bool = False,
 ) -> Lead | None:
     """The lead of a crossing vehicle, from the positions and times of contact.
 
@@ -208,7 +208,9 @@ def _crosses(
     return Lead(gap, 0.0, 0.0, until)
 
 
-def _meets(touch: BoolArray, speed: float, times: FloatArray, margin: float) -> bool:
+def _meets(
+    touch: BoolArray, speed: float, times: FloatArray, margin: float = _VEHICLE_TIME
+) -> bool:
     """Whether truck and vehicle meet, within a margin of time [s]."""
     rows = len(touch) - 1
     for gain in (0.0, _SPEEDING_UP):

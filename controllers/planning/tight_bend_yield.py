@@ -176,16 +176,17 @@ class TightBends:
     def _waits_for(self, sweep: Sweep, scene: Scene, path: LanePath) -> str:
         """The vehicle in the way before the truck enters a bend, in words; "" for none."""
         ego = scene.ego
-        names, kinds, found = self._others(sweep, scene, path)
+        names, found = self._others(sweep, scene, path)
         if not names:
             return ""
+        kinds = dict(zip(scene.neighbors.ids, scene.neighbors.kinds, strict=True))
         late = 0.5 * max(BEND_SPEED - ego.speed, 0.0) ** 2 / (_SETS_OUT * BEND_SPEED)
         enters = max(sweep.first - ego.station, 0.0) / BEND_SPEED
         leaves = (sweep.last - ego.station) / BEND_SPEED + late
         times = _TIMES[: 1 + int(np.searchsorted(_TIMES, max(leaves + _EARLY, 1.0)))]
         matters = times >= min(max(enters - _EARLY, 0.0), times[-1])
         for index, name in enumerate(names):
-            if kinds[index] == "pedestrian":
+            if kinds[name] == "pedestrian":
                 continue  # they stop and turn within a step: `crossing_leads` has them
             one = found.one(index)
             if one.speed[0] < _STOPPED:
@@ -212,7 +213,7 @@ class TightBends:
     def _inside(self, sweep: Sweep, scene: Scene, path: LanePath) -> tuple[float, str]:
         """Station of the steer axle's stop in the bend [m] or infinity, and the reason."""
         ego = scene.ego
-        names, _, found = self._others(sweep, scene, path)
+        names, found = self._others(sweep, scene, path)
         if not names:
             return math.inf, ""
         ahead = np.arange(len(sweep.units[0].x)) * _STEP + sweep.first - ego.station
@@ -239,10 +240,8 @@ class TightBends:
             guesses.append(one.along_road(times, self.preview))
         return guesses
 
-    def _others(
-        self, sweep: Sweep, scene: Scene, path: LanePath
-    ) -> tuple[list[str], list[str], Poses]:
-        """Names, kinds and poses of those near a bend that are not in the truck's own lane."""
+    def _others(self, sweep: Sweep, scene: Scene, path: LanePath) -> tuple[list[str], Poses]:
+        """Names and poses of the vehicles near a bend that are not in the truck's own lane."""
         neighbors = scene.neighbors
         along = np.abs(neighbors.station - sweep.first) < _AROUND
         # Where the route comes back to this junction, a vehicle here may have a far station.
@@ -252,9 +251,8 @@ class TightBends:
         found = Poses.of(neighbors, near, self.preview)
         own = along[near] & (np.abs(found.to_road) < ALONG)
         own &= np.abs(found.offset - path.offset_at(found.station)) < path.half_width
-        chosen = np.flatnonzero(near)[~own].tolist()
-        names, kinds = ([given[i] for i in chosen] for given in (neighbors.ids, neighbors.kinds))
-        return names, kinds, found.only(~own)
+        names = [neighbors.ids[i] for i in np.flatnonzero(near)[~own]]
+        return names, found.only(~own)
 
     def _sweep(self, path: LanePath, begin: float, over: float, payload: float) -> Sweep | None:
         """The part of a bend in which the bodies leave the lane of a path, None for none."""
