@@ -22,6 +22,7 @@ from traffic_bridge.vehicles.types import (
     VehicleType,
     default_types,
     motorway_types,
+    road_user_types,
     type_from_dict,
 )
 
@@ -30,7 +31,10 @@ DENSITIES = {"dense": 0.05, "medium": 0.02, "sparse": 0.005, "empty": 0.0}
 LANE_CHANGE_MODELS = ("lc2013", "mobil")
 LANE_DISCIPLINES = ("right", "free")
 HIGHEST_HEAVY_SHARE = 0.6
+HIGHEST_BICYCLE_SHARE = 0.5
+BICYCLE = "bicycle"
 SCOPES = ("route", "both", "map")
+MOST_PEDESTRIANS = 3_000.0  # per hour at a crossing of 4 m: a person each 1.2 s
 # Allowed values of the numbers in `TrafficConfig`.
 RANGES = {
     "speed_limit": (1.0, FASTEST),
@@ -40,6 +44,8 @@ RANGES = {
     "clear_distance": (20.0, 5_000.0),
     "fill_ahead": (0.0, 200_000.0),
     "fill_behind": (0.0, 200_000.0),
+    "pedestrians": (0.0, MOST_PEDESTRIANS),
+    "bicycles": (0.0, HIGHEST_BICYCLE_SHARE),
 }
 
 
@@ -110,6 +116,9 @@ class TrafficConfig:
         leave at the map's ends, and out of sight of the truck where the density needs it.
       turning_shares: of vehicles that turn right, go straight and turn left at a junction, for each
         lane that makes the turn; only for the scope "map".
+      pedestrians: persons per hour at each crossing of the map; it needs sidewalks, see
+        `traffic_bridge.vehicles.pedestrians`.
+      bicycles: share of cyclists in the mix, 0 to 0.5; they ride on the driving lanes.
       footprint: size of the ego combination.
       events: see `traffic_bridge.signals.events` and `traffic_bridge.scenario.actions`.
       departures: listed vehicles, in addition to the random ones.
@@ -136,6 +145,8 @@ class TrafficConfig:
     footprint: EgoFootprint = field(default_factory=EgoFootprint)
     events: tuple[Event, ...] = ()
     departures: tuple[Departure, ...] = ()
+    pedestrians: float = 0.0
+    bicycles: float = 0.0
 
     def __post_init__(self) -> None:
         """Checks every value; converts mappings in `mix` and `density` to tuples and numbers."""
@@ -182,6 +193,9 @@ class TrafficConfig:
             raise InputError(f"footprint {shown(self.footprint)}: must be an EgoFootprint")
         for what, kind in (("types", VehicleType), ("events", Event), ("departures", Departure)):
             object.__setattr__(self, what, _all_of(what, getattr(self, what), kind))
+        if self.bicycles and BICYCLE not in [kind.name for kind in self.types]:
+            cyclist = next(kind for kind in road_user_types() if kind.name == BICYCLE)
+            object.__setattr__(self, "types", (*self.types, cyclist))
         if self.lane_discipline == "free":
             kinds = tuple(
                 dataclasses.replace(kind, keep_right_bias=0.0, politeness=0.0, lc_keep_right=0.0)
@@ -252,8 +266,12 @@ class TrafficConfig:
 
     @property
     def weights(self) -> tuple[tuple[str, float], ...]:
-        """Name and weight of each type: `mix` with the `heavy_share`."""
-        return self.mix if self.heavy_share is None else self._mix_with(self.heavy_share)
+        """Name and weight of each type: `mix` with the `heavy_share` and the bicycles."""
+        mix = self.mix if self.heavy_share is None else self._mix_with(self.heavy_share)
+        if not self.bicycles:
+            return mix
+        share = self.bicycles / (1.0 - self.bicycles) * sum(weight for _, weight in mix)
+        return (*mix, (BICYCLE, share))
 
     @property
     def shares(self) -> tuple[tuple[VehicleType, float], ...]:

@@ -12,6 +12,7 @@ no moving vehicle to yield, and stops before the line as long as it can.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -41,6 +42,9 @@ _ROUNDING = 1e-6
 _ROOM = 0.4
 # The truck expects a vehicle to yield if it can stop at this deceleration [m/s2].
 _YIELDS = 1.5
+# Pedestrians and cyclists do not yield, and the truck passes this long before or after them [s].
+_WALKERS, _WALKER_TIME = ("pedestrian", "bicycle"), 1.5
+_VEHICLE_TIME = 0.5  # the same for vehicles [s]
 # Braking for a crossing vehicle, positive [m/s2].
 _COMFORT = 1.3
 # A slower vehicle is at rest [m/s]; a slower oncoming vehicle does not count [m/s].
@@ -74,14 +78,17 @@ def crossing_leads(
     line = _line(scene)
     times = _TIMES if line is None else _LONG_TIMES
     reach = max(max(ego.speed, 3.0) * times[-1], ego.speed**2 / (2.0 * _COMFORT)) + 10.0
-    if neighbors.all_along(preview):
-        return []
     near = np.abs(neighbors.station - ego.station) < reach + 40.0
-    near &= neighbors.on_level(preview)
-    others = np.flatnonzero(near & ~neighbors.surely_along(preview)).tolist()
-    if all(_is_along(neighbors, index, preview) for index in others):
-        return []
-    found = Poses.of(neighbors, near, preview)
+    # Where the route comes back to this place, a vehicle may have the station of the other part.
+    back = ~near & neighbors.posed & (np.hypot(neighbors.x - ego.x, neighbors.y - ego.y) < reach)
+    if not back.any():
+        if neighbors.all_along(preview):
+            return []
+        others = near & neighbors.on_level(preview) & ~neighbors.surely_along(preview)
+        if all(_is_along(neighbors, k, preview) for k in np.flatnonzero(others).tolist()):
+            return []
+    near = (near | back) & neighbors.on_level(preview)
+    found = _placed_here(Poses.of(neighbors, near, preview), back[near], ego, preview)
     angle = np.abs(found.to_road)
     across = (angle > ALONG) & (angle < np.pi - ALONG)
     aside = np.abs(found.offset - path.driven_at(found.station)) - 0.5 * found.width
@@ -104,16 +111,35 @@ def crossing_leads(
         if chosen.any():
             others = boxes(found.only(chosen))
             touch[:, :, chosen] = np.logical_or.reduce([u.touch(others, _ROOM) for u in units])
-    leads = []
+    leads, names = [], np.flatnonzero(near).tolist()
     for index in np.flatnonzero(matters & touch.any(axis=(0, 1))).tolist():
+        walks = neighbors.kinds[names[index]] in _WALKERS
+        if walks and found.speed[index] <= _AT_REST and aside[index] >= half_width:
+            continue  # beside the lane: `TightBends` keeps the trailer off
+        soon = touch[:, : len(_TIMES), index]
         if wrong_way[index]:
             # The longer prediction is for crossing vehicles only.
-            lead = _meets_head_on(touch[:, : len(_TIMES), index], found.one(index), ego)
+            lead = _meets_head_on(soon, found.one(index), ego)
+        elif walks:
+            lead = _crosses(soon, found.one(index), ego, _TIMES, None, walks)
         else:
-            lead = _crosses(touch[:, :, index], found.one(index), ego, times, line)
+            lead = _crosses(touch[:, :, index], found.one(index), ego, times, line, walks)
         if lead is not None:
-            leads.append((lead, neighbors.ids[int(np.flatnonzero(near)[index])]))
+            leads.append((lead, neighbors.ids[names[index]]))
     return leads
+
+
+def _placed_here(found: Poses, back: BoolArray, ego: EgoState, preview: RoadPreview) -> Poses:
+    """The poses, those of `back` with their places on the part of the route where the truck is."""
+    if not back.any():
+        return found
+    station, offset, to_road = found.station.copy(), found.offset.copy(), found.to_road.copy()
+    for k in np.flatnonzero(back).tolist():
+        place = preview.route.locate(float(found.x[k]), float(found.y[k]), ego.station)
+        station[k], offset[k] = place
+        heading = preview.route.evaluate(place[0], 0.0).heading
+        to_road[k] = wrap_angle(float(found.yaw[k] - heading))
+    return replace(found, station=station, offset=offset, to_road=to_road)
 
 
 def _line(scene: Scene) -> float | None:
@@ -144,7 +170,12 @@ def _meets_head_on(touch: BoolArray, one: Poses, ego: EgoState) -> Lead | None:
 
 
 def _crosses(
-    touch: BoolArray, one: Poses, ego: EgoState, times: FloatArray, line: float | None
+    touch: BoolArray,
+    one: Poses,
+    ego: EgoState,
+    times: FloatArray,
+    line: float | None,
+    walks: bool = False,
 ) -> Lead | None:
     """The lead of a crossing vehicle, from the positions and times of contact.
 
@@ -154,17 +185,19 @@ def _crosses(
       ego: the truck.
       times: of the prediction [s].
       line: distance to the line of a junction without a light [m], None for none.
+      walks: it is a pedestrian or a cyclist.
     """
     places, moments = np.asarray(touch.any(axis=1)), np.asarray(touch.any(axis=0))
     # Braking does not help against a vehicle that is already at the truck.
     if not places.any() or places[0]:
         return None
     speed = float(one.speed[0])
-    if speed > _AT_REST and not _meets(touch, ego.speed, times):
+    margin = _WALKER_TIME if walks else _VEHICLE_TIME
+    if speed > _AT_REST and not _meets(touch, ego.speed, times, margin):
         return None
     first = int(moments.argmax())
     left = float(one.distance(times[first : first + 1])[0, 0])
-    yields = _YIELDS if line is None or speed <= _AT_REST else 0.0
+    yields = 0.0 if speed > _AT_REST and (walks or line is not None) else _YIELDS
     if first > 0 and speed**2 < 2.0 * yields * left:
         return None
     last = float(times[len(moments) - 1 - int(moments[::-1].argmax())])
@@ -175,11 +208,13 @@ def _crosses(
     return Lead(gap, 0.0, 0.0, until)
 
 
-def _meets(touch: BoolArray, speed: float, times: FloatArray) -> bool:
-    """Whether truck and vehicle meet, within half a second."""
+def _meets(
+    touch: BoolArray, speed: float, times: FloatArray, margin: float = _VEHICLE_TIME
+) -> bool:
+    """Whether truck and vehicle meet, within a margin of time [s]."""
     rows = len(touch) - 1
     for gain in (0.0, _SPEEDING_UP):
-        for late in (-0.5, 0.0, 0.5):
+        for late in (-margin, 0.0, margin):
             time = np.maximum(times + late, 0.0)
             way = speed * time + 0.5 * gain * time**2
             row = np.minimum(np.rint(way / _STEP).astype(int), rows)

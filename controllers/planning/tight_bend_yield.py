@@ -57,9 +57,10 @@ _NEAR = 2.0
 # Times at which others are predicted in the bend, and before it [s].
 _SOON = np.array([0.0, 0.5, 1.0])
 _TIMES = np.linspace(0.0, 15.0, 31)
-# A stop line this near before the bend is the waiting place, at this distance from the line [m];
-# a line without a light is set back farther.
-_LINE_NEAR, _TO_LINE, _OPEN_LINE_NEAR = 12.0, 0.5, 16.0
+# A stop line this near before the bend is the waiting place, at this distance from the line [m]. A
+# line without a light is set back by up to 12 m, and the bend of a wide junction begins inside it:
+# between the line and the bend, vehicles that turn into the truck's road need the ground.
+_LINE_NEAR, _TO_LINE, _OPEN_LINE_NEAR = 12.0, 0.5, 30.0
 # A slower truck has come to rest before a stop [m/s].
 RESTS = 0.3
 # The truck does not wait for a vehicle that leaves the ground this long before it arrives [s].
@@ -178,12 +179,15 @@ class TightBends:
         names, found = self._others(sweep, scene, path)
         if not names:
             return ""
+        kinds = dict(zip(scene.neighbors.ids, scene.neighbors.kinds, strict=True))
         late = 0.5 * max(BEND_SPEED - ego.speed, 0.0) ** 2 / (_SETS_OUT * BEND_SPEED)
         enters = max(sweep.first - ego.station, 0.0) / BEND_SPEED
         leaves = (sweep.last - ego.station) / BEND_SPEED + late
         times = _TIMES[: 1 + int(np.searchsorted(_TIMES, max(leaves + _EARLY, 1.0)))]
         matters = times >= min(max(enters - _EARLY, 0.0), times[-1])
         for index, name in enumerate(names):
+            if kinds[name] == "pedestrian":
+                continue  # they stop and turn within a step: `crossing_leads` has them
             one = found.one(index)
             if one.speed[0] < _STOPPED:
                 there = one.ahead(np.zeros(1))

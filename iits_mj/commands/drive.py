@@ -54,7 +54,7 @@ from iits_mj.simulation.drive_table import DriveTable
 from iits_mj.simulation.driver import LogDriver
 from iits_mj.simulation.frame import SAME_LINE, DivergedError
 from iits_mj.simulation.lock_step import Driver
-from iits_mj.simulation.parts import shows_road_users, with_scenario
+from iits_mj.simulation.parts import road_user_slots, with_scenario
 from iits_mj.simulation.summary import counts_text, to_text
 from iits_mj.simulation.telemetry import speed_object, speed_rows
 from iits_mj.truck import Truck
@@ -357,7 +357,7 @@ def _receiver(simulation: Simulation) -> CommandReceiver | None:
 def _film(kept: Kept, config: DriveConfig) -> FilmProcess:
     video = kept.out / "drive.mp4"
     shown = kept.size, kept.camera, kept.fps, kept.weather
-    return FilmProcess(FilmSettings(video, config, *shown, shows_road_users(config)))
+    return FilmProcess(FilmSettings(video, config, *shown, road_user_slots(config)))
 
 
 def _checked(film: FilmProcess) -> tuple[FilmProcess | None, tuple[str, ...]]:

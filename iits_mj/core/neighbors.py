@@ -163,7 +163,7 @@ class Neighbors:
       footprint: of the truck.
 
     Attributes:
-      ids: names of the vehicles.
+      ids: names of the vehicles; kinds: of each, see `TrackedVehicle`.
       lane: index on the route, -1 off it.
       station, offset, speed, lateral_speed, length, width, acceleration, yaw, yaw_rate, x, y, z:
         see `TrackedVehicle`.
@@ -198,10 +198,11 @@ class Neighbors:
         self._ego, self._footprint = ego, footprint
         table = np.empty((len(_ROWS), len(vehicles)))
         if isinstance(vehicles, VehicleFrame):
-            self.ids, self.lane = vehicles.ids, vehicles.lanes
+            self.ids, self.kinds, self.lane = vehicles.ids, vehicles.kinds, vehicles.lanes
             table[: len(COLUMNS)] = vehicles.values.T
         else:
             self.ids = tuple(vehicle.id for vehicle in vehicles)
+            self.kinds = tuple(vehicle.kind for vehicle in vehicles)
             self.lane = np.array([vehicle.lane for vehicle in vehicles], dtype=np.intp)
             for index, vehicle in enumerate(vehicles):
                 table[: len(COLUMNS), index] = _columns_of(vehicle)

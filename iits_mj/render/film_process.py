@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -61,7 +62,7 @@ class FilmSettings:
     camera: str | type[Camera] | Camera
     fps: float
     weather: str = "day"
-    road_users: bool = False
+    road_users: bool | Mapping[str, int] = False
 
 
 class FilmProcess(Finishing, Observer):

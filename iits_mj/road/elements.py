@@ -248,10 +248,25 @@ class Junction:
 
 
 @dataclass(frozen=True)
+class LightProgram:
+    """Phases of a traffic light of the SUMO net of which a map was made.
+
+    Attributes:
+      id: of the light in the net; offset: of the program's beginning [s].
+      phases: duration [s], and a letter of SUMO for each link of the light.
+    """
+
+    id: str
+    offset: float
+    phases: tuple[tuple[float, str], ...]
+
+
+@dataclass(frozen=True)
 class OpenDriveMap:
     """Content of a file that this project uses; `notes` lists the parts left out.
 
     `offset` is the place of the origin in the projection of `geo_reference`: x, y [m].
+    `light_programs` are those of the SUMO net of which the map was made.
     """
 
     roads: tuple[Road, ...]
@@ -260,6 +275,7 @@ class OpenDriveMap:
     geo_reference: str = ""
     offset: tuple[float, float] = (0.0, 0.0)
     notes: tuple[str, ...] = field(default=(), compare=False)
+    light_programs: tuple[LightProgram, ...] = ()
 
 
 def lane_borders(road: Road, section: LaneSection, side: int) -> dict[int, PiecewiseCubic]:

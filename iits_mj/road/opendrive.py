@@ -17,6 +17,7 @@ from iits_mj.road.elements import (
     Junction,
     Lane,
     LaneSection,
+    LightProgram,
     Link,
     OpenDriveMap,
     Road,
@@ -47,6 +48,8 @@ SHORTEST_BEND = 0.05
 TURN_LIMIT = 200.0
 PLAN_JUMP_LIMIT = 3.0
 SIGNALS_MAX = 10_000
+PHASE_LIMIT = 3600.0  # [s] of a traffic light
+LIGHT_PROGRAM = "iits_mj:light_program"  # code of the header's userData with a light's program
 _COEFFICIENTS = ("a", "b", "c", "d")
 _UNITS = {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704}
 _UNLIMITED = ("no limit", "undefined")
@@ -108,8 +111,30 @@ def parse(content: bytes, source: str) -> OpenDriveMap:
         offset=(0.0, 0.0)
         if offset is None
         else (reader.number(offset, "x", 0.0), reader.number(offset, "y", 0.0)),
+        light_programs=() if header is None else _read_programs(reader, header, notes),
         notes=tuple(dict.fromkeys(notes)),
     )
+
+
+def _read_programs(reader: Reader, header: Element, notes: list[str]) -> tuple[LightProgram, ...]:
+    """The programs of traffic lights that `writer` has written; a note for one not usable."""
+    found = []
+    for item in header.findall("userData"):
+        if item.get("code") != LIGHT_PROGRAM:
+            continue
+        light = item.get("light", "")
+        try:
+            parts = (part.partition(":") for part in item.get("value", "").split())
+            phases = tuple((float(duration), state) for duration, _, state in parts)
+            offset = reader.number(item, "offset", 0.0)
+        except (ValueError, MapError):
+            phases, offset = (), 0.0
+        usable = all(0.0 < duration < PHASE_LIMIT for duration, _ in phases)
+        if usable and len({len(state) for _, state in phases}) == 1 and phases[0][1]:
+            found.append(LightProgram(light, offset, phases))
+        else:
+            notes.append(f"left out: the program of traffic light {light!r} is not usable")
+    return tuple(found)
 
 
 def _read_junction(reader: Reader, item: Element, notes: list[str]) -> Junction:

@@ -9,6 +9,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 from iits_mj.core.errors import MapError
 from iits_mj.road.elements import Junction, Lane, LaneSection, Link, OpenDriveMap, Road
 from iits_mj.road.geometry import Arc, Geometry, Line, ParamPoly3, Poly3, Spiral
+from iits_mj.road.opendrive import LIGHT_PROGRAM
 from iits_mj.road.polynomials import Cubic
 
 _COEFFICIENTS = ("a", "b", "c", "d")
@@ -22,6 +23,10 @@ def to_xml(content: OpenDriveMap) -> str:
         SubElement(header, "geoReference").text = content.geo_reference
     if content.offset != (0.0, 0.0):
         _add(header, "offset", x=content.offset[0], y=content.offset[1], z=0.0, hdg=0.0)
+    for program in content.light_programs:
+        text = " ".join(f"{_number(duration)}:{state}" for duration, state in program.phases)
+        key = {"code": LIGHT_PROGRAM, "light": program.id, "value": text}
+        SubElement(header, "userData", key | {"offset": _number(program.offset)})
     for road in content.roads:
         _write_road(root, road)
     for junction in content.junctions:

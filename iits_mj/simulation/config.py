@@ -27,7 +27,7 @@ from iits_mj.road.route_choice import route_option
 from iits_mj.road.unevenness import CLASSES
 from iits_mj.simulation.sensors import CHOICES as SENSORS
 from traffic_bridge import TRAFFIC, TrafficSource
-from traffic_bridge.config import HIGHEST_HEAVY_SHARE
+from traffic_bridge.config import HIGHEST_BICYCLE_SHARE, HIGHEST_HEAVY_SHARE, MOST_PEDESTRIANS
 from traffic_bridge.scenario.parameters import assignments
 from traffic_bridge.vehicles.service_level import BOUNDS
 
@@ -202,6 +202,22 @@ class DriveConfig(PriceOptions, TruckStart):
         help="roads with traffic; route: the truck's route; both: also the opposite lanes; map: "
         "all roads of the map",
         choices=TRAFFIC_SCOPES,
+        group="traffic",
+    )
+    pedestrians: float = option(
+        0.0,
+        help="persons per hour at each crossing of the map, simulated by SUMO; the map needs "
+        "sidewalks",
+        unit="1/h",
+        low=0.0,
+        high=MOST_PEDESTRIANS,
+        group="traffic",
+    )
+    bicycles: float = option(
+        0.0,
+        help="share of cyclists in the traffic; they ride on the driving lanes",
+        low=0.0,
+        high=HIGHEST_BICYCLE_SHARE,
         group="traffic",
     )
     events: Path | None = option(

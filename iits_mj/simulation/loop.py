@@ -43,7 +43,7 @@ from iits_mj.simulation.parts import (
     make_stack,
     make_traffic,
     placed,
-    shows_road_users,
+    road_user_slots,
     surface_text,
     with_scenario,
 )
@@ -103,7 +103,7 @@ class Simulation(LockStep):
     ) -> None:
         self.config = config = with_scenario(config)
         self.route: Route = load_route(config) if route is None else route
-        road_users = traffic is not None or shows_road_users(config)
+        road_users = road_user_slots(config) or traffic is not None
         self.mirror = Mirror(visuals=visuals, road_users=road_users)
         truck = load_truck(
             config,

@@ -51,6 +51,7 @@ from traffic_bridge import (
     TrafficConfig,
     read_events,
 )
+from traffic_bridge.mirror.mirror import CROWD, ROAD_USER_POOL
 from traffic_bridge.network.map_sources import read_map
 from traffic_bridge.scenario.openscenario import OpenScenario, read_scenario
 from traffic_bridge.scenario.openscenario_parameters import declared_parameters
@@ -249,12 +250,15 @@ def surface_text(route: Route) -> str:
     return f"{route.unevenness}" + (f", cross slope {slope:g} %" if slope else "")
 
 
-def shows_road_users(config: DriveConfig) -> bool:
-    """Whether the traffic of a drive may have pedestrians, cyclists or obstacles; SUMO's has none.
+def road_user_slots(config: DriveConfig) -> bool | dict[str, int]:
+    """Returns the bodies for pedestrians, cyclists and obstacles, as `Mirror` takes them.
 
-    The bodies for them cost some time of the physics.
+    They cost some time of the physics. SUMO's traffic has pedestrians and cyclists only if they are
+    asked for.
     """
     sumo = not TRAFFIC.is_own(config.traffic_mode) and config.recording is None
+    if config.pedestrians or config.bicycles:
+        return ROAD_USER_POOL | CROWD
     return config.has_events or not sumo
 
 
@@ -322,6 +326,10 @@ def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> 
         raise InputError("reactive adds SUMO traffic that sees the truck: use traffic-mode inter")
     replayed = config.recording is not None and not config.reactive
     without_sumo = replayed or config.traffic_mode == "none"
+    if (config.pedestrians or config.bicycles) and (without_sumo or own):
+        raise InputError(
+            "pedestrians and bicycles need SUMO traffic: use traffic-mode inter or pure"
+        )
     recorded = RepSim(route, config.recording) if config.recording and without_sumo else None
     if without_sumo and not config.has_events:
         return recorded
@@ -337,6 +345,8 @@ def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> 
         scope=config.traffic_scope,
         footprint=footprint,
         events=events,
+        pedestrians=config.pedestrians,
+        bicycles=config.bicycles,
     )
     if without_sumo:
         return EventSim(route, settings, seed=config.seed, recorded=recorded)

@@ -16,6 +16,7 @@ from traffic_bridge.vehicles.types import HEAVY
 
 # Road ahead of and behind the truck whose traffic is measured [m]; traffic sources report more.
 REACH = 300.0
+_NO_VEHICLES = ("pedestrian", "obstacle")
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +84,8 @@ class FlowMeter:
         if not len(vehicles):
             return
         place = vehicles.column("station")
-        near = np.flatnonzero((place >= low) & (place <= high) & (vehicles.lanes >= 0))
+        rides = np.array([kind not in _NO_VEHICLES for kind in vehicles.kinds])
+        near = np.flatnonzero((place >= low) & (place <= high) & (vehicles.lanes >= 0) & rides)
         self._vehicles += len(near)
         self._heavy += sum(vehicles.kinds[i] in HEAVY for i in near)
         self._speeds += float(vehicles.column("speed")[near].sum())

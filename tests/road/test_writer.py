@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 from iits_mj.core.errors import MapError
 from iits_mj.road import RoadMap
-from iits_mj.road.elements import OpenDriveMap
+from iits_mj.road.elements import LightProgram, OpenDriveMap
 from iits_mj.road.geometry import Arc, Line, ParamPoly3, Poly3, Spiral
 from iits_mj.road.opendrive import parse
 from iits_mj.road.straight import straight_road
@@ -48,6 +50,17 @@ def test_every_geometry_is_written_exactly():
 def test_real_map_reads_back_equal(path):
     content = RoadMap.from_opendrive(path).content
     assert parse(to_xml(content).encode(), path.name) == content
+
+
+def test_programs_of_lights_read_back_equal_and_unusable_ones_are_left_out():
+    program = LightProgram("a b", 7.5, ((30.0, "GGrr"), (3.0, "yyrr")))
+    content = dataclasses.replace(parse(document(road()).encode(), "x"), light_programs=(program,))
+    text = to_xml(content)
+    assert parse(text.encode(), "x") == content
+    for wrong in ("nan:GGrr", "30.0:G", "-1:GGrr", "30.0"):
+        damaged = parse(text.replace("30.0:GGrr", wrong).encode(), "x")
+        assert damaged.light_programs == ()
+        assert any("program of traffic light 'a b'" in note for note in damaged.notes)
 
 
 def test_text_is_escaped():

@@ -33,6 +33,7 @@ from traffic_bridge.vehicles.types import VehicleType, default_types, road_user_
 
 DEFAULT_POOL = {"car": 14, "van": 5, "truck": 4, "articulated": 4}
 ROAD_USER_POOL = {"pedestrian": 2, "bicycle": 2, "obstacle": 2}
+CROWD = {"pedestrian": 16, "bicycle": 8}  # slots where SUMO simulates them
 LARGEST_POOL = 500
 PARKING_DEPTH = -500.0  # [m]: unused bodies are here, out of every camera's view
 PARKING_SPACING = 25.0  # [m]: stacked bodies would be slow in collision detection
@@ -54,8 +55,8 @@ class Mirror:
       pool: number of slots by the name of a vehicle type; vehicles beyond it (the farthest) are not
         shown. Default: 14 cars, 5 vans, 4 trucks, 4 articulated trucks; types of your own share
         the number of their look.
-      road_users: adds slots for pedestrians, cyclists and obstacles to the default pool; their
-        bodies cost 3 % of a physics step.
+      road_users: adds slots for pedestrians, cyclists and obstacles to the default pool, two of
+        each or as many as given by kind; six bodies cost 3 % of a physics step.
       view_range: vehicles farther away than this are not shown [m].
       types: dimensions, looks and colors; default: those of the package.
       step_length: of the traffic [s].
@@ -73,7 +74,7 @@ class Mirror:
         types: Sequence[VehicleType] | None = None,
         step_length: float = 0.1,
         visuals: bool = True,
-        road_users: bool = True,
+        road_users: bool | Mapping[str, int] = True,
     ) -> None:
         types = tuple(types or default_types())
         names = [kind.name for kind in types]
@@ -85,7 +86,8 @@ class Mirror:
         shared = pool is None
         if pool is None:
             none = dict.fromkeys(ROAD_USER_POOL, 0)
-            pool = DEFAULT_POOL | (ROAD_USER_POOL if road_users else none)
+            extra = road_users if isinstance(road_users, Mapping) else ROAD_USER_POOL
+            pool = DEFAULT_POOL | none | (dict(extra) if road_users else none)
         counts = _counts(pool, types, shared=shared)
         for name, value in (("view_range", view_range), ("step_length", step_length)):
             if not is_number(value) or value <= 0.0:

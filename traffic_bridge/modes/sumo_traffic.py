@@ -20,6 +20,7 @@ from traffic_bridge.vehicles.demand import Demand
 from traffic_bridge.vehicles.lane_changing import LaneChanger
 from traffic_bridge.vehicles.map_demand import Sight
 from traffic_bridge.vehicles.opposite_turns import OppositeTurns, merged
+from traffic_bridge.vehicles.pedestrians import Pedestrians, pedestrian_type_xml
 from traffic_bridge.vehicles.registry import Vehicles
 from traffic_bridge.vehicles.service_level import BOTTLENECK, BOTTLENECK_RATIO
 
@@ -58,8 +59,11 @@ class SumoTraffic:
         self.config = config
         self.replayed: ReplayedVehicles | None = None
         self._steps = 0
-        net = build_network(route, whole=config.scope == "map")
+        walkways = config.pedestrians > 0.0
+        net = build_network(route, whole=config.scope == "map", walkways=walkways)
         types = "".join(t.to_sumo_xml(config.speed_limit) for t in config.types)
+        if walkways:
+            types += pedestrian_type_xml()
         self.session = Session(
             net.path,
             types + ego_type_xml(config.footprint),
@@ -90,6 +94,10 @@ class SumoTraffic:
         if config.scope == "map":
             with self.session.guard("setting up the traffic"):
                 self._turns = OppositeTurns(self.session, lanes.net, EGO)
+        self._pedestrians: Pedestrians | None = None
+        if walkways:
+            with self.session.guard("setting up the pedestrians"):
+                self._pedestrians = Pedestrians(self.session, lanes, config, seed)
         self._api = self.session.api
         self.observation = Observation(self.session, lanes, self.vehicles, config)
         self._lane_changer = (
@@ -136,6 +144,8 @@ class SumoTraffic:
             if self._steps % LOST_CHECK == 0:
                 self.vehicles.drop_lost()
             self._demand.spawn(station, None if ego is None else self._sight(ego))
+            if self._pedestrians is not None:
+                self._pedestrians.spawn()
             self.signals.step(self.time, station)
             if self._lane_changer is not None:
                 self._lane_changer.step(self.time, lambda: self._demand.entries(station))
@@ -182,6 +192,8 @@ class SumoTraffic:
             self._held = {name for name in held if not self.vehicles.is_scripted(name)}
             for name in sorted(self._held):
                 set_speed(name, held[name])
+        if self._pedestrians is not None:
+            frame = VehicleFrame.joined(frame, self._pedestrians.frame(ego, self._with_ego))
         return frame
 
     def close(self) -> None:

@@ -16,6 +16,7 @@ from iits_mj.road.opendrive import parse
 from iits_mj.road.terrain import read_terrain
 from iits_mj.road.writer import to_xml
 from iits_mj.road.xml_input import read_file
+from traffic_bridge.network.light_programs import read_programs
 from traffic_bridge.network.nets import (
     ADVICE,
     cache_dir,
@@ -28,7 +29,7 @@ OSM_ENDINGS = (".osm", ".osm.xml", ".osm.gz")
 NET_ENDINGS = (".net.xml", ".net.xml.gz")
 SOURCES = (".xodr", *OSM_ENDINGS, *NET_ENDINGS)
 SIZE_MAX = 512 * 2**20  # bytes of a source: a region of OpenStreetMap
-REVISION = "1"  # of the changes that this module makes to a map; part of the cache key
+REVISION = "2"  # of the changes that this module makes to a map; part of the cache key
 _PLAIN = ("--no-turnarounds", "--xml-validation", "never")
 # Curbs of 10 m let a truck turn; the other options are those that SUMO's manual proposes for OSM.
 _OSM_OPTIONS = (
@@ -134,4 +135,6 @@ def _netconvert(path: Path, left_hand: bool) -> OpenDriveMap:
     # netconvert writes one road for each direction, with left lanes for left-hand traffic.
     left = all(lane.id >= 0 for road in found.roads for lane in road.sections[0].lanes)
     roads = tuple(replace(road, left_hand=left) for road in found.roads)
-    return with_arcs(replace(found, name=path.name, roads=roads))
+    is_net = path.name.lower().endswith(NET_ENDINGS)
+    programs = read_programs(path, SIZE_MAX) if is_net else ()
+    return with_arcs(replace(found, name=path.name, roads=roads, light_programs=programs))

@@ -19,6 +19,7 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import TrafficError
 from iits_mj.road.elements import DRIVING_TYPES
 
+WALKER = "pedestrian"  # SUMO's class; lanes for it alone are no lanes of vehicles
 ORIGIN = "origId"  # netconvert's name for "ROAD_LANE" of OpenDRIVE (--output.original-names)
 
 
@@ -121,7 +122,7 @@ class NetLight:
 
 @dataclass(frozen=True)
 class NetFile:
-    """A SUMO net, reduced to the parts that this project uses.
+    """A SUMO net, reduced to the parts that this project uses: those of vehicles.
 
     Attributes:
       path: of the file.
@@ -192,11 +193,14 @@ def _read(path: Path, _changed: int, _size: int) -> NetFile:
     if root.tag != "net" or location is None:
         raise ValueError("it has no <net> with a <location>")
     x, y = (float(value) for value in location.get("netOffset", "").split(","))
+    edges = tuple(edge for item in root.findall("edge") if (edge := _edge(item)).lanes)
+    there = {lane.id for edge in edges for lane in edge.lanes}
+    links = (_connection(item) for item in root.findall("connection"))
     found = NetFile(
         path=path,
         offset=(x, y),
-        edges=tuple(_edge(item) for item in root.findall("edge") if item.find("lane") is not None),
-        connections=tuple(_connection(item) for item in root.findall("connection")),
+        edges=edges,
+        connections=tuple(link for link in links if {link.start, link.end} <= there),
         junctions=tuple(
             _junction(item) for item in root.findall("junction") if item.get("type") != "internal"
         ),
@@ -213,7 +217,7 @@ def _read(path: Path, _changed: int, _size: int) -> NetFile:
 
 def _edge(item: Element) -> NetEdge:
     identity = item.attrib["id"]
-    lanes = (_lane(lane, identity) for lane in item.findall("lane"))
+    lanes = (_lane(lane, identity) for lane in item.findall("lane") if lane.get("allow") != WALKER)
     return NetEdge(identity, tuple(sorted(lanes, key=lambda lane: lane.index)))
 
 

@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
 from xml.etree import ElementTree
@@ -19,9 +19,19 @@ from iits_mj.core.errors import InputError, MapError, TrafficError
 from iits_mj.core.progress import remark
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.route import MAPS, USABLE_LANE_WIDTH
-from traffic_bridge.network.net_file import ORIGIN, NetFile
+from traffic_bridge.network.light_programs import with_programs
+from traffic_bridge.network.net_file import ORIGIN, WALKER, NetFile
 from traffic_bridge.network.netconvert_input import BRIDGE, opendrive_for_netconvert
 from traffic_bridge.network.stop_lines import stop_offsets
+from traffic_bridge.network.walkways import (
+    OPTIONS as WALKWAY_OPTIONS,
+)
+from traffic_bridge.network.walkways import (
+    has_sidewalks,
+    lines_before,
+    read_crossings,
+    with_vehicle_lanes,
+)
 
 TIMEOUT = 120.0  # [s]; the largest test map takes 0.3 s
 MEMORY_MAX = 4 * 2**30  # bytes of netconvert
@@ -42,6 +52,7 @@ OPENDRIVE_OPTIONS = (
     "3",
 )
 REVISION = "4"  # of the changes that this module makes to a net; part of the cache key
+WALKWAY_REVISION = "3"  # the same, of nets with walkways
 ADVICE = "; a drive with traffic-mode none needs no net"
 _OTHER_TURNS = {"l": "r", "r": "l", "L": "R", "R": "L"}
 _SEAL = "<!-- sha256 "
@@ -57,18 +68,18 @@ def cache_dir() -> Path:
     return folder
 
 
-def build_network(source: RoadMap | Route, whole: bool = True) -> NetFile:
+def build_network(source: RoadMap | Route, whole: bool = True, walkways: bool = False) -> NetFile:
     """Returns the SUMO net of a map (or a route's map): shipped, cached or newly made.
 
     If netconvert refuses the map of a route, and the net need not be `whole`, the net has the
-    roads of the route only.
+    roads of the route only. A net with `walkways` has sidewalks and crossings for pedestrians.
 
     A cached net belongs to the map's content, netconvert's version and the options used; a damaged
     file is made again. Processes that make the same net at the same time each write their own file
     and move it into place.
 
     Raises:
-      InputError: `source` is neither a map nor a route.
+      InputError: `source` is neither a map nor a route, or has no sidewalks for `walkways`.
       MapError: netconvert cannot use the map; the message states its reason.
       TrafficError: netconvert is missing, the cache folder cannot be written, or the net file
         cannot be read.
@@ -76,6 +87,10 @@ def build_network(source: RoadMap | Route, whole: bool = True) -> NetFile:
     road_map = source.road_map if isinstance(source, Route) else source
     if not isinstance(road_map, RoadMap):
         raise InputError(f"a network is made of a RoadMap or a Route, not of {source!r}")
+    if walkways:
+        if not any(map(has_sidewalks, road_map.roads.values())):
+            raise InputError(f"pedestrians need sidewalks: {road_map.name} has no sidewalk lanes")
+        return NetFile.read(_net_file(road_map, None, walkways=True))
     shipped = road_map.path.with_suffix(".net.xml")
     # Only a net shipped with the package certainly belongs to the map in the same folder.
     if road_map.path.resolve().parent == MAPS.resolve() and shipped.is_file():
@@ -94,17 +109,18 @@ def build_network(source: RoadMap | Route, whole: bool = True) -> NetFile:
         return NetFile.read(target)
 
 
-def _net_file(road_map: RoadMap, only: set[str] | None) -> Path:
+def _net_file(road_map: RoadMap, only: set[str] | None, walkways: bool = False) -> Path:
     """The net of a map, or of some of its roads, in the cache."""
     content = opendrive_for_netconvert(road_map, only)
-    target = _cached_file(content, road_map.left_hand)
+    target = _cached_file(content, road_map.left_hand, walkways)
     if not _is_whole(target):
-        _make(content, road_map.left_hand, target, road_map)
+        _make(content, road_map.left_hand, target, road_map, walkways)
     return target
 
 
-def _cached_file(content: bytes, left_hand: bool) -> Path:
-    made_by = " ".join((*OPENDRIVE_OPTIONS, netconvert_version(), REVISION, str(left_hand)))
+def _cached_file(content: bytes, left_hand: bool, walkways: bool) -> Path:
+    extra = (*WALKWAY_OPTIONS, WALKWAY_REVISION) if walkways else ()
+    made_by = " ".join((*OPENDRIVE_OPTIONS, netconvert_version(), REVISION, str(left_hand), *extra))
     key = content + made_by.encode()
     folder = cache_dir() / "nets"
     try:
@@ -131,7 +147,7 @@ def _is_whole(net: Path) -> bool:
     return bool(seal) and digest.split()[:1] == [hashlib.sha256(body).hexdigest().encode()]
 
 
-def _make(content: bytes, left_hand: bool, target: Path, road_map: RoadMap) -> None:
+def _make(content: bytes, left_hand: bool, target: Path, road_map: RoadMap, walkways: bool) -> None:
     name = road_map.name
     try:
         # In the target's folder, so that the file can be moved in one operation.
@@ -141,24 +157,36 @@ def _make(content: bytes, left_hand: bool, target: Path, road_map: RoadMap) -> N
     with folder:
         source, made = Path(folder.name) / "map.xodr", Path(folder.name) / "made.net.xml"
         source.write_bytes(content)
-        arguments = ["--opendrive", str(source), *OPENDRIVE_OPTIONS, "--output-file", str(made)]
-        run_netconvert(arguments, name)
-        text = made.read_text(encoding="utf-8") if made.is_file() else ""
-        if "<edge " not in text:
-            raise MapError(f"{name}: netconvert found no road in the map that cars may use{ADVICE}")
-        # The leading comment holds a date and paths; without it one map gives one file.
-        text = re.sub(r"<!--.*?-->\s*", "", text, count=1, flags=re.DOTALL)
-        text = re.sub(r"<lane [^>]*>", _close_if_narrow, text)
+        text = _converted(source, made, name)
+        if walkways:
+            text = with_vehicle_lanes(_converted(source, made, name, WALKWAY_OPTIONS), text, name)
+        text = with_programs(text, road_map.content.light_programs, road_map.roads)
         if left_hand:
             text = _mirrored(text)
         # Lanes through a direct junction belong to no road of the map.
         text = re.sub(rf'\s*<param key="{ORIGIN}" value="{BRIDGE}[^"]*" ?/>', "", text)
         made.write_text(text, encoding="utf-8", newline="\n")
-        offsets = stop_offsets(NetFile.read(made), road_map.roads)
+        net = NetFile.read(made)
+        offsets = stop_offsets(net, road_map.roads)
+        if walkways:
+            lines = lines_before(net, read_crossings(made, road_map.roads))
+            offsets |= {lane: max(line, offsets.get(lane, 0.0)) for lane, line in lines.items()}
         text = re.sub(r'<lane id="([^"]*)"[^>]*?(/?)>', partial(_with_stop_line, offsets), text)
         digest = hashlib.sha256(text.encode()).hexdigest()
         made.write_text(f"{text}{_SEAL}{digest} -->\n", encoding="utf-8", newline="\n")
         made.replace(target)
+
+
+def _converted(source: Path, made: Path, name: str, options: Sequence[str] = ()) -> str:
+    """The net that netconvert makes of an OpenDRIVE file, with narrow lanes closed."""
+    arguments = ["--opendrive", str(source), *OPENDRIVE_OPTIONS, *options]
+    run_netconvert([*arguments, "--output-file", str(made)], name)
+    text = made.read_text(encoding="utf-8") if made.is_file() else ""
+    if "<edge " not in text:
+        raise MapError(f"{name}: netconvert found no road in the map that cars may use{ADVICE}")
+    # The leading comment holds a date and paths; without it one map gives one file.
+    text = re.sub(r"<!--.*?-->\s*", "", text, count=1, flags=re.DOTALL)
+    return re.sub(r"<lane [^>]*>", _close_if_narrow, text)
 
 
 def _mirrored(text: str) -> str:
@@ -169,8 +197,9 @@ def _mirrored(text: str) -> str:
     root = ElementTree.fromstring(text)
     root.set("lefthand", "true")
     for element in root.iter():
-        if shape := element.get("shape"):
-            element.set("shape", " ".join(map(_below, shape.split())))
+        for key in ("shape", "outlineShape"):
+            if shape := element.get(key):
+                element.set(key, " ".join(map(_below, shape.split())))
         if element.tag == "junction":
             element.set("y", _opposite(element.attrib["y"]))
         elif element.tag == "connection":
@@ -209,7 +238,8 @@ def _with_stop_line(offsets: Mapping[str, float], lane: re.Match[str]) -> str:
 def _close_if_narrow(lane: re.Match[str]) -> str:
     """Closes a lane where it opens or ends and is too narrow for a vehicle."""
     width = re.search(r'\bwidth="([^"]*)"', lane[0])
-    if width is None or float(width[1]) >= USABLE_LANE_WIDTH:
+    walkway = f'allow="{WALKER}"' in lane[0]
+    if width is None or walkway or float(width[1]) >= USABLE_LANE_WIDTH:
         return lane[0]
     bare = re.sub(r' (dis)?allow="[^"]*"', "", lane[0])
     return bare.replace("<lane ", '<lane disallow="all" ', 1)

@@ -1,8 +1,9 @@
 """Turns that a long vehicle and another one cannot make side by side.
 
-SUMO lets two vehicles turn left past each other, because the centers of their lanes do not cross.
-The rear of a long vehicle cuts into the other turn. So the second of the two waits at its stop line
-until the first has left the junction; the truck itself is never held.
+SUMO lets two vehicles turn left past each other, because the centers of their lanes do not cross,
+and a vehicle turn left past one that turns right out of the road into which it turns. The rear of a
+long vehicle, or the front that swings out, cuts into the other turn. So the second of the two waits
+at its stop line until the first has left the junction; the truck itself is never held.
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ from dataclasses import dataclass
 from functools import partial
 
 from traffic_bridge.network.net_file import NetConnection, NetFile, NetLane
-from traffic_bridge.network.stop_lines import junction_links, meets
+from traffic_bridge.network.stop_lines import TURNS, junction_links, meets
 from traffic_bridge.session import Session
 
+LEFT = {"l", "L"}  # SUMO's letters of left turns
 LONG = 8.0  # [m]: vehicles from this length on need the ground of another turn
 BRAKING = 2.0  # [m/s2] to the stop line
 REACHES = 25.0  # [m] before a stop line in which a vehicle is looked at
@@ -48,12 +50,13 @@ class OppositeTurns:
         self._against: list[set[int]] = []
         self._number: dict[tuple[str, str], int] = {}
         for links in junction_links(net).values():
-            turns = [link for link in links if link.turn in "lL"]
+            turns = [link for link in links if link.turn in TURNS]
             pairs = [
                 (a, b)
                 for a, b in itertools.combinations(turns, 2)
                 if _edge(a.start) != _edge(b.start)
                 and _edge(a.end) != _edge(b.end)
+                and {a.turn, b.turn} & LEFT
                 and meets(net, a, b)
             ]
             for pair in pairs:

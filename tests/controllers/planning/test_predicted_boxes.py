@@ -127,6 +127,28 @@ def leads(*vehicles, speed=1.0):
     return crossing_leads(Scene(0.0, ego(speed=speed), vehicles), PREVIEW, PARAMETERS, path, None)
 
 
+WALKER = {"length": 0.6, "width": 0.6, "course": 0.5 * math.pi, "aside": -4.0}
+
+
+@pytest.mark.parametrize("kind", ["pedestrian", "bicycle", "car"])
+def test_the_truck_expects_only_vehicles_to_yield(kind):
+    found = leads(other(1014.0, speed=1.4, kind=kind, **WALKER), speed=5.0)
+    assert bool(found) == (kind != "car")
+
+
+def test_a_person_who_stands_beside_the_lane_does_not_stop_the_truck():
+    beside = WALKER | {"aside": -1.8}
+    assert not leads(other(1014.0, speed=0.0, kind="pedestrian", **beside), speed=5.0)
+    inside = WALKER | {"aside": -0.5}
+    assert leads(other(1014.0, speed=0.0, kind="pedestrian", **inside), speed=5.0)
+
+
+def test_a_crossing_vehicle_counts_on_another_part_of_the_route():
+    crossing = other(1012.0, -6.0, 0.5 * math.pi, 4.0)
+    assert leads(crossing, speed=5.0)
+    assert leads(dataclasses.replace(crossing, station=2500.0), speed=5.0)
+
+
 @pytest.mark.parametrize("distance", np.arange(8.1, 19.0, 0.75))
 def test_the_truck_stops_before_the_position_at_which_it_touches(distance):
     ((lead, name),) = leads(other(1000.0 + distance, course=0.5 * math.pi, speed=0.0))

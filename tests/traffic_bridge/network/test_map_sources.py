@@ -19,7 +19,7 @@ from tests.village import NODES, WAYS, write_osm
 from traffic_bridge import MapNetwork
 from traffic_bridge.network import map_sources
 from traffic_bridge.network.map_sources import convert
-from traffic_bridge.network.nets import run_netconvert
+from traffic_bridge.network.nets import build_network, run_netconvert
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +63,50 @@ def test_limits_lights_and_names_of_an_extract_are_read(content):
     assert sorted(limits) == pytest.approx([30 / 3.6, 50 / 3.6, 70 / 3.6], abs=0.01)
     lit = [road for road in main if any(signal.is_traffic_light for signal in road.signals)]
     assert len(lit) == 4
+
+
+ARMS = {"w": (-200, 0), "e": (200, 20), "n": (10, 200)}
+
+
+def letters(net):
+    """The letters of each light's links over a cycle, by the link's first point and turn."""
+    lanes = {lane.get("id"): lane for lane in net.iter("lane")}
+    (light,) = net.findall("tlLogic")
+    found = {}
+    for link in net.findall("connection"):
+        if link.get("tl") == light.get("id"):
+            lane = lanes[f"{link.get('from')}_{link.get('fromLane')}"]
+            point = [float(n) for n in lane.get("shape").split()[0].split(",")[:2]]
+            key = *map(round, point), link.get("dir")
+            number = int(link.get("linkIndex"))
+            phases = light.findall("phase")
+            found[key] = [(float(p.get("duration")), p.get("state")[number]) for p in phases]
+    return light.get("offset"), found
+
+
+def test_lights_of_a_net_keep_their_programs(folder):
+    nodes = "".join(f'<node id="{k}" x="{x}" y="{y}"/>' for k, (x, y) in ARMS.items())
+    center = '<node id="c" x="0" y="0" type="traffic_light"/>'
+    (folder / "n.nod.xml").write_text(f"<nodes>{center}{nodes}</nodes>")
+    edges = "".join(
+        f'<edge id="{k}c" from="{k}" to="c" numLanes="2"/><edge id="c{k}" from="c" to="{k}"/>'
+        for k in ARMS
+    )
+    (folder / "n.edg.xml").write_text(f"<edges>{edges}</edges>")
+    net = folder / "lit.net.xml"
+    inputs = ["-n", str(folder / "n.nod.xml"), "-e", str(folder / "n.edg.xml")]
+    options = ["--default.junctions.radius", "10", "--no-turnarounds"]
+    run_netconvert([*inputs, *options, "-o", str(net)])
+    tree = ElementTree.parse(net)
+    (light,) = tree.getroot().findall("tlLogic")
+    light.set("offset", "7")
+    for number, phase in enumerate(light.findall("phase")):
+        phase.set("duration", str(11 + number))
+    tree.write(net)
+    made = build_network(load_map(net)).path
+    source, driven = (letters(ElementTree.parse(path).getroot()) for path in (net, made))
+    assert len(source[1]) >= 6
+    assert source == driven
 
 
 def test_every_turn_is_wide_enough_for_a_truck(content):

@@ -210,6 +210,9 @@ def test_five_minutes_of_dense_traffic_without_contact(lane_change, seed):
         touched += [(truck.time, v) for v in vehicles if truck.touches(v)]
         touched += [(truck.time, *pair) for pair in overlapping(vehicles)]
     assert not touched
+    # With LC2013 and seed 5 the truck (8 m/s) is in the right lane from 4 s on. Vehicles of 14 m/s
+    # pass it in the middle lane until 291 s, and each takes the room that `may_enter` asks for
+    # 7.5 s. With seeds 0 and 1 it begins 14 and 15 changes.
     assert changes.begun >= 2
     assert len(known) > 50
 

@@ -1,0 +1,106 @@
+"""Keeps the programs of a SUMO net's traffic lights when the net becomes an OpenDRIVE map.
+
+netconvert writes a signal for each link of a light, named LIGHT_LINK, and reads these names back.
+So each link of the driven net takes the letters of its link in the source.
+"""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Mapping
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+from iits_mj.road.elements import LightProgram, Road
+from iits_mj.road.xml_input import Reader, parse_xml, read_file
+
+SIGNALS = "linkSignalID:"  # netconvert's parameter of a program: the signals of a link
+# Subtypes of netconvert's signals by SUMO's letter of the turn.
+_SUBTYPES = {"l": "10", "L": "10", "r": "20", "R": "20", "s": "30"}
+
+
+def read_programs(net: Path, size_max: int) -> tuple[LightProgram, ...]:
+    """Returns the programs of the lights of a SUMO net; of several for a light, the last one.
+
+    Args:
+      net: the file.
+      size_max: bytes of it.
+
+    Raises:
+      MapError: the file cannot be read.
+    """
+    content = read_file(net, size_max)
+    if net.name.lower().endswith(".gz"):
+        with gzip.open(net) as file:
+            content = file.read(size_max)
+    reader, found = Reader(str(net)), {}
+    for item in parse_xml(content, str(net)).findall("tlLogic"):
+        name = reader.text(item, "id")
+        phases = tuple(
+            (reader.number(phase, "duration"), reader.text(phase, "state"))
+            for phase in item.findall("phase")
+        )
+        if phases:
+            found[name] = LightProgram(name, reader.number(item, "offset", 0.0), phases)
+    return tuple(found.values())
+
+
+def with_programs(text: str, programs: tuple[LightProgram, ...], roads: Mapping[str, Road]) -> str:
+    """Returns a net whose lights have the programs of their source.
+
+    A light keeps netconvert's program if a link of it is not in one program of the source: lights
+    of crossings that the source does not have, or of two lights that netconvert has joined.
+
+    Args:
+      text: the net, made of the map.
+      programs: of the source.
+      roads: of the map, by id; their signals name the links of the source.
+    """
+    if not programs:
+        return text
+    root = ElementTree.fromstring(text)
+    subtypes = {signal.id: signal.subtype for road in roads.values() for signal in road.signals}
+    links: dict[str, dict[int, str]] = {}
+    for link in root.findall("connection"):
+        if light := link.get("tl"):
+            links.setdefault(light, {})[int(link.attrib["linkIndex"])] = link.get("dir", "s")
+    for item in root.findall("tlLogic"):
+        sources = _sources(item, links.get(item.attrib["id"], {}), subtypes)
+        for program in programs:
+            length = len(program.phases[0][1])
+            if sources and all(name == program.id and number < length for name, number in sources):
+                _take(item, program, [number for _, number in sources])
+    return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _sources(
+    item: Element, turns: Mapping[int, str], subtypes: Mapping[str, str]
+) -> list[tuple[str, int]]:
+    """Light and link of the source for each link of a program; empty if one is unknown."""
+    signals = {
+        int(key.removeprefix(SIGNALS)): parameter.get("value", "").split()
+        for parameter in item.findall("param")
+        if (key := parameter.get("key", "")).startswith(SIGNALS)
+    }
+    found = []
+    for number in range(len(item.findall("phase")[0].get("state", ""))):
+        names = signals.get(number, [])
+        wanted = _SUBTYPES.get(turns.get(number, ""))
+        chosen = [name for name in names if subtypes.get(name) == wanted] or names
+        light, _, link = chosen[0].rpartition("_") if len(chosen) == 1 else ("", "", "")
+        if not light or not link.isdigit():
+            return []
+        found.append((light, int(link)))
+    return found
+
+
+def _take(item: Element, program: LightProgram, numbers: list[int]) -> None:
+    """Gives a light the phases of a program, with its links' letters in another order."""
+    for phase in item.findall("phase"):
+        item.remove(phase)
+    item.set("type", "static")
+    item.set("offset", f"{program.offset:g}")
+    for place, (duration, state) in enumerate(program.phases):
+        letters = "".join(state[number] for number in numbers)
+        item.insert(place, Element("phase", duration=f"{duration:g}", state=letters))
