@@ -1,29 +1,41 @@
-"""Write a recorded drive as OpenSCENARIO XML with its map, or as OSI ground truth.
+"""Write a scenario or a recorded drive as OpenSCENARIO XML with its map, or as OSI ground truth.
 
-'iits-mj record' makes the recording of a drive, with or without scripted events; 'iits-mj
-import-trajectories' that of measured traffic. The road users of the scenario repeat what they did.
+A file of events (.toml) becomes stories with triggers and actions. 'iits-mj record' makes the
+recording (.npz) of a drive, 'iits-mj import-trajectories' that of measured traffic: the road users
+of its scenario repeat what they did.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from iits_mj.commands.output import prepare_file
 from iits_mj.core.errors import InputError
-from iits_mj.core.options import option
-from iits_mj.core.progress import task
-from iits_mj.parameters import AnyTruck, TruckParameters, truck_option
+from iits_mj.core.options import given_in, option
+from iits_mj.core.progress import remark, task
+from iits_mj.parameters import TruckParameters
+from iits_mj.simulation.config import DriveConfig, TruckStart
 from iits_mj.simulation.drive_log import options_of, truck_of
-from iits_mj.simulation.parts import load_map
+from iits_mj.simulation.parts import load_map, load_route
 from traffic_bridge.recording.provenance import check_map, load
+
+_DRIVE = {field.name: field for field in dataclasses.fields(DriveConfig)}
+
+
+def _like_drive(name: str) -> Any:
+    """A field as that of a drive."""
+    field = _DRIVE[name]
+    return dataclasses.field(default=field.default, metadata=field.metadata)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class Options(TruckStart):
     """Flags of `iits-mj export`."""
 
-    file: Path = option(help="recording", metavar="FILE.npz", positional=True)
+    file: Path = option(help="scenario or recording", metavar="FILE.toml|FILE.npz", positional=True)
     xosc: Path | None = option(
         None,
         help="write OpenSCENARIO XML 1.3, and the map as .xodr beside it",
@@ -33,13 +45,9 @@ class Options:
     osi: Path | None = option(
         None, help="write OSI ground truth", metavar="FILE.mcap", group="output"
     )
-    map: Path | None = option(
-        None,
-        help="map of the recording; without it the built-in 15 km highway",
-        metavar="FILE.xodr",
-        group="road",
-    )
-    truck: AnyTruck | None = truck_option("truck of the recording, if it is not a shipped one")
+    param: tuple[str, ...] = _like_drive("param")
+    speed: float = _like_drive("speed")
+    duration: float = _like_drive("duration")
 
 
 def run(options: Options) -> int:
@@ -51,6 +59,11 @@ def run(options: Options) -> int:
     """
     if options.xosc is None and options.osi is None:
         raise InputError("nothing to write: give --xosc FILE.xosc, --osi FILE.mcap, or both")
+    if options.file.suffix == ".toml":
+        return _export_events(options)
+    unused = [n for n in given_in(options) if n not in ("file", "xosc", "osi", "map", "truck")]
+    if unused:
+        raise InputError(f"{unused[0]} is of a scenario, and {options.file} is a recording")
     recording, name = load(options.file)
     along, parameters = None, None
     if "drive" in recording.meta:
@@ -78,4 +91,27 @@ def run(options: Options) -> int:
         with task("writing OSI ground truth"):
             count = osi.write_recording(options.osi, recording, parameters, route)
         print(f"OSI ground truth, {count} messages: {options.osi}")
+    return 0
+
+
+def _export_events(options: Options) -> int:
+    """Writes a file of events."""
+    from iits_mj.export import storyboard
+
+    if options.xosc is None:
+        raise InputError(f"{options.file} is a scenario: give --xosc FILE.xosc")
+    if options.osi is not None:
+        raise InputError("osi is of a recorded drive: make one with iits-mj record --events")
+    values = {name: getattr(options, name) for name in _DRIVE if hasattr(options, name)}
+    config = DriveConfig(**values, events=options.file, traffic_mode="none")
+    prepare_file(options.xosc, "--xosc")
+    parameters = TruckParameters.load(config.truck)
+    with task("writing OpenSCENARIO"):
+        scenario, road, remarks = storyboard.write_events(
+            options.xosc, config, load_route(config), parameters
+        )
+    for each in remarks:
+        remark(each)
+    print(f"scenario: {scenario}")
+    print(f"map: {road}")
     return 0

@@ -272,7 +272,8 @@ class ChangeSpeed(Maneuver):
         speed_factor: of the truck's speed, instead of it.
       to: id of the vehicle that replaces the truck in these; continuous: the speed follows that of
         the truck or of this vehicle until another maneuver changes it.
-      acceleration: greatest magnitude [m/s2]; jerk: greatest magnitude [m/s3].
+      acceleration: greatest magnitude [m/s2]; deceleration: of a lower speed, None: the same
+        [m/s2]; jerk: greatest magnitude [m/s3].
       shape: course of the speed over time, one of `SHAPES`, or "step" for a change within one step
         of the traffic, instead of a jerk; time: of the change [s]; distance: driven meanwhile,
         instead of it [m]; neither: the speed changes with the acceleration as its mean.
@@ -286,6 +287,7 @@ class ChangeSpeed(Maneuver):
     to: str = TRUCK
     continuous: bool = False
     acceleration: float = 1.5
+    deceleration: float | None = None
     jerk: float = 5.0
     shape: str | None = None
     time: float | None = None
@@ -311,18 +313,21 @@ class ChangeSpeed(Maneuver):
         if self.continuous and self.shape in SHAPES:
             raise InputError(f"{self.kind}: continuous is only for the shape step or a jerk")
         self._number("acceleration", 0.05, 15.0)
+        self._optional("deceleration", 0.05, 15.0)
         self._number("jerk", 0.1, 1_000.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class KeepDistance(Maneuver):
-    """A distance behind another vehicle, by a bounded acceleration.
+    """A distance behind another vehicle, or ahead of the truck, by a bounded acceleration.
 
     The acceleration is proportional to the errors of the distance and of the speed, as of an
     adaptive cruise control with a constant time gap: R. Rajamani, "Vehicle Dynamics and Control",
-    2nd ed., 2012, section 6.4.
+    2nd ed., 2012, section 6.4. A place ahead of the truck is reached as that of a `CutIn`.
 
     Attributes:
+      ahead: of the truck, at a `gap` that is not continuous, by a bounded `acceleration`.
+      speed_difference: to the truck's speed when the place ahead is reached [m/s].
       to: "truck" or id of the vehicle ahead; freespace: the gap is between the bumpers; false:
         between the front bumpers.
       gap: [m]; time_gap: [s], instead of it.
@@ -341,6 +346,8 @@ class KeepDistance(Maneuver):
     acceleration: float = 2.0
     deceleration: float = 5.0
     fastest: float = SPEED_MAX
+    ahead: bool = False
+    speed_difference: float = 0.0
 
     def _check_maneuver(self) -> None:
         self._text("to")
@@ -352,6 +359,32 @@ class KeepDistance(Maneuver):
         self._number("acceleration", 0.05, 100.0)
         self._number("deceleration", 0.05, 100.0)
         self._number("fastest", 0.0, SPEED_MAX)
+        self._number("speed_difference", -SPEED_MAX, SPEED_MAX)
+        _flag(self, "ahead")
+        plain = self.to == TRUCK and self.gap is not None and self.freespace
+        if self.ahead and (self.continuous or not plain):
+            raise InputError(f"{self.kind}: ahead needs a gap to the truck that is not continuous")
+        if self.speed_difference and not self.ahead:
+            raise InputError(f"{self.kind}: speed_difference needs ahead")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActivateDriver(Maneuver):
+    """The car-following model drives the vehicle from now on, or does not: it keeps its speed.
+
+    It has the desired speed that it last had. A vehicle that is not `reactive` has no such model.
+
+    Attributes:
+      active: whether it drives.
+    """
+
+    kind: ClassVar[str] = "activate_driver"
+    ends: ClassVar[tuple[str, ...]] = ()
+
+    active: bool = True
+
+    def _check_maneuver(self) -> None:
+        _flag(self, "active")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -705,7 +738,7 @@ class StuckSpeedSensor(Fault):
 
 SCENARIO_EVENTS: tuple[type[Event], ...] = (
     *(PlaceVehicle, CutIn, ChangeLane, ChangeSpeed, Brake, Swerve, Drift, LoseCargo, CrossRoad),
-    *(FollowPath, KeepDistance, Synchronize, Swarm, RemoveVehicle),
+    *(FollowPath, KeepDistance, ActivateDriver, Synchronize, Swarm, RemoveVehicle),
     *(Milestone, SetValue, EndDrive, FrictionChange, Wind, Puncture, BrakeLeak, StuckSpeedSensor),
 )
 

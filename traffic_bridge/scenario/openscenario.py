@@ -7,14 +7,21 @@ wind, and the actions of the ego: it is the truck, and its own driver decides.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from iits_mj.core.messages import EgoFootprint
 from iits_mj.road import Route
+from traffic_bridge.scenario.actions import ChangeSpeed, KeepDistance
 from traffic_bridge.scenario.conditions import ROLES, TRUCK
-from traffic_bridge.scenario.openscenario_actions import Actions, scenario_event
+from traffic_bridge.scenario.openscenario_actions import (
+    Actions,
+    activation,
+    own_values,
+    scenario_event,
+)
 from traffic_bridge.scenario.openscenario_entities import UNUSED, Entities, Values
 from traffic_bridge.scenario.openscenario_file import Node, number_or_text, read_root
 from traffic_bridge.scenario.openscenario_parameters import parameters_of
@@ -171,9 +178,14 @@ class OpenScenario:
                 values = actions.values(step.action, step.name, step.actor)
                 made.append(scenario_event(step.event, values, groups))
                 continue
+            if (own := step.action.find("UserDefinedAction")) is not None:
+                values = {"name": step.name, **(own_values(own) or {})}
+                made.append(scenario_event(own, values, groups))
+                continue
             kind = next(iter(step.action.child("GlobalAction")))
             for node, values in actions.of_world(kind, step.name):
                 made.append(scenario_event(node, values, groups))
+        made = _with_final_speeds(made)
         triggers.family = -1
         if self._stop is not None and (groups := triggers.groups(self._stop, stop=True)):
             made.append(scenario_event(self._stop, {"event": "end_drive"}, groups))
@@ -247,17 +259,27 @@ class OpenScenario:
                 if event.get("priority") not in PRIORITIES:
                     event.fail(f"priority must be one of {', '.join(PRIORITIES)}")
                 made = []
+                started = self._started_with(event)
                 for action in event:
                     if action.tag != "Action" or not any(True for _ in action):
                         continue
+                    custom = action.find("UserDefinedAction")
+                    if custom is not None and own_values(custom) is None:
+                        command = custom.child("CustomCommandAction")
+                        self._entities.not_used(command, _name(event))
+                        continue
                     private = action.find("PrivateAction") is not None
                     for actor in names if private else ("",):
+                        if private and actor in started and self._is_start(action, actor):
+                            continue
                         if actor == self.ego:
                             self._skipped.append(_name(event))
                             self._triggers.elements.setdefault(("action", _name(action)), [])
                             continue
                         does = next(iter(next(iter(action), action)), action)
-                        if does.tag in UNUSED:
+                        if does.tag in UNUSED and not (
+                            self._entities.members[actor].reactive and activation(does)
+                        ):
                             self._entities.not_used(does, actor)
                         name = self._new_name(_name(event))
                         if _is_added(action):
@@ -272,6 +294,18 @@ class OpenScenario:
                     kind = each.tag[:1].lower() + each.tag[1:]
                     self._triggers.elements.setdefault((kind, _name(each)), []).extend(made)
 
+    def _started_with(self, event: Node) -> list[str]:
+        """The entities that an event adds."""
+        return [a.get("entityRef") for a in event.all("EntityAction") if _is_added(a)]
+
+    def _is_start(self, action: Node, actor: str) -> bool:
+        """Whether an action gives an entity, which its event adds, its speed at once."""
+        speed = next(action.all("SpeedAction"), None)
+        if speed is None or speed.child("SpeedActionDynamics").get("dynamicsShape") != "step":
+            return False
+        self._entities.speeds[actor] = speed
+        return True
+
     def _new_name(self, wanted: str) -> str:
         """A name of an event that no other has."""
         name, number = wanted, 2
@@ -279,6 +313,27 @@ class OpenScenario:
             name, number = f"{wanted} {number}", number + 1
         self._names.add(name)
         return name
+
+
+def _with_final_speeds(events: list[Event]) -> list[Event]:
+    """Lets a vehicle arrive ahead of the truck with the speed that its next event gives it.
+
+    That event begins at the end of its way there, and its speed is relative to the truck's.
+    """
+    final = {
+        condition.event: event.speed_difference
+        for event in events
+        if isinstance(event, ChangeSpeed) and event.speed_difference is not None
+        for group in event.when or ()
+        for condition in group
+        if event.to == TRUCK and condition.state == "ended" and condition.event is not None
+    }
+    return [
+        dataclasses.replace(event, speed_difference=final[event.title])
+        if isinstance(event, KeepDistance) and event.ahead and event.title in final
+        else event
+        for event in events
+    ]
 
 
 def _is_added(action: Node) -> bool:

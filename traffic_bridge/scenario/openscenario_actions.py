@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
@@ -11,9 +12,10 @@ import numpy as np
 
 from iits_mj.core.angles import wrap_angle
 from iits_mj.core.errors import InputError
-from traffic_bridge.scenario.actions import BENDS, STEEPEST
+from traffic_bridge.scenario.actions import BENDS, SCENARIO_EVENTS, STEEPEST
 from traffic_bridge.scenario.conditions import SIGNAL, TRUCK
 from traffic_bridge.scenario.openscenario_entities import (
+    AHEAD,
     CATEGORIES,
     ROUTES,
     UNUSED,
@@ -58,9 +60,14 @@ class Actions:
             "name": name,
             "speed": self._entities.speed(name),
             "type": entity.type,
-            "reactive": False,
+            "reactive": entity.reactive,
             **entity.size,
         }
+        if groups is not None and node.tag == "RelativeLanePosition":
+            own = self._entities.body(node)
+            if own == TRUCK:
+                yield scenario_event(node, values | self._beside_truck(node, name, entity), groups)
+                return
         spot = self._entities.spot(name)
         if entity.walks or math.isnan(spot.offset):
             values |= self._standing(entity, self._entities.pose(name))
@@ -75,6 +82,27 @@ class Actions:
             action = self._entities.trajectories[name]
             made = {"name": self._new_name(f"trajectory of {name}"), "actor": name}
             yield scenario_event(action, made | self._trajectory(action, entity, at_start=True))
+
+    def _beside_truck(self, node: Node, name: str, entity: Entity) -> Values:
+        """The place of a vehicle that is added relative to where the truck is then."""
+        ego = self._entities.members[self._entities.ego]
+        way = node.number("ds" if node.has("ds") else "dsLane")
+        length = float(entity.size["length"])
+        gap = way + entity.front - length - ego.front
+        if gap < 0.0:
+            gap = way + entity.front - (ego.front - float(ego.size["length"]))
+            if gap >= 0.0:
+                node.fail("a place beside the truck is not read: ahead of it or behind it")
+        values: Values = {"gap": gap, "relative_lane": round(node.number("dLane"))}
+        if (offset := node.number("offset", 0.0)) != 0.0:
+            values["offset"] = offset
+        speed = self._entities.speeds.get(name)
+        target = None if speed is None else next(iter(speed.child("SpeedActionTarget")))
+        if target is not None and target.tag == "RelativeTargetSpeed":
+            if self._entities.body(target) != TRUCK or target.get(*VALUE_TYPE) != "delta":
+                target.fail("is read as a difference to the speed of the ego")
+            values |= {"speed": None, "speed_difference": target.number("value")}
+        return values
 
     def _driving(self, entity: Entity, spot: Spot, node: Node) -> Values:
         """The place of a vehicle on a road."""
@@ -218,37 +246,51 @@ class Actions:
 
     def values(self, node: Node, name: str, actor: str) -> Values:
         """Returns the event of a private action for one actor, with its name."""
-        values: Values = {"name": name}
         kind = next(iter(node.child("PrivateAction")))
-        if kind.tag in UNUSED:
-            return values | {"event": "set_value", "variable": f"{kind.tag} unused", "value": 0.0}
-        values["actor"] = actor
-        if kind.tag == "SynchronizeAction":
-            return values | self._synchronize(kind, actor)
-        if kind.tag not in ("LongitudinalAction", "LateralAction", "RoutingAction"):
-            next(iter(kind), kind).refuse()
-        action = next(iter(kind))
-        if action.tag == "LongitudinalDistanceAction":
-            return values | self._keep_distance(action)
-        if action.tag == "FollowTrajectoryAction":
-            return values | self._trajectory(action, self._entities.members[actor])
-        if action.tag in ROUTES:
-            lane = self._entities.places.driving_lane(self._entities.pose(actor))
-            if not lane:
-                action.fail("the entity does not start in a driving lane")
-            words = words_of([lane, *self._entities.waypoints(action)])
-            self._entities.places.along(words, action)
-            return values | {"event": "follow_path", "along": words}
-        if action.tag == "SpeedAction":
-            made = self._change_speed(action)
-            return made | {"name": name} if made["event"] == "milestone" else values | made
-        if action.tag == "LaneChangeAction":
-            return values | self._change_lane(action, actor)
-        if action.tag == "LaneOffsetAction":
-            return values | _change_offset(action)
-        return action.refuse()
+        action = kind
+        if kind.tag in GROUPED:
+            action = next(iter(kind), kind)
+        driver = activation(kind)
+        if driver is not None and self._entities.members[actor].reactive:
+            made: Values = {"event": "activate_driver", "active": driver.flag("longitudinal")}
+        elif kind.tag in UNUSED:
+            made = {"event": "set_value", "variable": f"{kind.tag} unused", "value": 0.0}
+        elif action.tag in PRIVATE:
+            made = PRIVATE[action.tag](self, action, actor)
+        else:
+            action.refuse()
+        alone = made["event"] in ("milestone", "set_value")
+        return {"name": name, **({} if alone else {"actor": actor}), **made}
 
-    def _change_speed(self, action: Node) -> Values:
+    def _follow_trajectory(self, action: Node, actor: str) -> Values:
+        return self._trajectory(action, self._entities.members[actor])
+
+    def _follow_route(self, action: Node, actor: str) -> Values:
+        lane = self._entities.places.driving_lane(self._entities.pose(actor))
+        if not lane:
+            action.fail("the entity does not start in a driving lane")
+        words = words_of([lane, *self._entities.waypoints(action)])
+        self._entities.places.along(words, action)
+        return {"event": "follow_path", "along": words}
+
+    def _profile(self, action: Node, actor: str) -> Values:
+        """The event of a SpeedProfileAction to one speed within limits."""
+        del actor
+        entries = list(action.only("DynamicConstraints", "SpeedProfileEntry"))
+        entry = entries[-1]
+        if len(entries) > 2 or entry.has("time") or action.get("followingMode") != "follow":
+            action.fail("is read with followingMode follow and one entry that has no time")
+        values: Values = {"event": "change_speed"}
+        if action.has("entityRef"):
+            values |= {"to": self._entities.body(action), "speed_difference": entry.number("speed")}
+        else:
+            values["speed"] = entry.number("speed")
+        if (limits := action.find("DynamicConstraints")) is not None:
+            values |= _given(limits, {**LIMITS, "maxAccelerationRate": "jerk"})
+        return values
+
+    def _change_speed(self, action: Node, actor: str = "") -> Values:
+        del actor
         values: Values = {"event": "change_speed"}
         dynamics = action.child("SpeedActionDynamics")
         shape, dimension = dynamics.get("dynamicsShape"), dynamics.get("dynamicsDimension", "")
@@ -270,7 +312,7 @@ class Actions:
             return values | {"speed": target.number("value")}
         if target.tag != "RelativeTargetSpeed":
             target.refuse()
-        factor = target.get("speedTargetValueType", "delta") == "factor"
+        factor = target.get(*VALUE_TYPE) == "factor"
         return values | {
             "to": self._entities.body(target),
             "speed_factor" if factor else "speed_difference": target.number("value"),
@@ -347,9 +389,7 @@ class Actions:
             **stations,
         }
         tolerances = {"targetTolerance": "tolerance", "targetToleranceMaster": "to_tolerance"}
-        for name, field in tolerances.items():
-            if action.has(name):
-                values[field] = action.number(name)
+        values |= _given(action, tolerances)
         final = action.find("FinalSpeed")
         if final is not None:
             speed = next(iter(final.only("AbsoluteSpeed", "RelativeSpeedToMaster")))
@@ -361,9 +401,8 @@ class Actions:
             values["speed_difference" if relative else "speed"] = speed.number("value")
         return values
 
-    def _keep_distance(self, action: Node) -> Values:
-        if action.get("displacement", "trailingReferencedEntity") != "trailingReferencedEntity":
-            action.fail("displacement is not read: trailingReferencedEntity")
+    def _keep_distance(self, action: Node, actor: str) -> Values:
+        del actor
         timed = action.has("timeGap")
         values: Values = {
             "event": "keep_distance",
@@ -372,16 +411,58 @@ class Actions:
             "freespace": action.flag("freespace"),
             "continuous": action.flag("continuous"),
         }
-        limits = action.find("DynamicConstraints")
-        names = {
-            "maxAcceleration": "acceleration",
-            "maxDeceleration": "deceleration",
-            "maxSpeed": "fastest",
-        }
-        for name, field in names.items():
-            if limits is not None and limits.has(name):
-                values[field] = limits.number(name)
+        if (place := action.get("displacement", BEHIND)) != BEHIND:
+            values["ahead"] = place == AHEAD or action.fail(f"displacement is not read: {BEHIND}")
+        if (limits := action.find("DynamicConstraints")) is not None:
+            values |= _given(limits, {**LIMITS, "maxSpeed": "fastest"})
         return values
+
+
+# Of the groups of private actions the action counts.
+GROUPED = ("LongitudinalAction", "LateralAction", "RoutingAction")
+PRIVATE: dict[str, Callable[[Actions, Node, str], Values]] = {
+    "SynchronizeAction": Actions._synchronize,
+    "SpeedAction": Actions._change_speed,
+    "SpeedProfileAction": Actions._profile,
+    "LongitudinalDistanceAction": Actions._keep_distance,
+    "LaneChangeAction": Actions._change_lane,
+    "LaneOffsetAction": lambda _, action, __: _change_offset(action),
+    "FollowTrajectoryAction": Actions._follow_trajectory,
+    **dict.fromkeys(ROUTES, Actions._follow_route),
+}
+LIMITS = {"maxAcceleration": "acceleration", "maxDeceleration": "deceleration"}
+VALUE_TYPE = "speedTargetValueType", "delta"
+COMMAND = "iits_mj"  # type of the custom commands that are events of this package
+BEHIND = "trailingReferencedEntity"
+
+
+def _given(node: Node, names: Mapping[str, str]) -> Values:
+    """The numbers that a node has, by the names of the fields."""
+    return {field: node.number(name) for name, field in names.items() if node.has(name)}
+
+
+def own_values(node: Node) -> Values | None:
+    """Returns the fields of an event of this package in a UserDefinedAction.
+
+    None: it is a command of another program, or of an event that SUMO's traffic plays.
+    """
+    command = node.child("CustomCommandAction")
+    if command.get("type", "") != COMMAND:
+        return None
+    try:
+        values = json.loads(command.element.text or "")
+        kind = values["event"]
+    except (ValueError, TypeError, KeyError):
+        command.fail("is no table of an event as JSON")
+    return values if kind in {event.kind for event in SCENARIO_EVENTS} else None
+
+
+def activation(kind: Node) -> Node | None:
+    """Returns the ActivateControllerAction of a private action about longitudinal motion."""
+    found = kind if kind.tag == "ActivateControllerAction" else None
+    if kind.tag == "ControllerAction":
+        found = kind.find("ActivateControllerAction")
+    return found if found is not None and found.has("longitudinal") else None
 
 
 def _times(action: Node, vertices: Sequence[Node], at_start: bool) -> list[float] | None:

@@ -32,6 +32,8 @@ ALONG_ROAD = ("RelativeRoadPosition", "RelativeLanePosition")
 BESIDE = ("RelativeObjectPosition", "RelativeWorldPosition")
 # Private actions that are accepted and ignored: visibility, controllers, lamps and doors.
 UNUSED = ("VisibilityAction", "ControllerAction", "ActivateControllerAction", "AppearanceAction")
+# Name of the controller of a vehicle that the Intelligent Driver Model drives.
+MODEL = "IntelligentDriverModel"
 ROUTES = ("AssignRouteAction", "AcquirePositionAction")
 # [m]: the greatest length of a rigid truck, Council Directive 96/53/EC, annex I; a longer one, or a
 # longer combination with a truck, has the body of an articulated truck.
@@ -43,12 +45,16 @@ Values = dict[str, Any]
 
 
 class Entity(NamedTuple):
-    """A road user: type, size with its trailers, and from its reference point to its front [m]."""
+    """A road user: type, size with its trailers, and from its reference point to its front [m].
+
+    A `reactive` one has the controller `MODEL`.
+    """
 
     node: Node
     type: str
     size: Values
     front: float
+    reactive: bool = False
 
     @property
     def center(self) -> float:
@@ -185,7 +191,9 @@ class Entities:
         front = box.child("Center").number("x") + 0.5 * size["length"]
         if body.tag == "Vehicle" and category == "truck" and size["length"] > ARTICULATED:
             kind = "articulated"  # no rigid one is so long
-        return Entity(node, kind, size, front)
+        own = node.find("ObjectController")
+        controllers = [] if own is None else [each.get("name", "") for each in own]
+        return Entity(node, kind, size, front, MODEL in controllers)
 
     def _with_trailers(self, name: str) -> Entity:
         """An entity with the length of its whole combination."""

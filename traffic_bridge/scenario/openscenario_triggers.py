@@ -10,7 +10,7 @@ from iits_mj.core.checks import did_you_mean
 from traffic_bridge.scenario.actors import REST
 from traffic_bridge.scenario.conditions import SIGNAL, TRUCK
 from traffic_bridge.scenario.openscenario_actions import AnyGroups
-from traffic_bridge.scenario.openscenario_entities import Entities, Values
+from traffic_bridge.scenario.openscenario_entities import Entities, Values, on
 from traffic_bridge.scenario.openscenario_file import Node
 
 LIMITS = {
@@ -187,6 +187,9 @@ class Triggers:
             if other.tag != "EntityRef":
                 other.refuse()
         to = self._entities.body(other)
+        if not values["freespace"]:
+            # Between the reference points.
+            values["shift"] = self._entities.front(of) - self._entities.front(to)
         return {**values, "measure": measures[tag], "to": to, **_limit(node)}
 
     def _by_position(self, node: Node, of: str) -> Values:
@@ -213,6 +216,8 @@ class Triggers:
             )
             point = (pose.x, pose.y)
             return {"measure": "distance", "of": of, "point": point, "back": front, **limits}
+        if kind == "lateral" and node.get("coordinateSystem", "entity") in ("road", "lane"):
+            return {"of": of, **self._aside(node, position)}
         if kind != "longitudinal" or node.flag("freespace"):
             node.fail(f"relativeDistanceType {kind!r}, or freespace, to a position is not read")
         limit = _limit(node)
@@ -221,6 +226,14 @@ class Triggers:
         at = self._entities.station(position, self._entities.route) + front
         bounds = {"above": at - limit["below"], "below": at + limit["below"]}
         return {"measure": "station", "of": of, **bounds}
+
+    def _aside(self, node: Node, position: Node) -> Values:
+        """The offsets of an entity's center that are near to a position's."""
+        found, limit = on(self._entities.route, self._entities.places.pose(position)), _limit(node)
+        if found is None or "below" not in limit or node.flag("freespace"):
+            node.fail("is read with lessThan, without freespace, and on the truck's route")
+        bounds = found.offset - limit["below"], found.offset + limit["below"]
+        return {"measure": "offset", "above": bounds[0], "below": bounds[1]}
 
 
 def is_criterion(condition: Node) -> bool:
