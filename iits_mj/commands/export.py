@@ -14,7 +14,7 @@ from typing import Any
 
 from iits_mj.commands.output import prepare_file
 from iits_mj.core.errors import InputError
-from iits_mj.core.options import given_in, option
+from iits_mj.core.options import given_in, given_names, option
 from iits_mj.core.progress import remark, task
 from iits_mj.parameters import TruckParameters
 from iits_mj.simulation.config import DriveConfig, TruckStart
@@ -48,6 +48,7 @@ class Options(TruckStart):
     param: tuple[str, ...] = _like_drive("param")
     speed: float = _like_drive("speed")
     duration: float = _like_drive("duration")
+    given: frozenset[str] = given_names()
 
 
 def run(options: Options) -> int:
@@ -57,9 +58,10 @@ def run(options: Options) -> int:
       InputError: no file is asked for, the recording was made on another map or with another truck,
         or a file cannot be written.
     """
-    if options.xosc is None and options.osi is None:
+    events = options.file.suffix == ".toml"
+    if not events and options.xosc is None and options.osi is None:
         raise InputError("nothing to write: give --xosc FILE.xosc, --osi FILE.mcap, or both")
-    if options.file.suffix == ".toml":
+    if events:
         return _export_events(options)
     unused = [n for n in given_in(options) if n not in ("file", "xosc", "osi", "map", "truck")]
     if unused:

@@ -1,12 +1,12 @@
 """Scenarios of events as ASAM OpenSCENARIO XML 1.3: triggers, actions, and the map as OpenDRIVE.
 
-Each event is a maneuver group with the event's name. Its action of that name ends when the event
-ends. Vehicles that the Intelligent Driver Model drives have the controller `MODEL`, which other
+Each event is one of the same name, whose action "NAME action" ends when the event ends. Vehicles that the Intelligent Driver Model drives have the controller `MODEL`, which other
 simulators replace by their own.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import json
 import math
@@ -48,6 +48,7 @@ from traffic_bridge.vehicles.types import default_types, road_user_types
 # Conditions on times include their limits.
 INCLUSIVE = {"greaterThan": "greaterOrEqual", "lessThan": "lessOrEqual"}
 OPPOSITE = {"greaterThan": "lessThan", "lessThan": "greaterThan"}
+ACTION = "{} action"  # name of the action of a name; all elements have different names
 FAR = 1e4  # [s] of a time gap: whatever is ahead is nearer
 DIGITS = 6
 TIMES = ("at_time", "at_station", "when")  # fields of an event that say when it begins
@@ -93,7 +94,7 @@ def write_events(
     events = configured_events(config)
     check_references(events)
     story = _Story(placed(config, route, parameters.footprint), route, parameters, events)
-    for event in events:
+    for event in story.events.values():
         story.add(event)
     return (*story.write(path), tuple(story.remarks))
 
@@ -110,11 +111,17 @@ class _Story:
     ) -> None:
         self.xosc = xosc = xosc_package()
         self.route, self.config, self.remarks = route, config, list[str]()
-        self._events = {event.title: event for event in events}
+        self.events: dict[str, Event] = {}
+        for event in events:
+            if event.title in self.events:
+                numbers = (f"{event.title} {k}" for k in itertools.count(2))
+                name = next(each for each in numbers if each not in self.events)
+                event = dataclasses.replace(event, name=name)
+            self.events[event.title] = event
         self._frames = RoadFrames(route.road_map)
         self._types = {kind.name: kind for kind in (*default_types(), *road_user_types())}
         self.entities, self.init = xosc.Entities(), xosc.Init()
-        self._act = xosc.Act("events", at_time(0.0), xosc.Trigger("stop"))
+        self._act = xosc.Act("act", at_time(0.0), xosc.Trigger("stop"))
         self._stop, self._variables = xosc.Trigger("stop"), dict[str, float | str]()
         station, lane = config.start_station, config.start_lane
         limit = float(route.speed_limit(station, lane))
@@ -140,7 +147,7 @@ class _Story:
         self._stop.add_conditiongroup(self._group([at_time(self.config.duration)], "stop"))
         board = xosc.StoryBoard(self.init, self._stop)
         if self._act.maneuvergroup:
-            story = xosc.Story("events")
+            story = xosc.Story("story")
             story.add_act(self._act)
             board.add_story(story)
         declared = xosc.VariableDeclarations()
@@ -185,7 +192,8 @@ class _Story:
 
     def _group(self, conditions: Sequence[Any], point: str) -> Any:
         group = self.xosc.ConditionGroup(point)
-        for condition in conditions:
+        for k, condition in enumerate(conditions):
+            condition.name += f" {k}" if k else ""
             group.add_condition(condition)
         return group
 
@@ -279,7 +287,7 @@ class _Story:
 
     def _of_event(self, event: Event, condition: Condition) -> Any:
         """A condition on the state of another event."""
-        xosc, other = self.xosc, self._events[str(condition.event)]
+        xosc, other = self.xosc, self.events[str(condition.event)]
         kinds, states = xosc.StoryboardElementType, xosc.StoryboardElementState
         name, ends = other.title, (other.duration, other.until) != (None, None)
         if condition.state == "begun":
@@ -289,7 +297,7 @@ class _Story:
         elif isinstance(other, do.LateralManeuver) or (
             isinstance(other, (do.Maneuver, do.CrossRoad, do.SetValue)) and not ends
         ):
-            found = kinds.action, name, states.completeState
+            found = kinds.action, ACTION.format(name), states.completeState
         elif ends:
             found = kinds.event, f"{name} ends", states.startTransition
         else:
@@ -365,11 +373,11 @@ class _Story:
         xosc = self.xosc
         made = xosc.Event(name, xosc.Priority.parallel)
         for each, action in actions:
-            made.add_action(each, action)
+            made.add_action(ACTION.format(each), action)
         made.add_trigger(trigger)
-        maneuver = xosc.Maneuver(name)
+        maneuver = xosc.Maneuver(f"{name} maneuver")
         maneuver.add_event(made)
-        group = xosc.ManeuverGroup(name)
+        group = xosc.ManeuverGroup(f"{name} group")
         group.add_actor(actor)
         group.add_maneuver(maneuver)
         self._act.add_maneuver_group(group)
@@ -379,7 +387,7 @@ class _Story:
         xosc = self.xosc
         state = xosc.StoryboardElementState.completeState
         kind = xosc.StoryboardElementType.action
-        made = xosc.StoryboardElementStateCondition(kind, action, state)
+        made = xosc.StoryboardElementStateCondition(kind, ACTION.format(action), state)
         trigger = xosc.ValueTrigger(f"{action} is complete", *_timing(xosc), made)
         self.event(name, actor, actions, trigger)
 
@@ -463,29 +471,31 @@ class _Story:
         return made
 
     def appear(
-        self, event: Event, places: Sequence[tuple[str, Any, Any]], then: Sequence[Any] = ()
+        self,
+        event: Event,
+        places: Sequence[tuple[str, Any, Any]],
+        then: Sequence[tuple[str, Any]] = (),
     ) -> None:
         """Lets entities appear at places, with actions that give their speeds.
 
         Args:
           event: of them.
           places: name, position and SpeedAction of each.
-          then: actions of the first one from there on.
+          then: names and actions of the first one from there on.
         """
         xosc, title = self.xosc, event.title
         if self._at_start(event):
             for name, position, speed in places:
                 self.init.add_init_action(name, xosc.TeleportAction(position))
                 self.init.add_init_action(name, speed)
-            for action in then:
-                self.init.add_init_action(places[0][0], action)
+            if then:
+                self.event(title, places[0][0], then, self.trigger(event))
             return
-        actions = []
+        actions: list[tuple[str, Any]] = []
         for name, position, speed in places:
             actions += [(f"add {name}", xosc.AddEntityAction(name, position))]
             actions += [(f"start {name}", speed)] if len(places) == 1 else []
-        actions += [(f"drive {places[0][0]}", action) for action in then]
-        self.event(title, places[0][0], actions, self.trigger(event))
+        self.event(title, places[0][0], [*actions, *then], self.trigger(event))
 
     def delete(self, event: Event, names: Sequence[str]) -> None:
         """Lets entities disappear at the end of an event."""
@@ -611,10 +621,10 @@ def _place(story: _Story, event: do.PlaceVehicle) -> bool | None:
         way = ego.front + gap + member.back if gap >= 0.0 else gap - ego.back - member.front
         front = ego_front - ego.front + way + member.front
     starts = speed_action(speed)
-    then: list[Any] = []
+    then: list[tuple[str, Any]] = []
     if event.points is not None:
         action, position = story.trajectory(name, event.points, None, event.frame)
-        then.append(action)
+        then.append((f"way of {name}", action))
     elif at_start or (gap is None and None not in (event.lane, event.speed)):
         assert front is not None
         position = story.lane_position(route, front - member.front, lane, event.offset or 0.0)
@@ -808,7 +818,9 @@ def _cross(story: _Story, event: do.CrossRoad) -> bool | None:
     ends = [route.evaluate(station, begin), route.evaluate(station, begin + way)]
     points = [(float(p.x), float(p.y), float(p.z)) for p in ends]
     action, place = story.trajectory(name, points, None, "map")
-    story.appear(event, [(name, place, speed_action(event.speed))], [action])
+    story.appear(event, [(name, place, speed_action(event.speed))], [(event.title, action)])
+    last = speed_action(0.0) if event.distance else story.xosc.DeleteEntityAction(name)
+    story.after(f"{event.title} ends", name, [(f"{event.title} ends", last)], event.title)
     return None
 
 
