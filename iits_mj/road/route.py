@@ -57,6 +57,10 @@ LINKS_CUT_MAX = 50
 TABLE_COLUMNS = (*RoadPoint._fields, "friction_left", "friction_right", "friction_split")
 
 
+# The records of the map that was read last, by hash and name: a drive reads its map several times.
+_LAST: dict[tuple[str, str], tuple[OpenDriveMap, RoadGraph]] = {}
+
+
 class RoadMap:
     """A map: its roads, and chains of them to drive on.
 
@@ -82,7 +86,7 @@ class RoadMap:
 
     @classmethod
     def from_opendrive(cls, path: str | Path, name: str | None = None) -> RoadMap:
-        """Reads an OpenDRIVE file; a large one that was read before comes from the cache.
+        """Reads an OpenDRIVE file; the last one, or a large one, comes from memory or the cache.
 
         Args:
           path: of the file.
@@ -94,16 +98,18 @@ class RoadMap:
         content = read_file(Path(path))
         digest = content_hash(content)
         name = str(Path(path)) if name is None else name
-        if len(content) < SIZE_MIN:
-            return cls(parse(content, name), path, digest, name)
-        cache = MapCache(digest, name)
-        state = cache.recall("map")
+        large = len(content) >= SIZE_MIN
+        cache = MapCache(digest, name) if large else None
+        state = _LAST.get((digest, name)) or (cache.recall("map") if cache else None)
         if state is None:
-            made = cls(parse(content, name), path, digest, name)
-            cache.keep("map", (made.content, made._graph))
-        else:
-            made = cls.__new__(cls)
-            made._fill(path, digest, name, *state)
+            parsed = parse(content, name)
+            state = parsed, RoadGraph(parsed, name)
+            if cache:
+                cache.keep("map", state)
+        _LAST.clear()
+        _LAST[digest, name] = state
+        made = cls.__new__(cls)
+        made._fill(path, digest, name, *state)
         made._cache = cache
         return made
 
