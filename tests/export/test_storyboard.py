@@ -87,7 +87,9 @@ def test_triggers_and_actions_are_those_of_the_standard(tmp_path):
         "leadingReferencedEntity"
     )
     assert root.find(".//LaneChangeAction//RelativeTargetLane").get("entityRef") == "Ego"
-    assert {each.tag for each in root.find(".//Story").iter() if each.tag.endswith("Condition")} == {
+    assert {
+        each.tag for each in root.find(".//Story").iter() if each.tag.endswith("Condition")
+    } == {
         *("Condition", "EntityCondition", "ByEntityCondition", "ByValueCondition"),
         *("SimulationTimeCondition", "StoryboardElementStateCondition"),
         *("TimeHeadwayCondition", "RelativeDistanceCondition"),
@@ -101,11 +103,13 @@ CAR = '[[events]]\nevent = "place_vehicle"\nname = "car"\ngap = 30.0\n'
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('[[events]]\nevent = "brake"\nactor = "leader"', "brake.*role 'leader' has no counterpart"),
+        (
+            '[[events]]\nevent = "brake"\nactor = "leader"',
+            "brake.*role 'leader' has no counterpart",
+        ),
         ('[[events]]\nevent = "brake"\nactor = "bus"', "'bus' is no vehicle of an event before it"),
         (
-            f'{CAR}[[events]]\nevent = "brake"\nactor = "car"\n'
-            'when = {event = "car"}',
+            f'{CAR}[[events]]\nevent = "brake"\nactor = "car"\nwhen = {{event = "car"}}',
             "event 'car' never ends",
         ),
         (
@@ -133,7 +137,10 @@ def test_what_openscenario_lacks_is_refused_by_name(text, message, tmp_path, cap
     [
         (["events.toml"], "is a scenario: give --xosc"),
         (["events.toml", "--osi", "a.mcap", "--xosc", "a.xosc"], "osi is of a recorded drive"),
-        (["drive.npz", "--speed", "20", "--xosc", "a.xosc"], "speed is of a scenario, and drive.npz"),
+        (
+            ["drive.npz", "--speed", "20", "--xosc", "a.xosc"],
+            "speed is of a scenario, and drive.npz",
+        ),
         (["events.toml", "--xosc", "a.xosc", "--start-station", "99999"], "not on the route"),
     ],
 )

@@ -472,6 +472,30 @@ class FollowPath(Maneuver):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Teleport(Maneuver):
+    """A road user is at another place at once, and drives on there as before.
+
+    Attributes:
+      station: of its front bumper [m]; lane: from the right; offset: to the left of its center [m].
+      along: its road in the words of `iits_mj.road.route_choice`; None: the truck's.
+    """
+
+    kind: ClassVar[str] = "teleport"
+    ends: ClassVar[tuple[str, ...]] = ()
+
+    station: float
+    lane: int
+    offset: float = 0.0
+    along: str | None = None
+
+    def _check_maneuver(self) -> None:
+        self._number("station", 0.0, LONGEST)
+        self._whole("lane", 0, 20)
+        self._number("offset", -100.0, 100.0)
+        _check_along(self)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Brake(Maneuver):
     """Braking to a speed, which the vehicle keeps; with `duration` it then drives on.
 
@@ -738,7 +762,7 @@ class StuckSpeedSensor(Fault):
 
 SCENARIO_EVENTS: tuple[type[Event], ...] = (
     *(PlaceVehicle, CutIn, ChangeLane, ChangeSpeed, Brake, Swerve, Drift, LoseCargo, CrossRoad),
-    *(FollowPath, KeepDistance, ActivateDriver, Synchronize, Swarm, RemoveVehicle),
+    *(FollowPath, KeepDistance, ActivateDriver, Synchronize, Swarm, RemoveVehicle, Teleport),
     *(Milestone, SetValue, EndDrive, FrictionChange, Wind, Puncture, BrakeLeak, StuckSpeedSensor),
 )
 
@@ -748,12 +772,7 @@ def _check_way(event: PlaceVehicle | FollowPath) -> None:
     kind, points = event.kind, event.points
     one_of(f"{kind}: frame", event.frame, FRAMES)
     _flag(event, "stays")
-    if event.along is not None:
-        event._text("along")
-        try:
-            read_words(event.along)
-        except InputError as error:
-            raise InputError(f"{kind}: along: {error}") from None
+    _check_along(event)
     if points is None:
         return
     if not isinstance(points, (list, tuple)) or not 2 <= len(points) <= POINTS_MAX:
@@ -765,6 +784,16 @@ def _check_way(event: PlaceVehicle | FollowPath) -> None:
     if any(before[:2] == after[:2] for before, after in itertools.pairwise(made)):
         raise InputError(f"{kind}: points: two equal points follow each other")
     object.__setattr__(event, "points", made)
+
+
+def _check_along(event: PlaceVehicle | FollowPath | Teleport) -> None:
+    if event.along is None:
+        return
+    event._text("along")
+    try:
+        read_words(event.along)
+    except InputError as error:
+        raise InputError(f"{event.kind}: along: {error}") from None
 
 
 def _flag(event: Event, field: str) -> None:

@@ -176,6 +176,11 @@ def gap(a: Body, b: Body, freespace: bool = True, shift: float = 0.0) -> float:
     return max(b.rear - a.front, a.rear - b.front, 0.0)
 
 
+def clearance(a: Body, b: Body) -> float:
+    """Greatest gap of two bodies along the road and across it [m], 0 where they touch."""
+    return max(gap(a, b), abs(b.offset - a.offset) - 0.5 * (a.width + b.width), 0.0)
+
+
 def time_gap(a: Body, b: Body, freespace: bool = True, shift: float = 0.0) -> float:
     """Time in which `a` covers its gap to `b` ahead of it [s]; inf if it never does."""
     if b.front + shift <= a.front or a.pace <= SLOWEST:
@@ -210,6 +215,7 @@ MEASURES: dict[str, Measure] = {
     "speed": Measure("m/s", 1, lambda a: a.speed),
     "acceleration": Measure("m/s2", 1, lambda a: a.acceleration),
     "gap": Measure("m", 2, gap),
+    "clearance": Measure("m", 2, clearance),
     "ahead": Measure("m", 2, lambda a, b: b.front - a.front),
     "distance": Measure("m", 2, lambda a, b: math.hypot(b.x - a.x, b.y - a.y)),
     "time_gap": Measure("s", 2, time_gap),
@@ -226,7 +232,8 @@ class Condition:
 
     Attributes:
       measure: one of `MEASURES`. "station" is that of the front bumper; "gap" is between the
-        bumpers along the route, 0 side by side; "ahead" is how far the front bumper of `to` is
+        bumpers along the route, 0 side by side; "clearance" is the greater one of the gaps along
+        the route and across it, 0 where they touch; "ahead" is how far the front bumper of `to` is
         ahead of that of `of`; "time_gap" is that of `of` behind `to`; "speed_difference" is the
         speed of `to` minus that of `of`; "distance" is in the plane, between the centers.
       above, below, equals: the value is compared with one or both limits, or with one number.

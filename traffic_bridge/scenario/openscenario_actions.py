@@ -24,10 +24,9 @@ from traffic_bridge.scenario.openscenario_entities import (
     Spot,
     Values,
     on,
-    polyline,
 )
 from traffic_bridge.scenario.openscenario_file import Node
-from traffic_bridge.scenario.openscenario_places import Pose, road_at, words_of
+from traffic_bridge.scenario.openscenario_places import Pose, road_at, shape_of, words_of
 from traffic_bridge.scenario.reading import event_of
 from traffic_bridge.signals.events import Event
 
@@ -75,7 +74,7 @@ class Actions:
             values |= self._driving(entity, spot, node)
         yield scenario_event(node, values, groups)
         speed = self._entities.speeds.get(name)
-        if speed is not None and next(iter(speed.child("SpeedActionTarget"))).flag("continuous"):
+        if speed is not None and speed.child("SpeedActionTarget").first().flag("continuous"):
             made = {"name": self._new_name(f"speed of {name}"), "actor": name}
             yield scenario_event(speed, made | self._change_speed(speed))
         if name in self._entities.trajectories:
@@ -97,7 +96,7 @@ class Actions:
         if (offset := node.number("offset", 0.0)) != 0.0:
             values["offset"] = offset
         speed = self._entities.speeds.get(name)
-        target = None if speed is None else next(iter(speed.child("SpeedActionTarget")))
+        target = None if speed is None else speed.child("SpeedActionTarget").first()
         if target is not None and target.tag == "RelativeTargetSpeed":
             if self._entities.body(target) != TRUCK or target.get(*VALUE_TYPE) != "delta":
                 target.fail("is read as a difference to the speed of the ego")
@@ -131,10 +130,9 @@ class Actions:
         """The event of a FollowTrajectoryAction."""
         if action.number("initialDistanceOffset", 0.0) != 0.0:
             action.fail("initialDistanceOffset is not read")
-        vertices = list(polyline(action, self._entities.catalogs))
-        poses = [self._vertex(each, each is vertices[-1]) for each in vertices]
-        times = _times(action, vertices, at_start)
-        poses, times = _apart(poses, times)
+        shape = shape_of(action, self._entities.catalogs)
+        poses, times = self._entities.places.curve(shape)
+        poses, times = _apart(poses, _times(action, times, at_start))
         if len(poses) < 2:
             action.fail("a trajectory needs two places")
         centers = []
@@ -149,14 +147,6 @@ class Actions:
         if entity.walks or on(self._entities.route, last) is None:
             points.extend(self._entities.places.way_on(poses[-1], last.heading))
         return values | {"points": _points(points)} | ({} if times is None else {"times": times})
-
-    def _vertex(self, vertex: Node, last: bool) -> Pose:
-        """The place of a vertex; only the last one needs its road."""
-        node = next(iter(vertex.child("Position")))
-        if node.tag == "WorldPosition" and node.has("z") and not last:
-            x, y, z = (node.number(axis) for axis in "xyz")
-            return Pose(x, y, z, node.number("h", 0.0))
-        return self._entities.places.pose(node)
 
     def of_world(self, kind: Node, name: str = "") -> Iterator[tuple[Node, Values]]:
         """Yields the events of a global action, of which an environment may have several.
@@ -180,7 +170,7 @@ class Actions:
             return
         if named:  # what begins with the action, whatever the environment has
             yield kind, named | {"event": "set_value", "variable": "environment", "value": name}
-        node = self._entities.catalogs.resolve(next(iter(kind)))
+        node = self._entities.catalogs.resolve(kind.first())
         node.only("ParameterDeclarations", "TimeOfDay", "Weather", "RoadCondition")
         road, weather = node.find("RoadCondition"), node.find("Weather")
         start = self._entities.spot(self._entities.ego)
@@ -198,7 +188,7 @@ class Actions:
             yield wind, {**values, "direction": math.degrees(origin)}
 
     def _swarm(self, kind: Node) -> Values:
-        action = next(iter(kind))
+        action = kind.first()
         if action.tag != "TrafficSwarmAction":
             action.refuse()
         center = action.find("CentralObject") or action.child("CentralSwarmObject")
@@ -229,13 +219,13 @@ class Actions:
         """The event of an action on a parameter, a variable or a traffic signal."""
         if kind.tag in ("ParameterAction", "VariableAction"):
             name = kind.get("parameterRef" if kind.tag == "ParameterAction" else "variableRef")
-            action = next(iter(kind))
+            action = kind.first()
             if action.tag != "SetAction":
                 action.refuse()
             return {"event": "set_value", "variable": name, "value": action.value("value")}
         if kind.tag != "InfrastructureAction":
             kind.refuse()
-        signal = next(iter(kind.child("TrafficSignalAction")))
+        signal = kind.child("TrafficSignalAction").first()
         if signal.tag != "TrafficSignalStateAction":
             signal.refuse()
         return {
@@ -246,7 +236,7 @@ class Actions:
 
     def values(self, node: Node, name: str, actor: str) -> Values:
         """Returns the event of a private action for one actor, with its name."""
-        kind = next(iter(node.child("PrivateAction")))
+        kind = node.child("PrivateAction").first()
         action = kind
         if kind.tag in GROUPED:
             action = next(iter(kind), kind)
@@ -261,6 +251,14 @@ class Actions:
             action.refuse()
         alone = made["event"] in ("milestone", "set_value")
         return {"name": name, **({} if alone else {"actor": actor}), **made}
+
+    def _teleport(self, action: Node, actor: str) -> Values:
+        """The event of a TeleportAction to a place in a lane."""
+        node = action.child("Position").first()
+        spot = self._entities.spot_of(node)
+        if spot is None:
+            node.fail("is on no driving lane that leads where it faces")
+        return {"event": "teleport", **self._driving(self._entities.members[actor], spot, node)}
 
     def _follow_trajectory(self, action: Node, actor: str) -> Values:
         return self._trajectory(action, self._entities.members[actor])
@@ -307,7 +305,7 @@ class Actions:
             values["distance"] = max(dynamics.number("value"), SHORTEST)
         elif shape != "step":
             dynamics.fail(f"{shape} over {dimension} is not read: time, rate or distance")
-        target = next(iter(action.child("SpeedActionTarget")))
+        target = action.child("SpeedActionTarget").first()
         if target.tag == "AbsoluteTargetSpeed":
             return values | {"speed": target.number("value")}
         if target.tag != "RelativeTargetSpeed":
@@ -324,7 +322,7 @@ class Actions:
             action.fail("targetLaneOffset is not read")
         dynamics = action.child("LaneChangeActionDynamics")
         values = {"event": "change_lane", **_lateral(dynamics)}
-        target = next(iter(action.child("LaneChangeTarget")))
+        target = action.child("LaneChangeTarget").first()
         if target.tag == "RelativeTargetLane":
             return values | self._relative_lane(target, actor)
         spot = self._entities.spot(actor)
@@ -381,7 +379,7 @@ class Actions:
             if math.isnan(spot.offset):
                 action.fail(f"{name} is on no road")
             track = self._entities.track(spot, action)
-            at = self._entities.station(next(iter(action.child(child))), track)
+            at = self._entities.station(action.child(child).first(), track)
             stations[key] = at + self._entities.members[name].front
         values: Values = {
             "event": "synchronize",
@@ -392,9 +390,9 @@ class Actions:
         values |= _given(action, tolerances)
         final = action.find("FinalSpeed")
         if final is not None:
-            speed = next(iter(final.only("AbsoluteSpeed", "RelativeSpeedToMaster")))
+            speed = final.only("AbsoluteSpeed", "RelativeSpeedToMaster").first()
             if any(True for _ in speed):
-                next(iter(speed)).refuse()
+                speed.first().refuse()
             relative = speed.tag == "RelativeSpeedToMaster"
             if relative and speed.get("speedTargetValueType") != "delta":
                 speed.fail("speedTargetValueType is not read: delta")
@@ -422,6 +420,7 @@ class Actions:
 GROUPED = ("LongitudinalAction", "LateralAction", "RoutingAction")
 PRIVATE: dict[str, Callable[[Actions, Node, str], Values]] = {
     "SynchronizeAction": Actions._synchronize,
+    "TeleportAction": Actions._teleport,
     "SpeedAction": Actions._change_speed,
     "SpeedProfileAction": Actions._profile,
     "LongitudinalDistanceAction": Actions._keep_distance,
@@ -465,8 +464,8 @@ def activation(kind: Node) -> Node | None:
     return found if found is not None and found.has("longitudinal") else None
 
 
-def _times(action: Node, vertices: Sequence[Node], at_start: bool) -> list[float] | None:
-    """Times of the vertices since the beginning of the event [s]; None: it has none."""
+def _times(action: Node, given: Sequence[float] | None, at_start: bool) -> list[float] | None:
+    """Times of a curve's places since the beginning of the event [s]; None: it has none."""
     reference = action.find("TimeReference")
     timing = None if reference is None else next(iter(reference), None)
     if timing is None or timing.tag == "None":
@@ -474,7 +473,9 @@ def _times(action: Node, vertices: Sequence[Node], at_start: bool) -> list[float
     if timing.get("domainAbsoluteRelative") != "relative" and not at_start:
         timing.fail("absolute times are read in Init only: relative")
     scale, offset = timing.number("scale"), timing.number("offset")
-    return [scale * each.number("time") + offset for each in vertices]
+    if given is None:
+        timing.fail("the trajectory has no times")
+    return [scale * time + offset for time in given]
 
 
 def _apart(
@@ -525,7 +526,7 @@ def _lateral(dynamics: Node) -> Values:
 
 def _change_offset(action: Node) -> Values:
     dynamics = action.child("LaneOffsetActionDynamics")
-    target = next(iter(action.child("LaneOffsetTarget")))
+    target = action.child("LaneOffsetTarget").first()
     if target.tag not in ("AbsoluteTargetLaneOffset", "RelativeTargetLaneOffset"):
         target.refuse()
     offset, shape = target.number("value"), dynamics.get("dynamicsShape")

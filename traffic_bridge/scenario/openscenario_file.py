@@ -53,6 +53,10 @@ class Node:
         """Returns the first child with a tag; None if there is none."""
         return next((child for child in self if child.tag == tag), None)
 
+    def first(self) -> Node:
+        """Returns the first child; InputError if there is none."""
+        return next(iter(self), None) or self.fail("has no element")
+
     def child(self, tag: str, *below: str) -> Node:
         """Returns the first child with a tag, or below it; InputError if there is none."""
         found = self.find(tag)

@@ -22,6 +22,7 @@ LIMITS = {
 }
 EDGES = {"none": "none", "rising": "rising", "falling": "falling", "risingOrFalling": "either"}
 STATES = {"startTransition": "begun", "endTransition": "ended", "completeState": "ended"}
+TOUCH = 1e-3  # [m] of clearance: nearer bodies touch
 INSTANT = 1e-6  # [s] after a time that a condition excludes
 NEVER: Values = {"measure": "time", "below": -1.0}
 CRITERION = "criteria_"  # begins the names of conditions that CARLA's ScenarioRunner reads as tests
@@ -73,11 +74,11 @@ class Triggers:
         if edge not in EDGES:
             node.fail(f"conditionEdge {edge!r}: allowed are {', '.join(EDGES)}")
         base: Values = {"edge": EDGES[edge], "delay": node.number("delay", 0.0)}
-        kind = next(iter(node))
+        kind = node.first()
         if is_criterion(node):
             return [[base | NEVER]]
         if kind.tag == "ByValueCondition":
-            return self._by_value(next(iter(kind)), base)
+            return self._by_value(kind.first(), base)
         triggering = kind.child("TriggeringEntities")
         entities = [
             TRUCK if name == self._entities.ego else name
@@ -86,7 +87,7 @@ class Triggers:
         ]
         if len(entities) > 1 and edge != "none":
             triggering.fail(f"several entities with conditionEdge {edge!r} are not read")
-        condition = next(iter(kind.child("EntityCondition")))
+        condition = kind.child("EntityCondition").first()
         made = [base | self._by_entity(condition, name) for name in entities]
         every = triggering.get("triggeringEntitiesRule") == "all"
         return [made] if every else [[each] for each in made]
@@ -163,6 +164,9 @@ class Triggers:
             return {"measure": "station", "of": of, "above": front + node.number("value")}
         if tag == "StandStillCondition":
             return {"measure": "speed", "of": of, "below": REST, "lasting": node.number("duration")}
+        if tag == "CollisionCondition":
+            to = self._entities.body(node.only("EntityRef").first())
+            return {"measure": "clearance", "of": of, "to": to, "below": TOUCH}
         if tag in ("ReachPositionCondition", "DistanceCondition"):
             return self._by_position(node, of)
         values: Values = {"of": of, "freespace": node.flag("freespace")}
@@ -183,7 +187,7 @@ class Triggers:
             node.fail(f"relativeDistanceType {kind!r} is not read")
         other = node
         if tag == "TimeToCollisionCondition":
-            other = next(iter(node.child("TimeToCollisionConditionTarget")))
+            other = node.child("TimeToCollisionConditionTarget").first()
             if other.tag != "EntityRef":
                 other.refuse()
         to = self._entities.body(other)
@@ -194,7 +198,7 @@ class Triggers:
 
     def _by_position(self, node: Node, of: str) -> Values:
         """A condition on the distance of an entity to a position."""
-        position = next(iter(node.child("Position")))
+        position = node.child("Position").first()
         front = self._entities.front(of)
         kind = node.get("relativeDistanceType", "euclidianDistance")
         if node.tag == "ReachPositionCondition" or kind in PLANE:

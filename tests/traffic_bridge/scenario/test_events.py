@@ -7,6 +7,7 @@ import pytest
 from iits_mj.core.errors import InputError
 from tests.paths import ROOT
 from traffic_bridge import (
+    ActivateDriver,
     Brake,
     BrakeLeak,
     ChangeLane,
@@ -28,6 +29,7 @@ from traffic_bridge import (
     Swarm,
     Swerve,
     Synchronize,
+    Teleport,
     TrafficConfig,
     Wind,
     read_events,
@@ -50,6 +52,8 @@ ONE_OF_EACH = (
     CrossRoad(name="walker", gap=50.0),
     FollowPath(actor="a", points=[[0.0, 1.0], [5, 2]], times=[0, 2.0]),
     KeepDistance(actor="a", time_gap=1.5),
+    ActivateDriver(actor="a", active=False),
+    Teleport(actor="a", station=300.0, lane=1),
     RemoveVehicle(actor="a"),
     Synchronize(actor="a", station=500.0, to_station=480.0, speed=10.0),
     SetValue(variable="light", value="green"),
