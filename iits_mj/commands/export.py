@@ -16,8 +16,8 @@ from iits_mj.commands.output import prepare_file
 from iits_mj.core.errors import InputError
 from iits_mj.core.options import given_in, given_names, option
 from iits_mj.core.progress import remark, task
-from iits_mj.parameters import TruckParameters
-from iits_mj.simulation.config import DriveConfig, TruckStart
+from iits_mj.parameters import AnyTruck, TruckParameters
+from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.drive_log import options_of, truck_of
 from iits_mj.simulation.parts import load_map, load_route
 from traffic_bridge.recording.provenance import check_map, load
@@ -32,7 +32,7 @@ def _like_drive(name: str) -> Any:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(TruckStart):
+class Options:
     """Flags of `iits-mj export`."""
 
     file: Path = option(help="scenario or recording", metavar="FILE.toml|FILE.npz", positional=True)
@@ -43,8 +43,14 @@ class Options(TruckStart):
         group="output",
     )
     osi: Path | None = option(
-        None, help="write OSI ground truth", metavar="FILE.mcap", group="output"
+        None, help="write OSI ground truth of a recording", metavar="FILE.mcap", group="output"
     )
+    map: Path | None = _like_drive("map")
+    truck: AnyTruck | None = _like_drive("truck")
+    route: str | None = _like_drive("route")
+    start_station: float = _like_drive("start_station")
+    start_lane: int = _like_drive("start_lane")
+    start_speed: float = _like_drive("start_speed")
     param: tuple[str, ...] = _like_drive("param")
     speed: float = _like_drive("speed")
     duration: float = _like_drive("duration")
