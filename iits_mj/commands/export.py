@@ -22,13 +22,11 @@ from iits_mj.simulation.drive_log import options_of, truck_of
 from iits_mj.simulation.parts import load_map, load_route
 from traffic_bridge.recording.provenance import check_map, load
 
-_DRIVE = {field.name: field for field in dataclasses.fields(DriveConfig)}
-
-
-def _like_drive(name: str) -> Any:
-    """A field as that of a drive."""
-    field = _DRIVE[name]
-    return dataclasses.field(default=field.default, metadata=field.metadata)
+# The options of a scenario are those of a drive.
+_DRIVE: dict[str, Any] = {
+    each.name: dataclasses.field(default=each.default, metadata=each.metadata)
+    for each in dataclasses.fields(DriveConfig)
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,15 +43,15 @@ class Options:
     osi: Path | None = option(
         None, help="write OSI ground truth of a recording", metavar="FILE.mcap", group="output"
     )
-    map: Path | None = _like_drive("map")
-    truck: AnyTruck | None = _like_drive("truck")
-    route: str | None = _like_drive("route")
-    start_station: float = _like_drive("start_station")
-    start_lane: int = _like_drive("start_lane")
-    start_speed: float = _like_drive("start_speed")
-    param: tuple[str, ...] = _like_drive("param")
-    speed: float = _like_drive("speed")
-    duration: float = _like_drive("duration")
+    map: Path | None = _DRIVE["map"]
+    truck: AnyTruck | None = _DRIVE["truck"]
+    route: str | None = _DRIVE["route"]
+    start_station: float = _DRIVE["start_station"]
+    start_lane: int = _DRIVE["start_lane"]
+    start_speed: float = _DRIVE["start_speed"]
+    param: tuple[str, ...] = _DRIVE["param"]
+    speed: float = _DRIVE["speed"]
+    duration: float = _DRIVE["duration"]
     given: frozenset[str] = given_names()
 
 
