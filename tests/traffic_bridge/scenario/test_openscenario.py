@@ -670,7 +670,7 @@ def test_an_event_begins_where_two_entities_touch(tmp_path):
 </ByValueCondition>"""
     time = next(t for t in (time, time.replace("\n", "")) if t in SCENARIO)
     text = SCENARIO.replace(time, condition).replace('dLane="1" ds="30"', 'dLane="0" ds="30"')
-    start, frames, records = play(written(tmp_path, text), 4.0)
+    _, _, records = play(written(tmp_path, text), 4.0)
     # 25 m between the truck at 20 m/s and the car at 9 m/s, which have the same lane.
     assert records["aside"].begun == pytest.approx(25.0 / 11.0, abs=0.11)
 
@@ -690,9 +690,9 @@ def test_a_speed_profile_has_the_limits_of_the_file(tmp_path):
     # 6 m/s at 2 m/s2, and 0.2 s until the acceleration is reached.
     record = records["aside"]
     assert record.ended - record.begun == pytest.approx(3.2, abs=0.21)
+    timed = SCENARIO.replace(ACTION, PROFILE.replace('speed="-5"', 'speed="-5" time="2"'))
     with pytest.raises(InputError, match="one entry that has no time"):
-        timed = PROFILE.replace('speed="-5"', 'speed="-5" time="2"')
-        play(written(tmp_path, SCENARIO.replace(ACTION, timed)), 0.1)
+        play(written(tmp_path, timed), 0.1)
 
 
 COMMAND = '<Action name="x"><UserDefinedAction><CustomCommandAction type="TYPE">TEXT'
