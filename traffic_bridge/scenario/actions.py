@@ -121,12 +121,6 @@ class Maneuver(SceneEvent):
 
     actor: str = text(REQUIRED)
 
-    def _check(self) -> None:
-        self._check_maneuver()
-
-    def _check_maneuver(self) -> None:
-        """Checks the subclass's own values."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class LateralManeuver(Maneuver):
@@ -150,7 +144,6 @@ class LateralManeuver(Maneuver):
         self._either(*given, needed=False)
         if all(getattr(self, name) is None for name in given):
             object.__setattr__(self, "duration", 3.0)
-        super()._check()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,7 +180,8 @@ class ChangeLane(LateralManeuver):
     lane: int | None = whole(None, 0, 20)
     to: str | None = text(None)
 
-    def _check_maneuver(self) -> None:
+    def _check(self) -> None:
+        super()._check()
         self._either("relative_lane", "lane")
 
 
@@ -253,7 +247,7 @@ class ChangeSpeed(Maneuver):
     time: float | None = number(None, 0.01, 1e4)
     distance: float | None = number(None, 0.1, 1e5)
 
-    def _check_maneuver(self) -> None:
+    def _check(self) -> None:
         self._either("speed", "speed_difference", "speed_factor")
         if self.continuous and self.speed is not None:
             raise InputError(f"{self.kind}: continuous has no meaning with speed")
@@ -299,7 +293,7 @@ class KeepDistance(Maneuver):
     ahead: bool = False
     speed_difference: float = number(0.0, -SPEED_MAX, SPEED_MAX)
 
-    def _check_maneuver(self) -> None:
+    def _check(self) -> None:
         self._either("gap", "time_gap")
         plain = self.to == TRUCK and self.gap is not None and self.freespace
         if self.ahead and (self.continuous or not plain):
@@ -350,7 +344,7 @@ class Synchronize(Maneuver):
     tolerance: float = number(0.5, 0.0, 100.0)
     to_tolerance: float = number(0.5, 0.0, 100.0)
 
-    def _check_maneuver(self) -> None:
+    def _check(self) -> None:
         self._either("speed", "speed_difference", needed=False)
 
 
@@ -383,7 +377,7 @@ class FollowPath(Maneuver):
     goal: int | None = None
     stays: bool = False
 
-    def _check_maneuver(self) -> None:
+    def _check(self) -> None:
         self._either("points", "along")
         _check_way(self)
         count = len(self.points or ())
@@ -418,7 +412,7 @@ class Teleport(Maneuver):
     offset: float = number(0.0, -100.0, 100.0)
     along: str | None = None
 
-    def _check_maneuver(self) -> None:
+    def _check(self) -> None:
         _check_along(self)
 
 
@@ -451,7 +445,7 @@ class LoseCargo(Maneuver):
 
     deceleration: float = number(5.0, 0.5, 15.0)
 
-    def _check_maneuver(self) -> None:
+    def _check(self) -> None:
         self._text("name")
 
 

@@ -75,6 +75,13 @@ def test_every_event_survives_a_json_file():
     assert TrafficConfig.from_dict(stored).events == ONE_OF_EACH
 
 
+def test_every_motion_to_the_side_takes_3_s_without_another_measure():
+    for event in ONE_OF_EACH:
+        if isinstance(event, (CutIn, ChangeLane, Swerve)):
+            assert event.duration == 3.0
+    assert ChangeLane(actor="a", lane=1, distance=50.0).duration is None
+
+
 def test_every_event_takes_conditions_and_refuses_two_beginnings():
     when = {"measure": "time", "above": 1.0}
     for event in ONE_OF_EACH:
