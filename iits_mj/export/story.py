@@ -56,21 +56,27 @@ class Member(NamedTuple):
 
     Attributes:
       back, front: from its reference point back to its rear and on to its front [m].
-      route: its road; station: of its front at the beginning [m]; lane: from the right.
-      reactive: it has the controller `MODEL`; speed: at the beginning [m/s].
+      route: its road; station: of its front at the beginning [m], None: it is placed later.
+      lane: from the right; reactive: it has the controller `MODEL`.
     """
 
     back: float
     front: float
     route: Route
-    station: float | None
-    lane: int
-    reactive: bool
-    speed: float
+    station: float | None = None
+    lane: int = 0
+    reactive: bool = False
 
 
 class Story:
-    """A scenario in the making."""
+    """A scenario in the making.
+
+    Attributes:
+      events: of the drive by names, which are all different.
+      ego: the truck; ego_front, speed: of it at the beginning [m], [m/s].
+      members: by the names of the entities.
+      remarks: what other simulators leave out.
+    """
 
     def __init__(
         self,
@@ -95,15 +101,17 @@ class Story:
         self._stop, self._variables = xosc.Trigger("stop"), dict[str, float | str]()
         station, lane = config.start_station, config.start_lane
         limit = float(route.speed_limit(station, lane))
-        speed = min(config.start_speed, config.speed, limit)
+        self.speed = min(config.start_speed, config.speed, limit)
         size = parameters.footprint
         front, rear = size.front_overhang, reference_of(parameters.units[0])
-        self.ego = Member(
-            size.length - front - rear, front + rear, route, station + front, lane, False, speed
-        )
+        self.ego_front = station + front
+        ends = size.length - front - rear, front + rear
+        self.ego = Member(*ends, route, self.ego_front, lane)
         self.members = {EGO: self.ego}
         add_truck(self.entities, parameters)
-        self._start(EGO, self.lane_position(route, station - rear, lane), speed)
+        position = self.lane_position(route, station - rear, lane)
+        self.init.add_init_action(EGO, xosc.TeleportAction(position))
+        self.init.add_init_action(EGO, speed_action(self.speed))
 
     def write(self, path: Path) -> tuple[Path, Path]:
         """Writes the file and the map."""
@@ -174,14 +182,10 @@ class Story:
         xosc = self.xosc
         if condition.event is not None:
             return [[self._of_event(event, condition)]]
+        rules = ("greaterThan", "lessThan", "equalTo")
+        given = zip(rules, (condition.above, condition.below, condition.equals), strict=True)
         limits: list[tuple[str, Any]] = [
-            (rule, limit)
-            for rule, limit in (
-                ("greaterThan", condition.above),
-                ("lessThan", condition.below),
-                ("equalTo", condition.equals),
-            )
-            if limit is not None
+            (rule, limit) for rule, limit in given if limit is not None
         ]
         timing = _timing(xosc, condition)
         if (len(limits) > 1 or condition.measure == "ahead") and condition.edge != "none":
@@ -384,10 +388,6 @@ class Story:
         """A LanePosition beside the center of a lane of a route [m]."""
         return self.position(route, station, float(route.lane_offset(lane, station)) + aside)
 
-    def _start(self, name: str, position: Any, speed: float) -> None:
-        self.init.add_init_action(name, self.xosc.TeleportAction(position))
-        self.init.add_init_action(name, speed_action(speed))
-
     def member(
         self,
         event: Event,
@@ -405,8 +405,7 @@ class Story:
         shape = [float(values[axis]) for axis in ("length", "width", "height")]
         body, ahead = body_of(name, values["kind"], shape)
         half = 0.5 * shape[0]
-        fields = {"route": self.route, "station": None, "lane": 0, "reactive": False, "speed": 0.0}
-        made = Member(half - ahead, half + ahead, **{**fields, **more})
+        made = Member(half - ahead, half + ahead, **{"route": self.route, **more})
         controller = None
         if made.reactive:
             xosc = self.xosc
@@ -465,11 +464,31 @@ class Story:
         follow = xosc.FollowingMode.follow
         return xosc.SpeedProfileAction([rounded(speed)], follow, None, limits, entity)
 
+    def distance(
+        self,
+        to: str,
+        flags: tuple[bool, bool],
+        limits: tuple[float, float, float | None],
+        gap: float | None,
+        time_gap: float | None,
+        place: str,
+    ) -> Any:
+        """An action to a distance: freespace and continuous, accelerations and speed, gap, side."""
+        xosc = self.xosc
+        more = {"displacement": getattr(xosc.LongitudinalDisplacement, place), **_road(xosc)}
+        sizes = rounded(gap), rounded(time_gap)
+        return xosc.LongitudinalDistanceAction(to, *flags, *limits, *sizes, **more)
+
+    def transition(self, shape: str, dimension: str, value: float) -> Any:
+        """The course of a change."""
+        xosc = self.xosc
+        kinds = getattr(xosc.DynamicsShapes, shape), getattr(xosc.DynamicsDimension, dimension)
+        return xosc.TransitionDynamics(*kinds, rounded(value))
+
     def own_speed(self, actor: str) -> Any:
         """An action with which a vehicle keeps its speed."""
-        xosc = self.xosc
-        step = xosc.TransitionDynamics(xosc.DynamicsShapes.step, xosc.DynamicsDimension.time, 0.0)
-        return xosc.RelativeSpeedAction(0.0, actor, step, continuous=False)
+        step = self.transition("step", "time", 0.0)
+        return self.xosc.RelativeSpeedAction(0.0, actor, step, continuous=False)
 
     def model(self, active: bool) -> Any:
         """An action that lets the controller of a vehicle drive, or not."""
@@ -477,17 +496,11 @@ class Story:
 
     def dynamics(self, event: do.LateralManeuver) -> Any:
         """The course of a lane change."""
-        xosc = self.xosc
-        given = {
-            "time": event.duration,
-            "rate": event.lateral_speed,
-            "distance": event.distance,
-        }
-        for kind, value in given.items():
+        names = ("time", "rate", "distance")
+        given = (event.duration, event.lateral_speed, event.distance)
+        for kind, value in zip(names, given, strict=True):
             if value is not None:
-                shape = getattr(xosc.DynamicsShapes, event.shape)
-                dimension = getattr(xosc.DynamicsDimension, kind)
-                return xosc.TransitionDynamics(shape, dimension, rounded(value))
+                return self.transition(event.shape, kind, value)
         return self.fail(event, "lateral_acceleration has no counterpart: give duration")
 
     def aside(self, offset: float, way: float, span: float, shape: str) -> Any:

@@ -48,65 +48,62 @@ def write_events(
     check_references(events)
     story = Story(placed(config, route, parameters.footprint), route, parameters, events)
     for event in story.events.values():
-        write = WRITERS.get(type(event))
-        if write is None or write(story, event) is False:
+        write, actor = WRITERS.get(type(event)), EGO
+        if isinstance(event, do.Maneuver):
+            actor = story.entity(event, event.actor)
+        made = NO_COUNTERPART if write is None else write(story, event, actor)
+        if made is NO_COUNTERPART:
             story.command(event)
+        elif made is not None:
+            story.acts(event, made, actor)
     return (*story.write(path), tuple(story.remarks))
 
 
-# The writers of the kinds of events; one that returns False leaves the event to a command.
+# The writers of the kinds of events, for the entity of the actor: one returns the event's action,
+# None if it has written all itself, or this if OpenSCENARIO has no counterpart.
+NO_COUNTERPART = object()
 
 
-def _place(story: Story, event: do.PlaceVehicle) -> bool | None:
-    xosc, ego, name = story.xosc, story.ego, str(event.name)
-    front, lane, at_start = event.station, event.lane, story.at_start(event)
-    route = story.route
+def _place(story: Story, event: do.PlaceVehicle, _: str) -> None:
+    xosc, ego, name, gap = story.xosc, story.ego, str(event.name), event.gap
+    front, lane, route = event.station, event.lane, story.route
     if event.along is not None:
         route = route.road_map.route(along=event.along)
-    ego_front = float(ego.station or 0.0)
     if lane is None:
         lane = ego.lane + (event.relative_lane or 0)
-    speed = event.speed
+    speed, difference = event.speed, event.speed_difference or 0.0
     if speed is None:
-        speed = max(ego.speed + (event.speed_difference or 0.0), 0.0)
+        speed = max(story.speed + difference, 0.0)
     size = {n: v for n in ("length", "width", "height") if (v := getattr(event, n)) is not None}
-    reactive = event.reactive and speed > 0.0
-    member = story.member(
-        event, name, event.type, size, route=route, lane=lane, reactive=reactive, speed=speed
-    )
-    gap = event.gap
+    more = {"route": route, "lane": lane, "reactive": event.reactive and speed > 0.0}
+    member = story.member(event, name, event.type, size, **more)
     if gap is not None:
         # From the truck's reference point to that of the vehicle.
         way = ego.front + gap + member.back if gap >= 0.0 else gap - ego.back - member.front
-        front = ego_front - ego.front + way + member.front
+        front = story.ego_front - ego.front + way + member.front
     starts = speed_action(speed)
     then: list[tuple[str, Any]] = []
     if event.points is not None:
         action, position = story.trajectory(name, event.points, None, event.frame)
         then.append((f"way of {name}", action))
-    elif at_start or (gap is None and None not in (event.lane, event.speed)):
+    elif story.at_start(event) or (gap is None and None not in (event.lane, event.speed)):
         assert front is not None
         position = story.lane_position(route, front - member.front, lane, event.offset or 0.0)
         story.members[name] = member._replace(station=front)
     elif gap is None or event.lane is not None:
         story.fail(event, "give station, lane and speed, or gap and relative_lane")
     else:
-        position = xosc.RelativeLanePosition(
-            event.relative_lane or 0, EGO, event.offset or 0.0, ds=rounded(way)
-        )
+        aside = event.relative_lane or 0, EGO, event.offset or 0.0
+        position = xosc.RelativeLanePosition(*aside, ds=rounded(way))
         if event.speed is None:
-            step = xosc.DynamicsShapes.step, xosc.DynamicsDimension.time, 0.0
-            dynamics = xosc.TransitionDynamics(*step)
-            starts = xosc.RelativeSpeedAction(
-                event.speed_difference or 0.0, EGO, dynamics, continuous=False
-            )
+            step = story.transition("step", "time", 0.0)
+            starts = xosc.RelativeSpeedAction(difference, EGO, step, continuous=False)
     story.appear(event, [(name, position, starts)], then)
     story.delete(event, [name])
-    return None
 
 
-def _cut_in(story: Story, event: do.CutIn) -> None:
-    xosc, actor, title = story.xosc, story.entity(event, event.actor), event.title
+def _cut_in(story: Story, event: do.CutIn, actor: str) -> None:
+    xosc, title = story.xosc, event.title
     reactive = story.members[actor].reactive
     change = xosc.RelativeLaneChangeAction(0, EGO, story.dynamics(event))
     difference = event.speed_difference
@@ -121,68 +118,54 @@ def _cut_in(story: Story, event: do.CutIn) -> None:
     if event.gap is None:
         story.event(title, actor, actions, story.trigger(event))
     else:
-        approach = xosc.LongitudinalDistanceAction(
-            *(EGO, True, False, APPROACH, APPROACH, None, rounded(event.gap)),
-            coordinate_system=xosc.CoordinateSystem.road,
-            displacement=getattr(xosc.LongitudinalDisplacement, AHEAD),
-        )
-        way = f"way of {title}"
+        limits, way = (APPROACH, APPROACH, None), f"way of {title}"
+        approach = story.distance(EGO, (True, False), limits, event.gap, None, AHEAD)
         story.event(title, actor, [(way, approach)], story.trigger(event))
         story.after(f"lane change of {title}", actor, actions, way)
     if reactive:
         story.after(f"{title} ends", actor, [(f"{title} with model", story.model(True))], title)
 
 
-def _change_lane(story: Story, event: do.ChangeLane) -> None:
-    xosc, actor = story.xosc, story.entity(event, event.actor)
-    dynamics, member = story.dynamics(event), story.members[actor]
+def _change_lane(story: Story, event: do.ChangeLane, actor: str) -> Any:
+    xosc, dynamics, member = story.xosc, story.dynamics(event), story.members[actor]
     if event.lane is None:
         to = actor if event.to is None else story.entity(event, event.to)
-        action = xosc.RelativeLaneChangeAction(event.relative_lane, to, dynamics)
-    elif member.station is None:
+        return xosc.RelativeLaneChangeAction(event.relative_lane, to, dynamics)
+    if member.station is None:
         story.fail(event, f"lane of {actor!r}, which is placed later: give relative_lane")
-    else:
-        place = story.lane_position(member.route, member.station - member.front, event.lane)
-        action = xosc.AbsoluteLaneChangeAction(int(place.lane_id), dynamics)
-    story.acts(event, action, actor)
+    place = story.lane_position(member.route, member.station - member.front, event.lane)
+    return xosc.AbsoluteLaneChangeAction(int(place.lane_id), dynamics)
 
 
-def _brake(story: Story, event: do.Brake) -> None:
-    _speed(story, event, story.profile(event.to_speed, event.deceleration, event.jerk))
+def _brake(story: Story, event: do.Brake, actor: str) -> None:
+    _speed(story, event, actor, story.profile(event.to_speed, event.deceleration, event.jerk))
 
 
-def _change_speed(story: Story, event: do.ChangeSpeed) -> None:
-    xosc = story.xosc
+def _change_speed(story: Story, event: do.ChangeSpeed, actor: str) -> None:
+    xosc, given = story.xosc, (event.speed, event.speed_difference, event.speed_factor)
     to = None if event.speed is not None else story.entity(event, event.to)
-    value = next(
-        v for v in (event.speed, event.speed_difference, event.speed_factor) if v is not None
-    )
+    value = next(each for each in given if each is not None)
     if event.shape is None and not event.continuous and event.speed_factor is None:
         action = story.profile(value, event.acceleration, event.jerk, to)
-        _speed(story, event, action)
-        return
-    kinds, shape = xosc.DynamicsDimension, event.shape or "linear"
-    dimension: tuple[Any, float] = (kinds.rate, event.acceleration * do.STEEPEST.get(shape, 1.0))
+        return _speed(story, event, actor, action)
+    shape = event.shape or "linear"
+    dimension, size = "rate", event.acceleration * do.STEEPEST.get(shape, 1.0)
     if event.time is not None or shape == "step":
-        dimension = kinds.time, event.time or 0.0
+        dimension, size = "time", event.time or 0.0
     elif event.distance is not None:
-        dimension = kinds.distance, event.distance
-    dynamics = xosc.TransitionDynamics(
-        getattr(xosc.DynamicsShapes, shape), dimension[0], rounded(dimension[1])
-    )
-    if to is None:
-        action = xosc.AbsoluteSpeedAction(rounded(value), dynamics)
-    else:
+        dimension, size = "distance", event.distance
+    dynamics = story.transition(shape, dimension, size)
+    action = xosc.AbsoluteSpeedAction(rounded(value), dynamics)
+    if to is not None:
         values = xosc.SpeedTargetValueType
         kind = values.delta if event.speed_factor is None else values.factor
         action = xosc.RelativeSpeedAction(rounded(value), to, dynamics, kind, event.continuous)
-    _speed(story, event, action)
+    return _speed(story, event, actor, action)
 
 
-def _speed(story: Story, event: do.Brake | do.ChangeSpeed, action: Any) -> None:
+def _speed(story: Story, event: do.Brake | do.ChangeSpeed, actor: str, action: Any) -> None:
     """A change of speed; with a duration the model then goes on with its former desired speed."""
-    actor, title = story.entity(event, event.actor), event.title
-    reactive = story.members[actor].reactive
+    title, reactive = event.title, story.members[actor].reactive
     actions = [(title, action)]
     if reactive and event.duration is not None:
         actions.insert(0, (f"{title} without model", story.model(False)))
@@ -190,8 +173,7 @@ def _speed(story: Story, event: do.Brake | do.ChangeSpeed, action: Any) -> None:
     story.ending(event, actor, [story.model(True) if reactive else story.own_speed(actor)])
 
 
-def _swerve(story: Story, event: do.Swerve) -> None:
-    actor, title = story.entity(event, event.actor), event.title
+def _swerve(story: Story, event: do.Swerve, actor: str) -> None:
     way, shape = event.offset, event.shape
     if event.distance is not None:
         story.fail(event, "distance has no counterpart: give duration")
@@ -201,43 +183,44 @@ def _swerve(story: Story, event: do.Swerve) -> None:
         span = math.sqrt(do.BENDS[shape] * abs(way) / event.lateral_acceleration)
     else:
         span = float(event.duration or 0.0) * (0.5 if event.back else 1.0)
-    out = story.aside(way, way, span, shape)
-    first = f"{title} out" if event.back else title
-    story.event(title, actor, [(first, out)], story.trigger(event))
-    if event.back:
-        back = story.aside(0.0, way, span, shape)
-        story.after(f"{title} back", actor, [(title, back)], first)
+    _aside(story, event, actor, (span, shape), (span, shape) if event.back else None)
 
 
-def _drift(story: Story, event: do.Drift) -> None:
-    actor, title = story.entity(event, event.actor), event.title
-    way = event.offset
-    out = story.aside(way, way, abs(way) / event.lateral_speed, "linear")
-    first = f"{title} out" if event.recovery else title
-    story.event(title, actor, [(first, out)], story.trigger(event))
-    if event.recovery:
-        back = story.aside(0.0, way, event.recovery, "sinusoidal")
-        story.after(f"{title} back", actor, [(title, back)], first)
+def _drift(story: Story, event: do.Drift, actor: str) -> None:
+    out = abs(event.offset) / event.lateral_speed, "linear"
+    _aside(story, event, actor, out, (event.recovery, "sinusoidal") if event.recovery else None)
 
 
-def _keep_distance(story: Story, event: do.KeepDistance) -> None:
-    xosc, actor, to = story.xosc, story.entity(event, event.actor), story.entity(event, event.to)
+def _aside(
+    story: Story,
+    event: do.Swerve | do.Drift,
+    actor: str,
+    out: tuple[float, str],
+    back: tuple[float, str] | None,
+) -> None:
+    """A motion to the side, and back, each with a time [s] and a shape."""
+    way, title = event.offset, event.title
+    first = f"{title} out" if back else title
+    story.event(title, actor, [(first, story.aside(way, way, *out))], story.trigger(event))
+    if back:
+        story.after(f"{title} back", actor, [(title, story.aside(0.0, way, *back))], first)
+
+
+def _keep_distance(story: Story, event: do.KeepDistance, actor: str) -> Any:
+    to = story.entity(event, event.to)
     most = None if event.fastest == do.SPEED_MAX else event.fastest
-    shift = 0.0 if event.freespace else story.members[actor].front - story.members[to].front
-    if shift and event.gap is None:
-        story.fail(event, "a time_gap between the front bumpers has no counterpart: use freespace")
-    action = xosc.LongitudinalDistanceAction(
-        *(to, event.freespace, event.continuous, event.acceleration, event.deceleration, most),
-        *(rounded(None if event.gap is None else event.gap + shift), rounded(event.time_gap)),
-        coordinate_system=xosc.CoordinateSystem.road,
-        displacement=getattr(xosc.LongitudinalDisplacement, AHEAD if event.ahead else BEHIND),
-    )
-    story.acts(event, action, actor)
+    gap = event.gap
+    if not event.freespace:
+        if gap is None:
+            story.fail(event, "a time_gap needs freespace: the other one has no counterpart")
+        gap += story.members[actor].front - story.members[to].front
+    limits = event.acceleration, event.deceleration, most
+    flags, place = (event.freespace, event.continuous), AHEAD if event.ahead else BEHIND
+    return story.distance(to, flags, limits, gap, event.time_gap, place)
 
 
-def _synchronize(story: Story, event: do.Synchronize) -> None:
-    xosc, actor, to = story.xosc, story.entity(event, event.actor), story.entity(event, event.to)
-    places = []
+def _synchronize(story: Story, event: do.Synchronize, actor: str) -> Any:
+    xosc, to, places = story.xosc, story.entity(event, event.to), []
     for name, station in ((to, event.to_station), (actor, event.station)):
         member = story.members[name]
         places.append(story.lane_position(member.route, station - member.front, member.lane))
@@ -247,33 +230,28 @@ def _synchronize(story: Story, event: do.Synchronize) -> None:
     elif event.speed_difference is not None:
         delta = xosc.SpeedTargetValueType.delta
         final = xosc.RelativeSpeedToMaster(event.speed_difference, delta)
-    action = xosc.SynchronizeAction(to, *places, event.to_tolerance, event.tolerance, final)
-    story.acts(event, action, actor)
+    return xosc.SynchronizeAction(to, *places, event.to_tolerance, event.tolerance, final)
 
 
-def _follow_path(story: Story, event: do.FollowPath) -> bool | None:
-    actor = story.entity(event, event.actor)
-    if event.points is None or event.goal not in (None, len(event.points) - 1):
-        return False
-    if event.times is not None and len(event.times) < len(event.points):
-        return False
-    action, _ = story.trajectory(actor, event.points, event.times, event.frame)
-    story.acts(event, action, actor)
-    return None
+def _follow_path(story: Story, event: do.FollowPath, actor: str) -> Any:
+    points, times = event.points or (), event.times
+    whole = event.goal in (None, len(points) - 1) and len(times or points) == len(points)
+    if not points or not whole:
+        return NO_COUNTERPART
+    return story.trajectory(actor, points, times, event.frame)[0]
 
 
-def _cross(story: Story, event: do.CrossRoad) -> bool | None:
-    name, route = str(event.name), story.route
-    station = event.station
+def _cross(story: Story, event: do.CrossRoad, _: str) -> Any:
+    name, route, station = str(event.name), story.route, event.station
     if station is None:
         if not story.at_start(event):
-            return False  # its place depends on where the truck is then
-        station = float(story.ego.station or 0.0) + float(event.gap or 0.0)
+            return NO_COUNTERPART  # its place depends on where the truck is then
+        station = story.ego_front + float(event.gap or 0.0)
     right, left = (float(edge) for edge in route.surface_edges(station))
     begin, way = (right, left - right) if event.side == "right" else (left, right - left)
     if event.distance is not None:
         way = math.copysign(event.distance, way)
-    story.member(event, name, event.type, speed=event.speed)
+    story.member(event, name, event.type)
     ends = [route.evaluate(station, begin), route.evaluate(station, begin + way)]
     points = [(float(p.x), float(p.y), float(p.z)) for p in ends]
     action, place = story.trajectory(name, points, None, "map")
@@ -283,107 +261,84 @@ def _cross(story: Story, event: do.CrossRoad) -> bool | None:
     return None
 
 
-def _remove(story: Story, event: do.RemoveVehicle) -> None:
-    actor = story.entity(event, event.actor)
-    action = story.xosc.DeleteEntityAction(actor)
-    story.acts(event, action, actor)
-
-
-def _set_value(story: Story, event: do.SetValue) -> None:
+def _set_value(story: Story, event: do.SetValue, _: str) -> Any:
     name, value = event.variable, event.value
-    action = story.variable(name, value)
     if name.startswith(SIGNAL):
-        state = str(value)
-        action = story.xosc.TrafficSignalStateAction(name.removeprefix(SIGNAL), state)
-    story.acts(event, action)
+        return story.xosc.TrafficSignalStateAction(name.removeprefix(SIGNAL), str(value))
+    return story.variable(name, value)
 
 
-def _milestone(story: Story, event: do.Milestone) -> None:
-    action = story.variable(event.title, 1.0)
-    story.acts(event, action)
+def _friction(story: Story, event: do.FrictionChange, _: str) -> Any:
+    part = event.friction_right, event.start, event.end, event.until, event.duration
+    if part != (None, 0.0, sumo.LONGEST, None, None):
+        return NO_COUNTERPART
+    lane = float(story.route.lane_offset(story.ego.lane, story.ego_front))
+    factor = event.friction / float(story.route.friction(story.ego_front, lane))
+    return _environment(story, event, roadcondition=story.xosc.RoadCondition(rounded(factor)))
 
 
-def _friction(story: Story, event: do.FrictionChange) -> bool | None:
-    xosc, part = story.xosc, (event.friction_right, event.start, event.end)
-    if part != (None, 0.0, sumo.LONGEST) or (event.until, event.duration) != (None, None):
-        return False
-    station = float(story.ego.station or 0.0)
-    lane = float(story.route.lane_offset(story.ego.lane, station))
-    factor = event.friction / float(story.route.friction(station, lane))
-    environment = xosc.Environment(event.title, roadcondition=xosc.RoadCondition(rounded(factor)))
-    _environment(story, event, environment)
-    return None
-
-
-def _wind(story: Story, event: do.Wind) -> bool | None:
-    if event.shape != "steady" or (event.until, event.duration) != (None, None):
-        return False
-    xosc = story.xosc
-    heading = float(story.route.heading(float(story.ego.station or 0.0)))  # type: ignore[arg-type]
+def _wind(story: Story, event: do.Wind, _: str) -> Any:
+    if (event.shape, event.until, event.duration) != ("steady", None, None):
+        return NO_COUNTERPART
+    heading = float(story.route.heading(story.ego_front))  # type: ignore[arg-type]
     # The file has where it blows to, from the map's x axis.
     direction = (math.radians(event.direction) + heading + math.pi) % math.tau
-    weather = xosc.Weather(wind=xosc.Wind(rounded(direction), event.speed))
-    _environment(story, event, xosc.Environment(event.title, weather=weather))
+    wind = story.xosc.Wind(rounded(direction), event.speed)
+    return _environment(story, event, weather=story.xosc.Weather(wind=wind))
+
+
+def _environment(story: Story, event: Event, **parts: Any) -> Any:
+    xosc = story.xosc
+    action = xosc.EnvironmentAction(xosc.Environment(event.title, **parts))
+    if not story.at_start(event):
+        return action
+    story.init.add_global_action(action)
     return None
 
 
-def _environment(story: Story, event: Event, environment: Any) -> None:
-    action = story.xosc.EnvironmentAction(environment)
-    if story.at_start(event):
-        story.init.add_global_action(action)
-    else:
-        story.acts(event, action)
-
-
-def _stand(story: Story, event: sumo.StoppedVehicle) -> None:
-    name = event.title
-    _standing(story, event, event.type, event.lane, [event.station], [name])
+def _stopped_vehicle(story: Story, event: sumo.StoppedVehicle, _: str) -> None:
+    _in_lane(story, event, event.type, [event.station], [event.title])
     if (event.until, event.duration) != (None, None):
         speed = traffic_speed(story.config, story.route)
         rate = story.types[event.type].acceleration
-        story.ending(event, name, [story.profile(speed, rate, HOLD_JERK)])
+        story.ending(event, event.title, [story.profile(speed, rate, HOLD_JERK)])
 
 
-def _close_lane(story: Story, event: sumo.LaneClosure) -> None:
+def _lane_closure(story: Story, event: sumo.LaneClosure, _: str) -> None:
     kind = story.types["truck"]
     stations = closure_places(event, kind.length)
     names = [f"{event.title} {k}" for k in range(1, len(stations) + 1)]
-    _standing(story, event, kind.name, event.lane, stations, names)
+    _in_lane(story, event, kind.name, stations, names)
     story.delete(event, names)
 
 
-def _standing(
-    story: Story,
-    event: Event,
-    kind: str,
-    lane: int,
-    stations: Sequence[float],
-    names: Sequence[str],
-) -> None:
-    places = []
-    for name, station in zip(names, stations, strict=True):
-        member = story.member(event, name, kind, station=station, lane=lane)
-        place = story.lane_position(story.route, station - member.front, lane)
-        places.append((name, place, speed_action(0.0)))
-    story.appear(event, places)
-
-
-def _convoy(story: Story, event: sumo.SlowConvoy) -> bool | None:
+def _convoy(story: Story, event: sumo.SlowConvoy, _: str) -> Any:
     if not story.at_start(event) or (event.until, event.duration) != (None, None):
-        return False
-    places = []
-    for k, station in enumerate(convoy_places(event, story.types[event.type]), 1):
-        name = f"{event.title} {k}"
-        member = story.member(
-            event, name, event.type, station=station, lane=event.lane, speed=event.speed
-        )
-        place = story.lane_position(story.route, station - member.front, event.lane)
-        places.append((name, place, speed_action(event.speed)))
-    story.appear(event, places)
+        return NO_COUNTERPART
+    stations = convoy_places(event, story.types[event.type])
+    names = [f"{event.title} {k}" for k in range(1, len(stations) + 1)]
+    _in_lane(story, event, event.type, stations, names, event.speed)
     return None
 
 
-WRITERS: dict[type[Event], Callable[[Story, Any], Any]] = {
+def _in_lane(
+    story: Story,
+    event: sumo.StoppedVehicle | sumo.LaneClosure | sumo.SlowConvoy,
+    kind: str,
+    stations: Sequence[float],
+    names: Sequence[str],
+    speed: float = 0.0,
+) -> None:
+    """Vehicles of a type with their front bumpers at stations [m] of the event's lane."""
+    places = []
+    for name, station in zip(names, stations, strict=True):
+        member = story.member(event, name, kind, station=station, lane=event.lane)
+        place = story.lane_position(story.route, station - member.front, event.lane)
+        places.append((name, place, speed_action(speed)))
+    story.appear(event, places)
+
+
+WRITERS: dict[type[Event], Callable[[Story, Any, str], Any]] = {
     do.PlaceVehicle: _place,
     do.CutIn: _cut_in,
     do.ChangeLane: _change_lane,
@@ -395,13 +350,13 @@ WRITERS: dict[type[Event], Callable[[Story, Any], Any]] = {
     do.Synchronize: _synchronize,
     do.FollowPath: _follow_path,
     do.CrossRoad: _cross,
-    do.RemoveVehicle: _remove,
+    do.RemoveVehicle: lambda story, _, actor: story.xosc.DeleteEntityAction(actor),
     do.SetValue: _set_value,
-    do.Milestone: _milestone,
-    do.EndDrive: lambda story, event: story.stop(event),
+    do.Milestone: lambda story, event, _: story.variable(event.title, 1.0),
+    do.EndDrive: lambda story, event, _: story.stop(event),
     do.FrictionChange: _friction,
     do.Wind: _wind,
-    sumo.StoppedVehicle: _stand,
-    sumo.LaneClosure: _close_lane,
+    sumo.StoppedVehicle: _stopped_vehicle,
+    sumo.LaneClosure: _lane_closure,
     sumo.SlowConvoy: _convoy,
 }
