@@ -134,20 +134,18 @@ class Story:
         """Raises InputError that names an event."""
         raise InputError(f"OpenSCENARIO: event {event.title!r}: {message}")
 
-    # Triggers.
-
     def groups(self, event: Event) -> list[list[Any]]:
         """The groups of conditions on which an event begins."""
-        if event.when is not None:
-            found: list[list[Any]] = []
-            for group in event.when:
-                parts = (self._alternatives(event, condition) for condition in group)
-                found += [list(itertools.chain(*chosen)) for chosen in itertools.product(*parts)]
-            return found
         if event.at_station is not None:
             way = max(event.at_station - self.config.start_station, 0.0)
-            return [[self._by_entity(EGO, self.xosc.TraveledDistanceCondition(rounded(way)))]]
-        return [[at_time(event.at_time or 0.0)]]
+            return [[self._when(self.xosc.TraveledDistanceCondition(rounded(way)), EGO)]]
+        if event.when is None:
+            return [[at_time(event.at_time or 0.0)]]
+        found: list[list[Any]] = []
+        for group in event.when:
+            parts = (self._alternatives(event, condition) for condition in group)
+            found += [list(itertools.chain(*chosen)) for chosen in itertools.product(*parts)]
+        return found
 
     def trigger(self, event: Event) -> Any:
         """The start trigger of an event."""
@@ -163,9 +161,23 @@ class Story:
             group.add_condition(condition)
         return group
 
-    def _by_entity(self, name: str, condition: Any, source: Condition | None = None) -> Any:
-        xosc, kind = self.xosc, type(condition).__name__
-        return xosc.EntityTrigger(kind, *_timing(xosc, source), condition, name)
+    def _when(self, condition: Any, entity: str = "", like: Condition | None = None) -> Any:
+        """A condition, of an entity or by value, with delay and edge of one of an event."""
+        xosc, name, edge = self.xosc, type(condition).__name__, "none"
+        if like is not None and like.edge != edge:
+            edge = {"either": "risingOrFalling"}.get(like.edge, like.edge)
+        timing = 0.0 if like is None else like.delay, getattr(xosc.ConditionEdge, edge)
+        if entity:
+            return xosc.EntityTrigger(name, *timing, condition, entity)
+        return xosc.ValueTrigger(name, *timing, condition)
+
+    def _state(self, kind: str, name: str, state: str) -> Any:
+        """A condition on the state of an element."""
+        xosc = self.xosc
+        kinds = getattr(xosc.StoryboardElementType, kind), name
+        return xosc.StoryboardElementStateCondition(
+            *kinds, getattr(xosc.StoryboardElementState, state)
+        )
 
     def entity(self, event: Event, name: str) -> str:
         """The entity that an event or a condition names."""
@@ -179,136 +191,115 @@ class Story:
 
     def _alternatives(self, event: Event, condition: Condition) -> list[list[Any]]:
         """Lists of conditions, one of which must hold, for one of an event."""
-        xosc = self.xosc
-        if condition.event is not None:
-            return [[self._of_event(event, condition)]]
+        xosc, of, measure = self.xosc, "", str(condition.measure)
         rules = ("greaterThan", "lessThan", "equalTo")
         given = zip(rules, (condition.above, condition.below, condition.equals), strict=True)
-        limits: list[tuple[str, Any]] = [
-            (rule, limit) for rule, limit in given if limit is not None
-        ]
-        timing = _timing(xosc, condition)
-        if (len(limits) > 1 or condition.measure == "ahead") and condition.edge != "none":
+        limits: list[tuple[str, Any]] = [each for each in given if each[1] is not None]
+        if (len(limits) > 1 or measure == "ahead") and condition.edge != "none":
             self.fail(event, f"a condition with edge {condition.edge!r} needs one limit")
-        if condition.variable is not None:
-            name, text = condition.variable, condition.text
-            if name.startswith(SIGNAL) and text is not None:
-                made = xosc.TrafficSignalCondition(name.removeprefix(SIGNAL), text)
-                return [[xosc.ValueTrigger("signal", *timing, made)]]
-            limits = limits if text is None else [("equalTo", text)]
-            self._variables.setdefault(name, 0.0 if text is None else text)
-            values = (xosc.VariableCondition(name, v, getattr(xosc.Rule, r)) for r, v in limits)
-            return [[xosc.ValueTrigger("variable", *timing, each) for each in values]]
-        measure, of = str(condition.measure), self.entity(event, condition.of)
-        if condition.lasting and not (measure == "speed" and condition.below == REST):
-            self.fail(event, f"lasting is written for speeds below {REST:g} m/s only")
-        if condition.lasting:
-            made = xosc.StandStillCondition(condition.lasting)
-            return [[self._by_entity(of, made, condition)]]
-        if measure == "time":
-            made = [
-                xosc.SimulationTimeCondition(value, getattr(xosc.Rule, INCLUSIVE.get(rule, rule)))
-                for rule, value in limits
-            ]
-            return [[xosc.ValueTrigger("time", *timing, each) for each in made]]
+        if condition.measure is not None:
+            of = self.entity(event, condition.of)
         to = "" if condition.to is None else self.entity(event, condition.to)
-        if measure == "ahead":
+        if condition.event is not None:
+            made = [self._of_event(event, condition)]
+        elif condition.variable is not None:
+            made = self._of_variable(condition.variable, condition.text, limits)
+        elif condition.lasting:
+            if measure != "speed" or condition.below != REST:
+                self.fail(event, f"lasting is written for speeds below {REST:g} m/s only")
+            made = [xosc.StandStillCondition(condition.lasting)]
+        elif measure == "ahead":
             return self._ahead(of, to, condition)
-        if measure in ("station", "lane", "offset"):
+        elif measure in ("station", "lane", "offset"):
             made = [self._on_route(event, condition, of)]
         elif condition.point is not None:
             self.fail(event, "a distance to a point has no counterpart: use station")
         elif measure == "clearance" and limits != [("lessThan", TOUCH)]:
             self.fail(event, f"clearance is written below {TOUCH:g} m only: a collision")
         else:
-            if measure == "speed_difference":  # of the entity that triggers to the other one
+            if measure == "time":
+                limits, of = [(INCLUSIVE.get(rule, rule), value) for rule, value in limits], ""
+            elif measure == "speed_difference":  # of the entity that triggers to the other one
                 limits = [(OPPOSITE.get(rule, rule), -value) for rule, value in limits]
-            made = [
-                COMPARED[measure](xosc, to, value, getattr(xosc.Rule, rule))
-                for rule, value in limits
-            ]
-        return [[self._by_entity(of, each, condition) for each in made]]
+            compared = COMPARED[measure]
+            made = [compared(xosc, to, value, getattr(xosc.Rule, rule)) for rule, value in limits]
+        return [[self._when(each, of, condition) for each in made]]
+
+    def _of_variable(
+        self, name: str, text: str | None, limits: Sequence[tuple[str, Any]]
+    ) -> list[Any]:
+        xosc = self.xosc
+        if name.startswith(SIGNAL) and text is not None:
+            return [xosc.TrafficSignalCondition(name.removeprefix(SIGNAL), text)]
+        self._variables.setdefault(name, 0.0 if text is None else text)
+        limits = limits if text is None else [("equalTo", text)]
+        return [xosc.VariableCondition(name, v, getattr(xosc.Rule, rule)) for rule, v in limits]
 
     def _of_event(self, event: Event, condition: Condition) -> Any:
         """A condition on the state of another event."""
-        xosc, other = self.xosc, self.events[str(condition.event)]
-        kinds, states = xosc.StoryboardElementType, xosc.StoryboardElementState
+        other = self.events[str(condition.event)]
         name, ends = other.title, (other.duration, other.until) != (None, None)
+        by_action = isinstance(other, (do.Maneuver, do.CrossRoad, do.SetValue)) and not ends
         if condition.state == "begun":
             if self.at_start(other) and isinstance(other, INITIAL):
-                return at_time(condition.delay)
-            found = kinds.event, name, states.startTransition
-        elif isinstance(other, do.LateralManeuver) or (
-            isinstance(other, (do.Maneuver, do.CrossRoad, do.SetValue)) and not ends
-        ):
-            found = kinds.action, ACTION.format(name), states.completeState
-        elif ends and isinstance(other, ENDING):
-            found = kinds.event, f"{name} ends", states.startTransition
-        else:
-            self.fail(event, f"event {name!r} never ends")
-        made = xosc.StoryboardElementStateCondition(*found)
-        return xosc.ValueTrigger(f"{name} {condition.state}", *_timing(xosc, condition), made)
+                return self.xosc.SimulationTimeCondition(0.0, self.xosc.Rule.greaterOrEqual)
+            return self._state("event", name, "startTransition")
+        if by_action or isinstance(other, do.LateralManeuver):
+            return self._state("action", ACTION.format(name), "completeState")
+        if ends and isinstance(other, ENDING):
+            return self._state("event", f"{name} ends", "startTransition")
+        return self.fail(event, f"event {name!r} never ends")
 
     def _on_route(self, event: Event, condition: Condition, of: str) -> Any:
         """A condition on the place of a road user on the truck's route."""
-        xosc, member, low, high = self.xosc, self.members[of], condition.above, condition.below
-        station = member.station
-        if station is None or member.route is not self.route:
-            self.fail(event, f"{condition.measure} of {of!r}, which is placed later or elsewhere")
-        ref = station - member.front
-        if condition.measure == "station" and high is None and low is not None:
-            return xosc.TraveledDistanceCondition(rounded(max(low - station, 0.0)))
-        lowest, highest = 0.0, self.route.length
-        if condition.measure == "lane":
+        xosc, member, route = self.xosc, self.members[of], self.route
+        low, high, measure = condition.above, condition.below, condition.measure
+        if member.station is None or member.route is not route:
+            self.fail(event, f"{measure} of {of!r}, which is placed later or elsewhere")
+        if condition.equals is not None and measure != "lane":
+            self.fail(event, f"{measure} equals: use above and below")
+        ref = member.station - member.front
+        if measure == "station" and high is None and low is not None:
+            return xosc.TraveledDistanceCondition(rounded(max(low - member.station, 0.0)))
+        ends = (0.0, route.length) if measure == "station" else route.surface_edges(ref)
+        if measure == "lane":
             # From the right edge of the lowest one to the left edge of the highest one.
-            lanes = [k for k in range(self.route.lane_count(ref)) if _meets(condition, k)]
+            lanes = [k for k in range(route.lane_count(ref)) if _meets(condition, k)]
             if not lanes:
                 self.fail(event, f"no lane at {ref:.0f} m meets the condition")
-            low, high = (
-                float(self.route.lane_offset(k, ref) + side * self.route.lane_width(k, ref))
-                for k, side in ((lanes[0], -0.5), (lanes[-1], 0.5))
-            )
-        elif condition.measure == "offset":
-            lowest, highest = (float(edge) for edge in self.route.surface_edges(ref))
-        elif condition.equals is not None:
-            self.fail(event, "station equals: use above and below")
-        low, high = lowest if low is None else low, highest if high is None else high
-        middle, half = 0.5 * (low + high), 0.5 * (high - low)
-        types, road = xosc.RelativeDistanceType, xosc.CoordinateSystem.road
-        if condition.measure == "station":
-            offset = float(self.route.lane_offset(member.lane, middle))
-            place = self.position(self.route, middle - member.front, offset)
-            kind = types.longitudinal
-        else:
-            place, kind = self.position(self.route, ref, middle), types.lateral
-        rest = {"distance_type": kind, "coordinate_system": road, "freespace": False}
-        return xosc.DistanceCondition(rounded(half), xosc.Rule.lessThan, place, **rest)
+            low = float(route.lane_offset(lanes[0], ref) - 0.5 * route.lane_width(lanes[0], ref))
+            high = float(route.lane_offset(lanes[-1], ref) + 0.5 * route.lane_width(lanes[-1], ref))
+        low, high = float(ends[0] if low is None else low), float(ends[1] if high is None else high)
+        middle, half, kind = 0.5 * (low + high), 0.5 * (high - low), "lateral"
+        place = ref, middle
+        if measure == "station":
+            kind, place = "longitudinal", (middle - member.front, float(
+                route.lane_offset(member.lane, middle)
+            ))  # fmt: skip
+        more = {"distance_type": getattr(xosc.RelativeDistanceType, kind), "freespace": False}
+        at = self.position(route, *place)
+        return xosc.DistanceCondition(rounded(half), xosc.Rule.lessThan, at, **more, **_road(xosc))
 
     def _ahead(self, of: str, to: str, condition: Condition) -> list[list[Any]]:
         """Conditions on how far a road user is ahead of another one, which has no sign there.
 
         A time gap is only that of a road user ahead.
         """
-        made: list[list[Any]] = []
-        for limit, first, second in (
-            (condition.above, of, to),
-            (None if condition.below is None else -condition.below, to, of),
-        ):
+        xosc, made = self.xosc, list[list[Any]]()
+        below = None if condition.below is None else -condition.below
+        for limit, first, second in ((condition.above, of, to), (below, to, of)):
             if limit is None:
                 continue
             way = limit + self.members[first].front - self.members[second].front
-            xosc, rules, road = self.xosc, self.xosc.Rule, self.xosc.CoordinateSystem.road
-            fixed = {"freespace": False, "coordinate_system": road}
-            behind = xosc.TimeHeadwayCondition(second, FAR, rules.lessThan, **fixed)
-            rule = rules.greaterThan if way >= 0.0 else rules.lessThan
+            fixed = {"freespace": False, **_road(xosc)}
+            behind = xosc.TimeHeadwayCondition(second, FAR, xosc.Rule.lessThan, **fixed)
+            rule = xosc.Rule.greaterThan if way >= 0.0 else xosc.Rule.lessThan
             kind = xosc.RelativeDistanceType.longitudinal
             far = xosc.RelativeDistanceCondition(rounded(abs(way)), rule, kind, second, **fixed)
-            parts = [self._by_entity(first, each, condition) for each in (behind, far)]
+            parts = [self._when(each, first, condition) for each in (behind, far)]
             choice = [parts] if way >= 0.0 else [parts[:1], parts[1:]]
             made = [[*a, *b] for a in made for b in choice] if made else choice
         return made
-
-    # Storyboard.
 
     def event(
         self, name: str, actor: str, actions: Sequence[tuple[str, Any]], trigger: Any
@@ -332,24 +323,17 @@ class Story:
 
     def after(self, name: str, actor: str, actions: Sequence[tuple[str, Any]], action: str) -> None:
         """Adds an event that begins when an action is complete."""
-        xosc = self.xosc
-        state = xosc.StoryboardElementState.completeState
-        kind = xosc.StoryboardElementType.action
-        made = xosc.StoryboardElementStateCondition(kind, ACTION.format(action), state)
-        trigger = xosc.ValueTrigger(f"{action} is complete", *_timing(xosc), made)
-        self.event(name, actor, actions, trigger)
+        made = self._state("action", ACTION.format(action), "completeState")
+        self.event(name, actor, actions, self._when(made))
 
     def ending(self, event: Event, actor: str, actions: Sequence[Any]) -> None:
         """Adds the actions at the end that an event has by its time."""
-        xosc, name = self.xosc, f"{event.title} ends"
+        name = f"{event.title} ends"
         if event.until is not None or (event.duration and self.at_start(event)):
             trigger = at_time(float(event.until or event.duration or 0.0))
         elif event.duration is not None:
-            state = xosc.StoryboardElementState.startTransition
-            kind = xosc.StoryboardElementType.event
-            made = xosc.StoryboardElementStateCondition(kind, event.title, state)
-            _, edge = _timing(xosc)
-            trigger = xosc.ValueTrigger(name, rounded(event.duration), edge, made)
+            made = self._state("event", event.title, "startTransition")
+            trigger = self._when(made, "", Condition(event=event.title, delay=event.duration))
         else:
             return
         named = [(f"{name} {k}" if k else name, each) for k, each in enumerate(actions)]
@@ -371,8 +355,6 @@ class Story:
         self.remarks.append(
             f"{event.title} ({event.kind}) is a command of {COMMAND}, which others leave out"
         )
-
-    # Places.
 
     def position(self, route: Route, station: float, offset: float) -> Any:
         """A LanePosition at a place of a route [m]."""
@@ -444,8 +426,6 @@ class Story:
     def delete(self, event: Event, names: Sequence[str]) -> None:
         """Lets entities disappear at the end of an event."""
         self.ending(event, names[0], [self.xosc.DeleteEntityAction(name) for name in names])
-
-    # Actions.
 
     def variable(self, name: str, value: float | str) -> Any:
         """An action that sets a variable."""
@@ -540,6 +520,7 @@ def _road(xosc: Any) -> dict[str, Any]:
 
 # Conditions by measures of one or two bodies: of the other entity, a limit and a rule.
 COMPARED: dict[str, Callable[[Any, str, float, Any], Any]] = {
+    "time": lambda xosc, _, limit, rule: xosc.SimulationTimeCondition(limit, rule),
     "speed": lambda xosc, _, limit, rule: xosc.SpeedCondition(limit, rule),
     "acceleration": lambda xosc, _, limit, rule: xosc.AccelerationCondition(limit, rule),
     "speed_difference": lambda xosc, to, limit, rule: xosc.RelativeSpeedCondition(limit, rule, to),
@@ -568,14 +549,6 @@ ENDING = (do.PlaceVehicle, do.Brake, do.ChangeSpeed, sumo.StoppedVehicle, sumo.L
 def rounded(value: float | None) -> Any:
     """A number as files have it."""
     return None if value is None else round(float(value), DIGITS)
-
-
-def _timing(xosc: Any, condition: Condition | None = None) -> tuple[float, Any]:
-    """Delay and edge of a condition."""
-    if condition is None:
-        return 0.0, xosc.ConditionEdge.none
-    edge = {"either": "risingOrFalling"}.get(condition.edge, condition.edge)
-    return condition.delay, getattr(xosc.ConditionEdge, edge)
 
 
 def _meets(condition: Condition, value: float) -> bool:
