@@ -99,6 +99,8 @@ def _place(story: Story, event: do.PlaceVehicle, _: str) -> None:
             step = story.transition("step", "time", 0.0)
             starts = xosc.RelativeSpeedAction(difference, EGO, step, continuous=False)
     story.appear(event, [(name, position, starts)], then)
+    if event.stays and then:
+        story.after(f"{name} stands", name, [(f"{name} stands", speed_action(0.0))], then[0][0])
     story.delete(event, [name])
 
 

@@ -11,7 +11,7 @@ from iits_mj.simulation.parts import with_scenario
 from tests.export.checker import checked
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-EVERY = Path(__file__).with_name("every_event.toml")
+EVERY, MORE = (Path(__file__).with_name(f"{name}_events.toml") for name in ("every", "more"))
 # The drive of an exported file has the file's start as its reference speed.
 SPEED, STATION, DURATION = 15.0, 300.0, 32.0
 FLAGS = ("--start-station", "300", "--speed", "15", "--duration", "32")
@@ -40,7 +40,7 @@ def exported(events, folder, *flags):
     return path
 
 
-@pytest.mark.parametrize(("events", "bound"), [(EXAMPLES / "cut_in.toml", 1e-6), (EVERY, 0.2)])
+@pytest.mark.parametrize(("events", "bound"), [(EXAMPLES / "cut_in.toml", 1e-6), (EVERY, 0.2), (MORE, 0.5)])
 def test_a_drive_of_the_exported_file_is_the_drive_of_the_events(events, bound, tmp_path):
     # A pedestrian stands one step later, which is 0.15 m; the rest of both drives is the same.
     path = exported(events, tmp_path)
