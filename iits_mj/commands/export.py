@@ -120,4 +120,5 @@ def _export_events(options: Options) -> int:
         remark(each)
     print(f"scenario: {scenario}")
     print(f"map: {road}")
+    print(f"to drive it: iits-mj drive --scenario {scenario} --speed {config.speed:g}")
     return 0

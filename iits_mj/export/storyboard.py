@@ -15,7 +15,7 @@ from iits_mj.simulation.config import DriveConfig
 from iits_mj.simulation.parts import configured_events, placed, traffic_speed
 from traffic_bridge.scenario import actions as do
 from traffic_bridge.scenario.actors import APPROACH
-from traffic_bridge.scenario.conditions import SIGNAL
+from traffic_bridge.scenario.conditions import SIGNAL, TRUCK
 from traffic_bridge.scenario.maneuvers import HOLD_JERK, HOLD_RATE
 from traffic_bridge.scenario.openscenario_actions import BEHIND
 from traffic_bridge.scenario.openscenario_entities import AHEAD
@@ -50,6 +50,8 @@ def write_events(
     for event in story.events.values():
         write, actor = WRITERS.get(type(event)), EGO
         if isinstance(event, do.Maneuver):
+            if event.actor in (TRUCK, EGO):
+                story.fail(event, "moves the truck, which has its own driver")
             actor = story.entity(event, event.actor)
         made = NO_COUNTERPART if write is None else write(story, event, actor)
         if made is NO_COUNTERPART:

@@ -40,7 +40,9 @@ def exported(events, folder, *flags):
     return path
 
 
-@pytest.mark.parametrize(("events", "bound"), [(EXAMPLES / "cut_in.toml", 1e-6), (EVERY, 0.2), (MORE, 0.5)])
+@pytest.mark.parametrize(
+    ("events", "bound"), [(EXAMPLES / "cut_in.toml", 1e-6), (EVERY, 0.2), (MORE, 0.5)]
+)
 def test_a_drive_of_the_exported_file_is_the_drive_of_the_events(events, bound, tmp_path):
     # A pedestrian stands one step later, which is 0.15 m; the rest of both drives is the same.
     path = exported(events, tmp_path)

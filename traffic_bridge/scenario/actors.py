@@ -353,6 +353,11 @@ class Actor:
         self.lateral_plan = LateralPlan(shift=shift, duration=duration)
         return self.lateral_plan
 
+    def stay_aside(self, shift: float) -> None:
+        """Keeps it at a distance to the left of its lane's center [m]."""
+        self.shift = shift
+        self.plan_shift(lambda _: shift, math.inf)
+
     def plan_speed(self, plan: SpeedPlan | Law | Timetable | Approach | None) -> None:
         """Replaces its motion along the road; None: drives by the car-following model."""
         if self.speed_plan is not None:

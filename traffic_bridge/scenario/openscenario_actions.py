@@ -12,6 +12,7 @@ import numpy as np
 
 from iits_mj.core.angles import wrap_angle
 from iits_mj.core.errors import InputError
+from iits_mj.road import Route
 from traffic_bridge.scenario.actions import BENDS, SCENARIO_EVENTS, STEEPEST
 from traffic_bridge.scenario.conditions import SIGNAL, TRUCK
 from traffic_bridge.scenario.openscenario_entities import (
@@ -62,11 +63,10 @@ class Actions:
             "reactive": entity.reactive,
             **entity.size,
         }
-        if groups is not None and node.tag == "RelativeLanePosition":
-            own = self._entities.body(node)
-            if own == TRUCK:
-                yield scenario_event(node, values | self._beside_truck(node, name, entity), groups)
-                return
+        relative = groups is not None and node.tag == "RelativeLanePosition"
+        if relative and self._entities.body(node) == TRUCK:
+            yield scenario_event(node, values | self._beside_truck(node, name, entity), groups)
+            return
         spot = self._entities.spot(name)
         if entity.walks or math.isnan(spot.offset):
             values |= self._standing(entity, self._entities.pose(name))
@@ -188,9 +188,7 @@ class Actions:
             yield wind, {**values, "direction": math.degrees(origin)}
 
     def _swarm(self, kind: Node) -> Values:
-        action = kind.first()
-        if action.tag != "TrafficSwarmAction":
-            action.refuse()
+        action = kind.first("TrafficSwarmAction")
         center = action.find("CentralObject") or action.child("CentralSwarmObject")
         attribute = "entityRef" if center.has("entityRef") else "name"
         mix: dict[str, float] = {}
@@ -219,20 +217,13 @@ class Actions:
         """The event of an action on a parameter, a variable or a traffic signal."""
         if kind.tag in ("ParameterAction", "VariableAction"):
             name = kind.get("parameterRef" if kind.tag == "ParameterAction" else "variableRef")
-            action = kind.first()
-            if action.tag != "SetAction":
-                action.refuse()
-            return {"event": "set_value", "variable": name, "value": action.value("value")}
+            value = kind.first("SetAction").value("value")
+            return {"event": "set_value", "variable": name, "value": value}
         if kind.tag != "InfrastructureAction":
             kind.refuse()
-        signal = kind.child("TrafficSignalAction").first()
-        if signal.tag != "TrafficSignalStateAction":
-            signal.refuse()
-        return {
-            "event": "set_value",
-            "variable": f"{SIGNAL}{signal.get('name')}",
-            "value": signal.get("state"),
-        }
+        signal = kind.child("TrafficSignalAction").first("TrafficSignalStateAction")
+        name = f"{SIGNAL}{signal.get('name')}"
+        return {"event": "set_value", "variable": name, "value": signal.get("state")}
 
     def values(self, node: Node, name: str, actor: str) -> Values:
         """Returns the event of a private action for one actor, with its name."""
@@ -274,9 +265,9 @@ class Actions:
     def _profile(self, action: Node, actor: str) -> Values:
         """The event of a SpeedProfileAction to one speed within limits."""
         del actor
-        entries = list(action.only("DynamicConstraints", "SpeedProfileEntry"))
-        entry = entries[-1]
-        if len(entries) > 2 or entry.has("time") or action.get("followingMode") != "follow":
+        entry = action.only("DynamicConstraints", "SpeedProfileEntry").child("SpeedProfileEntry")
+        several = len(list(action.all("SpeedProfileEntry"))) > 1
+        if several or entry.has("time") or action.get("followingMode") != "follow":
             action.fail("is read with followingMode follow and one entry that has no time")
         values: Values = {"event": "change_speed"}
         if action.has("entityRef"):
@@ -305,11 +296,10 @@ class Actions:
             values["distance"] = max(dynamics.number("value"), SHORTEST)
         elif shape != "step":
             dynamics.fail(f"{shape} over {dimension} is not read: time, rate or distance")
-        target = action.child("SpeedActionTarget").first()
+        holder = action.child("SpeedActionTarget")
+        target = holder.first("AbsoluteTargetSpeed", "RelativeTargetSpeed")
         if target.tag == "AbsoluteTargetSpeed":
             return values | {"speed": target.number("value")}
-        if target.tag != "RelativeTargetSpeed":
-            target.refuse()
         factor = target.get(*VALUE_TYPE) == "factor"
         return values | {
             "to": self._entities.body(target),
@@ -325,10 +315,7 @@ class Actions:
         target = action.child("LaneChangeTarget").first()
         if target.tag == "RelativeTargetLane":
             return values | self._relative_lane(target, actor)
-        spot = self._entities.spot(actor)
-        if math.isnan(spot.offset):
-            target.fail("the entity is on no road")
-        track = self._entities.track(spot, target)
+        spot, track = self._on_road(actor, target)
         road, s, _ = road_at(track, spot.station)
         places = self._entities.places
         lane = places.lane(target, road, s, round(target.number("value")))
@@ -339,6 +326,13 @@ class Actions:
             own = float(track.lane_offset(track.lane_at(spot.station, spot.offset), spot.station))
             return values | {"event": "swerve", "offset": offset - own, "back": False}
         return values | {"lane": found}
+
+    def _on_road(self, name: str, node: Node) -> tuple[Spot, Route]:
+        """Where an entity starts on a road, and that road."""
+        spot = self._entities.spot(name)
+        if math.isnan(spot.offset):
+            node.fail(f"{name} is on no road")
+        return spot, self._entities.track(spot, node)
 
     def _relative_lane(self, target: Node, actor: str) -> Values:
         """The target of a lane change relative to a road user.
@@ -362,11 +356,8 @@ class Actions:
         index = min(range(len(centers)), key=lambda k: abs(centers[k] - direction * own)) + count
         if not 0 <= index < len(centers):
             target.fail(f"there is no lane {count:+d} beside that of {actor}")
-        return {
-            "event": "swerve",
-            "offset": centers[index] - centers[index - count],
-            "back": False,
-        }
+        way = centers[index] - centers[index - count]
+        return {"event": "swerve", "offset": way, "back": False}
 
     def _synchronize(self, action: Node, actor: str) -> Values:
         master = self._entities.reference(action, "masterEntityRef")
@@ -375,26 +366,20 @@ class Actions:
             ("station", actor, "TargetPosition"),
             ("to_station", master, "TargetPositionMaster"),
         ):
-            spot = self._entities.spot(name)
-            if math.isnan(spot.offset):
-                action.fail(f"{name} is on no road")
-            track = self._entities.track(spot, action)
+            _, track = self._on_road(name, action)
             at = self._entities.station(action.child(child).first(), track)
             stations[key] = at + self._entities.members[name].front
-        values: Values = {
-            "event": "synchronize",
-            "to": TRUCK if master == self._entities.ego else master,
-            **stations,
-        }
+        to = self._entities.body(action, "masterEntityRef")
+        values: Values = {"event": "synchronize", "to": to, **stations}
         tolerances = {"targetTolerance": "tolerance", "targetToleranceMaster": "to_tolerance"}
         values |= _given(action, tolerances)
         final = action.find("FinalSpeed")
         if final is not None:
-            speed = final.only("AbsoluteSpeed", "RelativeSpeedToMaster").first()
+            speed = final.first("AbsoluteSpeed", "RelativeSpeedToMaster")
             if any(True for _ in speed):
                 speed.first().refuse()
             relative = speed.tag == "RelativeSpeedToMaster"
-            if relative and speed.get("speedTargetValueType") != "delta":
+            if relative and speed.get(*VALUE_TYPE) != "delta":
                 speed.fail("speedTargetValueType is not read: delta")
             values["speed_difference" if relative else "speed"] = speed.number("value")
         return values
@@ -526,9 +511,8 @@ def _lateral(dynamics: Node) -> Values:
 
 def _change_offset(action: Node) -> Values:
     dynamics = action.child("LaneOffsetActionDynamics")
-    target = action.child("LaneOffsetTarget").first()
-    if target.tag not in ("AbsoluteTargetLaneOffset", "RelativeTargetLaneOffset"):
-        target.refuse()
+    holder = action.child("LaneOffsetTarget")
+    target = holder.first("AbsoluteTargetLaneOffset", "RelativeTargetLaneOffset")
     offset, shape = target.number("value"), dynamics.get("dynamicsShape")
     values: Values = {"event": "swerve", "offset": offset, "back": False}
     if shape == "step":

@@ -263,13 +263,9 @@ class Entities:
             elif kind.tag == "LongitudinalAction":
                 self.distances[name] = kind.child("LongitudinalDistanceAction")
             elif kind.tag == "RoutingAction":
-                routing = kind.first()
-                if routing.tag == "FollowTrajectoryAction":
-                    self.trajectories[name] = routing
-                elif routing.tag in ROUTES:
-                    self.routes[name] = routing
-                else:
-                    routing.refuse()
+                routing = kind.first("FollowTrajectoryAction", *ROUTES)
+                found = self.routes if routing.tag in ROUTES else self.trajectories
+                found[name] = routing
             elif kind.tag in UNUSED:
                 self.not_used(kind, name)
             else:
@@ -488,11 +484,10 @@ class Entities:
             return 0.0
         if name in asked:
             action.fail("the speed refers to itself")
-        target = action.child("SpeedActionTarget").first()
+        holder = action.child("SpeedActionTarget")
+        target = holder.first("AbsoluteTargetSpeed", "RelativeTargetSpeed")
         if target.tag == "AbsoluteTargetSpeed":
             return target.number("value")
-        if target.tag != "RelativeTargetSpeed":
-            target.refuse()
         other = self.speed(self.reference(target), (*asked, name))
         value = target.number("value")
         return other * value if target.get("speedTargetValueType") == "factor" else other + value

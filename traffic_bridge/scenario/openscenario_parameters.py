@@ -115,9 +115,7 @@ def _drawn(node: Node) -> Iterator[dict[str, str]]:
     random = np.random.default_rng(round(node.number("randomSeed", 0.0, low=0.0, high=2.0**53)))
     columns: dict[str, list[str]] = {}
     for each in node.only("StochasticDistribution"):
-        kind = each.first()
-        if kind.tag not in DRAWS:
-            kind.refuse()
+        kind = each.first(*DRAWS)
         columns[each.get("parameterName")] = DRAWS[kind.tag](kind, random, count)
     if not columns:
         node.fail("has no distribution of a parameter")
@@ -136,8 +134,8 @@ def _weighted(node: Node, random: np.random.Generator, count: int) -> list[Node]
 
 
 def _limits(node: Node) -> tuple[float, float]:
-    """Lower and upper limit of a range; infinite without one."""
-    limits = node.find("Range")
+    """Lower and upper limit of a range, or of that in a node; infinite without one."""
+    limits = node if node.tag == "Range" else node.find("Range")
     if limits is None:
         return -math.inf, math.inf
     low, high = limits.number("lowerLimit"), limits.number("upperLimit")
@@ -194,10 +192,9 @@ def _values(node: Node) -> Iterator[str]:
     if node.tag == "DistributionSet":
         yield from (each.get("value") for each in node.only("Element"))
     elif node.tag == "DistributionRange":
-        step, limits = node.number("stepWidth", low=0.0), node.only("Range").child("Range")
-        low, high = limits.number("lowerLimit"), limits.number("upperLimit")
-        if step == 0.0 or high < low:
-            node.fail(f"needs a positive stepWidth and lowerLimit {low:g} <= upperLimit {high:g}")
+        step, (low, high) = node.number("stepWidth", low=0.0), _limits(node.first("Range"))
+        if step == 0.0:
+            node.fail("needs a positive stepWidth")
         count = math.floor((high - low) / step + _ROUNDING) + 1
         if count > VALUES_MAX:
             node.fail(f"has {count} values: allowed are 1 to {VALUES_MAX}")

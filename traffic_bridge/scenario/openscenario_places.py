@@ -207,9 +207,8 @@ class Places:
         """The place of a RoutePosition."""
         points = self.waypoints(node.child("RouteRef").first())
         first = self.pose(points[0])
-        place = node.child("InRoutePosition").first()
-        if place.tag not in ("FromLaneCoordinates", "FromRoadCoordinates"):
-            place.refuse()
+        holder = node.child("InRoutePosition")
+        place = holder.first("FromLaneCoordinates", "FromRoadCoordinates")
         route = self.along(words_of([self.lane_name(each) for each in points]), node)
         station = route.locate(first.x, first.y)[0] + place.number("pathS", low=0.0)
         if station > route.length:

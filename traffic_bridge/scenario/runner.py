@@ -357,8 +357,7 @@ class Scenario:
             actor = self.actors.members[row.id]
             actor.take(track, place, lane, event.stays)
             if event.offset is not None:
-                shift = event.offset
-                actor.plan_shift(lambda _: shift, math.inf)
+                actor.stay_aside(event.offset)
         return running
 
     def _row(
@@ -553,11 +552,9 @@ class Scenario:
         station = event.station - 0.5 * actor.row.length
         if not 0.0 <= event.station < track.length or not track.lane_exists(event.lane, station):
             return None
-        shift = event.offset
         actor.take(track, (station, float(track.lane_offset(event.lane, station))), event.lane)
-        if shift:
-            actor.plan_shift(lambda _: shift, math.inf)
-            actor.shift = shift
+        if event.offset:
+            actor.stay_aside(event.offset)
         return _Running(record, plans=[Plan(done=True)])
 
     def _follow_path(self, event: FollowPath, actor: Actor, record: EventRecord) -> _Running | None:
@@ -585,8 +582,7 @@ class Scenario:
             box = self.actors.members[row.id]
             box.plan_speed(SpeedPlan(rate=event.deceleration, jerk=1e3))
             # It slides on its own line.
-            shift = box.shift
-            box.plan_shift(lambda _: shift, math.inf)
+            box.stay_aside(box.shift)
             running.plans = [box.speed_plan]  # type: ignore[list-item]
         return running
 
