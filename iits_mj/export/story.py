@@ -238,7 +238,11 @@ class Story:
     def _of_event(self, event: Event, condition: Condition) -> Any:
         """A condition on the state of another event."""
         other = self.events[str(condition.event)]
-        name, ends = other.title, (other.duration, other.until) != (None, None)
+        several = isinstance(other, (sumo.LaneClosure, sumo.SlowConvoy))
+        name, ends = (
+            f"{other.title} 1" if several else other.title,
+            (other.duration, other.until) != (None, None),
+        )
         by_action = isinstance(other, (do.Maneuver, do.CrossRoad, do.SetValue)) and not ends
         if condition.state == "begun":
             if self.at_start(other) and isinstance(other, INITIAL):
@@ -278,7 +282,9 @@ class Story:
             ))  # fmt: skip
         more = {"distance_type": getattr(xosc.RelativeDistanceType, kind), "freespace": False}
         at = self.position(route, *place)
-        return xosc.DistanceCondition(rounded(half), xosc.Rule.lessThan, at, **more, **_road(xosc))
+        return xosc.DistanceCondition(
+            rounded(half), xosc.Rule.lessThan, at, **more, **on_road(xosc)
+        )
 
     def _ahead(self, of: str, to: str, condition: Condition) -> list[list[Any]]:
         """Conditions on how far a road user is ahead of another one, which has no sign there.
@@ -291,7 +297,7 @@ class Story:
             if limit is None:
                 continue
             way = limit + self.members[first].front - self.members[second].front
-            fixed = {"freespace": False, **_road(xosc)}
+            fixed = {"freespace": False, **on_road(xosc)}
             behind = xosc.TimeHeadwayCondition(second, FAR, xosc.Rule.lessThan, **fixed)
             rule = xosc.Rule.greaterThan if way >= 0.0 else xosc.Rule.lessThan
             kind = xosc.RelativeDistanceType.longitudinal
@@ -326,8 +332,8 @@ class Story:
         made = self._state("action", ACTION.format(action), "completeState")
         self.event(name, actor, actions, self._when(made))
 
-    def ending(self, event: Event, actor: str, actions: Sequence[Any]) -> None:
-        """Adds the actions at the end that an event has by its time."""
+    def ending(self, event: Event, actor: str, action: Any) -> None:
+        """Adds an action at the end that an event has by its time."""
         name = f"{event.title} ends"
         if event.until is not None or (event.duration and self.at_start(event)):
             trigger = at_time(float(event.until or event.duration or 0.0))
@@ -336,8 +342,7 @@ class Story:
             trigger = self._when(made, "", Condition(event=event.title, delay=event.duration))
         else:
             return
-        named = [(f"{name} {k}" if k else name, each) for k, each in enumerate(actions)]
-        self.event(name, actor, named, trigger)
+        self.event(name, actor, [(name, action)], trigger)
 
     def at_start(self, event: Event) -> bool:
         """Whether an event begins at the start of the drive."""
@@ -397,35 +402,18 @@ class Story:
         return made
 
     def appear(
-        self,
-        event: Event,
-        places: Sequence[tuple[str, Any, Any]],
-        then: Sequence[tuple[str, Any]] = (),
+        self, event: Event, name: str, position: Any, speed: Any, then: Sequence[tuple[str, Any]]
     ) -> None:
-        """Lets entities appear at places, with actions that give their speeds.
-
-        Args:
-          event: of them.
-          places: name, position and SpeedAction of each.
-          then: names and actions of the first one from there on.
-        """
-        xosc, title = self.xosc, event.title
-        if self.at_start(event):
-            for name, position, speed in places:
-                self.init.add_init_action(name, xosc.TeleportAction(position))
-                self.init.add_init_action(name, speed)
-            if then:
-                self.event(title, places[0][0], then, self.trigger(event))
+        """Lets an entity appear at a position, with an action that gives its speed, and others."""
+        xosc = self.xosc
+        if not self.at_start(event):
+            added = (f"add {name}", xosc.AddEntityAction(name, position)), (f"start {name}", speed)
+            self.event(event.title, name, [*added, *then], self.trigger(event))
             return
-        actions: list[tuple[str, Any]] = []
-        for name, position, speed in places:
-            actions += [(f"add {name}", xosc.AddEntityAction(name, position))]
-            actions += [(f"start {name}", speed)] if len(places) == 1 else []
-        self.event(title, places[0][0], [*actions, *then], self.trigger(event))
-
-    def delete(self, event: Event, names: Sequence[str]) -> None:
-        """Lets entities disappear at the end of an event."""
-        self.ending(event, names[0], [self.xosc.DeleteEntityAction(name) for name in names])
+        self.init.add_init_action(name, xosc.TeleportAction(position))
+        self.init.add_init_action(name, speed)
+        if then:
+            self.event(event.title, name, then, self.trigger(event))
 
     def variable(self, name: str, value: float | str) -> Any:
         """An action that sets a variable."""
@@ -443,21 +431,6 @@ class Story:
         limits = xosc.DynamicsConstraints(rate, rate, None, jerk, jerk)
         follow = xosc.FollowingMode.follow
         return xosc.SpeedProfileAction([rounded(speed)], follow, None, limits, entity)
-
-    def distance(
-        self,
-        to: str,
-        flags: tuple[bool, bool],
-        limits: tuple[float, float, float | None],
-        gap: float | None,
-        time_gap: float | None,
-        place: str,
-    ) -> Any:
-        """An action to a distance: freespace and continuous, accelerations and speed, gap, side."""
-        xosc = self.xosc
-        more = {"displacement": getattr(xosc.LongitudinalDisplacement, place), **_road(xosc)}
-        sizes = rounded(gap), rounded(time_gap)
-        return xosc.LongitudinalDistanceAction(to, *flags, *limits, *sizes, **more)
 
     def transition(self, shape: str, dimension: str, value: float) -> Any:
         """The course of a change."""
@@ -514,7 +487,8 @@ class Story:
         return xosc.FollowTrajectoryAction(path, follow, *timing), positions[0]
 
 
-def _road(xosc: Any) -> dict[str, Any]:
+def on_road(xosc: Any) -> dict[str, Any]:
+    """Measured along the road."""
     return {"coordinate_system": xosc.CoordinateSystem.road}
 
 
@@ -525,13 +499,13 @@ COMPARED: dict[str, Callable[[Any, str, float, Any], Any]] = {
     "acceleration": lambda xosc, _, limit, rule: xosc.AccelerationCondition(limit, rule),
     "speed_difference": lambda xosc, to, limit, rule: xosc.RelativeSpeedCondition(limit, rule, to),
     "time_gap": lambda xosc, to, limit, rule: xosc.TimeHeadwayCondition(
-        to, limit, rule, **_road(xosc)
+        to, limit, rule, **on_road(xosc)
     ),
     "ttc": lambda xosc, to, limit, rule: xosc.TimeToCollisionCondition(
-        limit, rule, entity=to, **_road(xosc)
+        limit, rule, entity=to, **on_road(xosc)
     ),
     "gap": lambda xosc, to, limit, rule: xosc.RelativeDistanceCondition(
-        limit, rule, xosc.RelativeDistanceType.longitudinal, to, **_road(xosc)
+        limit, rule, xosc.RelativeDistanceType.longitudinal, to, **on_road(xosc)
     ),
     "distance": lambda xosc, to, limit, rule: xosc.RelativeDistanceCondition(
         limit, rule, xosc.RelativeDistanceType.euclidianDistance, to, freespace=False

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from iits_mj.export.openscenario import EGO, check_target, speed_action
-from iits_mj.export.story import Story, rounded
+from iits_mj.export.story import TIMES, Story, on_road, rounded
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.simulation.config import DriveConfig
@@ -100,10 +100,10 @@ def _place(story: Story, event: do.PlaceVehicle, _: str) -> None:
         if event.speed is None:
             step = story.transition("step", "time", 0.0)
             starts = xosc.RelativeSpeedAction(difference, EGO, step, continuous=False)
-    story.appear(event, [(name, position, starts)], then)
+    story.appear(event, name, position, starts, then)
     if event.stays and then:
         story.after(f"{name} stands", name, [(f"{name} stands", speed_action(0.0))], then[0][0])
-    story.delete(event, [name])
+    story.ending(event, name, xosc.DeleteEntityAction(name))
 
 
 def _cut_in(story: Story, event: do.CutIn, actor: str) -> None:
@@ -122,8 +122,15 @@ def _cut_in(story: Story, event: do.CutIn, actor: str) -> None:
     if event.gap is None:
         story.event(title, actor, actions, story.trigger(event))
     else:
-        limits, way = (APPROACH, APPROACH, None), f"way of {title}"
-        approach = story.distance(EGO, (True, False), limits, event.gap, None, AHEAD)
+        way, limits = f"way of {title}", {"acceleration": APPROACH, "deceleration": APPROACH}
+        there = do.KeepDistance(
+            actor=actor,
+            gap=event.gap,
+            ahead=True,
+            continuous=False,
+            **limits,  # type: ignore[arg-type]
+        )
+        approach = _keep_distance(story, there, actor)
         story.event(title, actor, [(way, approach)], story.trigger(event))
         story.after(f"lane change of {title}", actor, actions, way)
     if reactive:
@@ -174,7 +181,7 @@ def _speed(story: Story, event: do.Brake | do.ChangeSpeed, actor: str, action: A
     if reactive and event.duration is not None:
         actions.insert(0, (f"{title} without model", story.model(False)))
     story.event(title, actor, actions, story.trigger(event))
-    story.ending(event, actor, [story.model(True) if reactive else story.own_speed(actor)])
+    story.ending(event, actor, story.model(True) if reactive else story.own_speed(actor))
 
 
 def _swerve(story: Story, event: do.Swerve, actor: str) -> None:
@@ -218,9 +225,11 @@ def _keep_distance(story: Story, event: do.KeepDistance, actor: str) -> Any:
         if gap is None:
             story.fail(event, "a time_gap needs freespace: the other one has no counterpart")
         gap += story.members[actor].front - story.members[to].front
-    limits = event.acceleration, event.deceleration, most
-    flags, place = (event.freespace, event.continuous), AHEAD if event.ahead else BEHIND
-    return story.distance(to, flags, limits, gap, event.time_gap, place)
+    limits = event.acceleration, event.deceleration, most, rounded(gap), rounded(event.time_gap)
+    place = getattr(story.xosc.LongitudinalDisplacement, AHEAD if event.ahead else BEHIND)
+    more = {"displacement": place, **on_road(story.xosc)}
+    flags = event.freespace, event.continuous
+    return story.xosc.LongitudinalDistanceAction(to, *flags, *limits, **more)
 
 
 def _synchronize(story: Story, event: do.Synchronize, actor: str) -> Any:
@@ -259,7 +268,7 @@ def _cross(story: Story, event: do.CrossRoad, _: str) -> Any:
     ends = [route.evaluate(station, begin), route.evaluate(station, begin + way)]
     points = [(float(p.x), float(p.y), float(p.z)) for p in ends]
     action, place = story.trajectory(name, points, None, "map")
-    story.appear(event, [(name, place, speed_action(event.speed))], [(event.title, action)])
+    story.appear(event, name, place, speed_action(event.speed), [(event.title, action)])
     last = speed_action(0.0) if event.distance else story.xosc.DeleteEntityAction(name)
     story.after(f"{event.title} ends", name, [(f"{event.title} ends", last)], event.title)
     return None
@@ -301,45 +310,40 @@ def _environment(story: Story, event: Event, **parts: Any) -> Any:
 
 
 def _stopped_vehicle(story: Story, event: sumo.StoppedVehicle, _: str) -> None:
-    _in_lane(story, event, event.type, [event.station], [event.title])
+    _in_lane(story, event, event.type, {event.title: event.station})
     if (event.until, event.duration) != (None, None):
         speed = traffic_speed(story.config, story.route)
         rate = story.types[event.type].acceleration
-        story.ending(event, event.title, [story.profile(speed, rate, HOLD_JERK)])
+        story.ending(event, event.title, story.profile(speed, rate, HOLD_JERK))
 
 
 def _lane_closure(story: Story, event: sumo.LaneClosure, _: str) -> None:
     kind = story.types["truck"]
-    stations = closure_places(event, kind.length)
-    names = [f"{event.title} {k}" for k in range(1, len(stations) + 1)]
-    _in_lane(story, event, kind.name, stations, names)
-    story.delete(event, names)
+    places = enumerate(closure_places(event, kind.length), 1)
+    ends = {"until": event.until, "duration": event.duration}
+    _in_lane(story, event, kind.name, {f"{event.title} {k}": s for k, s in places}, **ends)
 
 
 def _convoy(story: Story, event: sumo.SlowConvoy, _: str) -> Any:
-    if not story.at_start(event) or (event.until, event.duration) != (None, None):
+    if (event.until, event.duration) != (None, None):
         return NO_COUNTERPART
-    stations = convoy_places(event, story.types[event.type])
-    names = [f"{event.title} {k}" for k in range(1, len(stations) + 1)]
-    _in_lane(story, event, event.type, stations, names, event.speed)
-    return None
+    places = enumerate(convoy_places(event, story.types[event.type]), 1)
+    names = {f"{event.title} {k}": station for k, station in places}
+    return _in_lane(story, event, event.type, names, speed=event.speed)
 
 
 def _in_lane(
     story: Story,
     event: sumo.StoppedVehicle | sumo.LaneClosure | sumo.SlowConvoy,
     kind: str,
-    stations: Sequence[float],
-    names: Sequence[str],
-    speed: float = 0.0,
+    stations: dict[str, float],
+    **more: float | None,
 ) -> None:
-    """Vehicles of a type with their front bumpers at stations [m] of the event's lane."""
-    places = []
-    for name, station in zip(names, stations, strict=True):
-        member = story.member(event, name, kind, station=station, lane=event.lane)
-        place = story.lane_position(story.route, station - member.front, event.lane)
-        places.append((name, place, speed_action(speed)))
-    story.appear(event, places)
+    """Vehicles of a type with their front bumpers at stations [m] of the event's lane, by names."""
+    values = {"type": kind, "lane": event.lane, "speed": 0.0, "reactive": False, **more}
+    values |= {name: getattr(event, name) for name in TIMES}
+    for name, station in stations.items():
+        _place(story, do.PlaceVehicle(name=name, station=station, **values), EGO)  # type: ignore[arg-type]
 
 
 WRITERS: dict[type[Event], Callable[[Story, Any, str], Any]] = {

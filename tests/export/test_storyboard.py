@@ -83,6 +83,23 @@ def test_sumos_events_are_entities_or_named_commands(tmp_path, capsys):
     assert "stopped_vehicle" in frames[-1]
 
 
+def test_an_event_waits_for_the_closure_of_a_lane(tmp_path):
+    (tmp_path / "works.toml").write_text(
+        '[[events]]\nevent = "lane_closure"\nlane = 1\nstart = 900.0\nend = 1100.0\n'
+        'at_time = 1.0\nuntil = 3.0\n[[events]]\nevent = "milestone"\nname = "open"\n'
+        'when = {event = "lane_closure"}\n[[events]]\nevent = "milestone"\nname = "closed"\n'
+        'when = {event = "lane_closure", state = "begun"}\n'
+    )
+    path = exported(tmp_path / "works.toml", tmp_path)
+    assert checked(path) == []
+    root = ElementTree.parse(path)
+    names = [each.get("name") for each in root.iter("ScenarioObject")]
+    # A safety truck each 80 m, from its length of 9 m behind the start on.
+    assert [name for name in names if "closure" in name] == [f"lane_closure {k}" for k in (1, 2, 3)]
+    _, begun = driven(scenario=path)
+    assert (begun["closed"], begun["open"]) == (pytest.approx(1.0), pytest.approx(3.0))
+
+
 def test_triggers_and_actions_are_those_of_the_standard(tmp_path):
     root = ElementTree.parse(exported(EXAMPLES / "cut_in.toml", tmp_path))
     assert root.find(".//LongitudinalDistanceAction").get("displacement") == (
@@ -109,6 +126,7 @@ CAR = '[[events]]\nevent = "place_vehicle"\nname = "car"\ngap = 30.0\n'
             '[[events]]\nevent = "brake"\nactor = "leader"',
             "brake.*role 'leader' has no counterpart",
         ),
+        ('[[events]]\nevent = "brake"\nactor = "truck"', "truck, which has its own driver"),
         ('[[events]]\nevent = "brake"\nactor = "bus"', "'bus' is no vehicle of an event before it"),
         (
             f'{CAR}[[events]]\nevent = "brake"\nactor = "car"\nwhen = {{event = "car"}}',
