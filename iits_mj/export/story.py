@@ -239,10 +239,8 @@ class Story:
         """A condition on the state of another event."""
         other = self.events[str(condition.event)]
         several = isinstance(other, (sumo.LaneClosure, sumo.SlowConvoy))
-        name, ends = (
-            f"{other.title} 1" if several else other.title,
-            (other.duration, other.until) != (None, None),
-        )
+        name = f"{other.title} 1" if several else other.title
+        ends = (other.duration, other.until) != (None, None)
         by_action = isinstance(other, (do.Maneuver, do.CrossRoad, do.SetValue)) and not ends
         if condition.state == "begun":
             if self.at_start(other) and isinstance(other, INITIAL):

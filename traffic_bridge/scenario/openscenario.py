@@ -1,8 +1,9 @@
 """Reads ASAM OpenSCENARIO XML 1.0 to 1.3: the start of the truck, and the events of the traffic.
 
 Element and attribute names are those of the standard. Everything that is not read is refused with
-its element, file and line. Not used are controllers, colors, time of day and weather other than
-wind, and the actions of the ego: it is the truck, and its own driver decides.
+its element, file and line. Not used are controllers other than that of the Intelligent Driver
+Model, colors, time of day and weather other than wind, and the actions of the ego: it is the truck,
+and its own driver decides.
 """
 
 from __future__ import annotations
