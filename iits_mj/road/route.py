@@ -57,7 +57,8 @@ LINKS_CUT_MAX = 50
 TABLE_COLUMNS = (*RoadPoint._fields, "friction_left", "friction_right", "friction_split")
 
 
-# The records of the map that was read last, by hash and name: a drive reads its map several times.
+# The records of the last map that is not in the cache, by hash and name: a drive reads its map
+# several times.
 _LAST: dict[tuple[str, str], tuple[OpenDriveMap, RoadGraph]] = {}
 
 
@@ -86,7 +87,7 @@ class RoadMap:
 
     @classmethod
     def from_opendrive(cls, path: str | Path, name: str | None = None) -> RoadMap:
-        """Reads an OpenDRIVE file; the last one, or a large one, comes from memory or the cache.
+        """Reads an OpenDRIVE file; a large one that was read before comes from the cache.
 
         Args:
           path: of the file.
@@ -98,16 +99,16 @@ class RoadMap:
         content = read_file(Path(path))
         digest = content_hash(content)
         name = str(Path(path)) if name is None else name
-        large = len(content) >= SIZE_MIN
-        cache = MapCache(digest, name) if large else None
-        state = _LAST.get((digest, name)) or (cache.recall("map") if cache else None)
+        cache = MapCache(digest, name) if len(content) >= SIZE_MIN else None
+        state = cache.recall("map") if cache else _LAST.get((digest, name))
         if state is None:
             parsed = parse(content, name)
             state = parsed, RoadGraph(parsed, name)
             if cache:
                 cache.keep("map", state)
-        _LAST.clear()
-        _LAST[digest, name] = state
+            else:
+                _LAST.clear()
+                _LAST[digest, name] = state
         made = cls.__new__(cls)
         made._fill(path, digest, name, *state)
         made._cache = cache
