@@ -31,6 +31,7 @@ from traffic_bridge.own_traffic import TRAFFIC, OwnTraffic, TrafficSource, vehic
 from traffic_bridge.recording.recorder import Recorder
 from traffic_bridge.recording.recording import PoseDigest, Recording
 from traffic_bridge.scenario.actions import (
+    ActivateDriver,
     Brake,
     BrakeLeak,
     ChangeLane,
@@ -52,6 +53,7 @@ from traffic_bridge.scenario.actions import (
     Swarm,
     Swerve,
     Synchronize,
+    Teleport,
     Wind,
 )
 from traffic_bridge.scenario.conditions import Condition
@@ -89,6 +91,7 @@ from traffic_bridge.vehicles.types import (
 __all__ = [
     "KINDS",
     "TRAFFIC",
+    "ActivateDriver",
     "Brake",
     "BrakeLeak",
     "Calibration",
@@ -138,6 +141,7 @@ __all__ = [
     "Swarm",
     "Swerve",
     "Synchronize",
+    "Teleport",
     "Traffic",
     "TrafficConfig",
     "TrafficSource",

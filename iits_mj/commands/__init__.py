@@ -15,7 +15,7 @@ SECTIONS = {
     "look at drives": {
         "render": "draw a film or a picture of a recorded drive: other cameras, weather, sizes",
         "compare": "compare two drives: what differs, where they part, over time and station",
-        "export": "write a recorded drive as OpenSCENARIO XML or OSI ground truth",
+        "export": "write a scenario or a recorded drive as OpenSCENARIO XML, or OSI ground truth",
         "replay-stage": "run one module of a recorded drive and compare its outputs",
     },
     "CAN bus": {

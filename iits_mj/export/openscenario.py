@@ -58,7 +58,7 @@ class Track(NamedTuple):
     """A road user from its appearance to its end.
 
     Attributes:
-      name: of the entity; body: what it is, of scenariogeneration.
+      name: of the entity; body: what it is, of scenariogeneration, None for the truck.
       frames: of the recording, without gaps, shape (n,).
       poses: of the reference point: x, y, z [m], yaw, pitch, roll [rad], shape (n, 6).
       speed: at the beginning [m/s].
@@ -72,7 +72,8 @@ class Track(NamedTuple):
 
 
 @functools.cache
-def _xosc() -> ModuleType:
+def xosc_package() -> ModuleType:
+    """Returns scenariogeneration's module; InputError if it is not installed."""
     try:
         from scenariogeneration import xosc
     except ImportError as error:
@@ -102,64 +103,79 @@ def write_recording(
       InputError: scenariogeneration is missing, the path has another ending, the recording is
         empty, or a file cannot be written.
     """
-    _check(path, route)
+    check_target(path, route)
     if len(recording) < 2:
         raise InputError(f"the recording has {len(recording)} frames: a drive has at least 2")
-    xosc, source = _xosc(), route.road_map.path
-    road = path.with_suffix(".xodr")
-    if not (road.is_file() and road.samefile(source)):
-        write_whole(road, source.read_bytes(), "map")
+    xosc = xosc_package()
     entities, init, story = xosc.Entities(), xosc.Init(), xosc.Story("traffic")
-    act = xosc.Act("traffic", _at(0.0), xosc.Trigger("stop"))
+    act = xosc.Act("traffic", at_time(0.0), xosc.Trigger("stop"))
     tracks: list[Track] = []
     if parameters is not None and recording.ego_at(0) is not None:
         tracks.append(_truck(recording, parameters, route))
-        for k, unit in enumerate(parameters.units[1:], 1):
-            entities.add_scenario_object(_trailer_name(k), _unit(unit, k, parameters))
+        add_truck(entities, parameters)
     tracks += _others(recording, {EGO, *(_trailer_name(k) for k in range(1, 10))})
     time, last = recording.time - recording.time[0], len(recording) - 1
     for track in tracks:
         if len(track.frames) < 2:
             continue  # seen for one instant: without a path
-        entities.add_scenario_object(track.name, track.body)
+        if track.name != EGO:
+            entities.add_scenario_object(track.name, track.body)
         begin, end = int(track.frames[0]), int(track.frames[-1])
         group = xosc.ManeuverGroup(track.name)
         group.add_actor(track.name)
         maneuver = xosc.Maneuver(track.name)
         if begin == 0:
             init.add_init_action(track.name, xosc.TeleportAction(_position(track.poses[0])))
-            init.add_init_action(track.name, _speed(track.speed))
+            init.add_init_action(track.name, speed_action(track.speed))
             init.add_init_action(track.name, _trajectory(track, time[track.frames]))
         else:
             appears = xosc.Event(f"{track.name} appears", xosc.Priority.parallel)
             position = _position(track.poses[0])
             appears.add_action(f"add {track.name}", xosc.AddEntityAction(track.name, position))
-            appears.add_action(f"start {track.name}", _speed(track.speed))
+            appears.add_action(f"start {track.name}", speed_action(track.speed))
             appears.add_action(
                 f"drive {track.name}", _trajectory(track, time[track.frames] - time[begin])
             )
-            appears.add_trigger(_at(float(time[begin])))
+            appears.add_trigger(at_time(float(time[begin])))
             maneuver.add_event(appears)
         if end < last:
             leaves = xosc.Event(f"{track.name} leaves", xosc.Priority.parallel)
             leaves.add_action(f"delete {track.name}", xosc.DeleteEntityAction(track.name))
-            leaves.add_trigger(_at(float(time[end + 1])))
+            leaves.add_trigger(at_time(float(time[end + 1])))
             maneuver.add_event(leaves)
         if begin or end < last:
             group.add_maneuver(maneuver)
             act.add_maneuver_group(group)
-    board = xosc.StoryBoard(init, _at(float(time[-1]), "stop"))
+    board = xosc.StoryBoard(init, at_time(float(time[-1]), "stop"))
     if act.maneuvergroup:
         story.add_act(act)
         board.add_story(story)
+    return write_scenario(path, route, entities, board)
+
+
+def write_scenario(
+    path: Path, route: Route, entities: Any, board: Any, variables: Any = None
+) -> tuple[Path, Path]:
+    """Writes a scenario of scenariogeneration's parts, and its map; returns the two paths."""
+    xosc, source, road = xosc_package(), route.road_map.path, path.with_suffix(".xodr")
+    if not (road.is_file() and road.samefile(source)):
+        write_whole(road, source.read_bytes(), "map")
     made = xosc.Scenario(
         *("a drive of iits_mj", "iits_mj", xosc.ParameterDeclarations(), entities, board),
         *(xosc.RoadNetwork(road.name), xosc.Catalog()),
         osc_minor_version=MINOR_VERSION,
+        variable_declaration=variables,
     )
     with OutputFile(path, "OpenSCENARIO file") as partial:
         made.write_xml(str(partial))
     return path, road
+
+
+def add_truck(entities: Any, parameters: TruckParameters) -> None:
+    """Adds the truck, the entity Ego, and its trailers."""
+    for k in (*range(1, len(parameters.units)), 0):
+        name = _trailer_name(k) if k else EGO
+        entities.add_scenario_object(name, _unit(parameters.units[k], k, parameters))
 
 
 class XoscLog(Finishing, Observer):
@@ -174,7 +190,7 @@ class XoscLog(Finishing, Observer):
     """
 
     def __init__(self, path: Path, simulation: Simulation) -> None:
-        _check(path, simulation.route)
+        check_target(path, simulation.route)
         self._path, self._route = path, simulation.route
         self._parameters = simulation.truck.parameters
         self._times: list[float] = []
@@ -198,9 +214,9 @@ class XoscLog(Finishing, Observer):
         """Writes nothing."""
 
 
-def _check(path: Path, route: Route) -> None:
+def check_target(path: Path, route: Route) -> None:
     """Checks what a file needs before a drive begins."""
-    _xosc()
+    xosc_package()
     if path.suffix != ".xosc":
         raise InputError(f"OpenSCENARIO file {str(path)!r}: its name must end with .xosc")
     if not route.road_map.path.is_file():
@@ -214,7 +230,7 @@ def _truck(recording: Recording, parameters: TruckParameters, route: Route) -> T
     poses, frames = [], []
     first = recording.ego_at(0)
     assert first is not None
-    rear, box = _reference(parameters.units[0]), truck_units(first, parameters)[0]
+    rear, box = reference_of(parameters.units[0]), truck_units(first, parameters)[0]
     # The center of the box is on the surface; the reference point lies in its plane.
     back = rear + 0.5 * (box.ahead - box.behind)
     for k in range(len(recording)):
@@ -226,8 +242,7 @@ def _truck(recording: Recording, parameters: TruckParameters, route: Route) -> T
         z = motion.z + back * math.sin(ego.pitch)
         frames.append(k)
         poses.append((x, y, z, ego.yaw, ego.pitch, ego.roll))
-    body = _unit(parameters.units[0], 0, parameters)
-    return Track(EGO, body, np.array(frames), np.array(poses), first.speed)
+    return Track(EGO, None, np.array(frames), np.array(poses), first.speed)
 
 
 def _others(recording: Recording, taken: set[str]) -> list[Track]:
@@ -243,7 +258,7 @@ def _others(recording: Recording, taken: set[str]) -> list[Track]:
         for part in np.split(rows, np.flatnonzero(np.diff(frame[rows]) > 1) + 1):
             columns = np.asarray(recording.columns[:, part])
             name = _name(recording.ids[number], taken)
-            body, back = _body(name, kind, size)
+            body, back = body_of(name, kind, size)
             yaw = columns[_YAW]
             poses = np.stack(
                 [
@@ -269,9 +284,9 @@ def _name(wanted: str, taken: set[str]) -> str:
     return name
 
 
-def _body(name: str, kind: str, size: Sequence[float]) -> tuple[Any, float]:
+def body_of(name: str, kind: str, size: Sequence[float]) -> tuple[Any, float]:
     """A road user, and the distance from its box's center back to its reference point [m]."""
-    xosc = _xosc()
+    xosc = xosc_package()
     length, width, height = size
     if kind not in _VEHICLES:
         box = xosc.BoundingBox(width, length, height, 0.0, 0.0, 0.5 * height)
@@ -288,7 +303,7 @@ def _body(name: str, kind: str, size: Sequence[float]) -> tuple[Any, float]:
     return xosc.Vehicle(name, category, box, front, rear, fastest, quickest, hardest), back
 
 
-def _reference(unit: Unit) -> float:
+def reference_of(unit: Unit) -> float:
     """Distance from a unit's origin back to the middle of its axles that do not steer [m]."""
     fixed = [axle.position for axle in unit.axles if not axle.steered]
     return round(sum(fixed) / len(fixed), 6)
@@ -296,8 +311,8 @@ def _reference(unit: Unit) -> float:
 
 def _unit(unit: Unit, number: int, parameters: TruckParameters) -> Any:
     """A unit of the truck with its axles and couplings."""
-    xosc = _xosc()
-    reference = _reference(unit)
+    xosc = xosc_package()
+    reference = reference_of(unit)
     # The units of a truck that stands straight.
     straight = EgoState(rear_articulations=(0.0,) * len(parameters.units))
     shape = truck_units(straight, parameters)[number]
@@ -348,18 +363,19 @@ def _trailer_name(number: int) -> str:
 
 def _position(pose: FloatArray) -> Any:
     x, y, z, yaw, pitch, roll = (round(float(value), 6) for value in pose)
-    return _xosc().WorldPosition(x, y, z, yaw, pitch, roll)
+    return xosc_package().WorldPosition(x, y, z, yaw, pitch, roll)
 
 
-def _speed(speed: float) -> Any:
-    xosc = _xosc()
+def speed_action(speed: float) -> Any:
+    """An action that gives a speed at once [m/s]."""
+    xosc = xosc_package()
     step = xosc.TransitionDynamics(xosc.DynamicsShapes.step, xosc.DynamicsDimension.time, 0.0)
     return xosc.AbsoluteSpeedAction(round(speed, 6), step)
 
 
 def _trajectory(track: Track, times: FloatArray) -> Any:
     """The recorded path at times since its beginning [s]."""
-    xosc = _xosc()
+    xosc = xosc_package()
     path = xosc.Trajectory(f"path of {track.name}", closed=False)
     at = [round(time, 6) for time in times.tolist()]
     path.add_shape(xosc.Polyline(at, [_position(pose) for pose in track.poses]))
@@ -368,8 +384,8 @@ def _trajectory(track: Track, times: FloatArray) -> Any:
     )
 
 
-def _at(time: float, point: str = "start") -> Any:
+def at_time(time: float, point: str = "start") -> Any:
     """A trigger at a simulation time [s]."""
-    xosc = _xosc()
+    xosc = xosc_package()
     condition = xosc.SimulationTimeCondition(round(time, 6), xosc.Rule.greaterOrEqual)
     return xosc.ValueTrigger("time", 0.0, xosc.ConditionEdge.none, condition, point)

@@ -57,6 +57,11 @@ LINKS_CUT_MAX = 50
 TABLE_COLUMNS = (*RoadPoint._fields, "friction_left", "friction_right", "friction_split")
 
 
+# The records of the last map that is not in the cache, by hash and name: a drive reads its map
+# several times.
+_LAST: dict[tuple[str, str], tuple[OpenDriveMap, RoadGraph]] = {}
+
+
 class RoadMap:
     """A map: its roads, and chains of them to drive on.
 
@@ -94,16 +99,18 @@ class RoadMap:
         content = read_file(Path(path))
         digest = content_hash(content)
         name = str(Path(path)) if name is None else name
-        if len(content) < SIZE_MIN:
-            return cls(parse(content, name), path, digest, name)
-        cache = MapCache(digest, name)
-        state = cache.recall("map")
+        cache = MapCache(digest, name) if len(content) >= SIZE_MIN else None
+        state = cache.recall("map") if cache else _LAST.get((digest, name))
         if state is None:
-            made = cls(parse(content, name), path, digest, name)
-            cache.keep("map", (made.content, made._graph))
-        else:
-            made = cls.__new__(cls)
-            made._fill(path, digest, name, *state)
+            parsed = parse(content, name)
+            state = parsed, RoadGraph(parsed, name)
+            if cache:
+                cache.keep("map", state)
+            else:
+                _LAST.clear()
+                _LAST[digest, name] = state
+        made = cls.__new__(cls)
+        made._fill(path, digest, name, *state)
         made._cache = cache
         return made
 

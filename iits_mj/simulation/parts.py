@@ -73,6 +73,7 @@ UNLIMITED_SPEED = 36.1
 LIMIT_SAMPLES = 200  # places where the route's limit is read
 # Least road between the start and the end of the drive [m]; also on a short route.
 _ROOM, _SHORTEST = 10.0, 1.0
+_LAST: dict[str, Any] = {}  # the scenario that was read last
 Start = TypeVar("Start", bound=TruckStart)
 
 
@@ -181,13 +182,27 @@ def with_scenario(config: AnyDrive) -> AnyDrive:
 def _read_scenario(config: DriveConfig, path: Path) -> OpenScenario:
     """Returns the scenario with the values of its parameters; those of a file of events are left.
 
-    Without a file of events all parameters must be the scenario's.
+    Without a file of events all parameters must be the scenario's. The last one is kept while its
+    files stay as they are: a drive needs it several times.
     """
     given = assignments(config.param)
     if config.events is not None:
         own = declared_parameters(path)
         given = {name: text for name, text in given.items() if name in own}
-    return read_scenario(path, config.ego, given)
+    key = path.absolute(), config.ego, tuple(sorted(given.items()))
+    if _LAST.get("key") != key or _LAST["stamps"] != _stamps(path, *_LAST["scenario"].files):
+        stamps = _stamps(path)
+        scenario = read_scenario(path, config.ego, given)
+        stamps += _stamps(*scenario.files)
+        _LAST.update(key=key, scenario=scenario, stamps=stamps)
+    found: OpenScenario = _LAST["scenario"]
+    return found
+
+
+def _stamps(*paths: Path) -> list[tuple[int, int] | None]:
+    """Time and size of files, None for one that is missing."""
+    found = [path.stat() if path.exists() else None for path in paths]
+    return [state and (state.st_mtime_ns, state.st_size) for state in found]
 
 
 def configured_events(config: DriveConfig) -> tuple[Event, ...]:

@@ -4,9 +4,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from qc_baselib import Configuration, Result
-from qc_openscenario import constants
-from qc_openscenario.main import run_checks
 
 from iits_mj.cli import main
 from iits_mj.core.errors import InputError
@@ -14,27 +11,9 @@ from iits_mj.export.openscenario import XoscLog, write_recording
 from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.road import RoadMap
 from iits_mj.simulation import DriveConfig, Simulation
+from tests.export.checker import checked
 from traffic_bridge import EventSim, Recording, TrafficConfig
 from traffic_bridge.scenario.openscenario import read_scenario
-
-
-def checked(path):
-    """Issues that ASAM's own checker finds in a file."""
-    config = Configuration()
-    config.set_config_param(name="InputFile", value=str(path))
-    config.register_checker_bundle(checker_bundle_name=constants.BUNDLE_NAME)
-    result = Result()
-    result.register_checker_bundle(
-        name=constants.BUNDLE_NAME, description="", version="1", summary="", build_date="2026-01-01"
-    )
-    run_checks(config, result)
-    count = len(result.get_checker_ids(constants.BUNDLE_NAME))
-    assert count >= 15
-    return [
-        issue.description
-        for name in result.get_checker_ids(constants.BUNDLE_NAME)
-        for issue in result.get_issues(constants.BUNDLE_NAME, name)
-    ]
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from iits_mj.core.checks import is_number, one_of
 from iits_mj.core.errors import InputError
 from iits_mj.road.route_choice import read_words
 from traffic_bridge.scenario.conditions import TRUCK, point_of
-from traffic_bridge.signals.events import LONGEST, Event
+from traffic_bridge.signals.events import LONGEST, REQUIRED, Event, choice, number, text, whole
 
 SPEED_MAX = 70.0  # [m/s]
 # Share of a change that is complete after a share of its time, by OpenSCENARIO's names of shapes.
@@ -54,10 +54,6 @@ class SceneEvent(Event):
         if len(given) > 1 or (needed and not given):
             raise InputError(f"{self.kind}: give {' or '.join(names)}, not both or none")
 
-    def _optional(self, field: str, low: float, high: float) -> None:
-        if getattr(self, field) is not None:
-            self._number(field, low, high)
-
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceVehicle(SceneEvent):
@@ -81,21 +77,21 @@ class PlaceVehicle(SceneEvent):
 
     kind: ClassVar[str] = "place_vehicle"
 
-    gap: float | None = None
-    station: float | None = None
-    relative_lane: int | None = None
-    lane: int | None = None
-    speed: float | None = None
-    speed_difference: float | None = None
-    type: str = "car"
+    gap: float | None = number(None, -2_000.0, 2_000.0)
+    station: float | None = number(None, 0.0, LONGEST)
+    relative_lane: int | None = whole(None, -5, 20)
+    lane: int | None = whole(None, 0, 20)
+    speed: float | None = number(None, 0.0, SPEED_MAX)
+    speed_difference: float | None = number(None, -SPEED_MAX, SPEED_MAX)
+    type: str = text("car")
     reactive: bool = True
-    offset: float | None = None
-    length: float | None = None
-    width: float | None = None
-    height: float | None = None
+    offset: float | None = number(None, -100.0, 100.0)
+    length: float | None = number(None, 0.1, 100.0)
+    width: float | None = number(None, 0.1, 10.0)
+    height: float | None = number(None, 0.1, 10.0)
     along: str | None = None
     points: Points | None = None
-    frame: str = "map"
+    frame: str = choice("map", FRAMES)
     stays: bool = False
 
     def _check(self) -> None:
@@ -108,18 +104,6 @@ class PlaceVehicle(SceneEvent):
             raise InputError(f"{self.kind}: lane has no meaning with points")
         self._either("relative_lane", "lane", needed=False)
         self._either("speed", "speed_difference", needed=False)
-        self._optional("gap", -2_000.0, 2_000.0)
-        self._optional("station", 0.0, LONGEST)
-        self._optional("speed", 0.0, SPEED_MAX)
-        self._optional("speed_difference", -SPEED_MAX, SPEED_MAX)
-        for field, low in (("lane", 0), ("relative_lane", -5)):
-            if getattr(self, field) is not None:
-                self._whole(field, low, 20)
-        self._text("type")
-        _flag(self, "reactive")
-        self._optional("offset", -100.0, 100.0)
-        for field, high in (("length", 100.0), ("width", 10.0), ("height", 10.0)):
-            self._optional(field, 0.1, high)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,14 +119,7 @@ class Maneuver(SceneEvent):
 
     ends: ClassVar[tuple[str, ...]] = ("duration",)
 
-    actor: str
-
-    def _check(self) -> None:
-        self._text("actor")
-        self._check_maneuver()
-
-    def _check_maneuver(self) -> None:
-        """Checks the subclass's own values."""
+    actor: str = text(REQUIRED)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,23 +133,17 @@ class LateralManeuver(Maneuver):
       distance: driven meanwhile at the speed of the beginning, which gives the duration [m].
     """
 
-    duration: float | None = None
-    shape: str = "sinusoidal"
-    lateral_speed: float | None = None
-    lateral_acceleration: float | None = None
-    distance: float | None = None
+    duration: float | None = number(None, 0.1, 60.0)
+    shape: str = choice("sinusoidal", SHAPES)
+    lateral_speed: float | None = number(None, 0.01, 20.0)
+    lateral_acceleration: float | None = number(None, 0.01, 20.0)
+    distance: float | None = number(None, 0.1, 2_000.0)
 
     def _check(self) -> None:
         given = ("duration", "lateral_speed", "lateral_acceleration", "distance")
         self._either(*given, needed=False)
         if all(getattr(self, name) is None for name in given):
             object.__setattr__(self, "duration", 3.0)
-        self._optional("duration", 0.1, 60.0)
-        self._optional("lateral_speed", 0.01, 20.0)
-        self._optional("lateral_acceleration", 0.01, 20.0)
-        self._optional("distance", 0.1, 2_000.0)
-        one_of(f"{self.kind}: shape", self.shape, SHAPES)
-        super()._check()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,12 +161,8 @@ class CutIn(LateralManeuver):
 
     kind: ClassVar[str] = "cut_in"
 
-    gap: float | None = None
-    speed_difference: float | None = None
-
-    def _check_maneuver(self) -> None:
-        self._optional("gap", 0.0, 500.0)
-        self._optional("speed_difference", -SPEED_MAX, SPEED_MAX)
+    gap: float | None = number(None, 0.0, 500.0)
+    speed_difference: float | None = number(None, -SPEED_MAX, SPEED_MAX)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,17 +176,13 @@ class ChangeLane(LateralManeuver):
 
     kind: ClassVar[str] = "change_lane"
 
-    relative_lane: int | None = None
-    lane: int | None = None
-    to: str | None = None
+    relative_lane: int | None = whole(None, -5, 20)
+    lane: int | None = whole(None, 0, 20)
+    to: str | None = text(None)
 
-    def _check_maneuver(self) -> None:
+    def _check(self) -> None:
+        super()._check()
         self._either("relative_lane", "lane")
-        for field, low in (("lane", 0), ("relative_lane", -5)):
-            if getattr(self, field) is not None:
-                self._whole(field, low, 20)
-        if self.to is not None:
-            self._text("to")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -233,12 +196,8 @@ class Swerve(LateralManeuver):
 
     kind: ClassVar[str] = "swerve"
 
-    offset: float
+    offset: float = number(REQUIRED, -10.0, 10.0)
     back: bool = True
-
-    def _check_maneuver(self) -> None:
-        self._number("offset", -10.0, 10.0)
-        _flag(self, "back")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,14 +212,9 @@ class Drift(Maneuver):
     kind: ClassVar[str] = "drift"
     ends: ClassVar[tuple[str, ...]] = ()
 
-    offset: float
-    lateral_speed: float = 0.3
-    recovery: float = 1.5
-
-    def _check_maneuver(self) -> None:
-        self._number("offset", -20.0, 20.0)
-        self._number("lateral_speed", 0.01, 5.0)
-        self._number("recovery", 0.0, 30.0)
+    offset: float = number(REQUIRED, -20.0, 20.0)
+    lateral_speed: float = number(0.3, 0.01, 5.0)
+    recovery: float = number(1.5, 0.0, 30.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -272,7 +226,8 @@ class ChangeSpeed(Maneuver):
         speed_factor: of the truck's speed, instead of it.
       to: id of the vehicle that replaces the truck in these; continuous: the speed follows that of
         the truck or of this vehicle until another maneuver changes it.
-      acceleration: greatest magnitude [m/s2]; jerk: greatest magnitude [m/s3].
+      acceleration: greatest magnitude [m/s2]; deceleration: of a lower speed, None: the same
+        [m/s2]; jerk: greatest magnitude [m/s3].
       shape: course of the speed over time, one of `SHAPES`, or "step" for a change within one step
         of the traffic, instead of a jerk; time: of the change [s]; distance: driven meanwhile,
         instead of it [m]; neither: the speed changes with the acceleration as its mean.
@@ -280,49 +235,43 @@ class ChangeSpeed(Maneuver):
 
     kind: ClassVar[str] = "change_speed"
 
-    speed: float | None = None
-    speed_difference: float | None = None
-    speed_factor: float | None = None
-    to: str = TRUCK
+    speed: float | None = number(None, 0.0, SPEED_MAX)
+    speed_difference: float | None = number(None, -SPEED_MAX, SPEED_MAX)
+    speed_factor: float | None = number(None, 0.0, 10.0)
+    to: str = text(TRUCK)
     continuous: bool = False
-    acceleration: float = 1.5
-    jerk: float = 5.0
+    acceleration: float = number(1.5, 0.05, 15.0)
+    deceleration: float | None = number(None, 0.05, 15.0)
+    jerk: float = number(5.0, 0.1, 1_000.0)
     shape: str | None = None
-    time: float | None = None
-    distance: float | None = None
+    time: float | None = number(None, 0.01, 1e4)
+    distance: float | None = number(None, 0.1, 1e5)
 
-    def _check_maneuver(self) -> None:
+    def _check(self) -> None:
         self._either("speed", "speed_difference", "speed_factor")
-        self._optional("speed", 0.0, SPEED_MAX)
-        self._optional("speed_difference", -SPEED_MAX, SPEED_MAX)
-        self._optional("speed_factor", 0.0, 10.0)
-        self._text("to")
-        _flag(self, "continuous")
         if self.continuous and self.speed is not None:
             raise InputError(f"{self.kind}: continuous has no meaning with speed")
         if self.shape is not None:
             one_of(f"{self.kind}: shape", self.shape, (*SHAPES, "step"))
         self._either("time", "distance", needed=False)
-        self._optional("time", 0.01, 1e4)
-        self._optional("distance", 0.1, 1e5)
         if (self.time or self.distance) is not None and self.shape in (None, "step"):
             names = "time" if self.distance is None else "distance"
             raise InputError(f"{self.kind}: {names} needs a shape: use one of {', '.join(SHAPES)}")
         if self.continuous and self.shape in SHAPES:
             raise InputError(f"{self.kind}: continuous is only for the shape step or a jerk")
-        self._number("acceleration", 0.05, 15.0)
-        self._number("jerk", 0.1, 1_000.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class KeepDistance(Maneuver):
-    """A distance behind another vehicle, by a bounded acceleration.
+    """A distance behind another vehicle, or ahead of the truck, by a bounded acceleration.
 
     The acceleration is proportional to the errors of the distance and of the speed, as of an
     adaptive cruise control with a constant time gap: R. Rajamani, "Vehicle Dynamics and Control",
-    2nd ed., 2012, section 6.4.
+    2nd ed., 2012, section 6.4. A place ahead of the truck is reached as that of a `CutIn`.
 
     Attributes:
+      ahead: of the truck, at a `gap` that is not continuous, by a bounded `acceleration`.
+      speed_difference: to the truck's speed when the place ahead is reached [m/s].
       to: "truck" or id of the vehicle ahead; freespace: the gap is between the bumpers; false:
         between the front bumpers.
       gap: [m]; time_gap: [s], instead of it.
@@ -333,25 +282,40 @@ class KeepDistance(Maneuver):
     kind: ClassVar[str] = "keep_distance"
     ends: ClassVar[tuple[str, ...]] = ()
 
-    to: str = TRUCK
-    gap: float | None = None
-    time_gap: float | None = None
+    to: str = text(TRUCK)
+    gap: float | None = number(None, 0.0, 2_000.0)
+    time_gap: float | None = number(None, 0.0, 100.0)
     freespace: bool = True
     continuous: bool = True
-    acceleration: float = 2.0
-    deceleration: float = 5.0
-    fastest: float = SPEED_MAX
+    acceleration: float = number(2.0, 0.05, 100.0)
+    deceleration: float = number(5.0, 0.05, 100.0)
+    fastest: float = number(SPEED_MAX, 0.0, SPEED_MAX)
+    ahead: bool = False
+    speed_difference: float = number(0.0, -SPEED_MAX, SPEED_MAX)
 
-    def _check_maneuver(self) -> None:
-        self._text("to")
+    def _check(self) -> None:
         self._either("gap", "time_gap")
-        self._optional("gap", 0.0, 2_000.0)
-        self._optional("time_gap", 0.0, 100.0)
-        _flag(self, "freespace")
-        _flag(self, "continuous")
-        self._number("acceleration", 0.05, 100.0)
-        self._number("deceleration", 0.05, 100.0)
-        self._number("fastest", 0.0, SPEED_MAX)
+        plain = self.to == TRUCK and self.gap is not None and self.freespace
+        if self.ahead and (self.continuous or not plain):
+            raise InputError(f"{self.kind}: ahead needs a gap to the truck that is not continuous")
+        if self.speed_difference and not self.ahead:
+            raise InputError(f"{self.kind}: speed_difference needs ahead")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActivateDriver(Maneuver):
+    """The car-following model drives the vehicle from now on, or does not: it keeps its speed.
+
+    It has the desired speed that it last had. A vehicle that is not `reactive` has no such model.
+
+    Attributes:
+      active: whether it drives.
+    """
+
+    kind: ClassVar[str] = "activate_driver"
+    ends: ClassVar[tuple[str, ...]] = ()
+
+    active: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -372,23 +336,16 @@ class Synchronize(Maneuver):
     kind: ClassVar[str] = "synchronize"
     ends: ClassVar[tuple[str, ...]] = ()
 
-    station: float
-    to_station: float
-    to: str = TRUCK
-    speed: float | None = None
-    speed_difference: float | None = None
-    tolerance: float = 0.5
-    to_tolerance: float = 0.5
+    station: float = number(REQUIRED, 0.0, LONGEST)
+    to_station: float = number(REQUIRED, 0.0, LONGEST)
+    to: str = text(TRUCK)
+    speed: float | None = number(None, 0.0, SPEED_MAX)
+    speed_difference: float | None = number(None, -SPEED_MAX, SPEED_MAX)
+    tolerance: float = number(0.5, 0.0, 100.0)
+    to_tolerance: float = number(0.5, 0.0, 100.0)
 
-    def _check_maneuver(self) -> None:
-        self._text("to")
-        self._number("station", 0.0, LONGEST)
-        self._number("to_station", 0.0, LONGEST)
+    def _check(self) -> None:
         self._either("speed", "speed_difference", needed=False)
-        self._optional("speed", 0.0, SPEED_MAX)
-        self._optional("speed_difference", -SPEED_MAX, SPEED_MAX)
-        self._number("tolerance", 0.0, 100.0)
-        self._number("to_tolerance", 0.0, 100.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -415,12 +372,12 @@ class FollowPath(Maneuver):
 
     points: Points | None = None
     along: str | None = None
-    frame: str = "map"
+    frame: str = choice("map", FRAMES)
     times: Sequence[float] | None = None
     goal: int | None = None
     stays: bool = False
 
-    def _check_maneuver(self) -> None:
+    def _check(self) -> None:
         self._either("points", "along")
         _check_way(self)
         count = len(self.points or ())
@@ -439,6 +396,27 @@ class FollowPath(Maneuver):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Teleport(Maneuver):
+    """A road user is at another place at once, and drives on there as before.
+
+    Attributes:
+      station: of its front bumper [m]; lane: from the right; offset: to the left of its center [m].
+      along: its road in the words of `iits_mj.road.route_choice`; None: the truck's.
+    """
+
+    kind: ClassVar[str] = "teleport"
+    ends: ClassVar[tuple[str, ...]] = ()
+
+    station: float = number(REQUIRED, 0.0, LONGEST)
+    lane: int = whole(REQUIRED, 0, 20)
+    offset: float = number(0.0, -100.0, 100.0)
+    along: str | None = None
+
+    def _check(self) -> None:
+        _check_along(self)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Brake(Maneuver):
     """Braking to a speed, which the vehicle keeps; with `duration` it then drives on.
 
@@ -448,14 +426,9 @@ class Brake(Maneuver):
 
     kind: ClassVar[str] = "brake"
 
-    deceleration: float = 6.0
-    jerk: float = 30.0
-    to_speed: float = 0.0
-
-    def _check_maneuver(self) -> None:
-        self._number("deceleration", 0.05, 15.0)
-        self._number("jerk", 0.1, 1_000.0)
-        self._number("to_speed", 0.0, SPEED_MAX)
+    deceleration: float = number(6.0, 0.05, 15.0)
+    jerk: float = number(30.0, 0.1, 1_000.0)
+    to_speed: float = number(0.0, 0.0, SPEED_MAX)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -470,11 +443,10 @@ class LoseCargo(Maneuver):
 
     kind: ClassVar[str] = "lose_cargo"
 
-    deceleration: float = 5.0
+    deceleration: float = number(5.0, 0.5, 15.0)
 
-    def _check_maneuver(self) -> None:
+    def _check(self) -> None:
         self._text("name")
-        self._number("deceleration", 0.5, 15.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -502,22 +474,16 @@ class CrossRoad(SceneEvent):
     kind: ClassVar[str] = "cross_road"
     ends: ClassVar[tuple[str, ...]] = ()
 
-    gap: float | None = None
-    station: float | None = None
-    side: str = "right"
-    speed: float = 1.4
-    distance: float | None = None
-    type: str = "pedestrian"
+    gap: float | None = number(None, 0.0, 2_000.0)
+    station: float | None = number(None, 0.0, LONGEST)
+    side: str = choice("right", SIDES)
+    speed: float = number(1.4, 0.1, 20.0)
+    distance: float | None = number(None, 0.1, 100.0)
+    type: str = text("pedestrian")
 
     def _check(self) -> None:
         self._text("name")
         self._either("gap", "station")
-        self._optional("gap", 0.0, 2_000.0)
-        self._optional("station", 0.0, LONGEST)
-        one_of(f"{self.kind}: side", self.side, SIDES)
-        self._number("speed", 0.1, 20.0)
-        self._optional("distance", 0.1, 100.0)
-        self._text("type")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -540,24 +506,17 @@ class Swarm(SceneEvent):
 
     kind: ClassVar[str] = "swarm"
 
-    count: int
-    inner: float
-    half_length: float
-    half_width: float
-    speed: float
-    ahead: float = 0.0
+    count: int = whole(REQUIRED, 1, SWARM_MAX)
+    inner: float = number(REQUIRED, 0.0, 10_000.0)
+    half_length: float = number(REQUIRED, 1.0, 10_000.0)
+    half_width: float = number(REQUIRED, 1.0, 10_000.0)
+    speed: float = number(REQUIRED, 0.1, SPEED_MAX)
+    ahead: float = number(0.0, -10_000.0, 10_000.0)
     mix: Mapping[str, float] | None = None
-    to: str = TRUCK
+    to: str = text(TRUCK)
 
     def _check(self) -> None:
         self._text("name")
-        self._text("to")
-        self._whole("count", 1, SWARM_MAX)
-        self._number("inner", 0.0, 10_000.0)
-        self._number("half_length", 1.0, 10_000.0)
-        self._number("half_width", 1.0, 10_000.0)
-        self._number("ahead", -10_000.0, 10_000.0)
-        self._number("speed", 0.1, SPEED_MAX)
         mix = {"car": 1.0} if self.mix is None else self.mix
         weights = list(mix.values()) if isinstance(mix, Mapping) else []
         if not weights or not all(is_number(w) and 0.0 <= w < 1e6 for w in weights):
@@ -589,11 +548,10 @@ class SetValue(SceneEvent):
     kind: ClassVar[str] = "set_value"
     ends: ClassVar[tuple[str, ...]] = ()
 
-    variable: str
+    variable: str = text(REQUIRED)
     value: float | str
 
     def _check(self) -> None:
-        self._text("variable")
         if is_number(self.value):
             object.__setattr__(self, "value", float(self.value))
         elif not isinstance(self.value, str):
@@ -620,19 +578,13 @@ class FrictionChange(TruckEvent):
 
     kind: ClassVar[str] = "friction"
 
-    friction: float
-    friction_right: float | None = None
-    split: float = 0.0
-    start: float = 0.0
-    end: float = LONGEST
+    friction: float = number(REQUIRED, 0.0, 2.0)
+    friction_right: float | None = number(None, 0.0, 2.0)
+    split: float = number(0.0, -50.0, 50.0)
+    start: float = number(0.0, 0.0, LONGEST)
+    end: float = number(LONGEST, 0.0, LONGEST)
 
     def _check(self) -> None:
-        self._number("friction", 0.0, 2.0)
-        if self.friction_right is not None:
-            self._number("friction_right", 0.0, 2.0)
-        self._number("split", -50.0, 50.0)
-        self._number("start", 0.0, LONGEST)
-        self._number("end", 0.0, LONGEST)
         if self.end <= self.start:
             raise InputError(
                 f"{self.kind}: start = {self.start:g} m must be before end = {self.end:g} m"
@@ -652,14 +604,11 @@ class Wind(TruckEvent):
 
     kind: ClassVar[str] = "wind"
 
-    speed: float
-    direction: float = 90.0
-    shape: str = "gust"
+    speed: float = number(REQUIRED, 0.0, 60.0)
+    direction: float = number(90.0, -360.0, 360.0)
+    shape: str = choice("gust", WINDS)
 
     def _check(self) -> None:
-        self._number("speed", 0.0, 60.0)
-        self._number("direction", -360.0, 360.0)
-        one_of(f"{self.kind}: shape", self.shape, WINDS)
         if self.shape == "gust" and self.until is not None:
             raise InputError(f"{self.kind}: a gust has a duration, not until")
         if self.shape == "gust" and self.duration is None:
@@ -705,7 +654,7 @@ class StuckSpeedSensor(Fault):
 
 SCENARIO_EVENTS: tuple[type[Event], ...] = (
     *(PlaceVehicle, CutIn, ChangeLane, ChangeSpeed, Brake, Swerve, Drift, LoseCargo, CrossRoad),
-    *(FollowPath, KeepDistance, Synchronize, Swarm, RemoveVehicle),
+    *(FollowPath, KeepDistance, ActivateDriver, Synchronize, Swarm, RemoveVehicle, Teleport),
     *(Milestone, SetValue, EndDrive, FrictionChange, Wind, Puncture, BrakeLeak, StuckSpeedSensor),
 )
 
@@ -713,14 +662,7 @@ SCENARIO_EVENTS: tuple[type[Event], ...] = (
 def _check_way(event: PlaceVehicle | FollowPath) -> None:
     """Checks `along`, `points`, `frame` and `stays`."""
     kind, points = event.kind, event.points
-    one_of(f"{kind}: frame", event.frame, FRAMES)
-    _flag(event, "stays")
-    if event.along is not None:
-        event._text("along")
-        try:
-            read_words(event.along)
-        except InputError as error:
-            raise InputError(f"{kind}: along: {error}") from None
+    _check_along(event)
     if points is None:
         return
     if not isinstance(points, (list, tuple)) or not 2 <= len(points) <= POINTS_MAX:
@@ -734,7 +676,11 @@ def _check_way(event: PlaceVehicle | FollowPath) -> None:
     object.__setattr__(event, "points", made)
 
 
-def _flag(event: Event, field: str) -> None:
-    value = getattr(event, field)
-    if not isinstance(value, bool):
-        raise InputError(f"{event.kind}: {field} = {value!r}: allowed are true and false")
+def _check_along(event: PlaceVehicle | FollowPath | Teleport) -> None:
+    if event.along is None:
+        return
+    event._text("along")
+    try:
+        read_words(event.along)
+    except InputError as error:
+        raise InputError(f"{event.kind}: along: {error}") from None

@@ -194,15 +194,26 @@ class Approach(Plan):
     elapsed: float = 0.0
 
     @classmethod
-    def of(cls, gap: float, closing: float, goal: float, final: float, speed: float) -> Approach:
-        """The shortest way that vehicles can drive; `speed` is the truck's [m/s]."""
+    def of(
+        cls,
+        gap: float,
+        closing: float,
+        goal: float,
+        final: float,
+        speed: float,
+        hardest: float = APPROACH,
+    ) -> Approach:
+        """The shortest way that vehicles can drive.
+
+        `speed` is the truck's [m/s], `hardest` the greatest acceleration relative to it [m/s2].
+        """
         made = cls(gap=gap, closing=closing, goal=goal, final=final)
         if abs(gap - goal) < 0.05 and abs(closing - final) < 0.05:
             return made
         for k in range(1, round(LONGEST_APPROACH / TIMES) + 1):
             made.duration = k * TIMES
             rates = [made.at(0.05 * i * made.duration) for i in range(21)]
-            if max(abs(made.at(t)[2]) for t in (0.0, made.duration)) <= APPROACH and all(
+            if max(abs(made.at(t)[2]) for t in (0.0, made.duration)) <= hardest and all(
                 speed + rate >= 0.0 for _, rate, _ in rates
             ):
                 break
@@ -269,7 +280,7 @@ class Actor:
         self.name = row.id
         self.row = row
         self.route = route
-        self.driver = driver
+        self.driver = self._model = driver
         self.speed, self.acceleration = row.speed, row.acceleration
         self.speed_plan: SpeedPlan | Law | Timetable | Approach | None = None
         self.lateral_plan: LateralPlan | None = None
@@ -322,6 +333,13 @@ class Actor:
             values = vars(self.driver) | {"desired_speed": max(speed, REST)}
             self.driver = IdmParameters(**values)
 
+    def activate(self, active: bool) -> None:
+        """Lets its car-following model drive, if it has one, or lets it keep its speed."""
+        self._model = self.driver or self._model
+        self.driver = self._model if active else None
+        if active:
+            self.plan_speed(None)
+
     def to_lane(self, lane: int, offset: float) -> None:
         """Makes a lane its own, in which it is at an offset, and lets it settle in its center."""
         self.lane = lane
@@ -334,6 +352,11 @@ class Actor:
             self.lateral_plan.done = True
         self.lateral_plan = LateralPlan(shift=shift, duration=duration)
         return self.lateral_plan
+
+    def stay_aside(self, shift: float) -> None:
+        """Keeps it at a distance to the left of its lane's center [m]."""
+        self.shift = shift
+        self.plan_shift(lambda _: shift, math.inf)
 
     def plan_speed(self, plan: SpeedPlan | Law | Timetable | Approach | None) -> None:
         """Replaces its motion along the road; None: drives by the car-following model."""

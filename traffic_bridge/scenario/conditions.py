@@ -165,30 +165,38 @@ class Situation:
         return None if found is None else self.bodies[found.id]
 
 
-def gap(a: Body, b: Body, freespace: bool = True) -> float:
+def gap(a: Body, b: Body, freespace: bool = True, shift: float = 0.0) -> float:
     """Gap of two bodies along the route [m].
 
-    It is between the bumpers, 0 side by side; without `freespace` between the front bumpers.
+    It is between the bumpers, 0 side by side; without `freespace` between the front bumpers, with a
+    shift of the way from `a` to `b` [m].
     """
     if not freespace:
-        return abs(b.front - a.front)
+        return abs(b.front - a.front + shift)
     return max(b.rear - a.front, a.rear - b.front, 0.0)
 
 
-def time_gap(a: Body, b: Body, freespace: bool = True) -> float:
+def clearance(a: Body, b: Body) -> float:
+    """Greatest gap of two bodies along the road and across it [m], 0 where they touch."""
+    return max(gap(a, b), abs(b.offset - a.offset) - 0.5 * (a.width + b.width), 0.0)
+
+
+def time_gap(a: Body, b: Body, freespace: bool = True, shift: float = 0.0) -> float:
     """Time in which `a` covers its gap to `b` ahead of it [s]; inf if it never does."""
-    return gap(a, b, freespace) / a.pace if b.front > a.front and a.pace > SLOWEST else math.inf
+    if b.front + shift <= a.front or a.pace <= SLOWEST:
+        return math.inf
+    return gap(a, b, freespace, shift) / a.pace
 
 
-def time_to_collision(a: Body, b: Body, freespace: bool = True) -> float:
+def time_to_collision(a: Body, b: Body, freespace: bool = True, shift: float = 0.0) -> float:
     """Gap over closing speed of two bodies [s]; inf where they do not close in.
 
     J. C. Hayward, "Near-miss determination through use of a scale of danger", Highway Research
     Record 384 (1972).
     """
-    behind, ahead = (a, b) if b.front > a.front else (b, a)
+    behind, ahead = (a, b) if b.front + shift > a.front else (b, a)
     closing = behind.pace - ahead.pace
-    return gap(a, b, freespace) / closing if closing > 0.0 else math.inf
+    return gap(a, b, freespace, shift) / closing if closing > 0.0 else math.inf
 
 
 class Measure(NamedTuple):
@@ -203,9 +211,11 @@ MEASURES: dict[str, Measure] = {
     "time": Measure("s", 0, lambda: math.nan),
     "station": Measure("m", 1, lambda a: a.front),
     "lane": Measure("", 1, lambda a: a.lane),
+    "offset": Measure("m", 1, lambda a: a.offset),
     "speed": Measure("m/s", 1, lambda a: a.speed),
     "acceleration": Measure("m/s2", 1, lambda a: a.acceleration),
     "gap": Measure("m", 2, gap),
+    "clearance": Measure("m", 2, clearance),
     "ahead": Measure("m", 2, lambda a, b: b.front - a.front),
     "distance": Measure("m", 2, lambda a, b: math.hypot(b.x - a.x, b.y - a.y)),
     "time_gap": Measure("s", 2, time_gap),
@@ -222,7 +232,8 @@ class Condition:
 
     Attributes:
       measure: one of `MEASURES`. "station" is that of the front bumper; "gap" is between the
-        bumpers along the route, 0 side by side; "ahead" is how far the front bumper of `to` is
+        bumpers along the route, 0 side by side; "clearance" is the greater one of the gaps along
+        the route and across it, 0 where they touch; "ahead" is how far the front bumper of `to` is
         ahead of that of `of`; "time_gap" is that of `of` behind `to`; "speed_difference" is the
         speed of `to` minus that of `of`; "distance" is in the plane, between the centers.
       above, below, equals: the value is compared with one or both limits, or with one number.
@@ -237,7 +248,7 @@ class Condition:
       delay: time after which the condition follows the comparison [s].
       lasting: time for which the comparison must have held [s].
       freespace: the gap of a measure in `GAPS` is between the bumpers; false: between the front
-        bumpers.
+        bumpers, from that of `of` to that of `to`, with `shift` added [m].
 
     Raises:
       InputError: a value is not allowed, missing, or has no meaning for the measure.
@@ -259,6 +270,7 @@ class Condition:
     delay: float = 0.0
     lasting: float = 0.0
     freespace: bool = True
+    shift: float = 0.0
 
     def __post_init__(self) -> None:
         """Checks every value."""
@@ -302,6 +314,7 @@ class Condition:
         needed = MEASURES[one_of("when: measure", self.measure, MEASURES)].bodies
         _name("when: of", self.of)
         in_range("when: back", self.back, -100.0, 100.0, "m")
+        in_range("when: shift", self.shift, -100.0, 100.0, "m")
         if self.point is not None:
             if self.measure != "distance" or self.to is not None:
                 raise InputError("when: point is for the measure distance, instead of `to`")
@@ -346,7 +359,7 @@ class Condition:
         if None in found:
             return math.nan
         if not self.freespace and self.measure in GAPS:
-            found.append(False)
+            found += [False, self.shift]
         return float(measure.value(*found))
 
     def as_dict(self) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from traffic_bridge.scenario.actions import (
     BENDS,
     SHAPES,
     STEEPEST,
+    ActivateDriver,
     Brake,
     ChangeLane,
     ChangeSpeed,
@@ -115,8 +116,16 @@ def begin(
         _drift(event, actor, plans)
     elif isinstance(event, (Brake, ChangeSpeed)):
         return plans, _change_speed(event, actor, situation, plans)
+    elif isinstance(event, KeepDistance) and event.ahead and truck is not None:
+        goal = float(event.gap or 0.0), event.speed_difference
+        plans.append(_approach(actor, truck, *goal, hardest=event.acceleration))
+        actor.plan_speed(plans[0])  # type: ignore[arg-type]
+        plans[0].done = plans[0].duration == 0.0  # type: ignore[attr-defined]
     elif isinstance(event, KeepDistance):
         _keep_distance(event, actor, plans)
+    elif isinstance(event, ActivateDriver):
+        actor.activate(event.active)
+        plans.append(Plan(done=True))
     return plans, lambda: None
 
 
@@ -177,16 +186,20 @@ def _cut_in(event: CutIn, actor: Actor, target: int, truck: Body, plans: list[Pl
     if event.gap is None:
         change()
         return
-    rear = actor.station - 0.5 * actor.row.length
-    approach = Approach.of(
-        rear - truck.front, actor.speed - truck.speed, event.gap, difference or 0.0, truck.speed
-    )
+    approach = _approach(actor, truck, event.gap, difference or 0.0)
     if approach.duration == 0.0:
         change()
         return
     approach.then = change
     actor.plan_speed(approach)
     plans.append(approach)
+
+
+def _approach(actor: Actor, truck: Body, gap: float, final: float, **more: float) -> Approach:
+    """The way of an actor to a gap ahead of the truck [m], which it reaches at a rate [m/s]."""
+    rear = actor.station - 0.5 * actor.row.length
+    closing = actor.speed - truck.speed
+    return Approach.of(rear - truck.front, closing, gap, final, truck.speed, **more)
 
 
 def _drift(event: Drift, actor: Actor, plans: list[Plan]) -> None:
@@ -212,12 +225,13 @@ def _change_speed(
     else:
         other = situation.find(event.to)
         target = (event.speed or 0.0) if other is None else _target_speed(event, other)
-        plan = SpeedPlan(target=target, rate=event.acceleration, jerk=event.jerk)
+        rate = (target < start and event.deceleration) or event.acceleration
+        plan = SpeedPlan(target=target, rate=rate, jerk=event.jerk)
         if event.shape == "step":
             plan.rate, plan.jerk = STEP_RATE, STEP_JERK
         elif event.shape is not None:
             part = SHAPES[event.shape]
-            span = event.time or max(abs(target - start) / event.acceleration, 1e-3)
+            span = event.time or max(abs(target - start) / plan.rate, 1e-3)
             if event.distance is not None:
                 # All shapes have the mean of both speeds as their mean speed.
                 span = 2.0 * event.distance / max(start + target, SLOWEST)
@@ -231,6 +245,8 @@ def _change_speed(
                 return _target_speed(event, found[0]) if found else None
 
             plan.follow = follow
+    if not plan.held:
+        actor.desired_speed = plan.target
     actor.plan_speed(plan)
     plans.append(plan)
     if event.duration is None:

@@ -1,20 +1,30 @@
 """Reads ASAM OpenSCENARIO XML 1.0 to 1.3: the start of the truck, and the events of the traffic.
 
 Element and attribute names are those of the standard. Everything that is not read is refused with
-its element, file and line. Not used are controllers, colors, time of day and weather other than
-wind, and the actions of the ego: it is the truck, and its own driver decides.
+its element, file and line. Not used are controllers other than that of the Intelligent Driver
+Model, colors, time of day and weather other than wind, and the actions of the ego: it is the truck,
+and its own driver decides.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import dataclasses
+import itertools
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from iits_mj.core.messages import EgoFootprint
 from iits_mj.road import Route
+from traffic_bridge.scenario.actions import ChangeSpeed, KeepDistance
 from traffic_bridge.scenario.conditions import ROLES, TRUCK
-from traffic_bridge.scenario.openscenario_actions import Actions, scenario_event
+from traffic_bridge.scenario.openscenario_actions import (
+    Actions,
+    AnyGroups,
+    activation,
+    own_values,
+    scenario_event,
+)
 from traffic_bridge.scenario.openscenario_entities import UNUSED, Entities, Values
 from traffic_bridge.scenario.openscenario_file import Node, number_or_text, read_root
 from traffic_bridge.scenario.openscenario_parameters import parameters_of
@@ -23,6 +33,7 @@ from traffic_bridge.scenario.parameters import scope_of
 from traffic_bridge.scenario.reading import event_of
 from traffic_bridge.signals.events import Event
 
+STOPPED = "{} has stopped"  # the variable of an act that has a stop trigger
 PRIORITIES = ("overwrite", "override", "parallel")
 
 
@@ -89,7 +100,7 @@ class OpenScenario:
         board = root.child("Storyboard").only("Init", "Story", "StopTrigger")
         self._init = board.child("Init").child("Actions")
         self._init.only("Private", "GlobalAction", "UserDefined")
-        self._stop = board.find("StopTrigger")
+        self._board, self._stop = board, board.find("StopTrigger")
         self._entities = Entities(root, self._init, ego, self.map)
         self.ego = self._entities.ego
         groups = (root.find("ParameterDeclarations"), root.find("VariableDeclarations"))
@@ -133,87 +144,97 @@ class OpenScenario:
           InputError: an entity is not on the map, or an element is not supported.
         """
         self._entities.use(route)
-        actions, triggers = self._actions, self._triggers
-        made: list[Event] = []
+        # An act that has a stop trigger, by its name: events that have not begun then never do.
+        stops = {
+            act: (node, groups)
+            for act, node in self._acts
+            if (groups := self._groups(node.find("StopTrigger"), stop=True))
+        }
+        made = [
+            *self._of_init(),
+            *self._of_acts(stops),
+            *itertools.chain(*(self._of_step(step, stops) for step in self._steps)),
+        ]
+        self._triggers.family = -1
+        if groups := self._groups(self._stop, stop=True):
+            made.append(scenario_event(self._stop or self._board, {"event": "end_drive"}, groups))
+        # Variables have their first values before any condition.
+        return (*self._first_values(stops), *_with_final_speeds(made))
+
+    def _groups(self, trigger: Node | None, stop: bool = False) -> AnyGroups:
+        return [] if trigger is None else self._triggers.groups(trigger, stop)
+
+    def _of_init(self) -> Iterator[Event]:
+        """What is there and holds from the beginning."""
         for node in self._init:
             if node.tag == "GlobalAction" and node.find("EntityAction") is None:
-                kind = next(iter(node))
-                made += [scenario_event(*each) for each in actions.of_world(kind)]
-        added = {step.name for step in self._steps if _is_added(step.action)}
+                kind = node.first()
+                yield from (scenario_event(*each) for each in self._actions.of_world(kind))
+        away = {step.name for step in self._steps if _is_added(step.action)}
+        away |= {self.ego, *self._entities.towed, *self._entities.lost}
         for name, entity in self._entities.members.items():
-            away = name == self.ego or name in added or name in self._entities.towed
-            if not away and self._entities.starts_somewhere(name):
-                made.extend(actions.placed(name, entity))
-        stopped: set[str] = set()
+            if name not in away:
+                yield from self._actions.placed(name, entity)
+
+    def _of_acts(self, stops: Mapping[str, tuple[Node, AnyGroups]]) -> Iterator[Event]:
+        """A milestone at the start of each act, and a variable at its end."""
         for act, node in self._acts:
-            trigger = node.find("StartTrigger")
-            groups = [] if trigger is None else triggers.groups(trigger)
-            made.append(scenario_event(node, {"event": "milestone", "name": act}, groups))
-            stop = node.find("StopTrigger")
-            if stop is not None and (groups := triggers.groups(stop, stop=True)):
-                # Events that have not begun then never do.
-                stops = {"event": "set_value", "variable": f"{act} has stopped", "value": 1.0}
-                made.append(scenario_event(stop, stops | {"name": f"stop of {act}"}, groups))
-                stopped.add(act)
-        for step in self._steps:
-            trigger = step.event.find("StartTrigger")
-            triggers.family = step.family
-            groups = [] if trigger is None else triggers.groups(trigger)
-            running: list[Values] = [{"event": step.act, "state": "begun"}]
-            if step.act in stopped:
-                running.append({"variable": f"{step.act} has stopped", "below": 0.5})
-            groups = [[*running, *group] for group in groups or [[]]]
-            if step.name in added:
-                entity = self._entities.members[step.name]
-                made.extend(actions.placed(step.name, entity, groups))
-                continue
-            if step.actor:
-                values = actions.values(step.action, step.name, step.actor)
-                made.append(scenario_event(step.event, values, groups))
-                continue
-            kind = next(iter(step.action.child("GlobalAction")))
-            for node, values in actions.of_world(kind, step.name):
-                made.append(scenario_event(node, values, groups))
-        triggers.family = -1
-        if self._stop is not None and (groups := triggers.groups(self._stop, stop=True)):
-            made.append(scenario_event(self._stop, {"event": "end_drive"}, groups))
-        # Variables have their first values before any condition.
-        first = []
-        for name, node in triggers.variables.items():
+            groups = self._groups(node.find("StartTrigger"))
+            yield scenario_event(node, {"event": "milestone", "name": act}, groups)
+            if act in stops:
+                named = {"name": f"stop of {act}", "variable": STOPPED.format(act), "value": 1.0}
+                yield scenario_event(stops[act][0], {"event": "set_value", **named}, stops[act][1])
+
+    def _of_step(self, step: _Step, stops: Container[str]) -> Iterator[Event]:
+        """The events of an action for one actor."""
+        self._triggers.family = step.family
+        running: list[Values] = [{"event": step.act, "state": "begun"}]
+        if step.act in stops:
+            running.append({"variable": STOPPED.format(step.act), "below": 0.5})
+        own = self._groups(step.event.find("StartTrigger"))
+        groups = [[*running, *group] for group in own or [[]]]
+        kind = step.action.first()
+        if _is_added(step.action):
+            yield from self._actions.placed(step.name, self._entities.members[step.name], groups)
+        elif kind.tag == "PrivateAction":
+            values = self._actions.values(step.action, step.name, step.actor)
+            yield scenario_event(step.event, values, groups)
+        elif kind.tag == "UserDefinedAction":
+            yield scenario_event(kind, {"name": step.name, **(own_values(kind) or {})}, groups)
+        elif kind.tag != "GlobalAction":
+            kind.refuse()
+        else:
+            for node, values in self._actions.of_world(kind.first(), step.name):
+                yield scenario_event(node, values, groups)
+
+    def _first_values(self, stops: Iterable[str]) -> Iterator[Event]:
+        for name, node in self._triggers.variables.items():
             text = self._values[name] if node.tag == "ParameterDeclaration" else node.get("value")
-            values = {"event": "set_value", "variable": name, "value": number_or_text(text)}
-            first.append(scenario_event(node, values))
-        first += [
-            event_of({"event": "set_value", "variable": f"{act} has stopped", "value": 0.0})
-            for act in sorted(stopped)
-        ]
-        return (*first, *made)
+            yield event_of(_set(name, number_or_text(text)))
+        yield from (event_of(_set(STOPPED.format(act), 0.0)) for act in sorted(stops))
 
     def _remarks(self, board: Node) -> Iterator[str]:
-        if self._skipped:
-            names = ", ".join(dict.fromkeys(self._skipped))
-            yield f"the truck's own driver replaces the events of {self.ego}: {names}"
-        if self._entities.unused:
-            yield f"without effect: {', '.join(self._entities.unused)}"
-        lost = [
-            name for name in self._entities.members if not self._entities.starts_somewhere(name)
-        ]
-        if lost:
-            yield f"without a place, and so left out: {', '.join(lost)}"
-        criteria = [each.declared for each in board.all("Condition") if is_criterion(each)]
-        if criteria:
-            yield f"criteria of tests never hold: {', '.join(dict.fromkeys(criteria))}"
-        if self._has_signals:
-            yield "without effect: TrafficSignals; lights keep the states that events give them"
-        if self.ego in self._entities.trajectories:
-            yield f"the truck's own driver replaces the trajectory of {self.ego}"
-        waiting = dict.fromkeys(
+        entities, ego = self._entities, self.ego
+        waiting = [
             node.get("storyboardElementRef")
             for node in board.all("StoryboardElementStateCondition")
             if self._triggers.is_replaced(node)
-        )
-        if waiting:
-            yield f"conditions on these events of {self.ego} never hold: {', '.join(waiting)}"
+        ]
+        criteria = [each.declared for each in board.all("Condition") if is_criterion(each)]
+        said = {
+            f"the truck's own driver replaces the events of {ego}": self._skipped,
+            "without effect": entities.unused,
+            "without a place, and so left out": entities.lost,
+            "criteria of tests never hold": criteria,
+            f"conditions on these events of {ego} never hold": waiting,
+        }
+        for words, names in said.items():
+            if names:
+                yield f"{words}: {', '.join(dict.fromkeys(names))}"
+        if self._has_signals:
+            yield "without effect: TrafficSignals; lights keep the states that events give them"
+        if ego in entities.trajectories:
+            yield f"the truck's own driver replaces the trajectory of {ego}"
 
     def _read_story(self, story: Node) -> None:
         for act in story.only("ParameterDeclarations", "Act"):
@@ -246,31 +267,44 @@ class OpenScenario:
                 event.only("Action", "StartTrigger")
                 if event.get("priority") not in PRIORITIES:
                     event.fail(f"priority must be one of {', '.join(PRIORITIES)}")
-                made = []
-                for action in event:
-                    if action.tag != "Action" or not any(True for _ in action):
-                        continue
-                    private = action.find("PrivateAction") is not None
-                    for actor in names if private else ("",):
-                        if actor == self.ego:
-                            self._skipped.append(_name(event))
-                            self._triggers.elements.setdefault(("action", _name(action)), [])
-                            continue
-                        does = next(iter(next(iter(action), action)), action)
-                        if does.tag in UNUSED:
-                            self._entities.not_used(does, actor)
-                        name = self._new_name(_name(event))
-                        if _is_added(action):
-                            # Conditions know its event by the name of the entity.
-                            name = self._entities.add(action.child("GlobalAction", "EntityAction"))
-                        self._steps.append(_Step(name, action, actor, event, act, family))
-                        self._triggers.families[name] = family
-                        key = "action", _name(action)
-                        self._triggers.elements.setdefault(key, []).append(name)
-                        made.append(name)
+                first = len(self._steps)
+                for action, actor in self._acting(event, names):
+                    self._read_step(action, actor, event, act, family)
+                made = [step.name for step in self._steps[first:]]
                 for each in (*parents, maneuver, event):
                     kind = each.tag[:1].lower() + each.tag[1:]
                     self._triggers.elements.setdefault((kind, _name(each)), []).extend(made)
+
+    def _acting(self, event: Node, names: Sequence[str]) -> Iterator[tuple[Node, str]]:
+        """The actions of an event with an effect here, for each actor, "" for one of the world."""
+        added = [a.get("entityRef") for a in event.all("EntityAction") if _is_added(a)]
+        for action in event:
+            kind = next(iter(action), None)
+            if action.tag != "Action" or kind is None:
+                continue
+            if kind.tag == "UserDefinedAction" and own_values(kind) is None:
+                self._entities.not_used(kind.child("CustomCommandAction"), _name(event))
+                continue
+            for actor in names if kind.tag == "PrivateAction" else ("",):
+                if actor == self.ego:
+                    self._skipped.append(_name(event))
+                    self._triggers.elements.setdefault(("action", _name(action)), [])
+                # An added entity may have its speed at once.
+                elif actor not in added or not self._entities.starts_with(kind, actor):
+                    yield action, actor
+
+    def _read_step(self, action: Node, actor: str, event: Node, act: str, family: int) -> None:
+        does = next(iter(action.first()), action)
+        reactive = actor and self._entities.members[actor].reactive
+        if does.tag in UNUSED and not (reactive and activation(does)):
+            self._entities.not_used(does, actor)
+        name = self._new_name(_name(event))
+        if _is_added(action):
+            # Conditions know its event by the name of the entity.
+            name = self._entities.add(action.child("GlobalAction", "EntityAction"))
+        self._steps.append(_Step(name, action, actor, event, act, family))
+        self._triggers.families[name] = family
+        self._triggers.elements.setdefault(("action", _name(action)), []).append(name)
 
     def _new_name(self, wanted: str) -> str:
         """A name of an event that no other has."""
@@ -279,6 +313,31 @@ class OpenScenario:
             name, number = f"{wanted} {number}", number + 1
         self._names.add(name)
         return name
+
+
+def _with_final_speeds(events: list[Event]) -> list[Event]:
+    """Lets a vehicle arrive ahead of the truck with the speed that its next event gives it.
+
+    That event begins at the end of its way there, and its speed is relative to the truck's.
+    """
+    final = {
+        condition.event: event.speed_difference
+        for event in events
+        if isinstance(event, ChangeSpeed) and event.speed_difference is not None
+        for group in event.when or ()
+        for condition in group
+        if event.to == TRUCK and condition.state == "ended" and condition.event is not None
+    }
+    return [
+        dataclasses.replace(event, speed_difference=final[event.title])
+        if isinstance(event, KeepDistance) and event.ahead and event.title in final
+        else event
+        for event in events
+    ]
+
+
+def _set(variable: str, value: float | str) -> Values:
+    return {"event": "set_value", "variable": variable, "value": value}
 
 
 def _is_added(action: Node) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
@@ -11,9 +12,11 @@ import numpy as np
 
 from iits_mj.core.angles import wrap_angle
 from iits_mj.core.errors import InputError
-from traffic_bridge.scenario.actions import BENDS, STEEPEST
+from iits_mj.road import Route
+from traffic_bridge.scenario.actions import BENDS, SCENARIO_EVENTS, STEEPEST
 from traffic_bridge.scenario.conditions import SIGNAL, TRUCK
 from traffic_bridge.scenario.openscenario_entities import (
+    AHEAD,
     CATEGORIES,
     ROUTES,
     UNUSED,
@@ -22,10 +25,9 @@ from traffic_bridge.scenario.openscenario_entities import (
     Spot,
     Values,
     on,
-    polyline,
 )
 from traffic_bridge.scenario.openscenario_file import Node
-from traffic_bridge.scenario.openscenario_places import Pose, road_at, words_of
+from traffic_bridge.scenario.openscenario_places import Pose, road_at, shape_of, words_of
 from traffic_bridge.scenario.reading import event_of
 from traffic_bridge.signals.events import Event
 
@@ -58,9 +60,13 @@ class Actions:
             "name": name,
             "speed": self._entities.speed(name),
             "type": entity.type,
-            "reactive": False,
+            "reactive": entity.reactive,
             **entity.size,
         }
+        relative = groups is not None and node.tag == "RelativeLanePosition"
+        if relative and self._entities.body(node) == TRUCK:
+            yield scenario_event(node, values | self._beside_truck(node, name, entity), groups)
+            return
         spot = self._entities.spot(name)
         if entity.walks or math.isnan(spot.offset):
             values |= self._standing(entity, self._entities.pose(name))
@@ -68,13 +74,34 @@ class Actions:
             values |= self._driving(entity, spot, node)
         yield scenario_event(node, values, groups)
         speed = self._entities.speeds.get(name)
-        if speed is not None and next(iter(speed.child("SpeedActionTarget"))).flag("continuous"):
+        if speed is not None and speed.child("SpeedActionTarget").first().flag("continuous"):
             made = {"name": self._new_name(f"speed of {name}"), "actor": name}
             yield scenario_event(speed, made | self._change_speed(speed))
         if name in self._entities.trajectories:
             action = self._entities.trajectories[name]
             made = {"name": self._new_name(f"trajectory of {name}"), "actor": name}
             yield scenario_event(action, made | self._trajectory(action, entity, at_start=True))
+
+    def _beside_truck(self, node: Node, name: str, entity: Entity) -> Values:
+        """The place of a vehicle that is added relative to where the truck is then."""
+        ego = self._entities.members[self._entities.ego]
+        way = node.number("ds" if node.has("ds") else "dsLane")
+        length = float(entity.size["length"])
+        gap = way + entity.front - length - ego.front
+        if gap < 0.0:
+            gap = way + entity.front - (ego.front - float(ego.size["length"]))
+            if gap >= 0.0:
+                node.fail("a place beside the truck is not read: ahead of it or behind it")
+        values: Values = {"gap": gap, "relative_lane": round(node.number("dLane"))}
+        if (offset := node.number("offset", 0.0)) != 0.0:
+            values["offset"] = offset
+        speed = self._entities.speeds.get(name)
+        target = None if speed is None else speed.child("SpeedActionTarget").first()
+        if target is not None and target.tag == "RelativeTargetSpeed":
+            if self._entities.body(target) != TRUCK or target.get(*VALUE_TYPE) != "delta":
+                target.fail("is read as a difference to the speed of the ego")
+            values |= {"speed": None, "speed_difference": target.number("value")}
+        return values
 
     def _driving(self, entity: Entity, spot: Spot, node: Node) -> Values:
         """The place of a vehicle on a road."""
@@ -103,10 +130,9 @@ class Actions:
         """The event of a FollowTrajectoryAction."""
         if action.number("initialDistanceOffset", 0.0) != 0.0:
             action.fail("initialDistanceOffset is not read")
-        vertices = list(polyline(action, self._entities.catalogs))
-        poses = [self._vertex(each, each is vertices[-1]) for each in vertices]
-        times = _times(action, vertices, at_start)
-        poses, times = _apart(poses, times)
+        shape = shape_of(action, self._entities.catalogs)
+        poses, times = self._entities.places.curve(shape)
+        poses, times = _apart(poses, _times(action, times, at_start))
         if len(poses) < 2:
             action.fail("a trajectory needs two places")
         centers = []
@@ -121,14 +147,6 @@ class Actions:
         if entity.walks or on(self._entities.route, last) is None:
             points.extend(self._entities.places.way_on(poses[-1], last.heading))
         return values | {"points": _points(points)} | ({} if times is None else {"times": times})
-
-    def _vertex(self, vertex: Node, last: bool) -> Pose:
-        """The place of a vertex; only the last one needs its road."""
-        node = next(iter(vertex.child("Position")))
-        if node.tag == "WorldPosition" and node.has("z") and not last:
-            x, y, z = (node.number(axis) for axis in "xyz")
-            return Pose(x, y, z, node.number("h", 0.0))
-        return self._entities.places.pose(node)
 
     def of_world(self, kind: Node, name: str = "") -> Iterator[tuple[Node, Values]]:
         """Yields the events of a global action, of which an environment may have several.
@@ -152,7 +170,7 @@ class Actions:
             return
         if named:  # what begins with the action, whatever the environment has
             yield kind, named | {"event": "set_value", "variable": "environment", "value": name}
-        node = self._entities.catalogs.resolve(next(iter(kind)))
+        node = self._entities.catalogs.resolve(kind.first())
         node.only("ParameterDeclarations", "TimeOfDay", "Weather", "RoadCondition")
         road, weather = node.find("RoadCondition"), node.find("Weather")
         start = self._entities.spot(self._entities.ego)
@@ -170,9 +188,7 @@ class Actions:
             yield wind, {**values, "direction": math.degrees(origin)}
 
     def _swarm(self, kind: Node) -> Values:
-        action = next(iter(kind))
-        if action.tag != "TrafficSwarmAction":
-            action.refuse()
+        action = kind.first("TrafficSwarmAction")
         center = action.find("CentralObject") or action.child("CentralSwarmObject")
         attribute = "entityRef" if center.has("entityRef") else "name"
         mix: dict[str, float] = {}
@@ -201,54 +217,69 @@ class Actions:
         """The event of an action on a parameter, a variable or a traffic signal."""
         if kind.tag in ("ParameterAction", "VariableAction"):
             name = kind.get("parameterRef" if kind.tag == "ParameterAction" else "variableRef")
-            action = next(iter(kind))
-            if action.tag != "SetAction":
-                action.refuse()
-            return {"event": "set_value", "variable": name, "value": action.value("value")}
+            value = kind.first("SetAction").value("value")
+            return {"event": "set_value", "variable": name, "value": value}
         if kind.tag != "InfrastructureAction":
             kind.refuse()
-        signal = next(iter(kind.child("TrafficSignalAction")))
-        if signal.tag != "TrafficSignalStateAction":
-            signal.refuse()
-        return {
-            "event": "set_value",
-            "variable": f"{SIGNAL}{signal.get('name')}",
-            "value": signal.get("state"),
-        }
+        signal = kind.child("TrafficSignalAction").first("TrafficSignalStateAction")
+        name = f"{SIGNAL}{signal.get('name')}"
+        return {"event": "set_value", "variable": name, "value": signal.get("state")}
 
     def values(self, node: Node, name: str, actor: str) -> Values:
         """Returns the event of a private action for one actor, with its name."""
-        values: Values = {"name": name}
-        kind = next(iter(node.child("PrivateAction")))
-        if kind.tag in UNUSED:
-            return values | {"event": "set_value", "variable": f"{kind.tag} unused", "value": 0.0}
-        values["actor"] = actor
-        if kind.tag == "SynchronizeAction":
-            return values | self._synchronize(kind, actor)
-        if kind.tag not in ("LongitudinalAction", "LateralAction", "RoutingAction"):
-            next(iter(kind), kind).refuse()
-        action = next(iter(kind))
-        if action.tag == "LongitudinalDistanceAction":
-            return values | self._keep_distance(action)
-        if action.tag == "FollowTrajectoryAction":
-            return values | self._trajectory(action, self._entities.members[actor])
-        if action.tag in ROUTES:
-            lane = self._entities.places.driving_lane(self._entities.pose(actor))
-            if not lane:
-                action.fail("the entity does not start in a driving lane")
-            words = words_of([lane, *self._entities.waypoints(action)])
-            self._entities.places.along(words, action)
-            return values | {"event": "follow_path", "along": words}
-        if action.tag == "SpeedAction":
-            made = self._change_speed(action)
-            return made | {"name": name} if made["event"] == "milestone" else values | made
-        if action.tag == "LaneChangeAction":
-            return values | self._change_lane(action, actor)
-        if action.tag == "LaneOffsetAction":
-            return values | _change_offset(action)
-        return action.refuse()
+        kind = node.child("PrivateAction").first()
+        action = kind
+        if kind.tag in GROUPED:
+            action = next(iter(kind), kind)
+        driver = activation(kind)
+        if driver is not None and self._entities.members[actor].reactive:
+            made: Values = {"event": "activate_driver", "active": driver.flag("longitudinal")}
+        elif kind.tag in UNUSED:
+            made = {"event": "set_value", "variable": f"{kind.tag} unused", "value": 0.0}
+        elif action.tag in PRIVATE:
+            made = PRIVATE[action.tag](self, action, actor)
+        else:
+            action.refuse()
+        alone = made["event"] in ("milestone", "set_value")
+        return {"name": name, **({} if alone else {"actor": actor}), **made}
 
-    def _change_speed(self, action: Node) -> Values:
+    def _teleport(self, action: Node, actor: str) -> Values:
+        """The event of a TeleportAction to a place in a lane."""
+        node = action.child("Position").first()
+        spot = self._entities.spot_of(node)
+        if spot is None:
+            node.fail("is on no driving lane that leads where it faces")
+        return {"event": "teleport", **self._driving(self._entities.members[actor], spot, node)}
+
+    def _follow_trajectory(self, action: Node, actor: str) -> Values:
+        return self._trajectory(action, self._entities.members[actor])
+
+    def _follow_route(self, action: Node, actor: str) -> Values:
+        lane = self._entities.places.driving_lane(self._entities.pose(actor))
+        if not lane:
+            action.fail("the entity does not start in a driving lane")
+        words = words_of([lane, *self._entities.waypoints(action)])
+        self._entities.places.along(words, action)
+        return {"event": "follow_path", "along": words}
+
+    def _profile(self, action: Node, actor: str) -> Values:
+        """The event of a SpeedProfileAction to one speed within limits."""
+        del actor
+        entry = action.only("DynamicConstraints", "SpeedProfileEntry").child("SpeedProfileEntry")
+        several = len(list(action.all("SpeedProfileEntry"))) > 1
+        if several or entry.has("time") or action.get("followingMode") != "follow":
+            action.fail("is read with followingMode follow and one entry that has no time")
+        values: Values = {"event": "change_speed"}
+        if action.has("entityRef"):
+            values |= {"to": self._entities.body(action), "speed_difference": entry.number("speed")}
+        else:
+            values["speed"] = entry.number("speed")
+        if (limits := action.find("DynamicConstraints")) is not None:
+            values |= _given(limits, {**LIMITS, "maxAccelerationRate": "jerk"})
+        return values
+
+    def _change_speed(self, action: Node, actor: str = "") -> Values:
+        del actor
         values: Values = {"event": "change_speed"}
         dynamics = action.child("SpeedActionDynamics")
         shape, dimension = dynamics.get("dynamicsShape"), dynamics.get("dynamicsDimension", "")
@@ -265,12 +296,11 @@ class Actions:
             values["distance"] = max(dynamics.number("value"), SHORTEST)
         elif shape != "step":
             dynamics.fail(f"{shape} over {dimension} is not read: time, rate or distance")
-        target = next(iter(action.child("SpeedActionTarget")))
+        holder = action.child("SpeedActionTarget")
+        target = holder.first("AbsoluteTargetSpeed", "RelativeTargetSpeed")
         if target.tag == "AbsoluteTargetSpeed":
             return values | {"speed": target.number("value")}
-        if target.tag != "RelativeTargetSpeed":
-            target.refuse()
-        factor = target.get("speedTargetValueType", "delta") == "factor"
+        factor = target.get(*VALUE_TYPE) == "factor"
         return values | {
             "to": self._entities.body(target),
             "speed_factor" if factor else "speed_difference": target.number("value"),
@@ -282,13 +312,10 @@ class Actions:
             action.fail("targetLaneOffset is not read")
         dynamics = action.child("LaneChangeActionDynamics")
         values = {"event": "change_lane", **_lateral(dynamics)}
-        target = next(iter(action.child("LaneChangeTarget")))
+        target = action.child("LaneChangeTarget").first()
         if target.tag == "RelativeTargetLane":
             return values | self._relative_lane(target, actor)
-        spot = self._entities.spot(actor)
-        if math.isnan(spot.offset):
-            target.fail("the entity is on no road")
-        track = self._entities.track(spot, target)
+        spot, track = self._on_road(actor, target)
         road, s, _ = road_at(track, spot.station)
         places = self._entities.places
         lane = places.lane(target, road, s, round(target.number("value")))
@@ -299,6 +326,13 @@ class Actions:
             own = float(track.lane_offset(track.lane_at(spot.station, spot.offset), spot.station))
             return values | {"event": "swerve", "offset": offset - own, "back": False}
         return values | {"lane": found}
+
+    def _on_road(self, name: str, node: Node) -> tuple[Spot, Route]:
+        """Where an entity starts on a road, and that road."""
+        spot = self._entities.spot(name)
+        if math.isnan(spot.offset):
+            node.fail(f"{name} is on no road")
+        return spot, self._entities.track(spot, node)
 
     def _relative_lane(self, target: Node, actor: str) -> Values:
         """The target of a lane change relative to a road user.
@@ -322,11 +356,8 @@ class Actions:
         index = min(range(len(centers)), key=lambda k: abs(centers[k] - direction * own)) + count
         if not 0 <= index < len(centers):
             target.fail(f"there is no lane {count:+d} beside that of {actor}")
-        return {
-            "event": "swerve",
-            "offset": centers[index] - centers[index - count],
-            "back": False,
-        }
+        way = centers[index] - centers[index - count]
+        return {"event": "swerve", "offset": way, "back": False}
 
     def _synchronize(self, action: Node, actor: str) -> Values:
         master = self._entities.reference(action, "masterEntityRef")
@@ -335,35 +366,26 @@ class Actions:
             ("station", actor, "TargetPosition"),
             ("to_station", master, "TargetPositionMaster"),
         ):
-            spot = self._entities.spot(name)
-            if math.isnan(spot.offset):
-                action.fail(f"{name} is on no road")
-            track = self._entities.track(spot, action)
-            at = self._entities.station(next(iter(action.child(child))), track)
+            _, track = self._on_road(name, action)
+            at = self._entities.station(action.child(child).first(), track)
             stations[key] = at + self._entities.members[name].front
-        values: Values = {
-            "event": "synchronize",
-            "to": TRUCK if master == self._entities.ego else master,
-            **stations,
-        }
+        to = self._entities.body(action, "masterEntityRef")
+        values: Values = {"event": "synchronize", "to": to, **stations}
         tolerances = {"targetTolerance": "tolerance", "targetToleranceMaster": "to_tolerance"}
-        for name, field in tolerances.items():
-            if action.has(name):
-                values[field] = action.number(name)
+        values |= _given(action, tolerances)
         final = action.find("FinalSpeed")
         if final is not None:
-            speed = next(iter(final.only("AbsoluteSpeed", "RelativeSpeedToMaster")))
+            speed = final.first("AbsoluteSpeed", "RelativeSpeedToMaster")
             if any(True for _ in speed):
-                next(iter(speed)).refuse()
+                speed.first().refuse()
             relative = speed.tag == "RelativeSpeedToMaster"
-            if relative and speed.get("speedTargetValueType") != "delta":
+            if relative and speed.get(*VALUE_TYPE) != "delta":
                 speed.fail("speedTargetValueType is not read: delta")
             values["speed_difference" if relative else "speed"] = speed.number("value")
         return values
 
-    def _keep_distance(self, action: Node) -> Values:
-        if action.get("displacement", "trailingReferencedEntity") != "trailingReferencedEntity":
-            action.fail("displacement is not read: trailingReferencedEntity")
+    def _keep_distance(self, action: Node, actor: str) -> Values:
+        del actor
         timed = action.has("timeGap")
         values: Values = {
             "event": "keep_distance",
@@ -372,20 +394,63 @@ class Actions:
             "freespace": action.flag("freespace"),
             "continuous": action.flag("continuous"),
         }
-        limits = action.find("DynamicConstraints")
-        names = {
-            "maxAcceleration": "acceleration",
-            "maxDeceleration": "deceleration",
-            "maxSpeed": "fastest",
-        }
-        for name, field in names.items():
-            if limits is not None and limits.has(name):
-                values[field] = limits.number(name)
+        if (place := action.get("displacement", BEHIND)) != BEHIND:
+            values["ahead"] = place == AHEAD or action.fail(f"displacement is not read: {BEHIND}")
+        if (limits := action.find("DynamicConstraints")) is not None:
+            values |= _given(limits, {**LIMITS, "maxSpeed": "fastest"})
         return values
 
 
-def _times(action: Node, vertices: Sequence[Node], at_start: bool) -> list[float] | None:
-    """Times of the vertices since the beginning of the event [s]; None: it has none."""
+# Of the groups of private actions the action counts.
+GROUPED = ("LongitudinalAction", "LateralAction", "RoutingAction")
+PRIVATE: dict[str, Callable[[Actions, Node, str], Values]] = {
+    "SynchronizeAction": Actions._synchronize,
+    "TeleportAction": Actions._teleport,
+    "SpeedAction": Actions._change_speed,
+    "SpeedProfileAction": Actions._profile,
+    "LongitudinalDistanceAction": Actions._keep_distance,
+    "LaneChangeAction": Actions._change_lane,
+    "LaneOffsetAction": lambda _, action, __: _change_offset(action),
+    "FollowTrajectoryAction": Actions._follow_trajectory,
+    **dict.fromkeys(ROUTES, Actions._follow_route),
+}
+LIMITS = {"maxAcceleration": "acceleration", "maxDeceleration": "deceleration"}
+VALUE_TYPE = "speedTargetValueType", "delta"
+COMMAND = "iits_mj"  # type of the custom commands that are events of this package
+BEHIND = "trailingReferencedEntity"
+
+
+def _given(node: Node, names: Mapping[str, str]) -> Values:
+    """The numbers that a node has, by the names of the fields."""
+    return {field: node.number(name) for name, field in names.items() if node.has(name)}
+
+
+def own_values(node: Node) -> Values | None:
+    """Returns the fields of an event of this package in a UserDefinedAction.
+
+    None: it is a command of another program, or of an event that SUMO's traffic plays.
+    """
+    command = node.child("CustomCommandAction")
+    if command.get("type", "") != COMMAND:
+        return None
+    try:
+        values = json.loads(command.element.text or "")
+        kind = values["event"]
+    except (ValueError, TypeError, KeyError):
+        command.fail("is no table of an event as JSON")
+    return values if kind in {event.kind for event in SCENARIO_EVENTS} else None
+
+
+def activation(kind: Node) -> Node | None:
+    """Returns the ActivateControllerAction of a private action about longitudinal motion."""
+    found = kind if kind.tag == "ActivateControllerAction" else None
+    if kind.tag == "ControllerAction":
+        found = kind.find("ActivateControllerAction")
+    return found if found is not None and found.has("longitudinal") else None
+
+
+def _times(action: Node, given: Sequence[float] | None, at_start: bool) -> list[float] | None:
+    """Times of a curve's places since the beginning of the event [s]; None: it has none."""
     reference = action.find("TimeReference")
     timing = None if reference is None else next(iter(reference), None)
     if timing is None or timing.tag == "None":
@@ -393,7 +458,9 @@ def _times(action: Node, vertices: Sequence[Node], at_start: bool) -> list[float
     if timing.get("domainAbsoluteRelative") != "relative" and not at_start:
         timing.fail("absolute times are read in Init only: relative")
     scale, offset = timing.number("scale"), timing.number("offset")
-    return [scale * each.number("time") + offset for each in vertices]
+    if given is None:
+        timing.fail("the trajectory has no times")
+    return [scale * time + offset for time in given]
 
 
 def _apart(
@@ -444,9 +511,8 @@ def _lateral(dynamics: Node) -> Values:
 
 def _change_offset(action: Node) -> Values:
     dynamics = action.child("LaneOffsetActionDynamics")
-    target = next(iter(action.child("LaneOffsetTarget")))
-    if target.tag not in ("AbsoluteTargetLaneOffset", "RelativeTargetLaneOffset"):
-        target.refuse()
+    holder = action.child("LaneOffsetTarget")
+    target = holder.first("AbsoluteTargetLaneOffset", "RelativeTargetLaneOffset")
     offset, shape = target.number("value"), dynamics.get("dynamicsShape")
     values: Values = {"event": "swerve", "offset": offset, "back": False}
     if shape == "step":

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +12,14 @@ from iits_mj.core.checks import did_you_mean
 from iits_mj.road import RoadMap, Route
 from traffic_bridge.scenario.conditions import ROLES, TRUCK
 from traffic_bridge.scenario.openscenario_file import Catalogs, Node
-from traffic_bridge.scenario.openscenario_places import Places, Pose, road_at, turned, words_of
+from traffic_bridge.scenario.openscenario_places import (
+    Places,
+    Pose,
+    road_at,
+    shape_of,
+    turned,
+    words_of,
+)
 
 EGOS = ("ego", "hero")
 # Types of road users by the vehicle's category in the file.
@@ -32,6 +38,8 @@ ALONG_ROAD = ("RelativeRoadPosition", "RelativeLanePosition")
 BESIDE = ("RelativeObjectPosition", "RelativeWorldPosition")
 # Private actions that are accepted and ignored: visibility, controllers, lamps and doors.
 UNUSED = ("VisibilityAction", "ControllerAction", "ActivateControllerAction", "AppearanceAction")
+# Name of the controller of a vehicle that the Intelligent Driver Model drives.
+MODEL = "IntelligentDriverModel"
 ROUTES = ("AssignRouteAction", "AcquirePositionAction")
 # [m]: the greatest length of a rigid truck, Council Directive 96/53/EC, annex I; a longer one, or a
 # longer combination with a truck, has the body of an articulated truck.
@@ -43,12 +51,16 @@ Values = dict[str, Any]
 
 
 class Entity(NamedTuple):
-    """A road user: type, size with its trailers, and from its reference point to its front [m]."""
+    """A road user: type, size with its trailers, and from its reference point to its front [m].
+
+    A `reactive` one has the controller `MODEL`.
+    """
 
     node: Node
     type: str
     size: Values
     front: float
+    reactive: bool = False
 
     @property
     def center(self) -> float:
@@ -170,7 +182,7 @@ class Entities:
         node.only("CatalogReference", "Vehicle", "Pedestrian", "MiscObject", "ObjectController")
         if node.get("name") in (TRUCK, *ROLES):
             node.fail(f"the name {node.get('name')!r} has another meaning: rename the entity")
-        body = self.catalogs.resolve(next(iter(node)))
+        body = self.catalogs.resolve(node.first())
         if body.tag == "Vehicle":
             category = body.get("vehicleCategory")
             if category not in CATEGORIES:
@@ -185,12 +197,14 @@ class Entities:
         front = box.child("Center").number("x") + 0.5 * size["length"]
         if body.tag == "Vehicle" and category == "truck" and size["length"] > ARTICULATED:
             kind = "articulated"  # no rigid one is so long
-        return Entity(node, kind, size, front)
+        own = node.find("ObjectController")
+        controllers = [] if own is None else [each.get("name", "") for each in own]
+        return Entity(node, kind, size, front, MODEL in controllers)
 
     def _with_trailers(self, name: str) -> Entity:
         """An entity with the length of its whole combination."""
         entity = self.members[name]
-        body = self.catalogs.resolve(next(iter(entity.node)))
+        body = self.catalogs.resolve(entity.node.first())
         place, rear, towed = 0.0, entity.front - float(entity.size["length"]), 0
         while (trailer := self._trailer(body)) is not None:
             if towed == TRAILERS_MAX:
@@ -214,12 +228,12 @@ class Entities:
         if each is None:
             return None
         if each.tag == "Trailer":
-            return self.catalogs.resolve(next(iter(each)))
+            return self.catalogs.resolve(each.first())
         name = each.get("entityRef")
         if not name:
             return None
         self.towed.add(self.reference(each))
-        return self.catalogs.resolve(next(iter(self.members[name].node)))
+        return self.catalogs.resolve(self.members[name].node.first())
 
     def _ego(self, objects: Node, wanted: str | None) -> str:
         if wanted is not None:
@@ -241,21 +255,17 @@ class Entities:
 
     def _read_start(self, private: Node, name: str) -> None:
         for action in private.only("PrivateAction"):
-            kind = next(iter(action))
+            kind = action.first()
             if kind.tag == "TeleportAction":
-                self.starts[name] = next(iter(kind.child("Position")))
+                self.starts[name] = kind.child("Position").first()
             elif kind.tag == "LongitudinalAction" and kind.find("SpeedAction") is not None:
                 self.speeds[name] = kind.child("SpeedAction")
             elif kind.tag == "LongitudinalAction":
                 self.distances[name] = kind.child("LongitudinalDistanceAction")
             elif kind.tag == "RoutingAction":
-                routing = next(iter(kind))
-                if routing.tag == "FollowTrajectoryAction":
-                    self.trajectories[name] = routing
-                elif routing.tag in ROUTES:
-                    self.routes[name] = routing
-                else:
-                    routing.refuse()
+                routing = kind.first("FollowTrajectoryAction", *ROUTES)
+                found = self.routes if routing.tag in ROUTES else self.trajectories
+                found[name] = routing
             elif kind.tag in UNUSED:
                 self.not_used(kind, name)
             else:
@@ -266,8 +276,16 @@ class Entities:
         name = self.reference(node)
         if name == self.ego or name in self.starts:
             node.fail(f"{name} is there from the beginning, or added twice")
-        self.starts[name] = next(iter(node.child("AddEntityAction", "Position")))
+        self.starts[name] = node.child("AddEntityAction", "Position").first()
         return name
+
+    def starts_with(self, action: Node, name: str) -> bool:
+        """Takes the speed that an action gives at once to an entity that its event adds."""
+        speed = next(action.all("SpeedAction"), None)
+        if speed is None or speed.child("SpeedActionDynamics").get("dynamicsShape") != "step":
+            return False
+        self.speeds[name] = speed
+        return True
 
     def reference(self, node: Node, attribute: str = "entityRef") -> str:
         """Returns the entity to which a node refers."""
@@ -290,22 +308,19 @@ class Entities:
         name = self.reference(node, attribute)
         return TRUCK if name == self.ego else name
 
-    def starts_somewhere(self, name: str) -> bool:
-        """Whether the file says where an entity is, or it is a trailer or the ego."""
-        return (
-            name in self.starts
-            or name in self.trajectories
-            or name in self.towed
-            or name == self.ego
-        )
+    @property
+    def lost(self) -> list[str]:
+        """The entities of which the file says no place, and that are no trailers nor the ego."""
+        there = {*self.starts, *self.trajectories, *self.towed, self.ego}
+        return [name for name in self.members if name not in there]
 
     def start(self, name: str) -> Node:
         """Returns the position at which an entity starts."""
         if name in self.starts:
             return self.starts[name]
         if name in self.trajectories:
-            vertex = next(iter(polyline(self.trajectories[name], self.catalogs)))
-            return next(iter(vertex.child("Position")))
+            shape = shape_of(self.trajectories[name], self.catalogs)
+            return next(shape.all("Position")).first()
         return self.members[name].node.fail("has no TeleportAction in Init")
 
     def words(self, name: str, lane: str) -> str:
@@ -316,17 +331,16 @@ class Entities:
     def waypoints(self, routing: Node) -> list[str]:
         """Returns the lanes over which an action leads, as ROAD_LANE."""
         if routing.tag == "AcquirePositionAction":
-            points = [next(iter(routing.child("Position")))]
+            points = [routing.child("Position").first()]
         else:
-            points = self.places.waypoints(next(iter(routing)))
+            points = self.places.waypoints(routing.first())
         return [self.places.lane_name(each) for each in points]
 
     def turn_along(self, name: str, pose: Pose) -> Pose:
         """Returns a pose with the heading of the trajectory that begins there, if there is one."""
         if name in self.starts or name not in self.trajectories:
             return pose
-        vertices = list(polyline(self.trajectories[name], self.catalogs))[:2]
-        ends = [self.places.pose(next(iter(each.child("Position")))) for each in vertices]
+        ends = self.places.curve(shape_of(self.trajectories[name], self.catalogs))[0][:2]
         return pose._replace(heading=math.atan2(ends[1].y - ends[0].y, ends[1].x - ends[0].x))
 
     def pose(self, name: str) -> Pose:
@@ -410,20 +424,28 @@ class Entities:
             heading = float(self.track(spot, node).evaluate(spot.station).heading)
             if math.cos(pose.heading - heading) > 0.0:
                 return spot
-        if name == self.ego or name not in self.routes:
-            if (found := on(self.route, pose)) is not None:
-                return found
-            if name == self.ego:
-                node.fail("the position is not on the route of the truck, or faces against it")
-        lane = self.places.driving_lane(pose)
-        if lane:
-            words = self.words(name, lane)
-            own = on(self.places.along(words, node), pose)
-            if own is not None:
-                return own._replace(along=words)
+        found = self._spot_at(pose, node, name)
+        if found is not None:
+            return found
+        if name == self.ego:
+            node.fail("the position is not on the route of the truck, or faces against it")
         if name in self.routes and not self.members[name].walks:
             self.routes[name].fail("does not begin in the driving lane in which the entity starts")
         return Spot(0.0, math.nan)
+
+    def spot_of(self, node: Node) -> Spot | None:
+        """Returns the place of a position that depends on no entity; None if it is on no road."""
+        return self._spot_at(self.places.pose(node), node)
+
+    def _spot_at(self, pose: Pose, node: Node, name: str = "") -> Spot | None:
+        """A pose on the truck's route, or on the own road of an entity that begins there."""
+        found = None if name != self.ego and name in self.routes else on(self.route, pose)
+        lane = self.places.driving_lane(pose)
+        if found is not None or name == self.ego or not lane:
+            return found
+        words = self.words(name, lane)
+        own = on(self.places.along(words, node), pose)
+        return None if own is None else own._replace(along=words)
 
     def relative(self, node: Node) -> Spot:
         """Returns the place of a position relative to an entity."""
@@ -462,30 +484,13 @@ class Entities:
             return 0.0
         if name in asked:
             action.fail("the speed refers to itself")
-        target = next(iter(action.child("SpeedActionTarget")))
+        holder = action.child("SpeedActionTarget")
+        target = holder.first("AbsoluteTargetSpeed", "RelativeTargetSpeed")
         if target.tag == "AbsoluteTargetSpeed":
             return target.number("value")
-        if target.tag != "RelativeTargetSpeed":
-            target.refuse()
         other = self.speed(self.reference(target), (*asked, name))
         value = target.number("value")
         return other * value if target.get("speedTargetValueType") == "factor" else other + value
-
-
-def polyline(action: Node, catalogs: Catalogs) -> Iterator[Node]:
-    """Yields the vertices of the trajectory of a FollowTrajectoryAction."""
-    reference = action.find("TrajectoryRef")
-    holder = action if reference is None else reference
-    found = holder.find("Trajectory") or holder.find("CatalogReference")
-    if found is None:
-        action.fail("has no Trajectory")
-    trajectory = catalogs.resolve(found)
-    if trajectory.flag("closed"):
-        trajectory.fail("closed trajectories are not read")
-    shape = next(iter(trajectory.child("Shape")))
-    if shape.tag != "Polyline":
-        shape.refuse()
-    yield from shape.only("Vertex")
 
 
 def on(track: Route, pose: Pose, facing: bool = True) -> Spot | None:

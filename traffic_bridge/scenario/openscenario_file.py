@@ -53,6 +53,11 @@ class Node:
         """Returns the first child with a tag; None if there is none."""
         return next((child for child in self if child.tag == tag), None)
 
+    def first(self, *tags: str) -> Node:
+        """Returns the first child; InputError if there is none, or one with another tag."""
+        found = next(iter(self), None) or self.fail("has no element")
+        return found if not tags or found.tag in tags else found.refuse()
+
     def child(self, tag: str, *below: str) -> Node:
         """Returns the first child with a tag, or below it; InputError if there is none."""
         found = self.find(tag)

@@ -9,12 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from iits_mj.core.angles import wrap_angle
+from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError, MapError
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.road_frames import RoadFrames
 from traffic_bridge.scenario.openscenario_file import Catalogs, Node
 
 NEAR = 1.0  # [m]: a position that is farther from a road is not on it
+CURVE_STEP, FINE = 1.0, 20  # [m] between places of a curve, and steps of its integral between
 SPACING = 2.0  # [m] between the points of a way along a lane
 FLAT = 0.01  # [m]: points that are so near to a straight piece are left out
 STRAIGHT_ON = 100.0  # [m] that a road user can go who faces across its road
@@ -125,7 +127,48 @@ class Places:
         if found.tag != "Route" or found.flag("closed"):
             found.fail("is no open route")
         points = list(found.only("ParameterDeclarations", "Waypoint"))
-        return [next(iter(p.child("Position"))) for p in points if p.tag == "Waypoint"]
+        return [p.child("Position").first() for p in points if p.tag == "Waypoint"]
+
+    def curve(self, shape: Node) -> tuple[list[Pose], list[float] | None]:
+        """Returns places on the shape of a trajectory, and their times [s] if all have one.
+
+        Those of a clothoid or of NURBS are `CURVE_STEP` or less apart.
+        """
+        nodes = list(shape.all("Position"))
+        if shape.tag == "Polyline":
+            holders = list(shape.only("Vertex"))
+            # Only the last one needs its road.
+            poses = [self._vertex(each.first(), each is nodes[-1]) for each in nodes]
+            timed = all(each.has("time") for each in holders)
+            return poses, [each.number("time") for each in holders] if timed else None
+        first = self.pose(nodes[0].first()) if nodes else shape.fail("has no Position")
+        if shape.tag == "Clothoid":
+            table = _clothoid(shape, first)
+        elif shape.tag == "Nurbs":
+            holders = list(shape.only("ControlPoint", "Knot"))
+            controls = [each for each in holders if each.tag == "ControlPoint"]
+            knots = [each.number("value") for each in holders if each.tag == "Knot"]
+            rows = []
+            for node, holder in zip(nodes, controls, strict=True):
+                pose = self._vertex(node.first(), False)
+                time = holder.number("time") if holder.has("time") else math.nan
+                rows.append((pose.x, pose.y, time, holder.number("weight", 1.0, low=1e-6)))
+            table = _nurbs(shape, np.array(rows), np.array(knots))
+        else:
+            shape.refuse()
+        turns = np.unwrap(np.arctan2(np.gradient(table[:, 1]), np.gradient(table[:, 0])))
+        poses = [
+            self.under(x, y, turn, nodes[-1].first())
+            for (x, y, _), turn in zip(table.tolist(), turns.tolist(), strict=True)
+        ]
+        times = table[:, 2]
+        return poses, None if np.isnan(times).any() else times.tolist()
+
+    def _vertex(self, node: Node, last: bool) -> Pose:
+        if node.tag == "WorldPosition" and node.has("z") and not last:
+            x, y, z = (node.number(axis) for axis in "xyz")
+            return Pose(x, y, z, node.number("h", 0.0))
+        return self.pose(node)
 
     def lane_name(self, position: Node) -> str:
         """Returns the driving lane of a position, as ROAD_LANE."""
@@ -162,11 +205,10 @@ class Places:
 
     def _on_route(self, node: Node) -> Pose:
         """The place of a RoutePosition."""
-        points = self.waypoints(next(iter(node.child("RouteRef"))))
+        points = self.waypoints(node.child("RouteRef").first())
         first = self.pose(points[0])
-        place = next(iter(node.child("InRoutePosition")))
-        if place.tag not in ("FromLaneCoordinates", "FromRoadCoordinates"):
-            place.refuse()
+        holder = node.child("InRoutePosition")
+        place = holder.first("FromLaneCoordinates", "FromRoadCoordinates")
         route = self.along(words_of([self.lane_name(each) for each in points]), node)
         station = route.locate(first.x, first.y)[0] + place.number("pathS", low=0.0)
         if station > route.length:
@@ -196,6 +238,63 @@ class Places:
             if turn < best - 1e-6:
                 best, found = turn, place._replace(heading=heading)
         return found
+
+
+def shape_of(action: Node, catalogs: Catalogs) -> Node:
+    """Returns the shape of the trajectory of a FollowTrajectoryAction."""
+    reference = action.find("TrajectoryRef")
+    holder = action if reference is None else reference
+    found = holder.find("Trajectory") or holder.find("CatalogReference")
+    if found is None:
+        action.fail("has no Trajectory")
+    trajectory = catalogs.resolve(found)
+    if trajectory.flag("closed"):
+        trajectory.fail("closed trajectories are not read")
+    return trajectory.child("Shape").first()
+
+
+def _clothoid(shape: Node, start: Pose) -> FloatArray:
+    """Rows of x, y [m] and time [s], NaN without one, on a curve of linear curvature."""
+    length = shape.number("length", low=CURVE_STEP, high=1e5)
+    prime = "curvaturePrime" if shape.has("curvaturePrime") else "curvatureDot"
+    bend, rate = shape.number("curvature"), shape.number(prime)
+    count = math.ceil(length / CURVE_STEP)
+    way = np.linspace(0.0, length, FINE * count + 1)
+    heading = start.heading + bend * way + 0.5 * rate * way**2
+    moved = np.diff(way) * np.exp(0.5j * (heading[1:] + heading[:-1]))
+    place = start.x + 1j * start.y + np.concatenate(([0.0], np.cumsum(moved)))
+    timed = shape.has("startTime") and shape.has("stopTime")
+    ends = [shape.number(name) if timed else math.nan for name in ("startTime", "stopTime")]
+    times = np.linspace(ends[0], ends[1], len(way))
+    return np.column_stack((place.real, place.imag, times))[::FINE]
+
+
+def _nurbs(shape: Node, controls: FloatArray, knots: FloatArray) -> FloatArray:
+    """Rows of x, y [m] and time [s] on non-uniform rational B-splines.
+
+    L. Piegl, W. Tiller, "The NURBS Book", 2nd ed., 1997, section 4.2: the spline of the weighted
+    points over that of the weights.
+
+    Args:
+      shape: for messages, with its order.
+      controls: x, y, time and weight of the points, shape (n, 4).
+      knots: n + order numbers that do not fall.
+    """
+    from scipy.interpolate import BSpline
+
+    order = round(shape.number("order", low=2.0, high=16.0))
+    if len(controls) < order or len(knots) != len(controls) + order or (np.diff(knots) < 0.0).any():
+        shape.fail(
+            f"order {order}: {len(controls)} control points need {len(controls) + order} knots "
+            f"that do not fall, and there are {len(knots)}"
+        )
+    weight = controls[:, 3:]
+    spline = BSpline(knots, np.hstack((controls[:, :3] * weight, weight)), order - 1)
+    way = float(np.hypot(*np.diff(controls[:, :2], axis=0).T).sum())
+    count = max(math.ceil(way / CURVE_STEP), 2)
+    found = spline(np.linspace(knots[order - 1], knots[-order], count + 1))
+    table: FloatArray = found[:, :3] / found[:, 3:]
+    return table
 
 
 def turned(pose: Pose, node: Node) -> Pose:

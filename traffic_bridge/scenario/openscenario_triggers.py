@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from iits_mj.core.checks import did_you_mean
 from traffic_bridge.scenario.actors import REST
 from traffic_bridge.scenario.conditions import SIGNAL, TRUCK
 from traffic_bridge.scenario.openscenario_actions import AnyGroups
-from traffic_bridge.scenario.openscenario_entities import Entities, Values
+from traffic_bridge.scenario.openscenario_entities import Entities, Values, on
 from traffic_bridge.scenario.openscenario_file import Node
 
 LIMITS = {
@@ -22,6 +22,7 @@ LIMITS = {
 }
 EDGES = {"none": "none", "rising": "rising", "falling": "falling", "risingOrFalling": "either"}
 STATES = {"startTransition": "begun", "endTransition": "ended", "completeState": "ended"}
+TOUCH = 1e-3  # [m] of clearance: nearer bodies touch
 INSTANT = 1e-6  # [s] after a time that a condition excludes
 NEVER: Values = {"measure": "time", "below": -1.0}
 CRITERION = "criteria_"  # begins the names of conditions that CARLA's ScenarioRunner reads as tests
@@ -73,11 +74,11 @@ class Triggers:
         if edge not in EDGES:
             node.fail(f"conditionEdge {edge!r}: allowed are {', '.join(EDGES)}")
         base: Values = {"edge": EDGES[edge], "delay": node.number("delay", 0.0)}
-        kind = next(iter(node))
+        kind = node.first()
         if is_criterion(node):
             return [[base | NEVER]]
         if kind.tag == "ByValueCondition":
-            return self._by_value(next(iter(kind)), base)
+            return self._by_value(kind.first(), base)
         triggering = kind.child("TriggeringEntities")
         entities = [
             TRUCK if name == self._entities.ego else name
@@ -86,7 +87,7 @@ class Triggers:
         ]
         if len(entities) > 1 and edge != "none":
             triggering.fail(f"several entities with conditionEdge {edge!r} are not read")
-        condition = next(iter(kind.child("EntityCondition")))
+        condition = kind.child("EntityCondition").first()
         made = [base | self._by_entity(condition, name) for name in entities]
         every = triggering.get("triggeringEntitiesRule") == "all"
         return [made] if every else [[each] for each in made]
@@ -145,82 +146,106 @@ class Triggers:
         self.variables[name] = self._declared[name]
 
     def _by_entity(self, node: Node, of: str) -> Values:
-        tag = node.tag
-        if tag in ("SpeedCondition", "AccelerationCondition"):
-            if node.get("direction", "longitudinal") != "longitudinal":
-                node.fail(f"direction {node.get('direction')!r} is not read")
-            measure = "speed" if tag == "SpeedCondition" else "acceleration"
-            return {"measure": measure, "of": of} | _limit(node)
-        if tag == "RelativeSpeedCondition":
-            bodies = {"of": self._entities.body(node), "to": of}
-            return {"measure": "speed_difference", **bodies, **_limit(node)}
-        if tag == "TraveledDistanceCondition":
-            name = self._entities.ego if of == TRUCK else of
-            spot = self._entities.spot(name)
-            if spot.along is not None or math.isnan(spot.offset):
-                node.fail("the traveled distance of an entity off the truck's route is not read")
-            front = spot.station + self._entities.members[name].front
-            return {"measure": "station", "of": of, "above": front + node.number("value")}
-        if tag == "StandStillCondition":
-            return {"measure": "speed", "of": of, "below": REST, "lasting": node.number("duration")}
-        if tag in ("ReachPositionCondition", "DistanceCondition"):
-            return self._by_position(node, of)
-        values: Values = {"of": of, "freespace": node.flag("freespace")}
-        kind = node.get("relativeDistanceType", "longitudinal")
-        if tag == "RelativeDistanceCondition" and kind in PLANE:
-            if values.pop("freespace"):
-                node.fail(f"{kind} with freespace is not read")
-            to = self._entities.body(node)
-            return {**values, "measure": "distance", "to": to, **_limit(node)}
-        measures = {
-            "TimeHeadwayCondition": "time_gap",
-            "TimeToCollisionCondition": "ttc",
-            "RelativeDistanceCondition": "gap",
-        }
-        if tag not in measures:
+        if node.tag not in BY_ENTITY:
             node.refuse()
+        return {"of": of, **BY_ENTITY[node.tag](self, node, of)}
+
+    def _of_one(self, node: Node, of: str) -> Values:
+        """A condition on the speed or the acceleration of an entity."""
+        del of
+        if node.get("direction", "longitudinal") != "longitudinal":
+            node.fail(f"direction {node.get('direction')!r} is not read")
+        return {"measure": MEASURES[node.tag], **_limit(node)}
+
+    def _relative_speed(self, node: Node, of: str) -> Values:
+        bodies = {"of": self._entities.body(node), "to": of}
+        return {"measure": "speed_difference", **bodies, **_limit(node)}
+
+    def _traveled(self, node: Node, of: str) -> Values:
+        name = self._entities.ego if of == TRUCK else of
+        spot = self._entities.spot(name)
+        if spot.along is not None or math.isnan(spot.offset):
+            node.fail("the traveled distance of an entity off the truck's route is not read")
+        front = spot.station + self._entities.front(name)
+        return {"measure": "station", "above": front + node.number("value")}
+
+    def _collision(self, node: Node, of: str) -> Values:
+        del of
+        to = self._entities.body(node.only("EntityRef").first())
+        return {"measure": "clearance", "to": to, "below": TOUCH}
+
+    def _distance(self, node: Node, of: str) -> Values:
+        """A condition on a gap of two entities, in meters or seconds."""
+        freespace, other = node.flag("freespace"), node
+        kind = node.get("relativeDistanceType", "longitudinal")
+        if node.tag == "RelativeDistanceCondition" and kind in PLANE:
+            if freespace:
+                node.fail(f"{kind} with freespace is not read")
+            return {"measure": "distance", "to": self._entities.body(node), **_limit(node)}
         if kind != "longitudinal":
             node.fail(f"relativeDistanceType {kind!r} is not read")
-        other = node
-        if tag == "TimeToCollisionCondition":
-            other = next(iter(node.child("TimeToCollisionConditionTarget")))
-            if other.tag != "EntityRef":
-                other.refuse()
+        if node.tag == "TimeToCollisionCondition":
+            other = node.child("TimeToCollisionConditionTarget").only("EntityRef").first()
         to = self._entities.body(other)
-        return {**values, "measure": measures[tag], "to": to, **_limit(node)}
+        # Without freespace it is between the reference points.
+        shift = 0.0 if freespace else self._entities.front(of) - self._entities.front(to)
+        found = {"measure": MEASURES[node.tag], "freespace": freespace, "shift": shift}
+        return {**found, "to": to, **_limit(node)}
 
     def _by_position(self, node: Node, of: str) -> Values:
         """A condition on the distance of an entity to a position."""
-        position = next(iter(node.child("Position")))
+        position = node.child("Position").first()
         front = self._entities.front(of)
-        kind = node.get("relativeDistanceType", "euclidianDistance")
-        if node.tag == "ReachPositionCondition" or kind in PLANE:
-            if node.flag("freespace"):
-                node.fail("freespace to a position is not read")
-            if position.has("entityRef"):
-                if any(position.number(name, 0.0) for name in ("dx", "dy", "ds", "dLane", "dt")):
-                    position.fail("a place that moves with an entity is read where the entity is")
-                to = self._entities.body(position)
-                limit = (
-                    {"below": node.number("tolerance")} if node.has("tolerance") else _limit(node)
-                )
-                return {"measure": "distance", "of": of, "to": to, **limit}
+        reached = node.tag == "ReachPositionCondition"
+        kind = node.get("relativeDistanceType", PLANE[0])
+        limit = {"below": node.number("tolerance")} if reached else _limit(node)
+        if (reached or kind in PLANE or kind == "longitudinal") and node.flag("freespace"):
+            node.fail("freespace to a position is not read")
+        if (reached or kind in PLANE) and position.has("entityRef"):
+            if any(position.number(name, 0.0) for name in ("dx", "dy", "ds", "dLane", "dt")):
+                position.fail("a place that moves with an entity is read where the entity is")
+            return {"measure": "distance", "to": self._entities.body(position), **limit}
+        if reached or kind in PLANE:
             pose = self._entities.places.pose(position)
-            limits = (
-                {"below": node.number("tolerance")}
-                if node.tag == "ReachPositionCondition"
-                else _limit(node)
-            )
-            point = (pose.x, pose.y)
-            return {"measure": "distance", "of": of, "point": point, "back": front, **limits}
-        if kind != "longitudinal" or node.flag("freespace"):
-            node.fail(f"relativeDistanceType {kind!r}, or freespace, to a position is not read")
-        limit = _limit(node)
+            return {"measure": "distance", "point": (pose.x, pose.y), "back": front, **limit}
+        if kind == "lateral" and node.get("coordinateSystem", "entity") in ("road", "lane"):
+            return self._aside(node, position)
+        if kind != "longitudinal":
+            node.fail(f"relativeDistanceType {kind!r} to a position is not read")
         if "below" not in limit:
             node.fail("rule must be lessThan or lessOrEqual")
         at = self._entities.station(position, self._entities.route) + front
-        bounds = {"above": at - limit["below"], "below": at + limit["below"]}
-        return {"measure": "station", "of": of, **bounds}
+        return {"measure": "station", "above": at - limit["below"], "below": at + limit["below"]}
+
+    def _aside(self, node: Node, position: Node) -> Values:
+        """The offsets of an entity's center that are near to a position's."""
+        found, limit = on(self._entities.route, self._entities.places.pose(position)), _limit(node)
+        if found is None or "below" not in limit or node.flag("freespace"):
+            node.fail("is read with lessThan, without freespace, and on the truck's route")
+        bounds = found.offset - limit["below"], found.offset + limit["below"]
+        return {"measure": "offset", "above": bounds[0], "below": bounds[1]}
+
+
+MEASURES = {
+    "SpeedCondition": "speed",
+    "AccelerationCondition": "acceleration",
+    "TimeHeadwayCondition": "time_gap",
+    "TimeToCollisionCondition": "ttc",
+    "RelativeDistanceCondition": "gap",
+}
+BY_ENTITY: dict[str, Callable[[Triggers, Node, str], Values]] = {
+    **dict.fromkeys(("SpeedCondition", "AccelerationCondition"), Triggers._of_one),
+    **dict.fromkeys(list(MEASURES)[2:], Triggers._distance),
+    **dict.fromkeys(("ReachPositionCondition", "DistanceCondition"), Triggers._by_position),
+    "RelativeSpeedCondition": Triggers._relative_speed,
+    "TraveledDistanceCondition": Triggers._traveled,
+    "CollisionCondition": Triggers._collision,
+    "StandStillCondition": lambda _, node, __: {
+        "measure": "speed",
+        "below": REST,
+        "lasting": node.number("duration"),
+    },
+}
 
 
 def is_criterion(condition: Node) -> bool:

@@ -33,6 +33,7 @@ from traffic_bridge.scenario.actions import (
     SetValue,
     Swarm,
     Synchronize,
+    Teleport,
     TruckEvent,
 )
 from traffic_bridge.scenario.actors import (
@@ -356,8 +357,7 @@ class Scenario:
             actor = self.actors.members[row.id]
             actor.take(track, place, lane, event.stays)
             if event.offset is not None:
-                shift = event.offset
-                actor.plan_shift(lambda _: shift, math.inf)
+                actor.stay_aside(event.offset)
         return running
 
     def _row(
@@ -514,6 +514,8 @@ class Scenario:
             return self._take_away(record)
         if isinstance(event, LoseCargo):
             return self._lose_cargo(event, actor, situation)
+        if isinstance(event, Teleport):
+            return self._teleport(event, actor, record)
         if isinstance(event, FollowPath):
             return self._follow_path(event, actor, record)
         if isinstance(event, Synchronize):
@@ -545,6 +547,16 @@ class Scenario:
         body = None if self._last is None else self._last.find(name)
         return None if body is None else (body.front, body.pace)
 
+    def _teleport(self, event: Teleport, actor: Actor, record: EventRecord) -> _Running | None:
+        track = self._route if event.along is None else self._roads[event.along]
+        station = event.station - 0.5 * actor.row.length
+        if not 0.0 <= event.station < track.length or not track.lane_exists(event.lane, station):
+            return None
+        actor.take(track, (station, float(track.lane_offset(event.lane, station))), event.lane)
+        if event.offset:
+            actor.stay_aside(event.offset)
+        return _Running(record, plans=[Plan(done=True)])
+
     def _follow_path(self, event: FollowPath, actor: Actor, record: EventRecord) -> _Running | None:
         if event.points is not None:
             path, numbers = self._path(event, actor.row.length)
@@ -570,8 +582,7 @@ class Scenario:
             box = self.actors.members[row.id]
             box.plan_speed(SpeedPlan(rate=event.deceleration, jerk=1e3))
             # It slides on its own line.
-            shift = box.shift
-            box.plan_shift(lambda _: shift, math.inf)
+            box.stay_aside(box.shift)
             running.plans = [box.speed_plan]  # type: ignore[list-item]
         return running
 

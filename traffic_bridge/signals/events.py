@@ -10,17 +10,45 @@ out the events of this module, `traffic_bridge.scenario` those of vehicles that 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from iits_mj.core.checks import in_range, is_whole, make_plain, plain
+from iits_mj.core.checks import in_range, is_whole, make_plain, one_of, plain
 from iits_mj.core.errors import InputError
 from traffic_bridge.scenario.conditions import Groups, groups_of
 from traffic_bridge.vehicles.types import check_changes
 
 LONGEST = 1e6  # [m], [s]
 LIGHT_LETTERS = "rRyYgGuoOs"
+REQUIRED = dataclasses.MISSING  # default of a field that has none
+_CHECK = "check"
+
+
+def number(default: Any, low: float, high: float) -> Any:
+    """A field of an event that is a number within bounds, or None if that is its default."""
+    return _checked(default, lambda event, name: event._number(name, low, high))
+
+
+def whole(default: Any, low: int, high: int) -> Any:
+    """A field that is a whole number within bounds, or None if that is its default."""
+    return _checked(default, lambda event, name: event._whole(name, low, high))
+
+
+def text(default: Any) -> Any:
+    """A field that is a name, or None if that is its default."""
+    return _checked(default, lambda event, name: event._text(name))
+
+
+def choice(default: Any, allowed: Iterable[str]) -> Any:
+    """A field that is one of the allowed texts."""
+    return _checked(
+        default, lambda event, name: one_of(f"{event.kind}: {name}", getattr(event, name), allowed)
+    )
+
+
+def _checked(default: Any, check: Callable[[Any, str], object]) -> Any:
+    return dataclasses.field(default=default, metadata={_CHECK: check})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,9 +83,9 @@ class Event:
         for field in ("at_time", "at_station", "until", "duration"):
             if getattr(self, field) is not None:
                 self._number(field, 0.0, LONGEST)
-        given = [n for n in ("at_time", "at_station", "when") if getattr(self, n) is not None]
-        if len(given) > 1:
-            raise InputError(f"{self.kind}: give {given[0]} or {given[1]}, not both")
+        begins = [n for n in ("at_time", "at_station", "when") if getattr(self, n) is not None]
+        if len(begins) > 1:
+            raise InputError(f"{self.kind}: give {begins[0]} or {begins[1]}, not both")
         if self.name is not None:
             self._text("name")
         if self.when is not None:
@@ -74,6 +102,14 @@ class Event:
             )
         if self.duration == 0.0:
             raise InputError(f"{self.kind}: duration = 0 s: must be positive")
+        for given in dataclasses.fields(self):
+            value, check = getattr(self, given.name), given.metadata.get(_CHECK)
+            if isinstance(given.default, bool) and not isinstance(value, bool):
+                raise InputError(
+                    f"{self.kind}: {given.name} = {value!r}: allowed are true and false"
+                )
+            if check is not None and not (value is None and given.default is None):
+                check(self, given.name)
         self._check()
         make_plain(self)
 
@@ -127,12 +163,10 @@ class LightOverride(Event):
 
     kind: ClassVar[str] = "light_state"
 
-    light: str
-    state: str
+    light: str = text(REQUIRED)
+    state: str = text(REQUIRED)
 
     def _check(self) -> None:
-        self._text("light")
-        self._text("state")
         if any(letter not in LIGHT_LETTERS for letter in self.state):
             raise InputError(f"{self.kind}: state = {self.state!r}: letters of {LIGHT_LETTERS!r}")
 
@@ -148,13 +182,11 @@ class LightProgramRun(Event):
 
     kind: ClassVar[str] = "light_program"
 
-    light: str
-    program: str
+    light: str = text(REQUIRED)
+    program: str = text(REQUIRED)
     phases: tuple[tuple[float, str], ...] = ()
 
     def _check(self) -> None:
-        self._text("light")
-        self._text("program")
         try:
             phases = tuple((float(duration), str(state)) for duration, state in self.phases)
         except (TypeError, ValueError):
@@ -174,16 +206,13 @@ class SpeedLimit(Event):
 
     kind: ClassVar[str] = "speed_limit"
 
-    limit: float
+    limit: float = number(REQUIRED, 1.0, 70.0)
     start: float = 0.0
     end: float = LONGEST
-    lane: int | None = None
+    lane: int | None = whole(None, 0, 20)
 
     def _check(self) -> None:
-        self._number("limit", 1.0, 70.0)
         _check_stretch(self)
-        if self.lane is not None:
-            self._whole("lane", 0, 20)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,15 +226,13 @@ class LaneClosure(Event):
 
     kind: ClassVar[str] = "lane_closure"
 
-    lane: int
+    lane: int = whole(REQUIRED, 0, 20)
     start: float
     end: float
-    notice: float = 400.0
+    notice: float = number(400.0, 0.0, 5_000.0)
 
     def _check(self) -> None:
-        self._whole("lane", 0, 20)
         _check_stretch(self)
-        self._number("notice", 0.0, 5_000.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,19 +249,11 @@ class StoppedVehicle(Event):
 
     kind: ClassVar[str] = "stopped_vehicle"
 
-    station: float
-    lane: int = 0
-    type: str = "car"
+    station: float = number(REQUIRED, 0.0, LONGEST)
+    lane: int = whole(0, 0, 20)
+    type: str = text("car")
     hazard: bool = True
-    notice: float = 200.0
-
-    def _check(self) -> None:
-        self._number("station", 0.0, LONGEST)
-        self._whole("lane", 0, 20)
-        self._text("type")
-        self._number("notice", 0.0, 5_000.0)
-        if not isinstance(self.hazard, bool):
-            raise InputError(f"{self.kind}: hazard = {self.hazard!r}: allowed are true and false")
+    notice: float = number(200.0, 0.0, 5_000.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,18 +267,11 @@ class SlowConvoy(Event):
 
     kind: ClassVar[str] = "slow_convoy"
 
-    station: float
-    speed: float
-    lane: int = 0
-    count: int = 3
-    type: str = "truck"
-
-    def _check(self) -> None:
-        self._number("station", 0.0, LONGEST)
-        self._number("speed", 0.5, 70.0)
-        self._whole("lane", 0, 20)
-        self._whole("count", 1, 100)
-        self._text("type")
+    station: float = number(REQUIRED, 0.0, LONGEST)
+    speed: float = number(REQUIRED, 0.5, 70.0)
+    lane: int = whole(0, 0, 20)
+    count: int = whole(3, 1, 100)
+    type: str = text("truck")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -275,11 +287,10 @@ class VehicleChange(Event):
 
     kind: ClassVar[str] = "vehicle_change"
 
-    target: str
+    target: str = text(REQUIRED)
     parameters: tuple[tuple[str, Any], ...]
 
     def _check(self) -> None:
-        self._text("target")
         given = self.parameters
         try:
             pairs = dict(given.items() if isinstance(given, Mapping) else given)

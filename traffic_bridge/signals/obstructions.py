@@ -10,6 +10,7 @@ from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.signals.events import LaneClosure, SlowConvoy, StoppedVehicle
 from traffic_bridge.signals.merging import MergeGuide, Obstacle
 from traffic_bridge.vehicles.scripted import Manner, ScriptedVehicle, ScriptedVehicles
+from traffic_bridge.vehicles.types import VehicleType
 
 BLOCKER_SPACING = 80.0  # [m] between the safety trucks of a long closure
 CLOSURE_NOTICE = 400.0  # [m] before a closure in which drivers leave the lane
@@ -60,22 +61,22 @@ class Obstructions:
         Raises:
           InputError: the interval is not on the route, or the lane does not exist there.
         """
-        obstacle = self.check_closure(LaneClosure(lane=lane, start=start, end=end, notice=notice))
+        closure = LaneClosure(lane=lane, start=start, end=end, notice=notice)
+        obstacle = self.check_closure(closure)
         number = next(self._numbers)
         types = self._config.types
         kind = next((kind for kind in types if kind.name == "truck"), types[0])
-        first = start + kind.length
-        count = max(int((end - first) / BLOCKER_SPACING) + 1, 1)
+        stations = closure_places(closure, kind.length)
         group = [
             ScriptedVehicle(
                 f"{BLOCKER}.{number}.{k}",
                 kind.name,
                 lane,
-                first + k * BLOCKER_SPACING,
+                station,
                 0.0,
                 Manner.STANDING,
             )
-            for k in range(count)
+            for k, station in enumerate(stations)
         ]
         # All places are checked before the first truck is placed.
         for vehicle in group:
@@ -168,17 +169,16 @@ class Obstructions:
     def convoy_group(self, number: int, convoy: SlowConvoy) -> list[ScriptedVehicle]:
         """The vehicles of a convoy, beginning with the first one."""
         kind = self._config.type_of(convoy.type)
-        spacing = kind.length + kind.minimum_gap + convoy.speed * CONVOY_HEADWAY
         return [
             ScriptedVehicle(
                 f"{CONVOY}.{number}.{k:02d}",
                 convoy.type,
                 convoy.lane,
-                convoy.station - k * spacing,
+                station,
                 convoy.speed,
                 Manner.KEEPING_LANE,
             )
-            for k in range(convoy.count)
+            for k, station in enumerate(convoy_places(convoy, kind))
         ]
 
     def release(self, number: int) -> None:
@@ -194,3 +194,16 @@ class Obstructions:
             self._guide.remove(warned)
         kind = self._config.type_of(type_name)
         self._scripted.release(names, kind.desired_speed_mean * self._config.speed_limit)
+
+
+def closure_places(closure: LaneClosure, length: float) -> list[float]:
+    """Stations of the front bumpers of a closure's safety trucks of a length [m]."""
+    first = closure.start + length
+    count = max(int((closure.end - first) / BLOCKER_SPACING) + 1, 1)
+    return [first + k * BLOCKER_SPACING for k in range(count)]
+
+
+def convoy_places(convoy: SlowConvoy, kind: VehicleType) -> list[float]:
+    """Stations of the front bumpers of a convoy's vehicles of a type, from the first one [m]."""
+    spacing = kind.length + kind.minimum_gap + convoy.speed * CONVOY_HEADWAY
+    return [convoy.station - k * spacing for k in range(convoy.count)]

@@ -7,6 +7,7 @@ import pytest
 from iits_mj.core.errors import InputError
 from tests.paths import ROOT
 from traffic_bridge import (
+    ActivateDriver,
     Brake,
     BrakeLeak,
     ChangeLane,
@@ -28,6 +29,7 @@ from traffic_bridge import (
     Swarm,
     Swerve,
     Synchronize,
+    Teleport,
     TrafficConfig,
     Wind,
     read_events,
@@ -50,6 +52,8 @@ ONE_OF_EACH = (
     CrossRoad(name="walker", gap=50.0),
     FollowPath(actor="a", points=[[0.0, 1.0], [5, 2]], times=[0, 2.0]),
     KeepDistance(actor="a", time_gap=1.5),
+    ActivateDriver(actor="a", active=False),
+    Teleport(actor="a", station=300.0, lane=1),
     RemoveVehicle(actor="a"),
     Synchronize(actor="a", station=500.0, to_station=480.0, speed=10.0),
     SetValue(variable="light", value="green"),
@@ -69,6 +73,13 @@ def test_every_event_survives_a_json_file():
     config = TrafficConfig(density="empty", events=ONE_OF_EACH)
     stored = json.loads(json.dumps(config.as_dict(), allow_nan=False))
     assert TrafficConfig.from_dict(stored).events == ONE_OF_EACH
+
+
+def test_every_motion_to_the_side_takes_3_s_without_another_measure():
+    for event in ONE_OF_EACH:
+        if isinstance(event, (CutIn, ChangeLane, Swerve)):
+            assert event.duration == 3.0
+    assert ChangeLane(actor="a", lane=1, distance=50.0).duration is None
 
 
 def test_every_event_takes_conditions_and_refuses_two_beginnings():

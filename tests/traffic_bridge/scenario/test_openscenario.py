@@ -222,6 +222,37 @@ closed="false"><Shape>{shape}</Shape></Trajectory></TrajectoryRef>
     return SCENARIO.replace(ACTION, action)
 
 
+# A quarter of a circle of 20 m to the left, exactly: L. Piegl, W. Tiller, "The NURBS Book", 7.1.
+NURBS = (
+    '<Nurbs order="3">'
+    + "".join(
+        f'<ControlPoint time="{time}" weight="{weight}"><Position><WorldPosition x="{x}" y="{y}"/>'
+        "</Position></ControlPoint>"
+        for time, weight, x, y in (
+            (0, 1, 140.0, -6.0),
+            (2, math.sqrt(0.5), 160.0, -6.0),
+            (4, 1, 160.0, 14.0),
+        )
+    )
+    + "".join(f'<Knot value="{value}"/>' for value in (0, 0, 0, 1, 1))
+    + '<Knot value="1"/></Nurbs>'
+)
+CLOTHOID = """<Clothoid curvature="0.05" curvatureDot="0" length="31.4159" startTime="0"
+stopTime="4"><Position><WorldPosition x="140" y="-6" h="0"/></Position></Clothoid>"""
+
+
+@pytest.mark.parametrize("shape", [NURBS, CLOTHOID])
+def test_a_curved_trajectory_is_a_quarter_of_a_circle(tmp_path, shape):
+    timing = '<Timing domainAbsoluteRelative="relative" scale="1" offset="0"/>'
+    _, frames, records = play(written(tmp_path, following(shape, timing)), 8.0)
+    begun = round(records["aside"].begun / STEP)
+    for row in (frame.find("car") for frame in frames[begun + 1 : begun + 40]):
+        reference = row.x - 1.5 * math.cos(row.yaw), row.y - 1.5 * math.sin(row.yaw)
+        # The body's heading is that of the chord between its ends.
+        assert math.dist(reference, (140.0, 14.0)) == pytest.approx(20.0, abs=0.15)
+    assert records["aside"].ended == pytest.approx(records["aside"].begun + 4.0, abs=0.11)
+
+
 @pytest.mark.parametrize("scale", [1.0, 2.0])
 def test_a_trajectory_with_times_has_the_reference_point_at_its_vertices(tmp_path, scale):
     timing = f'<Timing domainAbsoluteRelative="relative" scale="{scale}" offset="0.5"/>'
@@ -251,8 +282,9 @@ def test_a_trajectory_without_times_is_driven_at_the_vehicles_speed(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (following("<Clothoid/>"), "<Clothoid>: this element is not supported"),
-        (following("<Nurbs/>"), "<Nurbs>: this element is not supported"),
+        (following("<Clothoid/>"), "<Clothoid>: has no Position"),
+        (following("<Splines/>"), "<Splines>: has no Position"),
+        (following(NURBS.replace('<Knot value="1"/>', "")), "6 knots that do not fall, and there"),
         (
             following(f"<Polyline>{VERTICES}</Polyline>", more='initialDistanceOffset="3"'),
             "initialDistanceOffset is not read",
@@ -614,3 +646,79 @@ def test_the_ego_may_start_beside_another_entity(tmp_path):
     start, frames, _ = play(written(tmp_path, text), 0.2)
     assert (start.lane, frames[0].find("car").lane) == (0, 1)
     assert start.station + TRUCK.front_overhang == pytest.approx(160.0 + 4.0)
+
+
+def test_a_vehicle_is_placed_elsewhere_in_a_story(tmp_path):
+    place = '<TeleportAction><Position><LanePosition roadId="1" laneId="-2" s="400" offset="0.5"/>'
+    text = SCENARIO.replace(ACTION, f"{place}</Position></TeleportAction>")
+    _, frames, records = play(written(tmp_path, text), 3.0)
+    begun = round(records["aside"].begun / STEP)
+    before, after, last = (frames[k].find("car") for k in (begun - 1, begun, -1))
+    assert (before.lane, after.lane) == (1, 0)
+    # Its center is 1.5 m before the reference point; it drives on as fast as before.
+    assert (after.x, after.y) == pytest.approx((401.5, -5.5), abs=0.01)
+    assert last.x - after.x == pytest.approx(9.0 * STEP * (len(frames) - 1 - begun), abs=0.01)
+    with pytest.raises(InputError, match="LanePosition>: road '1' has no lane 3"):
+        play(written(tmp_path, text.replace('laneId="-2" s="400"', 'laneId="3" s="400"')), 0.1)
+
+
+def test_an_event_begins_where_two_entities_touch(tmp_path):
+    condition = """<ByEntityCondition><TriggeringEntities triggeringEntitiesRule="any">
+<EntityRef entityRef="car"/></TriggeringEntities><EntityCondition><CollisionCondition>
+<EntityRef entityRef="Hero"/></CollisionCondition></EntityCondition></ByEntityCondition>"""
+    time = """<ByValueCondition><SimulationTimeCondition value="1" rule="greaterThan"/>
+</ByValueCondition>"""
+    time = next(t for t in (time, time.replace("\n", "")) if t in SCENARIO)
+    text = SCENARIO.replace(time, condition).replace('dLane="1" ds="30"', 'dLane="0" ds="30"')
+    _, _, records = play(written(tmp_path, text), 4.0)
+    # 25 m between the truck at 20 m/s and the car at 9 m/s, which have the same lane.
+    assert records["aside"].begun == pytest.approx(25.0 / 11.0, abs=0.11)
+
+
+PROFILE = """<LongitudinalAction><SpeedProfileAction followingMode="follow" entityRef="Hero">
+<DynamicConstraints maxAcceleration="2" maxDeceleration="4" maxAccelerationRate="10"/>
+<SpeedProfileEntry speed="-5"/></SpeedProfileAction></LongitudinalAction>"""
+
+
+def test_a_speed_profile_has_the_limits_of_the_file(tmp_path):
+    _, frames, records = play(written(tmp_path, SCENARIO.replace(ACTION, PROFILE)), 8.0)
+    speeds = [frame.find("car").speed for frame in frames]
+    assert speeds[-1] == pytest.approx(15.0)
+    steps = [(b - a) / STEP for a, b in itertools.pairwise(speeds)]
+    assert max(steps) == pytest.approx(2.0, abs=0.01)
+    assert max(abs(b - a) / STEP for a, b in itertools.pairwise(steps)) < 10.0 + 1e-6
+    # 6 m/s at 2 m/s2, and 0.2 s until the acceleration is reached.
+    record = records["aside"]
+    assert record.ended - record.begun == pytest.approx(3.2, abs=0.21)
+    timed = SCENARIO.replace(ACTION, PROFILE.replace('speed="-5"', 'speed="-5" time="2"'))
+    with pytest.raises(InputError, match="one entry that has no time"):
+        play(written(tmp_path, timed), 0.1)
+
+
+COMMAND = '<Action name="x"><UserDefinedAction><CustomCommandAction type="TYPE">TEXT'
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "found"),
+    [
+        ("iits_mj", '{"event": "swerve", "actor": "car", "offset": 1.0}', "swerve"),
+        ("iits_mj", '{"event": "speed_limit", "limit": 9.0}', None),
+        ("another", "anything", None),
+        ("iits_mj", "anything", "is no table of an event as JSON"),
+        ("iits_mj", '{"event": "swerve", "actor": "car"}', "swerve: offset is missing"),
+    ],
+)
+def test_commands_of_the_package_are_events(tmp_path, kind, text, found):
+    command = COMMAND.replace("TYPE", kind).replace("TEXT", text.replace('"', "&quot;"))
+    action = f"{command}</CustomCommandAction></UserDefinedAction></Action>"
+    old = f'<Action name="x"><PrivateAction>\n{ACTION}</PrivateAction></Action>'
+    assert old in SCENARIO
+    path = written(tmp_path, SCENARIO.replace(old, action))
+    if found is not None and found != "swerve":
+        with pytest.raises(InputError, match=f"<CustomCommandAction>|<UserDefined.*: {found}"):
+            play(path, 2.0)
+        return
+    _, _, records = play(path, 2.0)
+    assert ("aside" in records) is (found is not None)
+    noted = "CustomCommandAction of aside" in "; ".join(read_scenario(path).notes)
+    assert noted is (found is None)

@@ -233,7 +233,6 @@ def test_a_deterministic_distribution_is_read(tmp_path):
         ('stepWidth="0.1"', 'stepWidth="0"', "needs a positive stepWidth"),
         ('lowerLimit="0.1"', 'lowerLimit="0.9"', "lowerLimit 0.9 <= upperLimit 0.7"),
         ('stepWidth="0.1"', 'stepWidth="1e-8"', "values: allowed are 1 to 10000"),
-        ("Deterministic>", "Stochastic>", "only deterministic distributions are read"),
         ("DistributionSet>", "UserDefinedDistribution>", "this element is not supported"),
         ('<Element value="1"/><Element value="4"/>', "", "has 0 values"),
     ],
@@ -245,6 +244,62 @@ def test_other_distributions_are_refused_with_their_line(tmp_path, old, new, wor
     with pytest.raises(InputError, match=re.escape(words)) as raised:
         read_distribution(path)
     assert "d.xosc: line " in str(raised.value)
+
+
+STOCHASTIC = """<OpenSCENARIO><FileHeader revMajor="1" revMinor="2"/>
+<ParameterValueDistribution><ScenarioFile filepath="a.xosc"/>
+<Stochastic numberOfTestRuns="4000" randomSeed="7">
+<StochasticDistribution parameterName="N"><NormalDistribution expectedValue="10" variance="4">
+<Range lowerLimit="6" upperLimit="14"/></NormalDistribution></StochasticDistribution>
+<StochasticDistribution parameterName="U"><UniformDistribution>
+<Range lowerLimit="1" upperLimit="2"/></UniformDistribution></StochasticDistribution>
+<StochasticDistribution parameterName="P"><PoissonDistribution expectedValue="3"/>
+</StochasticDistribution>
+<StochasticDistribution parameterName="S"><ProbabilityDistributionSet>
+<Element value="a" weight="1"/><Element value="b" weight="3"/></ProbabilityDistributionSet>
+</StochasticDistribution>
+<StochasticDistribution parameterName="H"><Histogram>
+<Bin weight="1"><Range lowerLimit="0" upperLimit="1"/></Bin>
+<Bin weight="1"><Range lowerLimit="5" upperLimit="6"/></Bin></Histogram>
+</StochasticDistribution></Stochastic></ParameterValueDistribution></OpenSCENARIO>"""
+
+
+def test_a_stochastic_distribution_is_drawn_with_its_seed(tmp_path):
+    path = tmp_path / "d.xosc"
+    path.write_text(STOCHASTIC)
+    (rows,) = read_distribution(path).choices
+    assert rows == read_distribution(path).choices[0]
+    assert len(rows) == 4000
+    number = {name: [float(row[name]) for row in rows] for name in "NUPH"}
+    mean = {name: sum(values) / len(rows) for name, values in number.items()}
+    # Within four standard errors; the normal one has 0.95 of its variance within its range.
+    assert mean["N"] == pytest.approx(10.0, abs=4 * 2 / 4000**0.5)
+    assert mean["U"] == pytest.approx(1.5, abs=4 * 0.29 / 4000**0.5)
+    assert mean["P"] == pytest.approx(3.0, abs=4 * 3**0.5 / 4000**0.5)
+    assert 6.0 <= min(number["N"]) < 7.0 < 13.0 < max(number["N"]) <= 14.0
+    assert {value.is_integer() for value in number["P"]} == {True}
+    assert sum(row["S"] == "b" for row in rows) / 4000 == pytest.approx(0.75, abs=0.03)
+    assert not any(1.0 < value < 5.0 for value in number["H"])
+    path.write_text(STOCHASTIC.replace('randomSeed="7"', 'randomSeed="8"'))
+    assert read_distribution(path).choices[0] != rows
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("NormalDistribution", "BetaDistribution", "<BetaDistribution>: this element is not sup"),
+        ('lowerLimit="6"', 'lowerLimit="13.99999"', "has hardly any values from 14 to 14"),
+        ('variance="4"', 'variance="-1"', "variance = -1: allowed is 0"),
+        ('numberOfTestRuns="4000"', 'numberOfTestRuns="1e9"', "allowed is 1 to 10000"),
+        ('weight="3"', 'weight="nan"', "weight = nan: allowed"),
+    ],
+)
+def test_a_wrong_stochastic_distribution_is_refused(tmp_path, old, new, words):
+    path = tmp_path / "d.xosc"
+    assert old in STOCHASTIC
+    path.write_text(STOCHASTIC.replace(old, new))
+    with pytest.raises(InputError, match=re.escape(words)):
+        read_distribution(path)
 
 
 def test_a_scenario_has_no_distribution(tmp_path):
