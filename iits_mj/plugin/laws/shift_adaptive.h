@@ -47,7 +47,7 @@ template <class T>
 T WorkAhead(const ShiftSituation<T>& now, int gear) {
   constexpr double kLookStep = 0.5;  // [s]: numerical
   const Engine<T>& engine = now.engine;
-  const T from = now.in.shaft_speed, load = now.state.load, inertia = now.VehicleInertia();
+  const T from = now.in.shaft_speed, load = now.state.load, inertia = now.Inertia(gear);
   const T ratio = now.gears.Ratio(gear);
   T speed = from, left = now.p.adaptive_horizon, angle = 0;
   if (gear != now.gear) {
