@@ -6,6 +6,12 @@
 
 namespace iits {
 
+// Greatest engine speed on a climb: downshifts end below it, and a floored pedal shifts up beyond.
+template <class T>
+T ClimbSpeed(const ShiftSituation<T>& now) {
+  return now.p.adaptive_climb_speed * now.engine.governed_speed;
+}
+
 // Power at the wheels [W] in a gear with a floored pedal.
 template <class T>
 T AvailablePower(const ShiftSituation<T>& now, int gear, T shaft_speed) {
@@ -25,31 +31,39 @@ T PowerWanted(const ShiftSituation<T>& now) {
   const T share = (now.in.pedal - p.floored_pedal) / (1 - p.floored_pedal);
   T greatest = 0;
   for (int gear = p.start_gear; gear <= now.gears.count(); ++gear) {
-    if (now.gears.Ratio(gear) * speed > now.Ceiling()) continue;
+    if (now.gears.Ratio(gear) * speed > ClimbSpeed(now)) continue;
     greatest = Max(greatest, AvailablePower(now, gear, speed));
   }
   return Max(wanted, share * greatest / p.adaptive_reserve);
 }
 
-// Fuel rate [kg/s] for a power at the wheels in a gear.
+// Fuel rate [kg/s] for a torque of the engine at its speed.
 template <class T>
-T FuelFor(const ShiftSituation<T>& now, int gear, T shaft_speed, T power) {
-  const EnginePoint<T> at = now.engine.At(now.gears.Ratio(gear) * shaft_speed);
+T FuelRate(const ShiftSituation<T>& now, T engine_speed, T torque) {
+  const EnginePoint<T> at = now.engine.At(engine_speed);
   EngineState<T> state = {};
   state.speed = at.speed;
-  state.torque = now.EngineTorque(gear, power / shaft_speed, at.speed) + at.drag;
+  state.torque = torque + at.drag;
   return now.engine.FuelRate(at, state);
 }
 
-// Work at the wheels [J] within the horizon if the change to a gear begins now, under the present
-// load. Includes the losses by the pause and by the build-up of the torque.
+// Fuel rate [kg/s] for a power at the wheels in a gear.
 template <class T>
-T WorkAhead(const ShiftSituation<T>& now, int gear) {
+T FuelFor(const ShiftSituation<T>& now, int gear, T shaft_speed, T power) {
+  const T speed = now.gears.Ratio(gear) * shaft_speed;
+  return FuelRate(now, speed, now.EngineTorque(gear, power / shaft_speed, speed));
+}
+
+// Work at the wheels per cost, fuel plus priced time [J/kg], within the horizon if the change to a
+// gear begins now, under the present load. Includes the losses by the pause and by the build-up of
+// the torque. A climb needs a certain work: the gear with the greatest ratio climbs at least cost.
+template <class T>
+T WorkPerCost(const ShiftSituation<T>& now, int gear) {
   constexpr double kLookStep = 0.5;  // [s]: numerical
   const Engine<T>& engine = now.engine;
   const T from = now.in.shaft_speed, load = now.state.load, inertia = now.Inertia(gear);
   const T ratio = now.gears.Ratio(gear);
-  T speed = from, left = now.p.adaptive_horizon, angle = 0;
+  T speed = from, left = now.p.adaptive_horizon, angle = 0, fuel = 0;
   if (gear != now.gear) {
     speed = now.SpeedAfterChange(from);
     angle = 0.5 * (from + speed) * now.p.change_time;
@@ -66,36 +80,40 @@ T WorkAhead(const ShiftSituation<T>& now, int gear) {
     const T torque = engine.PedalTorque(ratio * speed, now.in.pedal) - share * missing;
     const T driving = now.ShaftTorque(gear, torque, ratio * speed);
     const T next = Max(0.0, speed + step * (driving - load) / inertia);
+    fuel += step * FuelRate(now, T(ratio * speed), torque);
     angle += 0.5 * (speed + next) * step;
     speed = next;
     left -= step;
     building -= share * step;
   }
-  return 0.5 * inertia * (speed * speed - from * from) + load * angle;
+  const T work = 0.5 * now.VehicleInertia() * (speed * speed - from * from) + load * angle;
+  const T price = Max(now.p.adaptive_time_price, 1e-6);
+  return work / (fuel + price * now.p.adaptive_horizon);
 }
 
-// Floored pedal: the gear with the most work within the horizon; a higher gear only if the engine
-// has reached the greatest speed for downshifts. The present gear stays unless another one does
-// more work by `adaptive_gain`.
+// Floored pedal: the lower gear that climbs at the least cost, if it does more work for its cost
+// than the present one by `adaptive_gain`. From the greatest speed for downshifts on, the higher
+// gear that holds the highest speed, if it is above the governed speed of the present gear.
 template <class T>
-int StrongestGear(const ShiftSituation<T>& now) {
+int ClimbingGear(const ShiftSituation<T>& now) {
   const ShiftParameters<T>& p = now.p;
   const T speed = now.in.shaft_speed;
-  const T kept = WorkAhead(now, now.gear);
+  if (now.InputSpeed() >= ClimbSpeed(now)) {
+    const auto held = now.FastestUpshift();
+    if (held.speed > (1 + p.adaptive_gain) * now.engine.governed_speed / now.gears.Ratio(now.gear)) {
+      return held.gear;
+    }
+  }
+  const T kept = WorkPerCost(now, now.gear);
   T most = kept + p.adaptive_gain * abs(kept);
   int best = now.gear;
-  const int up = now.InputSpeed() < now.Ceiling() ? 0 : p.skip_up_max;
   const int lowest = Max(p.start_gear, now.gear - p.skip_down_max);
-  for (int gear = Min(now.gears.count(), now.gear + up); gear >= lowest; --gear) {
-    if (gear == now.gear) continue;
-    if (gear > now.gear && now.SpeedAfterUpshift(gear) <= 0) continue;
-    if (gear < now.gear) {
-      if (now.gears.Ratio(gear) * speed > now.Ceiling() || now.SoonOutgrown(gear)) break;
-      if (!now.Bears(gear, now.DipOf(gear, speed))) continue;
-    }
-    const T work = WorkAhead(now, gear);
-    if (work > most) {
-      most = work;
+  for (int gear = now.gear - 1; gear >= lowest; --gear) {
+    if (now.gears.Ratio(gear) * speed > ClimbSpeed(now) || now.SoonOutgrown(gear)) break;
+    if (!now.Bears(gear, now.DipOf(gear, speed))) continue;
+    const T merit = WorkPerCost(now, gear);
+    if (merit > most) {
+      most = merit;
       best = gear;
     }
   }
@@ -112,7 +130,7 @@ int AdaptiveGear(const ShiftSituation<T>& now) {
   const T load = Max(0.0, now.state.load);
   const T wanted = Max(0.0, PowerWanted(now));
   const T slowest = now.LowSpeed();
-  const T fastest = now.Ceiling();
+  const T fastest = ClimbSpeed(now);
   const T economic = fastest * (p.adaptive_speed_max + (1 - p.adaptive_speed_max) * now.in.pedal);
 
   // The clutch slips or is open: the gears cannot be compared.
@@ -120,11 +138,11 @@ int AdaptiveGear(const ShiftSituation<T>& now) {
   // The present gear may use its reserve.
   const T needed = Max(wanted / p.adaptive_reserve, load * speed);
   const bool able = AvailablePower(now, now.gear, speed) >= needed && now.InputSpeed() < fastest;
-  // Floored pedal without enough power: the strongest gear. Fuel only decides on upshifts.
+  // Floored pedal without enough power: the gear that climbs best. Fuel only decides on upshifts.
   const bool floored = now.in.pedal >= p.kick_down_pedal;
   if (floored && !able) {
-    const int strongest = StrongestGear(now);
-    if (strongest != now.gear) return strongest;
+    const int climbing = ClimbingGear(now);
+    if (climbing != now.gear) return climbing;
   }
   T least = able ? (1 - p.adaptive_gain) * FuelFor(now, now.gear, speed, wanted) : T(kInfinity);
   // Near the governor the present gear gives less than the demand; another gear need not give more.

@@ -26,6 +26,7 @@ struct ShiftParameters {
   T floored_pedal, kick_down_pedal, kick_down_rise, kick_down_speed;
   T braking_speed_low, braking_speed_high, braking_deceleration;
   T adaptive_period, adaptive_reserve, adaptive_gain, adaptive_speed_max, adaptive_horizon;
+  T adaptive_time_price, adaptive_climb_speed;
   Map<T> upshift, downshift;
 
   // Advances the estimates of speed, acceleration, load and pedal. The shaft speed is low-passed
@@ -233,6 +234,17 @@ struct ShiftSituation {
     const T reserve = failed ? Max(p.failed_reserve, p.torque_reserve) : p.torque_reserve;
     const Dip dip = DipOf(next, from);
     return Bears(next, dip) && Carries(next, dip.speed, reserve) ? dip.speed : T(0);
+  }
+
+  // Higher gear that holds the highest speed on the climb if the change begins now.
+  Held FastestUpshift() const {
+    Held best = {gear, 0};
+    const int highest = Min(gears.count(), gear + p.skip_up_max);
+    for (int next = gear + 1; next <= highest; ++next) {
+      const T held = SpeedAfterUpshift(next) > 0 ? HeldSpeed(next, in.shaft_speed) : T(0);
+      if (held > best.speed) best = {next, held};
+    }
+    return best;
   }
 
   // Whether the next but one gear, of the lower half, will hold the load when the next gear could
