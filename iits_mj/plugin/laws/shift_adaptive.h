@@ -91,8 +91,8 @@ T WorkPerCost(const ShiftSituation<T>& now, int gear) {
   return work / (fuel + price * now.p.adaptive_horizon);
 }
 
-// Floored pedal: the lower gear that climbs at the least cost, if it does more work for its cost
-// than the present one by `adaptive_gain`. From the greatest speed for downshifts on, the higher
+// Floored pedal: the gear that climbs at the least cost; the present gear stays unless another one
+// does more work for its cost by `adaptive_gain`. From the greatest speed of a climb on, the higher
 // gear that holds the highest speed, if it is above the governed speed of the present gear.
 template <class T>
 int ClimbingGear(const ShiftSituation<T>& now) {
@@ -108,9 +108,13 @@ int ClimbingGear(const ShiftSituation<T>& now) {
   T most = kept + p.adaptive_gain * abs(kept);
   int best = now.gear;
   const int lowest = Max(p.start_gear, now.gear - p.skip_down_max);
-  for (int gear = now.gear - 1; gear >= lowest; --gear) {
-    if (now.gears.Ratio(gear) * speed > ClimbSpeed(now) || now.SoonOutgrown(gear)) break;
-    if (!now.Bears(gear, now.DipOf(gear, speed))) continue;
+  for (int gear = Min(now.gears.count(), now.gear + p.skip_up_max); gear >= lowest; --gear) {
+    if (gear == now.gear) continue;
+    if (gear > now.gear && now.SpeedAfterUpshift(gear) <= 0) continue;
+    if (gear < now.gear) {
+      if (now.gears.Ratio(gear) * speed > ClimbSpeed(now) || now.SoonOutgrown(gear)) break;
+      if (!now.Bears(gear, now.DipOf(gear, speed))) continue;
+    }
     const T merit = WorkPerCost(now, gear);
     if (merit > most) {
       most = merit;
@@ -130,17 +134,18 @@ int AdaptiveGear(const ShiftSituation<T>& now) {
   const T load = Max(0.0, now.state.load);
   const T wanted = Max(0.0, PowerWanted(now));
   const T slowest = now.LowSpeed();
-  const T fastest = ClimbSpeed(now);
-  const T economic = fastest * (p.adaptive_speed_max + (1 - p.adaptive_speed_max) * now.in.pedal);
+  const T economic =
+      now.Ceiling() * (p.adaptive_speed_max + (1 - p.adaptive_speed_max) * now.in.pedal);
 
   // The clutch slips or is open: the gears cannot be compared.
   if (now.InputSpeed() < now.engine.idle_speed) return now.gear;
   // The present gear may use its reserve.
   const T needed = Max(wanted / p.adaptive_reserve, load * speed);
-  const bool able = AvailablePower(now, now.gear, speed) >= needed && now.InputSpeed() < fastest;
+  const bool powerful = AvailablePower(now, now.gear, speed) >= needed;
+  const bool able = powerful && now.InputSpeed() < ClimbSpeed(now);
   // Floored pedal without enough power: the gear that climbs best. Fuel only decides on upshifts.
   const bool floored = now.in.pedal >= p.kick_down_pedal;
-  if (floored && !able) {
+  if (floored) {
     const int climbing = ClimbingGear(now);
     if (climbing != now.gear) return climbing;
   }
@@ -151,7 +156,8 @@ int AdaptiveGear(const ShiftSituation<T>& now) {
   const int lowest = floored ? now.gear : Max(p.start_gear, now.gear - p.skip_down_max);
   const int highest = Min(now.gears.count(), now.gear + p.skip_up_max);
   for (int gear = lowest; gear <= highest; ++gear) {
-    if (gear == now.gear || (gear < now.gear && now.SoonOutgrown(gear))) continue;
+    if (gear == now.gear) continue;
+    if (gear < now.gear && (powerful != able || now.SoonOutgrown(gear))) continue;
     const T ratio = now.gears.Ratio(gear);
     if (ratio * speed > economic) continue;
     const T after = gear > now.gear ? now.SpeedAfterUpshift(gear) : now.SpeedWhenRecovered(gear);
