@@ -161,7 +161,7 @@ def run(options: Options) -> int:
     if options.atlas:
         # The atlas has its own roads, masses and bands.
         config = ValidateConfig(roads=options.roads, runs=options.runs)
-        return finish(options, lambda: run_atlas(config, every=options.every))
+        return finish(options, lambda: run_atlas(config, every=options.every)[1])
     if options.profile is not None:
         prepare_folder(options.profile.parent, "profile")
     return finish(options, lambda: measure(options))

@@ -91,24 +91,36 @@ T WorkPerCost(const ShiftSituation<T>& now, int gear) {
   return work / (fuel + price * now.p.adaptive_horizon);
 }
 
-// Floored pedal: the gear that climbs at the least cost; the present gear stays unless another one
-// does more work for its cost by `adaptive_gain`. From the greatest speed of a climb on, the higher
-// gear that holds the highest speed, if it is above the governed speed of the present gear.
+// Whether an upshift may be worth its cost although it is not within the horizon: the engine is at
+// its governor, or near it in a low gear, in which it stays on a long climb.
+template <class T>
+bool NearGovernor(const ShiftSituation<T>& now) {
+  const Engine<T>& engine = now.engine;
+  const bool low = 2 * now.gear < now.gears.count();
+  return now.InputSpeed() >=
+         (low ? now.Ceiling() : (1 - engine.governor_droop) * engine.governed_speed);
+}
+
+// Floored pedal: the gear that climbs at the least cost; a higher gear only beyond the greatest
+// speed of a climb. The present gear stays unless another one does more work for its cost by
+// `adaptive_gain`. Near the governor, the higher gear that holds the highest speed.
 template <class T>
 int ClimbingGear(const ShiftSituation<T>& now) {
   const ShiftParameters<T>& p = now.p;
   const T speed = now.in.shaft_speed;
-  if (now.InputSpeed() >= ClimbSpeed(now)) {
+  if (NearGovernor(now)) {
     const auto held = now.FastestUpshift();
-    if (held.speed > (1 + p.adaptive_gain) * now.engine.governed_speed / now.gears.Ratio(now.gear)) {
+    if (held.speed >
+        (1 + p.adaptive_gain) * now.engine.governed_speed / now.gears.Ratio(now.gear)) {
       return held.gear;
     }
   }
   const T kept = WorkPerCost(now, now.gear);
   T most = kept + p.adaptive_gain * abs(kept);
   int best = now.gear;
+  const int up = now.InputSpeed() < ClimbSpeed(now) ? 0 : p.skip_up_max;
   const int lowest = Max(p.start_gear, now.gear - p.skip_down_max);
-  for (int gear = Min(now.gears.count(), now.gear + p.skip_up_max); gear >= lowest; --gear) {
+  for (int gear = Min(now.gears.count(), now.gear + up); gear >= lowest; --gear) {
     if (gear == now.gear) continue;
     if (gear > now.gear && now.SpeedAfterUpshift(gear) <= 0) continue;
     if (gear < now.gear) {
@@ -145,7 +157,7 @@ int AdaptiveGear(const ShiftSituation<T>& now) {
   const bool able = powerful && now.InputSpeed() < ClimbSpeed(now);
   // Floored pedal without enough power: the gear that climbs best. Fuel only decides on upshifts.
   const bool floored = now.in.pedal >= p.kick_down_pedal;
-  if (floored) {
+  if (floored && !able) {
     const int climbing = ClimbingGear(now);
     if (climbing != now.gear) return climbing;
   }

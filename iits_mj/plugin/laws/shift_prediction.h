@@ -13,7 +13,7 @@ namespace iits {
 template <class T>
 struct ShiftParameters {
   int start_gear, skip_up_max, skip_down_max;
-  bool adaptive;  // else by tables
+  bool adaptive;            // else by tables
   T change_time, cut_time;  // of a gear change and of its first phase [s]
   T downshift_delay, downshift_margin, min_gear_time, reversal_time;
   T acceleration_lag, load_lag, pedal_lag;

@@ -46,7 +46,7 @@ from iits_mj.validation.planning import (
 )
 from iits_mj.validation.planning.pcc_case import BRAKING, ROLLING, solve
 from iits_mj.validation.planning.pcc_joint import compare_jointly
-from iits_mj.validation.planning.pcc_replay import BY_LOAD, expected_saving, profile_case
+from iits_mj.validation.planning.pcc_replay import expected_saving, profile_case
 from iits_mj.validation.planning.pcc_roads import read_cycle
 from iits_mj.validation.planning.pcc_savings import PAPER_LENGTH, STEP, highway_without_limits
 from iits_mj.validation.planning.replay_drives import DRIVES
@@ -62,6 +62,7 @@ WINDS = (0.0, 6.0, -6.0)  # [m/s], against the truck
 Cell = tuple[float, tuple[float, float, float], float]  # mass, band, wind
 MIDDLE = (MASSES[1], BANDS[1], WINDS[0])
 _DRIVEN_STEP = 0.005  # of the physics [s]
+_BY_LOAD = {"gearbox": {"shift_strategy": "adaptive"}}
 # Changed one at a time for the interval: rolling resistance, drag area, mass.
 _SPREAD = (
     *((1.1, 1.0, 1.0), (0.9, 1.0, 1.0)),
@@ -276,7 +277,8 @@ def drive_cell(
     """Returns the figures of a road's middle cell on the MuJoCo truck.
 
     Args:
-      road: its profile; name: for the row.
+      road: its profile.
+      name: for the row.
       rolls: against the rolling cruise, with gear and eco-roll planned too; else against the
         braking one.
       folder: keeps finished drives.
@@ -285,7 +287,7 @@ def drive_cell(
     config = PccConfig(*(v * KMH for v in band), rolls=rolls)
     payload = mass - TruckParameters.load().gross_mass(0.0)
     case = profile_case(name, road, road, config, payload, _DRIVEN_STEP)
-    replay = replay_drives.run(replace(case, overlay=BY_LOAD, joint=rolls), folder, DRIVES)
+    replay = replay_drives.run(replace(case, overlay=_BY_LOAD, joint=rolls), folder, DRIVES)
     base, plan = replay.cruise, replay.plan
     return DrivenRow(
         name,
