@@ -154,7 +154,8 @@ int AdaptiveGear(const ShiftSituation<T>& now) {
   // The present gear may use its reserve.
   const T needed = Max(wanted / p.adaptive_reserve, load * speed);
   const bool powerful = AvailablePower(now, now.gear, speed) >= needed;
-  const bool able = powerful && now.InputSpeed() < ClimbSpeed(now);
+  const bool fast = now.InputSpeed() >= ClimbSpeed(now);
+  const bool able = powerful && !fast;
   // Floored pedal without enough power: the gear that climbs best. Fuel only decides on upshifts.
   const bool floored = now.in.pedal >= p.kick_down_pedal;
   if (floored && !able) {
@@ -163,7 +164,8 @@ int AdaptiveGear(const ShiftSituation<T>& now) {
   }
   T least = able ? (1 - p.adaptive_gain) * FuelFor(now, now.gear, speed, wanted) : T(kInfinity);
   // Near the governor the present gear gives less than the demand; another gear need not give more.
-  const T kept = Min(wanted, AvailablePower(now, now.gear, speed));
+  // Beyond the greatest speed of a climb it only must hold the load.
+  const T kept = fast ? T(0) : Min(wanted, AvailablePower(now, now.gear, speed));
   int best = now.gear;
   const int lowest = floored ? now.gear : Max(p.start_gear, now.gear - p.skip_down_max);
   const int highest = Min(now.gears.count(), now.gear + p.skip_up_max);

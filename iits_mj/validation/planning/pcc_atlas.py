@@ -316,11 +316,10 @@ def compute_atlas(config: ValidateConfig, *, every: bool = False) -> Atlas:
     folder = runs_folder(config, "pcc-atlas", sys.modules[__name__], *modules)
     found = _Kept(folder, "cells.csv", AtlasRow, lambda row: row.key)
     driven = _Kept(folder, "driven.csv", DrivenRow, lambda row: (row.road, row.cruise))
-    # The middle cells of all roads and their drives come first, so that a stopped atlas has them.
+    # The middle cells of all roads come first, so that a stopped atlas has them.
     wanted = cells(every)
-    tasks: list[tuple[str, Cell | bool]] = [(name, wanted[0]) for name in roads]
-    tasks += [(name, rolls) for rolls in (True, False) for name in roads]
-    tasks += [(name, cell) for cell in wanted[1:] for name in roads]
+    order: tuple[Cell | bool, ...] = (wanted[0], True, *wanted[1:], False)
+    tasks = [(name, task) for task in order for name in roads]
     for name, task in each(tasks, "atlas", str):
         try:
             if isinstance(task, bool):
@@ -332,8 +331,7 @@ def compute_atlas(config: ValidateConfig, *, every: bool = False) -> Atlas:
                 found.get((name, mass, band[0], wind), measure)
         except PlanningError as error:
             notes.append(f"{name}, {task}: {error}")
-    order = {name: i for i, name in enumerate(roads)}
-    rows = sorted(found.asked, key=lambda row: order[row.road])
+    rows = sorted(found.asked, key=lambda row: list(roads).index(row.road))
     return Atlas(rows, driven.asked, notes)
 
 
