@@ -11,7 +11,9 @@ the folder of runs are not computed again.
 
 from __future__ import annotations
 
+import math
 import sys
+import time
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -303,12 +305,15 @@ def drive_cell(
     )
 
 
-def compute_atlas(config: ValidateConfig, *, every: bool = False) -> Atlas:
+def compute_atlas(
+    config: ValidateConfig, *, every: bool = False, minutes: float = math.inf
+) -> Atlas:
     """Computes and drives the cells that the folder of runs does not have.
 
     Args:
       config: folders of roads and of runs.
       every: all 27 cells of a road.
+      minutes: after which no further cell is begun; a note says how many are left.
     """
     roads, notes = atlas_roads(config)
     parameters = TruckParameters.load()
@@ -318,19 +323,24 @@ def compute_atlas(config: ValidateConfig, *, every: bool = False) -> Atlas:
     driven = _Kept(folder, "driven.csv", DrivenRow, lambda row: (row.road, row.cruise))
     # The middle cells of all roads come first, so that a stopped atlas has them.
     wanted = cells(every)
-    order: tuple[Cell | bool, ...] = (wanted[0], True, *wanted[1:], False)
+    order: tuple[Cell | bool, ...] = (*wanted, True, False)
     tasks = [(name, task) for task in order for name in roads]
+    end, left = time.monotonic() + 60.0 * minutes, 0
     for name, task in each(tasks, "atlas", str):
         try:
             if isinstance(task, bool):
                 kind, drive = "rolling" if task else "braking", partial(drive_cell, rolls=task)
-                driven.get((name, kind), partial(drive, roads[name], name, folder=folder))
+                make = partial(drive, roads[name], name, folder=folder)
+                left += not driven.get((name, kind), make, late=time.monotonic() > end)
             else:
                 mass, band, wind = task
                 measure = partial(measure_cell, roads[name], name, task, parameters)
-                found.get((name, mass, band[0], wind), measure)
+                late = time.monotonic() > end
+                left += not found.get((name, mass, band[0], wind), measure, late=late)
         except PlanningError as error:
             notes.append(f"{name}, {task}: {error}")
+    if left:
+        notes.append(f"{left} of {len(tasks)} cells and drives are left: run the command again")
     rows = sorted(found.asked, key=lambda row: list(roads).index(row.road))
     return Atlas(rows, driven.asked, notes)
 
@@ -347,20 +357,25 @@ class _Kept(Generic[Row]):
         self._known = {key(row): row for row in self._rows}
         self.asked: list[Row] = []
 
-    def get(self, key: Hashable, make: Callable[[], Row]) -> None:
-        """Adds a row to those asked for; makes and keeps it if it is not known."""
+    def get(self, key: Hashable, make: Callable[[], Row], *, late: bool) -> bool:
+        """Adds a row to those asked for and returns whether there is one.
+
+        A row that is not known is made and kept, unless it is late.
+        """
         row = self._known.get(key)
+        if row is None and late:
+            return False
         if row is None:
             row = make()
             self._rows.append(row)
             if self._path is not None:
                 write_rows(self._path, self._kind, self._rows, "atlas")
         self.asked.append(row)
+        return True
 
 
-def run_atlas(config: ValidateConfig, *, every: bool = False) -> tuple[Atlas, Results]:
-    """Returns the atlas, and the same as checks, notes and one figure."""
-    atlas = compute_atlas(config, every=every)
+def atlas_results(atlas: Atlas) -> Results:
+    """Returns the atlas as checks, notes and one figure."""
     results = Results("pcc --atlas", notes=list(atlas.notes))
     for row in atlas.rows:
         found = Findings(
@@ -394,7 +409,7 @@ def run_atlas(config: ValidateConfig, *, every: bool = False) -> tuple[Atlas, Re
         f"the long haul is {_HAUL[1] / 1e3:g} km of VECTO's cycle from {_HAUL[0] / 1e3:g} km on, "
         "at the speeds of the band; flat to mountain pass are made by formula",
     ]
-    return atlas, results
+    return results
 
 
 def atlas_panels(atlas: Atlas) -> list[Panel]:
