@@ -54,11 +54,16 @@ T FuelFor(const ShiftSituation<T>& now, int gear, T shaft_speed, T power) {
   return FuelRate(now, speed, now.EngineTorque(gear, power / shaft_speed, speed));
 }
 
-// Work at the wheels per cost, fuel plus priced time [J/kg], within the horizon if the change to a
-// gear begins now, under the present load. Includes the losses by the pause and by the build-up of
-// the torque. A climb needs a certain work: the gear with the greatest ratio climbs at least cost.
+// Work at the wheels [J] and fuel [kg] within the horizon.
 template <class T>
-T WorkPerCost(const ShiftSituation<T>& now, int gear) {
+struct ClimbAhead {
+  T work, fuel;
+};
+
+// The climb within the horizon if the change to a gear begins now, under the present load. Includes
+// the losses by the pause and by the build-up of the torque.
+template <class T>
+ClimbAhead<T> LookAhead(const ShiftSituation<T>& now, int gear) {
   constexpr double kLookStep = 0.5;  // [s]: numerical
   const Engine<T>& engine = now.engine;
   const T from = now.in.shaft_speed, load = now.state.load, inertia = now.Inertia(gear);
@@ -86,9 +91,17 @@ T WorkPerCost(const ShiftSituation<T>& now, int gear) {
     left -= step;
     building -= share * step;
   }
-  const T work = 0.5 * now.VehicleInertia() * (speed * speed - from * from) + load * angle;
-  const T price = Max(now.p.adaptive_time_price, 1e-6);
-  return work / (fuel + price * now.p.adaptive_horizon);
+  return {T(0.5 * now.VehicleInertia() * (speed * speed - from * from) + load * angle), fuel};
+}
+
+// Work per cost, fuel plus priced time [J/kg]. A climb needs a certain work: the gear with the
+// greatest ratio climbs at the least cost.
+template <class T>
+T WorkPerCost(const ShiftSituation<T>& now, int gear) {
+  constexpr double kLeastPrice = 1e-6;  // [kg/s]: numerical, an engine may burn nothing
+  const ClimbAhead<T> ahead = LookAhead(now, gear);
+  const T price = Max(now.p.adaptive_time_price, kLeastPrice);
+  return ahead.work / (ahead.fuel + price * now.p.adaptive_horizon);
 }
 
 // Whether an upshift may be worth its cost although it is not within the horizon: the engine is at
