@@ -157,7 +157,7 @@ def test_engine_brake_calls_for_gears_with_more_engine_speed():
     assert not calls_for_lower(5, **{**fast, "driver_brake": 0})
     # Downhill the truck gains speed during the change.
     limit = shaft(3, 0.93 * BRAKE_SPEED)
-    load = -(limit - 60) / 0.7 * 20e3 * RADIUS**2
+    load = -(limit - 60) / (0.7 - 0.5 * 0.15) * 20e3 * RADIUS**2
     assert choose(5, load=0.95 * load, **braking) == 3
     assert choose(5, load=1.05 * load, **braking) == 4
 
@@ -242,9 +242,9 @@ def test_adaptive_strategy_climbs_in_the_strongest_gear():
 
 
 def test_gear_after_an_engine_at_its_governor_need_not_give_all_the_demanded_power():
-    """It must have 1.1 times the power of the load, as gear 4 has up to 3.74 kN m."""
+    """It must carry the load when its torque has built up, as gear 4 does up to 3.82 kN m."""
     governed = {"adaptive": 1, "pedal": 1, "gear_time": 10.0005, "mass": 40e3, "filtered_pedal": 1}
-    for load, gear in ((3730, 4), (3760, 3)):
+    for load, gear in ((3800, 4), (3840, 3)):
         assert choose(3, shaft=shaft(3, 222), load=load, torque=250, **governed) == gear
 
 

@@ -120,8 +120,9 @@ def _draw_changes(ax: Axes, atlas: Atlas, middle: Sequence[AtlasRow]) -> None:
     ax.set_xticks(range(len(columns)), [name for name, _ in columns], fontsize=8)
     for edge in (len(MASSES) - 0.5, len(MASSES) + len(BANDS) - 0.5):
         ax.axvline(edge, color="white", linewidth=4)
-    plots.dress(ax, "Saved [%] by mass, band [km/h] and wind, the others as on the left")
+    plots.dress(ax, "The same saving by mass, band [km/h] and wind")
     ax.grid(False)
+    ax.tick_params(axis="y", length=0)
 
 
 def _number(value: float) -> str:
