@@ -285,8 +285,8 @@ def drive_cell(
         braking one.
       folder: keeps finished drives.
     """
-    mass, band, _ = MIDDLE
-    config = PccConfig(*(v * KMH for v in band), rolls=rolls)
+    mass, (v_ref, v_min, v_max), _ = MIDDLE
+    config = PccConfig(v_ref * KMH, v_min * KMH, v_max * KMH, rolls=rolls)
     payload = mass - TruckParameters.load().gross_mass(0.0)
     case = profile_case(name, road, road, config, payload, _DRIVEN_STEP)
     replay = replay_drives.run(replace(case, overlay=_BY_LOAD, joint=rolls), folder, DRIVES)
