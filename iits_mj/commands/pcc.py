@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from controllers.pcc import PccConfig, RoadProfile
-from iits_mj.commands.output import ResultOptions, finish, prepare_folder
+from iits_mj.commands.output import ResultOptions, finish, prepare_file, prepare_folder
 from iits_mj.core import options as option_fields
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError, PlanningError
@@ -40,7 +40,7 @@ from iits_mj.validation.planning.pcc_accuracy import (
     panels,
     warm_up,
 )
-from iits_mj.validation.planning.pcc_atlas import run_atlas
+from iits_mj.validation.planning.pcc_atlas import atlas_results, compute_atlas
 from iits_mj.validation.planning.pcc_case import (
     BRAKING,
     PAPER_SAVING_PERCENT,
@@ -145,10 +145,29 @@ class Options(ResultOptions):
         None, help="with --atlas: folder that keeps finished cells", metavar="DIR"
     )
 
+    minutes: float | None = option(
+        None,
+        help="with --atlas: time after which no further cell is begun",
+        unit="min",
+        low=0.0,
+        high=10_000.0,
+    )
+    page: Path | None = option(
+        None,
+        help="with --atlas: page to write; picture and table lie beside it",
+        metavar="FILE.md",
+        group="output",
+    )
+
     def __post_init__(self) -> None:
         option_fields.check(self)
-        if not self.atlas and (self.every or self.roads is not None or self.runs is not None):
-            raise InputError("--every, --roads and --runs belong to --atlas: give --atlas too")
+        given = (self.roads, self.runs, self.minutes, self.page)
+        if not self.atlas and (self.every or any(value is not None for value in given)):
+            raise InputError(
+                "--every, --roads, --runs, --minutes and --page belong to --atlas: give --atlas too"
+            )
+        if self.page is not None and self.page.suffix != ".md":
+            raise InputError(f"--page {str(self.page)!r} is not a Markdown file: name FILE.md")
         if not self.v_min <= self.v_ref <= self.v_max:
             raise InputError(
                 f"band --v-min {self.v_min:g} km/h, --v-ref {self.v_ref:g} km/h, --v-max "
@@ -160,11 +179,24 @@ def run(options: Options) -> int:
     """Plans and shows the saving; returns the exit code."""
     if options.atlas:
         # The atlas has its own roads, masses and bands.
-        config = ValidateConfig(roads=options.roads, runs=options.runs)
-        return finish(options, lambda: run_atlas(config, every=options.every))
+        return finish(options, lambda: _atlas(options))
     if options.profile is not None:
         prepare_folder(options.profile.parent, "profile")
     return finish(options, lambda: measure(options))
+
+
+def _atlas(options: Options) -> Results:
+    if options.page is not None:
+        prepare_file(options.page, "--page")
+    config = ValidateConfig(roads=options.roads, runs=options.runs)
+    minutes = np.inf if options.minutes is None else options.minutes
+    atlas = compute_atlas(config, every=options.every, minutes=minutes)
+    if options.page is not None:
+        # Load matplotlib only for pages.
+        from iits_mj.validation.planning.atlas_page import write_page
+
+        write_page(atlas, options.page)
+    return atlas_results(atlas)
 
 
 def measure(config: Options) -> Results:

@@ -255,6 +255,8 @@ class Shifting:
     adaptive_gain: Pure
     adaptive_speed_max: Pure
     adaptive_horizon: Seconds
+    adaptive_time_price: KilogramsPerSecond
+    adaptive_climb_speed: Pure
 
 
 @dataclass(frozen=True)

@@ -269,6 +269,8 @@ Attributes PowertrainPlugin::Table() {
       Number("adaptive_gain", 0, 1, &s.adaptive_gain),
       Number("adaptive_speed_max", 0.1, 1, &s.adaptive_speed_max),
       Number("adaptive_horizon", 1, 120, &s.adaptive_horizon),
+      Number("adaptive_time_price", 0, 1, &s.adaptive_time_price),
+      Number("adaptive_climb_speed", 0.3, 1, &s.adaptive_climb_speed),
       // Clutch and driveline.
       Number("clutch_engagement_time", 0.01, 10, &c.engagement_time),
       Number("clutch_opening_time", 0.01, 10, &c.opening_time),
@@ -362,6 +364,7 @@ void PowertrainPlugin::Prepare() {
   law_.endurance.pedal_up = engine.pedal_up;
   box.gears.map_of_gear.assign(gear_loss_map_.begin(), gear_loss_map_.end());
   box.gears.meters_per_radian = wheel_radius_ / box.gears.final_drive;
+  box.strategy.cut_time = box.cut_time;
   box.strategy.change_time = box.cut_time + box.synchronization_time + box.close_time;
   box.strategy.adaptive = shift_strategy_ == "adaptive";
   line.control.idle_speed = engine.idle_speed;

@@ -555,7 +555,8 @@ double shift_low_time(int adaptive, int gear, const double* input, const double*
                   [h](const auto& now) { return ShiftStrategy<double>::LowTime(now, h); });
 }
 double work_ahead(int gear, const double* input, const double* state, int next) {
-  return Situated(1, gear, input, state, [next](const auto& now) { return WorkAhead(now, next); });
+  return Situated(1, gear, input, state,
+                  [next](const auto& now) { return LookAhead(now, next).work; });
 }
 double held_speed(int gear, const double* input, const double* state, int next) {
   return Situated(1, gear, input, state,

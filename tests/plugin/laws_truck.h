@@ -59,6 +59,7 @@ Powertrain<T> MakePowertrain(bool adaptive) {
        3,
        adaptive,
        0.7,
+       0.15,
        0.5,
        0.55,
        1,
@@ -97,6 +98,8 @@ Powertrain<T> MakePowertrain(bool adaptive) {
        0.03,
        0.75,
        30,
+       1,
+       0.92,
        {{1, 4}, {0, 1}, {2, 3, 12, 18}},
        {{2, 5}, {0, 1}, {1, 1.5, 7, 9}}};
   const T reduction = 2.85 * 2.85;

@@ -9,6 +9,8 @@ from tests.plugin.vehicle_sled import KMH
 ENGINE, GEARBOX = PARAMETERS.engine, PARAMETERS.gearbox
 EFFICIENCY = GEARBOX.efficiency * GEARBOX.driveline_efficiency
 ADAPTIVE = {"shift_strategy": "adaptive"}
+# A second is worth far more than fuel.
+POWER = ADAPTIVE | {"adaptive_climb_speed": "0.92", "adaptive_time_price": "1"}
 
 
 def consumption(torque, turns):
@@ -16,6 +18,17 @@ def consumption(torque, turns):
     fuel = ENGINE.fuel_map
     rows = [np.interp(turns, fuel.columns, row) for row in fuel.values]
     return np.interp(torque, fuel.rows, rows)
+
+
+def consumption_of(torque, turns):
+    """Returns the same for many points of work, each of shape (n,)."""
+    fuel = ENGINE.fuel_map
+    rows = np.array([np.interp(turns, fuel.columns, row) for row in fuel.values])
+    place = np.interp(torque, fuel.rows, np.arange(len(fuel.rows)))
+    low = np.minimum(place.astype(int), len(fuel.rows) - 2)
+    column = np.arange(len(turns))
+    part = place - low
+    return (1.0 - part) * rows[low, column] + part * rows[low + 1, column]
 
 
 def held_speed(case, seconds=90.0, gain=0.4):
@@ -97,19 +110,33 @@ def test_adaptive_strategy_accelerates_faster_than_the_tables_at_full_pedal():
     assert speeds[1] > speeds[0]
 
 
-def test_laden_truck_on_a_climb_uses_80_percent_of_engine_power_despite_gear_changes():
+def test_priced_time_decides_between_power_and_fuel_on_a_climb():
+    """With dear time a laden truck uses 80 % of the engine's power despite gear changes."""
     cases = [Case(55_000.0, grade, 80 * KMH) for grade in (0.025, 0.03, 0.04, 0.05)]
-    traces = drive(cases, constant(len(cases), 60.0, np.ones(len(cases))), changes=ADAPTIVE)
-    power = (traces["engine_torque"] * traces["engine_speed"]).mean(axis=1)
+    powers, rates = [], []
+    for changes in (POWER, ADAPTIVE):
+        traces = drive(cases, constant(len(cases), 60.0, np.ones(len(cases))), changes=changes)
+        power = np.maximum(traces["engine_torque"], 0.0) * traces["engine_speed"]
+        powers.append(power.mean(axis=1))
+        rates.append(
+            [
+                (consumption_of(torque, turns) * work).sum() / work.sum()
+                for torque, turns, work in zip(
+                    traces["engine_torque"], traces["engine_speed"], power, strict=True
+                )
+            ]
+        )
     greatest = (ENGINE.full_load_speed * ENGINE.full_load_torque).max()
-    assert (power > 0.8 * greatest).all(), power
+    assert (powers[0] > 0.8 * greatest).all(), powers
+    assert (powers[0] > powers[1]).all(), powers
+    assert np.mean(rates[1]) < np.mean(rates[0]), rates
 
 
 def test_short_horizon_prevents_a_downshift_that_pays_later():
     """Torque builds up so slowly that a lower gear does no more work within 5 s."""
     case, controls = Case(55_000.0, 0.04, 80 * KMH), constant(1, 30.0, [1.0])
     lowest = [
-        drive([case], controls, changes=ADAPTIVE | {"adaptive_horizon": horizon})["gear"][0].min()
+        drive([case], controls, changes=POWER | {"adaptive_horizon": horizon})["gear"][0].min()
         for horizon in ("5", "30")
     ]
     assert lowest[1] < lowest[0]

@@ -53,7 +53,10 @@ def check_settles(runs):
 
 
 def check_no_lugging(runs):
-    """No engine stays below its lowest speed for two seconds if a lower gear is available."""
+    """An engine below its lowest speed recovers within the time that the gearbox accepts.
+
+    One second is for the delay of the downshift and the error of the prediction.
+    """
     table, traces = runs
     shifting = GEARBOX.shifting
     for i, (_, _, pedal, _) in enumerate(table):
@@ -67,7 +70,7 @@ def check_no_lugging(runs):
         )
         edges = np.flatnonzero(np.diff(np.concatenate([[0], slow.astype(int), [0]])))
         longest = max(np.diff(edges)[::2], default=0) * STEP
-        assert longest < 2.0, table[i]
+        assert longest < shifting.recovery_time + 1.0, table[i]
 
 
 def check_engine_in_range(runs):

@@ -157,7 +157,7 @@ def test_engine_brake_calls_for_gears_with_more_engine_speed():
     assert not calls_for_lower(5, **{**fast, "driver_brake": 0})
     # Downhill the truck gains speed during the change.
     limit = shaft(3, 0.93 * BRAKE_SPEED)
-    load = -(limit - 60) / 0.7 * 20e3 * RADIUS**2
+    load = -(limit - 60) / (0.7 - 0.5 * 0.15) * 20e3 * RADIUS**2
     assert choose(5, load=0.95 * load, **braking) == 3
     assert choose(5, load=1.05 * load, **braking) == 4
 
@@ -242,13 +242,14 @@ def test_adaptive_strategy_climbs_in_the_strongest_gear():
 
 
 def test_gear_after_an_engine_at_its_governor_need_not_give_all_the_demanded_power():
-    """It must have 1.1 times the power of the load, as gear 4 has up to 3.74 kN m."""
+    """It must carry the load when its torque has built up, as gear 4 does up to 3.82 kN m."""
     governed = {"adaptive": 1, "pedal": 1, "gear_time": 10.0005, "mass": 40e3, "filtered_pedal": 1}
-    for load, gear in ((3730, 4), (3760, 3)):
+    for load, gear in ((3800, 4), (3840, 3)):
         assert choose(3, shaft=shaft(3, 222), load=load, torque=250, **governed) == gear
 
 
-EFFICIENCY, CHANGE = 0.98 * 0.95, 0.7
+EFFICIENCY, CHANGE, CUT = 0.98 * 0.95, 0.7, 0.15
+ENGINE_INERTIA, GEAR_INERTIAS = 2.21, (0.15, 0.15, 0.15, 0.2, 0.46)
 
 
 def work_ahead(gear, following, **changes):
@@ -259,8 +260,10 @@ def work_ahead(gear, following, **changes):
     ratio, inertia = RATIOS[following - 1], values["mass"] * RADIUS**2
     speed, angle, left, h = start, 0.0, 30.0, 1e-3
     missing, building = 0.0, 0.0
+    turning = inertia + ratio**2 * (ENGINE_INERTIA + GEAR_INERTIAS[following - 1])
     if following != gear:
-        speed -= CHANGE * load / inertia
+        # The torque falls linearly during the cut, from that of a constant speed.
+        speed -= (CHANGE - 0.5 * CUT) * load / inertia
         angle, left = 0.5 * CHANGE * (start + speed), left - CHANGE
         demand = law("engine_pedal_torque", ratio * speed, pedal)
         before = values["torque"] / (RATIOS[gear - 1] * EFFICIENCY)
@@ -271,7 +274,7 @@ def work_ahead(gear, following, **changes):
         missing = recovery[0] / building
     while left > 0 and speed > 0:
         torque = law("engine_pedal_torque", ratio * speed, pedal) - (building > 0) * missing
-        faster = max(0, speed + h * (torque * ratio * EFFICIENCY - load) / inertia)
+        faster = max(0, speed + h * (torque * ratio * EFFICIENCY - load) / turning)
         angle += 0.5 * h * (speed + faster)
         speed, left, building = faster, left - h, building - h
     work = law("work_ahead", gear, inputs, state, following)

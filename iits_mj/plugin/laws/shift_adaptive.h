@@ -6,6 +6,12 @@
 
 namespace iits {
 
+// Greatest engine speed on a climb: downshifts end below it, and a floored pedal shifts up beyond.
+template <class T>
+T ClimbSpeed(const ShiftSituation<T>& now) {
+  return now.p.adaptive_climb_speed * now.engine.governed_speed;
+}
+
 // Power at the wheels [W] in a gear with a floored pedal.
 template <class T>
 T AvailablePower(const ShiftSituation<T>& now, int gear, T shaft_speed) {
@@ -25,31 +31,44 @@ T PowerWanted(const ShiftSituation<T>& now) {
   const T share = (now.in.pedal - p.floored_pedal) / (1 - p.floored_pedal);
   T greatest = 0;
   for (int gear = p.start_gear; gear <= now.gears.count(); ++gear) {
-    if (now.gears.Ratio(gear) * speed > now.Ceiling()) continue;
+    if (now.gears.Ratio(gear) * speed > ClimbSpeed(now)) continue;
     greatest = Max(greatest, AvailablePower(now, gear, speed));
   }
   return Max(wanted, share * greatest / p.adaptive_reserve);
 }
 
-// Fuel rate [kg/s] for a power at the wheels in a gear.
+// Fuel rate [kg/s] for a torque of the engine at its speed.
 template <class T>
-T FuelFor(const ShiftSituation<T>& now, int gear, T shaft_speed, T power) {
-  const EnginePoint<T> at = now.engine.At(now.gears.Ratio(gear) * shaft_speed);
+T FuelRate(const ShiftSituation<T>& now, T engine_speed, T torque) {
+  const EnginePoint<T> at = now.engine.At(engine_speed);
   EngineState<T> state = {};
   state.speed = at.speed;
-  state.torque = now.EngineTorque(gear, power / shaft_speed, at.speed) + at.drag;
+  state.torque = torque + at.drag;
   return now.engine.FuelRate(at, state);
 }
 
-// Work at the wheels [J] within the horizon if the change to a gear begins now, under the present
-// load. Includes the losses by the pause and by the build-up of the torque.
+// Fuel rate [kg/s] for a power at the wheels in a gear.
 template <class T>
-T WorkAhead(const ShiftSituation<T>& now, int gear) {
+T FuelFor(const ShiftSituation<T>& now, int gear, T shaft_speed, T power) {
+  const T speed = now.gears.Ratio(gear) * shaft_speed;
+  return FuelRate(now, speed, now.EngineTorque(gear, power / shaft_speed, speed));
+}
+
+// Work at the wheels [J] and fuel [kg] within the horizon.
+template <class T>
+struct ClimbAhead {
+  T work, fuel;
+};
+
+// The climb within the horizon if the change to a gear begins now, under the present load. Includes
+// the losses by the pause and by the build-up of the torque.
+template <class T>
+ClimbAhead<T> LookAhead(const ShiftSituation<T>& now, int gear) {
   constexpr double kLookStep = 0.5;  // [s]: numerical
   const Engine<T>& engine = now.engine;
-  const T from = now.in.shaft_speed, load = now.state.load, inertia = now.VehicleInertia();
+  const T from = now.in.shaft_speed, load = now.state.load, inertia = now.Inertia(gear);
   const T ratio = now.gears.Ratio(gear);
-  T speed = from, left = now.p.adaptive_horizon, angle = 0;
+  T speed = from, left = now.p.adaptive_horizon, angle = 0, fuel = 0;
   if (gear != now.gear) {
     speed = now.SpeedAfterChange(from);
     angle = 0.5 * (from + speed) * now.p.change_time;
@@ -66,36 +85,64 @@ T WorkAhead(const ShiftSituation<T>& now, int gear) {
     const T torque = engine.PedalTorque(ratio * speed, now.in.pedal) - share * missing;
     const T driving = now.ShaftTorque(gear, torque, ratio * speed);
     const T next = Max(0.0, speed + step * (driving - load) / inertia);
+    fuel += step * FuelRate(now, T(ratio * speed), torque);
     angle += 0.5 * (speed + next) * step;
     speed = next;
     left -= step;
     building -= share * step;
   }
-  return 0.5 * inertia * (speed * speed - from * from) + load * angle;
+  return {T(0.5 * now.VehicleInertia() * (speed * speed - from * from) + load * angle), fuel};
 }
 
-// Floored pedal: the gear with the most work within the horizon; a higher gear only if the engine
-// has reached the greatest speed for downshifts. The present gear stays unless another one does
-// more work by `adaptive_gain`.
+// Work per cost, fuel plus priced time [J/kg]. A climb needs a certain work: the gear with the
+// greatest ratio climbs at the least cost.
 template <class T>
-int StrongestGear(const ShiftSituation<T>& now) {
+T WorkPerCost(const ShiftSituation<T>& now, int gear) {
+  constexpr double kLeastPrice = 1e-6;  // [kg/s]: numerical, an engine may burn nothing
+  const ClimbAhead<T> ahead = LookAhead(now, gear);
+  const T price = Max(now.p.adaptive_time_price, kLeastPrice);
+  return ahead.work / (ahead.fuel + price * now.p.adaptive_horizon);
+}
+
+// Whether an upshift may be worth its cost although it is not within the horizon: the engine is at
+// its governor, or near it in a low gear, in which it stays on a long climb.
+template <class T>
+bool NearGovernor(const ShiftSituation<T>& now) {
+  const Engine<T>& engine = now.engine;
+  const bool low = 2 * now.gear < now.gears.count();
+  return now.InputSpeed() >=
+         (low ? now.Ceiling() : (1 - engine.governor_droop) * engine.governed_speed);
+}
+
+// Floored pedal: the gear that climbs at the least cost; a higher gear only beyond the greatest
+// speed of a climb. The present gear stays unless another one does more work for its cost by
+// `adaptive_gain`. Near the governor, the higher gear that holds the highest speed.
+template <class T>
+int ClimbingGear(const ShiftSituation<T>& now) {
   const ShiftParameters<T>& p = now.p;
   const T speed = now.in.shaft_speed;
-  const T kept = WorkAhead(now, now.gear);
+  if (NearGovernor(now)) {
+    const auto held = now.FastestUpshift();
+    if (held.speed >
+        (1 + p.adaptive_gain) * now.engine.governed_speed / now.gears.Ratio(now.gear)) {
+      return held.gear;
+    }
+  }
+  const T kept = WorkPerCost(now, now.gear);
   T most = kept + p.adaptive_gain * abs(kept);
   int best = now.gear;
-  const int up = now.InputSpeed() < now.Ceiling() ? 0 : p.skip_up_max;
+  const int up = now.InputSpeed() < ClimbSpeed(now) ? 0 : p.skip_up_max;
   const int lowest = Max(p.start_gear, now.gear - p.skip_down_max);
   for (int gear = Min(now.gears.count(), now.gear + up); gear >= lowest; --gear) {
     if (gear == now.gear) continue;
     if (gear > now.gear && now.SpeedAfterUpshift(gear) <= 0) continue;
     if (gear < now.gear) {
-      if (now.gears.Ratio(gear) * speed > now.Ceiling() || now.SoonOutgrown(gear)) break;
+      if (now.gears.Ratio(gear) * speed > ClimbSpeed(now) || now.SoonOutgrown(gear)) break;
       if (!now.Bears(gear, now.DipOf(gear, speed))) continue;
     }
-    const T work = WorkAhead(now, gear);
-    if (work > most) {
-      most = work;
+    const T merit = WorkPerCost(now, gear);
+    if (merit > most) {
+      most = merit;
       best = gear;
     }
   }
@@ -112,28 +159,32 @@ int AdaptiveGear(const ShiftSituation<T>& now) {
   const T load = Max(0.0, now.state.load);
   const T wanted = Max(0.0, PowerWanted(now));
   const T slowest = now.LowSpeed();
-  const T fastest = now.Ceiling();
-  const T economic = fastest * (p.adaptive_speed_max + (1 - p.adaptive_speed_max) * now.in.pedal);
+  const T economic =
+      now.Ceiling() * (p.adaptive_speed_max + (1 - p.adaptive_speed_max) * now.in.pedal);
 
   // The clutch slips or is open: the gears cannot be compared.
   if (now.InputSpeed() < now.engine.idle_speed) return now.gear;
   // The present gear may use its reserve.
   const T needed = Max(wanted / p.adaptive_reserve, load * speed);
-  const bool able = AvailablePower(now, now.gear, speed) >= needed && now.InputSpeed() < fastest;
-  // Floored pedal without enough power: the strongest gear. Fuel only decides on upshifts.
+  const bool powerful = AvailablePower(now, now.gear, speed) >= needed;
+  const bool fast = now.InputSpeed() >= ClimbSpeed(now);
+  const bool able = powerful && !fast;
+  // Floored pedal without enough power: the gear that climbs best. Fuel only decides on upshifts.
   const bool floored = now.in.pedal >= p.kick_down_pedal;
   if (floored && !able) {
-    const int strongest = StrongestGear(now);
-    if (strongest != now.gear) return strongest;
+    const int climbing = ClimbingGear(now);
+    if (climbing != now.gear) return climbing;
   }
   T least = able ? (1 - p.adaptive_gain) * FuelFor(now, now.gear, speed, wanted) : T(kInfinity);
   // Near the governor the present gear gives less than the demand; another gear need not give more.
-  const T kept = Min(wanted, AvailablePower(now, now.gear, speed));
+  // Beyond the greatest speed of a climb it only must hold the load.
+  const T kept = fast ? T(0) : Min(wanted, AvailablePower(now, now.gear, speed));
   int best = now.gear;
   const int lowest = floored ? now.gear : Max(p.start_gear, now.gear - p.skip_down_max);
   const int highest = Min(now.gears.count(), now.gear + p.skip_up_max);
   for (int gear = lowest; gear <= highest; ++gear) {
-    if (gear == now.gear || (gear < now.gear && now.SoonOutgrown(gear))) continue;
+    if (gear == now.gear) continue;
+    if (gear < now.gear && (powerful != able || now.SoonOutgrown(gear))) continue;
     const T ratio = now.gears.Ratio(gear);
     if (ratio * speed > economic) continue;
     const T after = gear > now.gear ? now.SpeedAfterUpshift(gear) : now.SpeedWhenRecovered(gear);

@@ -13,8 +13,8 @@ namespace iits {
 template <class T>
 struct ShiftParameters {
   int start_gear, skip_up_max, skip_down_max;
-  bool adaptive;  // else by tables
-  T change_time;  // of a gear change, from the gearbox's phases [s]
+  bool adaptive;            // else by tables
+  T change_time, cut_time;  // of a gear change and of its first phase [s]
   T downshift_delay, downshift_margin, min_gear_time, reversal_time;
   T acceleration_lag, load_lag, pedal_lag;
   T lowest_speed, lowest_speed_pedal, rolling_speed;
@@ -26,6 +26,7 @@ struct ShiftParameters {
   T floored_pedal, kick_down_pedal, kick_down_rise, kick_down_speed;
   T braking_speed_low, braking_speed_high, braking_deceleration;
   T adaptive_period, adaptive_reserve, adaptive_gain, adaptive_speed_max, adaptive_horizon;
+  T adaptive_time_price, adaptive_climb_speed;
   Map<T> upshift, downshift;
 
   // Advances the estimates of speed, acceleration, load and pedal. The shaft speed is low-passed
@@ -93,6 +94,11 @@ struct ShiftSituation {
     return in.pedal >= p.kick_down_pedal && in.driver_pedal - state.pedal > p.kick_down_rise;
   }
   T VehicleInertia() const { return gears.VehicleInertia(in.mass); }
+  // The same with the parts that turn with the engine in a gear.
+  T Inertia(int at) const {
+    const T ratio = gears.Ratio(at);
+    return VehicleInertia() + ratio * ratio * (engine.inertia + gears.InputInertia(at));
+  }
   // Engine speed with the clutch closed.
   T InputSpeed() const { return gears.Ratio(gear) * in.shaft_speed; }
   // Greatest engine speed after a downshift.
@@ -105,11 +111,12 @@ struct ShiftSituation {
     return gears.Ratio(gear) * speed;
   }
 
-  // Shaft speed at the end of a change that begins at the shaft speed `from`, under the load.
+  // Shaft speed at the end of a change that begins at the shaft speed `from`, under the load. The
+  // torque falls linearly during the cut.
   T SpeedAfterChange(T from) const {
     T coasting = -state.load / VehicleInertia();
     if (in.pedal > engine.pedal_up) coasting = Min(coasting, state.acceleration);
-    return from + p.change_time * coasting;
+    return from + p.change_time * coasting + 0.5 * p.cut_time * (state.acceleration - coasting);
   }
 
   // Torque at the propeller shaft behind all losses, for a torque of the engine, of which the
@@ -146,7 +153,7 @@ struct ShiftSituation {
     const T level = EngineTorque(next, Max(0.0, state.load), speed);
     const TorqueRecovery<T> recovery = Recovery(next, demand, level, engine.drag(speed));
     if (recovery.time <= 0) return {after, after, 0};
-    const T lost = recovery.impulse * Transmission(next, level, speed) / VehicleInertia();
+    const T lost = recovery.impulse * Transmission(next, level, speed) / Inertia(next);
     return {after, after - lost, recovery.time};
   }
   T SpeedWhenRecovered(int next) const { return DipOf(next, in.shaft_speed).speed; }
@@ -229,6 +236,17 @@ struct ShiftSituation {
     return Bears(next, dip) && Carries(next, dip.speed, reserve) ? dip.speed : T(0);
   }
 
+  // Higher gear that holds the highest speed on the climb if the change begins now.
+  Held FastestUpshift() const {
+    Held best = {gear, 0};
+    const int highest = Min(gears.count(), gear + p.skip_up_max);
+    for (int next = gear + 1; next <= highest; ++next) {
+      const T held = SpeedAfterUpshift(next) > 0 ? HeldSpeed(next, in.shaft_speed) : T(0);
+      if (held > best.speed) best = {next, held};
+    }
+    return best;
+  }
+
   // Whether the next but one gear, of the lower half, will hold the load when the next gear could
   // be left again: every change costs speed, and a gear for so short a time is not worth one.
   bool SkipsSoon() const {
@@ -253,7 +271,7 @@ struct ShiftSituation {
     const T ratio = gears.Ratio(next);
     const T recovered = SpeedWhenRecovered(next);
     const T torque = ShaftTorque(next, engine.TorqueLimit(ratio * recovered), ratio * recovered);
-    const T acceleration = (torque - state.load) / VehicleInertia();
+    const T acceleration = (torque - state.load) / Inertia(next);
     return ratio * (recovered + p.reversal_time * acceleration) > engine.governed_speed;
   }
 };

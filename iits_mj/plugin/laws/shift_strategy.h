@@ -86,13 +86,16 @@ struct ShiftStrategy : ShiftParameters<T> {
     return best;
   }
 
-  // Whether, with a floored pedal, the engine's full torque is less than the load and the lower
-  // gear has more torque.
+  // Whether, with a floored pedal, the engine's full torque is less than the load, and a lower gear
+  // holds a clearly higher speed or, for a slow engine, has more torque.
   static bool LosesSpeed(const Situation& now) {
     const T speed = now.InputSpeed();
-    if (!now.Floored() || now.SpeedSoon() > now.p.power_speed * now.engine.idle_speed) return false;
+    if (!now.Floored()) return false;
     const T full = now.ShaftTorque(now.gear, now.engine.PedalTorque(speed, now.in.pedal), speed);
     if (!now.TorqueHasBuiltUp() || full > now.state.load) return false;
+    if (now.SpeedSoon() > now.p.power_speed * now.engine.idle_speed) {
+      return now.BestHeld(now.in.shaft_speed).speed > now.p.failed_reserve * now.in.shaft_speed;
+    }
     const T faster = now.gears.Ratio(now.gear - 1) * now.in.shaft_speed;
     const T torque = now.engine.PedalTorque(faster, now.in.pedal);
     const T lower = now.ShaftTorque(now.gear - 1, torque, faster);

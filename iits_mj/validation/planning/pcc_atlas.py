@@ -4,15 +4,21 @@ A cell is a road with a mass, a band of speeds and a wind. Its figures are by th
 the best gears, at the trip time of each cruise. The interval of a saving is its range when rolling
 resistance and drag area change by 10 % and the mass by 3 %, one at a time. Without `every` the
 atlas has, for each road, the middle cell and those that differ from it in one of mass, band and
-wind. Finished cells in the folder of runs are not computed again.
+wind. The MuJoCo truck drives the middle cell of each road: cruise and joint plan against the
+rolling cruise, cruise and plan of speed alone against the braking one. Finished cells and drives in
+the folder of runs are not computed again.
 """
 
 from __future__ import annotations
 
+import math
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Generic
 
 import numpy as np
 
@@ -22,7 +28,7 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import PlanningError
 from iits_mj.core.progress import each
 from iits_mj.core.results import Findings, Line, Panel, Results
-from iits_mj.core.tables import read_columns, read_rows, write_rows
+from iits_mj.core.tables import Row, read_columns, read_rows, write_rows
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.validation.harness.config import (
@@ -33,11 +39,20 @@ from iits_mj.validation.harness.config import (
     find_road,
 )
 from iits_mj.validation.harness.run_cache import runs_folder
-from iits_mj.validation.planning import pcc_case, pcc_joint
+from iits_mj.validation.planning import (
+    closed_loop,
+    pcc_case,
+    pcc_joint,
+    pcc_replay,
+    replay_drives,
+)
 from iits_mj.validation.planning.pcc_case import BRAKING, ROLLING, solve
 from iits_mj.validation.planning.pcc_joint import compare_jointly
+from iits_mj.validation.planning.pcc_replay import expected_saving, profile_case
 from iits_mj.validation.planning.pcc_roads import read_cycle
 from iits_mj.validation.planning.pcc_savings import PAPER_LENGTH, STEP, highway_without_limits
+from iits_mj.validation.planning.replay_drives import DRIVES
+from iits_mj.validation.planning.speed_tracking import gear_changes
 
 LONG_HAUL = "long_haul_cycle.csv"
 _LENGTH = 15_000.0  # [m]
@@ -46,7 +61,10 @@ MASSES = (19_000.0, 40_000.0, 55_000.0)  # [kg]
 # Set speed, least and greatest speed [km/h].
 BANDS = ((84.0, 79.0, 89.0), (80.0, 65.0, 90.0), (72.0, 45.0, 90.0))
 WINDS = (0.0, 6.0, -6.0)  # [m/s], against the truck
-_MIDDLE = (MASSES[1], BANDS[1], WINDS[0])
+Cell = tuple[float, tuple[float, float, float], float]  # mass, band, wind
+MIDDLE = (MASSES[1], BANDS[1], WINDS[0])
+_DRIVEN_STEP = 0.005  # of the physics [s]
+_BY_LOAD = {"gearbox": {"shift_strategy": "adaptive"}}
 # Changed one at a time for the interval: rolling resistance, drag area, mass.
 _SPREAD = (
     *((1.1, 1.0, 1.0), (0.9, 1.0, 1.0)),
@@ -89,6 +107,51 @@ class AtlasRow:
     def key(self) -> tuple[str, float, float, float]:
         """Key of the cell in a table."""
         return self.road, self.mass, self.v_ref, self.head_wind
+
+
+@dataclass(frozen=True)
+class DrivenRow:
+    """Figures of a middle cell on the MuJoCo truck, against one of the two cruises.
+
+    Attributes:
+      road: of the cell; cruise: "rolling" or "braking".
+      saving: by the fuel meter, corrected for the difference at the ends [%]; expected: by the
+        planner, with the truck's power on climbs [%].
+      cruise_fuel, plan_fuel: by the meter [kg]; late: trip time of the plan against that of the
+        cruise [%].
+      changes, cruise_changes: of gear; neutral: share of the plan's time [%].
+    """
+
+    road: str
+    cruise: str
+    saving: float
+    expected: float
+    cruise_fuel: float
+    plan_fuel: float
+    late: float
+    changes: int
+    cruise_changes: int
+    neutral: float
+
+
+@dataclass(frozen=True)
+class Atlas:
+    """Rows of the atlas in the order of the roads, and notes about what is missing."""
+
+    rows: list[AtlasRow]
+    driven: list[DrivenRow]
+    notes: list[str]
+
+    @property
+    def middle(self) -> list[AtlasRow]:
+        """The middle cells, by their saving."""
+        cell = (MIDDLE[0], *MIDDLE[1], MIDDLE[2])
+        found = [r for r in self.rows if (r.mass, r.v_ref, r.v_min, r.v_max, r.head_wind) == cell]
+        return sorted(found, key=lambda row: row.joint)
+
+    def on_truck(self, road: str, cruise: str) -> DrivenRow | None:
+        """Returns the drives of a road against "rolling" or "braking", None without them."""
+        return next((r for r in self.driven if (r.road, r.cruise) == (road, cruise)), None)
 
 
 def made_roads() -> dict[str, RoadProfile]:
@@ -152,18 +215,18 @@ def atlas_roads(config: ValidateConfig) -> tuple[dict[str, RoadProfile], list[st
     return roads | made_roads(), notes
 
 
-def cells(every: bool) -> list[tuple[float, tuple[float, float, float], float]]:
+def cells(every: bool) -> list[Cell]:
     """Returns mass, band and wind of the cells of a road, the middle one first."""
     found = [(m, b, w) for m in MASSES for b in BANDS for w in WINDS]
     if not every:
-        found = [c for c in found if sum(a != b for a, b in zip(c, _MIDDLE, strict=True)) <= 1]
-    return sorted(found, key=lambda cell: cell != _MIDDLE)
+        found = [c for c in found if sum(a != b for a, b in zip(c, MIDDLE, strict=True)) <= 1]
+    return sorted(found, key=lambda cell: cell != MIDDLE)
 
 
 def measure_cell(
     road: RoadProfile,
     name: str,
-    cell: tuple[float, tuple[float, float, float], float],
+    cell: Cell,
     parameters: TruckParameters,
 ) -> AtlasRow:
     """Returns the figures of a cell.
@@ -210,39 +273,111 @@ def _changed(parameters: TruckParameters, rolling: float, area: float) -> TruckP
     return replace(parameters, tires=tires, aerodynamics=air)
 
 
-def run_atlas(config: ValidateConfig, *, every: bool = False) -> Results:
-    """Returns the atlas as checks, notes and one figure."""
+def drive_cell(
+    road: RoadProfile, name: str, *, rolls: bool, folder: Path | None = None
+) -> DrivenRow:
+    """Returns the figures of a road's middle cell on the MuJoCo truck.
+
+    Args:
+      road: its profile.
+      name: for the row.
+      rolls: against the rolling cruise, with gear and eco-roll planned too; else against the
+        braking one.
+      folder: keeps finished drives.
+    """
+    mass, (v_ref, v_min, v_max), _ = MIDDLE
+    config = PccConfig(v_ref * KMH, v_min * KMH, v_max * KMH, rolls=rolls)
+    payload = mass - TruckParameters.load().gross_mass(0.0)
+    case = profile_case(name, road, road, config, payload, _DRIVEN_STEP)
+    replay = replay_drives.run(replace(case, overlay=_BY_LOAD, joint=rolls), folder, DRIVES)
+    base, plan = replay.cruise, replay.plan
+    return DrivenRow(
+        name,
+        "rolling" if rolls else "braking",
+        100.0 * replay.saving,
+        expected_saving(replay)[0],
+        base.fuel,
+        plan.fuel,
+        100.0 * (plan.time / base.time - 1.0),
+        gear_changes(plan.record),
+        gear_changes(base.record),
+        100.0 * float(np.mean(plan.record["gear"] == 0.0)),
+    )
+
+
+def compute_atlas(
+    config: ValidateConfig, *, every: bool = False, minutes: float = math.inf
+) -> Atlas:
+    """Computes and drives the cells that the folder of runs does not have.
+
+    Args:
+      config: folders of roads and of runs.
+      every: all 27 cells of a road.
+      minutes: after which no further cell is begun; a note says how many are left.
+    """
     roads, notes = atlas_roads(config)
     parameters = TruckParameters.load()
-    folder = runs_folder(config, "pcc-atlas", sys.modules[__name__], pcc_case, pcc_joint)
-    paths = {
-        name: None if folder is None else folder / f"{name.replace(' ', '_')}.csv" for name in roads
-    }
-    kept: dict[str, list[AtlasRow]] = {
-        name: [] if path is None else read_rows(path, AtlasRow, "atlas")
-        for name, path in paths.items()
-    }
-    known = {row.key: row for found in kept.values() for row in found}
-    rows: list[AtlasRow] = []
+    modules = (pcc_case, pcc_joint, pcc_replay, replay_drives, closed_loop)
+    folder = runs_folder(config, "pcc-atlas", sys.modules[__name__], *modules)
+    found = _Kept(folder, "cells.csv", AtlasRow, lambda row: row.key)
+    driven = _Kept(folder, "driven.csv", DrivenRow, lambda row: (row.road, row.cruise))
     # The middle cells of all roads come first, so that a stopped atlas has them.
-    for cell, name in each([(c, n) for c in cells(every) for n in roads], "atlas", str):
-        mass, band, wind = cell
-        row = known.get((name, mass, band[0], wind))
+    wanted = cells(every)
+    order: tuple[Cell | bool, ...] = (*wanted, True, False)
+    tasks = [(name, task) for task in order for name in roads]
+    end, left = time.monotonic() + 60.0 * minutes, 0
+    for name, task in each(tasks, "atlas", str):
+        try:
+            if isinstance(task, bool):
+                kind, drive = "rolling" if task else "braking", partial(drive_cell, rolls=task)
+                make = partial(drive, roads[name], name, folder=folder)
+                left += not driven.get((name, kind), make, late=time.monotonic() > end)
+            else:
+                mass, band, wind = task
+                measure = partial(measure_cell, roads[name], name, task, parameters)
+                late = time.monotonic() > end
+                left += not found.get((name, mass, band[0], wind), measure, late=late)
+        except PlanningError as error:
+            notes.append(f"{name}, {task}: {error}")
+    if left:
+        notes.append(f"{left} of {len(tasks)} cells and drives are left: run the command again")
+    rows = sorted(found.asked, key=lambda row: list(roads).index(row.road))
+    return Atlas(rows, driven.asked, notes)
+
+
+class _Kept(Generic[Row]):
+    """Rows that a file keeps, and those of them that were asked for."""
+
+    def __init__(
+        self, folder: Path | None, name: str, kind: type[Row], key: Callable[[Row], Hashable]
+    ) -> None:
+        self._path = None if folder is None else folder / name
+        self._kind = kind
+        self._rows = [] if self._path is None else read_rows(self._path, kind, "atlas")
+        self._known = {key(row): row for row in self._rows}
+        self.asked: list[Row] = []
+
+    def get(self, key: Hashable, make: Callable[[], Row], *, late: bool) -> bool:
+        """Adds a row to those asked for and returns whether there is one.
+
+        A row that is not known is made and kept, unless it is late.
+        """
+        row = self._known.get(key)
+        if row is None and late:
+            return False
         if row is None:
-            try:
-                row = measure_cell(roads[name], name, cell, parameters)
-            except PlanningError as error:
-                notes.append(f"{name}, {mass / 1e3:.0f} t, {band[0]:g} km/h: {error}")
-                continue
-            kept[name].append(row)
-            path = paths[name]
-            if path is not None:
-                write_rows(path, AtlasRow, kept[name], "atlas")
-        rows.append(row)
-    order = {name: i for i, name in enumerate(roads)}
-    rows.sort(key=lambda row: order[row.road])
-    results = Results("pcc --atlas", notes=notes)
-    for row in rows:
+            row = make()
+            self._rows.append(row)
+            if self._path is not None:
+                write_rows(self._path, self._kind, self._rows, "atlas")
+        self.asked.append(row)
+        return True
+
+
+def atlas_results(atlas: Atlas) -> Results:
+    """Returns the atlas as checks, notes and one figure."""
+    results = Results("pcc --atlas", notes=list(atlas.notes))
+    for row in atlas.rows:
         found = Findings(
             f"{row.road}, {row.mass / 1e3:.0f} t, {row.v_min:g} to {row.v_max:g} km/h, wind "
             f"{row.head_wind:+g} m/s"
@@ -256,28 +391,30 @@ def run_atlas(config: ValidateConfig, *, every: bool = False) -> Results:
         found.check("changes of gear", row.changes, "1", float(row.cruise_changes))
         found.check("road in neutral", row.neutral, "%")
         results.checks += found.checks
-    results.figures["atlas"] = atlas_panels(rows)
-    ranked = ", ".join(f"{i} {row.road}" for i, row in enumerate(_middle_rows(rows), start=1))
+    for drive in atlas.driven:
+        against = ROLLING if drive.cruise == "rolling" else BRAKING
+        found = Findings(f"{drive.road}, on the truck {against}")
+        found.check("saved", drive.saving, "%", drive.expected)
+        found.check("trip time against the cruise's", drive.late, "%")
+        found.check("changes of gear", drive.changes, "1", float(drive.cruise_changes))
+        results.checks += found.checks
+    results.figures["atlas"] = atlas_panels(atlas)
+    ranked = ", ".join(f"{i} {row.road}" for i, row in enumerate(atlas.middle, start=1))
     results.notes.append(f"roads of the figure: {ranked}")
     results.notes += [
         "savings by the engine's map in the best gears, at the trip time of each cruise; beside "
         "the first its range when rolling resistance and drag area change by 10 %, the mass by "
-        "3 %; beside the changes of gear those of the rolling cruise",
+        "3 %; beside the changes of gear those of the cruise; beside a driven saving the one that "
+        "the planner expected with the truck's power on climbs",
         f"the long haul is {_HAUL[1] / 1e3:g} km of VECTO's cycle from {_HAUL[0] / 1e3:g} km on, "
         "at the speeds of the band; flat to mountain pass are made by formula",
     ]
     return results
 
 
-def _middle_rows(rows: list[AtlasRow]) -> list[AtlasRow]:
-    """Returns the middle cells, by their saving."""
-    found = [r for r in rows if (r.mass, (r.v_ref, r.v_min, r.v_max), r.head_wind) == _MIDDLE]
-    return sorted(found, key=lambda row: row.joint)
-
-
-def atlas_panels(rows: list[AtlasRow]) -> list[Panel]:
+def atlas_panels(atlas: Atlas) -> list[Panel]:
     """Returns the savings of the middle cells over the roads, then all cells over the bound."""
-    middle = _middle_rows(rows)
+    rows, middle = atlas.rows, atlas.middle
     order = np.arange(1.0, len(middle) + 1.0)
     lines = tuple(
         Line(label, order, np.array([getattr(row, name) for row in middle]), role)
@@ -288,7 +425,7 @@ def atlas_panels(rows: list[AtlasRow]) -> list[Panel]:
             (f"{ROLLING}, speed alone", "alone", "second"),
         )
     )
-    title = f"{_MIDDLE[0] / 1e3:.0f} t, {_MIDDLE[1][1]:g} to {_MIDDLE[1][2]:g} km/h, calm"
+    title = f"{MIDDLE[0] / 1e3:.0f} t, {MIDDLE[1][1]:g} to {MIDDLE[1][2]:g} km/h, calm"
     panels = [Panel(title, "road, in the order of the notes", "saving [%]", lines)]
     for what, name in (("mass [t]", "mass"), ("head wind [m/s]", "head_wind")):
         scale = 1e-3 if name == "mass" else 1.0

@@ -89,7 +89,7 @@ class ReplayCase:
     payload: float = dataclasses.field(default_factory=laden)
     timestep: float = TIMESTEP
     plant: str = "full"
-    overlay: dict[str, dict[str, str]] = dataclasses.field(default_factory=dict)
+    overlay: dict[str, Any] = dataclasses.field(default_factory=dict)
     paper: bool = False
     joint: bool = False
 
