@@ -36,7 +36,9 @@ def test_harmonic_finds_amplitude_and_phase_beside_a_drift():
 
 def test_commands_and_options_are_the_documented_ones():
     truck = {"lateral", "longitudinal", "pbs", "plant", "standards", "step-size", "truck"}
-    assert set(COMMANDS) == truck | {"traffic", "planning", "aeb", "credibility", "measured"}
+    assert set(COMMANDS) == truck | {
+        *("traffic", "planning", "aeb", "alks", "credibility", "measured")
+    }
     assert ValidateConfig().step == 0.001
     assert ValidateConfig(quick=True).step == 0.002
     assert ValidateConfig(quick=True, timestep=0.005).step == 0.005
