@@ -59,8 +59,8 @@ _TYPES = f"""
 <route id="road" edges="{{edge}}"/>
 """
 _VEHICLE = """
-<vehicle id="{0}" type="{type}" route="road" depart="0" departPos="{1!r}" departLane="{2}"
- departSpeed="{3!r}" insertionChecks="none"/>
+<vehicle id="{}" type="{}" route="road" depart="0" departPos="{!r}" departLane="{}"
+ departSpeed="{!r}" insertionChecks="none"/>
 """
 _DRIVER = (
     'carFollowModel="Krauss" minGap="2.5" collisionMinGapFactor="1" emergencyDecel="9.0" sigma="0" '
@@ -143,9 +143,9 @@ class HoelHighway:
         self.close()
         front, lane, speed = _start(generator)
         types = _TYPES.format(common=_DRIVER, edge=self._edge)
-        rows = zip(_NAMES, front.tolist(), lane.tolist(), speed.tolist(), strict=True)
-        vehicles = "".join(_VEHICLE.format(*row, type="car") for row in rows)
-        vehicles = vehicles.replace('type="car"', 'type="truck"', 1)
+        kinds = "truck", *["car"] * (VEHICLES - 1)
+        rows = zip(_NAMES, kinds, front.tolist(), lane.tolist(), speed.tolist(), strict=True)
+        vehicles = "".join(_VEHICLE.format(*row) for row in rows)
         # SUMO draws nothing here; its seed is without effect.
         session = self._session = Session(
             self._net,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -11,11 +11,9 @@ import numpy as np
 from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
 from iits_mj.envs.picture import Observation, top_view
+from traffic_bridge.hoel2020 import ACTIONS, LANE_WIDTH, LANES, OBSERVATION_SIZE, HoelHighway
 
-if TYPE_CHECKING:
-    from traffic_bridge.hoel2020 import HoelHighway
-
-_ACTIONS, _OBSERVATION_SIZE, _OBSERVATION_MAX = 10, 104, 5.0
+_OBSERVATION_MAX = 5.0
 
 
 class Hoel2020Env(gymnasium.Env[Observation, np.int64]):
@@ -53,18 +51,15 @@ class Hoel2020Env(gymnasium.Env[Observation, np.int64]):
             one_of("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
         self.observation_space = gymnasium.spaces.Box(
-            -_OBSERVATION_MAX, _OBSERVATION_MAX, (_OBSERVATION_SIZE,), np.float32
+            -_OBSERVATION_MAX, _OBSERVATION_MAX, (OBSERVATION_SIZE,), np.float32
         )
-        self.action_space = gymnasium.spaces.Discrete(_ACTIONS)
+        self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
         self._world: HoelHighway | None = None
 
     @property
     def world(self) -> HoelHighway:
         """The vehicles."""
         if self._world is None:
-            # Load SUMO only for this environment.
-            from traffic_bridge.hoel2020 import HoelHighway
-
             self._world = HoelHighway()
         return self._world
 
@@ -82,7 +77,7 @@ class Hoel2020Env(gymnasium.Env[Observation, np.int64]):
           InputError: unknown action, or no episode has begun.
         """
         if not self.action_space.contains(action):
-            raise InputError(f"action {action!r} is unknown; use 0 to {_ACTIONS - 1}")
+            raise InputError(f"action {action!r} is unknown; use 0 to {len(ACTIONS) - 1}")
         step = self.world.step(int(action))
         info = self._info() | asdict(step)
         return self._seen(self.world.observation()), step.reward, step.terminated, False, info
@@ -91,8 +86,6 @@ class Hoel2020Env(gymnasium.Env[Observation, np.int64]):
         """Returns a picture (360, 640, 3) of bytes; None without a render mode."""
         if self.render_mode is None:
             return None
-        from traffic_bridge.hoel2020 import LANE_WIDTH, LANES
-
         scene, world = self.world.scene(), self.world
         others = [(v.station + 0.5 * v.length, v.offset, v.length) for v in scene.vehicles]
         truck = (float(world.front[0]), scene.ego.offset, scene.footprint.length)

@@ -217,9 +217,7 @@ def summarize(episodes: Sequence[Episode]) -> Results:
             )
         )
     results.add("", findings)
-    results.tables["Hoel et al. 2020: 100 steps of 1 s, return at most 100; means an episode"] = (
-        rows
-    )
+    results.tables[_TITLE] = rows
     return results
 
 

@@ -34,8 +34,8 @@ SPEED_MEAN, SPEED_DEVIATION, SPEED_BOUNDS = 1.34, 0.26, (0.82, 1.86)
 WALK = (8.0, 25.0)  # [m] from the crossing where a walk begins and ends
 # SUMO's persons jump by some meters in walking areas; their bodies follow at this speed [m/s].
 FASTEST_BODY = 2.5
-# A person who stands keeps this distance from the truck's sides, also beside its way ahead, and one
-# who walks this one [m].
+# Distances [m]. A person who stands stays `AWAY` from the truck's sides; the sides then reach `AHEAD`
+# of its front. A person who walks stays `CLOSE` or farther from them.
 AWAY, AHEAD, CLOSE = 2.0, 2.0, 0.9
 MOVES = 0.2  # [m/s]: a faster body looks where it goes
 STREAM = 1609  # separates the generator of pedestrians from that of vehicles with the same seed
