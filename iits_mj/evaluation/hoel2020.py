@@ -208,10 +208,11 @@ def summarize(episodes: Sequence[Episode]) -> Results:
             float(np.mean([getattr(episode, name) for episode in own]))
             for name in ("speed", "changes", "near_collisions", "hard_brakings")
         ]
+        interval = f" ({mean.low:.1f} to {mean.high:.1f})" if mean.count > 1 else ""
         rows.append(
             (
                 method,
-                f"{mean.mean:.1f} ({mean.low:.1f} to {mean.high:.1f})",
+                f"{mean.mean:.1f}{interval}",
                 f"{free:.1f} %",
                 *(f"{value:.2f}" for value in averages),
             )
