@@ -36,7 +36,7 @@ from iits_mj.commands.bench import drive, traffic
 from iits_mj.commands.bench.clocks import MICROSECONDS, MILLISECONDS, in_turns
 from iits_mj.commands.bench.environments import ENVIRONMENT
 from iits_mj.commands.bench.physics import SPEED, STATION, highway_truck, player
-from iits_mj.core.timing import PLANTS, TIMESTEP
+from iits_mj.core.timing import DYNAMIC_PLANTS, TIMESTEP
 from iits_mj.render.plots import PALETTE, dress, to_png
 from iits_mj.road import RoadMap
 from iits_mj.road.design import Design, build
@@ -63,7 +63,7 @@ Points = Iterator[tuple[str, float, float]]
 def step_by_wheels(names: Sequence[str] = TRUCKS) -> Points:
     """A step of each plant of shipped trucks on a plane, without contacts and sensors."""
     plays: dict[tuple[str, int], Callable[[], None]] = {}
-    for name, plant in itertools.product(names, PLANTS):
+    for name, plant in itertools.product(names, DYNAMIC_PLANTS):
         truck = Truck.load(truck=name, plant=plant, visuals=False)
         truck.reset(speed=SPEED)
         truck.command(accelerator_pedal=0.4)

@@ -23,6 +23,7 @@ from iits_mj.envs import ENVIRONMENTS, LEVELS, level_id
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 TABLES, PAGE = DOCS / "benchmark", DOCS / "benchmark.md"
 SCORES = ("environment", "method", "seed", "return", "deviation", "steps", "cpu_seconds")
+TRANSFERS = ("environment", "method", "trained", "tested", "seed", "return", "success")
 SEEDS = 5
 _METHODS = ("random", "scripted", "ppo", "sac", "dqn")
 _RESAMPLES = 2_000
@@ -125,6 +126,33 @@ def summary_table(rows: list[dict[str, str]]) -> str:
     return "\n".join(lines)
 
 
+def transfer_table(rows: list[dict[str, str]]) -> str:
+    """Returns success and return of policies in the world they were trained in and in the other."""
+    found: dict[tuple[str, str], dict[tuple[str, str], list[dict[str, str]]]] = {}
+    for row in rows:
+        cells = found.setdefault((row["environment"], row["method"]), {})
+        cells.setdefault((row["trained"], row["tested"]), []).append(row)
+    lines = [
+        "| task | trained | seeds | tested kinematic | tested physical |",
+        "|---|---|---|---|---|",
+    ]
+    for (environment, method), cells in found.items():
+        for trained in ("kinematic", "physical"):
+            if (trained, "kinematic") not in cells:
+                continue
+            shown = []
+            for tested in ("kinematic", "physical"):
+                cell = cells[trained, tested]
+                success = np.mean([float(row["success"]) for row in cell])
+                value = np.mean([float(row["return"]) for row in cell])
+                shown.append(f"{100.0 * success:.1f} %, {_number(value)}")
+            seeds = len(cells[trained, "kinematic"])
+            lines.append(
+                f"| `{environment}` {method} | {trained} | {seeds} | {' | '.join(shown)} |"
+            )
+    return "\n".join(lines)
+
+
 def cost_table(rows: list[dict[str, str]]) -> str:
     """Returns steps, settings and processor time of each training."""
     from benchmarks.rl_suite import trainings
@@ -161,6 +189,7 @@ def page(text: str) -> str:
         "scores": score_table(rows),
         "summary": summary_table(rows),
         "levels": level_table(read("levels")),
+        "transfer": transfer_table(read("transfer")),
         "costs": cost_table(rows),
     }
     for name, table in tables.items():

@@ -7,12 +7,14 @@
     python benchmarks/rl_suite.py status --out out/rl
     python benchmarks/rl_suite.py levels --out out/rl            # scores of the levels
     python benchmarks/rl_suite.py results --out out/rl           # tables, figures and weights
+    python benchmarks/rl_suite.py train --out out/rl --only LaneChange --plant kinematic
+    python benchmarks/rl_suite.py transfer --out out/rl          # table of kinematic and physical
 
 `train` may be killed at any time and started again. Start it twice to use two cores: each process
 takes trainings that no other one holds. rl_suite.toml has the tasks, budgets and hyperparameters.
 `results` adds the finished trainings to docs/benchmark/*.csv; `train` leaves those out, also when
-their folder is gone, but never a variant (--steps, --set). Remove a training's rows to train it
-again.
+their folder is gone, but never a variant (--steps, --set, --plant). Remove a training's rows to
+train it again. Trainings with --plant have the folder OUT/PLANT, in which `transfer` finds them.
 
 A training is cut into parts. Every part, also the first and also without an interruption, begins
 from the stored model, with random numbers and episodes that follow from the seed and the part. So a
@@ -29,7 +31,7 @@ import os
 import shutil
 import time
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -42,12 +44,14 @@ from benchmarks import rl_results
 from controllers import decision
 from controllers.decision.trip import ACTIONS, TEST_SEEDS, TRAINING_SEEDS, VALIDATION_SEEDS
 from iits_mj import suite
+from iits_mj.core.timing import PLANTS
 from iits_mj.envs import LEVELS, level_id
 from iits_mj.envs.baselines import FOLDER, Policy, shipped_file
 from iits_mj.evaluation.hoel2020 import StackDriver
 
 SETTINGS = Path(__file__).with_suffix(".toml")
 SEEDS = range(5)
+KINEMATIC = "kinematic"
 VALIDATION_EPISODES = 5
 TEST_EPISODES = 50
 LEVEL_EPISODES = 20
@@ -108,7 +112,7 @@ def train(task: Training, folder: Path) -> None:
         seconds = time.process_time() - begin + (float(curve[-1]["cpu_seconds"]) if curve else 0.0)
         policy = exported(model)
         model.env.close()
-        returns, _ = score(
+        returns, *_ = score(
             task.environment, _network(policy), VALIDATION_SEEDS, VALIDATION_EPISODES
         )
         figures = (model.num_timesteps, f"{np.mean(returns):.4f}", f"{seconds:.1f}")
@@ -119,7 +123,7 @@ def train(task: Training, folder: Path) -> None:
         print(f"{task.name} part {done}/{task.parts}", *figures, flush=True)
     if not (folder / "scores.csv").exists():
         policy = Policy.load(folder / f"part-{done}" / "policy.npz")
-        returns, lengths = score(task.environment, _network(policy), TEST_SEEDS, TEST_EPISODES)
+        returns, lengths, _ = score(task.environment, _network(policy), TEST_SEEDS, TEST_EPISODES)
         _write(folder / "scores.csv", SCORES, score_rows(task, returns, lengths))
         print(f"{task.name} test {np.mean(returns):.4f}", flush=True)
         for name in ("model.zip", "buffer.pkl"):
@@ -203,22 +207,30 @@ Act = Callable[[Any, Any], Any]
 
 
 def score(
-    environment: str, act: Act, first_seed: int, episodes: int
-) -> tuple[list[float], list[int]]:
-    """Returns return and length of each episode; episode k begins with the seed first + k."""
-    env = gymnasium.make(environment)
-    returns, lengths = [], []
+    environment: str,
+    act: Act,
+    first_seed: int,
+    episodes: int,
+    arguments: Mapping[str, Any] | None = None,
+) -> tuple[list[float], list[int], list[bool]]:
+    """Returns return and length of each episode, and whether it failed before its time limit.
+
+    Episode k begins with the seed first + k.
+    """
+    env = gymnasium.make(environment, **(arguments or {}))
+    returns, lengths, failures = [], [], []
     for episode in range(episodes):
         observation, _ = env.reset(seed=first_seed + episode)
         env.action_space.seed(first_seed + episode)
-        total, steps, over = 0.0, 0, False
+        total, steps, over, terminated = 0.0, 0, False, False
         while not over:
             observation, reward, terminated, truncated, _ = env.step(act(env, observation))
             total, steps, over = total + float(reward), steps + 1, terminated or truncated
         returns.append(total)
         lengths.append(steps)
+        failures.append(terminated)
     env.close()
-    return returns, lengths
+    return returns, lengths, failures
 
 
 def _network(policy: Policy) -> Act:
@@ -286,7 +298,7 @@ def score_fixed(environment: str, out: Path, episodes: int = TEST_EPISODES) -> N
             task = Training(environment, name, 0, 0, 0)
             if episodes == TEST_EPISODES and recorded(task):
                 continue
-            returns, lengths = score(environment, act, TEST_SEEDS, episodes)
+            returns, lengths, _ = score(environment, act, TEST_SEEDS, episodes)
             _write(folder / "scores.csv", SCORES, score_rows(task, returns, lengths))
             print(f"{folder.name} test {np.mean(returns):.4f}", flush=True)
 
@@ -397,6 +409,89 @@ def _summary(folder: Path, seconds: float) -> dict[str, str]:
     }
 
 
+# --- transfer ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class World:
+    """One of the two worlds of a task: where it is trained, and where it is tested."""
+
+    training: Training
+    plant: str | None  # of the test; None: the environment has none
+
+    def policy(self, out: Path) -> Policy | None:
+        """Returns the policy of its finished training: of `out`, or the shipped one."""
+        arguments = self.training.arguments or {}
+        folder = out / arguments["plant"] if arguments.get("plant") == KINEMATIC else out
+        folder /= self.training.name
+        if (folder / "scores.csv").exists():
+            return Policy.load(folder / f"part-{finished_parts(folder)}" / "policy.npz")
+        shipped = shipped_file(self.training.environment, self.training.algorithm)
+        if folder.parent == out and self.training.seed == 0 and shipped.exists():
+            return Policy.load(shipped)
+        return None
+
+
+def worlds(task: Training) -> dict[str, World] | None:
+    """Returns the kinematic and the physical world of a training in the latter; None: not both.
+
+    The decisions have a fast world of kinematic vehicles, the tasks with pedals and steering wheel
+    a truck without slip.
+    """
+    if task.environment == "iits_mj/Highway-v0":
+        fast = next(
+            other
+            for other in trainings()
+            if other.environment == "iits_mj/HighwayFast-v0"
+            and (other.algorithm, other.seed) == (task.algorithm, task.seed)
+        )
+        return {"kinematic": World(fast, None), "physical": World(task, "full")}
+    if gymnasium.spec(task.environment).kwargs.get("task") is None:
+        return None
+    return {
+        "kinematic": World(with_plant(task, KINEMATIC), KINEMATIC),
+        "physical": World(task, "full"),
+    }
+
+
+def with_plant(task: Training, plant: str) -> Training:
+    """Returns a training on another plant."""
+    return replace(task, arguments={**(task.arguments or {}), "plant": plant})
+
+
+def score_transfers(tasks: Sequence[Training], out: Path) -> None:
+    """Scores finished trainings in both worlds, as far as the table lacks them, and adds them.
+
+    A task has a row as soon as a policy of its kinematic world is there.
+    """
+    columns = rl_results.TRANSFERS
+    rows = {tuple(row[key] for key in columns[:5]): row for row in rl_results.read("transfer")}
+    for task in tasks:
+        pair = worlds(task)
+        if pair is None or pair["kinematic"].policy(out) is None:
+            continue
+        for trained, source in pair.items():
+            policy = source.policy(out)
+            for tested, target in pair.items():
+                key = (task.environment, task.algorithm, trained, tested, str(task.seed))
+                if policy is None or key in rows:
+                    continue
+                arguments = {} if target.plant is None else {"plant": target.plant}
+                returns, _, failures = score(
+                    target.training.environment,
+                    _network(policy),
+                    TEST_SEEDS,
+                    TEST_EPISODES,
+                    arguments,
+                )
+                figures = (f"{np.mean(returns):.4f}", f"{1.0 - np.mean(failures):.2f}")
+                rows[key] = dict(zip(columns, (*key, *figures), strict=True))
+                print(*rows[key].values(), flush=True)
+                table = [rows[key] for key in sorted(rows)]
+                _write(rl_results.TABLES / "transfer.csv", columns, table)
+    rl_results.write_page()
+
+
 def _setting(text: str) -> tuple[str, Any]:
     """Returns a hyperparameter and its value of KEY=VALUE."""
     key, equals, value = text.partition("=")
@@ -408,7 +503,7 @@ def _setting(text: str) -> tuple[str, Any]:
 def main() -> None:
     """Runs a command."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
-    parser.add_argument("command", choices=("train", "status", "levels", "results"))
+    parser.add_argument("command", choices=("train", "status", "levels", "results", "transfer"))
     parser.add_argument("--out", type=Path, required=True, help="folder of the trainings")
     parser.add_argument("--only", nargs="+", default=[], help="environments, without version")
     parser.add_argument("--algorithms", nargs="+", default=["ppo", "sac", "dqn"])
@@ -417,8 +512,9 @@ def main() -> None:
     parser.add_argument(
         "--set", nargs="+", type=_setting, default=[], metavar="KEY=VALUE", help="hyperparameters"
     )
+    parser.add_argument("--plant", choices=PLANTS, help="of each training, instead of its own")
     asked = parser.parse_args()
-    variant = asked.steps is not None or bool(asked.set)
+    variant = asked.steps is not None or bool(asked.set) or asked.plant is not None
     known = {short(task.environment) for task in trainings()}
     if unknown := sorted(set(asked.only) - known):
         parser.error(f"--only {' '.join(unknown)}: must be of {', '.join(sorted(known))}")
@@ -435,9 +531,14 @@ def main() -> None:
     ]
     if not tasks:
         parser.error("no training has these --only, --algorithms and --seeds; see rl_suite.toml")
-    if variant and asked.command in ("levels", "results"):
-        parser.error(f"--steps and --set are of train and status, not of {asked.command}")
+    if variant and asked.command not in ("train", "status"):
+        parser.error(f"--steps, --set and --plant are of train and status, not of {asked.command}")
+    if asked.plant is not None:
+        tasks, asked.out = [with_plant(t, asked.plant) for t in tasks], asked.out / asked.plant
     asked.out.mkdir(parents=True, exist_ok=True)
+    if asked.command == "transfer":
+        score_transfers(tasks, asked.out)
+        return
     if asked.command == "results":
         results(asked.out)
         return

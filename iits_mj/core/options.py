@@ -117,7 +117,8 @@ def plant_option() -> Any:
     return option(
         "full",
         help="model of the truck's motion; full: MuJoCo's bodies; yaw-roll: planar motion and the "
-        "roll of each unit; yaw-sideslip: planar motion; the planar ones take less time",
+        "roll of each unit; yaw-sideslip: planar motion; kinematic: planar motion, without slip; "
+        "the planar ones take less time",
         choices=PLANTS,
         group="truck",
     )

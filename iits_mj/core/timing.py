@@ -1,7 +1,9 @@
 """Plants of the truck, and periods of the clock that all parts of a simulation share [s]."""
 
-# Models of the truck's motion: MuJoCo's bodies, or planar motion with and without roll.
-PLANTS = ("full", "yaw-roll", "yaw-sideslip")
+# Models of the truck's motion: MuJoCo's bodies, planar motion with and without roll, and planar
+# motion without slip.
+DYNAMIC_PLANTS = ("full", "yaw-roll", "yaw-sideslip")
+PLANTS = (*DYNAMIC_PLANTS, "kinematic")
 # Time step of the physics; a drive may use another one that divides CONTROL_PERIOD.
 TIMESTEP = 0.002
 # Period at which the tracking controller commands the truck.

@@ -19,8 +19,11 @@ RANGE = (
     "a coupling has reached its stop in yaw",
     "a unit rolls by more than 0.17 rad",
     "a crest or dip of the road changes the loads by more than a tenth",
+    "a unit without slip turns with more than 2 m/s2",
 )
 _MESSAGE_SIZE = 512
+# In the order of `Motion` there.
+_MOTIONS = ("yaw-sideslip", "yaw-roll", "kinematic")
 
 
 @functools.cache
@@ -51,7 +54,8 @@ class Plant:
     and the last part of `userdata`. A change of positions or velocities from outside counts.
 
     Args:
-      kind: "yaw-sideslip", or "yaw-roll" with the roll of each unit as a state.
+      kind: "yaw-sideslip"; "yaw-roll", with the roll of each unit as a state; or "kinematic", whose
+        axles do not slip sideways.
       prefix: of the truck's names in the model.
     """
 
@@ -106,7 +110,7 @@ class Plant:
         functions = _functions()
         message = ctypes.create_string_buffer(_MESSAGE_SIZE)
         handle = functions["create"](
-            model._address, self._prefix.encode(), self.kind == "yaw-roll", message, _MESSAGE_SIZE
+            model._address, self._prefix.encode(), _MOTIONS.index(self.kind), message, _MESSAGE_SIZE
         )
         if not handle:
             raise InputError(f"plant {self.kind}: {message.value.decode()}")

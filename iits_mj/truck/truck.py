@@ -223,8 +223,9 @@ class Truck:
           route: the road; default: a flat plane, driven along x.
           timestep: of the physics [s], 0.0005 to 0.005.
           plant: model of the motion: "full", MuJoCo's bodies; "yaw-sideslip", planar motion with
-            quasi-static load transfer; "yaw-roll", planar motion and the roll of each unit. Planar
-            plants have the same tires, powertrain, brakes and steering, and cost a sixth.
+            quasi-static load transfer; "yaw-roll", planar motion and the roll of each unit;
+            "kinematic", planar motion of axles that do not slip sideways. Planar plants have the
+            same tires, powertrain, brakes and steering, and cost a sixth.
           visuals: adds what pictures show of truck, road and landscape; the physics is the same
             without, a step takes less time.
           edit_spec: called with the specification before it is compiled, to add cameras, traffic.

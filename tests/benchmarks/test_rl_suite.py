@@ -11,7 +11,9 @@ from controllers.decision.trip import TEST_SEEDS
 from iits_mj.envs import ENVIRONMENTS
 from iits_mj.envs.baselines import Policy
 
-PAGE = "".join(f"<!-- {name} -->\n<!-- end -->\n" for name in ("scores", "summary", "costs"))
+PAGE = "".join(
+    f"<!-- {name} -->\n<!-- end -->\n" for name in ("scores", "summary", "transfer", "costs")
+)
 
 
 class Killed(Exception):
@@ -117,13 +119,35 @@ def test_the_levels_are_scored_on_the_first_test_episodes(tmp_path, monkeypatch)
     rows = rl_results.read("levels")
     levels = {"iits_mj/HighwayFastEasy-v0", name, "iits_mj/HighwayFastHard-v0"}
     assert {row["environment"] for row in rows} == levels
-    returned, _ = rl_suite.score("iits_mj/HighwayFastHard-v0", rl_suite._random, TEST_SEEDS, 2)
+    returned, *_ = rl_suite.score("iits_mj/HighwayFastHard-v0", rl_suite._random, TEST_SEEDS, 2)
     found = rl_results.returns(rows)
     assert found["iits_mj/HighwayFastHard-v0", "random"] == pytest.approx(
         np.mean(returned), abs=1e-4
     )
     line = next(x for x in rl_results.level_table(rows).splitlines() if f"`{name}`" in x)
     assert "pending" not in line
+
+
+def test_a_policy_of_the_kinematic_world_is_scored_in_both(tmp_path, monkeypatch):
+    monkeypatch.setattr(rl_suite, "VALIDATION_EPISODES", 1)
+    monkeypatch.setattr(rl_suite, "TEST_EPISODES", 2)
+    monkeypatch.setattr(rl_results, "TABLES", tmp_path)
+    monkeypatch.setattr(rl_results, "write_page", lambda: None)
+    settings = {"n_steps": 16, "batch_size": 16}
+    task = rl_suite.Training("iits_mj/TightTurn-v0", "ppo", 0, 16, 1, 1, None, settings)
+    rl_suite.score_transfers([task], tmp_path)
+    assert rl_results.read("transfer") == []
+    trained = rl_suite.with_plant(task, "kinematic")
+    rl_suite.train(trained, tmp_path / "kinematic" / task.name)
+    rl_suite.score_transfers([task], tmp_path)
+    rows = rl_results.read("transfer")
+    # The policy of seed 0 in the physical world ships with the package.
+    pairs = [(row["trained"], row["tested"]) for row in rows]
+    kinds = ("kinematic", "physical")
+    assert pairs == [(trained, tested) for trained in kinds for tested in kinds]
+    assert len({row["return"] for row in rows}) == 4
+    table = rl_results.transfer_table(rows)
+    assert "| `iits_mj/TightTurn-v0` ppo | physical | 1 | 100.0 %, " in table
 
 
 def test_the_page_shows_the_tables_of_its_files():
@@ -192,7 +216,7 @@ def test_a_variant_is_trained_although_the_tables_have_the_training(tmp_path, mo
     [
         (["train", "--only", "Stpo"], "--only Stpo: must be of Cruise, CutIn, Dock"),
         (["train", "--only", "Stop", "--algorithms", "dqn"], "no training has"),
-        (["levels", "--steps", "5"], "--steps and --set are of train"),
+        (["levels", "--steps", "5"], "--steps, --set and --plant are of train"),
     ],
 )
 def test_a_wrong_choice_of_trainings_is_refused(arguments, said, tmp_path, monkeypatch, capsys):

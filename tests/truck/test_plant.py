@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from iits_mj import suite
-from iits_mj.analytic import YawPlane
+from iits_mj.analytic import Kinematic, YawPlane
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import TransmissionMode
-from iits_mj.core.timing import PLANTS
+from iits_mj.core.timing import DYNAMIC_PLANTS, PLANTS
 from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.design import Design
@@ -19,6 +19,7 @@ from iits_mj.truck.placement import TruckPlacement
 from iits_mj.truck.rollouts import Scenario, roll_out
 
 PLANAR = PLANTS[1:]
+SLIPPING = DYNAMIC_PLANTS[1:]
 STEP = 0.005
 
 
@@ -157,7 +158,7 @@ def test_a_slippery_road_lengthens_a_stop(plant):
     assert stops[1] > 1.8 * stops[0]
 
 
-@pytest.mark.parametrize("plant", PLANAR)
+@pytest.mark.parametrize("plant", SLIPPING)
 def test_small_steady_steering_turns_as_the_linear_model(plant):
     parameters = {
         "units": {"trailer": {"coupling": {"yaw_friction": 0.0}}},
@@ -175,7 +176,7 @@ def test_small_steady_steering_turns_as_the_linear_model(plant):
 
 @pytest.mark.parametrize("name", shipped_trucks())
 @pytest.mark.parametrize("share", [0.0, 1.0])
-@pytest.mark.parametrize("plant", PLANAR)
+@pytest.mark.parametrize("plant", SLIPPING)
 def test_every_truck_turns_and_burns_as_its_bodies_do(name, share, plant):
     payload = share * TruckParameters.load(name).payload_max
 
@@ -215,7 +216,7 @@ def test_pose_and_wheel_loads_on_a_tilted_climbing_bend_are_those_of_the_bodies(
     name, wind, flat, bend
 ):
     trucks = {}
-    for plant in PLANTS:
+    for plant in DYNAMIC_PLANTS:
         truck = trucks[plant] = load(plant, truck=name, route=bend)
         truck.reset(station=150.0, speed=14.0)
         truck.model.opt.wind[:] = wind
@@ -263,7 +264,7 @@ def test_a_truck_rolls_down_a_steep_slope_as_its_bodies_do():
     assert speeds[0] > 11.0
     np.testing.assert_allclose(speeds[1:], speeds[0], rtol=2e-3)
     np.testing.assert_allclose(stations[1:], stations[0], atol=0.1)
-    np.testing.assert_allclose(loads[1:], [loads[0]] * 2, atol=1500.0)
+    np.testing.assert_allclose(loads[1:], [loads[0]] * 3, atol=1500.0)
 
 
 @pytest.mark.parametrize("plant", PLANAR)
@@ -300,7 +301,7 @@ def test_a_state_that_is_read_from_the_joints_again_shows_the_same_pose(plant, b
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-@pytest.mark.parametrize("plant", PLANAR)
+@pytest.mark.parametrize("plant", SLIPPING)
 def test_a_coupling_holds_at_its_stop(plant, side):
     limit = 0.3
     parameters = {"units": {"trailer": {"coupling": {"yaw_limit": limit}}}}
@@ -319,7 +320,9 @@ def test_a_coupling_holds_at_its_stop(plant, side):
     assert np.abs(rates).max() < 0.02
 
 
-def test_load_moves_forward_when_braking_and_outward_in_a_bend(truck):
+@pytest.mark.parametrize("plant", SLIPPING)
+def test_load_moves_forward_when_braking_and_outward_in_a_bend(plant):
+    truck = load(plant)
     truck.reset(speed=20.0)
     truck.command(accelerator_pedal=0.3)
     truck.step(200)
@@ -358,7 +361,7 @@ def test_a_change_of_velocities_from_outside_counts(truck):
     assert truck.observe().speed == pytest.approx(5.0, abs=0.05)
 
 
-@pytest.mark.parametrize("plant", PLANAR)
+@pytest.mark.parametrize("plant", SLIPPING)
 def test_leaving_the_valid_range_is_reported(plant):
     truck = load(plant)
     truck.reset(speed=22.0)
@@ -427,12 +430,60 @@ def test_roll_outs_tell_which_drive_left_the_valid_range():
     assert full.left_range == [()]
 
 
+@pytest.mark.parametrize("name", ["tractor_semitrailer_6x4", "b_double", "rigid_drawbar"])
+def test_the_kinematic_plant_follows_the_kinematic_model(name):
+    truck = load("kinematic", None, truck=name)
+    truck.reset(speed=4.0)
+    model = Kinematic.from_parameters(truck.parameters, truck.payload)
+    steps, rows = 5, []
+    for n in range(800):
+        truck.command(accelerator_pedal=0.2, steering_wheel_angle=4.0 * np.sin(2 * np.pi * n / 400))
+        truck.step(steps)
+        state = truck.observe()
+        hinges = np.array([state.articulation, *state.rear_articulations])
+        rows.append((state.yaw_rate, state.road_wheel_angle, state.speed, *hinges))
+    rate, steer, speed, *hinges = np.array(rows).T
+    time = steps * STEP * np.arange(len(rows))
+    # The speed of the plant is that of the first axle; the model's, of the fixed axles.
+    expected = model.simulate(time, speed, steer)
+    np.testing.assert_allclose(rate, speed * np.tan(steer) / model.L, atol=4e-3)
+    headings = -np.cumsum(hinges, axis=0).T
+    assert np.abs(headings).max() > 0.25
+    np.testing.assert_allclose(headings, expected[:, 4:], atol=0.02)
+
+
+def test_a_kinematic_truck_loses_less_speed_in_bends_than_one_that_slips():
+    speeds = {}
+    for plant, steering in (("kinematic", 0.0), ("kinematic", 8.0), ("yaw-sideslip", 8.0)):
+        truck = load(plant)
+        truck.reset(speed=8.0)
+        truck.command(transmission_mode=float(TransmissionMode.NEUTRAL))
+        for turn in (1.0, -1.0, 0.0):
+            truck.command(steering_wheel_angle=turn * steering)
+            truck.step(600)
+        speeds[plant, steering] = truck.observe().speed
+    straight, bends, slipping = speeds.values()
+    # The axles of a group have no common center of turn, so their tires scrub in any case.
+    assert slipping < bends < straight
+
+
+def test_a_kinematic_truck_that_turns_fast_leaves_the_valid_range():
+    truck = load("kinematic")
+    for speed, left in ((8.0, ()), (20.0, ("a unit without slip turns with more than 2 m/s2",))):
+        truck.reset(speed=speed)
+        truck.command(accelerator_pedal=0.2, steering_wheel_angle=1.0)
+        truck.step(600)
+        assert truck.left_range == left
+
+
 def test_the_full_plant_has_no_limits():
     assert load("full").left_range == ()
 
 
 def test_an_unknown_plant_is_refused():
-    with pytest.raises(InputError, match=r"plant 'bicycle'.*full, yaw-roll, yaw-sideslip"):
+    with pytest.raises(
+        InputError, match=r"plant 'bicycle'.*full, yaw-roll, yaw-sideslip, kinematic"
+    ):
         load("bicycle")
 
 

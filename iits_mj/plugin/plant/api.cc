@@ -7,15 +7,16 @@
 
 #define IITS_EXPORT extern "C" __attribute__((visibility("default")))
 
-IITS_EXPORT void* iits_plant_create(const mjModel* m, const char* prefix, int rolls, char* error,
+IITS_EXPORT void* iits_plant_create(const mjModel* m, const char* prefix, int motion, char* error,
                                     int size);
-void* iits_plant_create(const mjModel* m, const char* prefix, int rolls, char* error, int size) {
+void* iits_plant_create(const mjModel* m, const char* prefix, int motion, char* error, int size) {
   std::string message;
   if (m->nuserdata < static_cast<int>(sizeof(iits::PlantState) / sizeof(mjtNum))) {
     message = "the model has too little userdata";
   }
-  auto plant =
-      message.empty() ? std::make_unique<iits::Plant>(m, prefix, rolls != 0, &message) : nullptr;
+  auto plant = message.empty() ? std::make_unique<iits::Plant>(
+                                     m, prefix, static_cast<iits::Motion>(motion), &message)
+                               : nullptr;
   std::strncpy(error, message.c_str(), size - 1);
   error[size - 1] = 0;
   return message.empty() ? plant.release() : nullptr;

@@ -8,6 +8,17 @@ namespace iits {
 namespace {
 
 constexpr double kCrestMax = 1;  // [m/s2] of the road's height below a unit, a tenth of the weight
+constexpr double kSideMax = 2;   // [m/s2] sideways, where the slip of laden tires nears 2 degrees
+
+// Rotation by about `turn` [rad], exactly orthogonal (Cayley).
+struct Rotation {
+  explicit Rotation(double turn) {
+    const double half = 0.5 * turn, scale = 1 / (1 + half * half);
+    cosine = scale * (1 - half * half);
+    sine = scale * 2 * half;
+  }
+  double cosine, sine;
+};
 
 }  // namespace
 
@@ -34,8 +45,63 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
   PlanarVector<double> acceleration[kUnitsMax];
   Accelerate<kRolls>(inertia_.data(), at.motion, at.force, units, acceleration, at.hitch);
   for (int u = 0; u < units; ++u) s->unit[u].acceleration = acceleration[u];
+  if (kinematic_) FollowAxles(h, s, &at);
   s->left_range = static_cast<int>(s->left_range) | at.left_range;
   if (commit) Advance<kRolls>(m, d, s, &at);
+}
+
+// Replaces the accelerations by those of axles that do not slip sideways: all velocities are then
+// those of `direction` times the speed. The forces along it change the kinetic energy; a change of
+// the direction alone does not.
+void Plant::FollowAxles(double h, PlantState* s, Scratch* at) const {
+  const double reach = steering_->wheelbase[0], half = 0.5 * steering_->track[0];
+  double curvature = 0;
+  for (int side = 0; side < 2; ++side) {
+    const double tangent = std::tan(at->steer[guide_][side]);
+    curvature += 0.5 * tangent / (reach + (side ? -half : half) * tangent);
+  }
+  PlanarVector<double> direction[kUnitsMax];
+  direction[0] = {1, -units_[0].pole * curvature, curvature, 0};
+  double force = 0, mass = 0, energy = 0;  // energy: twice the kinetic one [J]
+  const int units = static_cast<int>(units_.size());
+  for (int u = 0; u < units; ++u) {
+    const PlanarInertia<double>& unit = inertia_[u];
+    PlanarVector<double>& w = direction[u];
+    if (u) {
+      const PlanarVector<double>& ahead = direction[u - 1];
+      const double y = ahead.y + inertia_[u - 1].hitch_x * ahead.yaw;
+      w.x = at->motion[u].cosine * ahead.x + at->motion[u].sine * y;
+      w.y = at->motion[u].cosine * y - at->motion[u].sine * ahead.x;
+      w.yaw = -w.y / units_[u].pole;
+      w.roll = 0;
+    }
+    const PlanarVector<double>& q = at->force[u];
+    const PlanarMotion<double>& v = at->motion[u];
+    force += q.x * w.x + q.y * w.y + q.yaw * w.yaw;
+    mass += unit.mass * (w.x * w.x + w.y * w.y) + (2 * unit.x * w.y + unit.xx * w.yaw) * w.yaw;
+    energy += unit.mass * (v.vx * v.vx + v.vy * v.vy) +
+              (2 * unit.x * v.vy + unit.xx * v.yaw_rate) * v.yaw_rate;
+  }
+  const double speed = std::copysign(std::sqrt(energy / mass), s->vx) + h * force / mass;
+  for (int u = 0; u < units; ++u) {
+    PlanarVector<double>* to = &s->unit[u].acceleration;
+    to->yaw = (speed * direction[u].yaw - s->unit[u].yaw_rate) / h;
+    if (abs(speed * speed * direction[u].x * direction[u].yaw) > kSideMax) at->left_range |= kSlip;
+    if (u) {
+      // Of the hitch of the unit ahead, along this unit's axes.
+      const PlanarVector<double>& ahead = s->unit[u - 1].acceleration;
+      const double rate = s->unit[u - 1].yaw_rate, reach_back = inertia_[u - 1].hitch_x;
+      const double x = ahead.x - reach_back * rate * rate, y = ahead.y + reach_back * ahead.yaw;
+      to->x = at->motion[u].cosine * x + at->motion[u].sine * y;
+      to->y = at->motion[u].cosine * y - at->motion[u].sine * x;
+    } else {
+      // What the rotation of the axes in `Advance` turns to the velocities wanted.
+      const double x = speed, y = speed * direction[0].y;
+      const auto [c, sn] = Rotation(h * speed * curvature);
+      to->x = (c * x - sn * y - s->vx) / h;
+      to->y = (sn * x + c * y - s->vy) / h;
+    }
+  }
 }
 
 // Integrates, semi-implicitly: velocities first, then positions with the new velocities.
@@ -88,10 +154,9 @@ void Plant::Advance(const mjModel* m, mjData* d, PlantState* s, Scratch* scratch
     }
     if (u) unit->articulation += h * (unit->yaw_rate - s->unit[u - 1].yaw_rate);
   }
-  // The velocity over ground turns against the unit's axes, by Cayley's exact rotation.
-  const double turn = h * s->unit[0].yaw_rate, half = 0.5 * turn;
-  const double scale = 1 / (1 + half * half);
-  const double c = scale * (1 - half * half), sn = scale * 2 * half;
+  // The velocity over ground turns against the unit's axes.
+  const double turn = h * s->unit[0].yaw_rate;
+  const auto [c, sn] = Rotation(turn);
   // Horizontal parts of the velocity along the road's plane.
   const double across = at.slope[0][1] * at.cosine[0] - at.slope[0][0] * at.sine[0];
   const double along = at.slope[0][0] * at.cosine[0] + at.slope[0][1] * at.sine[0];

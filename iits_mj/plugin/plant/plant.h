@@ -40,12 +40,15 @@ struct PlantState {
 };
 
 // Limits of the model's validity.
-enum Range { kWheelLift = 1, kArticulation = 2, kRollAngle = 4, kCrest = 8 };
+enum Range { kWheelLift = 1, kArticulation = 2, kRollAngle = 4, kCrest = 8, kSlip = 16 };
+
+// Motions of the plant: with the units' roll as states, without it, or without slip of the axles.
+enum class Motion { kYawSideslip, kYawRoll, kKinematic };
 
 class Plant {
  public:
   // Reads the truck with a name prefix from a model; `error` is not empty if it is not possible.
-  Plant(const mjModel* m, const std::string& prefix, bool rolls, std::string* error);
+  Plant(const mjModel* m, const std::string& prefix, Motion motion, std::string* error);
   ~Plant();
   Plant(const Plant&) = delete;
   Plant& operator=(const Plant&) = delete;
@@ -79,14 +82,16 @@ class Plant {
   void AddAir(const mjModel* m, int u, Scratch* at) const;
   void AddRoll(double h, int u, PlantState* s, Scratch* at) const;
   void AddCouplings(double h, mjData* d, const PlantState& s, Scratch* at) const;
+  void FollowAxles(double h, PlantState* s, Scratch* at) const;
   void MoveLoads(double h, double gravity, const Scratch& at, PlantState* s) const;
   void RollStatically(double h, Scratch* at, PlantState* s) const;
 
-  bool rolls_;
+  bool rolls_, kinematic_;
   mjData* own_ = nullptr;  // the plugins' objects
   int lead_qpos_ = 0, lead_dof_ = 0;
   std::vector<Unit> units_;
   std::vector<PlanarInertia<double>> inertia_;  // of the units, in sequence
+  int guide_ = -1;                              // axle that the linkage steers first
   std::vector<Axle> axles_;
   RoadTable road_;
   int road_address_ = 0;

@@ -17,8 +17,10 @@ bool IsPlugin(const mjModel* m, int instance, const char* name) {
 
 }  // namespace
 
-Plant::Plant(const mjModel* m, const std::string& prefix, bool rolls, std::string* error)
-    : rolls_(rolls), own_(mj_makeData(m)) {
+Plant::Plant(const mjModel* m, const std::string& prefix, Motion motion, std::string* error)
+    : rolls_(motion == Motion::kYawRoll),
+      kinematic_(motion == Motion::kKinematic),
+      own_(mj_makeData(m)) {
   mj_kinematics(m, own_);
   mj_comPos(m, own_);
   if (!FindUnits(m, prefix, error) || !FindAxles(m, error) || !FindPlugins(m, prefix, error)) {
@@ -194,6 +196,20 @@ bool Plant::FindPlugins(const mjModel* m, const std::string& prefix, std::string
   }
   for (Axle& axle : axles_) {
     if (axle.target >= 0) axle.knuckle_stiffness += steering_->stiffness;
+    if (axle.target == 0) guide_ = static_cast<int>(&axle - axles_.data());
+  }
+  if (guide_ < 0) {
+    *error = "the steering turns no axle of the truck";
+    return false;
+  }
+  for (size_t u = 0; u < units_.size(); ++u) {
+    Unit& unit = units_[u];
+    double load = 0, moment = 0;
+    for (int a = unit.first_axle; a < unit.end_axle; ++a) {
+      load += axles_[a].static_load;
+      moment += axles_[a].static_load * axles_[a].x;
+    }
+    unit.pole = u ? moment / load : axles_[guide_].x - steering_->wheelbase[0];
   }
   for (int body = 0; body < m->nbody; ++body) {
     if (!IsPlugin(m, m->body_plugin[body], "iits.aerodynamics")) continue;

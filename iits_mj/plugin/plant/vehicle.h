@@ -45,6 +45,7 @@ struct Plant::Unit {
   double tilting;        // roll moment of the weights per roll angle [N m/rad]
   double coupling_load;  // vertical load on the coupling [N]
   int first_axle, end_axle;
+  double pole;  // place of the axles' center, which does not move sideways without slip [m]
   // Fifth wheel.
   const FifthWheel<double>* law = nullptr;
   int law_state = 0, yaw_qpos = 0, yaw_dof = 0;

@@ -17,7 +17,7 @@ from iits_mj.core.assets import DEFAULT_TRUCK
 from iits_mj.core.messages import EgoState, VehicleCommand, XbrMode
 from iits_mj.core.progress import each
 from iits_mj.core.results import Findings, Line, Results
-from iits_mj.core.timing import PLANTS
+from iits_mj.core.timing import DYNAMIC_PLANTS
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.road import RoadMap, Route
@@ -201,10 +201,10 @@ def compare(maneuver: Maneuver, truck: str = DEFAULT_TRUCK) -> Findings:
     """Errors of both planar plants in one maneuver of a shipped truck; the default has bounds."""
     bounded = truck == DEFAULT_TRUCK
     found = Findings(f"{truck}, {maneuver.name}" if not bounded else maneuver.name)
-    full, _ = maneuver.drive(truck, PLANTS[0])
+    full, _ = maneuver.drive(truck, DYNAMIC_PLANTS[0])
     lines = [Line("full", full.time, full.yaw_rate, "reference")]
     peaks = _peaks(full)
-    for plant in PLANTS[1:]:
+    for plant in DYNAMIC_PLANTS[1:]:
         trace, left = maneuver.drive(truck, plant)
         errors = _errors(trace, full)
         for (name, unit), bound in zip(_QUANTITIES.items(), maneuver.bounds, strict=True):
@@ -249,8 +249,8 @@ def compare_savings() -> Findings:
     """Saving of a fuel-optimal plan against a cruise through a valley, with each plant."""
     found = Findings("PCC replay through a valley")
     case = valley_case(_VALLEY, _TIMESTEP)
-    drives = {plant: replay_drives.run(replace(case, plant=plant)) for plant in PLANTS}
-    full = drives.pop(PLANTS[0])
+    drives = {plant: replay_drives.run(replace(case, plant=plant)) for plant in DYNAMIC_PLANTS}
+    full = drives.pop(DYNAMIC_PLANTS[0])
     for plant, drive in drives.items():
         change = 100.0 * abs(drive.raw_saving - full.raw_saving)
         found.check(f"{plant}, saving", change, "points", 100.0 * full.raw_saving, "<= 0.3")
