@@ -53,9 +53,9 @@ _HALVINGS = 30  # for the price of a second
 _TIME = 2e-4  # relative shortfall of the trip time that ends the search
 _ITERATIONS = 6  # for the force at the mean speed of an interval
 _MARGIN = 2e-3  # of v^2 above the fastest drive
-# Share of v^2 by which the bound's drives may be slower where full power does not reach the band:
+# Shares of v^2 by which the bound's drives may be slower where full power does not reach the band:
 # there all drives are near the least speeds, and the values must not rise steeply.
-_SLOWER = 0.1
+_SLOWER = (0.1, 0.2)
 _DEAREST = 0.2  # [kg/s], a price of a second at which every plan is the fastest one
 _VALUES = kernels.function("iits_joint_values", None, *3 * [kernels.Address])
 _BOUND = kernels.function(
@@ -411,9 +411,14 @@ def lower_bound(task: JointTask, time_max: float, samples: int = 2) -> float:
     task = tightened(task)
     out_of_band = task.b_low < task.b_low[1:-1].max() * (1.0 - 1e-9)
     out_of_band[[0, -1]] = False
-    task = replace(task, b_low=np.where(out_of_band, (1.0 - _SLOWER) * task.b_low, task.b_low))
-    values = np.zeros((task.road.station.size, task.states))
-    values[-1] = -task.worth * np.linspace(task.b_low[-1], task.b_high[-1], task.states)
-    packed = _Packed(task)
-    _BOUND(*packed.addresses, samples, kernels.address(values))
-    return float(values[0, 0] - float(np.mean(task.price)) * time_max)
+    bounds = []
+    for share in _SLOWER:
+        slower = replace(task, b_low=np.where(out_of_band, (1.0 - share) * task.b_low, task.b_low))
+        values = np.zeros((slower.road.station.size, slower.states))
+        values[-1] = -slower.worth * np.linspace(slower.b_low[-1], slower.b_high[-1], slower.states)
+        packed = _Packed(slower)
+        _BOUND(*packed.addresses, samples, kernels.address(values))
+        bounds.append(float(values[0, 0] - float(np.mean(slower.price)) * time_max))
+        if not out_of_band.any():
+            break
+    return max(bounds)

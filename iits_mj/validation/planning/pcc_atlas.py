@@ -56,7 +56,6 @@ from iits_mj.validation.planning.speed_tracking import gear_changes
 
 LONG_HAUL = "long_haul_cycle.csv"
 _LENGTH = 15_000.0  # [m]
-_HAUL = (20_000.0, _LENGTH)  # first station and length of the stretch of the long haul [m]
 MASSES = (19_000.0, 40_000.0, 55_000.0)  # [kg]
 # Set speed, least and greatest speed [km/h].
 BANDS = ((84.0, 79.0, 89.0), (80.0, 65.0, 90.0), (72.0, 45.0, 90.0))
@@ -184,15 +183,13 @@ def made_roads() -> dict[str, RoadProfile]:
 
 
 def read_long_haul(path: Path) -> RoadProfile:
-    """Returns a stretch of a VECTO cycle's road from a CSV file with distance_m, grade_percent."""
+    """Returns the road of a VECTO cycle from a CSV file with distance_m, grade_percent."""
     columns = (("distance_m",), ("grade_percent",))
     distance, percent = read_columns(path, "cycle", columns)
     height = np.concatenate([[0.0], np.cumsum(np.diff(distance) * percent[:-1] / 100.0)])
     moves = np.concatenate([[True], np.diff(distance) > 0.0])
-    start, length = _HAUL
-    return RoadProfile.from_heights(
-        distance[moves], height[moves], STEP, length, "long haul", start
-    )
+    length = distance[-1] - distance[-1] % STEP
+    return RoadProfile.from_heights(distance[moves], height[moves], STEP, length, "long haul", 0.0)
 
 
 def atlas_roads(config: ValidateConfig) -> tuple[dict[str, RoadProfile], list[str]]:
@@ -406,8 +403,8 @@ def atlas_results(atlas: Atlas) -> Results:
         "the first its range when rolling resistance and drag area change by 10 %, the mass by "
         "3 %; beside the changes of gear those of the cruise; beside a driven saving the one that "
         "the planner expected with the truck's power on climbs",
-        f"the long haul is {_HAUL[1] / 1e3:g} km of VECTO's cycle from {_HAUL[0] / 1e3:g} km on, "
-        "at the speeds of the band; flat to mountain pass are made by formula",
+        "the long haul is the road of VECTO's cycle, at the speeds of the band; flat to mountain "
+        "pass are made by formula",
     ]
     return results
 

@@ -55,9 +55,9 @@ def test_long_haul_is_read_by_its_grades(tmp_path):
     lines = "".join(f"{d},84,{1.0 if d < 25_000 else -1.0},0\n" for d in distance)
     path.write_text("distance_m,target_speed_kph,grade_percent,stop_s\n" + lines)
     road = read_long_haul(path)
-    assert road.length == 15_000.0
-    assert road.grade[:99] == pytest.approx(0.01)
-    assert road.grade[101:] == pytest.approx(-0.01)
+    assert road.length == 40_000.0
+    assert road.grade[:499] == pytest.approx(0.01)
+    assert road.grade[501:] == pytest.approx(-0.01)
 
 
 def test_middle_cell_is_the_first_and_others_differ_in_one_thing():
