@@ -138,17 +138,20 @@ def transfer_table(rows: list[dict[str, str]]) -> str:
     ]
     for (environment, method), cells in found.items():
         for trained in ("kinematic", "physical"):
-            if (trained, "kinematic") not in cells:
-                continue
+            # Only seeds with both tests count, so that the two cells are of the same policies.
+            tests = [cells.get((trained, tested), []) for tested in ("kinematic", "physical")]
+            seeds = set.intersection(*({row["seed"] for row in cell} for cell in tests))
             shown = []
-            for tested in ("kinematic", "physical"):
-                cell = cells[trained, tested]
-                success = np.mean([float(row["success"]) for row in cell])
-                value = np.mean([float(row["return"]) for row in cell])
-                shown.append(f"{100.0 * success:.1f} %, {_number(value)}")
-            seeds = len(cells[trained, "kinematic"])
+            for cell in tests:
+                both = [row for row in cell if row["seed"] in seeds]
+                means = [
+                    np.mean([float(row[key]) for row in both]) for key in ("success", "return")
+                ]
+                shown.append(
+                    f"{100.0 * means[0]:.1f} %, {_number(means[1])}" if both else "pending"
+                )
             lines.append(
-                f"| `{environment}` {method} | {trained} | {seeds} | {' | '.join(shown)} |"
+                f"| `{environment}` {method} | {trained} | {len(seeds)} | {' | '.join(shown)} |"
             )
     return "\n".join(lines)
 
