@@ -144,12 +144,13 @@ def transfer_table(rows: list[dict[str, str]]) -> str:
             shown = []
             for cell in tests:
                 both = [row for row in cell if row["seed"] in seeds]
-                means = [
-                    np.mean([float(row[key]) for row in both]) for key in ("success", "return")
-                ]
-                shown.append(
-                    f"{100.0 * means[0]:.1f} %, {_number(means[1])}" if both else "pending"
-                )
+                if both:
+                    success, value = (
+                        np.mean([float(row[key]) for row in both]) for key in ("success", "return")
+                    )
+                    shown.append(f"{100.0 * success:.1f} %, {_number(value)}")
+                else:
+                    shown.append("pending")
             lines.append(
                 f"| `{environment}` {method} | {trained} | {len(seeds)} | {' | '.join(shown)} |"
             )
