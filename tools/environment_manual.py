@@ -182,8 +182,9 @@ def _index() -> str:
         _NOTE,
         "The same truck, tasks and rewards for dm_control and Gymnasium. "
         '`gymnasium.make("iits_mj:iits_mj/LaneKeep-v0")` imports the package and makes the '
-        "environment; after `import iits_mj.envs` the id alone is enough. In Gymnasium, an "
-        "observation is one vector, each number divided by its scale and clipped to [-5, 5].",
+        "environment; after `import iits_mj` the id alone is enough. In Gymnasium, an observation "
+        "of a driving task (actions `drive`, `steer`) is one vector, each number divided by its "
+        "scale and clipped to [-5, 5]; the pages of the other environments describe theirs.",
         _table(("", "dm_control", "Gymnasium", "actions", ""), rows),
         "Every id but `Hoel2020` has an easier and a harder level, as `iits_mj/CruiseEasy-v0` and "
         "`iits_mj/CruiseHard-v0`; each page says how they differ. `max_episode_steps` ends an "

@@ -2,10 +2,10 @@
 
 Truck: closed-form solutions, standards and the paper. Traffic: the theory of its model and, with
 --data, recorded traffic. Planning: its limits and bounds and the truck itself, with --roads on
-other roads, too. Groups aeb, emergency braking by UN R131, and alks, lane keeping by UN R157, are
-not part of all. --truck measures another truck: all groups but those that drive the default truck
-only; group truck has its main figures on one page. Exit code 0 when every check holds, 1 when a
-check falls short.
+other roads, too. Groups aeb, emergency braking by UN R131, alks, lane keeping by UN R157,
+credibility, and measured, which needs --measured, are not part of all. --truck measures another
+truck: all groups but those that drive the default truck only; group truck has its main figures on
+one page. Exit code 0 when every check holds, 1 when a check falls short.
 """
 
 from __future__ import annotations

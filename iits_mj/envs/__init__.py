@@ -5,7 +5,7 @@
     environment = gymnasium.make("iits_mj:iits_mj/LaneKeep-v0")
 
 Gymnasium imports the module before the colon, in every worker process as well. After
-`import iits_mj.envs` the id alone is enough: `gymnasium.make("iits_mj/LaneKeep-v0")`.
+`import iits_mj` the id alone is enough: `gymnasium.make("iits_mj/LaneKeep-v0")`.
 """
 
 from typing import Any

@@ -75,7 +75,7 @@ class ValidateConfig:
         metavar="DIR",
         group="run",
     )
-    quick: bool = option(False, help="a shorter form that ends within a minute", group="run")
+    quick: bool = option(False, help="a shorter form, of about a minute", group="run")
 
     def __post_init__(self) -> None:
         options.check(self)
