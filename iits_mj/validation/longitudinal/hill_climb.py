@@ -229,22 +229,15 @@ def _hold_for(truck: Truck, grade: float) -> float:
 
     def pedal(gear: int, slope: float) -> float:
         force = float(balance.resistance(0.0, slope))
-        return _pedal(balance, balance.needed_torque(force, gear, balance.launch_speed))
+        torque = balance.needed_torque(force, gear, balance.launch_speed)
+        # The slipping clutch carries the torque.
+        return balance.pedal(torque, balance.carrying_speed(torque))
 
     # The gearbox chooses the gear by the pedal; a light truck would overcome its parking brake.
     gear = _hold(truck, pedal(1, _STEEPEST), _CHOOSE)
     found = pedal(gear, grade + _SURPLUS)
     _hold(truck, found, _SETTLE)
     return found
-
-
-def _pedal(balance: ForceBalance, torque: float) -> float:
-    """Pedal that requests this torque [N m] while the slipping clutch carries it."""
-    engine = balance.parameters.engine
-    speed = balance.carrying_speed(torque)
-    table = engine.pedal_map
-    asked = [np.interp(speed, table.rows, column) for column in table.values.T]
-    return float(np.interp(torque, asked, table.columns))
 
 
 def _climbs(
