@@ -22,10 +22,9 @@ from controllers.own_parts import DECISION
 from iits_mj.core import options
 from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
-from iits_mj.core.options import option, plant_option
+from iits_mj.core.options import jobs_option, option, plant_option, timestep_option
 from iits_mj.core.own_parts import FILES, FORMS
 from iits_mj.core.process_pool import run_all
-from iits_mj.core.timing import TIMESTEP
 from iits_mj.evaluation import drives, trials
 from iits_mj.evaluation.hulls import SWEEP
 from iits_mj.evaluation.trials import EMPTY, WORLDS, Task, Trial, weights_digest
@@ -102,9 +101,7 @@ class EvaluateConfig(PriceOptions):
     payload: float | None = payload_option(
         help=f"load of the truck; without it {TripConfig.payload:g} kg, or the greatest if less"
     )
-    timestep: float = option(
-        TIMESTEP, help="time step of the physics", unit="s", low=0.0005, high=0.005, group="run"
-    )
+    timestep: float = timestep_option()
     length: float = option(
         15_000.0,
         help="length of a trip, which also ends at the end of the road",
@@ -130,9 +127,7 @@ class EvaluateConfig(PriceOptions):
     seed: int = option(
         0, help="number of the set of seeds", low=0, high=SETS_MAX - 1, group="traffic"
     )
-    jobs: int = option(
-        1, help="number of processes; each drives one trip", low=1, high=256, group="run"
-    )
+    jobs: int = jobs_option(help="number of processes; each drives one trip")
     file: Path | None = option(
         None,
         help="file of trials; trials that it contains are not driven again; default with --report: "
