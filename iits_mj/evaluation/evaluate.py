@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -241,7 +241,7 @@ def run(
       config: settings.
       progress: called with the numbers of finished trials and of all trials.
       say: gets messages for the user; default: they are printed on stderr.
-      drive_all: drives tasks; default: `drive_trials`.
+      drive_all: drives tasks; default: `process_pool.run_all`.
 
     Raises:
       InputError: the file of trials or the weights are not usable.
@@ -261,7 +261,7 @@ def run(
         # Refuse unusable weights before the first trial.
         weights = None if config.weights is None else str(config.weights)
         decision.make("ddqn", weights, config.prices())
-    drive_all = drive_all or drive_trials
+    drive_all = drive_all or functools.partial(run_all, describe=describe, what="trials")
     if config.file is None:
         return _run(config, wanted, {}, progress, drive_all)
     with trials.locked(config.file):
@@ -271,16 +271,6 @@ def run(
             return _run(config, wanted, known, progress, drive_all)
         finally:
             trials.write_trials(config.file, known.values())
-
-
-def drive_trials(
-    tasks: Sequence[Task],
-    jobs: int,
-    drive: Callable[[Task], Trial],
-    keep: Callable[[Trial], None],
-) -> None:
-    """Drives tasks in several processes; see `process_pool.run_all`."""
-    run_all(tasks, jobs, drive, keep, describe, what="trials")
 
 
 def describe(task: Task) -> str:

@@ -43,6 +43,7 @@ from iits_mj.validation.handling import lane_change, rollover
 from iits_mj.validation.harness import maneuver, recorder
 from iits_mj.validation.harness.run_cache import drive_digest
 from iits_mj.validation.longitudinal import braking
+from iits_mj.validation.pbs.limits import STANDARDS
 
 # Speed of the lane change and of the fuel figure [m/s].
 SPEED = 80.0 * KMH
@@ -193,7 +194,7 @@ FOLLOWING = (
     ("path_error", "distance from the lane's middle, greatest", "m"),
     ("speed_error", "difference from the requested speed, mean", "m/s"),
 )
-PBS_THRESHOLD = 0.35
+PBS_THRESHOLD = STANDARDS["rollover"].limits[0]
 # Least number of trucks for correlations, and number of correlations shown for each figure.
 _CORRELATED = 30
 _STRONGEST = 3
