@@ -30,15 +30,14 @@ from iits_mj.analytic.swept_path import (
 )
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
-from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
 from iits_mj.validation.harness.recorder import SteeringRecord, drive, placed_truck
 from iits_mj.validation.pbs.limits import STANDARDS, level_of_length
+from iits_mj.validation.pbs.maneuvers import LowSpeedTurn
 from iits_mj.validation.pbs.measures import PEAK_FRICTION, turn_measures
 
-RADIUS = 12.5
-SPEED = 5.0 * KMH
+RADIUS, SPEED = LowSpeedTurn.radius, LowSpeedTurn.speed
 # Straight before the first turn [m].
 _STRAIGHT = 2.0
 _ENTRY = 3.0
