@@ -25,11 +25,16 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import beta
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 from iits_mj.core.tables import read_rows, write_rows
 from iits_mj.identification import Log, from_frames, identify
 from iits_mj.identification.engine import with_engine
 from iits_mj.identification.log import with_grade
-from iits_mj.identification.synthetic import (
+from iits_mj.parameters import TruckParameters
+from iits_mj.parameters.mass_state import rolling_resistance
+from iits_mj.truck import Truck
+from tests.identification.synthetic_drives import (
     LATERAL,
     LONGITUDINAL,
     Driver,
@@ -38,9 +43,6 @@ from iits_mj.identification.synthetic import (
     random_road,
     table,
 )
-from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.mass_state import rolling_resistance
-from iits_mj.truck import Truck
 
 WHAT = "estimates"
 TRUCKS = 60

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import operator
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -33,7 +34,7 @@ from iits_mj.envs.baselines import load_baseline
 from iits_mj.evaluation import evaluate
 from iits_mj.evaluation.drives import trial_code
 from iits_mj.evaluation.figures import summarize
-from iits_mj.evaluation.trials import Task, Trial, task_of
+from iits_mj.evaluation.trials import Task, Trial
 from iits_mj.scale.shards import Plan, Shards, run_sharded
 
 if TYPE_CHECKING:
@@ -162,7 +163,7 @@ def _on_cluster(
         raise InputError("the trials of a cluster need a file")
     shards = Shards(options.file.with_name(f"{options.file.name}.shards"), Trial, "trials")
     plan: Plan[Task, Trial] = Plan(
-        drive, task_of, evaluate.describe, what="trials", size=options.shard
+        drive, operator.attrgetter("task"), evaluate.describe, what="trials", size=options.shard
     )
 
     def keep_all(rows: Sequence[Trial]) -> None:

@@ -6,7 +6,6 @@ set speed, as the paper's. The first saving is that of a fleet, the second repro
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.core.options import option
 from iits_mj.core.progress import Report, task
 from iits_mj.core.results import Check, Results
+from iits_mj.core.tables import write_table
 from iits_mj.core.units import KMH
 from iits_mj.parameters import AnyTruck, TruckParameters, truck_option
 from iits_mj.road.route_choice import route_option
@@ -348,11 +348,7 @@ def checks(
 
 def write_profile(road: RoadProfile, speed: FloatArray, cruise: FloatArray, path: Path) -> None:
     """Writes planned and cruise speed [m/s] at the nodes as CSV with units in the header."""
-    try:
-        with path.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.writer(stream)
-            writer.writerow(["station_m", "height_m", "speed_mps", "cruise_speed_mps"])
-            rows = zip(road.station, road.height, speed, cruise, strict=True)
-            writer.writerows([f"{value:.4f}" for value in row] for row in rows)
-    except OSError as error:
-        raise InputError(f"profile file {str(path)!r} cannot be written: {error}") from error
+    names = ("station_m", "height_m", "speed_mps", "cruise_speed_mps")
+    rows = zip(road.station, road.height, speed, cruise, strict=True)
+    texts = ([f"{value:.4f}" for value in row] for row in rows)
+    write_table(path, names, (dict(zip(names, row, strict=True)) for row in texts), "speeds")

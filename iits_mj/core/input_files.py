@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import io
 import json
 import re
@@ -10,7 +11,7 @@ import warnings
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,13 @@ DEPTH_MAX = 32  # of nested tables
 _DEEP_KEY = re.compile(
     r"""(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){""" f"{DEPTH_MAX}}}", re.ASCII
 )
+
+
+def open_packed(path: Path) -> BinaryIO:
+    """Opens a file that may be compressed by gzip, to read its content; OSError if it cannot."""
+    with path.open("rb") as raw:
+        packed = raw.read(2) == b"\x1f\x8b"
+    return cast(BinaryIO, gzip.open(path)) if packed else path.open("rb")
 
 
 def similar_file(path: Path) -> str:

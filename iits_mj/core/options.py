@@ -17,7 +17,7 @@ from typing import Any
 from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
 from iits_mj.core.own_parts import FILES, FORMS, Kind, part_name
-from iits_mj.core.timing import PLANTS
+from iits_mj.core.timing import PLANTS, TIMESTEP
 
 _KEY = "iits_mj.option"
 _GIVEN = "iits_mj.given"
@@ -122,6 +122,17 @@ def plant_option() -> Any:
         choices=PLANTS,
         group="truck",
     )
+
+
+def timestep_option(default: float | None = TIMESTEP, more: str = "") -> Any:
+    """Returns a dataclass field for the time step of the physics; `more` ends its help."""
+    text = f"time step of the physics{more}"
+    return option(default, help=text, unit="s", low=0.0005, high=0.005, group="run")
+
+
+def jobs_option(default: int = 1, help: str = "number of processes on this machine") -> Any:
+    """Returns a dataclass field for the number of processes."""
+    return option(default, help=help, low=1, high=256, group="run")
 
 
 def part_option(default: str | None, kind: Kind, help: str, group: str = "decision") -> Any:

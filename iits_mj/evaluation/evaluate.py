@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,10 +22,9 @@ from controllers.own_parts import DECISION
 from iits_mj.core import options
 from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
-from iits_mj.core.options import option, plant_option
+from iits_mj.core.options import jobs_option, option, plant_option, timestep_option
 from iits_mj.core.own_parts import FILES, FORMS
 from iits_mj.core.process_pool import run_all
-from iits_mj.core.timing import TIMESTEP
 from iits_mj.evaluation import drives, trials
 from iits_mj.evaluation.hulls import SWEEP
 from iits_mj.evaluation.trials import EMPTY, WORLDS, Task, Trial, weights_digest
@@ -102,9 +101,7 @@ class EvaluateConfig(PriceOptions):
     payload: float | None = payload_option(
         help=f"load of the truck; without it {TripConfig.payload:g} kg, or the greatest if less"
     )
-    timestep: float = option(
-        TIMESTEP, help="time step of the physics", unit="s", low=0.0005, high=0.005, group="run"
-    )
+    timestep: float = timestep_option()
     length: float = option(
         15_000.0,
         help="length of a trip, which also ends at the end of the road",
@@ -130,9 +127,7 @@ class EvaluateConfig(PriceOptions):
     seed: int = option(
         0, help="number of the set of seeds", low=0, high=SETS_MAX - 1, group="traffic"
     )
-    jobs: int = option(
-        1, help="number of processes; each drives one trip", low=1, high=256, group="run"
-    )
+    jobs: int = jobs_option(help="number of processes; each drives one trip")
     file: Path | None = option(
         None,
         help="file of trials; trials that it contains are not driven again; default with --report: "
@@ -246,7 +241,7 @@ def run(
       config: settings.
       progress: called with the numbers of finished trials and of all trials.
       say: gets messages for the user; default: they are printed on stderr.
-      drive_all: drives tasks; default: `drive_trials`.
+      drive_all: drives tasks; default: `process_pool.run_all`.
 
     Raises:
       InputError: the file of trials or the weights are not usable.
@@ -266,7 +261,7 @@ def run(
         # Refuse unusable weights before the first trial.
         weights = None if config.weights is None else str(config.weights)
         decision.make("ddqn", weights, config.prices())
-    drive_all = drive_all or drive_trials
+    drive_all = drive_all or functools.partial(run_all, describe=describe, what="trials")
     if config.file is None:
         return _run(config, wanted, {}, progress, drive_all)
     with trials.locked(config.file):
@@ -276,16 +271,6 @@ def run(
             return _run(config, wanted, known, progress, drive_all)
         finally:
             trials.write_trials(config.file, known.values())
-
-
-def drive_trials(
-    tasks: Sequence[Task],
-    jobs: int,
-    drive: Callable[[Task], Trial],
-    keep: Callable[[Trial], None],
-) -> None:
-    """Drives tasks in several processes; see `process_pool.run_all`."""
-    run_all(tasks, jobs, drive, keep, describe, what="trials")
 
 
 def describe(task: Task) -> str:

@@ -23,11 +23,10 @@ from iits_mj.core import options
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.assets import mjcf_path
 from iits_mj.core.errors import InputError
-from iits_mj.core.options import option, part_option
+from iits_mj.core.options import jobs_option, option, part_option, timestep_option
 from iits_mj.core.own_parts import AnyPart
 from iits_mj.core.results import Findings, Line, Results
 from iits_mj.core.tables import write_table
-from iits_mj.core.timing import TIMESTEP
 from iits_mj.core.units import DIESEL_DENSITY, KMH
 from iits_mj.evaluation import controlled_drive
 from iits_mj.parameters import (
@@ -44,6 +43,7 @@ from iits_mj.validation.handling import lane_change, rollover
 from iits_mj.validation.harness import maneuver, recorder
 from iits_mj.validation.harness.run_cache import drive_digest
 from iits_mj.validation.longitudinal import braking
+from iits_mj.validation.pbs.limits import STANDARDS
 
 # Speed of the lane change and of the fuel figure [m/s].
 SPEED = 80.0 * KMH
@@ -194,7 +194,7 @@ FOLLOWING = (
     ("path_error", "distance from the lane's middle, greatest", "m"),
     ("speed_error", "difference from the requested speed, mean", "m/s"),
 )
-PBS_THRESHOLD = 0.35
+PBS_THRESHOLD = STANDARDS["rollover"].limits[0]
 # Least number of trucks for correlations, and number of correlations shown for each figure.
 _CORRELATED = 30
 _STRONGEST = 3
@@ -209,15 +209,7 @@ class MonteCarloConfig:
     )
     truck: AnyTruck | None = truck_option("truck whose parameters are uncertain")
     payload: float | None = payload_option()
-    timestep: float = option(
-        TIMESTEP,
-        help="time step of the physics",
-        unit="s",
-        low=0.0005,
-        high=0.005,
-        metavar="S",
-        group="run",
-    )
+    timestep: float = timestep_option()
     spread: Path | None = option(
         None,
         help="distributions of the parameters; default: the shipped mjcf/spread.toml",
@@ -233,7 +225,7 @@ class MonteCarloConfig:
         "measures a drive on the highway, too, with this speed controller",
     )
     seed: int = option(0, help="number of the set of trucks", low=0, high=1_000, group="run")
-    jobs: int = option(1, help="number of processes on this machine", low=1, high=256, group="run")
+    jobs: int = jobs_option()
 
     def __post_init__(self) -> None:
         options.check(self)

@@ -121,7 +121,7 @@ class Trial(Task):
     @property
     def task(self) -> Task:
         """The task, which identifies the trial."""
-        return task_of(self)
+        return Task(**{field.name: getattr(self, field.name) for field in fields(Task)})
 
     @property
     def reward_rates(self) -> tuple[float, float, float]:
@@ -152,11 +152,6 @@ def quality_columns(quality: Quality, changes: int, time: float) -> dict[str, fl
         "right_share": quality.right_time / time if time > 0.0 else math.nan,
         "beside_share": quality.beside_time / time if time > 0.0 else math.nan,
     }
-
-
-def task_of(trial: Task) -> Task:
-    """The task of a trial."""
-    return Task(**{field.name: getattr(trial, field.name) for field in fields(Task)})
 
 
 def weights_digest(method: str, weights: Path | None, prices: Prices | None = None) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from iits_mj.core.errors import InputError
+from iits_mj.core.output_files import write_whole
 from iits_mj.core.progress import each, task
 from iits_mj.identification.brakes import circuit_of_axle, identify_brake_response
 from iits_mj.identification.engine import identify_engine
@@ -218,10 +219,7 @@ def write_toml(found: Identification, path: str | Path) -> None:
     lines = ["# Identified from a recorded drive; read by Truck.load(parameters=...)."]
     lines += [f"# {estimate}" for estimate in found.estimates]
     lines += _tables(tree, "")
-    try:
-        Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{str(path)!r} cannot be written: {error.strerror}") from error
+    write_whole(path, ("\n".join(lines) + "\n").encode(), "overlay")
 
 
 def _tables(tree: Mapping[str, Any], prefix: str) -> list[str]:

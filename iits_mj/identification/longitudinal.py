@@ -29,18 +29,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from iits_mj.analytic import YawRoll
-from iits_mj.core.arrays import FloatArray
+from iits_mj.core.arrays import FloatArray, IntArray
 from iits_mj.core.units import GRAVITY
 from iits_mj.identification.brakes import CIRCUITS, circuit_forces, circuit_of_axle
 from iits_mj.identification.estimate import Estimate, Free, fit, unseen
 from iits_mj.identification.log import PRESSURES, Log, Series
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import rolling_resistance, static_axle_loads
-
-IntArray = NDArray[np.int_]
 
 _NEEDED = ("speed", "grade", "gear", "engine_torque")
 # Below this speed the clutch may slip, and the wheels' losses are not those of rolling [m/s].

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy import stats
 
@@ -28,12 +26,6 @@ _LONGEST = 3.0
 _STRAY = 0.2
 
 
-@dataclass(frozen=True)
-class _Change:
-    start: float
-    end: float
-
-
 def identify_shifts(log: Log, parameters: TruckParameters) -> list[Estimate]:
     """Duration of a gear change, of its torque cut and of its synchronization.
 
@@ -53,7 +45,7 @@ def identify_shifts(log: Log, parameters: TruckParameters) -> list[Estimate]:
     if len(changes) < _CHANGES_MIN:
         reason = f"the log has {len(changes)} gear changes, {_CHANGES_MIN} are needed"
         return unseen(free, reason)
-    lengths = np.array([change.end - change.start for change in changes])
+    lengths = np.array([end - start for start, end in changes])
     step = float(np.median(np.diff(log.series("shift_in_process").time)))
     # Flags are sampled: half a sample stays hidden if changes are in step with the samples.
     duration = _mean(free[0], lengths, 0.5 * step)
@@ -76,8 +68,8 @@ def identify_shifts(log: Log, parameters: TruckParameters) -> list[Estimate]:
     return [duration, cut, synchronization]
 
 
-def _changes(log: Log) -> list[_Change]:
-    """Changes from one forward gear to another."""
+def _changes(log: Log) -> list[tuple[float, float]]:
+    """Start and end of the changes from one forward gear to another [s]."""
     flag = log.series("shift_in_process")
     edges = np.diff((flag.value > 0.5).astype(int))
     starts, ends = flag.time[1:][edges > 0], flag.time[1:][edges < 0]
@@ -88,24 +80,24 @@ def _changes(log: Log) -> list[_Change]:
             continue
         if "gear" in log and min(log.held("gear", [start - 0.2, later[0] + 0.2])) < 1:
             continue
-        changes.append(_Change(float(start), float(later[0])))
+        changes.append((float(start), float(later[0])))
     return changes
 
 
-def _cuts(log: Log, parameters: TruckParameters, changes: list[_Change]) -> list[float]:
+def _cuts(log: Log, parameters: TruckParameters, changes: list[tuple[float, float]]) -> list[float]:
     """Times in which loaded changes cut the torque to zero [s], by the slope of its fall."""
     if log.missing("engine_torque", "engine_speed"):
         return []
     engine, series = parameters.engine, log.series("engine_torque")
     drag, cuts = _drag_scale(log, parameters), []
-    for change in changes:
-        before = int(np.searchsorted(series.time, change.start)) - 1
+    for start, end in changes:
+        before = int(np.searchsorted(series.time, start)) - 1
         level = float(series.value[max(before - 1, 0)])
         if level < _LOADED * engine.reference_torque:
             continue
-        speed = float(log.at("engine_speed", change.start))
+        speed = float(log.at("engine_speed", start))
         bottom = -drag * float(np.interp(speed, engine.drag_speed, engine.drag_torque))
-        near = (series.time > change.start - 0.1) & (series.time < change.end)
+        near = (series.time > start - 0.1) & (series.time < end)
         time, share = series.time[near], (series.value[near] - bottom) / (level - bottom)
         last = int(np.argmax(share < _FALL[0])) if np.any(share < _FALL[0]) else 0
         time, share = time[:last], share[:last]
@@ -139,6 +131,8 @@ def _mean(free: Free, values: FloatArray, unseen_part: float = 0.0) -> Estimate:
     """Mean without outliers; its 95 % interval with the unseen part added."""
     median = float(np.median(values))
     kept = values[np.abs(values - median) <= _STRAY * median]
+    if len(kept) < 2:
+        return free.unseen(f"the {len(values)} changes differ by more than {100.0 * _STRAY:g} %")
     deviation = float(np.std(kept, ddof=1)) / np.sqrt(len(kept))
     half = float(stats.t.ppf(0.975, len(kept) - 1)) * deviation + unseen_part
     mean = float(kept.mean())

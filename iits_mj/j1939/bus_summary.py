@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from iits_mj.core.errors import BusError
 from iits_mj.core.output_files import OutputFile, unwritable
-from iits_mj.j1939.database import message_names, pgn_of
+from iits_mj.j1939.database import name_of
 from iits_mj.j1939.diagnostics import LONG_GROUPS, LongGroup, read_group
 from iits_mj.j1939.frame import Frame
 from iits_mj.j1939.groups import Status, layouts
@@ -27,6 +27,7 @@ UNKNOWN = "unknown group"
 PACKET = "part of a long message"
 INVALID = "wrong length"
 _TRANSPORT = {CONNECTION: "TP.CM", TRANSFER: "TP.DT"}
+_LONG_NAMES = {kind.PGN: kind.MESSAGE for kind in LONG_GROUPS}
 # Limits of a signal's texts, in the table of a summary and altogether.
 _SHOWN_TEXTS, _MAX_TEXTS = 3, 100
 COLUMNS = (
@@ -102,7 +103,7 @@ def _content(pgn: int, data: bytes) -> tuple[str, tuple[Entry, ...]]:
     try:
         group = read_group(pgn, data)
     except BusError:
-        return _known_names()[pgn], _raw(data, INVALID)
+        return name_of(pgn) or _LONG_NAMES[pgn], _raw(data, INVALID)
     if group is None:
         return "", _raw(data, UNKNOWN)
     if isinstance(group, LongGroup):
@@ -127,12 +128,6 @@ def _signals(message: str) -> tuple[tuple[int, str], ...]:
     """SPN and unit of a message's signals, in the order of the DBC."""
     signals = layouts().get_message_by_name(message).signals
     return tuple((signal.spn or 0, signal.unit or "") for signal in signals)
-
-
-@functools.cache
-def _known_names() -> dict[int, str]:
-    names = {pgn_of(name): name for name in message_names()}
-    return names | {kind.PGN: kind.MESSAGE for kind in LONG_GROUPS}
 
 
 @dataclass(slots=True)

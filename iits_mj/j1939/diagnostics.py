@@ -175,8 +175,11 @@ class Fault:
     def to_bytes(self) -> bytes:
         """The four bytes of the code; BusError for a number out of range."""
         spn, fmi = self.spn, self.fmi
-        count = _NO_COUNT if isinstance(self.occurrences, Status) else self.occurrences
-        limits = (("spn", spn, _MAX_SPN), ("fmi", fmi, _MAX_FMI), ("occurrences", count, _NO_COUNT))
+        # The number 127 would mean "not available".
+        count, most = self.occurrences, _NO_COUNT - 1
+        if isinstance(count, Status):
+            count = most = _NO_COUNT
+        limits = (("spn", spn, _MAX_SPN), ("fmi", fmi, _MAX_FMI), ("occurrences", count, most))
         for name, value, limit in limits:
             if not 0 <= value <= limit:
                 raise BusError(f"fault's {name} = {value!r}: 0 to {limit} allowed")

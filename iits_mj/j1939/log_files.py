@@ -24,26 +24,25 @@ clock in us (u32), microseconds in the lower 24 bits and the length in the upper
 from __future__ import annotations
 
 import datetime
-import gzip
 import io
 import math
 import re
 import struct
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any, BinaryIO, TextIO, cast
+from typing import Any, BinaryIO, TextIO
 
 import can
 
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import BusError
+from iits_mj.core.input_files import open_packed
 from iits_mj.j1939.bus import from_can, to_can
 from iits_mj.j1939.frame import Frame
 
 WRITTEN = (".asc", ".blf", ".csv", ".log", ".trc")
 _PACKED = (".asc", ".csv", ".log")
 _HEAD = 4096
-_GZIP = b"\x1f\x8b"
 # 1990: earlier times are relative to the start of the log, not to 1970.
 _FIRST_DATE = 631_152_000.0
 _FIRST_YEAR = 1990
@@ -194,9 +193,7 @@ def _start(writer: can.io.generic.MessageWriter, epoch: float) -> None:
 
 
 def _frames(path: Path) -> Iterator[Frame]:
-    with path.open("rb") as raw:
-        packed = raw.read(len(_GZIP)) == _GZIP
-    with _open(path, packed) as file:
+    with open_packed(path) as file:
         head = file.read(_HEAD)
     kind = _format_of(head)
     if kind is None:
@@ -206,7 +203,7 @@ def _frames(path: Path) -> Iterator[Frame]:
     if kind in _BY_PATH:
         yield from _messages(_READERS[kind](str(path)))
         return
-    with _open(path, packed) as file:
+    with open_packed(path) as file:
         if kind == "logger":
             yield from _logger_frames(file)
         elif kind == "blf":
@@ -254,10 +251,6 @@ def _messages(reader: can.io.generic.MessageReader) -> Iterator[Frame]:
             frame = from_can(message)
             if frame is not None:
                 yield Frame(frame.can_id, frame.data, round(frame.time, 6))
-
-
-def _open(path: Path, packed: bool) -> BinaryIO:
-    return cast(BinaryIO, gzip.open(path, "rb") if packed else path.open("rb"))
 
 
 def _has_date(head: bytes) -> bool:

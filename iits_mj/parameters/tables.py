@@ -48,6 +48,10 @@ class Table2D:
         high = (1.0 - q) * table[i + 1, j] + q * table[i + 1, j + 1]
         return np.asarray((1.0 - p) * low + p * high)
 
+    def column(self, place: float) -> FloatArray:
+        """Returns the values (n,) at a column, linear between the columns, constant beyond."""
+        return np.array([np.interp(place, self.columns, row) for row in self.values])
+
     def resampled(self, rows: FloatArray, columns: FloatArray) -> Table2D:
         """Returns the map over other axes, linear between its nodes and beyond them."""
         across = np.array([_continued(columns, self.columns, values) for values in self.values])

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import math
 import time
 from collections.abc import Callable
 
 from controllers.safe_stop.fallback import Fallback
 from controllers.safe_stop.stop import SafeStop
+from iits_mj.core.checks import positive
 from iits_mj.core.context import Closing
-from iits_mj.core.errors import BusError, Error, InputError
+from iits_mj.core.errors import BusError, Error
 from iits_mj.core.messages import EgoState, TruckReport, VehicleCommand
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.j1939 import CommandReceiver, Frame, Link, LinkState, LogWriter
@@ -61,8 +61,7 @@ class Pace:
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         for name, value in (("period", period), ("longest_lag", longest_lag)):
-            if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"pace: {name} = {value!r} s: use a positive, finite time")
+            positive(f"pace: {name}", value, "s")
         self.period = period
         self.longest_lag = longest_lag
         self._clock, self._sleep = clock, sleep

@@ -6,9 +6,9 @@ import pytest
 
 from iits_mj.identification import from_frames, identify, overlay, write_toml
 from iits_mj.identification.log import with_grade
-from iits_mj.identification.synthetic import LONGITUDINAL, drive, frames
 from iits_mj.parameters import TruckParameters
 from tests.combinations import load
+from tests.identification.synthetic_drives import LONGITUDINAL, drive, frames
 from tests.identification.truck_drives import hidden_truck, hill_drive, hills
 
 

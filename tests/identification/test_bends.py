@@ -5,8 +5,8 @@ import pytest
 
 from iits_mj.identification import identify
 from iits_mj.identification.log import with_grade
-from iits_mj.identification.synthetic import Driver, drive, random_road, table
 from iits_mj.parameters import TruckParameters
+from tests.identification.synthetic_drives import Driver, drive, random_road, table
 from tests.identification.truck_drives import hidden_truck
 
 pytestmark = pytest.mark.slow

@@ -48,6 +48,20 @@ def _changes(step, length=0.7, count=8):
     )
 
 
+def test_gear_changes_of_two_kinds_have_no_mean():
+    short, long = _changes(0.02, length=0.5, count=4), _changes(0.02, length=1.0, count=4)
+    time = short["time"]
+    names = ("gear", "shift_in_process")
+    both = {name: np.concatenate([short[name], long[name]]) for name in names}
+    log = Log({"time": np.concatenate([time, time + time[-1] + 0.02]), **both})
+    duration, _, synchronization = identify_shifts(log, PARAMETERS)
+    assert not duration.identifiable
+    assert "differ" in duration.reason
+    assert np.isfinite(duration.value)
+    assert not np.isnan(duration.half_width)
+    assert not synchronization.identifiable
+
+
 def test_duration_of_gear_changes_is_their_mean():
     duration, cut, synchronization = identify_shifts(_changes(0.02), PARAMETERS)
     assert duration.value == pytest.approx(0.7, abs=0.01)

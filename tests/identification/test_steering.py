@@ -6,9 +6,9 @@ import pytest
 from iits_mj.core.messages import VehicleCommand
 from iits_mj.identification import Log, Series, from_frames, identify
 from iits_mj.identification.lateral import pitman_angle
-from iits_mj.identification.synthetic import LATERAL, LONGITUDINAL, drive, frames
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
+from tests.identification.synthetic_drives import LATERAL, LONGITUDINAL, drive, frames
 from tests.identification.truck_drives import hidden_truck
 
 PARAMETERS = TruckParameters.load()

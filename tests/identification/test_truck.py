@@ -11,9 +11,9 @@ from iits_mj.identification import from_frames, identify, overlay, read, write_t
 from iits_mj.identification.engine import with_engine
 from iits_mj.identification.log import with_grade
 from iits_mj.identification.replay import replay
-from iits_mj.identification.synthetic import LONGITUDINAL, drive, frames
 from iits_mj.j1939 import LogWriter
 from iits_mj.parameters import TruckParameters
+from tests.identification.synthetic_drives import LONGITUDINAL, drive, frames
 from tests.identification.truck_drives import hidden_truck, hill_drive, hills
 
 PARAMETERS = TruckParameters.load()

@@ -97,7 +97,7 @@ def test_seven_faults_take_thirty_bytes():
 
 
 def test_invalid_faults_are_refused():
-    for fault in (Fault(1 << 19, 0), Fault(1, 32), Fault(1, 1, 128), Fault(-1, 1)):
+    for fault in (Fault(1 << 19, 0), Fault(1, 32), Fault(1, 1, 127), Fault(-1, 1)):
         with pytest.raises(BusError, match=r"fault's \w+ = "):
             ActiveFaults(faults=(fault,)).to_bytes()
     with pytest.raises(BusError, match="protect_lamp = 2"):

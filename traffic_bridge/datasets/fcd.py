@@ -7,7 +7,6 @@ beginnings of the edges.
 
 from __future__ import annotations
 
-import gzip
 import itertools
 from collections import Counter
 from collections.abc import Mapping
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from iits_mj.core.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from iits_mj.core.errors import InputError
+from iits_mj.core.input_files import open_packed
 from traffic_bridge.datasets.assemble import Rows, assemble
 from traffic_bridge.datasets.table import Table
 from traffic_bridge.datasets.trajectories import Trajectories
@@ -191,9 +191,7 @@ def read_fcd_xml(path: Path) -> Table:
 
     parser.StartElementHandler = start
     try:
-        with path.open("rb") as raw:
-            packed = raw.read(2) == b"\x1f\x8b"
-        with gzip.open(path, "rb") if packed else path.open("rb") as file:
+        with open_packed(path) as file:
             parser.ParseFile(file)
     except expat.ExpatError as error:
         raise InputError(f"data set {path}: not well-formed XML: {error}") from error

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import inspect
 import zlib
 from collections.abc import Callable
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from iits_mj.core.errors import InputError
+from iits_mj.core.input_files import open_packed
 from traffic_bridge.datasets import fcd, highd, ngsim
 from traffic_bridge.datasets.recordings import of_recording
 from traffic_bridge.datasets.table import Table, plain, read_csv, read_parquet, read_text
@@ -101,11 +101,8 @@ def _refuse(given: dict[str, Any], path: Path, what: str) -> None:
 def _head(path: Path) -> bytes:
     """The beginning of the content, uncompressed."""
     try:
-        with path.open("rb") as file:
+        with open_packed(path) as file:
             head = file.read(_HEAD)
-        if head[:2] == b"\x1f\x8b":
-            with gzip.open(path, "rb") as packed:
-                head = packed.read(_HEAD)
     except (OSError, EOFError, zlib.error) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"data set {path}: cannot be read: {reason}") from error

@@ -12,7 +12,7 @@ from typing import Any
 from controllers.decision.trip import RewardConfig
 from iits_mj.core import options as option_fields
 from iits_mj.core.errors import InputError
-from iits_mj.core.options import option
+from iits_mj.core.options import jobs_option, option
 from iits_mj.parameters import AnyTruck, label_of, truck_option
 
 # Settings that may differ when a training is resumed.
@@ -97,13 +97,7 @@ class TrainConfig(LearnerConfig):
         150_000, help="decisions in the fast world, before the other one", low=0, high=10**9
     )
     seed: int = option(0, help="seed of all randomness", low=0, high=2**31 - 1, group="run")
-    jobs: int = option(
-        2,
-        help="processes that drive; the result does not depend on it",
-        low=1,
-        high=256,
-        group="run",
-    )
+    jobs: int = jobs_option(2, "processes that drive; the result does not depend on it")
     trips_per_round: int = _option(
         2, help="trips driven on one state of the network", low=1, high=1024
     )
@@ -113,7 +107,6 @@ class TrainConfig(LearnerConfig):
         unit="s",
         low=10.0,
         high=1e5,
-        metavar="S",
     )
     discount: float = _option(0.995, help="of a reward one second later", low=0.0, high=0.9999)
     change_charge: float = _option(
@@ -150,16 +143,11 @@ class TrainConfig(LearnerConfig):
         2, help="trips in each cell, in the other world, which takes longer", low=1, high=1000
     )
     validation_duration: float = _option(
-        1_000.0, help="duration of a validation trip", unit="s", low=10.0, high=1e5, metavar="S"
+        1_000.0, help="duration of a validation trip", unit="s", low=10.0, high=1e5
     )
     checkpoint_interval: int = _decisions(10_000, "decisions between two checkpoints")
     checkpoint_seconds: float = _option(
-        120.0,
-        help="greatest time between two checkpoints",
-        unit="s",
-        low=0.0,
-        high=1e6,
-        metavar="S",
+        120.0, help="greatest time between two checkpoints", unit="s", low=0.0, high=1e6
     )
     resume: bool = option(False, help="continue from the checkpoint in --out", group="run")
 
@@ -199,9 +187,7 @@ class RolloutConfig:
     chunk_windows: int = _option(
         30, help="states that a chunk takes from each trip, one of 30 decisions", low=1, high=1_000
     )
-    horizon: float = _option(
-        100.0, help="time of a roll-out", unit="s", low=10.0, high=1_000.0, metavar="S"
-    )
+    horizon: float = _option(100.0, help="time of a roll-out", unit="s", low=10.0, high=1_000.0)
     epochs: int = _option(14, help="passes of a fit over the labels", low=1, high=10_000)
     members: int = _option(2, help="networks of the last fit, whose mean decides", low=1, high=20)
 

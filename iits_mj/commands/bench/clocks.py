@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import math
+import resource
 import time
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from typing import TypeVar
@@ -34,6 +35,12 @@ def in_turns(
                 function()
                 least[name] = min(least[name], clock() - start)
     return least
+
+
+def children_time() -> float:
+    """Returns the processor time of the child processes that have ended [s]."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
 
 
 @contextlib.contextmanager

@@ -6,8 +6,8 @@ the best round counts. Times are processor times, except for threads and process
 
 from __future__ import annotations
 
+import functools
 import math
-import resource
 import subprocess
 import sys
 import time
@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 
 import iits_mj  # noqa: F401 (registers the environments)
+from iits_mj.commands.bench.clocks import children_time, in_turns
 from iits_mj.core.results import Findings
 from iits_mj.envs.driving import DrivingEnv
 
@@ -73,20 +74,10 @@ def environments(rounds: int = 20) -> Findings:
 def import_time(rounds: int = 10) -> Findings:
     """Returns the processor time of `import iits_mj` over that of `import mujoco`."""
     codes = ("pass", "import mujoco", "import iits_mj")
-    least = dict.fromkeys(codes, math.inf)
-    for _ in range(rounds):
-        for code in codes:
-            before = _children()
-            subprocess.run([sys.executable, "-W", "ignore", "-c", code], check=True)
-            least[code] = min(least[code], _children() - before)
-    start, bare, ours = (least[code] for code in codes)
+    command = [sys.executable, "-W", "ignore", "-c"]
+    runs = {code: functools.partial(subprocess.run, [*command, code], check=True) for code in codes}
+    start, bare, ours = in_turns(runs, rounds, children_time).values()
     found = Findings()
     name = "import iits_mj over import mujoco, without Python's start"
     found.check(name, (ours - start) / (bare - start), "1", 1.2, "<= 1.5")
     return found
-
-
-def _children() -> float:
-    """Returns the processor time of the processes that have ended [s]."""
-    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return usage.ru_utime + usage.ru_stime

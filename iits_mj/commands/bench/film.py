@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import functools
 import math
-import os
 import tempfile
 import time
 from collections.abc import Callable, Mapping
@@ -16,7 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.commands.bench.clocks import MILLISECONDS
+from iits_mj.commands.bench.clocks import MILLISECONDS, children_time
 from iits_mj.core.context import Closing
 from iits_mj.core.errors import RenderError
 from iits_mj.core.results import Findings
@@ -57,7 +56,7 @@ def film(rounds: int) -> Findings:
 def _pictures(found: Findings, simulation: Simulation, rounds: int, folder: Path) -> None:
     """Adds the pictures of a film with overlay and encoding over those of MuJoCo's renderer."""
     truck, frame = simulation.truck, simulation.frame
-    before, count = _children_time(), 0
+    before, count = children_time(), 0
     with (
         VideoObserver(folder / "film.mp4", truck, SIZE, fps=FPS) as video,
         _BareRenderer(truck.model) as bare,
@@ -72,7 +71,7 @@ def _pictures(found: Findings, simulation: Simulation, rounds: int, folder: Path
         )
         count = video.frames
     # The encoder is another process, whose time is known at its end.
-    processor["film"] += PICTURES * (_children_time() - before) / count
+    processor["film"] += PICTURES * (children_time() - before) / count
     for kind, times in (("wall time", walls), ("processor time", processor)):
         ratio = times["bare"] / times["film"]
         found.check(f"film over MuJoCo's bare renderer, {kind}", ratio, "1", 0.85, ">= 0.7")
@@ -170,9 +169,3 @@ class _BareRenderer(Closing):
         self._context.make_current()
         self._target.free()
         self._context.free()
-
-
-def _children_time() -> float:
-    """Returns the processor time of the child processes that have ended [s]."""
-    spent = os.times()
-    return spent.children_user + spent.children_system

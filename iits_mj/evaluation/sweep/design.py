@@ -17,7 +17,7 @@ import numpy as np
 from iits_mj.core import options
 from iits_mj.core.checks import did_you_mean, shown
 from iits_mj.core.errors import InputError
-from iits_mj.core.options import option
+from iits_mj.core.options import jobs_option, option
 from iits_mj.core.own_parts import source_digest
 from iits_mj.parameters import check_truck
 from iits_mj.simulation import DriveConfig
@@ -109,8 +109,7 @@ class Drive(DriveConfig):
 
 
 def _near(default: float | None, unit: str, help: str) -> Any:
-    text = f"{help}"
-    return option(default, help=text, unit=unit, low=0.0, high=100.0, group="data")
+    return option(default, help=help, unit=unit, low=0.0, high=100.0, group="data")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,7 +165,7 @@ class SweepConfig(DriveConfig):
         "post-encroachment time below this, for crossing road users, as 1 s (Peesapati "
         "et al., 2013); without it not used",
     )
-    jobs: int = option(1, help="number of processes on this machine", low=1, high=256, group="run")
+    jobs: int = jobs_option()
 
     given: frozenset[str] = options.given_names()
 

@@ -76,7 +76,7 @@ def _step(trucks: Sequence[TruckParameters], payload: float, timestep: float) ->
         curves = [column[k][2] - column[k][2][0] for column in columns]
         size = min(len(time), *(len(curve) for curve in curves))
         own, reference = curves[0][:size], np.asarray(wanted)[:size]
-        low, high = _band([curve[:size] for curve in curves[1:]])
+        band = _band(time[:size], [curve[:size] for curve in curves[1:]])
         rating = rate(own, reference)
         found.check(f"{title}: rating by ISO/TS 18571", rating.overall, "1", rating.grade)
         _ends(found, f"{title}: end value", unit, [float(c[size - 1]) for c in curves], wanted[-1])
@@ -86,8 +86,7 @@ def _step(trucks: Sequence[TruckParameters], payload: float, timestep: float) ->
             f"{title} [{unit}]",
             Line("yaw-roll model", time[:size], reference, "reference"),
             Line("truck", time[:size], own, "simulation"),
-            Line(f"lowest of {len(curves) - 1} drawn trucks", time[:size], low),
-            Line("highest", time[:size], high),
+            *band,
         )
     return found
 
@@ -107,11 +106,11 @@ def _circle(trucks: Sequence[TruckParameters], payload: float, timestep: float) 
     )
     curves = [np.interp(grid, one.lateral, one.steer) * _DEGREES for one in driven]
     reference = np.interp(grid, nominal.lateral, nominal.saturating) * _DEGREES
-    low, high = _band(curves[1:])
+    low, high = _band(grid, curves[1:])
     scale = float(np.rad2deg(GRAVITY))
     gradients = [one.gradient * scale for one in driven]
     _ends(found, "understeer gradient", "deg/g", gradients, nominal.saturating_gradient * scale)
-    inside = 100.0 * float(np.mean((reference >= low) & (reference <= high)))
+    inside = 100.0 * float(np.mean((reference >= low.y) & (reference <= high.y)))
     found.check("statics with the full law of the tires inside the envelope", inside, "% of a_y")
     found.panel(
         "steering over lateral acceleration",
@@ -119,8 +118,8 @@ def _circle(trucks: Sequence[TruckParameters], payload: float, timestep: float) 
         "steer angle less L/R [deg]",
         Line("statics", grid, reference, "reference"),
         Line("truck", grid, curves[0], "simulation"),
-        Line(f"lowest of {len(curves) - 1} drawn trucks", grid, low),
-        Line("highest", grid, high),
+        low,
+        high,
     )
     return found
 
@@ -145,21 +144,20 @@ def _closing_curve(trucks: Sequence[TruckParameters], payload: float, timestep: 
         return np.asarray(np.interp(grid, rising, angle))
 
     curves = [roll(turn) for turn in turns]
-    low, high = _band(curves[1:])
     found.panel(
         "roll of the last unit",
         "lateral acceleration [g]",
         "roll [deg]",
         Line("truck", grid, curves[0], "simulation"),
-        Line(f"lowest of {len(curves) - 1} drawn trucks", grid, low),
-        Line("highest", grid, high),
+        *_band(grid, curves[1:]),
     )
     return found
 
 
-def _band(curves: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
-    table = np.array(curves)
-    return table.min(axis=0), table.max(axis=0)
+def _band(x: FloatArray, curves: Sequence[FloatArray]) -> tuple[Line, Line]:
+    """Least and greatest of the drawn trucks' curves, each of the shape of x (n,)."""
+    least = Line(f"lowest of {len(curves)} drawn trucks", x, np.min(curves, axis=0))
+    return least, Line("highest", x, np.max(curves, axis=0))
 
 
 def _ends(

@@ -25,7 +25,6 @@ from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from iits_mj.truck import Truck
 from iits_mj.validation.handling.braking_stability import (
     FOLDED,
     STEADY,
@@ -33,6 +32,7 @@ from iits_mj.validation.handling.braking_stability import (
     steady_bend,
 )
 from iits_mj.validation.harness.maneuver import Run, run
+from iits_mj.validation.harness.recorder import placed_truck
 
 FRICTIONS = (0.2, 0.1)
 BRAKING: dict[str, Any] = {"engine_brake": 1.0, "retarder": 1.0}
@@ -77,10 +77,7 @@ def start(
 ) -> Run:
     """Starts on a level road with these coefficients of friction, by the full accelerator."""
     route = Route.straight(2000.0).with_friction(left, right)
-    truck = Truck.load(
-        payload, timestep=timestep, visuals=False, route=route, parameters=parameters
-    )
-    truck.reset()
+    truck = placed_truck(parameters, payload, timestep, route)
     return run(truck, lambda _, __: VehicleCommand(accelerator_pedal=1.0), _START)
 
 

@@ -49,14 +49,12 @@ SINE_FREQUENCY = 0.4
 SINE_PEAK = 1.5
 SPEED_TOLERANCE = 1.0
 _SINE_LEAD, _SINE_LENGTH = 0.5, 10.0
-# The path: period [s] and peak acceleration [m/s2].
-PATH_PERIOD, PATH_PEAK = maneuvers.LaneChange.period, maneuvers.LaneChange.peak
+_PATH = maneuvers.LaneChange()
 # How far the steer axle may leave the path (SAE J2179) [m].
 PATH_TOLERANCE = 0.15
-_RATE = 2.0 * np.pi / PATH_PERIOD
 _LEAD, _LENGTH = 1.0, 7.0
 # End of the path since the start of a recording [s].
-_PATH_END = _LEAD + PATH_PERIOD
+_PATH_END = _LEAD + _PATH.period
 # Tries after the first one, and the band in which the driver corrects [Hz].
 _REPEATS = 3
 _BAND = 1.5
@@ -170,22 +168,11 @@ class PathChange(LaneChange):
 
     def off_tracking(self) -> float:
         """High-speed transient off-tracking [m]; zero if the last axle does not swing beyond."""
-        return max(float(np.max(self.last[:, 1])) - end_offset(), 0.0)
+        return max(float(np.max(self.last[:, 1])) - _PATH.offset, 0.0)
 
     def model_off_tracking(self) -> float:
         """Off-tracking of the linear model [m]."""
-        return max(float(np.max(self.model_last[:, 1])) - end_offset(), 0.0)
-
-
-def end_offset() -> float:
-    """Lateral displacement of the path [m]."""
-    return PATH_PEAK / _RATE**2 * 2.0 * np.pi
-
-
-def path(time: FloatArray | float) -> FloatArray:
-    """Lateral position on the path [m] after a time at constant speed [s]."""
-    phase = _RATE * np.clip(time, 0.0, PATH_PERIOD)
-    return np.asarray(PATH_PEAK / _RATE**2 * (phase - np.sin(phase)))
+        return max(float(np.max(self.model_last[:, 1])) - _PATH.offset, 0.0)
 
 
 def inverse_steer(system: LateralSystem, time: FloatArray, acceleration: FloatArray) -> FloatArray:
@@ -210,9 +197,9 @@ def follow_path(
     """Drives the path at this speed [m/s] several times from the same state."""
     truck, hold = steady_truck(payload, speed, timestep, parameters=parameters)
     system = linear_system(truck, speed)
-    grid = np.arange(0.0, _LEAD + _LENGTH + 0.5 * PATH_PERIOD, PERIOD)
-    phase = _RATE * np.clip(grid - _LEAD, 0.0, PATH_PERIOD)
-    ideal = inverse_steer(system, grid, PATH_PEAK * np.sin(phase))
+    grid = np.arange(0.0, _LEAD + _LENGTH + 0.5 * _PATH.period, PERIOD)
+    phase = 2.0 * np.pi * np.clip((grid - _LEAD) / _PATH.period, 0.0, 1.0)
+    ideal = inverse_steer(system, grid, _PATH.peak * np.sin(phase))
     start = save_state(truck)
     steer = ideal
     record = _try(truck, steer, grid, speed, copy.copy(hold))
@@ -255,7 +242,7 @@ def compare_path(
         "",
         "x [m]",
         "y [m]",
-        Line("path", x, path(x / done.system.speed - _LEAD), "reference"),
+        Line("path", x, _path(record, done.system.speed), "reference"),
         Line("steer axle", x, record.y - record.y[0]),
         Line("last axle, yaw-sideslip model", *done.model_last.T),
         Line("last axle", done.last[:, 0], done.last[:, 1], "simulation"),
@@ -263,9 +250,14 @@ def compare_path(
     return found
 
 
+def _path(record: SteeringRecord, speed: float) -> FloatArray:
+    """Lateral position of the path [m] at the stations of the steer axle, shape (n,)."""
+    return maneuvers.LaneChange(speed).path(record.x - record.x[0] - _LEAD * speed)
+
+
 def _path_error(record: SteeringRecord, speed: float) -> FloatArray:
     """Distance of the path to the left of the steer axle [m], shape (n,)."""
-    return path((record.x - record.x[0]) / speed - _LEAD) - (record.y - record.y[0])
+    return _path(record, speed) - (record.y - record.y[0])
 
 
 def _try(

@@ -30,15 +30,14 @@ from iits_mj.analytic.swept_path import (
 )
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
-from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.truck import Truck
-from iits_mj.validation.harness.recorder import SteeringRecord, drive
+from iits_mj.validation.harness.recorder import SteeringRecord, drive, placed_truck
 from iits_mj.validation.pbs.limits import STANDARDS, level_of_length
+from iits_mj.validation.pbs.maneuvers import LowSpeedTurn
 from iits_mj.validation.pbs.measures import PEAK_FRICTION, turn_measures
 
-RADIUS = 12.5
-SPEED = 5.0 * KMH
+RADIUS, SPEED = LowSpeedTurn.radius, LowSpeedTurn.speed
 # Straight before the first turn [m].
 _STRAIGHT = 2.0
 _ENTRY = 3.0
@@ -78,10 +77,9 @@ class Turn:
 
 def turn(parameters: TruckParameters, payload: float, timestep: float) -> Turn:
     """Drives the turn of the kinematic model."""
-    truck = Truck.load(payload, parameters=parameters, timestep=timestep, visuals=False)
+    truck = placed_truck(parameters, payload, timestep, speed=SPEED)
     kinematic = Kinematic.from_parameters(parameters, payload)
     angle = parameters.steering.ratio * np.arcsin(kinematic.L / RADIUS)
-    truck.reset(speed=SPEED)
     # The driver knows the corner and turns the wheels within 1.5 s.
     rate = angle / 1.5
 
@@ -165,12 +163,11 @@ class SweptTurn:
 
 def pbs_turn(parameters: TruckParameters, payload: float, timestep: float) -> SweptTurn:
     """Drives the PBS turn with this payload [kg]."""
-    truck = Truck.load(payload, parameters=parameters, timestep=timestep, visuals=False)
+    truck = placed_truck(parameters, payload, timestep, station=20.0, speed=SPEED)
     outline = Outline.from_parameters(parameters, payload)
     half_track = 0.5 * parameters.lead.axles[0].track
     steer = parameters.lead.axles[0].name
     origin = np.array([20.0 + _ENTRY, -outline.tire])
-    truck.reset(station=20.0, speed=SPEED)
     share = half_track / outline.kinematic.L
     walls, demand = [], []
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from iits_mj.core.angles import wrap_angles
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.assets import DEFAULT_TRUCK
 from iits_mj.core.messages import EgoState, VehicleCommand, XbrMode
@@ -158,9 +159,7 @@ def _road_driver(speed: float) -> Callable[[], Command]:
             route, parameters = truck.route, truck.parameters
             ahead = state.station + _LEAD * state.speed
             point = route.evaluate(ahead)
-            heading = float(route.evaluate(state.station).heading)
-            error = state.yaw - heading
-            error = (error + np.pi) % (2.0 * np.pi) - np.pi
+            error = wrap_angles(state.yaw - route.evaluate(state.station).heading)
             previewed = state.offset + _PREVIEW * state.speed * np.sin(error)
             wheelbase = parameters.lead.axles[1].position + 0.7
             angle = wheelbase * float(point.curvature) - _GAIN * previewed

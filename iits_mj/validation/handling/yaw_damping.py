@@ -26,7 +26,7 @@ from iits_mj.validation.pbs.maneuvers import PulseSteer
 
 # PBS, all levels.
 REQUIRED = STANDARDS["yaw_damping"].limits[0]
-_RISE, _PEAK = PulseSteer.rise, PulseSteer.peak
+_PULSE = PulseSteer()
 _LEAD = 0.5
 _LENGTH = 10.0
 # Least greatest swing of an oscillation as a share of the decay's range.
@@ -62,7 +62,7 @@ class Pulse:
     @property
     def free(self) -> BoolArray:
         """Samples after the pulse, shape (n,)."""
-        return np.asarray(self.recording.time >= _LEAD + 2.0 * _RISE)
+        return np.asarray(self.recording.time >= _LEAD + 2.0 * _PULSE.rise)
 
     def _ratios(self, source: UnitHistories) -> dict[str, float]:
         free = self.free
@@ -76,24 +76,19 @@ def pulse(parameters: TruckParameters, payload: float, speed: float, timestep: f
     """A pulse steer at this speed [m/s]; afterwards the steering wheel is held at zero."""
     truck, hold = steady_truck(payload, speed, timestep, parameters=parameters)
     system = linear_system(truck, speed)
-    height = _PEAK / _unit_peak(system) * truck.parameters.steering.ratio
+    height = _PULSE.peak / _unit_peak(system) * truck.parameters.steering.ratio
 
     def steering(time: float, _: float) -> float:
-        return height * float(triangle(np.array(time)))
+        return height * float(_PULSE.steer(np.array(time - _LEAD)))
 
     record = drive(truck, steering, speed=speed, duration=_LEAD + _LENGTH, hold=hold)
     return Pulse(record, simulate(system, record.time, record.road_wheel), system, parameters)
 
 
-def triangle(time: FloatArray) -> FloatArray:
-    """The pulse with height 1 at times [s], any shape."""
-    return np.maximum(1.0 - np.abs(time - _LEAD - _RISE) / _RISE, 0.0)
-
-
 def _unit_peak(system: LateralSystem) -> float:
     """Peak lateral acceleration of the steer axle per road-wheel angle [m/s2 per rad]."""
     time = np.arange(0.0, 4.0, 0.01)
-    answer = simulate(system, time, 1e-3 * triangle(time))
+    answer = simulate(system, time, 1e-3 * _PULSE.steer(time))
     return float(np.max(np.abs(answer.steer_axle_acceleration)) / 1e-3)
 
 

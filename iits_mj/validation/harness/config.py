@@ -8,7 +8,7 @@ from pathlib import Path
 
 from iits_mj.core import options
 from iits_mj.core.errors import InputError
-from iits_mj.core.options import option
+from iits_mj.core.options import option, timestep_option
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.parameters import (
     AnyTruck,
@@ -43,14 +43,8 @@ class ValidateConfig:
     payload: float | None = payload_option(
         None, help="only this load; default: greatest load and no load"
     )
-    timestep: float | None = option(
-        None,
-        help=f"time step of the physics; default: {FINE_TIMESTEP:g}, with --quick {TIMESTEP:g}",
-        unit="s",
-        low=0.0005,
-        high=0.005,
-        metavar="S",
-        group="run",
+    timestep: float | None = timestep_option(
+        None, f"; default: {FINE_TIMESTEP:g}, with --quick {TIMESTEP:g}"
     )
     data: Path | None = option(
         None, help="recorded trajectories to compare the traffic with", metavar="FILE", group="data"

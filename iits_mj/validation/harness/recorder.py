@@ -13,6 +13,7 @@ from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, VehicleCommand, XbrMode
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import group_center
+from iits_mj.road import Route
 from iits_mj.truck import Truck
 
 # Period of recording and of the speed hold [s].
@@ -128,6 +129,21 @@ class SpeedHold:
             xbr_mode=XbrMode.MAXIMUM if braking else XbrMode.OFF,
             xbr_demand=max(2.0 * error, -3.0) if braking else 0.0,
         )
+
+
+def placed_truck(
+    parameters: TruckParameters,
+    payload: float,
+    timestep: float,
+    route: Route | None = None,
+    **start: float,
+) -> Truck:
+    """The truck without visual geoms, on a plane or a route; `start` is passed to `Truck.reset`."""
+    truck = Truck.load(
+        payload, parameters=parameters, route=route, timestep=timestep, visuals=False
+    )
+    truck.reset(**start)
+    return truck
 
 
 def run_straight(truck: Truck, speed: float) -> SpeedHold:

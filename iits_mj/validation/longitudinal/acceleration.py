@@ -14,8 +14,8 @@ from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from iits_mj.truck import Truck
 from iits_mj.validation.harness.maneuver import Run, first_time, run
+from iits_mj.validation.harness.recorder import placed_truck
 from iits_mj.validation.longitudinal.force_balance import ForceBalance
 from iits_mj.validation.pbs.limits import STANDARDS
 from iits_mj.validation.pbs.maneuvers import FROM_REST
@@ -99,8 +99,7 @@ def _span(low: NDArray[np.bool_], start: int, end: int) -> int:
 def part_throttle_run(timestep: float, *, air: bool = True) -> Run:
     """40 % pedal for 40 s from standstill at 19 t; the published run has no air drag."""
     parameters = TruckParameters.load(overlay=None if air else {"aerodynamics": {"density": 0.0}})
-    truck = Truck.load(0.0, parameters=parameters, timestep=timestep, visuals=False)
-    truck.reset()
+    truck = placed_truck(parameters, 0.0, timestep)
     return run(truck, lambda *_: VehicleCommand(accelerator_pedal=0.4), 40.0)
 
 
@@ -157,8 +156,7 @@ def full_pedal_run(
 ) -> Run:
     """Full pedal from standstill with the greatest load."""
     route = Route.straight(grade=grade)
-    truck = Truck.load(parameters=parameters, route=route, timestep=timestep, visuals=False)
-    truck.reset()
+    truck = placed_truck(parameters, parameters.payload_max, timestep, route)
     full = VehicleCommand(accelerator_pedal=1.0)
     return run(truck, lambda *_: full, duration, sensors=("clutch_engagement",))
 

@@ -27,9 +27,8 @@ from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from iits_mj.truck import Truck
 from iits_mj.validation.harness.maneuver import Run, first_time, run
-from iits_mj.validation.harness.recorder import PERIOD
+from iits_mj.validation.harness.recorder import PERIOD, placed_truck
 
 # Full service brake with an open driveline.
 FULL = VehicleCommand(brake_pedal=1.0, transmission_mode=TransmissionMode.NEUTRAL)
@@ -154,8 +153,7 @@ def xbr_run(
     ebi: XbrEbiMode = XbrEbiMode.FRICTION_ONLY,
 ) -> Run:
     """60 km/h, pedal up; XBR -1.5 m/s2 from 1 to 8 s, then nothing until 13 s."""
-    truck = Truck.load(payload, parameters=parameters, timestep=timestep, visuals=False)
-    truck.reset(speed=SPEED)
+    truck = placed_truck(parameters, payload, timestep, speed=SPEED)
     braking = VehicleCommand(xbr_demand=-DEMAND, xbr_mode=XbrMode.MAXIMUM, xbr_ebi_mode=ebi)
     rolling = VehicleCommand()
     return run(truck, lambda time, _: braking if START <= time < RELEASE else rolling, END)
@@ -227,8 +225,7 @@ def _check_response(found: Findings, record: Run) -> None:
 
 def compare_response(parameters: TruckParameters, payload: float, timestep: float) -> Findings:
     """Full brake pedal for 3 s on the standing truck with a payload [kg]."""
-    truck = Truck.load(payload, parameters=parameters, timestep=timestep, visuals=False)
-    truck.reset()
+    truck = placed_truck(parameters, payload, timestep)
     up = VehicleCommand()
     record = run(truck, lambda time, _: FULL if _PEDAL_DOWN <= time < _PEDAL_UP else up, _PEDAL_END)
     time, down = record.time - _PEDAL_DOWN, record.time < _PEDAL_UP
@@ -281,10 +278,7 @@ def stop_run(
     route: Route | None = None,
 ) -> Run:
     """Full pedal from a speed [m/s] to standstill, on a flat plane or a route."""
-    truck = Truck.load(
-        payload, parameters=parameters, route=route, timestep=timestep, visuals=False
-    )
-    truck.reset(speed=speed)
+    truck = placed_truck(parameters, payload, timestep, route, speed=speed)
     return run(truck, lambda *_: FULL, _LONGEST, stop=lambda state: state.speed < _STANDS)
 
 

@@ -13,8 +13,8 @@ from iits_mj.core.results import Findings
 from iits_mj.core.units import GRAVITY, KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from iits_mj.truck import Truck
 from iits_mj.validation.harness.maneuver import Run, run
+from iits_mj.validation.harness.recorder import placed_truck
 from iits_mj.validation.longitudinal.hills import SpeedKeeper
 
 GRADE = -0.06
@@ -31,8 +31,8 @@ def descend(
 ) -> tuple[Run, float]:
     """Drives down at a speed [m/s] over a distance [m]; also returns the gross mass [kg]."""
     route = Route.straight(_START + length + 100.0, grade=GRADE)
-    truck = Truck.load(parameters=parameters, route=route, timestep=timestep, visuals=False)
-    truck.reset(station=_START, speed=speed)
+    start = {"station": _START, "speed": speed}
+    truck = placed_truck(parameters, parameters.payload_max, timestep, route, **start)
     keeper = SpeedKeeper(share=-1.0)
     names = [truck.model.sensor(i).name for i in range(truck.model.nsensor)]
     reservoirs = [name for name in names if name.startswith(_RESERVOIR)]

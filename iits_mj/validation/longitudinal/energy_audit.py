@@ -30,7 +30,7 @@ from iits_mj.core.units import GRAVITY, KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.mass_state import air_shares, rolling_resistances, static_axle_loads
 from iits_mj.truck import Truck
-from iits_mj.validation.harness.recorder import PERIOD
+from iits_mj.validation.harness.recorder import PERIOD, placed_truck
 from iits_mj.validation.longitudinal.hills import HILLS_LENGTH, SpeedKeeper, hills
 
 _SIDES = ("left", "right")
@@ -288,10 +288,7 @@ def drive(
     parameters: TruckParameters, payload: float, timestep: float, length: float = HILLS_LENGTH
 ) -> Trip:
     """Drives the first `length` m of the hills with this payload [kg]."""
-    truck = Truck.load(
-        payload, parameters=parameters, route=hills(), timestep=timestep, visuals=False
-    )
-    truck.reset(station=_START)
+    truck = placed_truck(parameters, payload, timestep, hills(), station=_START)
     truck.step(round(1.0 / timestep))
     ledger, keeper = Ledger(truck), SpeedKeeper()
     before, counters = ledger.stored(), _counters(truck)

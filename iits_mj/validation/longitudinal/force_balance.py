@@ -96,6 +96,12 @@ class ForceBalance:
         torque = input_torque(self.parameters, gear, np.asarray(force), np.asarray(speed))
         return float(torque + self.parameters.engine.auxiliary_torque(speed))
 
+    def pedal(self, torque: float, speed: float) -> float:
+        """Accelerator pedal that requests a torque [N m] at an engine speed [rad/s]."""
+        table = self.parameters.engine.pedal_map
+        asked = [np.interp(speed, table.rows, column) for column in table.values.T]
+        return float(np.interp(torque, asked, table.columns))
+
     def resistance(self, speed: ArrayLike, grade: ArrayLike = 0.0) -> FloatArray:
         """Rolling, grade and air resistance [N] while the truck moves forward."""
         angle = np.arctan(grade)
@@ -120,10 +126,8 @@ class ForceBalance:
     def full_torque(self, engine_speed: ArrayLike) -> FloatArray:
         """Torque at full pedal, limited by full load [N m]; zero beyond the governor."""
         engine, speed = self.parameters.engine, np.asarray(engine_speed, dtype=float)
-        table = engine.pedal_map
-        floored = np.array([np.interp(1.0, table.columns, row) for row in table.values])
-        full = np.interp(speed, *full_load(self.parameters))
-        torque = np.minimum(np.interp(speed, table.rows, floored), full)
+        floored = np.interp(speed, engine.pedal_map.rows, engine.pedal_map.column(1.0))
+        torque = np.minimum(floored, np.interp(speed, *full_load(self.parameters)))
         return np.asarray(np.where(speed > engine.governed_speed, 0.0, torque))
 
     @property

@@ -26,7 +26,7 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.road.elements import DEFAULT_FRICTION
 from iits_mj.truck import Truck
-from iits_mj.validation.harness.recorder import PERIOD, sampled
+from iits_mj.validation.harness.recorder import PERIOD, placed_truck, sampled
 from iits_mj.validation.longitudinal.force_balance import ForceBalance
 from iits_mj.validation.longitudinal.hills import sloping
 from iits_mj.validation.pbs.limits import STANDARDS, Standard
@@ -112,10 +112,7 @@ def sets_off(
 ) -> Attempt:
     """Whether the truck sets off from rest on this grade, on a road of this friction."""
     route = Route.straight(1e4, grade=grade, friction=surface)
-    truck = Truck.load(
-        payload, parameters=parameters, route=route, timestep=timestep, visuals=False
-    )
-    truck.reset(station=100.0)
+    truck = placed_truck(parameters, payload, timestep, route, station=100.0)
     driver = HillDriver(truck, _hold_for(truck, grade))
     return _climbs(truck, driver, _SET_OFF, _TIME)
 
@@ -142,10 +139,7 @@ def gradeability(
         start, gentle = 30.0, min(_APPROACH_GRADE, 0.5 * grade)
         steep = start + _APPROACH
         route = sloping(1e3, gentle, ((steep + 15.0, grade, 30.0),))
-        truck = Truck.load(
-            payload, parameters=parameters, route=route, timestep=timestep, visuals=False
-        )
-        truck.reset(station=start)
+        truck = placed_truck(parameters, payload, timestep, route, station=start)
         length, full = truck.footprint.length, HillDriver(truck)
         gently = HillDriver(truck, _hold_for(truck, gentle))
 
@@ -229,22 +223,15 @@ def _hold_for(truck: Truck, grade: float) -> float:
 
     def pedal(gear: int, slope: float) -> float:
         force = float(balance.resistance(0.0, slope))
-        return _pedal(balance, balance.needed_torque(force, gear, balance.launch_speed))
+        torque = balance.needed_torque(force, gear, balance.launch_speed)
+        # The slipping clutch carries the torque.
+        return balance.pedal(torque, balance.carrying_speed(torque))
 
     # The gearbox chooses the gear by the pedal; a light truck would overcome its parking brake.
     gear = _hold(truck, pedal(1, _STEEPEST), _CHOOSE)
     found = pedal(gear, grade + _SURPLUS)
     _hold(truck, found, _SETTLE)
     return found
-
-
-def _pedal(balance: ForceBalance, torque: float) -> float:
-    """Pedal that requests this torque [N m] while the slipping clutch carries it."""
-    engine = balance.parameters.engine
-    speed = balance.carrying_speed(torque)
-    table = engine.pedal_map
-    asked = [np.interp(speed, table.rows, column) for column in table.values.T]
-    return float(np.interp(torque, asked, table.columns))
 
 
 def _climbs(
@@ -300,14 +287,9 @@ class Steady:
 
 def steady_speed(balance: ForceBalance, grade: float, expected: float, timestep: float) -> Steady:
     """Full pedal on a grade from just below `expected` [m/s] until speed and gear settle."""
-    truck = Truck.load(
-        balance.payload,
-        parameters=balance.parameters,
-        route=Route.straight(grade=grade),
-        timestep=timestep,
-        visuals=False,
-    )
-    truck.reset(station=100.0, speed=_BEGIN * expected)
+    start = {"station": 100.0, "speed": _BEGIN * expected}
+    route = Route.straight(grade=grade)
+    truck = placed_truck(balance.parameters, balance.payload, timestep, route, **start)
     truck.command(VehicleCommand(accelerator_pedal=1.0))
     half = round(0.5 * _BLOCK / timestep)
     for _ in range(_BLOCKS):

@@ -23,7 +23,7 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.messages import EgoState, VehicleCommand, XbrMode
 from iits_mj.core.results import Findings
 from iits_mj.core.tables import read_columns
-from iits_mj.core.units import GRAVITY, KMH
+from iits_mj.core.units import DIESEL_DENSITY, GRAVITY, KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.truck import Truck
@@ -31,7 +31,6 @@ from iits_mj.validation.longitudinal.force_balance import ForceBalance
 from iits_mj.validation.longitudinal.hills import Grade, sloping
 
 TRUCK = "vecto_40t"
-DIESEL = 0.832  # [kg/l]
 _CYCLE = Path(__file__).with_name("long_haul_cycle.csv")
 _ENTRY = 60.0  # [m] of road before the start and after the end
 _PERIOD = 0.05  # of the driver [s]
@@ -135,15 +134,12 @@ def _approach(targets: FloatArray, deceleration: Callable[[float], float]) -> Fl
 
 def _pedal(balance: ForceBalance, acceleration: float, state: EgoState, grade: float) -> float:
     """Accelerator pedal for an acceleration [m/s2]; below 0 where brakes must help."""
-    engine, gear = balance.parameters.engine, max(state.gear, 1)
+    gear = max(state.gear, 1)
     mass = balance.mass + float(balance.rotating_mass(gear))
     force = mass * acceleration + float(balance.resistance(state.speed, grade))
-    speed = max(state.engine_speed, engine.idle_speed)
-    torque, table = balance.needed_torque(force, gear, speed), engine.pedal_map
-    if torque <= 0.0:
-        return -1.0
-    asked = [np.interp(speed, table.rows, column) for column in table.values.T]
-    return float(np.interp(torque, asked, table.columns))
+    speed = max(state.engine_speed, balance.parameters.engine.idle_speed)
+    torque = balance.needed_torque(force, gear, speed)
+    return balance.pedal(torque, speed) if torque > 0.0 else -1.0
 
 
 class Driver:
@@ -247,7 +243,7 @@ class Drive:
     @property
     def liters_per_100_km(self) -> float:
         """Fuel [l/100 km]."""
-        return self.fuel / DIESEL / self.distance * 1e5
+        return self.fuel / DIESEL_DENSITY / self.distance * 1e5
 
 
 def _add_clutch_loss(spec: mujoco.MjSpec) -> None:

@@ -21,7 +21,6 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.results import Findings, Line
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
-from iits_mj.parameters.tables import Table2D
 from iits_mj.validation.harness.maneuver import Run
 from iits_mj.validation.harness.recorder import PERIOD, fit
 from iits_mj.validation.longitudinal import braking
@@ -67,7 +66,7 @@ def balance() -> ForceBalance:
 def compute(truck: ForceBalance, pedal: float, duration: float) -> PublishedRun:
     """Computes a standing start on the flat at a constant pedal, 0 to 1, for a duration [s]."""
     engine, gearbox = truck.parameters.engine, truck.parameters.gearbox
-    map_torque, shift_up = _at(engine.pedal_map, pedal), _at(gearbox.upshift, pedal)
+    map_torque, shift_up = engine.pedal_map.column(pedal), gearbox.upshift.column(pedal)
     gear, torque, speed, pause = int(gearbox.start_gear), 0.0, 0.0, 0.0
     rows = []
     for k in range(round(duration / PERIOD) + 1):
@@ -87,11 +86,6 @@ def compute(truck: ForceBalance, pedal: float, duration: float) -> PublishedRun:
         speed = max(0.0, speed + PERIOD * push / mass)
     table = np.array(rows)
     return PublishedRun(*table.T)
-
-
-def _at(table: Table2D, column: float) -> FloatArray:
-    """Values of a table interpolated at a column, shape of its rows."""
-    return np.array([np.interp(column, table.columns, row) for row in table.values])
 
 
 def _ramp(torque: float, wanted: float, balance: ForceBalance) -> float:

@@ -32,8 +32,7 @@ from iits_mj.road.unevenness import (
     Unevenness,
     random_surface,
 )
-from iits_mj.truck import Truck
-from iits_mj.validation.harness.recorder import SpeedHold, sampled
+from iits_mj.validation.harness.recorder import SpeedHold, placed_truck, sampled
 from iits_mj.validation.longitudinal.braking import UN_R13, distance, stop_run
 
 SPEED = 80.0 * KMH
@@ -67,10 +66,7 @@ def load_coefficients(
     parameters: TruckParameters, payload: float, route: Route, timestep: float
 ) -> dict[str, float]:
     """Dynamic load coefficient of each axle at 80 km/h, by the axle's name."""
-    truck = Truck.load(
-        payload, parameters=parameters, route=route, timestep=timestep, visuals=False
-    )
-    truck.reset(speed=SPEED)
+    truck = placed_truck(parameters, payload, timestep, route, speed=SPEED)
     hold, axles = SpeedHold(), [axle.name for axle in parameters.axles]
 
     def read(_: EgoState) -> list[float]:

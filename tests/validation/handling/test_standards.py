@@ -8,6 +8,7 @@ from iits_mj.validation.handling import lane_change, low_speed_turn, rollover, y
 from iits_mj.validation.handling.roll_plane import RollPlane
 from iits_mj.validation.handling.yaw_damping import damping_ratio
 from iits_mj.validation.pbs.limits import STANDARDS, level_of_length
+from iits_mj.validation.pbs.maneuvers import LaneChange
 from iits_mj.validation.pbs.measures import turn_measures
 
 STEP = 0.005
@@ -80,10 +81,11 @@ def test_inverse_steer_moves_the_linear_steer_axle_along_the_path():
 
     system = YawPlane.from_parameters(TruckParameters.load(), 0.0).at(88.0 / 3.6)
     time = np.arange(0.0, 8.0, 0.01)
-    wanted = lane_change.PATH_PEAK * np.sin(2.0 * np.pi * np.clip(time, 0.0, 2.5) / 2.5)
+    path = LaneChange()
+    wanted = path.peak * np.sin(2.0 * np.pi * np.clip(time, 0.0, 2.5) / 2.5)
     answer = simulate(system, time, lane_change.inverse_steer(system, time, wanted))
-    np.testing.assert_allclose(answer.y, lane_change.path(time), atol=0.03)
-    assert lane_change.end_offset() == pytest.approx(1.46, abs=0.01)
+    np.testing.assert_allclose(answer.y, path.path(path.speed * time), atol=0.03)
+    assert path.offset == pytest.approx(1.46, abs=0.01)
 
 
 def test_last_axle_swings_beyond_the_path_and_steer_axle_stays_on_it():
