@@ -21,7 +21,6 @@ from iits_mj.evaluation import drives, trials
 from iits_mj.evaluation.evaluate import (
     EvaluateConfig,
     describe,
-    drive_trials,
     run,
     tasks_of,
     trial_seed,
@@ -333,11 +332,13 @@ def test_unwritable_file_ends_the_run_with_its_own_error():
 
 def test_a_process_that_dies_loses_no_trial(tmp_path):
     kept = []
-    drive_trials(
+    run_all(
         [task("keep", seed) for seed in range(6)],
         2,
         functools.partial(die_once, tmp_path / "died"),
         kept.append,
+        describe,
+        what="trials",
     )
     assert sorted(t.seed for t in kept) == list(range(6))
     assert (tmp_path / "died").exists()
