@@ -41,6 +41,7 @@ UNUSED = ("VisibilityAction", "ControllerAction", "ActivateControllerAction", "A
 # Name of the controller of a vehicle that the Intelligent Driver Model drives.
 MODEL = "IntelligentDriverModel"
 ROUTES = ("AssignRouteAction", "AcquirePositionAction")
+VALUE_TYPE = "speedTargetValueType", "delta"
 # [m]: the greatest length of a rigid truck, Council Directive 96/53/EC, annex I; a longer one, or a
 # longer combination with a truck, has the body of an articulated truck.
 ARTICULATED = 12.0
@@ -484,13 +485,22 @@ class Entities:
             return 0.0
         if name in asked:
             action.fail("the speed refers to itself")
-        holder = action.child("SpeedActionTarget")
-        target = holder.first("AbsoluteTargetSpeed", "RelativeTargetSpeed")
-        if target.tag == "AbsoluteTargetSpeed":
-            return target.number("value")
+        target, field, value = speed_target(action)
+        if field == "speed":
+            return value
         other = self.speed(self.reference(target), (*asked, name))
-        value = target.number("value")
-        return other * value if target.get("speedTargetValueType") == "factor" else other + value
+        return other * value if field == "speed_factor" else other + value
+
+
+def speed_target(action: Node) -> tuple[Node, str, float]:
+    """Returns the target of a speed action, the field of a `ChangeSpeed` for it, and its value."""
+    holder = action.child("SpeedActionTarget")
+    target = holder.first("AbsoluteTargetSpeed", "RelativeTargetSpeed")
+    field = "speed"
+    if target.tag == "RelativeTargetSpeed":
+        factor = target.get(*VALUE_TYPE) == "factor"
+        field = "speed_factor" if factor else "speed_difference"
+    return target, field, target.number("value")
 
 
 def on(track: Route, pose: Pose, facing: bool = True) -> Spot | None:
