@@ -413,10 +413,13 @@ class Story:
         if then:
             self.event(event.title, name, then, self.trigger(event))
 
-    def variable(self, name: str, value: float | str) -> Any:
-        """An action that sets a variable."""
+    def variable(self, name: str, value: float | str, change: str | None = None) -> Any:
+        """An action that sets a variable, or changes it, see `SetValue`."""
         self._variables.setdefault(name, value)
-        return self.xosc.VariableSetAction(name, value)
+        if change is None:
+            return self.xosc.VariableSetAction(name, value)
+        kinds = {"add": self.xosc.VariableAddAction, "multiply": self.xosc.VariableMultiplyAction}
+        return kinds[change](name, value)
 
     def stop(self, event: Event) -> None:
         """Ends the drive with an event."""

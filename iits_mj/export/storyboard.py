@@ -278,7 +278,7 @@ def _set_value(story: Story, event: do.SetValue, _: str) -> Any:
     name, value = event.variable, event.value
     if name.startswith(SIGNAL):
         return story.xosc.TrafficSignalStateAction(name.removeprefix(SIGNAL), str(value))
-    return story.variable(name, value)
+    return story.variable(name, value, event.change)
 
 
 def _friction(story: Story, event: do.FrictionChange, _: str) -> Any:

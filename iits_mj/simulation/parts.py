@@ -189,7 +189,7 @@ def _read_scenario(config: DriveConfig, path: Path) -> OpenScenario:
     if config.events is not None:
         own = declared_parameters(path)
         given = {name: text for name, text in given.items() if name in own}
-    key = path.absolute(), config.ego, tuple(sorted(given.items()))
+    key = Path(path).absolute(), config.ego, tuple(sorted(given.items()))
     if _LAST.get("key") != key or _LAST["stamps"] != _stamps(path, *_LAST["scenario"].files):
         stamps = _stamps(path)
         scenario = read_scenario(path, config.ego, given)

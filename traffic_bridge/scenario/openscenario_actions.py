@@ -217,11 +217,17 @@ class Actions:
         }
 
     def _set_value(self, kind: Node) -> Values:
-        """The event of an action on a parameter, a variable or a traffic signal."""
-        if kind.tag in ("ParameterAction", "VariableAction"):
-            name = kind.get("parameterRef" if kind.tag == "ParameterAction" else "variableRef")
-            value = kind.first("SetAction").value("value")
-            return {"event": "set_value", "variable": name, "value": value}
+        """The event of an action on a parameter, a variable, a monitor or a traffic signal."""
+        if kind.tag in REFERENCES:
+            values: Values = {"event": "set_value", "variable": kind.get(REFERENCES[kind.tag])}
+            action = kind.first("SetAction", "ModifyAction")
+            if action.tag == "SetAction":
+                return values | {"value": action.value("value")}
+            rule = action.child("Rule").first(*CHANGES)
+            return values | {"value": rule.number("value"), "change": CHANGES[rule.tag]}
+        if kind.tag == "SetMonitorAction":
+            monitor = f"monitor {kind.get('monitorRef')}"
+            return {"event": "set_value", "variable": monitor, "value": kind.get("value")}
         if kind.tag != "InfrastructureAction":
             kind.refuse()
         signal = kind.child("TrafficSignalAction").first("TrafficSignalStateAction")
@@ -412,6 +418,8 @@ PRIVATE: dict[str, Callable[[Actions, Node, str], Values]] = {
     "FollowTrajectoryAction": Actions._follow_trajectory,
     **dict.fromkeys(ROUTES, Actions._follow_route),
 }
+REFERENCES = {"ParameterAction": "parameterRef", "VariableAction": "variableRef"}
+CHANGES = {"AddValue": "add", "MultiplyByValue": "multiply"}
 LIMITS = {"maxAcceleration": "acceleration", "maxDeceleration": "deceleration"}
 COMMAND = "iits_mj"  # type of the custom commands that are events of this package
 BEHIND = "trailingReferencedEntity"

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from iits_mj.core.angles import wrap_angle
 from iits_mj.core.checks import did_you_mean
 from iits_mj.road import RoadMap, Route
+from traffic_bridge.scenario.actions import SHAPES
 from traffic_bridge.scenario.conditions import ROLES, TRUCK
 from traffic_bridge.scenario.openscenario_file import Catalogs, Node
 from traffic_bridge.scenario.openscenario_places import (
@@ -261,6 +262,9 @@ class Entities:
                 self.starts[name] = kind.child("Position").first()
             elif kind.tag == "LongitudinalAction" and kind.find("SpeedAction") is not None:
                 self.speeds[name] = kind.child("SpeedAction")
+                dynamics = self.speeds[name].child("SpeedActionDynamics")
+                if (shape := dynamics.get("dynamicsShape")) not in (*SHAPES, "step"):
+                    dynamics.fail(f"dynamicsShape {shape!r}: allowed are {', '.join(SHAPES)}, step")
             elif kind.tag == "LongitudinalAction":
                 self.distances[name] = kind.child("LongitudinalDistanceAction")
             elif kind.tag == "RoutingAction":

@@ -138,6 +138,13 @@ class Parameter:
     unit: str = ""
     limits: Limits = ()
 
+    def checked(self) -> Parameter:
+        """Returns itself; InputError if the default is outside the limits."""
+        self.parse(
+            str(self.default).lower() if isinstance(self.default, bool) else str(self.default)
+        )
+        return self
+
     def parse(self, text: str) -> Value:
         """Returns the value that a text gives.
 
@@ -206,9 +213,7 @@ def parameter_of(name: str, entry: Any) -> Parameter:
             if not is_number(values[key]) or isinstance(default, (str, bool)):
                 raise InputError(f"parameter {name}: {key} = {shown(values[key])}: only numbers")
             group.append((rule, values[key]))
-    made = Parameter(name, default, unit, (group,) if group else ())
-    made.parse(str(default).lower() if isinstance(default, bool) else str(default))
-    return made
+    return Parameter(name, default, unit, (group,) if group else ()).checked()
 
 
 def assignments(texts: Sequence[str]) -> dict[str, str]:

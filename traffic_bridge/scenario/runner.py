@@ -209,8 +209,8 @@ class Scenario:
         values: dict[str, float | str] = {}
         for record in self.records:
             states[record.event.title] = "begun" if record.ended is None else "ended"
-            if isinstance(record.event, do.SetValue):
-                values[record.event.variable] = record.event.value
+            if isinstance(event := record.event, do.SetValue):
+                values[event.variable] = event.changed(values.get(event.variable))
         config = self._config
         return Situation(
             *(time, self._route, config.footprint, ego, frame, states),
