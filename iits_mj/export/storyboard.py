@@ -51,10 +51,11 @@ def write_events(
 
     def told(changed: Mapping[str, float]) -> tuple[Story, Element]:
         """The scenario with other values of some parameters, and its file."""
-        param = tuple(f"{name}={value}" for name, value in (values | changed).items())
+        param = tuple(f"{name}={value}" for name, value in {**values, **changed}.items())
         story = _story(dataclasses.replace(config, param=param), route, parameters)
         return story, story.element(path)
 
+    assert config.events is not None
     declared, given = read_parameters(config.events), assignments(config.param)
     values = scope_of(declared, given, str(config.events))
     story, root = told({})

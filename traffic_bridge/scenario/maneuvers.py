@@ -104,7 +104,7 @@ def begin(
         goal = float(event.gap or 0.0), event.speed_difference
         plans.append(_approach(actor, truck, *goal, hardest=event.acceleration))
         actor.plan_speed(plans[0])  # type: ignore[arg-type]
-        plans[0].done = plans[0].duration == 0.0  # type: ignore[attr-defined]
+        plans[0].done = plans[0].duration == 0.0
     elif isinstance(event, do.KeepDistance):
         _keep_distance(event, actor, plans)
     elif isinstance(event, do.ActivateDriver):

@@ -262,8 +262,8 @@ class Entities:
                 self.starts[name] = kind.child("Position").first()
             elif kind.tag == "LongitudinalAction" and kind.find("SpeedAction") is not None:
                 self.speeds[name] = kind.child("SpeedAction")
-                dynamics = self.speeds[name].child("SpeedActionDynamics")
-                if (shape := dynamics.get("dynamicsShape")) not in (*SHAPES, "step"):
+                dynamics = self.speeds[name].find("SpeedActionDynamics") or action
+                if (shape := dynamics.get("dynamicsShape", "step")) not in (*SHAPES, "step"):
                     dynamics.fail(f"dynamicsShape {shape!r}: allowed are {', '.join(SHAPES)}, step")
             elif kind.tag == "LongitudinalAction":
                 self.distances[name] = kind.child("LongitudinalDistanceAction")
