@@ -4,9 +4,9 @@ The state of a track is position, velocity and acceleration in the map. The acce
 first-order Markov process (R. A. Singer, "Estimating optimal tracking filter performance for manned
 maneuvering targets", IEEE Transactions on Aerospace and Electronic Systems AES-6 (1970)). A radar
 measures position and the speed along its line of sight, a camera position alone. Detections are
-assigned to the nearest track within a gate of the Mahalanobis distance, the closest pair first
-(S. Blackman and R. Popoli, "Design and Analysis of Modern Tracking Systems" (1999), chapter 6). The
-truck's own place in the map is taken as known.
+assigned to the nearest track within a gate of the Mahalanobis distance and one of the speed, the
+closest pair first (S. Blackman and R. Popoli, "Design and Analysis of Modern Tracking Systems"
+(1999), chapter 6). The truck's own place in the map is taken as known.
 """
 
 from __future__ import annotations
@@ -28,6 +28,9 @@ from iits_mj.road import Route
 # across the heading [m/s2]; gate of the squared Mahalanobis distance: 99.9 % of two degrees of
 # freedom.
 _TIME_CONSTANT, _ACCELERATION, _GATE = 2.0, (2.5, 0.5), 13.8
+# Gate of the speed: standard deviations, and the hardest braking or acceleration since the track's
+# last detection [m/s2].
+_SPEED_GATE, _HARDEST = 4.0, 10.0
 # Scans with a detection before a track is reported, and those of a camera where one looks.
 _CONFIRMED, _SEEN = 3, 2
 # Time without detection after which a track ends, and one that is not confirmed [s].
@@ -173,6 +176,8 @@ class Tracker:
                 off = place - track.state[:2]
                 if abs(off[0]) + abs(off[1]) > 30.0:  # saves the exact distance
                     continue
+                if _leaps(track, seen, time):
+                    continue
                 spread = track.covariance[:2, :2] + measured
                 pairs.append((float(off @ np.linalg.solve(spread, off)), track.name, k, track))
         pairs.sort(key=lambda pair: pair[:3])
@@ -251,12 +256,24 @@ class Tracker:
         )
 
 
+def _leaps(track: _Track, seen: Detection, time: float) -> bool:
+    """Whether the speed of a detection is none that a track can have, such as that of a ghost."""
+    if math.isnan(seen.speed):
+        return False
+    sight = np.array(seen.sight)
+    spread = float(sight @ track.covariance[2:4, 2:4] @ sight) + seen.speed_sigma**2
+    change = abs(seen.speed - float(sight @ track.state[2:4]))
+    return change > _SPEED_GATE * math.sqrt(spread) + _HARDEST * (time - track.seen_at)
+
+
 def _update(track: _Track, model: FloatArray, measured: FloatArray, value: FloatArray) -> None:
     """The update of a Kalman filter, in Joseph's form.
 
     Args:
       track: of which the state changes.
-      model: of the measurement, shape (n, 6); measured: its covariance (n, n); value: of it (n,).
+      model: of the measurement, shape (n, 6).
+      measured: covariance of the measurement, shape (n, n).
+      value: measured, shape (n,).
     """
     p = track.covariance
     gain = np.linalg.solve(model @ p @ model.T + measured, model @ p).T

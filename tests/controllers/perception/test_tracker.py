@@ -74,6 +74,30 @@ def test_a_braking_is_known_within_a_second():
     assert shown[38][0].acceleration == pytest.approx(-6.0, abs=1.5)
 
 
+def test_a_ghost_beside_a_car_with_another_speed_does_not_brake_it():
+    tracker = Tracker(ROUTE)
+    for k in range(30):
+        x = 100.0 + 1.5 * k
+        tracker.update(0.1 * k, [(False, [seen(x, 0.0, 15.0)])])
+    # The ghost hides the car in one scan.
+    x = 100.0 + 1.5 * 30
+    tracker.update(3.0, [(False, [seen(x, 0.3, 11.0)])])
+    car = next(v for v in tracker.vehicles(3.0) if v.id == "track000001")
+    assert car.speed == pytest.approx(15.0, abs=0.1)
+    assert car.acceleration == pytest.approx(0.0, abs=0.5)
+
+
+def test_a_full_braking_from_one_scan_to_the_next_is_followed():
+    tracker = Tracker(ROUTE)
+    for k in range(45):
+        t = max(0.1 * k - 3.0, 0.0)
+        path = 100.0 + 20.0 * 0.1 * k - 4.5 * t**2, 0.0, 20.0 - 9.0 * t
+        tracker.update(0.1 * k, [(False, [seen(*path)])])
+    (car,) = tracker.vehicles(4.4)
+    assert car.id == "track000001"
+    assert car.speed == pytest.approx(20.0 - 9.0 * 1.4, abs=0.3)
+
+
 def test_a_track_is_reported_after_three_scans_and_survives_a_short_gap():
     shown = follow(lambda t: (150.0, 0.0, 0.0), 3.5, detected=lambda k: not 10 <= k < 16)
     assert [len(frame) for frame in shown[:3]] == [0, 0, 1]
