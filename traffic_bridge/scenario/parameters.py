@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from iits_mj.core.checks import did_you_mean, is_number, is_whole, shown
+from iits_mj.core.checks import check_fields, did_you_mean, is_number, is_whole, shown
 from iits_mj.core.errors import InputError
 
 LONGEST_EXPRESSION = 400
@@ -194,12 +194,7 @@ def parameter_of(name: str, entry: Any) -> Parameter:
     if not NAME.fullmatch(name):
         raise InputError(f"parameter {shown(name)}: a name has letters, digits and underscores")
     values = entry if isinstance(entry, dict) else {"default": entry}
-    known = ("default", "unit", "low", "high")
-    if unknown := [key for key in values if key not in known]:
-        raise InputError(
-            f"parameter {name}: {unknown[0]!r} is unknown{did_you_mean(unknown[0], known)}; it has "
-            f"{', '.join(known)}"
-        )
+    check_fields(f"parameter {name}", values, ("default", "unit", "low", "high"))
     if "default" not in values:
         raise InputError(f"parameter {name}: default is missing")
     default, unit = values["default"], values.get("unit", "")
