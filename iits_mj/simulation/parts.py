@@ -158,7 +158,10 @@ def with_scenario(config: AnyDrive) -> AnyDrive:
         route=config.route or scenario.route,
         traffic_mode="none",
     )
-    route = load_map(config.map).route(along=config.route)
+    try:
+        route = load_map(config.map).route(along=config.route)
+    except InputError as error:
+        raise InputError(f"{config.scenario}: road of {scenario.ego}: {error}") from None
     start = scenario.start(route, TruckParameters.load(config.truck).footprint)
     values: dict[str, Any] = {
         "start_station": start.station,

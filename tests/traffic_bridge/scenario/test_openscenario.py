@@ -329,6 +329,16 @@ def test_what_a_scenario_has_beyond_the_subset_is_refused_with_its_line(tmp_path
     assert re.search(r"own.xosc: line \d+: <", str(raised.value))
 
 
+def test_an_ego_off_the_driving_lanes_is_refused_with_the_name_of_the_scenario(tmp_path):
+    path = written(tmp_path, SCENARIO.replace('laneId="-2" s="100"', 'laneId="-3" s="100"'))
+    with pytest.raises(
+        InputError, match=r"own.xosc: road of Hero: .* no driving lane -3"
+    ) as raised:
+        with_scenario(DriveConfig(scenario=path))
+    # The line in the middle is no lane.
+    assert "it has -2, -1" in str(raised.value)
+
+
 def test_the_ego_can_be_named(tmp_path):
     path = written(tmp_path)
     assert read_scenario(path).ego == "Hero"
