@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator, Mapping
 from xml.etree.ElementTree import Element, SubElement
 
 from iits_mj.core.errors import InputError
+from iits_mj.export.story import DIGITS
 from traffic_bridge.scenario.parameters import Parameter
 
-DIGITS = 6  # of numbers in files
 SAME = 2.0 * 10.0**-DIGITS  # numbers of a file that differ by less are equal
 RULES = ("greaterOrEqual", "lessOrEqual")  # of the ends of a range
 
@@ -110,14 +110,19 @@ def _check(
     ranges: Mapping[str, tuple[float, float]],
     build: Build,
 ) -> None:
-    """Checks that the numbers are those of the slopes at the ends of all ranges.
+    """Checks that the numbers are those of the slopes at both ends, and with the other parameters.
 
     Raises:
       InputError: they are not.
     """
     last = list(ranges)[-1]
     corners = [{last: end} for end in ranges[last]]
-    corners += [{name: ends[k] for name, ends in ranges.items()} for k in (0, 1)]
+    # No parameter has its own value there, so that products of two show.
+    far = {name: max(ends, key=lambda x: abs(x - here[name])) for name, ends in ranges.items()}
+    corners += [
+        {name: here[name] + share * (x - here[name]) for name, x in far.items()}
+        for share in (1.0, 0.5)
+    ]
     for corner in corners:
         found = {k: there - now for k, there, now in _numbers(places, build(corner))}
         for k in {*found, *(k for name in corner for k in slopes[name])}:
