@@ -4,9 +4,9 @@ The state of a track is position, velocity and acceleration in the map. The acce
 first-order Markov process (R. A. Singer, "Estimating optimal tracking filter performance for manned
 maneuvering targets", IEEE Transactions on Aerospace and Electronic Systems AES-6 (1970)). A radar
 measures position and the speed along its line of sight, a camera position alone. Detections are
-assigned to the nearest track within a gate of the Mahalanobis distance, the closest pair first
-(S. Blackman and R. Popoli, "Design and Analysis of Modern Tracking Systems" (1999), chapter 6). The
-truck's own place in the map is taken as known.
+assigned to the nearest track within a gate of the Mahalanobis distance and one of the speed, the
+closest pair first (S. Blackman and R. Popoli, "Design and Analysis of Modern Tracking Systems"
+(1999), chapter 6). The truck's own place in the map is taken as known.
 """
 
 from __future__ import annotations
@@ -28,6 +28,9 @@ from iits_mj.road import Route
 # across the heading [m/s2]; gate of the squared Mahalanobis distance: 99.9 % of two degrees of
 # freedom.
 _TIME_CONSTANT, _ACCELERATION, _GATE = 2.0, (2.5, 0.5), 13.8
+# Gate of the speed: standard deviations, and the hardest braking or acceleration since the track's
+# last detection [m/s2].
+_SPEED_GATE, _HARDEST = 4.0, 10.0
 # Scans with a detection before a track is reported, and those of a camera where one looks.
 _CONFIRMED, _SEEN = 3, 2
 # Time without detection after which a track ends, and one that is not confirmed [s].
@@ -35,8 +38,9 @@ _LOST, _TENTATIVE = 0.8, 0.25
 # Share of a measured heading that a track takes over.
 _HEADING_SHARE = 0.3
 # A wheeled vehicle moves across its heading by no more than this share of its motion along it: what
-# stands does not move aside, whatever the noise of its position says.
-_COURSE = 0.35
+# stands does not move aside, whatever the noise of its position says. The standard deviation of its
+# speed across [m/s] has a floor, for the error of the heading.
+_COURSE, _SLIP = 0.35, 0.1
 # A track this far above or below the route's surface is on another road [m].
 _OTHER_LEVEL = 3.0
 # Spread of a new track's velocity along its heading, known and not, and across it [m/s], and of its
@@ -151,6 +155,16 @@ class Tracker:
         noise = np.kron(np.outer(gain, gain), turn @ spread @ turn.T)
         track.state = forward @ track.state
         track.covariance = forward @ track.covariance @ forward.T + noise
+        if track.look.kind != "pedestrian":
+            self._roll(track)
+
+    def _roll(self, track: _Track) -> None:
+        """Takes over that wheels hardly move across their heading, as a measured speed of zero."""
+        model, yaw = np.zeros((1, 6)), track.look.yaw
+        model[0, 2:4] = -math.sin(yaw), math.cos(yaw)
+        along = math.cos(yaw) * track.state[2] + math.sin(yaw) * track.state[3]
+        sigma = math.hypot(_SLIP, _COURSE * float(along))
+        _update(track, model, np.array([[sigma**2]]), np.zeros(1))
 
     def _take(self, time: float, camera: bool, detections: Sequence[Detection]) -> None:
         """Updates tracks with the detections of one sensor, and begins new ones."""
@@ -161,6 +175,8 @@ class Tracker:
             for track in self._tracks:
                 off = place - track.state[:2]
                 if abs(off[0]) + abs(off[1]) > 30.0:  # saves the exact distance
+                    continue
+                if _leaps(track, seen, time):
                     continue
                 spread = track.covariance[:2, :2] + measured
                 pairs.append((float(off @ np.linalg.solve(spread, off)), track.name, k, track))
@@ -177,7 +193,7 @@ class Tracker:
             self._begin(detections[k], time, camera)
 
     def _correct(self, track: _Track, seen: Detection, time: float, camera: bool) -> None:
-        """The update of a Kalman filter, in Joseph's form, with position and speed along sight."""
+        """Updates a track with position and, of a radar, speed along sight."""
         (xx, xy, yy), (ux, uy) = seen.covariance, seen.sight
         model = np.zeros((3, 6))
         model[0, 0] = model[1, 1] = 1.0
@@ -186,11 +202,7 @@ class Tracker:
         value = np.array([seen.x, seen.y, seen.speed])
         if math.isnan(seen.speed):
             model, measured, value = model[:2], measured[:2, :2], value[:2]
-        p = track.covariance
-        gain = np.linalg.solve(model @ p @ model.T + measured, model @ p).T
-        rest = np.eye(6) - gain @ model
-        track.state = track.state + gain @ (value - model @ track.state)
-        track.covariance = rest @ p @ rest.T + gain @ measured @ gain.T
+        _update(track, model, measured, value)
         turned = wrap_angle(seen.look.yaw - track.look.yaw)
         yaw = track.look.yaw + _HEADING_SHARE * turned
         track.look = dataclasses.replace(seen.look, yaw=yaw)
@@ -242,6 +254,32 @@ class Tracker:
             lane=lane if abs(look.z - float(road.z)) <= _OTHER_LEVEL else -1,
             yaw_rate=0.0,
         )
+
+
+def _leaps(track: _Track, seen: Detection, time: float) -> bool:
+    """Whether the speed of a detection is none that a track can have, such as that of a ghost."""
+    if math.isnan(seen.speed):
+        return False
+    sight = np.array(seen.sight)
+    spread = float(sight @ track.covariance[2:4, 2:4] @ sight) + seen.speed_sigma**2
+    change = abs(seen.speed - float(sight @ track.state[2:4]))
+    return change > _SPEED_GATE * math.sqrt(spread) + _HARDEST * (time - track.seen_at)
+
+
+def _update(track: _Track, model: FloatArray, measured: FloatArray, value: FloatArray) -> None:
+    """The update of a Kalman filter, in Joseph's form.
+
+    Args:
+      track: of which the state changes.
+      model: of the measurement, shape (n, 6).
+      measured: covariance of the measurement, shape (n, n).
+      value: measured, shape (n,).
+    """
+    p = track.covariance
+    gain = np.linalg.solve(model @ p @ model.T + measured, model @ p).T
+    rest = np.eye(6) - gain @ model
+    track.state = track.state + gain @ (value - model @ track.state)
+    track.covariance = rest @ p @ rest.T + gain @ measured @ gain.T
 
 
 def _inside(place: FloatArray, track: _Track) -> bool:

@@ -53,6 +53,7 @@ class Options(SweepConfig, ClusterOptions):
 def run(options: Options) -> int:
     """Drives the missing points, writes all files, prints the summary; returns the exit code."""
     sweep = Sweep.of(options)
+    sweep_runs.check_names(sweep)
     prepare_folder(options.out)
     sweep_runs.check_folder(options.out, sweep.identity())
     boundary = None
@@ -126,10 +127,11 @@ def _boundary_text(sweep: Sweep, boundary: Boundary) -> str:
         for axis, width in zip(sweep.continuous(), widths, strict=True)
     )
     grid, count = boundary.equal_grid(), len(boundary.found)
-    return (
-        f"{count} runs locate the boundaries between the outcomes within {places} on the sides of "
-        f"cells; a grid with these steps has {grid} points, {grid / count:.1f} times as many."
-    )
+    found = f"{count} runs locate the boundaries between the outcomes within {places} on the sides"
+    if grid <= count:
+        return f"{found} of cells, no better than a grid of {grid} points: give --adaptive more."
+    times = f"{grid / count:.1f} times as many"
+    return f"{found} of cells; a grid with these steps has {grid} points, {times}."
 
 
 def _finish(

@@ -103,6 +103,17 @@ def did_you_mean(value: object, allowed: Iterable[str]) -> str:
     return f" (did you mean {words[near[0]]}?)" if near else ""
 
 
+def check_fields(what: str, given: Iterable[str], known: Iterable[str]) -> None:
+    """Raises InputError if a name of a table is not among its fields."""
+    known = list(known)
+    for name in given:
+        if name not in known:
+            raise InputError(
+                f"{what}: {shown(name)} is unknown{did_you_mean(name, known)}; the fields are "
+                f"{', '.join(known)}"
+            )
+
+
 def read_action(action: Any, shape: tuple[int, ...], name: str = "action") -> FloatArray:
     """Returns an array of finite numbers of a shape; raises InputError for anything else."""
     try:

@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
@@ -150,24 +151,30 @@ def write_recording(
     if act.maneuvergroup:
         story.add_act(act)
         board.add_story(story)
-    return write_scenario(path, route, entities, board)
+    return write_scenario(path, route, scenario_element(path, entities, board))
 
 
-def write_scenario(
-    path: Path, route: Route, entities: Any, board: Any, variables: Any = None
-) -> tuple[Path, Path]:
-    """Writes a scenario of scenariogeneration's parts, and its map; returns the two paths."""
-    xosc, source, road = xosc_package(), route.road_map.path, path.with_suffix(".xodr")
-    if not (road.is_file() and road.samefile(source)):
-        write_whole(road, source.read_bytes(), "map")
-    made = xosc.Scenario(
+def scenario_element(path: Path, entities: Any, board: Any, variables: Any = None) -> Element:
+    """Returns the root of a file, of scenariogeneration's parts."""
+    xosc = xosc_package()
+    made: Element = xosc.Scenario(
         *("a drive of iits_mj", "iits_mj", xosc.ParameterDeclarations(), entities, board),
-        *(xosc.RoadNetwork(road.name), xosc.Catalog()),
+        *(xosc.RoadNetwork(path.with_suffix(".xodr").name), xosc.Catalog()),
         osc_minor_version=MINOR_VERSION,
         variable_declaration=variables,
-    )
+    ).get_element()
+    return made
+
+
+def write_scenario(path: Path, route: Route, root: Element) -> tuple[Path, Path]:
+    """Writes a scenario and its map; returns the two paths."""
+    from scenariogeneration.helpers import printToFile
+
+    source, road = route.road_map.path, path.with_suffix(".xodr")
+    if not (road.is_file() and road.samefile(source)):
+        write_whole(road, source.read_bytes(), "map")
     with OutputFile(path, "OpenSCENARIO file") as partial:
-        made.write_xml(str(partial))
+        printToFile(root, str(partial))
     return path, road
 
 

@@ -14,6 +14,7 @@ import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
+from xml.etree.ElementTree import Element
 
 from iits_mj.core.errors import InputError
 from iits_mj.export.openscenario import (
@@ -22,8 +23,8 @@ from iits_mj.export.openscenario import (
     at_time,
     body_of,
     reference_of,
+    scenario_element,
     speed_action,
-    write_scenario,
     xosc_package,
 )
 from iits_mj.parameters import TruckParameters
@@ -113,8 +114,8 @@ class Story:
         self.init.add_init_action(EGO, xosc.TeleportAction(position))
         self.init.add_init_action(EGO, speed_action(self.speed))
 
-    def write(self, path: Path) -> tuple[Path, Path]:
-        """Writes the file and the map."""
+    def element(self, path: Path) -> Element:
+        """Returns the root of the file."""
         xosc = self.xosc
         self._stop.add_conditiongroup(self._group([at_time(self.config.duration)], "stop"))
         board = xosc.StoryBoard(self.init, self._stop)
@@ -128,7 +129,7 @@ class Story:
             kind = xosc.ParameterType.string if text else xosc.ParameterType.double
             # No condition holds before an event sets the variable.
             declared.add_variable(xosc.Variable(name, kind, "" if text else "NaN"))
-        return write_scenario(path, self.route, self.entities, board, declared)
+        return scenario_element(path, self.entities, board, declared)
 
     def fail(self, event: Event, message: str) -> NoReturn:
         """Raises InputError that names an event."""
@@ -413,10 +414,13 @@ class Story:
         if then:
             self.event(event.title, name, then, self.trigger(event))
 
-    def variable(self, name: str, value: float | str) -> Any:
-        """An action that sets a variable."""
+    def variable(self, name: str, value: float | str, change: str | None = None) -> Any:
+        """An action that sets a variable, or changes it, see `SetValue`."""
         self._variables.setdefault(name, value)
-        return self.xosc.VariableSetAction(name, value)
+        if change is None:
+            return self.xosc.VariableSetAction(name, value)
+        kinds = {"add": self.xosc.VariableAddAction, "multiply": self.xosc.VariableMultiplyAction}
+        return kinds[change](name, value)
 
     def stop(self, event: Event) -> None:
         """Ends the drive with an event."""

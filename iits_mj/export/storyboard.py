@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element
 
-from iits_mj.export.openscenario import EGO, check_target, speed_action
+from iits_mj.export.openscenario import EGO, check_target, speed_action, write_scenario
+from iits_mj.export.parametric import with_parameters
 from iits_mj.export.story import TIMES, Story, on_road, rounded
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
@@ -19,7 +22,8 @@ from traffic_bridge.scenario.conditions import SIGNAL, TRUCK
 from traffic_bridge.scenario.maneuvers import HOLD_JERK, HOLD_RATE
 from traffic_bridge.scenario.openscenario_actions import BEHIND
 from traffic_bridge.scenario.openscenario_entities import AHEAD
-from traffic_bridge.scenario.reading import check_references
+from traffic_bridge.scenario.parameters import assignments, scope_of
+from traffic_bridge.scenario.reading import check_references, read_parameters
 from traffic_bridge.signals import events as sumo
 from traffic_bridge.signals.events import Event
 from traffic_bridge.signals.obstructions import closure_places, convoy_places
@@ -44,6 +48,23 @@ def write_events(
         has nothing for an event or a condition.
     """
     check_target(path, route)
+
+    def told(changed: Mapping[str, float]) -> tuple[Story, Element]:
+        """The scenario with other values of some parameters, and its file."""
+        param = tuple(f"{name}={value}" for name, value in {**values, **changed}.items())
+        story = _story(dataclasses.replace(config, param=param), route, parameters)
+        return story, story.element(path)
+
+    assert config.events is not None
+    declared, given = read_parameters(config.events), assignments(config.param)
+    values = scope_of(declared, given, str(config.events))
+    story, root = told({})
+    remarks = with_parameters(root, declared, values, lambda changed: told(changed)[1])
+    return (*write_scenario(path, route, root), (*story.remarks, *remarks))
+
+
+def _story(config: DriveConfig, route: Route, parameters: TruckParameters) -> Story:
+    """The events of a drive as a scenario."""
     events = configured_events(config)
     check_references(events)
     story = Story(placed(config, route, parameters.footprint), route, parameters, events)
@@ -58,7 +79,7 @@ def write_events(
             story.command(event)
         elif made is not None:
             story.acts(event, made, actor)
-    return (*story.write(path), tuple(story.remarks))
+    return story
 
 
 # The writers of the kinds of events, for the entity of the actor: one returns the event's action,
@@ -278,7 +299,7 @@ def _set_value(story: Story, event: do.SetValue, _: str) -> Any:
     name, value = event.variable, event.value
     if name.startswith(SIGNAL):
         return story.xosc.TrafficSignalStateAction(name.removeprefix(SIGNAL), str(value))
-    return story.variable(name, value)
+    return story.variable(name, value, event.change)
 
 
 def _friction(story: Story, event: do.FrictionChange, _: str) -> Any:

@@ -21,6 +21,8 @@ constexpr double kFar = 1.0, kNear = 0.4;
 constexpr double kLastSpeed = 2.0;
 // Braking of a truck that has come to rest at a stop [m/s2].
 constexpr double kHoldDeceleration = 1.2;
+// Room that counts where none is left [m]: within the margin a truck brakes hard from 0.24 m/s on.
+constexpr double kLeastRoom = 0.01;
 
 // Bound on the speed over stations `step` apart.
 struct Cap {
@@ -157,11 +159,11 @@ IITS_KERNEL double iits_most_urgent(const Lead* leads, long count, double speed,
     const double gap = lead->gap + way - speed * reaction_time;
     const double closing = speed - lead_speed;
     double needed = 0.0;
-    if (closing > 0.0) needed = Square(closing) / (2.0 * std::max(gap - margin, 0.1));
+    if (closing > 0.0) needed = Square(closing) / (2.0 * std::max(gap - margin, kLeastRoom));
     if (lead->acceleration < -1.0) {
       // Both stop: the leader's stopping distance adds to the room.
       const double room = gap - margin + Square(lead_speed) / (-2.0 * lead->acceleration);
-      needed = std::max(needed, Square(speed) / (2.0 * std::max(room, 0.1)));
+      needed = std::max(needed, Square(speed) / (2.0 * std::max(room, kLeastRoom)));
     }
     worst = std::max(worst, needed);
   }

@@ -155,7 +155,9 @@ def _nodes(graph: RoadGraph, word: str) -> list[Node]:
         raise InputError(
             f"{graph.source}: there is no road {word!r} for the route; there are {names}"
         )
-    driven = sorted({each.id for part in road.sections for each in part.lanes if each.is_driving})
+    # Maps may give the line in the middle the type of a lane.
+    lanes = (each for part in road.sections for each in part.lanes if each.id and each.is_driving)
+    driven = sorted({each.id for each in lanes})
     node = (name, road.travel(int(lane)))
     if int(lane) not in driven or node not in graph.nodes:
         raise InputError(

@@ -158,7 +158,10 @@ def with_scenario(config: AnyDrive) -> AnyDrive:
         route=config.route or scenario.route,
         traffic_mode="none",
     )
-    route = load_map(config.map).route(along=config.route)
+    try:
+        route = load_map(config.map).route(along=config.route)
+    except InputError as error:
+        raise InputError(f"{config.scenario}: road of {scenario.ego}: {error}") from None
     start = scenario.start(route, TruckParameters.load(config.truck).footprint)
     values: dict[str, Any] = {
         "start_station": start.station,
@@ -189,7 +192,7 @@ def _read_scenario(config: DriveConfig, path: Path) -> OpenScenario:
     if config.events is not None:
         own = declared_parameters(path)
         given = {name: text for name, text in given.items() if name in own}
-    key = path.absolute(), config.ego, tuple(sorted(given.items()))
+    key = Path(path).absolute(), config.ego, tuple(sorted(given.items()))
     if _LAST.get("key") != key or _LAST["stamps"] != _stamps(path, *_LAST["scenario"].files):
         stamps = _stamps(path)
         scenario = read_scenario(path, config.ego, given)

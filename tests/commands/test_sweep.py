@@ -18,6 +18,20 @@ CUT_IN = str(ROOT / "examples/cut_in.toml")
 FAST = ["--traffic-mode", "none", "--plant", "yaw-sideslip"]
 
 
+@pytest.mark.parametrize("name", ["reason", "events", "gap_m"])
+def test_a_parameter_named_as_a_column_of_the_rows_is_refused(name, tmp_path, capsys):
+    scenario = tmp_path / "scenario.toml"
+    scenario.write_text(
+        f'[parameters]\n{name} = 20.0\n[[events]]\nevent = "place_vehicle"\nname = "car"\n'
+        f'gap = "${name}"\nrelative_lane = 0\nspeed = 3.0\n'
+    )
+    out = tmp_path / "out"
+    words = ["sweep", str(scenario), *FAST, "--param", f"{name}=20,30", "--out", str(out)]
+    assert cli.main(words) == 2
+    assert f"param {name}: runs.csv has a column of this name" in capsys.readouterr().err
+    assert not out.exists()
+
+
 class Stop(BaseException):
     """Ends a sweep from outside."""
 

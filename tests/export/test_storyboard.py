@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 import pytest
 
 from iits_mj.cli import main
+from iits_mj.core.errors import InputError
 from iits_mj.simulation import DriveConfig, Simulation
 from iits_mj.simulation.parts import with_scenario
 from tests.export.checker import checked
@@ -70,6 +71,31 @@ def test_the_tutorials_near_miss_is_the_same_drive(tmp_path):
     assert all(
         math.dist(a[name], b[name]) < 1e-6 for a, b in zip(ours, theirs, strict=True) for name in a
     )
+
+
+def test_parameters_of_the_events_are_parameters_of_the_file(tmp_path):
+    path = exported(EXAMPLES / "cut_in.toml", tmp_path)
+    param = ("gap=9.5", "dv=-4", "deceleration=6.5")
+    ours, when = driven(events=EXAMPLES / "cut_in.toml", start_station=STATION, param=param)
+    theirs, again = driven(scenario=path, param=param)
+    assert {name: again[name] for name in when} == when
+    assert all(
+        math.dist(a[name], b[name]) < 1e-6 for a, b in zip(ours, theirs, strict=True) for name in a
+    )
+    with pytest.raises(InputError, match="gap = 300"):
+        driven(scenario=path, param=("gap=300",))
+
+
+def test_a_parameter_without_linear_numbers_is_written_with_its_value(tmp_path, capsys):
+    path = exported(EXAMPLES / "regulations" / "r157_braking.toml", tmp_path)
+    said = capsys.readouterr().err
+    # The gap is the product of both.
+    assert "parameter time_gap is written with its value 1.5" in said
+    names = [each.get("name") for each in ElementTree.parse(path).iter("ParameterDeclaration")]
+    assert names == ["speed", "deceleration", "begins"]
+    gaps = {each.get("s") for each in ElementTree.parse(path).iter("LanePosition")}
+    assert any(text.startswith("${1.5 * $speed") for text in gaps)
+    assert checked(path) == []
 
 
 def test_sumos_events_are_entities_or_named_commands(tmp_path, capsys):

@@ -543,6 +543,7 @@ class SetValue(SceneEvent):
 
     Attributes:
       variable: its name; value: new one.
+      change: "add" or "multiply": the number changes the variable's one, which is 0 if it has none.
     """
 
     kind: ClassVar[str] = "set_value"
@@ -550,12 +551,22 @@ class SetValue(SceneEvent):
 
     variable: str = text(REQUIRED)
     value: float | str
+    change: str | None = choice(None, ("add", "multiply"))
+
+    def changed(self, before: float | str | None) -> float | str:
+        """Returns the value after the event, of that before it."""
+        if self.change is None or isinstance(self.value, str):
+            return self.value
+        number = before if isinstance(before, float) else 0.0
+        return number + self.value if self.change == "add" else number * self.value
 
     def _check(self) -> None:
         if is_number(self.value):
             object.__setattr__(self, "value", float(self.value))
         elif not isinstance(self.value, str):
             raise InputError(f"{self.kind}: value = {self.value!r}: must be a number or a text")
+        elif self.change is not None:
+            raise InputError(f"{self.kind}: value = {self.value!r}: {self.change} needs a number")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -103,10 +103,19 @@ class Plan:
 
     Attributes:
       done: it is over or was replaced; then: called when it is over.
+      duration: of a plan over time [s]; elapsed: since its beginning [s].
     """
 
     done: bool = False
     then: Callable[[], None] = lambda: None
+    duration: float = 0.0
+    elapsed: float = 0.0
+
+    def tick(self, step: float) -> float:
+        """Ends a step of a plan over time; returns the time since its beginning [s]."""
+        self.elapsed = min(self.elapsed + step, self.duration)
+        self.done = self.elapsed >= self.duration - 1e-9
+        return self.elapsed
 
 
 @dataclass
@@ -116,7 +125,7 @@ class SpeedPlan(Plan):
     Attributes:
       target: [m/s]; rate: greatest acceleration [m/s2]; jerk: [m/s3]; held: it does not end.
       follow: target by the situation's bodies, None where it stays.
-      profile: speed at a time since the beginning, instead of rate and jerk; duration: of it [s].
+      profile: speed at a time since the beginning, instead of rate and jerk.
     """
 
     target: float = 0.0
@@ -125,15 +134,11 @@ class SpeedPlan(Plan):
     held: bool = False
     follow: Callable[[Iterable[Body]], float | None] | None = None
     profile: Callable[[float], float] | None = None
-    duration: float = 0.0
-    elapsed: float = 0.0
 
     def next(self, speed: float, before: float, step: float) -> float:
         """Acceleration of the next step [m/s2]; `before` is that of the last one."""
         if self.profile is not None:
-            self.elapsed = min(self.elapsed + step, self.duration)
-            self.done = self.elapsed >= self.duration - 1e-9
-            return (self.profile(self.elapsed) - speed) / step
+            return (self.profile(self.tick(step)) - speed) / step
         missing = self.target - speed
         change = self.jerk * step
         # The acceleration from which equal steps down to zero add up to the missing speed.
@@ -162,12 +167,10 @@ class Timetable(Plan):
     """A place on a path for each time.
 
     Attributes:
-      at: station on the path [m] at a time since the beginning [s]; duration: [s].
+      at: station on the path [m] at a time since the beginning [s].
     """
 
     at: Callable[[float], float] = lambda _: 0.0
-    duration: float = 0.0
-    elapsed: float = 0.0
 
 
 @dataclass
@@ -183,15 +186,13 @@ class Approach(Plan):
 
     Attributes:
       gap, closing: from the truck's front bumper to the actor's rear [m], and its rate [m/s], at
-        the beginning; goal, final: the same at the end; duration: [s].
+        the beginning; goal, final: the same at the end.
     """
 
     gap: float = 0.0
     closing: float = 0.0
     goal: float = 0.0
     final: float = 0.0
-    duration: float = 0.0
-    elapsed: float = 0.0
 
     @classmethod
     def of(
@@ -237,12 +238,10 @@ class LateralPlan(Plan):
     """Distance to the left of the lane's center over time.
 
     Attributes:
-      shift: the distance at a time since the beginning [m]; duration: [s].
+      shift: the distance at a time since the beginning [m].
     """
 
     shift: Callable[[float], float] = lambda _: 0.0
-    duration: float = 0.0
-    elapsed: float = 0.0
 
 
 class Actor:
@@ -375,18 +374,14 @@ class Actor:
         before, place, center = self.offset, self.station, self.offset - self.shift
         plan, speed = self.speed_plan, self.speed
         if isinstance(plan, Approach) and truck is not None:
-            plan.elapsed = min(plan.elapsed + step, plan.duration)
-            gap, rate, self.acceleration = plan.at(plan.elapsed)
+            gap, rate, self.acceleration = plan.at(plan.tick(step))
             self.speed = max(truck.speed + rate, 0.0)
             self.station = truck.front + gap + 0.5 * self.row.length
-            plan.done = plan.elapsed >= plan.duration - 1e-9
         elif isinstance(plan, Timetable):
-            plan.elapsed = min(plan.elapsed + step, plan.duration)
-            station = plan.at(plan.elapsed)
+            station = plan.at(plan.tick(step))
             self.speed = (station - self.station) / step
             self.acceleration = (self.speed - speed) / step
             self.station = station
-            plan.done = plan.elapsed >= plan.duration - 1e-9
         else:
             if isinstance(plan, Law):
                 law = plan.acceleration(bodies, step)
@@ -413,9 +408,7 @@ class Actor:
             self.to_lane(self._lane_at(before), before)
         lateral = self.lateral_plan
         if lateral is not None:
-            lateral.elapsed = min(lateral.elapsed + step, lateral.duration)
-            self.shift = lateral.shift(lateral.elapsed)
-            lateral.done = lateral.elapsed >= lateral.duration - 1e-9
+            self.shift = lateral.shift(lateral.tick(step))
         self._lateral_speed = (self.offset - before) / step
         self._follow_course()
         if plan is not None and plan.done:

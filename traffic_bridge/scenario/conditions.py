@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from iits_mj.core.checks import did_you_mean, in_range, is_number, make_plain, one_of, shown
+from iits_mj.core.checks import check_fields, in_range, is_number, make_plain, one_of, shown
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint, EgoState
 from iits_mj.core.neighbors import ALONG, Neighbors
@@ -400,13 +400,7 @@ Groups = tuple[tuple[Condition, ...], ...]
 
 def condition_of(values: Mapping[str, Any]) -> Condition:
     """The condition of a mapping; InputError if a key is unknown or a value is not allowed."""
-    known = [field.name for field in dataclasses.fields(Condition)]
-    for key in values:
-        if key not in known:
-            raise InputError(
-                f"when: {shown(key)} is unknown{did_you_mean(key, known)}; the fields are "
-                f"{', '.join(known)}"
-            )
+    check_fields("when", values, (field.name for field in dataclasses.fields(Condition)))
     return Condition(**values)
 
 

@@ -9,23 +9,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from traffic_bridge.overrides import Undo
-from traffic_bridge.scenario.actions import (
-    BENDS,
-    SHAPES,
-    STEEPEST,
-    ActivateDriver,
-    Brake,
-    ChangeLane,
-    ChangeSpeed,
-    CutIn,
-    Drift,
-    FollowPath,
-    KeepDistance,
-    LateralManeuver,
-    Maneuver,
-    Swerve,
-    Synchronize,
-)
+from traffic_bridge.scenario import actions as do
 from traffic_bridge.scenario.actors import (
     HARDEST,
     Actor,
@@ -50,7 +34,7 @@ HOLD_RATE, HOLD_JERK = 3.0, 30.0  # [m/s2], [m/s3] of a change of speed during a
 
 
 def target_lane(
-    event: Maneuver, body: Body, situation: Situation, actor: Actor | None, own: Callable
+    event: do.Maneuver, body: Body, situation: Situation, actor: Actor | None, own: Callable
 ) -> int | None:
     """The lane in which a vehicle ends a maneuver; None if the maneuver is not possible now.
 
@@ -65,13 +49,13 @@ def target_lane(
     truck = situation.truck
     joined = actor is None or actor.track is situation.route
     lane = body.lane if actor is None or joined else actor.lane
-    if isinstance(event, CutIn):
+    if isinstance(event, do.CutIn):
         if truck is None or (body.lane < 0 and not joined):
             return None
         target, joined, lane = truck.lane, True, body.lane
-    elif isinstance(event, ChangeLane) and event.lane is not None:
+    elif isinstance(event, do.ChangeLane) and event.lane is not None:
         target = event.lane
-    elif isinstance(event, ChangeLane):
+    elif isinstance(event, do.ChangeLane):
         name = body.name if event.to is None else event.to
         other = None if joined else lane if name == body.name else own(name)
         if other is None:
@@ -93,7 +77,7 @@ def target_lane(
 
 
 def begin(
-    event: Maneuver, actor: Actor, target: int, situation: Situation
+    event: do.Maneuver, actor: Actor, target: int, situation: Situation
 ) -> tuple[list[Plan], Undo]:
     """Begins a maneuver.
 
@@ -108,30 +92,30 @@ def begin(
     """
     plans: list[Plan] = []
     truck = situation.truck
-    if isinstance(event, CutIn) and truck is not None:
+    if isinstance(event, do.CutIn) and truck is not None:
         _cut_in(event, actor, target, truck, plans)
-    elif isinstance(event, LateralManeuver):
+    elif isinstance(event, do.LateralManeuver):
         _aside(event, actor, target, plans)
-    elif isinstance(event, Drift):
+    elif isinstance(event, do.Drift):
         _drift(event, actor, plans)
-    elif isinstance(event, (Brake, ChangeSpeed)):
+    elif isinstance(event, (do.Brake, do.ChangeSpeed)):
         return plans, _change_speed(event, actor, situation, plans)
-    elif isinstance(event, KeepDistance) and event.ahead and truck is not None:
+    elif isinstance(event, do.KeepDistance) and event.ahead and truck is not None:
         goal = float(event.gap or 0.0), event.speed_difference
         plans.append(_approach(actor, truck, *goal, hardest=event.acceleration))
         actor.plan_speed(plans[0])  # type: ignore[arg-type]
-        plans[0].done = plans[0].duration == 0.0  # type: ignore[attr-defined]
-    elif isinstance(event, KeepDistance):
+        plans[0].done = plans[0].duration == 0.0
+    elif isinstance(event, do.KeepDistance):
         _keep_distance(event, actor, plans)
-    elif isinstance(event, ActivateDriver):
+    elif isinstance(event, do.ActivateDriver):
         actor.activate(event.active)
         plans.append(Plan(done=True))
     return plans, lambda: None
 
 
-def _aside(event: LateralManeuver, actor: Actor, target: int, plans: list[Plan]) -> None:
-    part = SHAPES[event.shape]
-    if isinstance(event, Swerve):
+def _aside(event: do.LateralManeuver, actor: Actor, target: int, plans: list[Plan]) -> None:
+    part = do.SHAPES[event.shape]
+    if isinstance(event, do.Swerve):
         offset = event.offset
         start = actor.shift
         span = _span(event, offset - start, actor.speed)
@@ -153,18 +137,19 @@ def _aside(event: LateralManeuver, actor: Actor, target: int, plans: list[Plan])
     plans.append(plan)
 
 
-def _span(event: LateralManeuver, way: float, speed: float) -> float:
+def _span(event: do.LateralManeuver, way: float, speed: float) -> float:
     """Time of a motion to the side by a way [m] at a speed [m/s]."""
     if event.lateral_speed is not None:
-        return max(STEEPEST[event.shape] * abs(way) / event.lateral_speed, SHORTEST)
+        return max(do.STEEPEST[event.shape] * abs(way) / event.lateral_speed, SHORTEST)
     if event.lateral_acceleration is not None:
-        return max(math.sqrt(BENDS[event.shape] * abs(way) / event.lateral_acceleration), SHORTEST)
+        span = math.sqrt(do.BENDS[event.shape] * abs(way) / event.lateral_acceleration)
+        return max(span, SHORTEST)
     if event.distance is not None:
         return max(event.distance / max(speed, SLOWEST), SHORTEST)
     return event.duration or SHORTEST
 
 
-def _cut_in(event: CutIn, actor: Actor, target: int, truck: Body, plans: list[Plan]) -> None:
+def _cut_in(event: do.CutIn, actor: Actor, target: int, truck: Body, plans: list[Plan]) -> None:
     difference = event.speed_difference
 
     def change() -> None:
@@ -202,10 +187,10 @@ def _approach(actor: Actor, truck: Body, gap: float, final: float, **more: float
     return Approach.of(rear - truck.front, closing, gap, final, truck.speed, **more)
 
 
-def _drift(event: Drift, actor: Actor, plans: list[Plan]) -> None:
+def _drift(event: do.Drift, actor: Actor, plans: list[Plan]) -> None:
     start, span = actor.shift, abs(event.offset) / event.lateral_speed
     rate, back, end = math.copysign(event.lateral_speed, event.offset), event.recovery, event.offset
-    sinusoidal = SHAPES["sinusoidal"]
+    sinusoidal = do.SHAPES["sinusoidal"]
 
     def shift(time: float) -> float:
         if time < span:
@@ -216,10 +201,10 @@ def _drift(event: Drift, actor: Actor, plans: list[Plan]) -> None:
 
 
 def _change_speed(
-    event: Brake | ChangeSpeed, actor: Actor, situation: Situation, plans: list[Plan]
+    event: do.Brake | do.ChangeSpeed, actor: Actor, situation: Situation, plans: list[Plan]
 ) -> Undo:
     before, start = actor.desired_speed, actor.speed
-    if isinstance(event, Brake):
+    if isinstance(event, do.Brake):
         target, rate = min(event.to_speed, actor.speed), event.deceleration
         plan = SpeedPlan(target=target, rate=rate, jerk=event.jerk)
     else:
@@ -230,7 +215,7 @@ def _change_speed(
         if event.shape == "step":
             plan.rate, plan.jerk = STEP_RATE, STEP_JERK
         elif event.shape is not None:
-            part = SHAPES[event.shape]
+            part = do.SHAPES[event.shape]
             span = event.time or max(abs(target - start) / plan.rate, 1e-3)
             if event.distance is not None:
                 # All shapes have the mean of both speeds as their mean speed.
@@ -260,7 +245,7 @@ def _change_speed(
     return undo
 
 
-def _target_speed(event: ChangeSpeed, other: Body) -> float:
+def _target_speed(event: do.ChangeSpeed, other: Body) -> float:
     """Speed that an event asks for beside a body [m/s]."""
     if event.speed is not None:
         return event.speed
@@ -269,7 +254,7 @@ def _target_speed(event: ChangeSpeed, other: Body) -> float:
     return max(other.speed + (event.speed_difference or 0.0), 0.0)
 
 
-def _keep_distance(event: KeepDistance, actor: Actor, plans: list[Plan]) -> None:
+def _keep_distance(event: do.KeepDistance, actor: Actor, plans: list[Plan]) -> None:
     plan = Law()
 
     def accelerate(bodies: Iterable[Body], step: float) -> float | None:
@@ -291,7 +276,7 @@ def _keep_distance(event: KeepDistance, actor: Actor, plans: list[Plan]) -> None
 
 
 def synchronize(
-    event: Synchronize, actor: Actor, place_of: Callable[[], tuple[float, float] | None]
+    event: do.Synchronize, actor: Actor, place_of: Callable[[], tuple[float, float] | None]
 ) -> list[Plan]:
     """Begins a synchronized motion.
 
@@ -335,7 +320,7 @@ def synchronize(
     return [plan]
 
 
-def follow(event: FollowPath, actor: Actor, path: Path, numbers: list[int]) -> list[Plan]:
+def follow(event: do.FollowPath, actor: Actor, path: Path, numbers: list[int]) -> list[Plan]:
     """Leads an actor onto a path.
 
     Args:

@@ -90,8 +90,8 @@ class OpenScenario:
         scope_of(parameters_of(root), given, str(root.path))
         root = root.scoped(given)
         root.only(
-            *("FileHeader", "ParameterDeclarations", "VariableDeclarations", "CatalogLocations"),
-            *("RoadNetwork", "Entities", "Storyboard"),
+            *("FileHeader", "ParameterDeclarations", "VariableDeclarations", "MonitorDeclarations"),
+            *("CatalogLocations", "RoadNetwork", "Entities", "Storyboard"),
         )
         network = root.child("RoadNetwork")
         network.only("LogicFile", "SceneGraphFile", "UsedArea", "TrafficSignals")

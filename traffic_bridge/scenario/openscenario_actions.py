@@ -20,11 +20,13 @@ from traffic_bridge.scenario.openscenario_entities import (
     CATEGORIES,
     ROUTES,
     UNUSED,
+    VALUE_TYPE,
     Entities,
     Entity,
     Spot,
     Values,
     on,
+    speed_target,
 )
 from traffic_bridge.scenario.openscenario_file import Node
 from traffic_bridge.scenario.openscenario_places import Pose, road_at, shape_of, words_of
@@ -96,11 +98,12 @@ class Actions:
         if (offset := node.number("offset", 0.0)) != 0.0:
             values["offset"] = offset
         speed = self._entities.speeds.get(name)
-        target = None if speed is None else speed.child("SpeedActionTarget").first()
-        if target is not None and target.tag == "RelativeTargetSpeed":
-            if self._entities.body(target) != TRUCK or target.get(*VALUE_TYPE) != "delta":
+        if speed is not None:
+            target, field, value = speed_target(speed)
+            other = field != "speed" and self._entities.body(target) != TRUCK
+            if other or field == "speed_factor":
                 target.fail("is read as a difference to the speed of the ego")
-            values |= {"speed": None, "speed_difference": target.number("value")}
+            values |= {"speed": None, field: value}
         return values
 
     def _driving(self, entity: Entity, spot: Spot, node: Node) -> Values:
@@ -214,11 +217,17 @@ class Actions:
         }
 
     def _set_value(self, kind: Node) -> Values:
-        """The event of an action on a parameter, a variable or a traffic signal."""
-        if kind.tag in ("ParameterAction", "VariableAction"):
-            name = kind.get("parameterRef" if kind.tag == "ParameterAction" else "variableRef")
-            value = kind.first("SetAction").value("value")
-            return {"event": "set_value", "variable": name, "value": value}
+        """The event of an action on a parameter, a variable, a monitor or a traffic signal."""
+        if kind.tag in REFERENCES:
+            values: Values = {"event": "set_value", "variable": kind.get(REFERENCES[kind.tag])}
+            action = kind.first("SetAction", "ModifyAction")
+            if action.tag == "SetAction":
+                return values | {"value": action.value("value")}
+            rule = action.child("Rule").first(*CHANGES)
+            return values | {"value": rule.number("value"), "change": CHANGES[rule.tag]}
+        if kind.tag == "SetMonitorAction":
+            monitor = f"monitor {kind.get('monitorRef')}"
+            return {"event": "set_value", "variable": monitor, "value": kind.get("value")}
         if kind.tag != "InfrastructureAction":
             kind.refuse()
         signal = kind.child("TrafficSignalAction").first("TrafficSignalStateAction")
@@ -296,16 +305,11 @@ class Actions:
             values["distance"] = max(dynamics.number("value"), SHORTEST)
         elif shape != "step":
             dynamics.fail(f"{shape} over {dimension} is not read: time, rate or distance")
-        holder = action.child("SpeedActionTarget")
-        target = holder.first("AbsoluteTargetSpeed", "RelativeTargetSpeed")
-        if target.tag == "AbsoluteTargetSpeed":
-            return values | {"speed": target.number("value")}
-        factor = target.get(*VALUE_TYPE) == "factor"
-        return values | {
-            "to": self._entities.body(target),
-            "speed_factor" if factor else "speed_difference": target.number("value"),
-            "continuous": target.flag("continuous"),
-        }
+        target, field, value = speed_target(action)
+        values[field] = value
+        if field != "speed":
+            values |= {"to": self._entities.body(target), "continuous": target.flag("continuous")}
+        return values
 
     def _change_lane(self, action: Node, actor: str) -> Values:
         if float(action.get("targetLaneOffset", "0")) != 0.0:
@@ -414,8 +418,9 @@ PRIVATE: dict[str, Callable[[Actions, Node, str], Values]] = {
     "FollowTrajectoryAction": Actions._follow_trajectory,
     **dict.fromkeys(ROUTES, Actions._follow_route),
 }
+REFERENCES = {"ParameterAction": "parameterRef", "VariableAction": "variableRef"}
+CHANGES = {"AddValue": "add", "MultiplyByValue": "multiply"}
 LIMITS = {"maxAcceleration": "acceleration", "maxDeceleration": "deceleration"}
-VALUE_TYPE = "speedTargetValueType", "delta"
 COMMAND = "iits_mj"  # type of the custom commands that are events of this package
 BEHIND = "trailingReferencedEntity"
 

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from iits_mj.core.angles import wrap_angle
 from iits_mj.core.checks import did_you_mean
 from iits_mj.road import RoadMap, Route
+from traffic_bridge.scenario.actions import SHAPES
 from traffic_bridge.scenario.conditions import ROLES, TRUCK
 from traffic_bridge.scenario.openscenario_file import Catalogs, Node
 from traffic_bridge.scenario.openscenario_places import (
@@ -41,6 +42,7 @@ UNUSED = ("VisibilityAction", "ControllerAction", "ActivateControllerAction", "A
 # Name of the controller of a vehicle that the Intelligent Driver Model drives.
 MODEL = "IntelligentDriverModel"
 ROUTES = ("AssignRouteAction", "AcquirePositionAction")
+VALUE_TYPE = "speedTargetValueType", "delta"
 # [m]: the greatest length of a rigid truck, Council Directive 96/53/EC, annex I; a longer one, or a
 # longer combination with a truck, has the body of an articulated truck.
 ARTICULATED = 12.0
@@ -260,6 +262,9 @@ class Entities:
                 self.starts[name] = kind.child("Position").first()
             elif kind.tag == "LongitudinalAction" and kind.find("SpeedAction") is not None:
                 self.speeds[name] = kind.child("SpeedAction")
+                dynamics = self.speeds[name].find("SpeedActionDynamics") or action
+                if (shape := dynamics.get("dynamicsShape", "step")) not in (*SHAPES, "step"):
+                    dynamics.fail(f"dynamicsShape {shape!r}: allowed are {', '.join(SHAPES)}, step")
             elif kind.tag == "LongitudinalAction":
                 self.distances[name] = kind.child("LongitudinalDistanceAction")
             elif kind.tag == "RoutingAction":
@@ -484,13 +489,22 @@ class Entities:
             return 0.0
         if name in asked:
             action.fail("the speed refers to itself")
-        holder = action.child("SpeedActionTarget")
-        target = holder.first("AbsoluteTargetSpeed", "RelativeTargetSpeed")
-        if target.tag == "AbsoluteTargetSpeed":
-            return target.number("value")
+        target, field, value = speed_target(action)
+        if field == "speed":
+            return value
         other = self.speed(self.reference(target), (*asked, name))
-        value = target.number("value")
-        return other * value if target.get("speedTargetValueType") == "factor" else other + value
+        return other * value if field == "speed_factor" else other + value
+
+
+def speed_target(action: Node) -> tuple[Node, str, float]:
+    """Returns the target of a speed action, the field of a `ChangeSpeed` for it, and its value."""
+    holder = action.child("SpeedActionTarget")
+    target = holder.first("AbsoluteTargetSpeed", "RelativeTargetSpeed")
+    field = "speed"
+    if target.tag == "RelativeTargetSpeed":
+        factor = target.get(*VALUE_TYPE) == "factor"
+        field = "speed_factor" if factor else "speed_difference"
+    return target, field, target.number("value")
 
 
 def on(track: Route, pose: Pose, facing: bool = True) -> Spot | None:

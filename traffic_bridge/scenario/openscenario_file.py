@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 from xml.etree.ElementTree import Element
 
+from iits_mj.core.checks import did_you_mean
 from iits_mj.core.errors import InputError, MapError
 from iits_mj.core.input_files import similar_file
 from iits_mj.road.xml_input import parse_xml
@@ -66,15 +67,21 @@ class Node:
             self.fail(f"needs <{tag}>; it has {has}")
         return found.child(*below) if below else found
 
-    def scoped(self, assigned: Mapping[str, str] | None = None) -> Node:
-        """Returns the node with its declared parameters, some of them with assigned values."""
-        scope = dict(self.scope)
-        declared = self.find("ParameterDeclarations")
-        for each in () if declared is None else declared:
-            name = each.declared
-            inner = Node(self.path, each.element, self.lines, scope)
-            given = (assigned or {}).get(name)
-            scope[name] = inner.get("value") if given is None else given
+    def scoped(
+        self, assigned: Mapping[str, str] | None = None, reference: Node | None = None
+    ) -> Node:
+        """Returns the node with its declared parameters, some with values of a reference."""
+        scope, assigned = dict(self.scope), assigned or {}
+        names = [each.declared for each in self.find("ParameterDeclarations") or ()]
+        for name in assigned:
+            if name not in names:
+                has = f"; it has {', '.join(names)}" if names else ""
+                (reference or self).fail(
+                    f"there is no parameter {name!r}{did_you_mean(name, names)}{has}"
+                )
+        for each in self.find("ParameterDeclarations") or ():
+            name, inner = each.declared, Node(self.path, each.element, self.lines, scope)
+            scope[name] = assigned[name] if name in assigned else inner.get("value")
         return Node(self.path, self.element, self.lines, scope)
 
     def get(self, name: str, default: str | None = None) -> str:
@@ -170,8 +177,7 @@ class Catalogs:
     def __init__(self, root: Node) -> None:
         self._scope = root.scope
         self._folders: list[Path] = []
-        locations = root.find("CatalogLocations")
-        for location in () if locations is None else locations:
+        for location in root.find("CatalogLocations") or ():
             if (folder := location.find("Directory")) is not None:
                 self._folders.append(root.path.parent / folder.get("path"))
         self._read: dict[Path, Any] = {}
@@ -181,15 +187,22 @@ class Catalogs:
         if node.tag != "CatalogReference":
             return node.scoped()
         catalog, entry = node.get("catalogName"), node.get("entryName")
-        assigned = {}
-        assignments = node.find("ParameterAssignments")
-        for each in () if assignments is None else assignments:
-            assigned[each.element.get("parameterRef", "").lstrip("$")] = each.get("value")
+        assigned = {
+            each.element.get("parameterRef", "").lstrip("$"): each.get("value")
+            for each in node.find("ParameterAssignments") or ()
+        }
+        there: list[str] = []
         for found in self._catalogs(node, catalog):
             for child in found:
-                if child.element.get("name") == entry:
-                    return child.scoped(assigned)
-        return node.fail(f"no catalog {catalog!r} of the CatalogLocations has an entry {entry!r}")
+                if (name := child.element.get("name", "")) == entry:
+                    return child.scoped(assigned, node)
+                there.append(name)
+        if there:
+            node.fail(f"catalog {catalog!r} has no entry {entry!r}{did_you_mean(entry, there)}")
+        for folder in self._folders:
+            if not folder.is_dir():
+                node.fail(f"the folder {folder} of the CatalogLocations does not exist")
+        return node.fail(f"the CatalogLocations have no catalog {catalog!r}")
 
     def files(self) -> list[Path]:
         """Returns the catalogs of the locations, in their order."""

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from iits_mj.core.errors import InputError
 from traffic_bridge.scenario.openscenario_file import Node, number_or_text, read_root
 from traffic_bridge.scenario.parameters import RULES, Parameter, Value
 
@@ -53,7 +54,10 @@ def parameters_of(root: Node) -> dict[str, Parameter]:
             default = int(default) if kind in WHOLE_TYPES else default
         elif kind == "boolean":
             default = default in ("true", "1")
-        found[name] = Parameter(name, default, "", limits)
+        try:
+            found[name] = Parameter(name, default, "", limits).checked()
+        except InputError as error:
+            node.fail(str(error))
     return found
 
 

@@ -12,11 +12,12 @@ from iits_mj.core.angles import wrap_angle
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError, MapError
 from iits_mj.road import RoadMap, Route
+from iits_mj.road.geometry import Spiral
 from iits_mj.road.road_frames import RoadFrames
 from traffic_bridge.scenario.openscenario_file import Catalogs, Node
 
 NEAR = 1.0  # [m]: a position that is farther from a road is not on it
-CURVE_STEP, FINE = 1.0, 20  # [m] between places of a curve, and steps of its integral between
+CURVE_STEP = 1.0  # [m] between places of a curve
 SPACING = 2.0  # [m] between the points of a way along a lane
 FLAT = 0.01  # [m]: points that are so near to a straight piece are left out
 STRAIGHT_ON = 100.0  # [m] that a road user can go who faces across its road
@@ -258,15 +259,13 @@ def _clothoid(shape: Node, start: Pose) -> FloatArray:
     length = shape.number("length", low=CURVE_STEP, high=1e5)
     prime = "curvaturePrime" if shape.has("curvaturePrime") else "curvatureDot"
     bend, rate = shape.number("curvature"), shape.number(prime)
-    count = math.ceil(length / CURVE_STEP)
-    way = np.linspace(0.0, length, FINE * count + 1)
-    heading = start.heading + bend * way + 0.5 * rate * way**2
-    moved = np.diff(way) * np.exp(0.5j * (heading[1:] + heading[:-1]))
-    place = start.x + 1j * start.y + np.concatenate(([0.0], np.cumsum(moved)))
+    way = np.linspace(0.0, length, math.ceil(length / CURVE_STEP) + 1)
+    curve = Spiral(0.0, start.x, start.y, start.heading, length, bend, bend + rate * length)
+    point = curve.evaluate(way)
     timed = shape.has("startTime") and shape.has("stopTime")
     ends = [shape.number(name) if timed else math.nan for name in ("startTime", "stopTime")]
     times = np.linspace(ends[0], ends[1], len(way))
-    return np.column_stack((place.real, place.imag, times))[::FINE]
+    return np.column_stack((point.x, point.y, times))
 
 
 def _nurbs(shape: Node, controls: FloatArray, knots: FloatArray) -> FloatArray:

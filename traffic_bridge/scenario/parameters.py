@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from iits_mj.core.checks import did_you_mean, is_number, is_whole, shown
+from iits_mj.core.checks import check_fields, did_you_mean, is_number, is_whole, shown
 from iits_mj.core.errors import InputError
 
 LONGEST_EXPRESSION = 400
@@ -138,6 +138,13 @@ class Parameter:
     unit: str = ""
     limits: Limits = ()
 
+    def checked(self) -> Parameter:
+        """Returns itself; InputError if the default is outside the limits."""
+        self.parse(
+            str(self.default).lower() if isinstance(self.default, bool) else str(self.default)
+        )
+        return self
+
     def parse(self, text: str) -> Value:
         """Returns the value that a text gives.
 
@@ -187,12 +194,7 @@ def parameter_of(name: str, entry: Any) -> Parameter:
     if not NAME.fullmatch(name):
         raise InputError(f"parameter {shown(name)}: a name has letters, digits and underscores")
     values = entry if isinstance(entry, dict) else {"default": entry}
-    known = ("default", "unit", "low", "high")
-    if unknown := [key for key in values if key not in known]:
-        raise InputError(
-            f"parameter {name}: {unknown[0]!r} is unknown{did_you_mean(unknown[0], known)}; it has "
-            f"{', '.join(known)}"
-        )
+    check_fields(f"parameter {name}", values, ("default", "unit", "low", "high"))
     if "default" not in values:
         raise InputError(f"parameter {name}: default is missing")
     default, unit = values["default"], values.get("unit", "")
@@ -206,9 +208,7 @@ def parameter_of(name: str, entry: Any) -> Parameter:
             if not is_number(values[key]) or isinstance(default, (str, bool)):
                 raise InputError(f"parameter {name}: {key} = {shown(values[key])}: only numbers")
             group.append((rule, values[key]))
-    made = Parameter(name, default, unit, (group,) if group else ())
-    made.parse(str(default).lower() if isinstance(default, bool) else str(default))
-    return made
+    return Parameter(name, default, unit, (group,) if group else ()).checked()
 
 
 def assignments(texts: Sequence[str]) -> dict[str, str]:

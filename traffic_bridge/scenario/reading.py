@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from iits_mj.core.checks import did_you_mean, shown
+from iits_mj.core.checks import check_fields, did_you_mean, shown
 from iits_mj.core.errors import InputError
 from iits_mj.core.input_files import read_toml
 from traffic_bridge.scenario.actions import SCENARIO_EVENTS
@@ -52,12 +52,7 @@ def event_of(values: Mapping[str, Any]) -> Event:
             f"event = {shown(name)}{did_you_mean(name, EVENTS)}: allowed are {', '.join(EVENTS)}"
         )
     fields = {field.name: field for field in dataclasses.fields(EVENTS[name])}
-    for field in given:
-        if field not in fields:
-            raise InputError(
-                f"{name}: {field!r} is unknown{did_you_mean(field, fields)}; the fields are "
-                f"{', '.join(fields)}"
-            )
+    check_fields(name, given, fields)
     required = [f.name for f in fields.values() if f.default is dataclasses.MISSING]
     missing = [field for field in required if field not in given]
     if missing:

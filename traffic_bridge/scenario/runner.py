@@ -16,26 +16,7 @@ from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
 from traffic_bridge.network.stop_lines import VEHICLE_LIGHTS
 from traffic_bridge.overrides import Undo
-from traffic_bridge.scenario.actions import (
-    ChangeLane,
-    ChangeSpeed,
-    CrossRoad,
-    CutIn,
-    Fault,
-    FollowPath,
-    LateralManeuver,
-    LoseCargo,
-    Maneuver,
-    Milestone,
-    PlaceVehicle,
-    RemoveVehicle,
-    SceneEvent,
-    SetValue,
-    Swarm,
-    Synchronize,
-    Teleport,
-    TruckEvent,
-)
+from traffic_bridge.scenario import actions as do
 from traffic_bridge.scenario.actors import (
     DIMENSIONS,
     END,
@@ -155,7 +136,7 @@ class Scenario:
     @property
     def truck_events(self) -> list[EventRecord]:
         """The events of the truck's world and parts that have begun and not ended."""
-        return [r for r in self.records if isinstance(r.event, TruckEvent) and r.ended is None]
+        return [r for r in self.records if isinstance(r.event, do.TruckEvent) and r.ended is None]
 
     def light_ahead(self, station: float) -> LightAhead | None:
         """Returns the next light of the map at or after a station [m] whose state events have set.
@@ -175,9 +156,9 @@ class Scenario:
         return None
 
     @property
-    def faults(self) -> list[Fault]:
+    def faults(self) -> list[do.Fault]:
         """The faults that have not begun."""
-        return [event for event, _ in self._pending if isinstance(event, Fault)]
+        return [event for event, _ in self._pending if isinstance(event, do.Fault)]
 
     def advance(self, time: float, ego: EgoState | None) -> None:
         """Moves the actors by one step of the traffic, which ends at a time [s].
@@ -207,38 +188,35 @@ class Scenario:
         if not len(self):
             return others
         self._end(time)
-        situation = self._situation(time, ego, self._with_actors(others))
+        situation = self._situation(time, ego, others)
         if self._swarms:
             for swarm in self._swarms:
                 swarm.update(situation)
             self.actors.show()
-            situation = self._situation(time, ego, self._with_actors(others))
+            situation = self._situation(time, ego, others)
         self._last = self._begin(situation, others)
         frame = self._last.vehicles
         return frame if ego is None else frame.near(ego.x, ego.y, self._config.view_range)
 
     def _situation(
-        self, time: float, ego: EgoState | None, frame: VehicleFrame | None = None
+        self, time: float, ego: EgoState | None, others: VehicleFrame | None = None
     ) -> Situation:
-        frame = VehicleFrame.empty() if frame is None else frame
+        """Truck, actors and the vehicles of the traffic simulation; without these no vehicle."""
+        frame, own = others or VehicleFrame.empty(), self.actors.at(-math.inf)
+        if others is not None and len(own):
+            frame = VehicleFrame.joined(others.without(self.actors.members), own)
         states: dict[str, str] = {}
         values: dict[str, float | str] = {}
         for record in self.records:
             states[record.event.title] = "begun" if record.ended is None else "ended"
-            if isinstance(record.event, SetValue):
-                values[record.event.variable] = record.event.value
+            if isinstance(event := record.event, do.SetValue):
+                values[event.variable] = event.changed(values.get(event.variable))
         config = self._config
         return Situation(
             *(time, self._route, config.footprint, ego, frame, states),
             values=values,
             step=config.step_length,
         )
-
-    def _with_actors(self, others: VehicleFrame) -> VehicleFrame:
-        own = self.actors.at(-math.inf)
-        if not len(own):
-            return others
-        return VehicleFrame.joined(others.without(self.actors.members), own)
 
     def _end(self, time: float) -> None:
         """Ends the events whose time or whose plans are over."""
@@ -274,24 +252,24 @@ class Scenario:
             self.records.append(running.record)
             self._running.append(running)
             self.actors.show()
-            situation = self._situation(time, ego, self._with_actors(others))
+            situation = self._situation(time, ego, others)
         self._pending = waiting
         return situation
 
     def _start(self, event: Event, situation: Situation) -> _Running | None:
         """Begins an event; None if it cannot begin now."""
         time = situation.time
-        if isinstance(event, Maneuver):
+        if isinstance(event, do.Maneuver):
             running = self._maneuver(event, situation)
-        elif isinstance(event, PlaceVehicle):
+        elif isinstance(event, do.PlaceVehicle):
             running = self._place(event, situation)
-        elif isinstance(event, CrossRoad):
+        elif isinstance(event, do.CrossRoad):
             running = self._cross(event, situation)
-        elif isinstance(event, Swarm):
+        elif isinstance(event, do.Swarm):
             running = self._begin_swarm(event, situation)
-        elif isinstance(event, (TruckEvent, Milestone, SetValue)):
+        elif isinstance(event, (do.TruckEvent, do.Milestone, do.SetValue)):
             running = _Running(EventRecord(event, "", time))
-            if isinstance(event, SetValue):
+            if isinstance(event, do.SetValue):
                 running.plans = [Plan(done=True)]
         else:
             assert self._others is not None
@@ -299,7 +277,7 @@ class Scenario:
                 return None
             undo = self._others.begin(event, time)
             running = _Running(EventRecord(event, "", time), undo=undo)
-        if running is None or isinstance(event, LateralManeuver):
+        if running is None or isinstance(event, do.LateralManeuver):
             return running
         if event.until is not None:
             running.end = event.until
@@ -309,23 +287,38 @@ class Scenario:
             running.plans = []
         return running
 
-    def _place(self, event: PlaceVehicle, situation: Situation) -> _Running | None:
-        truck, kind, route = situation.truck, self._types[event.type], self._route
-        length = event.length or kind.length
+    def _place(self, event: do.PlaceVehicle, situation: Situation) -> _Running | None:
+        truck, kind = situation.truck, self._types[event.type]
         placed = event.points is not None or None not in (event.station, event.lane)
         if truck is None and not (placed and event.speed is not None):
             return None
-        lane = event.lane or 0
-        if event.lane is None and event.points is None:
-            lane = truck.lane + (event.relative_lane or 0)  # type: ignore[union-attr]
         speed = event.speed
         if speed is None:
             speed = max(truck.speed + (event.speed_difference or 0.0), 0.0)  # type: ignore[union-attr]
         size = size_of(kind) | {n: value for n in DIMENSIONS if (value := getattr(event, n))}
+        spot = self._spot(event, truck, size["length"])
+        if spot is None:
+            return None
+        track, place, lane = spot
+        row = self._row(track, str(event.name), place, speed=speed, **size)
+        running = self._add(event, row, lane, situation, event.reactive and speed > 0.0)
+        if running is not None:
+            actor = self.actors.members[row.id]
+            actor.take(track, place, lane, event.stays)
+            if event.offset is not None:
+                actor.stay_aside(event.offset)
+        return running
+
+    def _spot(
+        self, event: do.PlaceVehicle, truck: Body | None, length: float
+    ) -> tuple[Track, tuple[float, float], int] | None:
+        """Track, station and offset on it [m], and lane where a vehicle appears; None: nowhere."""
         if event.points is not None:
-            path, _ = self._path(event, length)
-            return self._appear(event, path, (0.0, 0.0), 0, situation, speed, size)
-        track = route if event.along is None else self._roads[event.along]
+            return self._path(event, length)[0], (0.0, 0.0), 0
+        lane = event.lane
+        if lane is None:
+            lane = truck.lane + (event.relative_lane or 0)  # type: ignore[union-attr]
+        track = self._route if event.along is None else self._roads[event.along]
         if event.station is not None:
             station = event.station - 0.5 * length
         elif event.gap >= 0.0:  # type: ignore[operator]
@@ -338,27 +331,7 @@ class Scenario:
         if not inside or lane < 0 or not track.lane_exists(lane, max(station, 0.0)):
             return None
         offset = float(track.lane_offset(lane, station)) + (event.offset or 0.0)
-        return self._appear(event, track, (station, offset), lane, situation, speed, size)
-
-    def _appear(
-        self,
-        event: PlaceVehicle,
-        track: Track,
-        place: tuple[float, float],
-        lane: int,
-        situation: Situation,
-        speed: float,
-        size: dict[str, Any],
-    ) -> _Running | None:
-        """Places a road user on a track."""
-        row = self._row(track, str(event.name), place, speed=speed, **size)
-        running = self._add(event, row, lane, situation, event.reactive and speed > 0.0)
-        if running is not None:
-            actor = self.actors.members[row.id]
-            actor.take(track, place, lane, event.stays)
-            if event.offset is not None:
-                actor.stay_aside(event.offset)
-        return running
+        return track, (station, offset), lane
 
     def _row(
         self, track: Track, name: str, place: tuple[float, float], **more: Any
@@ -368,7 +341,7 @@ class Scenario:
             return on_road(track, name, *place, **more)
         return beside_road(self._route, name, track.evaluate(*place), 0.0, None, **more)
 
-    def _path(self, event: PlaceVehicle | FollowPath, span: float) -> tuple[Path, list[int]]:
+    def _path(self, event: do.PlaceVehicle | do.FollowPath, span: float) -> tuple[Path, list[int]]:
         """The path of an event's points, and the numbers of these among the path's."""
         assert event.points is not None
         points, numbers = event.points, list(range(len(event.points)))
@@ -400,11 +373,11 @@ class Scenario:
         remove = lambda: self._remove(name)  # noqa: E731
         return _Running(EventRecord(event, name, situation.time), undo=remove)
 
-    def _begin_swarm(self, event: Swarm, situation: Situation) -> _Running | None:
+    def _begin_swarm(self, event: do.Swarm, situation: Situation) -> _Running | None:
         """Begins a swarm; None while its body is not there."""
         if situation.find(event.to) is None:
             return None
-        number = sum(isinstance(record.event, Swarm) for record in self.records)
+        number = sum(isinstance(record.event, do.Swarm) for record in self.records)
         random = np.random.default_rng([self._seed, number])
         swarm = RunningSwarm(event, random, self._route.road_map, self._join, self._remove)
         self._swarms.append(swarm)
@@ -461,7 +434,7 @@ class Scenario:
         self.actors.members[row.id] = actor
         return actor
 
-    def _cross(self, event: CrossRoad, situation: Situation) -> _Running | None:
+    def _cross(self, event: do.CrossRoad, situation: Situation) -> _Running | None:
         route, kind = self._route, self._types[event.type]
         if event.station is not None:
             station = event.station
@@ -485,13 +458,13 @@ class Scenario:
         self.actors.members[name] = member
         return _Running(EventRecord(event, name, situation.time), plans=[member.course])
 
-    def _maneuver(self, event: Maneuver, situation: Situation) -> _Running | None:
+    def _maneuver(self, event: do.Maneuver, situation: Situation) -> _Running | None:
         body, truck = situation.find(event.actor), situation.truck
         if body is None or (body.lane < 0 and body.name not in self.actors.members):
             return None
-        relative = isinstance(event, ChangeSpeed) and event.speed is None
+        relative = isinstance(event, do.ChangeSpeed) and event.speed is None
         if (relative and situation.find(event.to) is None) or (  # type: ignore[attr-defined]
-            truck is None and isinstance(event, CutIn)
+            truck is None and isinstance(event, do.CutIn)
         ):
             return None
         members = self.actors.members
@@ -503,22 +476,22 @@ class Scenario:
         actor = self._actor(body.name, situation)
         if actor is None:
             return None
-        refers = isinstance(event, (CutIn, LoseCargo)) or (
-            isinstance(event, ChangeLane) and event.to is not None and own(event.to) is None
+        refers = isinstance(event, (do.CutIn, do.LoseCargo)) or (
+            isinstance(event, do.ChangeLane) and event.to is not None and own(event.to) is None
         )
         # Such a maneuver takes place on the truck's route.
         if refers and actor.track is not self._route and not actor.join_route():
             return None
         record = EventRecord(event, actor.name, situation.time)
-        if isinstance(event, RemoveVehicle):
+        if isinstance(event, do.RemoveVehicle):
             return self._take_away(record)
-        if isinstance(event, LoseCargo):
+        if isinstance(event, do.LoseCargo):
             return self._lose_cargo(event, actor, situation)
-        if isinstance(event, Teleport):
+        if isinstance(event, do.Teleport):
             return self._teleport(event, actor, record)
-        if isinstance(event, FollowPath):
+        if isinstance(event, do.FollowPath):
             return self._follow_path(event, actor, record)
-        if isinstance(event, Synchronize):
+        if isinstance(event, do.Synchronize):
             plans = synchronize(event, actor, lambda: self._front_of(event.to))
             return _Running(record, plans=plans)
         plans, undo = begin(event, actor, target, situation)
@@ -547,7 +520,7 @@ class Scenario:
         body = None if self._last is None else self._last.find(name)
         return None if body is None else (body.front, body.pace)
 
-    def _teleport(self, event: Teleport, actor: Actor, record: EventRecord) -> _Running | None:
+    def _teleport(self, event: do.Teleport, actor: Actor, record: EventRecord) -> _Running | None:
         track = self._route if event.along is None else self._roads[event.along]
         station = event.station - 0.5 * actor.row.length
         if not 0.0 <= event.station < track.length or not track.lane_exists(event.lane, station):
@@ -557,7 +530,9 @@ class Scenario:
             actor.stay_aside(event.offset)
         return _Running(record, plans=[Plan(done=True)])
 
-    def _follow_path(self, event: FollowPath, actor: Actor, record: EventRecord) -> _Running | None:
+    def _follow_path(
+        self, event: do.FollowPath, actor: Actor, record: EventRecord
+    ) -> _Running | None:
         if event.points is not None:
             path, numbers = self._path(event, actor.row.length)
             return _Running(record, plans=follow(event, actor, path, numbers))
@@ -570,7 +545,9 @@ class Scenario:
         actor.course = Course(goal=road.length - 0.5 * row.length - 2.0 * CLEAR)
         return _Running(record, plans=[actor.course])
 
-    def _lose_cargo(self, event: LoseCargo, actor: Actor, situation: Situation) -> _Running | None:
+    def _lose_cargo(
+        self, event: do.LoseCargo, actor: Actor, situation: Situation
+    ) -> _Running | None:
         kind = self._types[CARGO]
         station = actor.station - 0.5 * actor.row.length - 0.5 * kind.length - CLEAR
         if station < kind.length:
@@ -598,4 +575,4 @@ def _lamp(state: float | str | None) -> str | None:
 
 def is_of_scenario(event: Event) -> bool:
     """Whether `Scenario` plays an event; the traffic simulation plays the others."""
-    return event.when is not None or isinstance(event, (SceneEvent, TruckEvent))
+    return event.when is not None or isinstance(event, (do.SceneEvent, do.TruckEvent))

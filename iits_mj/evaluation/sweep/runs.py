@@ -37,6 +37,12 @@ UNITS = {
     )
     for name in names
 }
+# Columns of `runs.csv` behind those of the swept values.
+COLUMNS = (
+    *("outcome", "reason", "road_user"),
+    *(f"{name}_{unit}" for name, unit in UNITS.items()),
+    *("events", "ended", "command"),
+)
 
 
 @functools.cache
@@ -169,20 +175,29 @@ def table_rows(
     """Yields the rows of `runs.csv`, units in the names; a value that is not finite is None."""
     for run in runs:
         found, reason = outcome(run, config)
-        texts = {"outcome": found, "reason": reason, "road_user": run.road_user}
-        measures = {
-            f"{name}_{unit}": value if math.isfinite(value) and not run.error else None
-            for name, unit in UNITS.items()
-            for value in (getattr(run, name),)
-        }
-        last = {"events": run.events, "ended": run.ended, "command": sweep.command(run.values)}
-        yield {**dict(run.values), **texts, **measures, **last}
+        measures = [
+            value if math.isfinite(value) and not run.error else None
+            for value in (getattr(run, name) for name in UNITS)
+        ]
+        last = run.events, run.ended, sweep.command(run.values)
+        cells = found, reason, run.road_user, *measures, *last
+        yield dict(run.values) | dict(zip(COLUMNS, cells, strict=True))
 
 
 def write_runs(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     """Writes the rows as CSV; InputError if the file cannot be written."""
     names = dict.fromkeys(name for row in rows for name in row)
     write_table(path, list(names), rows, "runs")
+
+
+def check_names(sweep: Sweep) -> None:
+    """Raises InputError if a swept value has the name of a column of `runs.csv`."""
+    for name in sweep.swept:
+        if name in COLUMNS:
+            raise InputError(
+                f"param {name}: runs.csv has a column of this name for the drives; rename the "
+                "parameter in the scenario"
+            )
 
 
 def check_folder(folder: Path, identity: Mapping[str, str]) -> None:

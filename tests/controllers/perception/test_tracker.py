@@ -44,6 +44,26 @@ def test_a_steady_car_is_tracked_better_than_it_is_measured():
     assert {v.id for v in late} == {late[0].id}
 
 
+def test_the_place_of_a_standing_car_is_averaged_across_its_heading():
+    shown = follow(lambda t: (150.0, 3.0, 0.0), 6.0)
+    aside = [frame[0].y - 3.0 for frame in shown[10:]]
+    assert max(map(abs, aside)) < SIGMA
+    assert np.std(aside) < 0.3 * SIGMA
+
+
+def test_a_slow_car_that_moves_aside_is_followed_aside():
+    # 1 m/s across at 5 m/s along, with its heading as it steers.
+    yaw = math.atan2(1.0, 5.0)
+    tracker, random = Tracker(ROUTE), np.random.default_rng(5)
+    for k in range(30):
+        noise = random.normal(size=3)
+        found = seen(150.0 + 0.5 * k, 0.1 * k, math.hypot(5.0, 1.0), noise, yaw)
+        tracker.update(0.1 * k, [(False, [found])])
+    car = tracker.vehicles(2.9)[0]
+    assert car.y == pytest.approx(2.9, abs=SIGMA)
+    assert car.lateral_speed == pytest.approx(1.0, abs=0.3)
+
+
 def test_a_braking_is_known_within_a_second():
     def path(t):
         braked = max(t - 3.0, 0.0)
@@ -52,6 +72,30 @@ def test_a_braking_is_known_within_a_second():
     shown = follow(path, 4.5)
     assert shown[30][0].acceleration == pytest.approx(0.0, abs=1.0)
     assert shown[38][0].acceleration == pytest.approx(-6.0, abs=1.5)
+
+
+def test_a_ghost_beside_a_car_with_another_speed_does_not_brake_it():
+    tracker = Tracker(ROUTE)
+    for k in range(30):
+        x = 100.0 + 1.5 * k
+        tracker.update(0.1 * k, [(False, [seen(x, 0.0, 15.0)])])
+    # The ghost hides the car in one scan.
+    x = 100.0 + 1.5 * 30
+    tracker.update(3.0, [(False, [seen(x, 0.3, 11.0)])])
+    car = next(v for v in tracker.vehicles(3.0) if v.id == "track000001")
+    assert car.speed == pytest.approx(15.0, abs=0.1)
+    assert car.acceleration == pytest.approx(0.0, abs=0.5)
+
+
+def test_a_full_braking_from_one_scan_to_the_next_is_followed():
+    tracker = Tracker(ROUTE)
+    for k in range(45):
+        t = max(0.1 * k - 3.0, 0.0)
+        path = 100.0 + 20.0 * 0.1 * k - 4.5 * t**2, 0.0, 20.0 - 9.0 * t
+        tracker.update(0.1 * k, [(False, [seen(*path)])])
+    (car,) = tracker.vehicles(4.4)
+    assert car.id == "track000001"
+    assert car.speed == pytest.approx(20.0 - 9.0 * 1.4, abs=0.3)
 
 
 def test_a_track_is_reported_after_three_scans_and_survives_a_short_gap():

@@ -20,6 +20,7 @@ from iits_mj.parameters import TruckParameters
 _LOOK_AHEAD = (1.0, 0.4)
 _LAST_SPEED = 2.0
 _HOLD_DECELERATION = 1.2
+LEAST_ROOM = 0.01
 
 
 def speed_cap(
@@ -112,7 +113,7 @@ def required_deceleration(gap: float, speed: float, lead_speed: float, margin: f
     closing = speed - lead_speed
     if closing <= 0.0:
         return 0.0
-    return closing**2 / (2.0 * max(gap - margin, 0.1))
+    return closing**2 / (2.0 * max(gap - margin, LEAST_ROOM))
 
 
 def most_urgent(leads: list[Lead], speed: float, config: SpeedConfig) -> float:
@@ -129,7 +130,7 @@ def most_urgent(leads: list[Lead], speed: float, config: SpeedConfig) -> float:
         if lead.acceleration < -1.0:
             # Both stop: the leader's stopping distance adds to the room.
             room = gap - config.emergency_margin + lead_speed**2 / (-2.0 * lead.acceleration)
-            needed = max(needed, speed**2 / (2.0 * max(room, 0.1)))
+            needed = max(needed, speed**2 / (2.0 * max(room, LEAST_ROOM)))
         worst = max(worst, needed)
     return worst
 

@@ -15,7 +15,7 @@ from controllers.planning.following import (
 )
 from controllers.planning.safety import SafetyConfig, front_gap_needed, rear_gap_needed
 from iits_mj.core.neighbors import Neighbor
-from tests.controllers.planning.speed_plan_in_python import required_deceleration
+from tests.controllers.planning.speed_plan_in_python import LEAST_ROOM, required_deceleration
 
 CONFIG = FollowingConfig()
 
@@ -91,7 +91,7 @@ def test_required_deceleration_stops_the_closing_exactly_at_the_margin():
 
 
 def test_required_deceleration_is_finite_within_the_margin():
-    assert required_deceleration(2.0, 6.0, 4.0, 3.0) == pytest.approx(2.0**2 / 0.2)
+    assert required_deceleration(2.0, 6.0, 4.0, 3.0) == pytest.approx(2.0**2 / (2.0 * LEAST_ROOM))
 
 
 @pytest.mark.parametrize(("speed", "acceleration"), [(10.0, 1.5), (10.0, -2.0), (3.0, -0.4)])

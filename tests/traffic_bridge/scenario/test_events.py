@@ -36,6 +36,7 @@ from traffic_bridge import (
 )
 from traffic_bridge.scenario.actions import SCENARIO_EVENTS
 from traffic_bridge.scenario.reading import EVENTS, event_of
+from traffic_bridge.signals.events import Event
 
 SWARM = {
     "name": "s", "count": 9, "inner": 5.0, "half_length": 50.0, "half_width": 9.0, "speed": 20.0
@@ -182,3 +183,12 @@ def test_the_kinds_of_events_differ_and_have_no_abstract_ones():
     assert all(
         dataclasses.is_dataclass(event) and event.kind == kind for kind, event in EVENTS.items()
     )
+
+
+@pytest.mark.parametrize("kind", EVENTS)
+def test_the_manual_has_every_event_with_its_fields(kind):
+    rows = (ROOT / "docs" / "traffic.md").read_text().splitlines()
+    (row,) = [row for row in rows if row.startswith("| `") and f"`{kind}` (`" in row]
+    common = {field.name for field in dataclasses.fields(Event)}
+    own = {field.name for field in dataclasses.fields(EVENTS[kind])} - common
+    assert {name for name in own if f"`{name}`" not in row} == set()

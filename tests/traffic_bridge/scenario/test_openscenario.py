@@ -197,6 +197,19 @@ def test_parameters_relative_lanes_friction_and_lane_offset_are_read(tmp_path):
         ('"overwrite"', '"skip"', "priority must be one of"),
         ("SimulationTimeCondition", "TimeOfDayCondition", "<TimeOfDayCondition>: this element is"),
         ("</OpenSCENARIO>", "", "is not well-formed XML"),
+        (
+            '<SpeedAction><SpeedActionTarget>\n<AbsoluteTargetSpeed value="$W"',
+            '<SpeedAction><SpeedActionDynamics dynamicsShape="Step"/><SpeedActionTarget>'
+            '<AbsoluteTargetSpeed value="$W"',
+            "dynamicsShape 'Step': allowed are sinusoidal, cubic, linear, step",
+        ),
+        (
+            'name="V" value="20"/>',
+            'name="V" parameterType="double" value="20"><ConstraintGroup>'
+            '<ValueConstraint rule="lessThan" value="10"/></ConstraintGroup>'
+            "</ParameterDeclaration>",
+            "line 2: <ParameterDeclaration>: V = 20.0: allowed is < 10",
+        ),
     ],
 )
 def test_a_wrong_scenario_is_refused_with_its_place(tmp_path, old, new, words):
@@ -314,6 +327,16 @@ def test_what_a_scenario_has_beyond_the_subset_is_refused_with_its_line(tmp_path
     with pytest.raises(InputError, match=re.escape(words)) as raised:
         play(written(tmp_path, text), 0.1)
     assert re.search(r"own.xosc: line \d+: <", str(raised.value))
+
+
+def test_an_ego_off_the_driving_lanes_is_refused_with_the_name_of_the_scenario(tmp_path):
+    path = written(tmp_path, SCENARIO.replace('laneId="-2" s="100"', 'laneId="-3" s="100"'))
+    with pytest.raises(
+        InputError, match=r"own.xosc: road of Hero: .* no driving lane -3"
+    ) as raised:
+        with_scenario(DriveConfig(scenario=path))
+    # The line in the middle is no lane.
+    assert "it has -2, -1" in str(raised.value)
 
 
 def test_the_ego_can_be_named(tmp_path):
@@ -505,6 +528,82 @@ def test_what_has_no_effect_is_said_and_other_events_go_on(tmp_path):
     _, _, records = play(path, 3.0)
     assert records["aside"].begun == pytest.approx(1.1)
     assert records["hide"].ended is not None
+
+
+CATALOG = """<OpenSCENARIO><FileHeader revMajor="1" revMinor="0"/><Catalog name="Cars">
+<Vehicle name="long" vehicleCategory="car"><ParameterDeclarations>
+<ParameterDeclaration name="long" value="5"/></ParameterDeclarations>
+<BoundingBox><Center x="1.5" y="0" z="1"/><Dimensions length="$long" width="2" height="1.5"/>
+</BoundingBox></Vehicle></Catalog></OpenSCENARIO>"""
+
+
+@pytest.mark.parametrize(
+    ("folder", "reference", "words"),
+    [
+        ("cars", "Cars long long", None),
+        ("cars", "Cars lon long", "catalog 'Cars' has no entry 'lon' (did you mean long?)"),
+        ("cars", "Cras long long", "the CatalogLocations have no catalog 'Cras'"),
+        ("caars", "Cars long long", "caars of the CatalogLocations does not exist"),
+        ("cars", "Cars long size", "there is no parameter 'size'; it has long"),
+    ],
+)
+def test_a_vehicle_of_a_catalog_and_mistyped_ones(tmp_path, folder, reference, words):
+    (tmp_path / "cars").mkdir()
+    (tmp_path / "cars" / "cars.xosc").write_text(CATALOG)
+    catalog, entry, parameter = reference.split()
+    text = SCENARIO.replace(
+        "<RoadNetwork>",
+        f'<CatalogLocations><VehicleCatalog><Directory path="{folder}"/></VehicleCatalog>'
+        "</CatalogLocations><RoadNetwork>",
+    ).replace(
+        f'<Vehicle vehicleCategory="car">{BODY}</Vehicle>',
+        f'<CatalogReference catalogName="{catalog}" entryName="{entry}"><ParameterAssignments>'
+        f'<ParameterAssignment parameterRef="{parameter}" value="7.5"/></ParameterAssignments>'
+        "</CatalogReference>",
+    )
+    if words is None:
+        assert play(written(tmp_path, text), 0.1)[1][0].find("car").length == 7.5
+        return
+    with pytest.raises(InputError, match=re.escape(words)) as raised:
+        play(written(tmp_path, text), 0.1)
+    assert "<CatalogReference>" in str(raised.value)
+
+
+def test_variables_are_modified_and_monitors_set(tmp_path):
+    step = (
+        '<Action name="n"><GlobalAction><VariableAction variableRef="n"><ModifyAction><Rule>'
+        '<{} value="{}"/></Rule></ModifyAction></VariableAction></GlobalAction></Action>'
+    )
+    text = SCENARIO.replace(
+        "<RoadNetwork>",
+        '<VariableDeclarations><VariableDeclaration name="n" variableType="double" value="3"/>'
+        '</VariableDeclarations><MonitorDeclarations><MonitorDeclaration name="ok" value="false"/>'
+        "</MonitorDeclarations><RoadNetwork>",
+    )
+    # (3 + 1) * 2 = 8.
+    when = (
+        '<StartTrigger><ConditionGroup><Condition name="v"><ByValueCondition><VariableCondition '
+        'variableRef="n" value="{}" rule="equalTo"/></ByValueCondition></Condition>'
+        "</ConditionGroup></StartTrigger>"
+    )
+    events = [
+        ("more", step.format("AddValue", 1), ""),
+        ("twice", step.format("MultiplyByValue", 2), when.format(4)),
+        (
+            "seen",
+            '<Action name="o"><GlobalAction><SetMonitorAction monitorRef="ok" value="true"/>'
+            "</GlobalAction></Action>",
+            when.format(8),
+        ),
+    ]
+    made = "".join(
+        f'<Event name="{name}" priority="override">{action}{trigger}</Event>'
+        for name, action, trigger in events
+    )
+    _, _, records = play(written(tmp_path, text.replace("</Event>", f"</Event>{made}")), 2.0)
+    begun = [records[name].begun for name, *_ in events]
+    assert begun == sorted(begun)
+    assert records["seen"].event.variable == "monitor ok"
 
 
 def test_a_distance_to_a_place_that_moves_with_an_entity(tmp_path):
