@@ -59,7 +59,7 @@ def stop_offsets(net: NetFile, roads: Mapping[str, Road]) -> dict[str, float]:
         for lane in lanes:
             found[lane.id] = _line_of_map(net, lane, roads)
         for link in turns:
-            for name, distance in _swept_lanes(net, link, lanes).items():
+            for name, distance in swept_lanes(net, link, lanes).items():
                 found[name] = max(found[name], distance)
     return {
         name: round(min(offset, FARTHEST, SHARE * net.lanes[name].length), 2)
@@ -127,8 +127,8 @@ def _way(net: NetFile, link: NetConnection) -> FloatArray:
     return np.stack([np.interp(at, along, points[:, k]) for k in (0, 1)])
 
 
-def _swept_lanes(net: NetFile, link: NetConnection, lanes: list[NetLane]) -> dict[str, float]:
-    """Distances from the ends of other lanes that a turning truck needs to be free [m]."""
+def swept_lanes(net: NetFile, link: NetConnection, lanes: list[NetLane]) -> dict[str, float]:
+    """Distances from the ends of other lanes that a turning truck needs to be free [m], by lane."""
     radius, way = turn_radius(net, link), _way(net, link)
     (articulated,) = (kind for kind in default_types() if kind.name == "articulated")
     units: list[Boxes] = []
