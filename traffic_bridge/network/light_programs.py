@@ -14,10 +14,10 @@ from xml.etree.ElementTree import Element
 
 from iits_mj.road.elements import LightProgram, Road
 from iits_mj.road.xml_input import Reader, parse_xml, read_file
+from traffic_bridge.network.net_file import signals_of
 
-SIGNALS = "linkSignalID:"  # netconvert's parameter of a program: the signals of a link
 # Subtypes of netconvert's signals by SUMO's letter of the turn.
-_SUBTYPES = {"l": "10", "L": "10", "r": "20", "R": "20", "s": "30"}
+SUBTYPES = {"l": "10", "L": "10", "r": "20", "R": "20", "s": "30"}
 
 
 def read_programs(net: Path, size_max: int) -> tuple[LightProgram, ...]:
@@ -78,15 +78,10 @@ def _sources(
     item: Element, turns: Mapping[int, str], subtypes: Mapping[str, str]
 ) -> list[tuple[str, int]]:
     """Light and link of the source for each link of a program; empty if one is unknown."""
-    signals = {
-        int(key.removeprefix(SIGNALS)): parameter.get("value", "").split()
-        for parameter in item.findall("param")
-        if (key := parameter.get("key", "")).startswith(SIGNALS)
-    }
-    found = []
+    signals, found = signals_of(item), []
     for number in range(len(item.findall("phase")[0].get("state", ""))):
-        names = signals.get(number, [])
-        wanted = _SUBTYPES.get(turns.get(number, ""))
+        names = signals.get(number, ())
+        wanted = SUBTYPES.get(turns.get(number, ""))
         chosen = [name for name in names if subtypes.get(name) == wanted] or names
         light, _, link = chosen[0].rpartition("_") if len(chosen) == 1 else ("", "", "")
         if not light or not link.isdigit():

@@ -49,9 +49,7 @@ def turning(net, first, second, ways=(("-2", "-1", 290.0), ("0", "3", 78.0)), af
         for name, kind, way, begin in zip("ab", (first, second), ways, begins, strict=True):
             *edges, position = way
             api.route.add(name, edges)
-            api.vehicle.add(
-                name, name, kind, str(begin), departPos=f"{position}", departSpeed="3"
-            )
+            api.vehicle.add(name, name, kind, str(begin), departPos=f"{position}", departSpeed="3")
         api.trafficlight.setRedYellowGreenState("4", "G" * 12)
         for _ in range(400):
             session.step()
