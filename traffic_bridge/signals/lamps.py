@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from functools import partial
 
-from iits_mj.road.elements import PEDESTRIAN_LIGHT
-from traffic_bridge.network.light_programs import SUBTYPES
-from traffic_bridge.network.net_file import NetFile
+from iits_mj.road.elements import PEDESTRIAN_LIGHT, Road
+from traffic_bridge.network.light_programs import NEAR, SUBTYPES
+from traffic_bridge.network.net_file import NetConnection, NetFile
 from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.session import Session
 
@@ -32,8 +34,8 @@ class SignalLamps:
             if signal.dynamic
         }
         # The lights, and the links of each signal: place of its light, number of the letter.
-        self._lights = [light.id for light in lanes.net.lights if light.signals]
-        self._links = _links(lanes.net, self._kinds)
+        self._lights = [light.id for light in lanes.net.lights]
+        self._links = _links(lanes.net, roads, self._kinds)
         self._states: tuple[str, ...] = ()
         self._shown: tuple[tuple[str, str], ...] = ()
 
@@ -58,16 +60,38 @@ class SignalLamps:
 
 
 def _links(
-    net: NetFile, kinds: dict[str, tuple[str, str]]
+    net: NetFile, roads: Mapping[str, Road], kinds: dict[str, tuple[str, str]]
 ) -> dict[str, tuple[tuple[int, int], ...]]:
     """Light and link of each signal, the link that it shows first."""
-    turns = {(link.light, link.link): link.turn for link in net.connections if link.light}
+    named = {
+        (light.id, link): signals for light in net.lights for link, signals in light.signals.items()
+    }
+    known = {signal for signals in named.values() for signal in signals}
+    places = {light.id: place for place, light in enumerate(net.lights)}
     found: dict[str, list[tuple[tuple[bool, bool], int, int]]] = {}
-    for place, light in enumerate(light for light in net.lights if light.signals):
-        for link, signals in sorted(light.signals.items()):
-            turn = turns.get((light.id, link), "")
-            for name in signals:
-                if name in kinds and link < len(light.phases[0][1]):
-                    own = SUBTYPES.get(turn) == kinds[name][1]
-                    found.setdefault(name, []).append(((not own, turn != "s"), place, link))
+    for link in net.connections:
+        if link.light not in places or link.start.startswith(":"):
+            continue
+        signals = named.get((link.light, link.link), ())
+        for name in (*signals, *(one for one in _beside(net, link, roads) if one not in known)):
+            if name in kinds:
+                other = SUBTYPES.get(link.turn) != kinds[name][1]
+                way = ((other, link.turn != "s"), places[link.light], link.link)
+                found.setdefault(name, []).append(way)
     return {name: tuple((p, k) for _, p, k in sorted(ways)) for name, ways in found.items()}
+
+
+def _beside(net: NetFile, link: NetConnection, roads: Mapping[str, Road]) -> list[str]:
+    """Signals that face the vehicles before a link, and stand near the end of their lane."""
+    lane = net.lanes[link.start]
+    road = roads.get(lane.origin[0]) if lane.origin is not None else None
+    if road is None or lane.origin is None:
+        return []
+    facing = ("+", "none") if road.travel(lane.origin[1]) > 0 else ("-", "none")
+    found = []
+    for signal in road.signals:
+        point = road.plan.evaluate(signal.s)
+        away = lane.shape[-1] - net.offset - (float(point.x), float(point.y))
+        if signal.orientation in facing and math.hypot(*away) < NEAR:
+            found.append(signal.id)
+    return found

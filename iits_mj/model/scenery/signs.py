@@ -100,7 +100,7 @@ def lamp_name(material: str, signal: str, facing: float, station: float | None =
 
 def lamp_of(name: str) -> Lamp | None:
     """The lamp of a geom that has a `lamp_name`; None for other geoms."""
-    parts = name.rpartition("_map_")[0].split("@", 3)
+    parts = name.rsplit("_map_", 1)[0].split("@", 3)
     return Lamp(parts[0], float(parts[1]), float(parts[2]), parts[3]) if len(parts) == 4 else None
 
 
