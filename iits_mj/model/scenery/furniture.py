@@ -256,6 +256,11 @@ def _signal(
         t, length = signal.t, LINE_WIDTH
         if signal.kind == CROSSING:
             length = signal.value or 3.0
+            # Maps give the width of the whole road about its center line.
+            right, left = site.street.paved_edges(np.array([signal.s]))
+            low, high = max(t - 0.5 * width, right[0]), min(t + 0.5 * width, left[0])
+            if high - low > STRIPE:
+                t, width = 0.5 * (low + high), high - low
         elif abs(t) < 0.5:
             # Some maps give the line's inner end instead of its middle.
             t += 0.5 * width * (1.0 if signal.orientation == "-" else -1.0)
