@@ -68,12 +68,12 @@ def test_stripes_of_a_crossing_lie_along_the_road():
 
 def test_crossing_of_a_signal_ends_at_the_edges_of_the_road():
     model, _, _ = town(
-        signals='<signal id="6" s="60" t="1" type="1000003" value="4" width="30" height="0.01" '
+        signals='<signal id="6" s="60" t="1" type="1000003" value="2" width="30" height="0.01" '
         'orientation="+"/>'
     )
     paint = vertices(model, "road_marking_map")
     assert [paint[:, 1].min(), paint[:, 1].max()] == pytest.approx([-3.5, 0.0], abs=0.5)
-    assert np.ptp(paint[:, 0]) == pytest.approx(4.0, abs=0.01)
+    assert np.ptp(paint[:, 0]) == pytest.approx(2.0, abs=0.01)
 
 
 @pytest.mark.parametrize(("orientation", "side"), [("+", -1.0), ("-", 1.0)])
