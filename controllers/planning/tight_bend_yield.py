@@ -219,7 +219,8 @@ class TightBends:
         ahead = np.arange(len(sweep.units[0].x)) * _STEP + sweep.first - ego.station
         # A slower truck needs less room beside a vehicle.
         room = _ROOM_INSIDE + _ROOM_GAIN * min(ego.speed, BEND_SPEED)
-        here = int(np.abs(ahead).argmin())
+        # The last place that the truck has reached: the next one may touch where it stops.
+        here = max(int(np.searchsorted(ahead, 0.0, side="right")) - 1, 0)
         soon = (ahead > 0.0) & (ahead < ego.speed**2 / (2.0 * DECELERATION) + 4.0)
         for index, name in enumerate(names):
             for guess in self._guesses(found.one(index), _SOON):

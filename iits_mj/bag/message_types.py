@@ -42,6 +42,7 @@ from iits_mj.core.messages import (
     EgoState,
     RoadSignals,
     Scene,
+    SignalLamp,
     SpeedZone,
     TrackedVehicle,
     TrafficLight,
@@ -83,7 +84,8 @@ class Decided:
 
 # A type follows the types that it contains.
 MESSAGES = (
-    *(EgoState, EgoFootprint, TrackedVehicle, TrafficLight, SpeedZone, RoadSignals),
+    *(EgoState, EgoFootprint, TrackedVehicle, TrafficLight, SpeedZone, SignalLamp),
+    RoadSignals,
     *(Scene, Trajectory, VehicleCommand, Decided),
 )
 

@@ -335,6 +335,14 @@ class TrafficLight:
 
 
 @dataclass(frozen=True, slots=True)
+class SignalLamp:
+    """State that a traffic light of the map shows; `signal` is its id in OpenDRIVE."""
+
+    signal: str
+    state: LightState
+
+
+@dataclass(frozen=True, slots=True)
 class SpeedZone:
     """A speed limit on a stretch of the route that replaces the map's.
 
@@ -353,11 +361,13 @@ class RoadSignals:
     """States of traffic lights and variable signs; where zones overlap the later one applies.
 
     `lines` are stations of stop lines before junctions without a light, where vehicles cross [m].
+    `lamps` are the map's lights that are lit, also those off the route: for pictures.
     """
 
     light: TrafficLight | None = None
     zones: tuple[SpeedZone, ...] = ()
     lines: tuple[float, ...] = ()
+    lamps: tuple[SignalLamp, ...] = ()
 
 
 @dataclass(frozen=True)

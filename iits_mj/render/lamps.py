@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.messages import Decision, EgoState, LightState, PlanMode, TrafficLight, Trajectory
+from iits_mj.core.messages import Decision, EgoState, LightState, PlanMode, RoadSignals, Trajectory
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.model.scenery.signs import LAMPS, lamp_of
 from iits_mj.render.geometry import turn_of
@@ -116,13 +116,13 @@ def change_of(trajectory: Trajectory, offset: float) -> Decision:
 
 
 class RoadLights:
-    """The lamps of the traffic lights that face the route.
+    """The lamps of the map's traffic lights.
 
     Args:
       model: with the road's scenery.
 
     Attributes:
-      lamps: material, station [m] and direction [rad] of each, by the number of its geom.
+      lamps: each by the number of its geom.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -130,16 +130,22 @@ class RoadLights:
         self.lamps = {geom: lamp for geom, name in names if (lamp := lamp_of(name))}
         self._seen: dict[int, tuple[float, LightState]] = {}
 
-    def states(self, light: TrafficLight | None, time: float) -> dict[int, LightState]:
-        """Returns the states of the lights at the next stop line, and at the last ones.
+    def states(self, signals: RoadSignals, time: float) -> dict[int, LightState]:
+        """Returns the states of the lights by the numbers of their lamps' geoms.
+
+        Where the lamps of the map are not known, as without SUMO, these are the lights at the next
+        stop line of the route and at the last ones.
 
         Args:
-          light: the next one of the route.
+          signals: that the driver sees.
           time: of the drive [s].
         """
-        before, beyond = _LIGHT_REACH
-        for geom, (_, station, _) in self.lamps.items():
-            if light is not None and -before <= station - light.station <= beyond:
+        if signals.lamps:
+            shown = {one.signal: one.state for one in signals.lamps}
+            return {g: shown[one.signal] for g, one in self.lamps.items() if one.signal in shown}
+        light, (before, beyond) = signals.light, _LIGHT_REACH
+        for geom, lamp in self.lamps.items():
+            if light is not None and -before <= lamp.station - light.station <= beyond:
                 self._seen[geom] = time, light.state
         return {
             geom: state
@@ -147,10 +153,10 @@ class RoadLights:
             if 0.0 <= time - since < _LIGHT_MEMORY
         }
 
-    def lit(self, light: TrafficLight | None, time: float) -> set[int]:
+    def lit(self, signals: RoadSignals, time: float) -> set[int]:
         """Returns the geoms of the lamps that are lit; see `states`."""
-        states = self.states(light, time).items()
-        return {geom for geom, state in states if _FUNCTIONS[self.lamps[geom][0]] == _SHOWN[state]}
+        states, lamps = self.states(signals, time).items(), self.lamps
+        return {g for g, state in states if _FUNCTIONS[lamps[g].material] == _SHOWN[state]}
 
 
 class Lamps:
@@ -189,7 +195,7 @@ class Lamps:
         self._ahead = np.array([turn[0] for turn in turns]).reshape(-1, 3)
         for k, (geom, turn) in enumerate(zip(self.geom.tolist(), turns, strict=True)):
             if geom in lamps:
-                facing = lamps[geom][2]
+                facing = lamps[geom].facing
                 self._ahead[k] = turn.T @ [math.cos(facing), math.sin(facing), 0.0]
         self._index = np.repeat(np.arange(len(places)), [len(p) for p in places])
         both = np.concatenate(places) if places else np.empty((0, 4))
@@ -215,11 +221,11 @@ class Lamps:
     def signals(self, data: mujoco.MjData, frame: DriveFrame) -> dict[int, Signals]:
         """Returns the signals of the shown vehicles by the root of their bodies.
 
-        The traffic lights of the route have negative numbers.
+        The traffic lights have negative numbers.
         """
         root = int(self._model.body("tractor").rootid[0])
         found = {root: truck_signals(frame.ego, frame.trajectory)}
-        states = self._road.states(frame.scene.signals.light, frame.time)
+        states = self._road.states(frame.scene.signals, frame.time)
         found |= {-1 - geom: Signals(light=state) for geom, state in states.items()}
         vehicles = VehicleFrame.of(frame.scene.vehicles)
         if not len(vehicles) or not self._traffic:

@@ -107,6 +107,11 @@ class RoadType:
     country: str = ""
 
 
+# Types of signals: light for pedestrians, painted crossing, and stop line (German catalog of signs,
+# from which OpenDRIVE's own is derived).
+PEDESTRIAN_LIGHT, CROSSING, STOP_LINE = "1000002", "1000003", "294"
+
+
 @dataclass(frozen=True)
 class Signal:
     """A sign or traffic light; `value` with `unit` is the limit of a speed sign.

@@ -13,6 +13,7 @@ from iits_mj.core.errors import MapError
 from iits_mj.road.xml_input import Reader
 
 OBJECTS_MAX = 20_000  # of one road
+CROSSINGS = ("crosswalk", "crossing")  # words in the kind or the name of a painted crossing
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,11 @@ class MapObject:
     radius: float = 0.0
     outlines: tuple[tuple[Corner, ...], ...] = ()
     repeats: tuple[Repeat, ...] = ()
+
+    @property
+    def is_crossing(self) -> bool:
+        """Whether it is a painted crossing for pedestrians."""
+        return any(word in f"{self.kind} {self.name}" for word in CROSSINGS)
 
 
 def read_objects(place: Reader, parent: Element | None, notes: list[str]) -> tuple[MapObject, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -15,6 +16,7 @@ from iits_mj.core.messages import (
     LightState,
     RoadSignals,
     Scene,
+    SignalLamp,
     SpeedZone,
     TrafficLight,
     Trajectory,
@@ -178,7 +180,18 @@ def read_signals(
         if rule.end > ego.station - SIGHT and rule.start < ego.station + SIGHT
     )
     lines = tuple(line for line in signals.lines if -BEHIND <= line - front <= SIGHT)
-    return RoadSignals(None if light is None else _light_message(light), zones, lines)
+    message = None if light is None else _light_message(light)
+    return RoadSignals(message, zones, lines, _lamps(signals.lamps()))
+
+
+@functools.lru_cache(maxsize=4)
+def _lamps(letters: tuple[tuple[str, str], ...]) -> tuple[SignalLamp, ...]:
+    """The lamps that signals show; a light that is switched off ("O") has none."""
+    return tuple(
+        SignalLamp(name, LightState.YELLOW if letter == "o" else _light_state(letter))
+        for name, letter in letters
+        if letter != "O"
+    )
 
 
 def _light_message(light: LightAhead) -> TrafficLight:

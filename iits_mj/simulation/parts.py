@@ -24,11 +24,12 @@ from controllers.planning.speed_reference import (
     read_profile,
 )
 from controllers.stack import Stack
-from iits_mj.core.errors import InputError
+from iits_mj.core.errors import Error, InputError
 from iits_mj.core.messages import EgoFootprint
 from iits_mj.core.options import given_in
 from iits_mj.core.progress import remark, task
 from iits_mj.core.timing import TIMESTEP
+from iits_mj.model.scenery.road_scene import add_paint
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.route import USABLE_LANE_WIDTH
@@ -53,6 +54,7 @@ from traffic_bridge import (
 )
 from traffic_bridge.mirror.mirror import CROWD, ROAD_USER_POOL
 from traffic_bridge.network.map_sources import read_map
+from traffic_bridge.network.markings import net_markings
 from traffic_bridge.scenario.openscenario import OpenScenario, read_scenario
 from traffic_bridge.scenario.openscenario_parameters import declared_parameters
 from traffic_bridge.scenario.parameters import assignments
@@ -297,6 +299,8 @@ def load_truck(
 
     def edit(spec: mujoco.MjSpec) -> None:
         mirror.add_to(spec)
+        if visuals and isinstance(config, DriveConfig):
+            _add_markings(spec, config, route)
         if edit_spec is not None:
             edit_spec(spec)
 
@@ -310,6 +314,17 @@ def load_truck(
         visuals=visuals,
         edit_spec=edit,
     )
+
+
+def _add_markings(spec: mujoco.MjSpec, config: DriveConfig, route: Route) -> None:
+    """Adds the stop lines and crossings of SUMO's net where the map has none of its own."""
+    if config.traffic_mode not in ("inter", "pure"):
+        return
+    try:
+        found = net_markings(route, walkways=config.pedestrians > 0.0)
+    except Error:
+        return  # the traffic reports why there is no net; a recorded drive needs none
+    add_paint(spec, route, found.stop_lines, found.yield_lines, found.crossings)
 
 
 def make_recorder(config: DriveConfig, route: Route, footprint: EgoFootprint) -> Recorder:

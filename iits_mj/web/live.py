@@ -147,7 +147,7 @@ class LiveDrive(Stage, Observer, Closing):
         if self.scene is None:
             return
         self.scene.show_plan(trajectory)
-        self.scene.show_light(scene.signals.light, scene.time)
+        self.scene.show_lights(scene.signals, scene.time)
         frame = VehicleFrame.of(scene.vehicles)
         self.scene.show_neighbors(scene.time, frame, instruments.gap_texts(scene))
 

@@ -95,7 +95,7 @@ class Playback(Stage):
             at = track.scene(index)
             scene.show_neighbors(ego.time, track.vehicles[index], instruments.gap_texts(at))
             scene.show_plan(track.plans[index] if track.plans else None)
-            scene.show_light(at.signals.light, ego.time)
+            scene.show_lights(at.signals, ego.time)
 
     def state(self) -> dict[str, Any]:
         """Returns the instruments."""

@@ -16,7 +16,7 @@ from mjviser import ViserMujocoScene
 from mjviser.conversions import get_geom_texture_id, is_fixed_body, merge_geoms
 
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.messages import TrafficLight, Trajectory
+from iits_mj.core.messages import RoadSignals, Trajectory
 from iits_mj.core.own_parts import part_name
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.model.scenery.signs import LAMPS
@@ -183,17 +183,17 @@ class TruckScene(ViserMujocoScene):
             geom: self.server.scene.add_icosphere(
                 f"{_ROOT}/lamp{geom}",
                 radius=_LAMP,
-                color=_LAMP_COLORS[material],
+                color=_LAMP_COLORS[one.material],
                 position=tuple(self.mj_data.geom_xpos[geom]),
                 cast_shadow=False,
                 visible=False,
             )
-            for geom, (material, _, _) in self._lights.lamps.items()
+            for geom, one in self._lights.lamps.items()
         }
 
-    def show_light(self, light: TrafficLight | None, time: float) -> None:
-        """Shows the lamps of the route; `light` is the next one, `time` that of the drive [s]."""
-        lit = self._lights.lit(light, time)
+    def show_lights(self, signals: RoadSignals, time: float) -> None:
+        """Shows the lit lamps of traffic lights; `time` is that of the drive [s]."""
+        lit = self._lights.lit(signals, time)
         for geom, lamp in self._lamps.items():
             if lamp.visible != (geom in lit):
                 lamp.visible = geom in lit

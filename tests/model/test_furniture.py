@@ -66,6 +66,16 @@ def test_stripes_of_a_crossing_lie_along_the_road():
     assert not seen(model, data, 47.0, 0.3)[0].startswith("road_marking_map")
 
 
+def test_crossing_of_a_signal_ends_at_the_edges_of_the_road():
+    model, _, _ = town(
+        signals='<signal id="6" s="60" t="1" type="1000003" value="2" width="30" height="0.01" '
+        'orientation="+"/>'
+    )
+    paint = vertices(model, "road_marking_map")
+    assert [paint[:, 1].min(), paint[:, 1].max()] == pytest.approx([-3.5, 0.0], abs=0.5)
+    assert np.ptp(paint[:, 0]) == pytest.approx(2.0, abs=0.01)
+
+
 @pytest.mark.parametrize(("orientation", "side"), [("+", -1.0), ("-", 1.0)])
 def test_traffic_light_faces_the_traffic_that_it_is_for(orientation, side):
     model, _, _ = town(

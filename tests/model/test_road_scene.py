@@ -7,11 +7,12 @@ from scipy.interpolate import LinearNDInterpolator
 
 from iits_mj.model.scenery.corridor import Corridor, run_outs
 from iits_mj.model.scenery.landscape import OVERLAP, Landscape, is_plain
-from iits_mj.model.scenery.paint import MARKING_LIFT, markings
-from iits_mj.model.scenery.road_scene import ROAD_GROUP, add_road
+from iits_mj.model.scenery.paint import MARKING_LIFT, POTHOLE_EDGE, markings
+from iits_mj.model.scenery.road_scene import ROAD_GROUP, add_paint, add_road
 from iits_mj.model.scenery.streets import Street
 from iits_mj.model.scenery.structures import tunnel
 from iits_mj.road import RoadMap, Route
+from iits_mj.road.unevenness import Unevenness
 from iits_mj.suite.scene import turn
 from tests.model.meshes import vertices
 
@@ -165,3 +166,45 @@ def test_tunnel_curbs_and_floor_cover_the_ground_on_both_sides(highway):
         assert np.min(np.hypot(middle[:, 0] - point.x, middle[:, 1] - point.y)) < 10.0
         across = np.array([highway.locate(x, y, station)[1] for x, y, _ in middle[::9]])
         assert np.any(np.abs(across - offset) < 0.4)
+
+
+def test_potholes_are_drawn_where_the_tires_feel_them(highway):
+    uneven = Unevenness(potholes=20.0, seed=3)
+    spec = mujoco.MjSpec()
+    add_road(spec, highway.with_unevenness(uneven))
+    model = spec.compile()
+    holes = vertices(model, "road_pothole")
+    corners = holes.reshape(-1, len(POTHOLE_EDGE), 3)
+    route = highway.with_unevenness(uneven)
+    for hole in corners[:: len(corners) // 20]:
+        middle = hole.mean(axis=0)
+        station, offset = route.locate(*middle[:2], None)
+        right, left = route.surface_edges(station)
+        assert right < offset < left
+        assert uneven.height(station, offset) < -0.003
+        size = np.ptp(hole[:, :2], axis=0).max()
+        assert 0.25 < size < 1.1
+        road = float(route.evaluate(station, offset).z)
+        assert road < middle[2] < road + MARKING_LIFT
+    # On both lanes and the shoulder, by their number per kilometer of lane.
+    width = np.mean(np.subtract(*highway.surface_edges(np.linspace(0.0, highway.length, 50))[::-1]))
+    expected = 20.0 * highway.length / 1000.0 * width / 3.5
+    assert len(corners) == pytest.approx(expected, rel=0.2)
+
+
+def test_paint_far_from_the_route_is_left_out(highway):
+    spec = mujoco.MjSpec()
+    add_road(spec, highway)
+    point = highway.evaluate(500.0)
+    corners = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 0.5], [0.0, 0.5]])
+    near, far = (
+        np.column_stack([x + corners[:, 0], point.y + corners[:, 1], np.full(4, point.z)])
+        for x in (point.x, 5e4)
+    )
+    add_paint(spec, highway, [near, far], [], [])
+    model = spec.compile()
+    (geom,) = (g for g in range(model.ngeom) if "_paint" in model.geom(g).name)
+    points = vertices(model, model.geom(geom).name)
+    assert points[:, 0].max() < point.x + 4.0
+    assert points[:, 2] == pytest.approx(float(point.z), abs=0.05)
+    assert model.geom_contype[geom] == 0

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from iits_mj.core.messages import LightState, RoadSignals, TrafficLight
+from iits_mj.core.messages import LightState, RoadSignals, SignalLamp, TrafficLight
 from iits_mj.model.scenery.road_scene import add_road
 from iits_mj.model.scenery.signs import lamp_of
 from iits_mj.render.lamps import Lamps, RoadLights
@@ -31,20 +31,21 @@ def lamps():
     return Lamps(model), model
 
 
-def frame(time, light):
+def frame(time, light, shown=()):
     ego = SimpleNamespace(brake_pressures=(0.0,), acceleration=0.0, speed=5.0)
-    scene = SimpleNamespace(signals=RoadSignals(light), vehicles=(), time=time)
+    signals = RoadSignals(light, lamps=tuple(SignalLamp(*one) for one in shown))
+    scene = SimpleNamespace(signals=signals, vehicles=(), time=time)
     return SimpleNamespace(time=time, ego=ego, trajectory=None, scene=scene)
 
 
-def lit(lamps, time, state, station=38.0):
+def lit(lamps, time, state, station=38.0, shown=()):
     """Materials of the lamps that are lit."""
     made, model = lamps
     light = None if state is None else TrafficLight(station, state, None, None)
     data = mujoco.MjData(model)
-    bright = made.brightness(made.signals(data, frame(time, light)), time, on=False)
+    bright = made.brightness(made.signals(data, frame(time, light, shown)), time, on=False)
     return [
-        lamp_of(model.geom(geom).name)[0]
+        lamp_of(model.geom(geom).name).material
         for geom, value in zip(made.geom.tolist(), bright, strict=True)
         if value > 1.0
     ]
@@ -74,6 +75,22 @@ def test_light_that_was_passed_keeps_its_state_for_a_while(lamps):
     assert lit(lamps, 130.0, None) == []
 
 
+def test_each_signal_of_the_map_shows_its_own_state(lamps):
+    made, model = lamps
+    shown = [("1", LightState.RED), ("2", LightState.YELLOW), ("3", LightState.GREEN)]
+    light = TrafficLight(38.0, LightState.RED, None, None)
+    signals = made.signals(mujoco.MjData(model), frame(250.0, light, shown))
+    bright = made.brightness(signals, 250.0, on=False)
+    found = {
+        (lamp.signal, lamp.material.removeprefix("road_lamp_"))
+        for geom, value in zip(made.geom.tolist(), bright, strict=True)
+        if value > 1.0 and (lamp := lamp_of(model.geom(geom).name))
+    }
+    assert found == {("1", "red"), ("2", "yellow"), ("3", "green")}
+    # A light that is switched off is dark, also at the next stop line.
+    assert lit(lamps, 250.0, LightState.RED, shown=shown[1:2]) == ["road_lamp_yellow"]
+
+
 def test_lit_lamp_shines_against_the_direction_of_travel(lamps):
     made, model = lamps
     data = mujoco.MjData(model)
@@ -89,8 +106,12 @@ def test_lit_lamp_shines_against_the_direction_of_travel(lamps):
 def test_web_pages_light_the_same_lamps(lamps):
     _, model = lamps
     lights = RoadLights(model)
-    assert len(lights.lamps) == 3
+    # Two lights with three lamps, one with two.
+    assert len(lights.lamps) == 8
     for state, color in ((LightState.RED, "red"), (LightState.GREEN, "green")):
-        (geom,) = lights.lit(TrafficLight(38.0, state, None, None), 1.0)
-        assert model.geom(geom).name.startswith(f"road_lamp_{color}@40.0@")
-    assert lights.lit(None, 60.0) == set()
+        (geom,) = lights.lit(RoadSignals(TrafficLight(38.0, state, None, None)), 1.0)
+        assert (lights.lamps[geom].material, lights.lamps[geom].station) == (
+            f"road_lamp_{color}",
+            40.0,
+        )
+    assert lights.lit(RoadSignals(), 60.0) == set()

@@ -1,7 +1,8 @@
-"""Keeps the programs of a SUMO net's traffic lights when the net becomes an OpenDRIVE map.
+"""Corrects the traffic lights of nets: their programs, and lights in wrong places.
 
-netconvert writes a signal for each link of a light, named LIGHT_LINK, and reads these names back.
-So each link of the driven net takes the letters of its link in the source.
+When a SUMO net becomes an OpenDRIVE map, netconvert writes a signal for each link of a light, named
+LIGHT_LINK, and reads these names back. So each link of the driven net takes the letters of its link
+in the source.
 """
 
 from __future__ import annotations
@@ -12,12 +13,15 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
+import numpy as np
+
 from iits_mj.road.elements import LightProgram, Road
 from iits_mj.road.xml_input import Reader, parse_xml, read_file
+from traffic_bridge.network.net_file import signals_of
 
-SIGNALS = "linkSignalID:"  # netconvert's parameter of a program: the signals of a link
+NEAR = 20.0  # [m] from a node in which its signals stand
 # Subtypes of netconvert's signals by SUMO's letter of the turn.
-_SUBTYPES = {"l": "10", "L": "10", "r": "20", "R": "20", "s": "30"}
+SUBTYPES = {"l": "10", "L": "10", "r": "20", "R": "20", "s": "30"}
 
 
 def read_programs(net: Path, size_max: int) -> tuple[LightProgram, ...]:
@@ -74,19 +78,58 @@ def with_programs(text: str, programs: tuple[LightProgram, ...], roads: Mapping[
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
+def without_misplaced_lights(text: str, roads: Mapping[str, Road]) -> str:
+    """Returns a net without lights at joints of two roads whose signals are elsewhere.
+
+    Where lanes begin or end on a road, netconvert sets its signals at the wrong end of the part.
+    The junction for which they are has its light all the same.
+
+    Args:
+      text: the net, made of the map.
+      roads: of the map, by id.
+    """
+    root = ElementTree.fromstring(text)
+    offset = [float(value) for value in root.findall("location")[0].attrib["netOffset"].split(",")]
+    places = {}
+    for road in roads.values():
+        for signal in road.signals:
+            point = road.plan.evaluate(signal.s)
+            places[signal.id] = np.array([float(point.x), float(point.y)]) + offset
+    nodes = {node.attrib["id"]: node for node in root.findall("junction")}
+    links: dict[str, list[Element]] = {}
+    for link in root.findall("connection"):
+        if light := link.get("tl"):
+            links.setdefault(light, []).append(link)
+    dropped = False
+    for item in root.findall("tlLogic"):
+        node, own = nodes.get(item.attrib["id"]), links.get(item.attrib["id"], [])
+        names = {name for some in signals_of(item).values() for name in some}
+        signals = [places[name] for name in sorted(names & places.keys())]
+        ways = {(link.get("from"), link.get("to")) for link in own}
+        # Two roads meet: one way in each direction, straight on.
+        joint = len(ways) <= 2 and len({start for start, _ in ways}) == len(ways)
+        if node is None or not signals or not joint or any(link.get("dir") != "s" for link in own):
+            continue
+        apart = np.array(signals) - [float(node.attrib[key]) for key in ("x", "y")]
+        if np.hypot(*apart.T).min() > NEAR:
+            dropped = True
+            root.remove(item)
+            node.set("type", "priority")
+            for link in own:
+                link.set("state", "M")
+                for key in ("tl", "linkIndex"):
+                    del link.attrib[key]
+    return ElementTree.tostring(root, encoding="unicode") + "\n" if dropped else text
+
+
 def _sources(
     item: Element, turns: Mapping[int, str], subtypes: Mapping[str, str]
 ) -> list[tuple[str, int]]:
     """Light and link of the source for each link of a program; empty if one is unknown."""
-    signals = {
-        int(key.removeprefix(SIGNALS)): parameter.get("value", "").split()
-        for parameter in item.findall("param")
-        if (key := parameter.get("key", "")).startswith(SIGNALS)
-    }
-    found = []
+    signals, found = signals_of(item), []
     for number in range(len(item.findall("phase")[0].get("state", ""))):
-        names = signals.get(number, [])
-        wanted = _SUBTYPES.get(turns.get(number, ""))
+        names = signals.get(number, ())
+        wanted = SUBTYPES.get(turns.get(number, ""))
         chosen = [name for name in names if subtypes.get(name) == wanted] or names
         light, _, link = chosen[0].rpartition("_") if len(chosen) == 1 else ("", "", "")
         if not light or not link.isdigit():

@@ -20,6 +20,8 @@ from iits_mj.core.errors import TrafficError
 from iits_mj.road.elements import DRIVING_TYPES
 
 WALKER = "pedestrian"  # SUMO's class; lanes for it alone are no lanes of vehicles
+SIGNALS = "linkSignalID:"  # netconvert's parameter of a light: OpenDRIVE's signals of a link
+YIELDS = tuple("msw")  # SUMO's states of connections that give way, or stop
 ORIGIN = "origId"  # netconvert's name for "ROAD_LANE" of OpenDRIVE (--output.original-names)
 
 
@@ -91,6 +93,7 @@ class NetConnection:
       via: the first lane inside the junction, or "".
       turn: "s" straight, "l" left, "r" right, "L" and "R" half left and right, "t" back.
       light: the traffic light that controls it, or ""; link: its letter's index there, or -1.
+      yields: whether its vehicles give way, at a junction without a light.
     """
 
     start: str
@@ -99,6 +102,7 @@ class NetConnection:
     turn: str
     light: str
     link: int
+    yields: bool = False
 
 
 @dataclass(frozen=True)
@@ -113,11 +117,15 @@ class NetJunction:
 
 @dataclass(frozen=True)
 class NetLight:
-    """A traffic light's program: (duration [s], one letter per link) for each phase."""
+    """A traffic light's program: (duration [s], one letter per link) for each phase.
+
+    `signals` are the ids of OpenDRIVE's signals by the number of their link.
+    """
 
     id: str
     program: str
     phases: tuple[tuple[float, str], ...]
+    signals: dict[int, tuple[str, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -261,6 +269,7 @@ def _connection(item: Element) -> NetConnection:
         turn=given.get("dir", "s"),
         light=given.get("tl", ""),
         link=int(given.get("linkIndex", "-1")),
+        yields=given.get("state", "") in YIELDS,
     )
 
 
@@ -271,4 +280,13 @@ def _junction(item: Element) -> NetJunction:
 
 def _light(item: Element) -> NetLight:
     phases = tuple((float(p.attrib["duration"]), p.attrib["state"]) for p in item.findall("phase"))
-    return NetLight(item.attrib["id"], item.get("programID", "0"), phases)
+    return NetLight(item.attrib["id"], item.get("programID", "0"), phases, signals_of(item))
+
+
+def signals_of(item: Element) -> dict[int, tuple[str, ...]]:
+    """Ids of OpenDRIVE's signals for each link of a light's program in a net."""
+    return {
+        int(key.removeprefix(SIGNALS)): tuple(parameter.get("value", "").split())
+        for parameter in item.findall("param")
+        if (key := parameter.get("key", "")).startswith(SIGNALS)
+    }

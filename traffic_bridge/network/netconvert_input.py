@@ -9,7 +9,15 @@ from xml.etree.ElementTree import Element, SubElement
 
 from iits_mj.core.errors import MapError
 from iits_mj.road import RoadMap
-from iits_mj.road.elements import Connection, Junction, Lane, LaneSection, Road, lane_borders
+from iits_mj.road.elements import (
+    CROSSING,
+    Connection,
+    Junction,
+    Lane,
+    LaneSection,
+    Road,
+    lane_borders,
+)
 from iits_mj.road.opendrive import LENGTH_MIN
 from iits_mj.road.writer import to_xml
 from iits_mj.road.xml_input import content_hash, parse_xml, read_file
@@ -163,7 +171,14 @@ def _replace_flat_spiral(record: Element) -> None:
 
 
 def _set_signals(item: Element) -> None:
-    """Completes signals; OpenDRIVE's value for "no type" is -1."""
+    """Completes signals, and drops painted crossings, where netconvert would set lights.
+
+    OpenDRIVE's value for "no type" is -1.
+    """
+    for signals in item.findall("signals"):
+        for signal in signals.findall("signal"):
+            if signal.get("type") == CROSSING and signal.get("dynamic") != "yes":
+                signals.remove(signal)
     for number, signal in enumerate(item.iter("signal")):
         nameless = {"id": f"{item.get('id')}_signal_{number}"}
         for name, value in (SIGNAL_DEFAULTS | nameless).items():

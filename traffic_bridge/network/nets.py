@@ -19,7 +19,7 @@ from iits_mj.core.errors import InputError, MapError, TrafficError
 from iits_mj.core.progress import remark
 from iits_mj.road import RoadMap, Route
 from iits_mj.road.route import MAPS, USABLE_LANE_WIDTH
-from traffic_bridge.network.light_programs import with_programs
+from traffic_bridge.network.light_programs import with_programs, without_misplaced_lights
 from traffic_bridge.network.net_file import ORIGIN, WALKER, NetFile
 from traffic_bridge.network.netconvert_input import BRIDGE, opendrive_for_netconvert
 from traffic_bridge.network.stop_lines import stop_offsets
@@ -51,8 +51,8 @@ OPENDRIVE_OPTIONS = (
     "--precision",
     "3",
 )
-REVISION = "4"  # of the changes that this module makes to a net; part of the cache key
-WALKWAY_REVISION = "3"  # the same, of nets with walkways
+REVISION = "5"  # of the changes that this module makes to a net; part of the cache key
+WALKWAY_REVISION = "4"  # the same, of nets with walkways
 ADVICE = "; a drive with traffic-mode none needs no net"
 _OTHER_TURNS = {"l": "r", "r": "l", "L": "R", "R": "L"}
 _SEAL = "<!-- sha256 "
@@ -160,6 +160,7 @@ def _make(content: bytes, left_hand: bool, target: Path, road_map: RoadMap, walk
         text = _converted(source, made, name)
         if walkways:
             text = with_vehicle_lanes(_converted(source, made, name, WALKWAY_OPTIONS), text, name)
+        text = without_misplaced_lights(text, road_map.roads)
         text = with_programs(text, road_map.content.light_programs, road_map.roads)
         if left_hand:
             text = _mirrored(text)

@@ -16,7 +16,7 @@ import numpy as np
 from iits_mj.core.angles import wrap_angle
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.boxes import Boxes
-from iits_mj.road.elements import Road
+from iits_mj.road.elements import STOP_LINE, Road
 from traffic_bridge.mirror.articulation import Articulation
 from traffic_bridge.network.net_file import NetConnection, NetFile, NetLane, distances_along
 from traffic_bridge.vehicles.types import default_types
@@ -36,7 +36,6 @@ HALF, WAITING_WIDTH, ROOM = 2.5, 2.1, 0.3
 FARTHEST = 12.0  # [m] of a line before the junction
 SHARE = 0.4  # of a lane's length, the most that lies behind its line
 NEAR = 20.0  # [m] before the junction in which lines and lights of the map belong to it
-STOP_LINE = "294"  # of the German catalogue of signs, from which OpenDRIVE's own is derived
 VEHICLE_LIGHTS = ("1000001", "1000009", "1000010", "1000011")  # lights with lamps for vehicles
 
 
@@ -57,9 +56,10 @@ def stop_offsets(net: NetFile, roads: Mapping[str, Road]) -> dict[str, float]:
             continue
         lanes = [net.lanes[name] for name in sorted({link.start for link in links})]
         for lane in lanes:
-            found[lane.id] = _line_of_map(net, lane, roads)
+            lines, lights = lines_of_map(net, lane, roads)
+            found[lane.id] = max(lines or lights, default=0.0)
         for link in turns:
-            for name, distance in _swept_lanes(net, link, lanes).items():
+            for name, distance in swept_lanes(net, link, lanes).items():
                 found[name] = max(found[name], distance)
     return {
         name: round(min(offset, FARTHEST, SHARE * net.lanes[name].length), 2)
@@ -127,8 +127,8 @@ def _way(net: NetFile, link: NetConnection) -> FloatArray:
     return np.stack([np.interp(at, along, points[:, k]) for k in (0, 1)])
 
 
-def _swept_lanes(net: NetFile, link: NetConnection, lanes: list[NetLane]) -> dict[str, float]:
-    """Distances from the ends of other lanes that a turning truck needs to be free [m]."""
+def swept_lanes(net: NetFile, link: NetConnection, lanes: list[NetLane]) -> dict[str, float]:
+    """Distances from the ends of other lanes that a turning truck needs to be free [m], by lane."""
     radius, way = turn_radius(net, link), _way(net, link)
     (articulated,) = (kind for kind in default_types() if kind.name == "articulated")
     units: list[Boxes] = []
@@ -208,11 +208,13 @@ def _pulled(way: FloatArray, distance: float) -> FloatArray:
     return np.array(yaw)
 
 
-def _line_of_map(net: NetFile, lane: NetLane, roads: Mapping[str, Road]) -> float:
-    """Distance of the map's stop line or light before the end of a lane [m], 0 without one."""
+def lines_of_map(
+    net: NetFile, lane: NetLane, roads: Mapping[str, Road]
+) -> tuple[list[float], list[float]]:
+    """Distances of the map's stop lines, and of its lights, before the end of a lane [m]."""
     road = roads.get(lane.origin[0]) if lane.origin is not None else None
     if road is None or lane.origin is None:
-        return 0.0
+        return [], []
     facing = ("+", "none") if road.travel(lane.origin[1]) > 0 else ("-", "none")
     along = distances_along(lane.shape)
     lines: list[float] = []
@@ -233,4 +235,4 @@ def _line_of_map(net: NetFile, lane: NetLane, roads: Mapping[str, Road]) -> floa
         across = abs(wrap_angle(float(point.heading) - course))
         if 0.0 < before < NEAR and min(across, math.pi - across) < 0.5:
             chosen.append(before)
-    return max(lines or lights, default=0.0)
+    return lines, lights

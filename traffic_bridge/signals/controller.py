@@ -21,6 +21,7 @@ from traffic_bridge.signals.events import (
     StoppedVehicle,
     VehicleChange,
 )
+from traffic_bridge.signals.lamps import SignalLamps
 from traffic_bridge.signals.lights import LightPhase, TrafficLights, lines_without_light
 from traffic_bridge.signals.limits import SpeedLimits
 from traffic_bridge.signals.merging import MergeGuide
@@ -45,6 +46,7 @@ class TrafficController:
       traffic_lights, limits, obstructions, events: the parts that do the work.
       lights, state, set_state, programs, phases, phase, set_phase, define_program, run_program,
         light_ahead: methods of `TrafficLights`; lights is `names`, light_ahead is `ahead`.
+      lamps: method `letters` of `SignalLamps`.
       lines: stations of the stop lines on the ego's route before junctions without a light [m];
         only for the scope "map", in which vehicles cross.
       set_speed_limit, lift_speed_limit, reset_speed_limits, speed_limit: `set`, `lift`, `reset` and
@@ -68,6 +70,7 @@ class TrafficController:
         self._departed = 0
         self.events = EventRunner(config.events, lights, limits, parts, vehicles)
         self.lines = lines_without_light(lanes) if config.scope == "map" else ()
+        self.lamps = SignalLamps(session, lanes).letters
         self.lights, self.light_ahead = lights.names, lights.ahead
         self.state, self.set_state = lights.state, lights.set_state
         self.phase, self.set_phase, self.phases = lights.phase, lights.set_phase, lights.phases

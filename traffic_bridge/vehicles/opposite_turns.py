@@ -1,9 +1,12 @@
-"""Turns that a long vehicle and another one cannot make side by side.
+"""Turns of long vehicles that need the ground of other turns, or of the lanes before a junction.
 
 SUMO lets two vehicles turn left past each other, because the centers of their lanes do not cross,
 and a vehicle turn left past one that turns right out of the road into which it turns. The rear of a
 long vehicle, or the front that swings out, cuts into the other turn. So the second of the two waits
-at its stop line until the first has left the junction; the truck itself is never held.
+at its stop line until the first has left the junction.
+
+A long vehicle also sweeps the ends of other lanes, for which `stop_lines` sets their lines back. A
+vehicle does not pass such a line while the turn is under way. The truck itself is never held.
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from traffic_bridge.network.net_file import NetConnection, NetFile, NetLane
-from traffic_bridge.network.stop_lines import TURNS, junction_links, meets
+from traffic_bridge.network.stop_lines import TURNS, junction_links, meets, swept_lanes
 from traffic_bridge.session import Session
 
 LEFT = {"l", "L"}  # SUMO's letters of left turns
@@ -24,6 +27,7 @@ BRAKING = 2.0  # [m/s2] to the stop line
 REACHES = 25.0  # [m] before a stop line in which a vehicle is looked at
 COMMITTED = 0.5  # [m]: a vehicle this near to its line, or past it, has begun its turn
 SETS_OFF = 0.3  # [m/s]: a slower vehicle before its line waits there
+STOPS = 3.0  # [m/s2]: a vehicle that would have to brake harder at a swept lane passes its line
 TRUCK_NEAR = 12.0  # [m] before its line, where the truck begins its turn unless its light is red
 
 
@@ -48,6 +52,7 @@ class OppositeTurns:
         self._ego = ego
         self._links: list[NetConnection] = []
         self._against: list[set[int]] = []
+        self._swept: list[set[str]] = []
         self._number: dict[tuple[str, str], int] = {}
         for links in junction_links(net).values():
             turns = [link for link in links if link.turn in TURNS]
@@ -63,9 +68,13 @@ class OppositeTurns:
                 first, second = (self._add(link) for link in pair)
                 self._against[first].add(second)
                 self._against[second].add(first)
-        # The lanes before these turns, with the positions of their stop lines.
+            lanes = [net.lanes[name] for name in sorted({link.start for link in links})]
+            for link in turns:
+                if swept := swept_lanes(net, link, lanes):
+                    self._swept[self._add(link)] |= swept.keys()
+        # The lanes before these turns and those that they sweep, with the positions of their lines.
         self._approaches: list[tuple[NetLane, float]] = []
-        for name in sorted({link.start for link in self._links}):
+        for name in sorted({link.start for link in self._links}.union(*self._swept)):
             lane = net.lanes[name]
             self._approaches.append((lane, lane.length - lane.stop_offset))
         self._begun: dict[str, _Begun] = {}
@@ -94,10 +103,13 @@ class OppositeTurns:
                 if name not in self._begun:
                     arriving.append((left, name, lane))
         for left, name, lane in sorted(arriving, key=lambda item: item[:2]):
+            speed = float(self._speed(name))
+            if name != self._ego and self._is_swept(lane.id, left, speed):
+                found[name] = math.sqrt(2.0 * BRAKING * max(left - COMMITTED, 0.0))
+                continue
             link = self._link_of(name, lane)
             if link is None:
                 continue
-            speed = float(self._speed(name))
             long = name == self._ego or float(self._length(name)) >= LONG
             if name == self._ego:
                 begins = left < COMMITTED or (left < TRUCK_NEAR and self._is_open(link))
@@ -116,6 +128,7 @@ class OppositeTurns:
             self._number[key] = len(self._links)
             self._links.append(link)
             self._against.append(set())
+            self._swept.append(set())
         return self._number[key]
 
     def _link_of(self, name: str, lane: NetLane) -> int | None:
@@ -135,6 +148,23 @@ class OppositeTurns:
             other.link in self._against[link] and (long or other.long)
             for other in self._begun.values()
         )
+
+    def _is_swept(self, lane: str, left: float, speed: float) -> bool:
+        """Whether a vehicle before its line can stop for a turn under way that sweeps its lane."""
+        stops = speed < SETS_OFF or speed**2 < 2.0 * STOPS * left
+        return (
+            left > -COMMITTED
+            and stops
+            and any(
+                other.long and lane in self._swept[other.link] and self._is_inside(name, other)
+                for name, other in self._begun.items()
+            )
+        )
+
+    def _is_inside(self, name: str, begun: _Begun) -> bool:
+        """Whether a vehicle has passed the line before its turn."""
+        start = self._links[begun.link].start
+        return bool(self._lane(name) != start or self._position(name) > self._lines[start])
 
     def _forget_ended(self) -> None:
         """Drops the turns whose vehicles have left the junction with their rear."""

@@ -14,18 +14,18 @@ import numpy as np
 from iits_mj.core.arrays import FloatArray
 from iits_mj.model.scenery.junction import inside
 from iits_mj.model.scenery.paint import MARKING_LIFT
-from iits_mj.model.scenery.signs import PEDESTRIAN_LIGHT, sign
+from iits_mj.model.scenery.signs import sign
 from iits_mj.model.scenery.streets import Street
 from iits_mj.model.scenery.structures import BROADLEAF, stakes
 from iits_mj.model.visuals.shapes import Shape, merge, surface
 from iits_mj.road import Route
-from iits_mj.road.elements import Road, Signal
+from iits_mj.road.elements import CROSSING, PEDESTRIAN_LIGHT, STOP_LINE, Road, Signal
 from iits_mj.road.objects import Corner, MapObject, Repeat
 
 Placed = Iterator[tuple[FloatArray, str, Shape]]
 
 STRIPE, GAP = 0.5, 0.5  # [m] of a zebra crossing
-STOP_LINE = 0.5  # [m] wide
+LINE_WIDTH = 0.5  # [m] of a stop line
 COPIES_MAX = 2_000  # of one object
 COPY_SPACING = 0.5  # [m] at least
 WALL = 0.15  # [m] thickness of a barrier without a width
@@ -41,9 +41,7 @@ _SOLIDS = (
     (("", "barrier", "wall", "obstacle"), "road_concrete"),
 )
 _SKIPPED = ("roadmark", "patch", "parking", "manhole", "stencil", "roadsurface")
-_CROSSING, _STOP = ("crosswalk", "crossing"), ("stopline", "stop_line", "stencil_stop")
-# OpenDRIVE signals that are paint: crossing, and the stop line of the German catalog.
-SIGNAL_CROSSING, SIGNAL_STOP_LINE = "1000003", "294"
+_STOP = ("stopline", "stop_line", "stencil_stop")
 
 
 @dataclass(frozen=True)
@@ -72,7 +70,7 @@ def furniture(route: Route, roads: dict[str, tuple[float, float]]) -> Placed:
       route: of the truck.
       roads: interval of s that is drawn [m], by road id.
     """
-    # Lights that the truck obeys are separate geoms, so that a picture can switch their lamps.
+    # Lamps are separate geoms, so that a picture can switch them; these the truck obeys.
     obeyed = {
         one.signal: one.station
         for one in route.signals
@@ -95,12 +93,12 @@ def furniture(route: Route, roads: dict[str, tuple[float, float]]) -> Placed:
 
 def _object(site: Site, item: MapObject) -> Iterator[tuple[str, Shape]]:
     words = f"{item.kind} {item.name}"
-    if any(word in words for word in _CROSSING):
+    if item.is_crossing:
         corners = [_outline(site, item, one)[0] for one in item.outlines] or [_plan(site, item)]
         for one in corners:
-            yield "road_marking", _stripes(one, STRIPE, GAP)
+            yield "road_marking", stripes(one, STRIPE, GAP)
     elif any(word in words for word in _STOP):
-        yield "road_marking", _stripes(_plan(site, item), depth=STOP_LINE)
+        yield "road_marking", stripes(_plan(site, item), depth=LINE_WIDTH)
     elif not any(word in words for word in _SKIPPED):
         material = next(name for keys, name in _SOLIDS if any(key in words for key in keys))
         solids = [*_solids(site, item, material == "road_leaves")]
@@ -213,7 +211,7 @@ def _repeated(site: Site, item: MapObject, repeat: Repeat) -> Iterator[Shape]:
         yield surface(np.stack([lower, upper]))
 
 
-def _stripes(
+def stripes(
     corners: FloatArray, width: float = np.inf, gap: float = 0.0, depth: float = np.inf
 ) -> Shape:
     """Paint over a rectangle (n, 3): stripes in a row along its longer side.
@@ -253,18 +251,23 @@ def _signal(
 ) -> Iterator[tuple[str, Shape]]:
     heading = site.heading(signal.s)
     is_paint = signal.height < 0.1 and signal.z_offset < 0.5 and not signal.dynamic
-    if is_paint and signal.kind in (SIGNAL_CROSSING, SIGNAL_STOP_LINE):
+    if is_paint and signal.kind in (CROSSING, STOP_LINE):
         width = max(signal.width, 1.0)
-        t, length = signal.t, STOP_LINE
-        if signal.kind == SIGNAL_CROSSING:
+        t, length = signal.t, LINE_WIDTH
+        if signal.kind == CROSSING:
             length = signal.value or 3.0
+            # Maps give the width of the whole road about its center line.
+            right, left = site.street.paved_edges(np.array([signal.s]))
+            low, high = max(t - 0.5 * width, right[0]), min(t + 0.5 * width, left[0])
+            if high - low > STRIPE:
+                t, width = 0.5 * (low + high), high - low
         elif abs(t) < 0.5:
             # Some maps give the line's inner end instead of its middle.
             t += 0.5 * width * (1.0 if signal.orientation == "-" else -1.0)
         u, v = 0.5 * length * np.array([1, 1, -1, -1]), 0.5 * width * np.array([-1, 1, 1, -1])
         corners = site.points(signal.s + u, t + v)
-        stripe = (STRIPE, GAP) if signal.kind == SIGNAL_CROSSING else (np.inf, 0.0)
-        yield "road_marking", _stripes(corners, *stripe)
+        stripe = (STRIPE, GAP) if signal.kind == CROSSING else (np.inf, 0.0)
+        yield "road_marking", stripes(corners, *stripe)
         return
     if is_paint:
         return

@@ -1,7 +1,8 @@
-"""Paint on roads: lane markings by OpenDRIVE type and color, zebra crossings and stop lines."""
+"""Paint on roads: lane markings by OpenDRIVE type and color, and potholes."""
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 
@@ -12,11 +13,17 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.model.scenery.corridor import Corridor
 from iits_mj.model.scenery.streets import Span, Street
 from iits_mj.model.visuals.shapes import Shape, merge
+from iits_mj.road import Route
 from iits_mj.road.elements import Lane, RoadMark
+from iits_mj.road.unevenness import LENGTH, WIDTH
 
 MARKING_LIFT = 0.02
 MARKING_WIDTH = 0.12  # [m] at least
 DASH_LENGTH, DASH_PERIOD = 6.0, 15.0
+# A pothole lies between the asphalt and its paint [m]; corners of its outline, and their share of
+# the radius: broken edges are no circle.
+POTHOLE_LIFT = 0.012
+POTHOLE_EDGE = 1.0 + 0.12 * np.array([1, -1, 0, 1, 0, -1, 1, 0, -1, 0.5, -0.5, 0])
 COLORS = ("yellow", "red", "blue", "green", "orange")
 
 Hidden = Callable[[FloatArray, FloatArray], NDArray[np.bool_]]
@@ -53,6 +60,39 @@ def markings(
                 outer, inner = left - 0.075, left - 0.225
                 found["road_marking"].append(part.strip(outer, inner, MARKING_LIFT))
     return {material: merge(shapes) for material, shapes in found.items() if shapes}
+
+
+def potholes(route: Route, start: float, end: float) -> Shape | None:
+    """Returns the potholes of a route between two stations as flat dark patches; None for none."""
+    uneven = route.unevenness
+    first, last = max(start, 0.0), min(end, route.length)
+    if not uneven.potholes or last <= first:
+        return None
+    # The surface repeats along and across the road.
+    station, offset, diameter, _ = uneven.pothole_places().T
+    rows = np.arange(math.floor(first / LENGTH), math.ceil(last / LENGTH))
+    right, left = route.surface_edges(np.linspace(first, last, 16))
+    columns = np.arange(math.floor(np.min(right) / WIDTH), math.ceil(np.max(left) / WIDTH))
+    shape = (len(rows), len(columns), len(station))
+    station = np.broadcast_to(station + LENGTH * rows[:, None, None], shape).ravel()
+    offset = np.broadcast_to(offset + WIDTH * columns[:, None], shape).ravel()
+    radius = 0.5 * np.broadcast_to(diameter, shape).ravel()
+    right, left = route.surface_edges(station)
+    kept = (station >= first) & (station < last)
+    kept &= (offset - radius > right) & (offset + radius < left)
+    if not kept.any():
+        return None
+    station, offset, radius = station[kept], offset[kept], radius[kept]
+    count, corners = len(station), len(POTHOLE_EDGE)
+    angle = 2.0 * np.pi * np.arange(corners) / corners
+    edge = radius[:, None] * POTHOLE_EDGE
+    along = (station[:, None] + edge * np.cos(angle)).ravel()
+    row = Corridor.sample(route, along)
+    points = row.across((offset[:, None] + edge * np.sin(angle)).ravel(), POTHOLE_LIFT)
+    base = corners * np.arange(count)[:, None, None]
+    fan = np.array([(0, k, k + 1) for k in range(1, corners - 1)])
+    faces = (base + fan).reshape(-1, 3).astype(np.int32)
+    return Shape(points, faces, None, row.up(1)[:, 0])
 
 
 def _records(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.model.scenery.corridor import Corridor, chunks
-from iits_mj.model.scenery.furniture import furniture
+from iits_mj.model.scenery.furniture import GAP, STRIPE, furniture, stripes
 from iits_mj.model.scenery.landscape import Ground, Landscape, Plain, is_plain
 from iits_mj.model.scenery.materials import (
     ASPHALT_TILE,
@@ -26,8 +26,8 @@ from iits_mj.model.scenery.materials import (
     ensure_material,
     set_view,
 )
-from iits_mj.model.scenery.network import ROUTE, Network, lanes, network, other_roads
-from iits_mj.model.scenery.paint import markings
+from iits_mj.model.scenery.network import REACH, ROUTE, Network, lanes, network, other_roads
+from iits_mj.model.scenery.paint import markings, potholes
 from iits_mj.model.scenery.streets import Street
 from iits_mj.model.scenery.structures import bridge, delineators, guard_rails, trees, tunnel
 from iits_mj.model.visuals.shapes import Shape, add_mesh, merge
@@ -67,6 +67,8 @@ def add_road(spec: mujoco.MjSpec, route: Route) -> None:
     hidden = None if around is None else around.hides(ROUTE)
     for index, (a, b) in enumerate(chunks(corridor, length)):
         parts = _by_material(markings(street, corridor, a, b, hidden).items())
+        if (holes := potholes(route, a, b)) is not None:
+            parts["road_pothole"].append(holes)
         for begin, end, kind in _pieces(route, a, b, bridges):
             piece = corridor.between(begin, end)
             surface, tile = "road_asphalt", ASPHALT_TILE
@@ -87,6 +89,36 @@ def add_road(spec: mujoco.MjSpec, route: Route) -> None:
     for index, (a, b) in enumerate(route.bridges):
         _add_meshes(spec, f"_bridge{index}", _by_material(bridge(corridor, ground, a, b)))
     _add_tiles(spec, _map(route, around, ground))
+
+
+def add_paint(
+    spec: mujoco.MjSpec,
+    route: Route,
+    lines: Iterable[FloatArray],
+    dashed: Iterable[FloatArray],
+    crossings: Iterable[FloatArray],
+) -> None:
+    """Adds painted rectangles on the roads about a route, each given by its corners (n, 3) [m].
+
+    Args:
+      spec: with the road of the route.
+      route: of the truck.
+      lines: unbroken stop lines.
+      dashed: stop lines in short dashes.
+      crossings: of pedestrians.
+    """
+    from scipy.spatial import cKDTree
+
+    point = route.evaluate(np.arange(0.0, route.length + 20.0, 20.0))
+    line = cKDTree(np.stack([point.x, point.y], axis=-1))
+    patterns = ((lines, ()), (dashed, (STRIPE, 0.5 * GAP)), (crossings, (STRIPE, GAP)))
+    found = [
+        (corners[0], "road_marking", stripes(corners, *pattern))
+        for some, pattern in patterns
+        for corners in some
+        if line.query(corners[0, :2])[0] < REACH
+    ]
+    _add_tiles(spec, found, "_paint")
 
 
 def _map(
@@ -130,13 +162,15 @@ def _network_ground(around: Network, ground: Landscape) -> Iterator[tuple[FloatA
         yield sheet.vertices[0], "road_grass", sheet
 
 
-def _add_tiles(spec: mujoco.MjSpec, found: Iterable[tuple[FloatArray, str, Shape]]) -> None:
+def _add_tiles(
+    spec: mujoco.MjSpec, found: Iterable[tuple[FloatArray, str, Shape]], label: str = ""
+) -> None:
     """Adds shapes as one mesh for each material and square of the map."""
     tiles: dict[tuple[int, int], list[tuple[str, Shape]]] = defaultdict(list)
     for place, material, shape in found:
         tiles[int(place[0] // TILE), int(place[1] // TILE)].append((material, shape))
     for (column, row), shapes in sorted(tiles.items(), key=lambda item: item[0]):
-        _add_meshes(spec, f"_map_{column}_{row}", _by_material(shapes))
+        _add_meshes(spec, f"{label}_map_{column}_{row}", _by_material(shapes))
 
 
 def _beside(

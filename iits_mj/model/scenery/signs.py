@@ -8,20 +8,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.units import KMH
 from iits_mj.model.visuals.shapes import Shape, beam, boxes, merge, prism
-from iits_mj.road.elements import Signal
+from iits_mj.road.elements import PEDESTRIAN_LIGHT, Signal
 
 PLATE = 0.6  # [m] width of a sign without one
 PLATE_BOTTOM = 2.0  # [m] above the road where the map gives no height
 LIGHT_TOP, OVERHEAD_TOP = 3.3, 6.2  # [m] of a traffic light beside, and above, the road
 POLE = 0.09
 HEAD = (0.34, 0.26, 0.95)  # [m] width, depth and height of a housing with three lamps
-PEDESTRIAN_LIGHT = "1000002"
 LAMPS = ("road_lamp_red", "road_lamp_yellow", "road_lamp_green")
 # Corners, turn [deg], outer and inner material, share of the inner plate, by words of the sign.
 _PLATES = (
@@ -57,8 +57,7 @@ def sign(
       base: foot of its pole on the road plane (3,) [m].
       head: point of the road plane below its face (3,) [m].
       heading: of its road [rad].
-      station: of a traffic light that faces the route, on the route [m]: its lamps get the names
-        of `lamp_name`.
+      station: of a traffic light that faces the route, on the route [m].
     """
     facing = heading + signal.heading + (0.0 if signal.orientation == "-" else np.pi)
     overhead = float(np.hypot(*(head - base)[:2])) > 0.3
@@ -69,8 +68,8 @@ def sign(
     c, s = np.sin(facing), -np.cos(facing)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     for material, shape in parts:
-        if station is not None and material in LAMPS:
-            material = lamp_name(material, station, facing)
+        if material in LAMPS:
+            material = lamp_name(material, signal.id, facing, station)
         yield material, Shape(shape.vertices @ turn.T + head, shape.faces)
     low, high = base - np.array([0.0, 0.0, 0.4]), base + np.array([0.0, 0.0, top])
     post = boxes([(0.5 * (low + high), (POLE, POLE, high[2] - low[2]))])
@@ -80,15 +79,29 @@ def sign(
     yield "road_steel", post
 
 
-def lamp_name(material: str, station: float, facing: float) -> str:
-    """Name of a lamp of the route: material, station [m] and the direction that it faces [rad]."""
-    return f"{material}@{station:.1f}@{(facing + np.pi) % (2.0 * np.pi) - np.pi:.2f}"
+class Lamp(NamedTuple):
+    """A lamp of a traffic light: its material, the light's signal, and where it is.
+
+    `facing` is the direction that it faces [rad]; `station` is its place on the route if it faces
+    the route [m], else NaN.
+    """
+
+    material: str
+    facing: float
+    station: float
+    signal: str
 
 
-def lamp_of(name: str) -> tuple[str, float, float] | None:
-    """Material, station and direction of a geom that has a `lamp_name`; None for other geoms."""
-    parts = name.split("_map_")[0].split("@")
-    return (parts[0], float(parts[1]), float(parts[2])) if len(parts) == 3 else None
+def lamp_name(material: str, signal: str, facing: float, station: float | None = None) -> str:
+    """Name of the geom of a lamp, from which `lamp_of` reads it."""
+    facing = (facing + np.pi) % (2.0 * np.pi) - np.pi
+    return f"{material}@{facing:.2f}@{np.nan if station is None else station:.1f}@{signal}"
+
+
+def lamp_of(name: str) -> Lamp | None:
+    """The lamp of a geom that has a `lamp_name`; None for other geoms."""
+    parts = name.rsplit("_map_", 1)[0].split("@", 3)
+    return Lamp(parts[0], float(parts[1]), float(parts[2]), parts[3]) if len(parts) == 4 else None
 
 
 def _light(signal: Signal, overhead: bool) -> tuple[float, list[tuple[str, Shape]]]:
@@ -102,10 +115,12 @@ def _light(signal: Signal, overhead: bool) -> tuple[float, list[tuple[str, Shape
     parts = [
         ("road_lamp_housing", boxes([((0.0, 0.5 * depth, middle), (width, depth, height))])),
     ]
+    # A map may place both kinds of lights on one pole.
+    aside = np.array([width if signal.kind == PEDESTRIAN_LIGHT else 0.0, 0.0, 0.0])
     for place, material in enumerate(lamps):
         z = top - (place + 0.5) * full / 3.0
         parts.append((material, prism(_polygon(12, 0.0, 0.11, z), depth, 0.02)))
-    return top, parts
+    return top, [(material, shape.moved(aside)) for material, shape in parts]
 
 
 def _plate(signal: Signal, overhead: bool) -> tuple[float, list[tuple[str, Shape]]]:

@@ -280,8 +280,9 @@ def test_in_the_bend_the_truck_stops_just_before_a_vehicle_touches_its_path(at_b
     assert at_bend.stop(van, station=first - 3.9) == pytest.approx(first - 0.5)
     assert at_bend.stop(van, station=first - 4.1) == math.inf
     assert at_bend.stop(van, station=first - 0.6) == pytest.approx(first - 0.5)
-    # A vehicle that is already at the truck is not helped by a stop.
-    assert at_bend.stop(van, station=first - 0.4) == math.inf
+    # Nearer than that it stays where it is. A stop does not help against a vehicle at the truck.
+    assert at_bend.stop(van, station=first - 0.4) == pytest.approx(first - 0.4)
+    assert at_bend.stop(van, station=first + 0.1) == math.inf
     # At 2.8 m/s 0.084 m more are kept, and 4.9 m more looked at.
     first = touched(0.184)
     assert at_bend.stop(van, station=first - 5.0, speed=2.8) == pytest.approx(first - 0.5)

@@ -9,7 +9,7 @@ from iits_mj.road import RoadMap
 from tests.road.map_peers import netconvert
 from tests.road.opendrive_text import document, line, road
 from tests.road.test_odd_maps import at_junction, connection, junction, lanes
-from traffic_bridge import MapNetwork
+from traffic_bridge import MapNetwork, PureSim, TrafficConfig
 from traffic_bridge.network.netconvert_input import opendrive_for_netconvert
 
 pytestmark = pytest.mark.skipif(netconvert() is None, reason="netconvert is not installed")
@@ -85,6 +85,35 @@ def test_a_spiral_of_constant_curvature_does_not_exhaust_the_memory(tmp_path):
     text = document(road(geometry=line(0.0, length=20.0).replace("<line/>", spiral), length=20))
     found = network(tmp_path, text)
     assert distance(found, "-1_0") < 0.02
+
+
+def two_roads(signal: str) -> str:
+    """Two roads that meet at x = 100 m; the first one has a signal."""
+    return document(
+        road(
+            "1",
+            link='<successor elementType="road" elementId="2" contactPoint="start"/>',
+            extra=f"<signals>{signal}</signals>",
+        ),
+        road(
+            "2",
+            line(100.0),
+            link='<predecessor elementType="road" elementId="1" contactPoint="end"/>',
+        ),
+    )
+
+
+SIGNAL = '<signal id="7" s="95" t="0" type="{}" dynamic="{}" orientation="+"/>'
+
+
+@pytest.mark.parametrize(
+    ("kind", "dynamic", "lights"), [("1000001", "yes", 1), ("1000003", "no", 0)]
+)
+def test_a_painted_crossing_is_no_light(tmp_path, kind, dynamic, lights):
+    found = network(tmp_path, two_roads(SIGNAL.format(kind, dynamic)))
+    assert len(found.lights) == lights
+    assert any(link.light for link in found.connections) == bool(lights)
+    PureSim(found.road_map.route(), TrafficConfig(density="empty"), seed=1).close()
 
 
 @pytest.mark.parametrize("kind", ['id="0" type="" subtype=""', "", 'id="7" type="274" subtype=""'])

@@ -231,3 +231,45 @@ def test_lights_of_an_ended_run_can_be_neither_read_nor_set(junction):
             with pytest.raises(TrafficError, match="belongs to a simulation that has ended"):
                 call()
         assert traffic.signals.phase("4") == 0
+
+
+def test_a_signal_shows_the_letter_of_its_way_and_people_walk_at_red(traffic):
+    signals = traffic.signals
+    (light,) = signals.lights()
+    for letters, car, person in (
+        ("r" * 12, "r", "G"),
+        ("G" * 12, "G", "r"),
+        ("y" * 12, "y", "r"),
+    ):
+        signals.set_state(light, letters)
+        # 1 is the light beside the truck's lane, 2 and 3 are those of the crossing of its road.
+        assert dict(signals.lamps()) == {"1": car, "2": person, "3": person}
+        assert signals.light_ahead(20.0).letter == car
+    # A turn that may go keeps people from walking; the light itself shows the way straight on.
+    left = 8
+    signals.set_state(light, "".join("g" if link == left else "r" for link in range(12)))
+    assert dict(signals.lamps()) == {"1": "r", "2": "r", "3": "r"}
+    assert signals.lamps() is signals.lamps()
+
+
+def test_a_road_without_lights_has_no_lamps():
+    with PureSim(RoadMap.builtin().route(), TrafficConfig(density="empty")) as running:
+        running.reset()
+        assert running.signals.lamps() == ()
+
+
+def test_each_signal_shows_the_letter_of_the_lane_that_it_faces():
+    path = outside("xosc/xodr/multi_intersections.xodr")
+    route = RoadMap.from_opendrive(path).route()
+    with PureSim(route, TrafficConfig(density="empty", scope="map")) as running:
+        running.reset()
+        signals = running.signals
+        # Lights stand at the five junctions, not where two roads meet.
+        assert len(signals.lights()) == 5
+        for letter in "rG":
+            for light in signals.lights():
+                signals.set_state(light, letter)
+            shown = dict(signals.lamps())
+            # All four arms of the first junction: netconvert names the signals of two of them.
+            for name in ("290", "291", "286", "281", "294", "295", "287", "288"):
+                assert shown[name] == letter

@@ -10,7 +10,7 @@ from tests.traffic_bridge.esmini_maps import esmini
 from traffic_bridge import PureSim, TrafficConfig
 from traffic_bridge.modes.ego import EGO
 from traffic_bridge.network.nets import build_network
-from traffic_bridge.network.stop_lines import junction_links, meets
+from traffic_bridge.network.stop_lines import junction_links, meets, swept_lanes
 from traffic_bridge.session import Session
 from traffic_bridge.vehicles.opposite_turns import OppositeTurns, merged
 from traffic_bridge.vehicles.types import default_types
@@ -32,18 +32,24 @@ def test_only_opposite_left_turns_meet_without_crossing(net):
     assert found == {frozenset(("-2_0", "0_0")), frozenset(("-3_0", "1_0"))}
 
 
-def turning(net, first, second):
-    """Steps two opposite left turns; yields SUMO, the guard and its limits."""
+def turning(net, first, second, ways=(("-2", "-1", 290.0), ("0", "3", 78.0)), after=0):
+    """Steps two vehicles on two ways, by default opposite left turns; yields SUMO and the limits.
+
+    Args:
+      net: of the map.
+      first, second: types of the vehicles "a" and "b".
+      ways: their edges and the position where they begin [m].
+      after: step in which "b" begins.
+    """
     kinds = "".join(kind.to_sumo_xml(12.0) for kind in default_types())
     session = Session(net.path, kinds)
     try:
         api, turns = session.api, OppositeTurns(session, net, EGO)
-        for name, kind, edges, position in (
-            ("a", first, ("-2", "-1"), 290.0),
-            ("b", second, ("0", "3"), 78.0),
-        ):
+        begins = (0.0, 0.1 * after)
+        for name, kind, way, begin in zip("ab", (first, second), ways, begins, strict=True):
+            *edges, position = way
             api.route.add(name, edges)
-            api.vehicle.add(name, name, typeID=kind, departPos=f"{position}", departSpeed="3")
+            api.vehicle.add(name, name, kind, str(begin), departPos=f"{position}", departSpeed="3")
         api.trafficlight.setRedYellowGreenState("4", "G" * 12)
         for _ in range(400):
             session.step()
@@ -73,6 +79,26 @@ def test_a_vehicle_waits_while_a_long_one_turns_against_it(net, long):
 def test_two_cars_turn_past_each_other(net):
     limits = [limits for _, limits in turning(net, "car", "car")]
     assert not any(limits)
+
+
+def test_a_vehicle_does_not_pass_its_line_while_a_long_one_sweeps_its_lane(net):
+    lane = net.lanes["-3_0"]
+    line = lane.length - lane.stop_offset
+    ways = (("0", "3", 78.0), ("-3", "-1", line - 20.0))
+    (link,) = (one for one in net.connections if (one.start, one.end) == ("0_0", "3_0"))
+    assert lane.id in swept_lanes(net, link, [lane])
+
+    place, passed = 0.0, False
+    for vehicle, _ in turning(net, "articulated", "car", ways, after=20):
+        there = vehicle.getIDList()
+        turns = "a" in there and vehicle.getLaneID("a").startswith(":")
+        if turns and "b" in there and vehicle.getLaneID("b") == lane.id:
+            place = max(place, vehicle.getLanePosition("b"))
+        passed |= "b" in there and vehicle.getRoadID("b") == "-1"
+    assert line - 2.0 < place < line
+    assert passed
+    # A car needs no more than its lane.
+    assert not any(limits for _, limits in turning(net, "car", "car", ways, after=20))
 
 
 def test_of_several_limits_the_least_holds():
