@@ -105,6 +105,11 @@ struct Gearbox {
       return;
     }
     const T closed = in.shaft_speed + close_time * s->acceleration;
+    if (drive && s->direction < 0) {
+      const T left = Max(synchronization_time - s->phase_time, 0.0) + close_time;
+      s->target =
+          strategy.Correct({strategy, gears, engine, in, *s, gears.Gear(s->target), left, 0, true});
+    }
     if (drive && !strategy.Fits(gears, engine, gears.Gear(s->target), closed)) {
       s->target = GearForSpeed(engine, closed);
     }

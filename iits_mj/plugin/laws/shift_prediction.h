@@ -74,7 +74,10 @@ struct ShiftSituation {
   const Engine<T>& engine;
   const GearboxInput<T>& in;
   const GearboxState<T>& state;
-  int gear;  // engaged, 1 to n
+  int gear;  // engaged, 1 to n; in a change the gear to engage
+  // Of a change that begins now: its length, and of that the cut [s]. Under way, what is left.
+  T change_time = p.change_time, cut_time = p.cut_time;
+  bool changing = false;  // in neutral, in a change
 
   // Numerical step of a search for the speed that a gear holds, as a share of the governed speed.
   static constexpr double kHeldSpeedStep = 0.01;
@@ -116,7 +119,7 @@ struct ShiftSituation {
   T SpeedAfterChange(T from) const {
     T coasting = -state.load / VehicleInertia();
     if (in.pedal > engine.pedal_up) coasting = Min(coasting, state.acceleration);
-    return from + p.change_time * coasting + 0.5 * p.cut_time * (state.acceleration - coasting);
+    return from + change_time * coasting + 0.5 * cut_time * (state.acceleration - coasting);
   }
 
   // Torque at the propeller shaft behind all losses, for a torque of the engine, of which the
@@ -133,17 +136,21 @@ struct ShiftSituation {
     return (gears.ShaftTorque(at, torque, engine_speed) - idle) / torque;
   }
 
+  // Whether a gear is engaged already.
+  bool Stays(int next) const { return next == gear && !changing; }
+
   // Recovery of the engine's torque after a change to `next`, without a pause for the present gear.
+  // Under way, the engine gave the demand before.
   TorqueRecovery<T> Recovery(int next, T demand, T level, T drag) const {
-    const T before = EngineTorque(gear, in.shaft_torque, InputSpeed());
-    return next == gear ? engine.BuildUp(before, demand, level, drag)
-                        : engine.Recovery(before, p.change_time, demand, level, drag);
+    const T before = changing ? demand : EngineTorque(gear, in.shaft_torque, InputSpeed());
+    return Stays(next) ? engine.BuildUp(before, demand, level, drag)
+                       : engine.Recovery(before, p.change_time, demand, level, drag);
   }
 
   // Decrease of the shaft speed by a change to `next` that begins at `from`, and further until the
   // engine's torque has built up to the load; for the present gear, only the latter.
   Dip DipOf(int next, T from) const {
-    const T after = next == gear ? from : SpeedAfterChange(from);
+    const T after = Stays(next) ? from : SpeedAfterChange(from);
     if (in.pedal <= engine.pedal_up) {
       // Braked: the gear must fit for `recovery_horizon`.
       return {after, T(after + p.recovery_horizon * Min(0.0, state.acceleration)), 0};
@@ -177,6 +184,13 @@ struct ShiftSituation {
     const T speed = gears.Ratio(next) * shaft_speed;
     const T torque = engine.PedalTorque(speed, in.pedal);
     return ShaftTorque(next, torque, speed) >= reserve * Max(0.0, state.load);
+  }
+
+  // Whether the engine is not too slow after a dip, or gains speed again.
+  bool Survives(int next, const Dip& dip) const {
+    const T speed = gears.Ratio(next) * dip.speed;
+    if (speed >= LowSpeed()) return true;
+    return speed >= p.recovery_speed * engine.idle_speed && Carries(next, dip.speed, 1);
   }
 
   // Shaft speed up to which a gear carries the load after a change that begins at `from`; 0 if it

@@ -50,6 +50,14 @@ struct ShiftStrategy : ShiftParameters<T> {
     return {lower, lower != gear && now.in.pedal > pedal_up};
   }
 
+  // Gear to engage in a downshift under way: the load may rise meanwhile, as on the foot of a
+  // climb. Then it is the lower gear that still holds the load.
+  static int Correct(const Situation& now) {
+    const T from = now.in.shaft_speed;
+    if (!now.Floored() || now.Survives(now.gear, now.DipOf(now.gear, from))) return now.gear;
+    return now.BestHeld(from).gear;
+  }
+
  private:
   // Whether brakes or traction control take torque away temporarily. While the governor limits the
   // torque, a cut of the accelerator takes none.
