@@ -116,7 +116,7 @@ struct Gearbox {
     if (s->phase_time < synchronization_time) return;
     const T ratio = gears.Ratio(gears.Gear(s->target));
     const T speed = ratio * in.shaft_speed;
-    const T off = abs(in.engine_speed - Max(speed, engine.idle_speed));
+    const T off = abs(in.engine.speed - Max(speed, engine.idle_speed));
     if (off > synchronized_difference && s->phase_time < synchronization_limit) return;
     s->gear = s->target;
     s->phase_time = s->gear_time = 0;

@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <vector>
 
+#include "plugin/laws/engine.h"
 #include "plugin/laws/gear_loss.h"
 #include "plugin/laws/lookup.h"
 #include "plugin/laws/number.h"
@@ -36,7 +37,7 @@ struct GearboxInput {
   Mode mode;
   T pedal, engine_brake;        // commands to the engine, 0 to 1
   T shaft_speed, shaft_torque;  // propeller shaft [rad/s], [N m]
-  T engine_speed;
+  EngineState<T> engine;
   bool clutch_open;
   T mass;                               // of the vehicle at present [kg]
   T driver_pedal, driver_engine_brake;  // the driver's positions, 0 to 1

@@ -140,11 +140,8 @@ struct ShiftSituation {
   bool Stays(int next) const { return next == gear && !changing; }
 
   // Recovery of the engine's torque after a change to `next`, without a pause for the present gear.
-  // Under way, the engine gave the demand before.
   TorqueRecovery<T> Recovery(int next, T demand, T level, T drag) const {
-    const T before = changing ? demand : EngineTorque(gear, in.shaft_torque, InputSpeed());
-    return Stays(next) ? engine.BuildUp(before, demand, level, drag)
-                       : engine.Recovery(before, p.change_time, demand, level, drag);
+    return engine.Recovery(in.engine, Stays(next) ? T(0) : change_time, demand, level, drag);
   }
 
   // Decrease of the shaft speed by a change to `next` that begins at `from`, and further until the
@@ -165,18 +162,23 @@ struct ShiftSituation {
   }
   T SpeedWhenRecovered(int next) const { return DipOf(next, in.shaft_speed).speed; }
 
+  // Whether the gear, or a lower one, could not carry the present load before.
+  bool Failed(int next) const { return state.failed_gear > 0 && next >= state.failed_gear; }
+
   // Whether the engine speed stays high enough while the torque builds up: with a floored pedal, it
   // may fall to `recovery_speed`, and below the lowest allowed speed for `recovery_time`. Since the
-  // torque deficit decreases linearly, the speed falls to the dip in a parabola.
+  // torque deficit decreases linearly, the speed falls to the dip in a parabola. A gear that failed
+  // needs a margin, and one that is engaged has it.
   bool Bears(int next, const Dip& dip) const {
-    const T ratio = gears.Ratio(next), lowest = ratio * dip.speed;
+    const T margin = Stays(next) ? 1 / p.failed_reserve : Failed(next) ? p.failed_reserve : T(1);
+    const T ratio = gears.Ratio(next) / margin, lowest = ratio * dip.speed;
     const T slow = LowSpeed(), low = p.upshift_speed * slow;
     if (lowest >= low) return true;
     if (!Floored() || lowest < p.recovery_speed * engine.idle_speed) return false;
     if (lowest >= slow) return true;
     const T first = ratio * dip.after;
     const T share = first > slow ? sqrt((slow - lowest) / (first - lowest)) : T(1);
-    return share * dip.time <= p.recovery_time;
+    return share * dip.time * margin <= p.recovery_time;
   }
 
   // Whether torque over load is at least `reserve` at a shaft speed.
@@ -244,8 +246,7 @@ struct ShiftSituation {
   // hold the load then. A gear that failed under this load needs a greater reserve.
   T SpeedAfterUpshift(int next) const { return SpeedAfterUpshift(next, in.shaft_speed); }
   T SpeedAfterUpshift(int next, T from) const {
-    const bool failed = state.failed_gear > 0 && next >= state.failed_gear;
-    const T reserve = failed ? Max(p.failed_reserve, p.torque_reserve) : p.torque_reserve;
+    const T reserve = Failed(next) ? Max(p.failed_reserve, p.torque_reserve) : p.torque_reserve;
     const Dip dip = DipOf(next, from);
     return Bears(next, dip) && Carries(next, dip.speed, reserve) ? dip.speed : T(0);
   }
@@ -274,7 +275,7 @@ struct ShiftSituation {
   // Whether the torque at the wheels has built up to the pedal's demand, with the engine's speed
   // while the clutch slips.
   bool TorqueHasBuiltUp() const {
-    const T speed = Max(InputSpeed(), in.engine_speed);
+    const T speed = Max(InputSpeed(), in.engine.speed);
     const T full = ShaftTorque(gear, engine.PedalTorque(speed, in.pedal), speed);
     return in.shaft_torque > p.built_up_torque * full;
   }
