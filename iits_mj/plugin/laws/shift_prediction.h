@@ -219,6 +219,19 @@ struct ShiftSituation {
     return best;
   }
 
+  // Whether a still lower gear will hold the load as soon as the engine is not too fast for it, and
+  // the present gear lasts until then.
+  bool HoldsLater() const {
+    const T lost = SpeedAfterChange(in.shaft_speed) - in.shaft_speed;
+    for (int next = gear - 1; next >= p.start_gear; --next) {
+      const T from = Ceiling() / gears.Ratio(next) - lost;
+      if (from >= in.shaft_speed) continue;
+      if (gears.Ratio(gear) * from < p.recovery_speed * engine.idle_speed) return false;
+      if (HeldSpeed(next, from) > 0) return true;
+    }
+    return false;
+  }
+
   // Whether, with a floored pedal, the torque will carry the load before the engine is too slow.
   bool Recovers() const {
     if (!Floored()) return false;

@@ -144,11 +144,10 @@ struct ShiftStrategy : ShiftParameters<T> {
     }
     if (!now.Floored() || next == now.gear) return next;
     // Every change costs speed: directly into the gear that will hold the load.
+    if (!now.WaitingCosts() && now.HeldSpeed(next, now.in.shaft_speed) > 0) return next;
     const auto best = now.BestHeld(now.in.shaft_speed);
-    if (best.speed > 0 && (now.WaitingCosts() || now.HeldSpeed(next, now.in.shaft_speed) <= 0)) {
-      return best.gear;
-    }
-    return next;
+    if (best.speed > 0) return best.gear;
+    return now.HoldsLater() ? now.gear : next;
   }
 
   // The pedal has just been floored: the gear in which the upshift table would still be.
