@@ -87,7 +87,7 @@ GearboxInput<double> InputOf(const double* input) {
           input[1],
           input[2],
           input[3],
-          {input[4]},
+          {input[4], 0, 0, 0, 0, 0},
           input[8] != 0,
           input[5],
           input[6],

@@ -25,6 +25,7 @@ struct GearboxState {
   T acceleration;  // of the propeller shaft, filtered [rad/s2]
   T torque;        // of the propeller shaft, with the low-pass of the speed [N m]
   T load;          // filtered torque at constant shaft speed [N m]
+  T slow_load;     // the same, low-passed; it lags behind a load that rises [N m]
   T pedal;         // low-passed; a floored pedal far above it is a kick-down
   T direction;     // of the last change: 1 up, -1 down, 0 none yet
   T failed_gear;   // gear that could not carry the load, 0 none

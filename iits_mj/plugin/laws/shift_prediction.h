@@ -40,6 +40,7 @@ struct ShiftParameters {
     s->torque += (in.shaft_torque - s->torque) * h / (acceleration_lag + h);
     const T load = s->torque - gears.VehicleInertia(in.mass) * s->acceleration;
     s->load += (load - s->load) * h / (load_lag + h);
+    s->slow_load += (s->load - s->slow_load) * h / (recovery_horizon + h);
     s->pedal += (in.driver_pedal - s->pedal) * h / (pedal_lag + h);
     if (s->load < failed_load * s->failed_load) s->failed_gear = s->failed_load = 0;
   }
@@ -220,13 +221,14 @@ struct ShiftSituation {
   }
 
   // Whether a still lower gear will hold the load as soon as the engine is not too fast for it, and
-  // the present gear lasts until then.
+  // the present gear lasts until then: within `recovery_time`, above `recovery_speed`.
   bool HoldsLater() const {
     const T lost = SpeedAfterChange(in.shaft_speed) - in.shaft_speed;
     for (int next = gear - 1; next >= p.start_gear; --next) {
       const T from = Ceiling() / gears.Ratio(next) - lost;
       if (from >= in.shaft_speed) continue;
       if (gears.Ratio(gear) * from < p.recovery_speed * engine.idle_speed) return false;
+      if (in.shaft_speed + p.recovery_time * state.acceleration > from) return false;
       if (HeldSpeed(next, from) > 0) return true;
     }
     return false;
@@ -239,6 +241,16 @@ struct ShiftSituation {
     return Bears(gear, dip) && Carries(gear, dip.speed, p.torque_reserve);
   }
 
+  // Lower gear that holds the load at the end of a change that begins after a time [s] in the
+  // present gear, if the load goes on to rise as it does now.
+  Held BestHeldAfter(T time) const {
+    GearboxState<T> then = state;
+    const T rate = Max(0.0, state.load - state.slow_load) / p.recovery_horizon;
+    then.load += (time + change_time) * rate;
+    const ShiftSituation later = {p, gears, engine, in, then, gear};
+    return later.BestHeld(in.shaft_speed + time * state.acceleration);
+  }
+
   // Whether, with a floored pedal, no speed is held in the present gear, and a lower gear that
   // holds a speed now will hold a lower speed after `recovery_horizon`.
   bool WaitingCosts() const {
@@ -249,10 +261,9 @@ struct ShiftSituation {
     for (T speed = Min(SpeedWhenRecovered(gear), fastest); speed >= slowest; speed -= step) {
       if (Carries(gear, speed, 1)) return false;
     }
-    const T held = BestHeld(in.shaft_speed).speed;
+    const T held = BestHeldAfter(0).speed;
     if (held <= 0) return false;
-    const T soon = in.shaft_speed + p.recovery_horizon * state.acceleration;
-    return BestHeld(soon).speed < (1 - kHeldSpeedStep) * held;
+    return BestHeldAfter(p.recovery_horizon).speed < (1 - kHeldSpeedStep) * held;
   }
 
   // Shaft speed after an upshift and the build-up of the torque; 0 if the pedal's torque does not

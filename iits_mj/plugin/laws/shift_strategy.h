@@ -145,7 +145,7 @@ struct ShiftStrategy : ShiftParameters<T> {
     if (!now.Floored() || next == now.gear) return next;
     // Every change costs speed: directly into the gear that will hold the load.
     if (!now.WaitingCosts() && now.HeldSpeed(next, now.in.shaft_speed) > 0) return next;
-    const auto best = now.BestHeld(now.in.shaft_speed);
+    const auto best = now.BestHeldAfter(0);
     if (best.speed > 0) return best.gear;
     return now.HoldsLater() ? now.gear : next;
   }
