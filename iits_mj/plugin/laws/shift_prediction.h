@@ -182,11 +182,15 @@ struct ShiftSituation {
     return share * dip.time * margin <= p.recovery_time;
   }
 
+  // Torque at the shaft with the present pedal and a built-up charge, at a shaft speed.
+  T FullTorque(int next, T shaft_speed) const {
+    const T speed = gears.Ratio(next) * shaft_speed;
+    return ShaftTorque(next, engine.PedalTorque(speed, in.pedal), speed);
+  }
+
   // Whether torque over load is at least `reserve` at a shaft speed.
   bool Carries(int next, T shaft_speed, T reserve) const {
-    const T speed = gears.Ratio(next) * shaft_speed;
-    const T torque = engine.PedalTorque(speed, in.pedal);
-    return ShaftTorque(next, torque, speed) >= reserve * Max(0.0, state.load);
+    return FullTorque(next, shaft_speed) >= reserve * Max(0.0, state.load);
   }
 
   // Whether the engine is not too slow after a dip, or gains speed again.
@@ -241,25 +245,29 @@ struct ShiftSituation {
     return Bears(gear, dip) && Carries(gear, dip.speed, p.torque_reserve);
   }
 
-  // Lower gear that holds the load at the end of a change that begins after a time [s] in the
-  // present gear, if the load goes on to rise as it does now.
+  // Load at the end of a change that begins after a time [s], if it goes on to rise as it does now.
+  T LoadAfter(T time) const {
+    const T rate = Max(0.0, state.load - state.slow_load) / p.recovery_horizon;
+    return state.load + (time + change_time) * rate;
+  }
+
+  // Lower gear that holds this load if the change begins after a time [s] in the present gear.
   Held BestHeldAfter(T time) const {
     GearboxState<T> then = state;
-    const T rate = Max(0.0, state.load - state.slow_load) / p.recovery_horizon;
-    then.load += (time + change_time) * rate;
+    then.load = LoadAfter(time);
     const ShiftSituation later = {p, gears, engine, in, then, gear};
     return later.BestHeld(in.shaft_speed + time * state.acceleration);
   }
 
-  // Whether, with a floored pedal, no speed is held in the present gear, and a lower gear that
-  // holds a speed now will hold a lower speed after `recovery_horizon`.
+  // Whether, with a floored pedal, no speed will be held in the present gear after
+  // `recovery_horizon`, and a lower gear that holds a speed now will hold a lower speed then.
   bool WaitingCosts() const {
     if (!Floored() || state.acceleration >= 0 || Recovers()) return false;
-    const T ratio = gears.Ratio(gear);
+    const T ratio = gears.Ratio(gear), load = LoadAfter(p.recovery_horizon);
     const T step = kHeldSpeedStep * engine.governed_speed / ratio;
     const T slowest = LowSpeed() / ratio, fastest = engine.governed_speed / ratio;
     for (T speed = Min(SpeedWhenRecovered(gear), fastest); speed >= slowest; speed -= step) {
-      if (Carries(gear, speed, 1)) return false;
+      if (FullTorque(gear, speed) >= load) return false;
     }
     const T held = BestHeldAfter(0).speed;
     if (held <= 0) return false;
