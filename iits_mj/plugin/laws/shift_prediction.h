@@ -94,6 +94,12 @@ struct ShiftSituation {
 
   bool Floored() const { return in.pedal > p.floored_pedal; }
   bool Braking() const { return in.engine_brake > 0 && in.pedal < engine.pedal_up; }
+  // Whether the truck rolls with the engine in overrun and nobody brakes.
+  bool Coasts() const {
+    return in.pedal <= engine.pedal_up && in.driver_pedal <= engine.pedal_up &&
+           in.engine_brake <= 0 && in.driver_engine_brake <= 0 &&
+           gears.Speed(state.acceleration) > -p.braking_deceleration;
+  }
   bool KicksDown() const {
     return in.pedal >= p.kick_down_pedal && in.driver_pedal - state.pedal > p.kick_down_rise;
   }
