@@ -94,11 +94,10 @@ struct ShiftSituation {
 
   bool Floored() const { return in.pedal > p.floored_pedal; }
   bool Braking() const { return in.engine_brake > 0 && in.pedal < engine.pedal_up; }
-  // Whether the truck rolls with the engine in overrun and nobody brakes.
+  // Whether the truck has rolled with the pedal up for some seconds, and nobody brakes.
   bool Coasts() const {
-    return in.pedal <= engine.pedal_up && in.driver_pedal <= engine.pedal_up &&
-           in.engine_brake <= 0 && in.driver_engine_brake <= 0 &&
-           gears.Speed(state.acceleration) > -p.braking_deceleration;
+    return Max(in.pedal, state.pedal) <= engine.pedal_up && in.engine_brake <= 0 &&
+           in.driver_engine_brake <= 0 && gears.Speed(state.acceleration) > -p.braking_deceleration;
   }
   bool KicksDown() const {
     return in.pedal >= p.kick_down_pedal && in.driver_pedal - state.pedal > p.kick_down_rise;
@@ -251,8 +250,10 @@ struct ShiftSituation {
     return Bears(gear, dip) && Carries(gear, dip.speed, p.torque_reserve);
   }
 
-  // Load at the end of a change that begins after a time [s], if it goes on to rise as it does now.
+  // Load at the end of a change that begins after a time [s]. In the lower half of the gears, where
+  // a change costs much of the speed, the load goes on to rise as it does now.
   T LoadAfter(T time) const {
+    if (2 * gear > gears.count()) return state.load;
     const T rate = Max(0.0, state.load - state.slow_load) / p.recovery_horizon;
     return state.load + (time + change_time) * rate;
   }
