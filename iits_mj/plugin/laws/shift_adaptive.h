@@ -199,17 +199,6 @@ int AdaptiveGear(const ShiftSituation<T>& now) {
   return best == now.gear + 1 && now.SkipsSoon() ? now.gear : best;
 }
 
-// Coasting: the highest gear whose engine is not too slow; it drags least.
-template <class T>
-int CoastingGear(const ShiftSituation<T>& now) {
-  const T after = now.SpeedAfterChange(now.in.shaft_speed);
-  const T slowest = now.p.rolling_speed * now.engine.idle_speed;
-  int best = now.gear;
-  const int highest = Min(now.gears.count(), now.gear + now.p.skip_up_max);
-  while (best < highest && now.gears.Ratio(best + 1) * after > slowest) ++best;
-  return best;
-}
-
 }  // namespace iits
 
 #endif  // IITS_MJ_PLUGIN_LAWS_SHIFT_ADAPTIVE_H_

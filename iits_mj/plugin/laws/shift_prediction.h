@@ -94,11 +94,6 @@ struct ShiftSituation {
 
   bool Floored() const { return in.pedal > p.floored_pedal; }
   bool Braking() const { return in.engine_brake > 0 && in.pedal < engine.pedal_up; }
-  // Whether the truck has rolled with the pedal up for some seconds, and nobody brakes.
-  bool Coasts() const {
-    return Max(in.pedal, state.pedal) <= engine.pedal_up && in.engine_brake <= 0 &&
-           in.driver_engine_brake <= 0 && gears.Speed(state.acceleration) > -p.braking_deceleration;
-  }
   bool KicksDown() const {
     return in.pedal >= p.kick_down_pedal && in.driver_pedal - state.pedal > p.kick_down_rise;
   }

@@ -38,9 +38,8 @@ struct ShiftStrategy : ShiftParameters<T> {
     if (s.gear_time < p.min_gear_time) return {gear, false};
     const bool decides = !p.adaptive || floor(s.gear_time / p.adaptive_period) !=
                                             floor((s.gear_time - h) / p.adaptive_period);
-    const bool coasts = p.adaptive && now.Coasts();
-    if ((now.in.pedal > pedal_up || coasts) && decides && !TorqueIsCut(now)) {
-      int next = coasts ? CoastingGear(now) : p.adaptive ? AdaptiveGear(now) : TableUpshift(now);
+    if (now.in.pedal > pedal_up && decides && !TorqueIsCut(now)) {
+      int next = p.adaptive ? AdaptiveGear(now) : TableUpshift(now);
       if (next == gear && !p.adaptive) next = KickDown(now);
       if (next != gear && !ReversesTooSoon(now, next)) return {next, false};
     }
