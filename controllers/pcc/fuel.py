@@ -1,11 +1,12 @@
 """Fuel rate of the truck from the engine's map and gearbox, and the optimizer's convex fit of it.
 
 The map gives the fuel rate over torque and speed. Below the lowest torque of a map of the specific
-consumption, the rate falls linearly to that of the engine without load, which is proportional to
-its speed, and then to zero at the drag torque (overrun cut-off), as in `iits.powertrain`; beyond its last row and columns the specific
-consumption of the edge applies. For a wheel force and a speed the gear with the least fuel counts,
-of those whose speed and full-load torque allow it. The engine's torque includes the losses of axle
-and gear, from their maps if the truck has them, the drag of an empty retarder, and the auxiliaries.
+consumption the rate falls linearly to the idling engine's, in proportion to the speed, and then to
+zero at the drag torque (overrun cut-off), as in `iits.powertrain`. Below that of a map of the rate
+it falls to zero at once. Beyond the last row and columns the specific consumption of the edge
+applies. For a wheel force and a speed the gear with the least fuel counts, of those whose speed and
+full-load torque allow it. The engine's torque includes the losses of axle and gear, from their maps
+if the truck has them, the drag of an empty retarder, and the auxiliaries.
 """
 
 from __future__ import annotations

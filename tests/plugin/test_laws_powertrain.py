@@ -225,7 +225,7 @@ def integrate(before, demand, level, pause, h=1e-3):
 
 
 def test_build_up_is_quicker_while_the_charge_is_ahead_of_its_pressure():
-    """The demand of the ramp leads the pressure by the lag; a steady engine begins at its torque."""
+    """The demand of a ramp leads the pressure by the lag. A steady engine has no lead."""
     rising, out, steady = settled(1000), np.zeros(2), np.zeros(2)
     rising[2] += 120
     for state, found in ((rising, out), (settled(1000), steady)):
