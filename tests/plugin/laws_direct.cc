@@ -82,16 +82,8 @@ WheelBrake<double> Wheel(int circuit) {
 // `input` is a GearboxInput from the pedal on, without clutch_open, which comes last; of the engine
 // it has the speed.
 GearboxInput<double> InputOf(const double* input) {
-  return {GearboxInput<double>::kDrive,
-          input[0],
-          input[1],
-          input[2],
-          input[3],
-          {input[4], 0, 0, 0, 0, 0},
-          input[8] != 0,
-          input[5],
-          input[6],
-          input[7]};
+  return {GearboxInput<double>::kDrive, input[0],      input[1], input[2], input[3],
+          {input[4], 0, 0, 0, 0, 0},    input[8] != 0, input[5], input[6], input[7]};
 }
 
 // Calls `f` with the situation in `gear`; `state` is a GearboxState.
