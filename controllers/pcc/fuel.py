@@ -1,10 +1,12 @@
 """Fuel rate of the truck from the engine's map and gearbox, and the optimizer's convex fit of it.
 
-The map gives the fuel rate over torque and speed. Below its lowest torque the rate falls linearly
-to zero at the drag torque (overrun cut-off); beyond its last row and columns the specific
-consumption of the edge applies. For a wheel force and a speed the gear with the least fuel counts,
-of those whose speed and full-load torque allow it. The engine's torque includes the losses of axle
-and gear, from their maps if the truck has them, the drag of an empty retarder, and the auxiliaries.
+The map gives the fuel rate over torque and speed. Below the lowest torque of a map of the specific
+consumption the rate falls linearly to the idling engine's, in proportion to the speed, and then to
+zero at the drag torque (overrun cut-off), as in `iits.powertrain`. Below that of a map of the rate
+it falls to zero at once. Beyond the last row and columns the specific consumption of the edge
+applies. For a wheel force and a speed the gear with the least fuel counts, of those whose speed and
+full-load torque allow it. The engine's torque includes the losses of axle and gear, from their maps
+if the truck has them, the drag of an empty retarder, and the auxiliaries.
 """
 
 from __future__ import annotations
@@ -77,8 +79,7 @@ class FuelMap:
         if not table.values.size:
             table = engine.fuel_map
             rate = table.values * table.rows[:, None] * table.columns[None, :]
-            slope = (rate[1] - rate[0]) / (table.rows[1] - table.rows[0])
-            zero = np.maximum(rate[0] - slope * table.rows[0], 0.0)
+            zero = engine.idle_fuel_rate / engine.idle_speed * table.columns
             self._torque, self._speed = np.concatenate([[0.0], table.rows]), table.columns
             rate = np.vstack([zero, rate])
         self._rate = Table2D(self._torque, self._speed, engine.fuel_factor * rate)

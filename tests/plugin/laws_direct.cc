@@ -79,27 +79,25 @@ WheelBrake<double> Wheel(int circuit) {
   return w;
 }
 
-// `input` is a GearboxInput from the pedal on, without clutch_open, which comes last.
+// `input` is a GearboxInput from the pedal on, without clutch_open, which comes last; of the engine
+// it has the speed.
 GearboxInput<double> InputOf(const double* input) {
-  return {GearboxInput<double>::kDrive,
-          input[0],
-          input[1],
-          input[2],
-          input[3],
-          input[4],
-          input[8] != 0,
-          input[5],
-          input[6],
-          input[7]};
+  return {GearboxInput<double>::kDrive, input[0],      input[1], input[2], input[3],
+          {input[4], 0, 0, 0, 0, 0},    input[8] != 0, input[5], input[6], input[7]};
 }
 
 // Calls `f` with the situation in `gear`; `state` is a GearboxState.
 template <class Function>
 auto Situated(int adaptive, int gear, const double* input, const double* state, const Function& f) {
   const Powertrain<double>& p = Truck(adaptive);
-  const GearboxInput<double> in = InputOf(input);
+  GearboxInput<double> in = InputOf(input);
   const GearboxState<double> s = Read<GearboxState<double>>(state);
-  return f(ShiftSituation<double>{p.gearbox.strategy, p.gearbox.gears, p.engine, in, s, gear});
+  const ShiftSituation<double> now = {p.gearbox.strategy, p.gearbox.gears, p.engine, in, s, gear};
+  // The charge of the turbocharger has settled at the torque.
+  const double speed = now.InputSpeed();
+  in.engine.torque = now.EngineTorque(gear, in.shaft_torque, speed) + p.engine.drag(speed);
+  in.engine.boost_demand = in.engine.boost = in.engine.torque;
+  return f(now);
 }
 
 }  // namespace
@@ -321,12 +319,10 @@ void engine_update(const double* request, double h, double* state) {
   const Engine<double>& e = Truck(0).engine;
   Change<EngineState<double>>(state, [&](auto* s) { e.Update(r, e.At(s->speed), h, s); });
 }
-void engine_recovery(double before, double pause, double demand, double level, double drag,
+void engine_recovery(const double* state, double pause, double demand, double level, double drag,
                      double* out) {
-  Write(Truck(0).engine.Recovery(before, pause, demand, level, drag), out);
-}
-void engine_build_up(double before, double demand, double level, double drag, double* out) {
-  Write(Truck(0).engine.BuildUp(before, demand, level, drag), out);
+  const auto now = Read<EngineState<double>>(state);
+  Write(Truck(0).engine.Recovery(now, pause, demand, level, drag), out);
 }
 
 // Driveline.

@@ -5,7 +5,9 @@ import pytest
 
 from iits_mj.core.messages import VehicleCommand
 from iits_mj.parameters import TruckParameters
+from iits_mj.road import Route
 from iits_mj.truck import Truck
+from iits_mj.validation.longitudinal.hills import sloping
 from tests.plugin.driveline_rig import PARAMETERS, Case, constant, drive, reversals
 from tests.plugin.test_gear_losses import AXLE_MAP, DRAG, blocks, gear_loss, numbers
 from tests.plugin.test_powertrain_auxiliaries import RATE
@@ -106,3 +108,47 @@ def test_a_floored_tractor_alone_does_not_stay_at_its_governor():
         at_governor += truck.read("engine_speed") > 0.98 * governed
     assert truck.observe().speed > 20.0
     assert at_governor * 50 * truck.model.opt.timestep < 2.0
+
+
+def climb(name, route, start_speed, seconds, **changes):
+    """Returns speed [m/s] and gear, each of shape (n,), of a laden truck with its pedal floored."""
+    parameters = TruckParameters.load(name, changes)
+    truck = Truck.load(
+        parameters.payload_max,
+        parameters=parameters,
+        route=route,
+        timestep=0.005,
+        visuals=False,
+        plant="yaw-sideslip",
+    )
+    truck.reset(station=60.0, speed=start_speed)
+    truck.command(VehicleCommand(accelerator_pedal=1.0))
+    rows = []
+    while truck.time < seconds:
+        truck.step(20)
+        state = truck.observe()
+        rows.append((state.speed, state.gear))
+    speed, gear = np.array(rows).T
+    return speed, gear
+
+
+@pytest.mark.parametrize(("before", "start"), [(0.0, 80.0), (0.06, 30.0), (0.09, 20.0)])
+def test_laden_40_t_climb_18_percent_from_the_road_before_without_a_stop(before, start):
+    """The load rises during the downshift; 18 % needs second to fourth gear."""
+    route = sloping(6e3, before, ((260.0, 0.18, 30.0),))
+    speed, gear = climb("vecto_40t", route, start * KMH, 90.0)
+    assert speed.min() > 1.5
+    assert speed[-1] > 13 * KMH
+    assert 3 <= gear[-1] <= 4
+
+
+@pytest.mark.parametrize("strategy", ["tables", "adaptive"])
+@pytest.mark.parametrize("grade", [0.08, 0.09, 0.10])
+def test_driven_wheels_that_slip_do_not_make_the_gearbox_hunt(grade, strategy):
+    """55 t from walking pace. By the slip a change costs more speed than the gearbox predicts."""
+    changes = {"gearbox": {"shift_strategy": strategy}}
+    route = Route.straight(length=6e3, grade=grade)
+    _, gear = climb("tractor_semitrailer_6x4", route, 5 * KMH, 60.0, **changes)
+    steps = np.diff(gear)
+    assert np.count_nonzero(steps < 0) <= 1
+    assert np.count_nonzero(steps) <= 5

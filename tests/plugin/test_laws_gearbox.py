@@ -34,6 +34,7 @@ STATE = {
     "acceleration": 0,
     "filtered": 0,
     "load": 0,
+    "slow_load": None,
     "filtered_pedal": 0.5,
     "direction": 0,
     "failed_gear": 0,
@@ -47,6 +48,8 @@ def situation(changes):
     if inputs["driver_brake"] is None:
         inputs["driver_brake"] = inputs["brake"]
     state = {**STATE, **{k: v for k, v in changes.items() if k in STATE}}
+    if state["slow_load"] is None:
+        state["slow_load"] = state["load"]
     assert set(changes) <= {*INPUT, *STATE}
     return np.array(list(inputs.values()), float), np.array(list(state.values()), float)
 
@@ -269,7 +272,8 @@ def work_ahead(gear, following, **changes):
         before = values["torque"] / (RATIOS[gear - 1] * EFFICIENCY)
         drag = float(np.interp(ratio * speed, [104.7, 254.5], [131, 200]))
         recovery = np.zeros(2)
-        law("engine_recovery", before, CHANGE, demand, demand, drag, recovery)
+        engine = [ratio * speed, *3 * [before + drag], 0, 0]
+        law("engine_recovery", engine, CHANGE, demand, demand, drag, recovery)
         building = recovery[1]
         missing = recovery[0] / building
     while left > 0 and speed > 0:

@@ -189,7 +189,7 @@ def test_free_engine_is_brought_to_the_speed_of_the_new_gear():
 def test_recovery_after_a_pause_is_that_of_the_simulated_engine(before, demand, level):
     friction, pause = drag(130), 0.9
     out = np.zeros(2)
-    law("engine_recovery", float(before), pause, float(demand), float(level), friction, out)
+    law("engine_recovery", settled(before), pause, float(demand), float(level), friction, out)
     impulse, time = integrate(before, demand, level, pause)
     assert out[0] == pytest.approx(impulse, rel=0.13)
     assert out[1] == pytest.approx(time, rel=0.15, abs=0.3) or level == demand
@@ -198,16 +198,22 @@ def test_recovery_after_a_pause_is_that_of_the_simulated_engine(before, demand, 
 @pytest.mark.parametrize(("before", "demand", "level"), [(500, 2000, 1500), (500, 900, 800)])
 def test_build_up_of_the_torque_is_that_of_the_simulated_engine(before, demand, level):
     out = np.zeros(2)
-    law("engine_build_up", float(before), float(demand), float(level), drag(130), out)
+    law("engine_recovery", settled(before), 0.0, float(demand), float(level), drag(130), out)
     impulse, time = integrate(before, demand, level, 0)
     assert out[0] == pytest.approx(impulse, rel=0.1)
     assert out[1] == pytest.approx(time, rel=0.1)
 
 
+def settled(torque):
+    """Returns the engine at 130 rad/s that has given a torque for long."""
+    indicated = torque + drag(130)
+    return np.array([130, indicated, indicated, indicated, 0, 0], float)
+
+
 def integrate(before, demand, level, pause, h=1e-3):
     """Missing impulse and time until the torque reaches `level`, from the engine's own steps."""
     friction = drag(130)
-    values = np.array([130, before + friction, before + friction, before + friction, 0, 0], float)
+    values = settled(before)
     for _ in range(round(pause / h)):
         law("engine_update", [CUT, 0, 0, 0, 0, 2.5, 0, 0], h, values)
     impulse = time = 0.0
@@ -218,20 +224,30 @@ def integrate(before, demand, level, pause, h=1e-3):
     return impulse, time
 
 
+def test_build_up_is_quicker_while_the_charge_is_ahead_of_its_pressure():
+    """The demand of a ramp leads the pressure by the lag. A steady engine has no lead."""
+    rising, out, steady = settled(1000), np.zeros(2), np.zeros(2)
+    rising[2] += 120
+    for state, found in ((rising, out), (settled(1000), steady)):
+        law("engine_recovery", state, 0.0, 2400.0, 2000.0, drag(130), found)
+    assert 0 < out[0] < steady[0]
+    assert 0 < out[1] < steady[1]
+
+
 def test_torque_up_to_a_level_needs_a_demand_of_at_least_that_level():
-    for name, arguments in (("engine_recovery", (500.0, 0.9)), ("engine_build_up", (500.0,))):
+    for pause in (0.9, 0.0):
         low, exact = np.zeros(2), np.zeros(2)
-        law(name, *arguments, 300.0, 1500.0, drag(130), low)
-        law(name, *arguments, 1500.0, 1500.0, drag(130), exact)
+        law("engine_recovery", settled(500), pause, 300.0, 1500.0, drag(130), low)
+        law("engine_recovery", settled(500), pause, 1500.0, 1500.0, drag(130), exact)
         assert low.tolist() == exact.tolist()
         assert low.min() > 0
 
 
 def test_no_torque_needs_no_recovery():
     out = np.ones(2)
-    law("engine_recovery", 500.0, 0.9, 1000.0, 0.0, drag(130), out)
+    law("engine_recovery", settled(500), 0.9, 1000.0, 0.0, drag(130), out)
     assert not out.any()
-    law("engine_build_up", 1000.0, 1000.0, 900.0, drag(130), out)
+    law("engine_recovery", settled(1000), 0.0, 1000.0, 900.0, drag(130), out)
     assert not out.any()
 
 

@@ -86,29 +86,27 @@ struct Engine {
 
   T RatedBrakeTorque() const { return brake_power / brake_speed; }
 
-  // Recovery of the brake torque from zero to `level` after a pause of the combustion, in which the
-  // turbocharger loses charge. `before` is the torque before the pause, `demand` that of the pedal
-  // after it. The integral of UpdateBoost.
-  TorqueRecovery<T> Recovery(T before, T pause, T demand, T level, T drag) const {
+  // Recovery of the brake torque to `level` from the present state, with the pedal's torque
+  // `demand`, after a pause of the combustion [s] in which the turbocharger loses charge. The
+  // integral of UpdateBoost.
+  TorqueRecovery<T> Recovery(const EngineState<T>& now, T pause, T demand, T level, T drag) const {
     if (level <= 0) return {0, 0};
     const T wanted = Max(demand, level) + drag, reached = level + drag;
-    const T start = Max(before + drag, rise_threshold);
+    const T start = Max(now.boost_demand, rise_threshold);
     const T left = Max(start - pause * fall_rate_low, rise_threshold);
     // The charge pressure lags behind a falling or rising demand.
-    const T fall = (start - left) / fall_rate_low;
-    const T excess =
-        fall_rate_low * boost_lag * (1 - exp(-fall / boost_lag)) * exp(-(pause - fall) / boost_lag);
-    const T ramp = Min(reached, left) / rise_rate_low;
-    const T quick = ramp * (reached - 0.5 * Min(reached, left));
+    const T fall = (start - left) / fall_rate_low, steady = fall_rate_low * boost_lag;
+    T excess = Max(now.boost, rise_threshold) - start;
+    if (pause > 0) {
+      excess = steady + (excess - steady) * exp(-fall / boost_lag);
+      excess *= exp(-(pause - fall) / boost_lag);
+    }
+    // The torque comes back quickly as far as the charge allows.
+    const T first = pause > 0 ? T(0) : now.torque, last = Min(reached, left);
+    const T ramp = Max(0.0, last - first) / rise_rate_low;
+    const T quick = ramp * (reached - 0.5 * (first + last));
     const TorqueRecovery<T> rest = BoostRecovery(left, left + excess, wanted, reached);
     return {quick + rest.impulse, ramp + rest.time};
-  }
-
-  // The same without a pause, from the torque `before`.
-  TorqueRecovery<T> BuildUp(T before, T demand, T level, T drag) const {
-    const T wanted = Max(demand, level) + drag;
-    const T start = Max(before + drag, rise_threshold);
-    return BoostRecovery(start, start, wanted, level + drag);
   }
 
   EnginePoint<T> At(T speed) const {

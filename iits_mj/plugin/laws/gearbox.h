@@ -105,13 +105,18 @@ struct Gearbox {
       return;
     }
     const T closed = in.shaft_speed + close_time * s->acceleration;
+    if (drive && s->direction < 0) {
+      const T left = Max(synchronization_time - s->phase_time, 0.0) + close_time;
+      s->target =
+          strategy.Correct({strategy, gears, engine, in, *s, gears.Gear(s->target), left, 0, true});
+    }
     if (drive && !strategy.Fits(gears, engine, gears.Gear(s->target), closed)) {
       s->target = GearForSpeed(engine, closed);
     }
     if (s->phase_time < synchronization_time) return;
     const T ratio = gears.Ratio(gears.Gear(s->target));
     const T speed = ratio * in.shaft_speed;
-    const T off = abs(in.engine_speed - Max(speed, engine.idle_speed));
+    const T off = abs(in.engine.speed - Max(speed, engine.idle_speed));
     if (off > synchronized_difference && s->phase_time < synchronization_limit) return;
     s->gear = s->target;
     s->phase_time = s->gear_time = 0;

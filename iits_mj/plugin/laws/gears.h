@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <vector>
 
+#include "plugin/laws/engine.h"
 #include "plugin/laws/gear_loss.h"
 #include "plugin/laws/lookup.h"
 #include "plugin/laws/number.h"
@@ -24,6 +25,7 @@ struct GearboxState {
   T acceleration;  // of the propeller shaft, filtered [rad/s2]
   T torque;        // of the propeller shaft, with the low-pass of the speed [N m]
   T load;          // filtered torque at constant shaft speed [N m]
+  T slow_load;     // the same, low-passed; it lags behind a load that rises [N m]
   T pedal;         // low-passed; a floored pedal far above it is a kick-down
   T direction;     // of the last change: 1 up, -1 down, 0 none yet
   T failed_gear;   // gear that could not carry the load, 0 none
@@ -36,7 +38,7 @@ struct GearboxInput {
   Mode mode;
   T pedal, engine_brake;        // commands to the engine, 0 to 1
   T shaft_speed, shaft_torque;  // propeller shaft [rad/s], [N m]
-  T engine_speed;
+  EngineState<T> engine;
   bool clutch_open;
   T mass;                               // of the vehicle at present [kg]
   T driver_pedal, driver_engine_brake;  // the driver's positions, 0 to 1

@@ -102,7 +102,7 @@ struct Powertrain {
                                    command.engine_brake,
                                    shaft_speed,
                                    core->shaft_torque,
-                                   core->engine.speed,
+                                   core->engine,
                                    core->driveline.engagement <= 0,
                                    controls.mass,
                                    controls.levers.pedal,

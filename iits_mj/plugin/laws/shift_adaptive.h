@@ -163,7 +163,7 @@ int AdaptiveGear(const ShiftSituation<T>& now) {
       now.Ceiling() * (p.adaptive_speed_max + (1 - p.adaptive_speed_max) * now.in.pedal);
 
   // The clutch slips or is open: the gears cannot be compared.
-  if (now.InputSpeed() < now.engine.idle_speed) return now.gear;
+  if (now.InputSpeed() < p.LowSpeed(now.engine, 0)) return now.gear;
   // The present gear may use its reserve.
   const T needed = Max(wanted / p.adaptive_reserve, load * speed);
   const bool powerful = AvailablePower(now, now.gear, speed) >= needed;

@@ -40,6 +40,7 @@ struct ShiftParameters {
     s->torque += (in.shaft_torque - s->torque) * h / (acceleration_lag + h);
     const T load = s->torque - gears.VehicleInertia(in.mass) * s->acceleration;
     s->load += (load - s->load) * h / (load_lag + h);
+    s->slow_load += (s->load - s->slow_load) * h / (recovery_horizon + h);
     s->pedal += (in.driver_pedal - s->pedal) * h / (pedal_lag + h);
     if (s->load < failed_load * s->failed_load) s->failed_gear = s->failed_load = 0;
   }
@@ -74,7 +75,10 @@ struct ShiftSituation {
   const Engine<T>& engine;
   const GearboxInput<T>& in;
   const GearboxState<T>& state;
-  int gear;  // engaged, 1 to n
+  int gear;  // engaged, 1 to n; in a change the gear to engage
+  // Of a change that begins now: its length, and of that the cut [s]. Under way, what is left.
+  T change_time = p.change_time, cut_time = p.cut_time;
+  bool changing = false;  // in neutral, in a change
 
   // Numerical step of a search for the speed that a gear holds, as a share of the governed speed.
   static constexpr double kHeldSpeedStep = 0.01;
@@ -116,7 +120,7 @@ struct ShiftSituation {
   T SpeedAfterChange(T from) const {
     T coasting = -state.load / VehicleInertia();
     if (in.pedal > engine.pedal_up) coasting = Min(coasting, state.acceleration);
-    return from + p.change_time * coasting + 0.5 * p.cut_time * (state.acceleration - coasting);
+    return from + change_time * coasting + 0.5 * cut_time * (state.acceleration - coasting);
   }
 
   // Torque at the propeller shaft behind all losses, for a torque of the engine, of which the
@@ -133,17 +137,18 @@ struct ShiftSituation {
     return (gears.ShaftTorque(at, torque, engine_speed) - idle) / torque;
   }
 
+  // Whether a gear is engaged already.
+  bool Stays(int next) const { return next == gear && !changing; }
+
   // Recovery of the engine's torque after a change to `next`, without a pause for the present gear.
   TorqueRecovery<T> Recovery(int next, T demand, T level, T drag) const {
-    const T before = EngineTorque(gear, in.shaft_torque, InputSpeed());
-    return next == gear ? engine.BuildUp(before, demand, level, drag)
-                        : engine.Recovery(before, p.change_time, demand, level, drag);
+    return engine.Recovery(in.engine, Stays(next) ? T(0) : change_time, demand, level, drag);
   }
 
   // Decrease of the shaft speed by a change to `next` that begins at `from`, and further until the
   // engine's torque has built up to the load; for the present gear, only the latter.
   Dip DipOf(int next, T from) const {
-    const T after = next == gear ? from : SpeedAfterChange(from);
+    const T after = Stays(next) ? from : SpeedAfterChange(from);
     if (in.pedal <= engine.pedal_up) {
       // Braked: the gear must fit for `recovery_horizon`.
       return {after, T(after + p.recovery_horizon * Min(0.0, state.acceleration)), 0};
@@ -158,25 +163,41 @@ struct ShiftSituation {
   }
   T SpeedWhenRecovered(int next) const { return DipOf(next, in.shaft_speed).speed; }
 
+  // Whether the gear, or a lower one, could not carry the present load before.
+  bool Failed(int next) const { return state.failed_gear > 0 && next >= state.failed_gear; }
+
   // Whether the engine speed stays high enough while the torque builds up: with a floored pedal, it
   // may fall to `recovery_speed`, and below the lowest allowed speed for `recovery_time`. Since the
-  // torque deficit decreases linearly, the speed falls to the dip in a parabola.
+  // torque deficit decreases linearly, the speed falls to the dip in a parabola. A gear that failed
+  // needs a margin, and one that is engaged has it.
   bool Bears(int next, const Dip& dip) const {
-    const T ratio = gears.Ratio(next), lowest = ratio * dip.speed;
+    const T margin = Stays(next) ? 1 / p.failed_reserve : Failed(next) ? p.failed_reserve : T(1);
+    const T ratio = gears.Ratio(next) / margin, lowest = ratio * dip.speed;
     const T slow = LowSpeed(), low = p.upshift_speed * slow;
     if (lowest >= low) return true;
     if (!Floored() || lowest < p.recovery_speed * engine.idle_speed) return false;
     if (lowest >= slow) return true;
     const T first = ratio * dip.after;
     const T share = first > slow ? sqrt((slow - lowest) / (first - lowest)) : T(1);
-    return share * dip.time <= p.recovery_time;
+    return share * dip.time * margin <= p.recovery_time;
+  }
+
+  // Torque at the shaft with the present pedal and a built-up charge, at a shaft speed.
+  T FullTorque(int next, T shaft_speed) const {
+    const T speed = gears.Ratio(next) * shaft_speed;
+    return ShaftTorque(next, engine.PedalTorque(speed, in.pedal), speed);
   }
 
   // Whether torque over load is at least `reserve` at a shaft speed.
   bool Carries(int next, T shaft_speed, T reserve) const {
-    const T speed = gears.Ratio(next) * shaft_speed;
-    const T torque = engine.PedalTorque(speed, in.pedal);
-    return ShaftTorque(next, torque, speed) >= reserve * Max(0.0, state.load);
+    return FullTorque(next, shaft_speed) >= reserve * Max(0.0, state.load);
+  }
+
+  // Whether the engine is not too slow after a dip, or gains speed again.
+  bool Survives(int next, const Dip& dip) const {
+    const T speed = gears.Ratio(next) * dip.speed;
+    if (speed >= LowSpeed()) return true;
+    return speed >= p.recovery_speed * engine.idle_speed && Carries(next, dip.speed, 1);
   }
 
   // Shaft speed up to which a gear carries the load after a change that begins at `from`; 0 if it
@@ -203,6 +224,20 @@ struct ShiftSituation {
     return best;
   }
 
+  // Whether a still lower gear will hold the load as soon as the engine is not too fast for it, and
+  // the present gear lasts until then: within `recovery_time`, above `recovery_speed`.
+  bool HoldsLater() const {
+    const T lost = SpeedAfterChange(in.shaft_speed) - in.shaft_speed;
+    for (int next = gear - 1; next >= p.start_gear; --next) {
+      const T from = Ceiling() / gears.Ratio(next) - lost;
+      if (from >= in.shaft_speed) continue;
+      if (gears.Ratio(gear) * from < p.recovery_speed * engine.idle_speed) return false;
+      if (in.shaft_speed + p.recovery_time * state.acceleration > from) return false;
+      if (HeldSpeed(next, from) > 0) return true;
+    }
+    return false;
+  }
+
   // Whether, with a floored pedal, the torque will carry the load before the engine is too slow.
   bool Recovers() const {
     if (!Floored()) return false;
@@ -210,28 +245,42 @@ struct ShiftSituation {
     return Bears(gear, dip) && Carries(gear, dip.speed, p.torque_reserve);
   }
 
-  // Whether, with a floored pedal, no speed is held in the present gear, and a lower gear that
-  // holds a speed now will hold a lower speed after `recovery_horizon`.
+  // Load at the end of a change that begins after a time [s]. In the lower half of the gears, where
+  // a change costs much of the speed, the load goes on to rise as it does now.
+  T LoadAfter(T time) const {
+    if (2 * gear > gears.count()) return state.load;
+    const T rate = Max(0.0, state.load - state.slow_load) / p.recovery_horizon;
+    return state.load + (time + change_time) * rate;
+  }
+
+  // Lower gear that holds this load if the change begins after a time [s] in the present gear.
+  Held BestHeldAfter(T time) const {
+    GearboxState<T> then = state;
+    then.load = LoadAfter(time);
+    const ShiftSituation later = {p, gears, engine, in, then, gear};
+    return later.BestHeld(in.shaft_speed + time * state.acceleration);
+  }
+
+  // Whether, with a floored pedal, no speed will be held in the present gear after
+  // `recovery_horizon`, and a lower gear that holds a speed now will hold a lower speed then.
   bool WaitingCosts() const {
     if (!Floored() || state.acceleration >= 0 || Recovers()) return false;
-    const T ratio = gears.Ratio(gear);
+    const T ratio = gears.Ratio(gear), load = LoadAfter(p.recovery_horizon);
     const T step = kHeldSpeedStep * engine.governed_speed / ratio;
     const T slowest = LowSpeed() / ratio, fastest = engine.governed_speed / ratio;
     for (T speed = Min(SpeedWhenRecovered(gear), fastest); speed >= slowest; speed -= step) {
-      if (Carries(gear, speed, 1)) return false;
+      if (FullTorque(gear, speed) >= load) return false;
     }
-    const T held = BestHeld(in.shaft_speed).speed;
+    const T held = BestHeldAfter(0).speed;
     if (held <= 0) return false;
-    const T soon = in.shaft_speed + p.recovery_horizon * state.acceleration;
-    return BestHeld(soon).speed < (1 - kHeldSpeedStep) * held;
+    return BestHeldAfter(p.recovery_horizon).speed < (1 - kHeldSpeedStep) * held;
   }
 
   // Shaft speed after an upshift and the build-up of the torque; 0 if the pedal's torque does not
   // hold the load then. A gear that failed under this load needs a greater reserve.
   T SpeedAfterUpshift(int next) const { return SpeedAfterUpshift(next, in.shaft_speed); }
   T SpeedAfterUpshift(int next, T from) const {
-    const bool failed = state.failed_gear > 0 && next >= state.failed_gear;
-    const T reserve = failed ? Max(p.failed_reserve, p.torque_reserve) : p.torque_reserve;
+    const T reserve = Failed(next) ? Max(p.failed_reserve, p.torque_reserve) : p.torque_reserve;
     const Dip dip = DipOf(next, from);
     return Bears(next, dip) && Carries(next, dip.speed, reserve) ? dip.speed : T(0);
   }
@@ -260,7 +309,7 @@ struct ShiftSituation {
   // Whether the torque at the wheels has built up to the pedal's demand, with the engine's speed
   // while the clutch slips.
   bool TorqueHasBuiltUp() const {
-    const T speed = Max(InputSpeed(), in.engine_speed);
+    const T speed = Max(InputSpeed(), in.engine.speed);
     const T full = ShaftTorque(gear, engine.PedalTorque(speed, in.pedal), speed);
     return in.shaft_torque > p.built_up_torque * full;
   }

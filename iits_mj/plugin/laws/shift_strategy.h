@@ -50,6 +50,14 @@ struct ShiftStrategy : ShiftParameters<T> {
     return {lower, lower != gear && now.in.pedal > pedal_up};
   }
 
+  // Gear to engage in a downshift under way: the load may rise meanwhile, as on the foot of a
+  // climb. Then it is the lower gear that still holds the load.
+  static int Correct(const Situation& now) {
+    const T from = now.in.shaft_speed;
+    if (!now.Floored() || now.Survives(now.gear, now.DipOf(now.gear, from))) return now.gear;
+    return now.BestHeld(from).gear;
+  }
+
  private:
   // Whether brakes or traction control take torque away temporarily. While the governor limits the
   // torque, a cut of the accelerator takes none.
@@ -136,11 +144,10 @@ struct ShiftStrategy : ShiftParameters<T> {
     }
     if (!now.Floored() || next == now.gear) return next;
     // Every change costs speed: directly into the gear that will hold the load.
-    const auto best = now.BestHeld(now.in.shaft_speed);
-    if (best.speed > 0 && (now.WaitingCosts() || now.HeldSpeed(next, now.in.shaft_speed) <= 0)) {
-      return best.gear;
-    }
-    return next;
+    if (!now.WaitingCosts() && now.HeldSpeed(next, now.in.shaft_speed) > 0) return next;
+    const auto best = now.BestHeldAfter(0);
+    if (best.speed > 0) return best.gear;
+    return now.HoldsLater() ? now.gear : next;
   }
 
   // The pedal has just been floored: the gear in which the upshift table would still be.
