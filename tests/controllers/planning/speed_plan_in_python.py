@@ -20,7 +20,7 @@ from iits_mj.parameters import TruckParameters
 _LOOK_AHEAD = (1.0, 0.4)
 _LAST_SPEED = 2.0
 _HOLD_DECELERATION = 1.2
-LEAST_ROOM = 0.01
+LEAST_ROOM = 0.1
 
 
 def speed_cap(
