@@ -48,6 +48,7 @@ from iits_mj.validation.planning.speed_tracking import FLOORED
 
 # Road before the measured stretch, until the engine pulls steadily [m], and after it [m].
 RUN_IN, RUN_OUT = 300.0, 30.0
+_LATEST = 4.0  # time limit of a drive over its time at the set speed
 _START = 100.0
 # Distance from the set speed of the run-in to the first speed of the plan [m].
 _ONSET = 1.0
@@ -458,10 +459,11 @@ def _driven(case: ReplayCase, profile: SpeedProfile | None, folder: Path | None)
     path = None if folder is None else folder / _file_name(case, profile)
     if path is not None and path.is_file():
         return Record.load(path)
+    start, end = case.first - RUN_IN + _START, case.last + RUN_OUT
     task = DriveTask(
         route=case.route,
-        start=case.first - RUN_IN + _START,
-        end=case.last + RUN_OUT,
+        start=start,
+        end=end,
         speed=case.config.v_ref,
         cruise_speed=case.config.v_ref,
         profile=profile,
@@ -469,6 +471,7 @@ def _driven(case: ReplayCase, profile: SpeedProfile | None, folder: Path | None)
         payload=case.payload,
         timestep=case.timestep,
         plant=case.plant,
+        time_limit=_LATEST * (end - start) / case.config.v_ref,
     )
     if task.start < 0.0:
         raise InputError(f"{case.name}: the road must begin {RUN_IN:g} m before the first station")
