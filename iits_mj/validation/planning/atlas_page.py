@@ -252,7 +252,7 @@ All {cells} cells are in [the table]({table}); {drives} comparisons were driven.
 ## How the figures are made
 
 - Plans, cruises and bounds are by the engine's map in the best gears; see [planning](planning.md).
-- The long haul is the road of VECTO's cycle, 100 km. The EPA cycles are 20 km long and have nearly
+- The long haul is the road of VECTO's cycle, 108 km. The EPA cycles are 20 km long and have nearly
   the same grades; all other roads are 15 km long. A share of the fuel says little where the road
   falls: the roads here end within 80 m of the height at which they begin.
 - Physics of the driven cells: steps of 5 ms.
