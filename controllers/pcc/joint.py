@@ -412,13 +412,11 @@ def lower_bound(task: JointTask, time_max: float, samples: int = 2) -> float:
     out_of_band = task.b_low < task.b_low[1:-1].max() * (1.0 - 1e-9)
     out_of_band[[0, -1]] = False
     bounds = []
-    for share in _SLOWER:
+    for share in _SLOWER if out_of_band.any() else _SLOWER[:1]:
         slower = replace(task, b_low=np.where(out_of_band, (1.0 - share) * task.b_low, task.b_low))
         values = np.zeros((slower.road.station.size, slower.states))
         values[-1] = -slower.worth * np.linspace(slower.b_low[-1], slower.b_high[-1], slower.states)
         packed = _Packed(slower)
         _BOUND(*packed.addresses, samples, kernels.address(values))
         bounds.append(float(values[0, 0] - float(np.mean(slower.price)) * time_max))
-        if not out_of_band.any():
-            break
     return max(bounds)

@@ -34,8 +34,9 @@ SPEED_MEAN, SPEED_DEVIATION, SPEED_BOUNDS = 1.34, 0.26, (0.82, 1.86)
 WALK = (8.0, 25.0)  # [m] from the crossing where a walk begins and ends
 # SUMO's persons jump by some meters in walking areas; their bodies follow at this speed [m/s].
 FASTEST_BODY = 2.5
-# Distances [m]. A person who stands stays `AWAY` from the truck's sides, which count up to `AHEAD`
-# of its front. A person who walks stays `CLOSE` or farther from them.
+# Distances [m]. A person who stands keeps at least `AWAY` from the truck's sides, and from the
+# ground beside its front, as far as `AHEAD` of it. A person who walks keeps at least `CLOSE` from
+# the sides.
 AWAY, AHEAD, CLOSE = 2.0, 2.0, 0.9
 MOVES = 0.2  # [m/s]: a faster body looks where it goes
 STREAM = 1609  # separates the generator of pedestrians from that of vehicles with the same seed

@@ -45,6 +45,7 @@ void Plant::Compute(const mjModel* m, mjData* d, PlantState* s, bool commit) con
   PlanarVector<double> acceleration[kUnitsMax];
   Accelerate<kRolls>(inertia_.data(), at.motion, at.force, units, acceleration, at.hitch);
   for (int u = 0; u < units; ++u) s->unit[u].acceleration = acceleration[u];
+  // The couplings' forces stay those of axles that slip; they only move load between the tires.
   if (kinematic_) FollowAxles(h, s, &at);
   s->left_range = static_cast<int>(s->left_range) | at.left_range;
   if (commit) Advance<kRolls>(m, d, s, &at);
