@@ -171,6 +171,8 @@ def cost_table(rows: list[dict[str, str]]) -> str:
         if task.seed:
             continue
         settings = {**(task.arguments or {}), **(task.hyperparameters or {})}
+        if task.rows is not None:
+            settings["rows"] = task.rows
         text = ", ".join(f"{key} {value}" for key, value in settings.items()) or "defaults"
         taken = seconds.get((task.environment, task.algorithm))
         minutes = f"{np.mean(taken) / 60.0:.0f}" if taken else "pending"

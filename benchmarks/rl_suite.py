@@ -5,6 +5,7 @@
     python benchmarks/rl_suite.py train --out out/slow --only HighwayFast --algorithms dqn \\
         --steps 100000 --set target_update_interval=10000        # a variant, in its own folder
     python benchmarks/rl_suite.py status --out out/rl
+    python benchmarks/rl_suite.py check --out out/rl             # shipped policies, scored again
     python benchmarks/rl_suite.py levels --out out/rl            # scores of the levels
     python benchmarks/rl_suite.py results --out out/rl           # tables, figures and weights
     python benchmarks/rl_suite.py train --out out/rl --only LaneChange --plant kinematic
@@ -27,6 +28,7 @@ from __future__ import annotations
 import argparse
 import csv
 import fcntl
+import functools
 import os
 import shutil
 import time
@@ -61,7 +63,11 @@ CURVES = ("environment", "method", "seed", "steps", "return", "cpu_seconds")
 
 @dataclass(frozen=True)
 class Training:
-    """A training: environment, algorithm, its settings, and a seed."""
+    """A training: environment, algorithm, its settings, and a seed.
+
+    `rows` has the arguments of `row_features` for a network that does not depend on the order of
+    the vehicles.
+    """
 
     environment: str
     algorithm: str
@@ -71,6 +77,7 @@ class Training:
     environments: int = 1
     arguments: dict[str, Any] | None = None
     hyperparameters: dict[str, Any] | None = None
+    rows: dict[str, Any] | None = None
 
     @property
     def name(self) -> str:
@@ -150,7 +157,13 @@ def _model(task: Training, part: Path | None) -> Any:
         if (part / "buffer.pkl").exists():
             model.load_replay_buffer(part / "buffer.pkl")
         return model
-    settings = task.hyperparameters or {}
+    settings = dict(task.hyperparameters or {})
+    if task.rows is not None:
+        extractor = {
+            "features_extractor_class": row_features(),
+            "features_extractor_kwargs": task.rows,
+        }
+        settings["policy_kwargs"] = {**settings.get("policy_kwargs", {}), **extractor}
     model = kind("MlpPolicy", vector, seed=task.seed, device="cpu", **settings)
     # The exploration of DQN depends on the share of the whole training, not of a part.
     model.budget = task.steps
@@ -183,14 +196,44 @@ def _store(
     shutil.rmtree(folder / f"part-{done - 1}", ignore_errors=True)
 
 
+@functools.cache
+def row_features() -> type[Any]:
+    """Returns layers that each row of an observation shares, with the maximum over the rows.
+
+    Hoel et al. (2020) read the cars in this way.
+    """
+    import torch
+    from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+    from torch import nn
+
+    class RowFeatures(BaseFeaturesExtractor):
+        """Arguments: numbers before the rows, numbers of a row, outputs of the layers."""
+
+        def __init__(self, space: gymnasium.spaces.Box, own: int, row: int, layers: list[int]):
+            super().__init__(space, own + layers[-1])
+            self.own, self.row = own, row
+            sizes = zip([row, *layers[:-1]], layers, strict=True)
+            pairs = [(nn.Linear(before, after), nn.ReLU()) for before, after in sizes]
+            self.shared = nn.Sequential(*(module for pair in pairs for module in pair))
+
+        def forward(self, observations: Any) -> Any:
+            rows = observations[:, self.own :].unflatten(1, (-1, self.row))
+            return torch.cat([observations[:, : self.own], self.shared(rows).amax(1)], 1)
+
+    return RowFeatures
+
+
 def exported(model: Any) -> Policy:
     """Returns the network of a model's deterministic action."""
     from stable_baselines3 import DQN, SAC
     from torch import nn
 
-    policy = model.policy
+    policy, shared = model.policy, 0
     if isinstance(model, DQN):
-        networks, activation, head = [policy.q_net.q_net], "relu", "argmax"
+        network = policy.q_net
+        shared = sum(isinstance(m, nn.Linear) for m in network.features_extractor.modules())
+        networks, activation = [network.features_extractor, network.q_net], "relu"
+        head = "argmax"
     elif isinstance(model, SAC):
         networks, activation, head = [policy.actor.latent_pi, policy.actor.mu], "relu", "tanh"
     else:
@@ -198,7 +241,9 @@ def exported(model: Any) -> Policy:
         head = "argmax" if isinstance(model.action_space, gymnasium.spaces.Discrete) else "clip"
     layers = [m for network in networks for m in network.modules() if isinstance(m, nn.Linear)]
     arrays = [[p.detach().numpy().copy() for p in (m.weight, m.bias)] for m in layers]
-    return Policy(tuple(w for w, _ in arrays), tuple(b for _, b in arrays), activation, head)
+    return Policy(
+        tuple(w for w, _ in arrays), tuple(b for _, b in arrays), activation, head, shared
+    )
 
 
 # --- scores ----------------------------------------------------------------------------------
@@ -274,6 +319,21 @@ def scripted(environment: str) -> Act:
         return driver(seen).astype(np.float32)
 
     return act
+
+
+def check(environments: Sequence[str]) -> None:
+    """Scores fixed drivers and shipped policies again, and prints the table's score beside it."""
+    known = _by_training(rl_results.read("scores"))
+    for environment in environments:
+        actors: dict[str, Act] = {"random": _random, "scripted": scripted(environment)}
+        for algorithm in ("ppo", "sac", "dqn"):
+            if (path := shipped_file(environment, algorithm)).exists():
+                actors[algorithm] = _network(Policy.load(path))
+        for name, act in actors.items():
+            if row := known.get((environment, name, "0")):
+                returns, *_ = score(environment, act, TEST_SEEDS, TEST_EPISODES)
+                figures = f"{float(row[0]['return']):.4f} in the table, {np.mean(returns):.4f} now"
+                print(f"{short(environment)}-{name}: {figures}", flush=True)
 
 
 def score_rows(
@@ -503,7 +563,8 @@ def _setting(text: str) -> tuple[str, Any]:
 def main() -> None:
     """Runs a command."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
-    parser.add_argument("command", choices=("train", "status", "levels", "results", "transfer"))
+    commands = ("train", "status", "check", "levels", "results", "transfer")
+    parser.add_argument("command", choices=commands)
     parser.add_argument("--out", type=Path, required=True, help="folder of the trainings")
     parser.add_argument("--only", nargs="+", default=[], help="environments, without version")
     parser.add_argument("--algorithms", nargs="+", default=["ppo", "sac", "dqn"])
@@ -541,6 +602,9 @@ def main() -> None:
         return
     if asked.command == "results":
         results(asked.out)
+        return
+    if asked.command == "check":
+        check(list(dict.fromkeys(task.environment for task in tasks)))
         return
     if asked.command == "levels":
         # Apart from the tests, which have more episodes.

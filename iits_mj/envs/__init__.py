@@ -64,7 +64,6 @@ LEVELS: dict[str, dict[str, dict[str, Any]]] = {
     else {"Easy": {"payload": 0.0}, "Hard": _FAMILY}
     for name in ENVIRONMENTS
 }
-LEVELS["iits_mj/Highway-v0"]["Easy"] = {"density": "medium"}
 LEVELS["iits_mj/Hoel2020-v0"] = {}
 
 

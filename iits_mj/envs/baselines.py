@@ -47,6 +47,9 @@ class Policy:
       weights: of the layers, of shape (outputs, inputs); biases: (outputs,).
       activation: between the layers, "tanh" or "relu".
       head: what makes the action of the last layer: "clip", "tanh" or "argmax".
+      row_layers: number of first layers that read one row of the observation at a time, so that the
+        order of the rows is without effect. Each output's maximum over the rows follows the numbers
+        of the observation that stand before the rows. 0: all layers read the whole.
       metadata: JSON values: environment, algorithm, seed, steps, score.
 
     Raises:
@@ -57,17 +60,27 @@ class Policy:
     biases: tuple[NDArray[np.float32], ...]
     activation: str
     head: str
+    row_layers: int = 0
     metadata: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.activation not in _ACTIVATIONS or self.head not in _HEADS:
             raise InputError(f"network has activation {self.activation!r} and head {self.head!r}")
+        if not 0 <= self.row_layers < len(self.weights):
+            raise InputError(f"network has {len(self.weights)} layers, {self.row_layers} for rows")
         sizes = [self.weights[0].shape[-1], *(len(b) for b in self.biases)]
         shapes = list(zip(sizes[1:], sizes[:-1], strict=True))
-        if [w.shape for w in self.weights] != shapes:
+        shapes[self.row_layers] = (sizes[self.row_layers + 1], sizes[self.row_layers] + self._own)
+        if self._own < 0 or [w.shape for w in self.weights] != shapes:
             raise InputError(f"network has layers of shape {[w.shape for w in self.weights]}")
         if not all(np.isfinite(a).all() for a in (*self.weights, *self.biases)):
             raise InputError("network contains numbers that are not finite")
+
+    @property
+    def _own(self) -> int:
+        """Numbers of the observation before its rows."""
+        after = self.weights[self.row_layers].shape[-1]
+        return after - len(self.biases[self.row_layers - 1]) if self.row_layers else 0
 
     def __call__(self, observation: NDArray[np.floating[Any]]) -> Any:
         """Returns the action: numbers in [-1, 1], or the number of a discrete action.
@@ -75,14 +88,25 @@ class Policy:
         Raises:
           InputError: the observation has another shape.
         """
-        x = np.asarray(observation, np.float32)
-        if x.shape != self.weights[0].shape[1:]:
-            raise InputError(
-                f"observation has shape {x.shape}; the policy needs {self.weights[0].shape[1:]}"
-            )
-        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            x = _ACTIVATIONS[self.activation](weight @ x + bias)
+        x, row = np.asarray(observation, np.float32), self.weights[0].shape[-1]
+        if self.row_layers:
+            if x.ndim != 1 or len(x) <= self._own or (len(x) - self._own) % row:
+                raise InputError(
+                    f"observation has shape {x.shape}; the policy needs {self._own} numbers and "
+                    f"rows of {row}"
+                )
+            rows = self._hidden(x[self._own :].reshape(-1, row), 0, self.row_layers)
+            x = np.concatenate([x[: self._own], rows.max(axis=0)])
+        elif x.shape != (row,):
+            raise InputError(f"observation has shape {x.shape}; the policy needs {(row,)}")
+        x = self._hidden(x, self.row_layers, len(self.weights) - 1)
         return _HEADS[self.head](self.weights[-1] @ x + self.biases[-1])
+
+    def _hidden(self, x: Any, first: int, end: int) -> Any:
+        """Returns the outputs of some layers for inputs of shape (..., inputs)."""
+        for weight, bias in zip(self.weights[first:end], self.biases[first:end], strict=True):
+            x = _ACTIVATIONS[self.activation](x @ weight.T + bias)
+        return x
 
     def save(self, path: str | Path, **metadata: Any) -> None:
         """Writes an npz file without Python objects; keyword arguments join the metadata."""
@@ -90,6 +114,7 @@ class Policy:
             **self.metadata,
             **metadata,
             "layers": len(self.weights),
+            "row_layers": self.row_layers,
             "activation": self.activation,
             "head": self.head,
         }
@@ -105,13 +130,13 @@ class Policy:
         text = read_npz(path, "policy", _SIZE_MAX, ("metadata",))["metadata"]
         try:
             header = json.loads(str(text))
-            count, activation, head = header["layers"], header["activation"], header["head"]
-            names = [f"{kind}{i}" for i in range(count) for kind in "wb"]
+            names = [f"{kind}{i}" for i in range(header["layers"]) for kind in "wb"]
+            kinds = header["activation"], header["head"], int(header.get("row_layers", 0))
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(f"policy {str(path)!r}: its metadata cannot be read") from error
         found = read_npz(path, "policy", _SIZE_MAX, names)
         arrays = [found[name].astype(np.float32) for name in names]
-        return cls(tuple(arrays[::2]), tuple(arrays[1::2]), activation, head, header)
+        return cls(tuple(arrays[::2]), tuple(arrays[1::2]), *kinds, header)
 
 
 def load_baseline(environment: str, algorithm: str) -> Policy:

@@ -23,6 +23,7 @@ from controllers.decision.trip import (
     TripConfig,
     World,
     start_anywhere,
+    usual_payload,
 )
 from iits_mj.core.checks import one_of
 from iits_mj.core.errors import InputError
@@ -77,13 +78,12 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
             allowed = ", ".join(map(str, modes))
             raise InputError(f"render_mode {render_mode!r} is not known; use one of: {allowed}")
         self.render_mode = render_mode
-        self.family = Family(truck, payload, payload_height)
+        self.family, self.payload = Family(truck, payload, payload_height), payload
         self.trip = TripConfig(
             spawn_probability=DENSITIES[density],
             traffic_speed=traffic_speed,
             keeps_right=keeps_right,
             duration=duration,
-            payload=payload,
             reference_speed=speed,
             reward=reward,
         )
@@ -98,8 +98,7 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
         """Starts an episode; the same seed gives the same traffic."""
         super().reset(seed=seed, options=options)
         self._number = self.family.draw(self.np_random)
-        trip = dataclasses.replace(self.trip, truck=self.family.members[self._number])
-        trip = self._placed(trip)
+        trip = self._placed(self.trip_of(self._number))
         observation = self._open().reset(self.np_random, trip)
         return self.scaled(observation), self._info(RewardTerms())
 
@@ -129,6 +128,12 @@ class DecisionEnv(gymnasium.Env[Observation, np.int64]):
           InputError: no episode has begun.
         """
         return self._open().context()
+
+    def trip_of(self, number: int) -> TripConfig:
+        """Returns the trip of a truck of the family."""
+        truck = self.family.members[number]
+        payload = usual_payload(truck) if self.payload is None else self.payload
+        return dataclasses.replace(self.trip, truck=truck, payload=payload)
 
     def _placed(self, trip: TripConfig) -> TripConfig:
         """Returns the trip with its place on the road."""
@@ -184,7 +189,7 @@ class HighwayEnv(DecisionEnv):
       duration: of an episode [s].
       truck: see `Truck.load`; of several, each episode drives one, drawn with the environment's
         generator, whose name is in `info` as `truck`.
-      payload: of all units together [kg]; default: the greatest of each truck.
+      payload: of all units together [kg]; default: 12 t, or a truck's greatest where that is less.
       payload_height: of the loads' centers of gravity above the road [m].
       reward: weights of the terms, see `controllers.decision.trip.RewardConfig`.
       standardized: whether the observation is standardized.
@@ -205,7 +210,7 @@ class HighwayEnv(DecisionEnv):
     def __init__(
         self,
         *,
-        density: str = "dense",
+        density: str = "medium",
         traffic_speed: float = 15.0,
         keeps_right: bool = False,
         speed: float = 60.0 / 3.6,
@@ -336,7 +341,7 @@ class HighwayFastEnv(DecisionEnv):
       duration: of an episode [s].
       truck: see `Truck.load`; of several, each episode drives one, drawn with the environment's
         generator, whose name is in `info` as `truck`.
-      payload: of all units together [kg]; default: the greatest of each truck.
+      payload: of all units together [kg]; default: 12 t, or a truck's greatest where that is less.
       lanes: of the highway, 2 or 3.
       truck_speed_limit: of the other trucks [m/s]; default: the traffic's.
       ramp_probability: of a vehicle per second on each on-ramp, every 2 km; 0 without ramps.

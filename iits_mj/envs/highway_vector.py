@@ -66,7 +66,7 @@ class HighwayFastVectorEnv(VectorEnv[_Observations, NDArray[np.int64], NDArray[A
         self._scaled = one.scaled
         self._steps_most = max_episode_steps or math.inf
         self._family = one.family
-        self._trips = [dataclasses.replace(one.trip, truck=truck) for truck in one.family.members]
+        self._trips = [one.trip_of(number) for number in range(len(one.family.members))]
         self._worlds = FastWorlds(num_envs)
         self._generators: list[np.random.Generator] = []
         self._numbers = np.zeros(num_envs, dtype=np.intp)

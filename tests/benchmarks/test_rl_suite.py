@@ -1,5 +1,7 @@
 """The benchmark's trainings continue after a kill, and its page shows its tables."""
 
+import dataclasses
+
 import gymnasium
 import numpy as np
 import pytest
@@ -70,6 +72,22 @@ def test_the_exported_network_acts_as_the_model(algorithm):
     observation = model.env.reset()[0]
     expected = model.predict(observation, deterministic=True)[0]
     np.testing.assert_allclose(policy(observation), expected, atol=1e-5)
+
+
+def test_a_network_of_rows_acts_as_the_model_whatever_their_order():
+    task = next(task for task in rl_suite.trainings() if task.rows is not None)
+    model = rl_suite._model(dataclasses.replace(task, hyperparameters={"buffer_size": 10}), None)
+    policy = rl_suite.exported(model)
+    assert policy.row_layers == len(task.rows["layers"])
+    own, row = task.rows["own"], task.rows["row"]
+    generator = np.random.default_rng(0)
+    for _ in range(20):
+        observation = generator.uniform(-1.0, 1.0, model.observation_space.shape)
+        observation = observation.astype(np.float32)
+        rows = generator.permutation(observation[own:].reshape(-1, row))
+        reordered = np.concatenate([observation[:own], rows.ravel()])
+        expected = model.predict(observation, deterministic=True)[0]
+        assert policy(observation) == policy(reordered) == expected
 
 
 def test_the_interquartile_mean_leaves_out_the_quarters_and_lies_in_its_interval():

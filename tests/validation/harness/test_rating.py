@@ -53,6 +53,23 @@ def test_warping_forgives_a_stretched_course_that_the_corridor_does_not():
     assert rating.corridor < 0.98
 
 
+def test_scores_are_those_of_an_independent_program():
+    # objective_rating_metrics 1.3 on PyPI, which was made apart from this code.
+    time = 0.01 * np.arange(400)
+    wave = np.sin(np.pi * time) * np.exp(-0.2 * time)
+    rise, slow = (1.0 / (1.0 + np.exp((t - time) * k)) for t, k in ((1.5, 6.0), (1.7, 4.0)))
+    pairs = (
+        (np.interp(time - 0.12, time, wave), wave, (0.5440, 0.8500, 1.0, 1.0)),
+        (0.8 * wave, wave, (0.7915, 1.0, 0.8607, 0.9)),
+        (wave + 0.12 + 0.05 * np.sin(9.0 * time), wave, (0.6684, 1.0, 0.8915, 0.8982)),
+        (1.1 * slow, rise, (0.8551, 0.7375, 0.8894, 0.8249)),
+    )
+    for simulated, measured, expected in pairs:
+        rating = rate(simulated, measured)
+        scores = (rating.corridor, rating.phase, rating.magnitude, rating.slope)
+        np.testing.assert_allclose(scores, expected, atol=6e-5)
+
+
 def test_rating_is_the_weighted_mean():
     rating = rate(1.2 * pulse(TIME - 0.02), pulse(TIME))
     expected = 0.4 * rating.corridor
