@@ -173,6 +173,8 @@ def cost_table(rows: list[dict[str, str]]) -> str:
         settings = {**(task.arguments or {}), **(task.hyperparameters or {})}
         if task.rows is not None:
             settings["rows"] = task.rows
+        if task.reward_scale != 1.0:
+            settings["reward_scale"] = task.reward_scale
         text = ", ".join(f"{key} {value}" for key, value in settings.items()) or "defaults"
         taken = seconds.get((task.environment, task.algorithm))
         minutes = f"{np.mean(taken) / 60.0:.0f}" if taken else "pending"

@@ -66,7 +66,7 @@ class Training:
     """A training: environment, algorithm, its settings, and a seed.
 
     `rows` has the arguments of `row_features` for a network that does not depend on the order of
-    the vehicles.
+    the vehicles. The agent gets `reward_scale` times the reward.
     """
 
     environment: str
@@ -78,6 +78,7 @@ class Training:
     arguments: dict[str, Any] | None = None
     hyperparameters: dict[str, Any] | None = None
     rows: dict[str, Any] | None = None
+    reward_scale: float = 1.0
 
     @property
     def name(self) -> str:
@@ -150,7 +151,12 @@ def _model(task: Training, part: Path | None) -> Any:
 
     kind: Any = getattr(stable_baselines3, task.algorithm.upper())
     arguments = task.arguments or {}
-    make = lambda: Monitor(gymnasium.make(task.environment, **arguments))  # noqa: E731
+
+    def make() -> Any:
+        env = gymnasium.make(task.environment, **arguments)
+        scaled = gymnasium.wrappers.TransformReward(env, lambda r: task.reward_scale * float(r))
+        return Monitor(env if task.reward_scale == 1.0 else scaled)
+
     vector = DummyVecEnv([make] * task.environments)
     if part is not None:
         model = kind.load(part / "model.zip", env=vector, device="cpu")

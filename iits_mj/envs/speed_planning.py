@@ -88,6 +88,7 @@ class SpeedPlanningEnv(gymnasium.Env[Observation, Action]):
       truck: see `Truck.load`; of several, each episode drives one, drawn with the environment's
         generator, whose name is in `info` as `truck`.
       payload: of all units together [kg]; default: the greatest of each truck.
+      plant: model of the truck's motion; see `iits_mj.Truck.load`.
       render_mode: None, "rgb_array" (needs OpenGL) or "human" (needs a display).
       camera: of the pictures: "chase", "side" or "cab".
       timestep: of the physics [s].
@@ -105,6 +106,7 @@ class SpeedPlanningEnv(gymnasium.Env[Observation, Action]):
         length: float = 5_000.0,
         truck: Trucks = None,
         payload: float | None = None,
+        plant: str = "full",
         render_mode: str | None = None,
         camera: str = "chase",
         timestep: float = TIMESTEP,
@@ -113,7 +115,7 @@ class SpeedPlanningEnv(gymnasium.Env[Observation, Action]):
         self.render_mode = render_mode
         self._picture = Picture(render_mode, camera)
         self._speed, self._length = speed, length
-        self._payload, self._timestep = payload, timestep
+        self._payload, self._plant, self._timestep = payload, plant, timestep
         self.family, self._number = Family(truck, payload), 0
         self._simulation: Simulation | None = None
         self._reference = SetSpeed(speed)
@@ -134,6 +136,7 @@ class SpeedPlanningEnv(gymnasium.Env[Observation, Action]):
             duration=3_600.0,
             truck=self.family.members[self._number],
             payload=self._payload,
+            plant=self._plant,
             start_station=float(self.np_random.uniform(60.0, last)),
             start_speed=self._speed * float(self.np_random.uniform(0.9, 1.05)),
             traffic_mode="none",
