@@ -57,7 +57,7 @@ class Departure:
     Attributes:
       time: traffic time [s].
       type: name of its type.
-      lane: of the route, from the right.
+      lane: of the route, from the outside.
       station: of its front bumper [m]; None: the beginning of the route.
       speed: desired speed [m/s]; None: the mean of its type.
 

@@ -5,12 +5,14 @@ import pytest
 
 from iits_mj.bag.mcap_file import BagWriter, read_bag
 from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoFootprint
 from iits_mj.parameters import shipped_trucks
 from iits_mj.render.recorded import Record
 from iits_mj.simulation import DriveConfig, Observer, Simulation
+from iits_mj.simulation.frame import read_signals
 from iits_mj.web.track import Puppet, Track, TrackObserver, read_track
 from tests.paths import outside
-from traffic_bridge import Recording
+from traffic_bridge import Recording, RepSim
 
 
 class Bodies(Observer):
@@ -75,6 +77,14 @@ def test_a_recorded_drive_shows_the_lights_of_the_live_one(tmp_path):
         seen.add(own.light.state)
     assert own.lamps
     assert len(seen) > 1
+    # A truck that drives among the recorded vehicles shows them, too.
+    traffic = RepSim(simulation.route, recording)
+    traffic.reset()
+    for index in range(len(track.states) - 1):
+        shown = read_signals(traffic, track.states[index], simulation.route, EgoFootprint())
+        assert shown.lamps == track.signals[index].lamps
+        assert shown.light is None
+        traffic.step()
 
 
 def test_every_unit_is_placed_where_it_drove(drive):

@@ -106,7 +106,7 @@ class Recording:
           sizes: length, width, height, shape (m, 3) [m].
           frame: index of the frame of each row, shape (k,).
           vehicle: index of the vehicle of each row, shape (k,).
-          lane: from the right on the route, -1 off it, shape (k,).
+          lane: from the outside on the route, -1 off it, shape (k,).
           columns: the values named by `COLUMNS`, shape (len(COLUMNS), k).
 
         Raises:

@@ -65,7 +65,7 @@ class PlaceVehicle(SceneEvent):
     Attributes:
       gap: between the bumpers, positive ahead of the truck, negative behind it [m].
       station: of its front bumper, instead of `gap` [m].
-      relative_lane: lanes to the left of the truck's; lane: from the right, instead of it.
+      relative_lane: lanes to the left of the truck's; lane: from the outside, instead of it.
       speed: [m/s]; speed_difference: to the truck's speed, instead of it [m/s].
       type: name of its type; reactive: it brakes for vehicles ahead.
       offset: to the left of its lane's center, which it keeps; None: it drives in the center [m].
@@ -170,7 +170,7 @@ class ChangeLane(LateralManeuver):
     """A lane change, such as a merge from a ramp or a cut-out.
 
     Attributes:
-      relative_lane: lanes to the left; lane: from the right of its road, instead of it.
+      relative_lane: lanes to the left; lane: from the outside of its road, instead of it.
       to: "truck" or id of the vehicle to whose lane `relative_lane` refers; None: its own lane.
     """
 
@@ -400,7 +400,8 @@ class Teleport(Maneuver):
     """A road user is at another place at once, and drives on there as before.
 
     Attributes:
-      station: of its front bumper [m]; lane: from the right; offset: to the left of its center [m].
+      station: of its front bumper [m]; lane: from the outside.
+      offset: to the left of its center [m].
       along: its road in the words of `iits_mj.road.route_choice`; None: the truck's.
     """
 
