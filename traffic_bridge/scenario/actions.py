@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from iits_mj.core.checks import is_number, one_of
+from iits_mj.core.checks import in_range, is_number, one_of
 from iits_mj.core.errors import InputError
 from iits_mj.road.route_choice import read_words
 from traffic_bridge.scenario.conditions import TRUCK, point_of
@@ -259,6 +259,36 @@ class ChangeSpeed(Maneuver):
             raise InputError(f"{self.kind}: {names} needs a shape: use one of {', '.join(SHAPES)}")
         if self.continuous and self.shape in SHAPES:
             raise InputError(f"{self.kind}: continuous is only for the shape step or a jerk")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FollowSpeeds(Maneuver):
+    """Speeds at times, linear between them; the last one becomes the desired speed.
+
+    Attributes:
+      speeds: rows of the time since the beginning [s], rising and positive, and the speed [m/s].
+      relative: the speeds are differences to that of `to` at the beginning; to: id of a vehicle.
+    """
+
+    kind: ClassVar[str] = "follow_speeds"
+
+    speeds: Points = ()
+    relative: bool = False
+    to: str = text(TRUCK)
+
+    def _check(self) -> None:
+        what = f"{self.kind}: speeds"
+        given = self.speeds
+        if not isinstance(given, (list, tuple)) or not 0 < len(given) <= POINTS_MAX:
+            raise InputError(f"{what}: must be 1 to {POINTS_MAX} rows of a time and a speed")
+        rows = tuple(point_of(what, row, 2) for row in given)
+        before, low = 0.0, -SPEED_MAX if self.relative else 0.0
+        for time, speed in rows:
+            if not before < time <= LONGEST:
+                raise InputError(f"{what}: time {time:g} s after {before:g} s: must rise from 0")
+            in_range(f"{what}: speed", speed, low, SPEED_MAX, "m/s")
+            before = time
+        object.__setattr__(self, "speeds", rows)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -665,7 +695,18 @@ class StuckSpeedSensor(Fault):
 
 
 SCENARIO_EVENTS: tuple[type[Event], ...] = (
-    *(PlaceVehicle, CutIn, ChangeLane, ChangeSpeed, Brake, Swerve, Drift, LoseCargo, CrossRoad),
+    *(
+        PlaceVehicle,
+        CutIn,
+        ChangeLane,
+        ChangeSpeed,
+        FollowSpeeds,
+        Brake,
+        Swerve,
+        Drift,
+        LoseCargo,
+        CrossRoad,
+    ),
     *(FollowPath, KeepDistance, ActivateDriver, Synchronize, Swarm, RemoveVehicle, Teleport),
     *(Milestone, SetValue, EndDrive, FrictionChange, Wind, Puncture, BrakeLeak, StuckSpeedSensor),
 )
