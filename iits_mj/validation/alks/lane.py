@@ -137,10 +137,10 @@ def lane_keeping(config: DriveConfig, label: str, step: float, quick: bool) -> F
                 condition = f"<= {OUTSIDE:g}" if ahead else ""
                 found.check(name, -made.room, "m", OUTSIDE, condition)
     awake, duration = sleeper(0.0, LAG), 20.0 if quick else _WINDY_TIME
-    (gust,) = scenario("lane_gust")
+    (one,) = scenario("lane_gust")
     times = range(3, int(duration), _GUSTS_EVERY)
     gusts = [
-        dataclasses.replace(gust, at_time=float(time), direction=90.0 * (-1.0) ** number)
+        dataclasses.replace(one, at_time=float(time), direction=90.0 * (-1.0) ** number)
         for number, time in enumerate(times)
     ]
     windy = at(dataclasses.replace(config, planner=awake), _GUST_SPEED, duration)
