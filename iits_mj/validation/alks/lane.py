@@ -137,11 +137,11 @@ def lane_keeping(config: DriveConfig, label: str, step: float, quick: bool) -> F
                 condition = f"<= {OUTSIDE:g}" if ahead else ""
                 found.check(name, -made.room, "m", OUTSIDE, condition)
     awake, duration = sleeper(0.0, LAG), 20.0 if quick else _WINDY_TIME
-    (one,) = scenario("lane_gust")
     times = range(3, int(duration), _GUSTS_EVERY)
     gusts = [
-        dataclasses.replace(one, at_time=float(time), direction=90.0 * (-1.0) ** number)
+        dataclasses.replace(event, at_time=float(time))
         for number, time in enumerate(times)
+        for event in scenario("lane_gust", direction=90.0 * (-1.0) ** number)
     ]
     windy = at(dataclasses.replace(config, planner=awake), _GUST_SPEED, duration)
     run(windy, gusts, straight(length=windy.start_station + 1.1 * windy.speed * duration))
