@@ -4,7 +4,7 @@ A class needs the methods and no base class. The stack calls `reset` at the star
 then the other method at the rate that its protocol states, always with all arguments, by position
 (`/`), so that their names are free.
 Messages are those of `iits_mj.core.messages`: SI units and radians, ISO 8855 axes (x forward, y
-left, z up), positions in the map frame (x east, y north), lanes counted from the right. `station`
+left, z up), positions in the map frame (x east, y north), lanes counted from the outside. `station`
 and `offset` are meters along the route and to the left of its reference line; the truck's are those
 of the center of its steer axle.
 

@@ -75,7 +75,7 @@ class Stack:
         Args:
           route: the truck's road.
           decision_maker: default: keeps the lane.
-          planner: settings; default: the paper's 16.67 m/s on the two rightmost lanes.
+          planner: settings; default: the paper's 16.67 m/s on the two outermost lanes.
           tracking: settings.
           parameters: of the truck; default: the shipped one.
           profile: reference speed over station, planned before the drive.

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from iits_mj.core.assets import DEFAULT_MIX
+from iits_mj.core.boxes import UnitShape
 from iits_mj.core.checks import in_range, is_number, is_whole, make_plain, shown
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint
@@ -56,7 +57,7 @@ class Departure:
     Attributes:
       time: traffic time [s].
       type: name of its type.
-      lane: of the route, from the right.
+      lane: of the route, from the outside.
       station: of its front bumper [m]; None: the beginning of the route.
       speed: desired speed [m/s]; None: the mean of its type.
 
@@ -120,6 +121,7 @@ class TrafficConfig:
         `traffic_bridge.vehicles.pedestrians`.
       bicycles: share of cyclists in the mix, 0 to 0.5; they ride on the driving lanes.
       footprint: size of the ego combination.
+      units: its units from above, off which pedestrians keep; (): one stiff body of the footprint.
       events: see `traffic_bridge.signals.events` and `traffic_bridge.scenario.actions`.
       departures: listed vehicles, in addition to the random ones.
 
@@ -143,6 +145,7 @@ class TrafficConfig:
     scope: str = "route"
     turning_shares: tuple[float, float, float] = (0.3, 0.5, 0.2)  # default of SUMO's jtrrouter
     footprint: EgoFootprint = field(default_factory=EgoFootprint)
+    units: tuple[UnitShape, ...] = ()
     events: tuple[Event, ...] = ()
     departures: tuple[Departure, ...] = ()
     pedestrians: float = 0.0
@@ -208,6 +211,18 @@ class TrafficConfig:
             in_range("heavy_share", self.heavy_share, 0.0, HIGHEST_HEAVY_SHARE)
             self._mix_with(float(self.heavy_share))
         make_plain(self)
+        self._check_units()
+
+    def _check_units(self) -> None:
+        """Checks the units of the truck, and keeps them as `UnitShape`s."""
+        try:
+            units = tuple(UnitShape(*unit) for unit in self.units)
+        except TypeError:
+            raise InputError(f"units {shown(self.units)}: must be UnitShapes") from None
+        for unit in units:
+            for name, size in unit._asdict().items():
+                in_range(f"units: {name}", size, -100.0, 100.0, "m")
+        object.__setattr__(self, "units", units)
 
     def _mix_with(self, heavy_share: float) -> tuple[tuple[str, float], ...]:
         """The mix with another share of heavy vehicles."""

@@ -134,7 +134,7 @@ def vehicle_on(
       route: the truck's road.
       id: name of the vehicle.
       station: of its center [m].
-      lane: index from the right.
+      lane: index from the outside.
       shift: to the left of the lane's middle [m].
       **more: further fields of `TrackedVehicle`, such as `speed`, `kind` and `length`.
 

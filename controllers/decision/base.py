@@ -28,7 +28,7 @@ class DecisionContext:
     Attributes:
       scene: the truck and the traffic around it.
       route: the truck's road.
-      lane: index of the lane that the truck keeps, or changes to, now (0 = rightmost).
+      lane: index of the lane that the truck keeps, or changes to, now (0 = outermost).
       lanes: indices of the lanes the truck may use; the paper limits it to two.
       reference_speed: of the speed planner here [m/s].
       observation: of shape (216,), see `controllers.decision.observation`.

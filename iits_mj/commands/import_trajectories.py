@@ -49,8 +49,8 @@ class Options:
     )
     lanes: str | None = option(
         None,
-        help="lane of the map for each lane of the data set, as in 0:1,1:2; lane 0 is the "
-        "rightmost; other lanes are left out; without it every lane keeps its number",
+        help="lane of the map for each lane of the data set, as in 0:1,1:2; lane 0 is nearest to "
+        "the edge of the road; other lanes are left out; without it every lane keeps its number",
         metavar="MAP",
         group="road",
     )

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -85,3 +85,61 @@ def box_corners(
         (x + along * forward_x + across * -forward_y, y + along * forward_y + across * forward_x)
         for along, across in ((ahead, -half), (ahead, half), (-behind, half), (-behind, -half))
     ]
+
+
+class UnitShape(NamedTuple):
+    """A unit of a combination from above [m].
+
+    Attributes:
+      hitch: from the origin of the unit ahead back to the coupling, which is this unit's origin;
+        0 for the motor vehicle, whose origin is the center of its first axle.
+      ahead, behind: from the origin to the ends of the body; negative where it ends on the other
+        side, as the frame of a dolly.
+      width: of the body.
+    """
+
+    hitch: float
+    ahead: float
+    behind: float
+    width: float
+
+
+class UnitBox(NamedTuple):
+    """A unit's box in the plane: its origin [m], heading [rad], reach and width [m]."""
+
+    x: float
+    y: float
+    yaw: float
+    ahead: float
+    behind: float
+    width: float
+
+    def place(self, x: float, y: float) -> tuple[float, float]:
+        """Returns the distances of a point ahead of the origin and to its left [m]."""
+        dx, dy, c, s = x - self.x, y - self.y, math.cos(self.yaw), math.sin(self.yaw)
+        return c * dx + s * dy, c * dy - s * dx
+
+    def moved(self, x: float, y: float, ahead: float, left: float) -> tuple[float, float]:
+        """Returns a point moved by distances along the heading and to its left [m]."""
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return x + c * ahead - s * left, y + s * ahead + c * left
+
+
+def unit_boxes(
+    x: float, y: float, yaw: float, articulations: Iterable[float], shapes: Iterable[UnitShape]
+) -> list[UnitBox]:
+    """Returns the boxes of a combination's units, front to rear.
+
+    Args:
+      x: center of the first axle [m].
+      y: likewise [m].
+      yaw: of the motor vehicle [rad].
+      articulations: of the couplings, yaw of the unit ahead minus that of the towed unit [rad].
+      shapes: of the units.
+    """
+    found: list[UnitBox] = []
+    for shape, articulation in zip(shapes, (0.0, *articulations), strict=False):
+        x, y = x - shape.hitch * math.cos(yaw), y - shape.hitch * math.sin(yaw)
+        yaw -= articulation
+        found.append(UnitBox(x, y, yaw, shape.ahead, shape.behind, shape.width))
+    return found

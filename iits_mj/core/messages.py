@@ -2,7 +2,8 @@
 
 Positions are in the map frame (x east, y north, z up). `station` and `offset` are route
 coordinates: meters along the `iits_mj.road.Route` and meters to the left of its reference line.
-Lanes are counted from the right, 0 being the rightmost driving lane of the route's direction.
+Lanes are counted from the outside: 0 is the driving lane of the route's direction that is nearest
+to the edge of the road, the rightmost one in right-hand traffic.
 """
 
 from __future__ import annotations
@@ -347,7 +348,7 @@ class SpeedZone:
     """A speed limit on a stretch of the route that replaces the map's.
 
     Attributes:
-      start, end: stations [m]; limit: [m/s]; lane: from the right, None for all lanes.
+      start, end: stations [m]; limit: [m/s]; lane: from the outside, None for all lanes.
     """
 
     start: float

@@ -31,7 +31,7 @@ class TrackedVehicle:
       speed: along its heading [m/s]; acceleration: [m/s2].
       lateral_speed: across the lane, positive to the left [m/s].
       station, offset: of the box's center on the ego route [m].
-      lane: index from the right on the ego route; -1 when it is not on it.
+      lane: index from the outside on the ego route; -1 when it is not on it.
       length, width, height: [m].
     """
 

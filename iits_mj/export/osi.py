@@ -11,13 +11,14 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from iits_mj.core.boxes import UnitBox
 from iits_mj.core.context import Finishing
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoState, Scene, TrackedVehicle, Trajectory
 from iits_mj.core.output_files import OutputFile, unwritable
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
-from iits_mj.simulation.gaps import UnitBox, truck_units
+from iits_mj.simulation.gaps import truck_units
 from iits_mj.simulation.lock_step import Observer
 from iits_mj.simulation.loop import Simulation
 from traffic_bridge import Recording

@@ -58,7 +58,7 @@ class Member(NamedTuple):
     Attributes:
       back, front: from its reference point back to its rear and on to its front [m].
       route: its road; station: of its front at the beginning [m], None: it is placed later.
-      lane: from the right; reactive: it has the controller `MODEL`.
+      lane: from the outside; reactive: it has the controller `MODEL`.
     """
 
     back: float

@@ -21,8 +21,7 @@ constexpr double kFar = 1.0, kNear = 0.4;
 constexpr double kLastSpeed = 2.0;
 // Braking of a truck that has come to rest at a stop [m/s2].
 constexpr double kHoldDeceleration = 1.2;
-// Room that counts where none is left [m]: below 0.75 m/s nothing is an emergency. With 0.01 m a
-// drive among pedestrians ended in a collision, for a reason that is not known.
+// Room that counts where none is left [m]: below 0.75 m/s nothing is an emergency.
 constexpr double kLeastRoom = 0.1;
 
 // Bound on the speed over stations `step` apart.

@@ -17,6 +17,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from iits_mj.core.boxes import UnitShape
 from iits_mj.core.checks import in_range
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint
@@ -45,6 +46,10 @@ from iits_mj.parameters.quantity import (
     Tires,
 )
 from iits_mj.parameters.units import Axle, Coupling, Unit
+
+# The body of a tractor with a trailer counts up to here behind its last axle [m]: the rest of the
+# frame is under the trailer.
+_BEHIND_AXLE = 0.6
 
 
 @dataclass(frozen=True)
@@ -317,6 +322,20 @@ class TruckParameters:
             width=max(unit.width for unit in self.units),
             height=max(unit.height for unit in self.units),
         )
+
+    @property
+    def unit_shapes(self) -> tuple[UnitShape, ...]:
+        """The units from above, front to rear."""
+
+        def shape(unit: Unit) -> UnitShape:
+            hitch, rear = 0.0, unit.length - unit.front_overhang
+            if unit.coupling is not None:
+                hitch = unit.coupling.position
+            elif unit.kind == "tractor" and self.couplings:
+                rear = unit.axles[-1].position + _BEHIND_AXLE
+            return UnitShape(hitch, unit.front_overhang, rear, unit.width)
+
+        return tuple(shape(unit) for unit in self.units)
 
     def digest(self) -> str:
         """Returns the SHA-256 of all parameters to their last digit, in hex."""

@@ -68,7 +68,8 @@ class Record:
             if ego is not None:
                 time = float(recording.time[k])
                 states.append(dataclasses.replace(ego, time=time))
-                scenes.append(Scene(time, ego, recording.frames[k]))
+                signals = recording.signals_at(k)
+                scenes.append(Scene(time, ego, recording.frames[k], signals=signals))
         count = len(recording.command_time)
         times = recording.command_time.tolist()
         commands = [(times[k], recording.command_at(k)) for k in range(count)]

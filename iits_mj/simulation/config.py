@@ -96,7 +96,12 @@ class TruckStart:
         group="road",
     )
     start_lane: int = option(
-        0, help="lane at the start; 0 is the rightmost lane", low=0, high=10, group="road"
+        0,
+        help="lane at the start; 0 is the lane nearest to the edge of the road: the rightmost one "
+        "in right-hand traffic, the leftmost one in left-hand traffic",
+        low=0,
+        high=10,
+        group="road",
     )
     start_speed: float = _speed_option(
         15.0,
@@ -287,7 +292,7 @@ class DriveConfig(PriceOptions, TruckStart):
     )
     keep_right: str = option(
         "map",
-        help="on: the truck returns to the right lane when that lane stays free for 20 s, and "
+        help="on: the truck returns towards lane 0 when that lane stays free for 20 s, and "
         "passes only when its own lane does not; map: on motorways and rural roads of countries "
         "with this rule, where the map names the country",
         choices=KEEP_RIGHT,

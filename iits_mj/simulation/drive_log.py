@@ -141,9 +141,10 @@ class DriveLog(Observer):
             recorder.drive["versions"]["own traffic of hash"] = digest
 
     def planned(self, scene: Scene, trajectory: Trajectory) -> None:
-        """Writes the hash of the truck's state, once for each frame of the traffic."""
-        del scene, trajectory
+        """Writes the hash of the truck's state and the lights, once for each traffic frame."""
+        del trajectory
         self._recorder.note_truck(self._hash.add())
+        self._recorder.note_signals(scene.signals)
 
     def commanded(self, ego: EgoState, wanted: VehicleCommand, obeyed: VehicleCommand) -> None:
         """Writes the command that reaches the truck."""

@@ -24,7 +24,7 @@ from iits_mj.core.messages import (
     not_finite,
 )
 from iits_mj.road import Route
-from traffic_bridge import LightAhead, Traffic
+from traffic_bridge import LightAhead, RepSim, Traffic
 
 # A drive ends when the front bumper is this close to the end of the route [m].
 END_MARGIN = 5.0
@@ -54,7 +54,7 @@ class DriveFrame:
       ego: the truck now; scene: the driver's scene at the start of this 100 ms cycle.
       trajectory: the plan that is followed; command: the command that reaches the truck.
       decision: the last decision of the decision maker.
-      lane: the truck's lane from the right, -1 outside every lane; lane_count: lanes here.
+      lane: the truck's lane from the outside, -1 outside every lane; lane_count: lanes here.
       grade: of the road at the steer axle, dz/ds; curvature: of the route [1/m], positive left.
       speed_limit: of the road [m/s]; reference_speed: requested of the truck [m/s].
       gap_ahead, gap_behind: bumper to bumper in the truck's lane [m], inf without a vehicle.
@@ -160,14 +160,15 @@ def read_signals(
     """Returns the next light (or the one just passed) and the changed limits near the truck.
 
     Without traffic, or without events in it, there are none. Without SUMO the lights are those
-    whose states the events set.
+    whose states the events set; recorded traffic has the recorded lamps, for pictures.
     """
     signals = None if traffic is None else traffic.signal_controller()
     front = ego.station + footprint.front_overhang
     if signals is None:
         scenario = None if traffic is None else traffic.running_scenario()
         shown = None if scenario is None else scenario.light_ahead(front - BEHIND)
-        return RoadSignals() if shown is None else RoadSignals(_light_message(shown))
+        lamps = traffic.lamps if isinstance(traffic, RepSim) else ()
+        return RoadSignals(None if shown is None else _light_message(shown), lamps=lamps)
     light = signals.light_ahead(front - BEHIND)
     lane = int(route.lane_at(ego.station, ego.offset))
     own = signals.light_ahead(front - BEHIND, lane) if light is not None and lane >= 0 else None

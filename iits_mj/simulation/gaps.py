@@ -6,13 +6,12 @@ import itertools
 import math
 import struct
 from collections.abc import Iterable
-from typing import NamedTuple
 
 import numpy as np
 
 from iits_mj import kernels
 from iits_mj.core.arrays import FloatArray
-from iits_mj.core.boxes import box_corners
+from iits_mj.core.boxes import UnitBox, box_corners, unit_boxes
 from iits_mj.core.messages import EgoState, TrackedVehicle
 from iits_mj.core.neighbors import LEVEL_OVER_TRUCK
 from iits_mj.core.vehicles import COLUMNS, VehicleFrame
@@ -28,9 +27,6 @@ _nearest_box = kernels.function(
 )
 _PLACES = np.array([COLUMNS.index(name) for name in ("x", "y", "z", "yaw", "length", "width")])
 _PLACES_ADDRESS = kernels.address(_PLACES)
-# The body of a tractor with a trailer counts up to here behind its last axle [m]: the rest of the
-# frame is under the trailer.
-_BEHIND_AXLE = 0.6
 
 
 def truck_boxes(ego: EgoState, parameters: TruckParameters) -> tuple[FloatArray, ...]:
@@ -63,30 +59,7 @@ def nearest_box_distance(
     )
 
 
-class UnitBox(NamedTuple):
-    """A unit's box in the plane: its origin [m], heading [rad], reach and width [m]."""
-
-    x: float
-    y: float
-    yaw: float
-    ahead: float
-    behind: float
-    width: float
-
-
 def truck_units(ego: EgoState, parameters: TruckParameters) -> list[UnitBox]:
     """Returns the boxes of the units, front to rear."""
-    x, y, yaw = ego.x, ego.y, ego.yaw
-    found: list[UnitBox] = []
-    articulations = iter((ego.articulation, *ego.rear_articulations))
-    for unit in parameters.units:
-        rear = unit.length - unit.front_overhang
-        if unit.coupling is None:
-            if unit.kind == "tractor" and parameters.couplings:
-                rear = unit.axles[-1].position + _BEHIND_AXLE
-        else:
-            hitch = unit.coupling.position
-            x, y = x - hitch * math.cos(yaw), y - hitch * math.sin(yaw)
-            yaw = yaw - next(articulations)
-        found.append(UnitBox(x, y, yaw, unit.front_overhang, rear, unit.width))
-    return found
+    articulations = (ego.articulation, *ego.rear_articulations)
+    return unit_boxes(ego.x, ego.y, ego.yaw, articulations, parameters.unit_shapes)

@@ -377,6 +377,7 @@ def make_traffic(config: DriveConfig, route: Route, footprint: EgoFootprint) -> 
         lane_discipline=config.lane_discipline,
         scope=config.traffic_scope,
         footprint=footprint,
+        units=TruckParameters.load(config.truck).unit_shapes if config.pedestrians else (),
         events=events,
         pedestrians=config.pedestrians,
         bicycles=config.bicycles,

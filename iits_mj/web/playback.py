@@ -210,6 +210,7 @@ def replay_page(
             turn = math.remainder(track.states[index].yaw - heading, 2.0 * math.pi)
             heading += turn * (1.0 - math.exp(-1.0 / (rate * _TURN_TIME)))
             scene.show(poses[index].toward(poses[index + 1], float(share)), turned=heading)
+            scene.show_lights(track.signals[index], track.states[index].time)
             serializer.insert_sleep(1.0 / rate)
             if progress is not None:
                 progress((number + 1) / len(instants))

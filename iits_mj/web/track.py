@@ -17,7 +17,7 @@ import numpy as np
 from iits_mj.bag.mcap_file import Bag, read_bag
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import EgoState, Scene, Trajectory, VehicleCommand
+from iits_mj.core.messages import EgoState, RoadSignals, Scene, Trajectory, VehicleCommand
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.parameters import AnyTruck, TruckParameters
 from iits_mj.road import Route
@@ -38,7 +38,7 @@ class Track:
 
     Attributes:
       name: of the drive; route: its road; parameters, payload [kg]: of the truck.
-      states, vehicles, commands: at each instant; plans: where known, else empty.
+      states, vehicles, commands, signals: at each instant; plans: where known, else empty.
     """
 
     name: str
@@ -48,6 +48,7 @@ class Track:
     states: list[EgoState] = field(default_factory=list)
     vehicles: list[VehicleFrame] = field(default_factory=list)
     commands: list[VehicleCommand] = field(default_factory=list)
+    signals: list[RoadSignals] = field(default_factory=list)
     plans: list[Trajectory] = field(default_factory=list)
 
     @property
@@ -62,9 +63,10 @@ class Track:
         return self.states[-1].time - self.states[0].time
 
     def scene(self, index: int) -> Scene:
-        """Returns truck and vehicles of an instant."""
-        ego = self.states[index]
-        return Scene(ego.time, ego, self.vehicles[index], self.parameters.footprint)
+        """Returns truck, vehicles and lights of an instant."""
+        ego, size = self.states[index], self.parameters.footprint
+        signals = self.signals[index] if self.signals else RoadSignals()
+        return Scene(ego.time, ego, self.vehicles[index], size, signals)
 
     def check(self) -> Track:
         """Returns the track.
@@ -125,6 +127,7 @@ class TrackObserver(Observer):
         track.states.append(frame.ego)
         track.vehicles.append(VehicleFrame.of(self._simulation.vehicles))
         track.commands.append(frame.command)
+        track.signals.append(frame.scene.signals)
         track.plans.append(frame.trajectory)
 
 
@@ -219,6 +222,7 @@ def _of_recording(
         assert ego is not None
         track.states.append(ego)
         track.vehicles.append(recording.frames[k])
+        track.signals.append(recording.signals_at(k))
         command = int(np.searchsorted(times, recording.time[k] + 1e-6)) - 1
         track.commands.append(recording.command_at(command) if command >= 0 else VehicleCommand())
     return track
@@ -233,6 +237,7 @@ def _of_bag(bag: Bag, name: str, map_path: Path | None, truck: AnyTruck | None) 
         command = int(np.searchsorted(times, scene.time + 1e-6)) - 1
         track.states.append(scene.ego)
         track.vehicles.append(VehicleFrame.of(scene.vehicles))
+        track.signals.append(scene.signals)
         track.plans.append(plan)
         track.commands.append(obeyed[command] if command >= 0 else VehicleCommand())
     return track

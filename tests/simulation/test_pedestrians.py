@@ -35,6 +35,7 @@ def test_the_truck_stops_for_a_person_who_crosses_and_drives_on(town):
         width = 0.5 * simulation.truck.parameters.units[0].width
         while not simulation.ended:
             frame = simulation.cycle()
+            assert frame.box_distance > 0.2
             vehicles = VehicleFrame.of(frame.scene.vehicles)
             if frame.ego.speed < 0.3 and frame.time > 1.0:
                 yielded = yielded or "pedestrian" in frame.trajectory.reason

@@ -7,6 +7,7 @@ import pytest
 
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint
+from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from traffic_bridge import (
     KINDS,
@@ -41,6 +42,9 @@ from traffic_bridge import (
         ({"types": ()}, "at least one"),
         ({"types": 3}, "must be a sequence of VehicleType"),
         ({"footprint": None}, "footprint None: must be an EgoFootprint"),
+        ({"units": [(1.0, 2.0)]}, r"units .*: must be UnitShapes"),
+        ({"units": 3}, r"units 3: must be UnitShapes"),
+        ({"units": [(0.0, math.nan, 5.0, 2.5)]}, "units: ahead = nan m: allowed is -100 to 100"),
         ({"footprint": "truck"}, "footprint 'truck': must be an EgoFootprint"),
         ({"speed_limit": 10**400}, r"speed_limit = 10+\.\.\.: allowed is 1 to 70"),
         ({"speed_limit": 10**6000}, "allowed is 1 to 70"),
@@ -69,7 +73,10 @@ def test_densities_have_the_papers_probabilities():
 
 
 def test_a_configuration_survives_json():
-    config = TrafficConfig(density=0.1, mix={"car": 1.0, "truck": 0.5}, lane_change="mobil")
+    units = TruckParameters.load().unit_shapes
+    mix = {"car": 1.0, "truck": 0.5}
+    config = TrafficConfig(density=0.1, mix=mix, lane_change="mobil", units=units)
+    assert config.units == units
     assert TrafficConfig.from_dict(json.loads(json.dumps(config.as_dict()))) == config
 
 

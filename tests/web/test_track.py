@@ -5,10 +5,14 @@ import pytest
 
 from iits_mj.bag.mcap_file import BagWriter, read_bag
 from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoFootprint
 from iits_mj.parameters import shipped_trucks
+from iits_mj.render.recorded import Record
 from iits_mj.simulation import DriveConfig, Observer, Simulation
+from iits_mj.simulation.frame import read_signals
 from iits_mj.web.track import Puppet, Track, TrackObserver, read_track
-from traffic_bridge import Recording
+from tests.paths import outside
+from traffic_bridge import Recording, RepSim
 
 
 class Bodies(Observer):
@@ -52,6 +56,35 @@ def test_recording_and_bag_give_the_track_of_the_drive(drive):
         assert found.vehicles == track.vehicles[:count]
         assert found.payload == track.payload
         assert found.parameters.digest() == track.parameters.digest()
+
+
+def test_a_recorded_drive_shows_the_lights_of_the_live_one(tmp_path):
+    path = outside("xodr/esmini_fabriksgatan_traffic_lights.xodr")
+    config = DriveConfig(map=path, duration=46.0, density="empty", start_speed=0.0)
+    with Simulation(config, record=True, visuals=False, timestep=0.005) as simulation:
+        live = TrackObserver(simulation)
+        simulation.run([live])
+        simulation.save_recording(tmp_path / "drive.npz")
+    recording = Recording.load(tmp_path / "drive.npz")
+    track = Track.of(recording, map_path=path)
+    scenes = Record.of_recording(recording, config).scenes
+    seen = set()
+    for index in range(len(track.states)):
+        own, found = live.track.scene(index).signals, track.scene(index).signals
+        assert scenes[index].signals == found
+        assert found.lamps == own.lamps
+        assert (found.light.station, found.light.state) == (own.light.station, own.light.state)
+        seen.add(own.light.state)
+    assert own.lamps
+    assert len(seen) > 1
+    # A truck that drives among the recorded vehicles shows them, too.
+    traffic = RepSim(simulation.route, recording)
+    traffic.reset()
+    for index in range(len(track.states) - 1):
+        shown = read_signals(traffic, track.states[index], simulation.route, EgoFootprint())
+        assert shown.lamps == track.signals[index].lamps
+        assert shown.light is None
+        traffic.step()
 
 
 def test_every_unit_is_placed_where_it_drove(drive):

@@ -37,7 +37,7 @@ class Rows:
       name: of the vehicle, shape (k,), numbers or text.
       kind: of the vehicle, shape (k,).
       length, width, time, station, offset, speed: as in `Trajectories`, shape (k,).
-      lane: index from the right, shape (k,).
+      lane: index from the outside, shape (k,).
       acceleration: shape (k,), or None to derive it from the speeds.
       leader: name of the vehicle ahead, shape (k,), or None to find it by lane and station.
       speed_column: the speed's name in the file, for the comparison with the positions; None: no

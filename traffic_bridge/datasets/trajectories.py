@@ -34,7 +34,7 @@ class Trajectories:
       length, width: of the vehicles, shape (m,) [m].
       time: [s], shape (k,), with the data set's zero.
       vehicle: index into the vehicle arrays, shape (k,).
-      lane: index from the right, shape (k,).
+      lane: index from the outside, shape (k,).
       station: of the front bumper along the road, shape (k,) [m].
       offset: of the vehicle's middle from the center of its lane, positive to the left, shape (k,)
         [m].
@@ -260,7 +260,7 @@ class Pair:
 
     Attributes:
       follower, leader: names; kind: of the follower.
-      lane: of the follower at the beginning, index from the right.
+      lane: of the follower at the beginning, index from the outside.
       leader_length: [m].
       time: [s], evenly spaced.
       station, speed, acceleration: of the follower, front bumper [m], [m/s], [m/s2].

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import EgoState
+from iits_mj.core.messages import EgoState, SignalLamp
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road import Route
 from traffic_bridge.config import TrafficConfig
@@ -88,6 +88,11 @@ class RepSim(Mode):
     def exact_vehicles(self, time: float) -> VehicleFrame | None:
         """Returns the recorded vehicles at a time between two steps [s]."""
         return self.replay.at(time)
+
+    @property
+    def lamps(self) -> tuple[SignalLamp, ...]:
+        """The map's traffic lights as the recorded drive saw them."""
+        return self.replay.signals_at(self.time).lamps
 
     def at(self, time: float, ego: EgoState | None = None) -> VehicleFrame:
         """The vehicles at any time, interpolated between the recorded frames.

@@ -105,7 +105,8 @@ def without_misplaced_lights(text: str, roads: Mapping[str, Road]) -> str:
         node, own = nodes.get(item.attrib["id"]), links.get(item.attrib["id"], [])
         names = {name for some in signals_of(item).values() for name in some}
         signals = [places[name] for name in sorted(names & places.keys())]
-        ways = {(link.get("from"), link.get("to")) for link in own}
+        walks = {link.get("linkIndex") for link in own if link.attrib["from"].startswith(":")}
+        ways = {(r.get("from"), r.get("to")) for r in own if r.get("linkIndex") not in walks}
         # Two roads meet: one way in each direction, straight on.
         joint = len(ways) <= 2 and len({start for start, _ in ways}) == len(ways)
         if node is None or not signals or not joint or any(link.get("dir") != "s" for link in own):
@@ -115,8 +116,13 @@ def without_misplaced_lights(text: str, roads: Mapping[str, Road]) -> str:
             dropped = True
             root.remove(item)
             node.set("type", "priority")
+            # Persons give way to vehicles, as at netconvert's other crossings without a light.
+            for request in node.findall("request"):
+                foes = request.attrib["foes"]
+                waits = request.get("index") in walks
+                request.set("response", foes if waits else "0" * len(foes))
             for link in own:
-                link.set("state", "M")
+                link.set("state", "m" if link.get("linkIndex") in walks else "M")
                 for key in ("tl", "linkIndex"):
                     del link.attrib[key]
     return ElementTree.tostring(root, encoding="unicode") + "\n" if dropped else text

@@ -1,28 +1,26 @@
 """Paint of a net that its map does not have: stop lines, and the stripes of crossings.
 
-SUMO's vehicles stop at the lines that `stop_lines` sets, and persons cross where netconvert guesses
+SUMO's vehicles stop at the lines that `stop_lines` sets, and persons cross where `walkways` has
 crossings. A picture shows them there, unless the map has paint of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.road import Route
-from iits_mj.road.elements import CROSSING
 from iits_mj.road.road_frames import RoadFrames
 from traffic_bridge.network.lane_surface import LaneSurfaces
 from traffic_bridge.network.net_file import NetLane
 from traffic_bridge.network.nets import build_network
 from traffic_bridge.network.stop_lines import junction_links, lines_of_map
-from traffic_bridge.network.walkways import Crossing, read_crossings
+from traffic_bridge.network.walkways import Crossing, paint_of, read_crossings
 
 WIDTH = 0.5  # [m] of a stop line, along the lane
-SAME = 12.0  # [m] between the middles of a crossing of the map and one of the net at the same arm
+SAME = 1.0  # [m] along the road between a crossing of the net and that of the map on it
 
 
 @dataclass(frozen=True)
@@ -65,11 +63,12 @@ def net_markings(route: Route, walkways: bool = False) -> Markings:
     crossings: tuple[FloatArray, ...] = ()
     if walkways:
         found = read_crossings(net.path, road_map.roads)
-        offset, painted = np.array(net.offset), np.array([*_painted(route)]).reshape(-1, 2)
+        offset = np.array(net.offset)
         crossings = tuple(
             _on_road(surfaces, one, net.lanes, offset)
             for one in found
-            if not (np.hypot(*(painted + offset - one.outline.mean(axis=0)).T) < SAME).any()
+            if (way := paint_of(one.axis - offset, one.roads, road_map.roads)) is None
+            or np.hypot(*way) > SAME
         )
     return Markings(tuple(stops), tuple(yields), crossings)
 
@@ -80,17 +79,6 @@ def _across(surfaces: LaneSurfaces, lane: NetLane) -> FloatArray:
     along = begin + WIDTH * np.array([0.0, 0.0, 1.0, 1.0])
     point = surfaces.at(lane.id, along, 0.5 * lane.width * np.array([-1.0, 1.0, 1.0, -1.0]))
     return np.column_stack([point.x, point.y, point.z])
-
-
-def _painted(route: Route) -> Iterator[tuple[float, float]]:
-    """Yields the middles of the crossings that the map paints itself, map frame [m]."""
-    for road in route.road_map.roads.values():
-        places = [(one.s, one.t) for one in road.signals if one.kind == CROSSING]
-        places += [(one.s, one.t) for one in road.objects if one.is_crossing]
-        for s, t in places:
-            point = road.plan.evaluate(s)
-            heading = float(point.heading)
-            yield float(point.x) - t * np.sin(heading), float(point.y) + t * np.cos(heading)
 
 
 def _on_road(

@@ -30,6 +30,7 @@ from traffic_bridge.network.walkways import (
     has_sidewalks,
     lines_before,
     read_crossings,
+    with_painted_crossings,
     with_vehicle_lanes,
 )
 
@@ -52,7 +53,7 @@ OPENDRIVE_OPTIONS = (
     "3",
 )
 REVISION = "5"  # of the changes that this module makes to a net; part of the cache key
-WALKWAY_REVISION = "4"  # the same, of nets with walkways
+WALKWAY_REVISION = "5"  # the same, of nets with walkways
 ADVICE = "; a drive with traffic-mode none needs no net"
 _OTHER_TURNS = {"l": "r", "r": "l", "L": "R", "R": "L"}
 _SEAL = "<!-- sha256 "
@@ -160,10 +161,12 @@ def _make(content: bytes, left_hand: bool, target: Path, road_map: RoadMap, walk
         text = _converted(source, made, name)
         if walkways:
             text = with_vehicle_lanes(_converted(source, made, name, WALKWAY_OPTIONS), text, name)
-        text = without_misplaced_lights(text, road_map.roads)
         text = with_programs(text, road_map.content.light_programs, road_map.roads)
         if left_hand:
             text = _mirrored(text)
+        text = without_misplaced_lights(text, road_map.roads)
+        if walkways:
+            text = with_painted_crossings(text, road_map.roads)
         # Lanes through a direct junction belong to no road of the map.
         text = re.sub(rf'\s*<param key="{ORIGIN}" value="{BRIDGE}[^"]*" ?/>', "", text)
         made.write_text(text, encoding="utf-8", newline="\n")

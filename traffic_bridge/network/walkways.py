@@ -7,7 +7,7 @@ so that vehicles drive where they do without pedestrians.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -17,6 +17,7 @@ import numpy as np
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import MapError
+from iits_mj.road.elements import CROSSING as PAINTED
 from iits_mj.road.elements import Road
 from traffic_bridge.network.net_file import ORIGIN, WALKER, NetFile, NetLane
 
@@ -25,6 +26,7 @@ OPTIONS = ("--sidewalks.guess", "--sidewalks.guess.max-speed", "70", "--crossing
 SIDEWALK = "sidewalk"  # OpenDRIVE's type of lane
 SET_BACK = 1.5  # [m] behind the edge of the road at which persons wait: trailers cut corners
 CURB = 0.5  # [m] between the road and its sidewalk: netconvert's sidewalks touch the road
+SAME_ARM = 12.0  # [m] between a crossing of the map and one of the net at the same arm, at most
 LINE_GAP = 0.5  # [m] from a stop line to the crossing behind it, at least
 
 
@@ -53,13 +55,17 @@ class Crossing:
 
     Attributes:
       id: SUMO's edge; edges: of the road that it crosses.
+      roads: ids of the map's roads that it crosses.
       sides: the sidewalks that begin at either end.
+      axis: from one end to the other, in SUMO's coordinates, shape (n, 2) [m].
       outline: corners, in SUMO's coordinates, shape (n, 2) [m].
     """
 
     id: str
     edges: tuple[str, ...]
+    roads: frozenset[str]
     sides: tuple[tuple[Sidewalk, ...], tuple[Sidewalk, ...]]
+    axis: FloatArray
     outline: FloatArray
 
 
@@ -104,6 +110,67 @@ def with_vehicle_lanes(text: str, base: str, name: str) -> str:
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
+def with_painted_crossings(text: str, roads: Mapping[str, Road]) -> str:
+    """Returns a net whose crossings lie where the map paints them on the same arm of a junction.
+
+    netconvert reads no crossings of an OpenDRIVE map. The sidewalks of the arm end at the crossing.
+
+    Args:
+      text: the net with walkways, at the map's place.
+      roads: of the map, by id.
+    """
+    root = ElementTree.fromstring(text)
+    lanes = _lanes(root)
+    offset = [float(n) for n in root.findall("location")[0].attrib["netOffset"].split(",")]
+    for edge in root.findall("edge[@function='crossing']"):
+        crossed = [lanes[name] for name in edge.get("crossingEdges", "").split() if name in lanes]
+        (lane,) = lanes[edge.attrib["id"]]
+        axis = _points(lane.attrib["shape"])[:, :2]
+        move = paint_of(axis - offset, {_road_of(one) for one in crossed}, roads)
+        shortest = min(float(one[0].attrib["length"]) for one in crossed)
+        if move is None or np.hypot(*move) > 0.5 * shortest:
+            continue
+        for key in ("shape", "outlineShape"):
+            if key in lane.attrib:
+                points = _points(lane.attrib[key])
+                points[:, :2] += move
+                lane.set(key, _text(points))
+        for walk in (one[0] for one in crossed if _is_walkway(one[0])):
+            points = _points(walk.attrib["shape"])
+            # Its points in the order from the crossing.
+            ends = np.hypot(*(points[[0, -1], :2] - axis.mean(axis=0)).T)
+            order = slice(None, None, 1 if ends[0] < ends[1] else -1)
+            along = (points[order][1] - points[order][0])[:2]
+            walk.set("shape", _text(_cut(points[order], along @ move / np.hypot(*along))[order]))
+    return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def paint_of(
+    axis: FloatArray, names: Collection[str], roads: Mapping[str, Road]
+) -> FloatArray | None:
+    """Returns the way across a crossing to the one that the map paints there (2,) [m], or None.
+
+    Args:
+      axis: of the crossing, from one side of the road to the other, map frame, shape (n, 2) [m].
+      names: of the roads that it crosses.
+      roads: of the map, by id.
+    """
+    middle, along = axis.mean(axis=0), axis[-1] - axis[0]
+    length = float(np.hypot(*along))
+    across = np.array([-along[1], along[0]]) / length
+    found: list[float] = []
+    for road in (roads[name] for name in sorted(names) if name in roads):
+        places = [(one.s, one.t) for one in road.signals if one.kind == PAINTED]
+        places += [(one.s, one.t) for one in road.objects if one.is_crossing]
+        for s, t in places:
+            point = road.plan.evaluate(s)
+            x, y, heading = float(point.x), float(point.y), float(point.heading)
+            away = (x - t * math.sin(heading), y + t * math.cos(heading)) - middle
+            if abs(away @ along) < 0.5 * length**2 and abs(away @ across) < SAME_ARM:
+                found.append(float(away @ across))
+    return min(found, key=abs) * across if found else None
+
+
 def read_crossings(net: Path, roads: Mapping[str, Road]) -> tuple[Crossing, ...]:
     """Returns the crossings of roads on which the map has sidewalks, in the net's order.
 
@@ -141,8 +208,10 @@ def read_crossings(net: Path, roads: Mapping[str, Road]) -> tuple[Crossing, ...]
         ):
             continue
         (lane,) = lanes[name]
+        axis = _points(lane.attrib["shape"])[:, :2]
         outline = _points(lane.get("outlineShape") or lane.attrib["shape"])[:, :2]
-        found.append(Crossing(name, crossed, (sides[0], sides[1]), outline))
+        ends_of = sides[0], sides[1]
+        found.append(Crossing(name, crossed, frozenset(owners), ends_of, axis, outline))
     return tuple(found)
 
 
@@ -171,6 +240,16 @@ def _lanes(root: Element) -> dict[str, list[Element]]:
         edge.attrib["id"]: sorted(edge.findall("lane"), key=lambda lane: int(lane.attrib["index"]))
         for edge in root.findall("edge")
     }
+
+
+def _cut(points: FloatArray, distance: float) -> FloatArray:
+    """A polyline without its first part of a length [m]; unchanged for a negative one."""
+    steps = np.hypot(*np.diff(points[:, :2], axis=0).T)
+    along = np.concatenate([[0.0], steps.cumsum()])
+    if not 0.0 < distance < along[-1]:
+        return points
+    first = [np.interp(distance, along, column) for column in points.T]
+    return np.vstack([first, points[along > distance]])
 
 
 def _moved_right(shape: str, distance: float) -> str:

@@ -22,6 +22,8 @@ from traffic_bridge.recording.rows import (
     PRESSURES,
     SCHEMA,
     ego_columns,
+    signal_rows,
+    signals_of,
 )
 
 SIZE_MAX = 2**30  # bytes unpacked; an hour among 100 vehicles has a quarter of it
@@ -30,6 +32,7 @@ _COMMON = ("meta", "time", "ego", "ego_columns", "vehicle_id", "vehicle_kind", "
 _ROWS = ("frame_start", "vehicle", "lane")
 _NEW_COLUMNS = ("pitch", "roll", "yaw_rate")
 _OF_DRIVES = ("command_time", "command", "truck_hash")
+_SIGNALS = "signals"  # since version 0.1.0
 
 
 def target(path: Path) -> Path:
@@ -66,6 +69,7 @@ def write(fields: Mapping[str, Any], path: Path) -> Path:
         "command_time": fields["command_time"],
         "command": fields["commands"],
         "truck_hash": fields["truck_hash"],
+        "signals": np.array(json.dumps(signal_rows(fields["signals"]))),
     }
     with (
         OutputFile(path, "recording") as partial,
@@ -83,7 +87,9 @@ def write(fields: Mapping[str, Any], path: Path) -> Path:
 def read(path: Path) -> dict[str, Any]:
     """Reads the fields of a `Recording` from a file; see `Recording.load`."""
     name = f"recording {path}"
-    arrays = read_npz(path, "recording", SIZE_MAX, _COMMON, (*_ROWS, *COLUMNS, *_OF_DRIVES))
+    arrays = read_npz(
+        path, "recording", SIZE_MAX, _COMMON, (*_ROWS, *COLUMNS, *_OF_DRIVES, _SIGNALS)
+    )
     meta = read_json(str(arrays["meta"]), f"{name}: its meta")
     schema = meta.get("schema") if isinstance(meta, dict) else None
     if schema not in (1, SCHEMA):
@@ -122,6 +128,9 @@ def _fields(
             "commands": file["command"].astype(np.float64).reshape(-1, len(COMMAND_COLUMNS)),
             "truck_hash": file["truck_hash"].astype(np.uint64, casting="same_kind"),
         }
+    if _SIGNALS in file:
+        label = f"{name}: its signals"
+        fields["signals"] = signals_of(read_json(str(file[_SIGNALS]), label), label)
     return fields
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import EgoState, VehicleCommand
+from iits_mj.core.messages import EgoState, RoadSignals, TrafficLight, VehicleCommand
 from iits_mj.core.vehicles import VehicleFrame
 from traffic_bridge.modes.event_sim import EventSim, Repeatable
 from traffic_bridge.modes.sumo_modes import Mode, PureSim
@@ -138,6 +138,7 @@ class Recorder(Mode):
 
     def _clear(self) -> None:
         self._digest = PoseDigest()
+        self._signals: list[tuple[int, RoadSignals]] = []
         for table in self._tables.values():
             table.clear()
         self._index: dict[str, int] = {}
@@ -190,6 +191,13 @@ class Recorder(Mode):
     def note_truck(self, state_hash: int) -> None:
         """Records the hash of the truck's physics at the last frame, below 2^64."""
         self._tables["truck"].append((state_hash,))
+
+    def note_signals(self, signals: RoadSignals) -> None:
+        """Records the traffic lights at the last frame, if they have changed."""
+        light = signals.light and TrafficLight(signals.light.station, signals.light.state)
+        shown = RoadSignals(light, lamps=signals.lamps)
+        if shown != (self._signals[-1][1] if self._signals else RoadSignals()):
+            self._signals.append((self._digest.count - 1, shown))
 
     def _note(self, truck: tuple[float, ...], vehicles: VehicleFrame) -> VehicleFrame:
         table = self._tables["frame"]
@@ -249,6 +257,7 @@ class Recorder(Mode):
             command_time=command["time"],
             commands=command["figures"],
             truck_hash=truck["hash"][: len(counts)],
+            signals=tuple(self._signals),
         )
         whole = self._digest.count == len(counts)
         made.meta["digest"] = self._digest.hexdigest() if whole else made.digest()

@@ -14,6 +14,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import struct
+from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import EgoState, TrackedVehicle, VehicleCommand
+from iits_mj.core.messages import EgoState, RoadSignals, TrackedVehicle, VehicleCommand
 from iits_mj.core.vehicles import VehicleFrame
 from traffic_bridge.recording import file
 from traffic_bridge.recording.rows import (
@@ -57,6 +58,8 @@ class Recording:
       ego: the truck's values named by `ego_columns`, shape (n, columns); NaN: no truck.
       command_time: [s], shape (c,); commands: shape (c, len(COMMAND_COLUMNS)).
       truck_hash: of the truck's physics at the frames, shape (h,), h at most n.
+      signals: frame and state of the traffic lights from it on, in the order of the frames; empty
+        in recordings of earlier versions and of traffic alone.
 
     The arrays may be mapped from a file. `of_rows` and `of_frames` make recordings.
     """
@@ -78,6 +81,7 @@ class Recording:
     truck_hash: NDArray[np.uint64] = dataclasses.field(
         default_factory=lambda: np.zeros(0, dtype=np.uint64)
     )
+    signals: tuple[tuple[int, RoadSignals], ...] = ()
 
     @classmethod
     def of_rows(
@@ -102,7 +106,7 @@ class Recording:
           sizes: length, width, height, shape (m, 3) [m].
           frame: index of the frame of each row, shape (k,).
           vehicle: index of the vehicle of each row, shape (k,).
-          lane: from the right on the route, -1 off it, shape (k,).
+          lane: from the outside on the route, -1 off it, shape (k,).
           columns: the values named by `COLUMNS`, shape (len(COLUMNS), k).
 
         Raises:
@@ -175,6 +179,11 @@ class Recording:
     def command_at(self, k: int) -> VehicleCommand:
         """The k-th command."""
         return command_of(self.commands[k])
+
+    def signals_at(self, k: int) -> RoadSignals:
+        """The lights at frame k: `light` without its next switch, and `lamps`."""
+        place = bisect_right(self.signals, k, key=lambda change: change[0])
+        return self.signals[place - 1][1] if place else RoadSignals()
 
     def digest(self) -> str:
         """The hash of all poses, see `PoseDigest`."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from iits_mj.core.angles import wrap_angles
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
+from iits_mj.core.messages import RoadSignals
 from iits_mj.core.vehicles import COLUMNS, VehicleFrame
 from traffic_bridge.recording.recording import Recording, ranks
 
@@ -92,6 +93,12 @@ class InterpolatedRecording:
         if self._between is None or self._between[0] != k:
             self._between = k, self._segment(k)
         return _evaluate(self._between[1], time)
+
+    def signals_at(self, time: float) -> RoadSignals:
+        """The traffic lights at a time since the first frame [s]; see `Recording.signals_at`."""
+        return self.recording.signals_at(
+            int(np.searchsorted(self._times, time + 1e-9, "right")) - 1
+        )
 
     def _rows(self, k: int) -> tuple[int, NDArray[np.int32]]:
         start = self.recording.start

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,17 @@ import numpy as np
 from iits_mj.core import vehicles
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import EgoState, TransmissionMode, VehicleCommand, XbrEbiMode, XbrMode
+from iits_mj.core.messages import (
+    EgoState,
+    LightState,
+    RoadSignals,
+    SignalLamp,
+    TrafficLight,
+    TransmissionMode,
+    VehicleCommand,
+    XbrEbiMode,
+    XbrMode,
+)
 
 SCHEMA = 2  # version of the file format
 SIZE_COLUMNS = ("length", "width", "height")
@@ -103,3 +114,55 @@ def command_of(row: FloatArray) -> VehicleCommand:
     except ValueError as error:
         raise InputError(f"recorded command: {name} = {values[name]!r}: {error}") from error
     return VehicleCommand(**values)
+
+
+def signal_rows(changes: Iterable[tuple[int, RoadSignals]]) -> list[list[Any]]:
+    """Changes of traffic lights as values for JSON, see `Recording.signals`.
+
+    A row has the frame, station and state of the next light or null, and the states of the map's
+    lamps that are other than before, null where one went out.
+    """
+    rows, before = [], dict[str, str]()
+    for frame, signals in changes:
+        light = (
+            None if signals.light is None else [signals.light.station, signals.light.state.value]
+        )
+        shown = {lamp.signal: lamp.state.value for lamp in signals.lamps}
+        changed: dict[str, str | None] = {
+            name: shown.get(name)
+            for name in {**before, **shown}
+            if before.get(name) != shown.get(name)
+        }
+        rows.append([frame, light, changed])
+        before = shown
+    return rows
+
+
+def signals_of(rows: Any, name: str) -> tuple[tuple[int, RoadSignals], ...]:
+    """The changes of rows; the inverse of `signal_rows`.
+
+    Args:
+      rows: from a file.
+      name: of them in messages.
+
+    Raises:
+      InputError: a row is not one of `signal_rows`.
+    """
+    found: list[tuple[int, RoadSignals]] = []
+    shown: dict[str, SignalLamp] = {}
+    try:
+        for row in rows:
+            frame, given, changed = row
+            light = None if given is None else TrafficLight(float(given[0]), LightState(given[1]))
+            for signal, state in changed.items():
+                shown.pop(signal, None)
+                if state is not None:
+                    shown[signal] = SignalLamp(signal, LightState(state))
+            if light is not None and not math.isfinite(light.station):
+                raise ValueError(light.station)
+            if not isinstance(frame, int) or frame < (found[-1][0] + 1 if found else 0):
+                raise ValueError(frame)
+            found.append((frame, RoadSignals(light, lamps=tuple(shown.values()))))
+    except (TypeError, ValueError, AttributeError, IndexError) as error:
+        raise InputError(f"{name}: row {len(found)} is not usable: {error}") from error
+    return tuple(found)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from iits_mj.core.checks import is_number, one_of
+from iits_mj.core.checks import in_range, is_number, one_of
 from iits_mj.core.errors import InputError
 from iits_mj.road.route_choice import read_words
 from traffic_bridge.scenario.conditions import TRUCK, point_of
@@ -65,7 +65,7 @@ class PlaceVehicle(SceneEvent):
     Attributes:
       gap: between the bumpers, positive ahead of the truck, negative behind it [m].
       station: of its front bumper, instead of `gap` [m].
-      relative_lane: lanes to the left of the truck's; lane: from the right, instead of it.
+      relative_lane: lanes to the left of the truck's; lane: from the outside, instead of it.
       speed: [m/s]; speed_difference: to the truck's speed, instead of it [m/s].
       type: name of its type; reactive: it brakes for vehicles ahead.
       offset: to the left of its lane's center, which it keeps; None: it drives in the center [m].
@@ -170,7 +170,7 @@ class ChangeLane(LateralManeuver):
     """A lane change, such as a merge from a ramp or a cut-out.
 
     Attributes:
-      relative_lane: lanes to the left; lane: from the right of its road, instead of it.
+      relative_lane: lanes to the left; lane: from the outside of its road, instead of it.
       to: "truck" or id of the vehicle to whose lane `relative_lane` refers; None: its own lane.
     """
 
@@ -259,6 +259,36 @@ class ChangeSpeed(Maneuver):
             raise InputError(f"{self.kind}: {names} needs a shape: use one of {', '.join(SHAPES)}")
         if self.continuous and self.shape in SHAPES:
             raise InputError(f"{self.kind}: continuous is only for the shape step or a jerk")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FollowSpeeds(Maneuver):
+    """Speeds at times, linear between them; the last one becomes the desired speed.
+
+    Attributes:
+      speeds: rows of the time since the beginning [s], rising and positive, and the speed [m/s].
+      relative: the speeds are differences to that of `to` at the beginning; to: id of a vehicle.
+    """
+
+    kind: ClassVar[str] = "follow_speeds"
+
+    speeds: Points = ()
+    relative: bool = False
+    to: str = text(TRUCK)
+
+    def _check(self) -> None:
+        what = f"{self.kind}: speeds"
+        given = self.speeds
+        if not isinstance(given, (list, tuple)) or not 0 < len(given) <= POINTS_MAX:
+            raise InputError(f"{what}: must be 1 to {POINTS_MAX} rows of a time and a speed")
+        rows = tuple(point_of(what, row, 2) for row in given)
+        before, low = 0.0, -SPEED_MAX if self.relative else 0.0
+        for time, speed in rows:
+            if not before < time <= LONGEST:
+                raise InputError(f"{what}: time {time:g} s after {before:g} s: must rise from 0")
+            in_range(f"{what}: speed", speed, low, SPEED_MAX, "m/s")
+            before = time
+        object.__setattr__(self, "speeds", rows)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -400,7 +430,8 @@ class Teleport(Maneuver):
     """A road user is at another place at once, and drives on there as before.
 
     Attributes:
-      station: of its front bumper [m]; lane: from the right; offset: to the left of its center [m].
+      station: of its front bumper [m]; lane: from the outside.
+      offset: to the left of its center [m].
       along: its road in the words of `iits_mj.road.route_choice`; None: the truck's.
     """
 
@@ -664,7 +695,18 @@ class StuckSpeedSensor(Fault):
 
 
 SCENARIO_EVENTS: tuple[type[Event], ...] = (
-    *(PlaceVehicle, CutIn, ChangeLane, ChangeSpeed, Brake, Swerve, Drift, LoseCargo, CrossRoad),
+    *(
+        PlaceVehicle,
+        CutIn,
+        ChangeLane,
+        ChangeSpeed,
+        FollowSpeeds,
+        Brake,
+        Swerve,
+        Drift,
+        LoseCargo,
+        CrossRoad,
+    ),
     *(FollowPath, KeepDistance, ActivateDriver, Synchronize, Swarm, RemoveVehicle, Teleport),
     *(Milestone, SetValue, EndDrive, FrictionChange, Wind, Puncture, BrakeLeak, StuckSpeedSensor),
 )

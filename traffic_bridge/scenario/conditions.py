@@ -49,7 +49,7 @@ class Body(NamedTuple):
     Attributes:
       name: id of the vehicle, or "truck".
       front, rear: stations of its ends [m]; offset: of its center [m]; width: across the road [m].
-      lane: index from the right, -1 off the lanes.
+      lane: index from the outside, -1 off the lanes.
       speed: [m/s]; pace: its part along the route [m/s]; acceleration: [m/s2].
       x, y: of its reference point: a vehicle's center, the truck's steer axle [m].
       yaw: [rad]; reach: from its reference point to its front [m].

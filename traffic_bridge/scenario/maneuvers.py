@@ -100,6 +100,8 @@ def begin(
         _drift(event, actor, plans)
     elif isinstance(event, (do.Brake, do.ChangeSpeed)):
         return plans, _change_speed(event, actor, situation, plans)
+    elif isinstance(event, do.FollowSpeeds):
+        plans.append(_follow_speeds(event, actor, situation.find(event.to)))
     elif isinstance(event, do.KeepDistance) and event.ahead and truck is not None:
         goal = float(event.gap or 0.0), event.speed_difference
         plans.append(_approach(actor, truck, *goal, hardest=event.acceleration))
@@ -243,6 +245,18 @@ def _change_speed(
             actor.plan_speed(None)
 
     return undo
+
+
+def _follow_speeds(event: do.FollowSpeeds, actor: Actor, other: Body | None) -> Plan:
+    base = other.speed if event.relative and other is not None else 0.0
+    times, speeds = np.array([(0.0, actor.speed - base), *event.speeds]).T
+    speeds = np.maximum(speeds + base, 0.0)
+    plan = SpeedPlan(target=float(speeds[-1]), rate=STEP_RATE, jerk=STEP_JERK)
+    plan.duration = float(times[-1])
+    plan.profile = lambda time: float(np.interp(time, times, speeds))
+    actor.desired_speed = plan.target
+    actor.plan_speed(plan)
+    return plan
 
 
 def _target_speed(event: do.ChangeSpeed, other: Body) -> float:

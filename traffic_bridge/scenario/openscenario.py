@@ -38,7 +38,7 @@ PRIORITIES = ("overwrite", "override", "parallel")
 
 
 class Start(NamedTuple):
-    """Start of the truck: station of its steer axle [m], lane from the right, speed [m/s]."""
+    """Start of the truck: station of its steer axle [m], lane from the outside, speed [m/s]."""
 
     station: float
     lane: int

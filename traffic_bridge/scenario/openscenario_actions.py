@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -272,20 +273,25 @@ class Actions:
         return {"event": "follow_path", "along": words}
 
     def _profile(self, action: Node, actor: str) -> Values:
-        """The event of a SpeedProfileAction to one speed within limits."""
+        """The event of a SpeedProfileAction: to one speed within limits, or speeds at times."""
         del actor
-        entry = action.only("DynamicConstraints", "SpeedProfileEntry").child("SpeedProfileEntry")
-        several = len(list(action.all("SpeedProfileEntry"))) > 1
-        if several or entry.has("time") or action.get("followingMode") != "follow":
-            action.fail("is read with followingMode follow and one entry that has no time")
-        values: Values = {"event": "change_speed"}
-        if action.has("entityRef"):
-            values |= {"to": self._entities.body(action), "speed_difference": entry.number("speed")}
-        else:
-            values["speed"] = entry.number("speed")
-        if (limits := action.find("DynamicConstraints")) is not None:
-            values |= _given(limits, {**LIMITS, "maxAccelerationRate": "jerk"})
-        return values
+        entries = list(action.all("SpeedProfileEntry"))
+        action.only("DynamicConstraints", "SpeedProfileEntry").child("SpeedProfileEntry")
+        limits = action.find("DynamicConstraints")
+        given = {} if limits is None else _given(limits, {**LIMITS, "maxAccelerationRate": "jerk"})
+        to = {"to": self._entities.body(action)} if action.has("entityRef") else {}
+        timed = any(entry.has("time") for entry in entries)
+        if len(entries) > 1 or timed or action.get("followingMode") == "position":
+            if not all(entry.has("time") for entry in entries):
+                action.fail("is read with a time in each of several entries, or with one without")
+            times = itertools.accumulate(entry.number("time", low=SHORTEST) for entry in entries)
+            speeds = [entry.number("speed") for entry in entries]
+            rows = [list(row) for row in zip(times, speeds, strict=True)]
+            return {"event": "follow_speeds", "speeds": rows, **to, "relative": bool(to)}
+        if action.get("followingMode") != "follow":
+            action.fail("followingMode must be follow or position")
+        field = "speed_difference" if to else "speed"
+        return {"event": "change_speed", field: entries[0].number("speed"), **to, **given}
 
     def _change_speed(self, action: Node, actor: str = "") -> Values:
         del actor

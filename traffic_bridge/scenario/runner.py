@@ -463,6 +463,7 @@ class Scenario:
         if body is None or (body.lane < 0 and body.name not in self.actors.members):
             return None
         relative = isinstance(event, do.ChangeSpeed) and event.speed is None
+        relative |= isinstance(event, do.FollowSpeeds) and event.relative
         if (relative and situation.find(event.to) is None) or (  # type: ignore[attr-defined]
             truck is None and isinstance(event, do.CutIn)
         ):

@@ -201,7 +201,7 @@ class SpeedLimit(Event):
     """A variable speed limit on a stretch of the route.
 
     Attributes:
-      limit: [m/s]; start, end: stations [m]; lane: from the right, None: all lanes.
+      limit: [m/s]; start, end: stations [m]; lane: from the outside, None: all lanes.
     """
 
     kind: ClassVar[str] = "speed_limit"
@@ -220,7 +220,7 @@ class LaneClosure(Event):
     """A lane closed by standing safety trucks, which disappear at the end.
 
     Attributes:
-      lane: from the right; start, end: stations [m].
+      lane: from the outside; start, end: stations [m].
       notice: distance before the closure at which drivers begin to leave the lane [m].
     """
 
@@ -242,7 +242,7 @@ class StoppedVehicle(Event):
     It appears as soon as its place is free and vehicles behind can still stop.
 
     Attributes:
-      station: of its front bumper [m]; lane: from the right; type: name of its type.
+      station: of its front bumper [m]; lane: from the outside; type: name of its type.
       hazard: with hazard lights, which others see at the distance `notice` [m]; without them, they
         treat it as any standing vehicle.
     """
@@ -261,7 +261,7 @@ class SlowConvoy(Event):
     """Slow vehicles that keep their lane; at the end they drive like the others.
 
     Attributes:
-      station: of the first one's front bumper at the beginning [m]; lane: from the right.
+      station: of the first one's front bumper at the beginning [m]; lane: from the outside.
       count: number of vehicles; type: name of their type; speed: [m/s].
     """
 

@@ -27,7 +27,7 @@ class LightAhead:
       name: of the light; link: index of the route's link in its state.
       letter: state of that link now, see `LightPhase`.
       station: of its stop line [m].
-      lane: from the right, whose link it is.
+      lane: from the outside, whose link it is.
       next_switch: time until the letter changes [s]; None if it is unknown: a state set by hand, a
         program that depends on the traffic, or one in which the letter never changes.
       next_letter: the letter after that; None if the time is.
@@ -234,7 +234,7 @@ class TrafficLights:
 
         Args:
           station: of the front bumper [m].
-          lane: from the right; None: the rightmost lane that leads on along the route.
+          lane: from the outside; None: the outermost lane that leads on along the route.
 
         Raises:
           InputError: the station is not finite, or the lane is no whole number from 0.

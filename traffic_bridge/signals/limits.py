@@ -85,7 +85,7 @@ class SpeedLimits:
           limit: [m/s].
           start: station [m] at which drivers have reached the limit.
           end: station [m].
-          lane: index from the right; None: all lanes.
+          lane: index from the outside; None: all lanes.
 
         Returns:
           The number for `lift`.

@@ -128,7 +128,7 @@ class Obstacle:
     """A stretch of a lane that cannot be driven.
 
     Attributes:
-      lane: from the right; start, end: stations [m]; notice: distance before the start at which
+      lane: from the outside; start, end: stations [m]; notice: distance before the start at which
         the warning begins [m].
     """
 
@@ -162,7 +162,7 @@ class MergeGuide:
         """Adds a warning of an obstacle; returns the number for `remove`."""
         number = next(self._numbers)
         self._obstacles[number] = obstacle
-        # Lanes are counted from the right, so a lane's number changes where another one begins or
+        # Lanes are counted from the outside, so a lane's number changes where another one begins or
         # ends; the net determines which lanes lead to the obstacle.
         with self._session.guard("warning of an obstacle"):
             on = self._lanes.within(obstacle.start, obstacle.end, obstacle.lane)

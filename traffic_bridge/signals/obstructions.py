@@ -50,7 +50,7 @@ class Obstructions:
         Each truck appears as soon as its place is free and approaching vehicles can still stop.
 
         Args:
-          lane: index from the right.
+          lane: index from the outside.
           start: station of the first truck's rear [m].
           end: station [m].
           notice: distance before the start at which drivers begin to leave the lane [m].
@@ -117,7 +117,7 @@ class Obstructions:
 
         Args:
           station: of its front bumper [m].
-          lane: from the right.
+          lane: from the outside.
           type: name of its type.
           notice: distance at which others see its hazard lights [m]; None: they are off.
 
@@ -149,7 +149,7 @@ class Obstructions:
         Args:
           station: of the first one's front bumper [m].
           speed: [m/s].
-          lane: from the right.
+          lane: from the outside.
           count: number of vehicles.
           type: name of their type.
 

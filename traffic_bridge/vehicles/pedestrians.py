@@ -10,17 +10,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from iits_mj.core.angles import wrap_angle
+from iits_mj.core.boxes import UnitBox, UnitShape, unit_boxes
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import EgoFootprint, EgoState, TrackedVehicle
+from iits_mj.core.messages import EgoState, TrackedVehicle
 from iits_mj.core.vehicles import VehicleFrame
 from iits_mj.road.reference_line import RoadPoint
 from traffic_bridge.config import TrafficConfig
-from traffic_bridge.mirror.articulation import Articulation
 from traffic_bridge.network.route_lanes import RouteLanes
 from traffic_bridge.network.walkways import read_crossings
 from traffic_bridge.scenario.actors import beside_road, size_of
@@ -36,8 +35,10 @@ WALK = (8.0, 25.0)  # [m] from the crossing where a walk begins and ends
 FASTEST_BODY = 2.5
 # Distances [m]. A person who stands keeps at least `AWAY` from the truck's sides, and from the
 # ground beside its front, as far as `AHEAD` of it. A person who walks keeps at least `CLOSE` from
-# the sides.
+# the sides, and walks no nearer to the front.
 AWAY, AHEAD, CLOSE = 2.0, 2.0, 0.9
+# In the angle between two units a person needs both sides' distances: each pass halves the error.
+PASSES = 4
 MOVES = 0.2  # [m/s]: a faster body looks where it goes
 STREAM = 1609  # separates the generator of pedestrians from that of vehicles with the same seed
 _SECONDS = 3600.0  # of an hour
@@ -83,7 +84,10 @@ class Pedestrians:
         self._rng = np.random.default_rng([seed, STREAM])
         self._size = size_of(pedestrian_type())
         self._count = 0
-        self._step, self._footprint = config.step_length, config.footprint
+        self._reach = config.step_length * FASTEST_BODY
+        self._step, size = config.step_length, config.footprint
+        rear = size.length - size.front_overhang
+        self._shapes = config.units or (UnitShape(0.0, size.front_overhang, rear, size.width),)
         # Place and heading of each body in view, and its station.
         self._bodies: dict[str, tuple[float, float, float, float]] = {}
 
@@ -110,14 +114,17 @@ class Pedestrians:
 
         Args:
           ego: the truck.
-          reacts: nobody walks into the truck's sides, and persons who stand step back from them.
+          reacts: nobody walks into the truck, and persons who stand step back from its sides.
         """
-        units = _units(ego, self._footprint) if reacts and ego is not None else ()
+        units: list[UnitBox] = []
+        if reacts and ego is not None:
+            articulations = (ego.articulation, *ego.rear_articulations)
+            units = unit_boxes(ego.x, ego.y, ego.yaw, articulations, self._shapes)
         rows = list(self._rows(ego, units))
         self._bodies = {row.id: (row.x, row.y, row.yaw, row.station) for row in rows}
         return VehicleFrame.of(rows)
 
-    def _rows(self, ego: EgoState | None, units: Sequence[_Unit]) -> Iterator[TrackedVehicle]:
+    def _rows(self, ego: EgoState | None, units: Sequence[UnitBox]) -> Iterator[TrackedVehicle]:
         person, (left, low) = self._person, self._net.offset
         for name in sorted(person.getIDList()):
             x, y, z = person.getPosition3D(name)
@@ -129,56 +136,61 @@ class Pedestrians:
             heading = math.radians(90.0 - person.getAngle(name))
             before, speed, near = self._bodies.get(name), 0.0, None
             if before is not None:
-                stands = person.getSpeed(name) < MOVES
-                for unit in units:
-                    x, y = unit.leave(before, x, y, stands)
+                x, y = toward(before, (x, y), self._reach)
+                if units:
+                    stands = person.getSpeed(name) < MOVES
+                    x, y = toward(before, kept_off(units, before, (x, y), stands), self._reach)
                 dx, dy, near = x - before[0], y - before[1], before[3]
-                away = math.hypot(dx, dy)
-                speed = min(away / self._step, FASTEST_BODY)
-                share = speed * self._step / away if away > 0.0 else 0.0
-                x, y = before[0] + share * dx, before[1] + share * dy
+                speed = math.hypot(dx, dy) / self._step
                 heading = math.atan2(dy, dx) if speed > MOVES else before[2]
             point = RoadPoint(x, y, z, wrap_angle(heading), 0.0, 0.0, 0.0)  # type: ignore[arg-type]
             yield beside_road(self._route, name, point, 0.0, near, speed=speed, **self._size)
 
 
-@dataclass(frozen=True)
-class _Unit:
-    """A unit of the truck from above: middle of its front edge, heading, length, half width."""
-
-    x: float
-    y: float
-    yaw: float
-    length: float
-    half_width: float
-
-    def place(self, x: float, y: float) -> tuple[float, float]:
-        """Distances of a point ahead of the front edge and to the left of the middle [m]."""
-        dx, dy, c, s = x - self.x, y - self.y, math.cos(self.yaw), math.sin(self.yaw)
-        return c * dx + s * dy, c * dy - s * dx
-
-    def leave(
-        self, body: tuple[float, ...], x: float, y: float, stands: bool
-    ) -> tuple[float, float]:
-        """The place to which a person at a place goes beside the unit, instead of into it."""
-        ahead, left = self.place(x, y)
-        if not -self.length - AWAY < ahead < (AHEAD if stands else 0.0):
-            return x, y
-        side = math.copysign(1.0, self.place(*body[:2])[1])
-        lacking = self.half_width + (AWAY if stands else CLOSE) - side * left
-        if lacking <= 0.0:
-            return x, y
-        return x - side * lacking * math.sin(self.yaw), y + side * lacking * math.cos(self.yaw)
+def toward(
+    body: tuple[float, ...], place: tuple[float, float], reach: float
+) -> tuple[float, float]:
+    """Returns the point on the way from a body to a place that it reaches with a step [m]."""
+    dx, dy = place[0] - body[0], place[1] - body[1]
+    share = reach / max(math.hypot(dx, dy), reach)
+    return body[0] + share * dx, body[1] + share * dy
 
 
-def _units(ego: EgoState, footprint: EgoFootprint) -> tuple[_Unit, _Unit]:
-    """The motor vehicle and what it tows, which bends at a kingpin as of a usual combination."""
-    half, kingpin = 0.5 * footprint.width, Articulation.of_length(footprint.length).kingpin
-    first = 0.5 * footprint.length - kingpin  # from the front bumper to the kingpin
-    reach, yaw = footprint.front_overhang, ego.yaw - ego.articulation
-    x, y = ego.x + reach * math.cos(ego.yaw), ego.y + reach * math.sin(ego.yaw)
-    bend_x, bend_y = x - first * math.cos(ego.yaw), y - first * math.sin(ego.yaw)
-    return (
-        _Unit(x, y, ego.yaw, first, half),
-        _Unit(bend_x, bend_y, yaw, footprint.length - first, half),
-    )
+def kept_off(
+    units: Sequence[UnitBox],
+    body: tuple[float, ...],
+    place: tuple[float, float],
+    stands: bool,
+) -> tuple[float, float]:
+    """Returns where a person goes who wants to go to a place: beside the truck, not into it.
+
+    Args:
+      units: of the truck.
+      body: where the person is, x and y first [m].
+      place: where the person wants to go, x and y [m].
+      stands: the person does not want to go anywhere.
+    """
+    lead, here = units[0], body[:2]
+    (before, aside), (ahead, left) = lead.place(*here), lead.place(*place)
+    in_front = before - lead.ahead > max(abs(aside) - 0.5 * lead.width, 0.0)
+    stop = min(before, lead.ahead + CLOSE)
+    if in_front and ahead < stop and abs(left) < 0.5 * lead.width + CLOSE:
+        place = lead.moved(*place, stop - ahead, 0.0)
+    nearest = min(units, key=lambda unit: _nearness(unit, *here))
+    side = math.copysign(1.0, nearest.place(*here)[1])
+    away, reach = (AWAY, AHEAD) if stands else (CLOSE, -math.inf if in_front else CLOSE)
+    for _ in range(PASSES):
+        for unit in units:
+            ahead, left = unit.place(*place)
+            lacking = 0.5 * unit.width + away - side * left
+            front = unit.ahead + (reach if unit is lead else away)
+            if 0.0 < lacking < unit.width + 2.0 * away and -unit.behind - away < ahead < front:
+                place = unit.moved(*place, 0.0, side * lacking)
+    return place
+
+
+def _nearness(unit: UnitBox, x: float, y: float) -> tuple[bool, float]:
+    """Whether a point is not beside a unit, and a lower bound of its distance from it [m]."""
+    ahead, left = unit.place(x, y)
+    beside, along = abs(left) - 0.5 * unit.width, max(ahead - unit.ahead, -unit.behind - ahead)
+    return beside < 0.0 or along > 0.0, max(beside, along)

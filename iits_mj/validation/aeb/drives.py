@@ -213,9 +213,9 @@ def scenario(name: str, **values: float) -> tuple[Event, ...]:
     return read_events(regulation_path(f"{name}.toml"), given)
 
 
-def straight(friction: float = 0.8, grade: float = 0.0) -> Route:
+def straight(friction: float = 0.8, grade: float = 0.0, length: float = 3_000.0) -> Route:
     """Returns a straight road of three lanes, that of `examples/regulations/road.csv`."""
-    return Route.straight(length=3_000.0, friction=friction, grade=grade, speed_limit=30.0)
+    return Route.straight(length=length, friction=friction, grade=grade, speed_limit=30.0)
 
 
 def drive(

@@ -25,7 +25,7 @@ class FlowSamples:
     """Vehicles at places and times, as arrays of shape (n,).
 
     Attributes:
-      time: [s]; lane: index from the right; station: of the front bumper [m].
+      time: [s]; lane: index from the outside; station: of the front bumper [m].
       speed: [m/s].
       spacing: front bumper to the leader's front bumper [m], NaN without one.
       weight: of the entry in a distribution.

@@ -87,7 +87,7 @@ class RoadSample:
         return np.concatenate(self._gaps)
 
     def lanes(self) -> list[tuple[float, float]]:
-        """Share of the vehicles and mean speed [m/s] of each lane, from the right."""
+        """Share of the vehicles and mean speed [m/s] of each lane, from the outside."""
         lane, speed = (np.concatenate(part) for part in zip(*self._lanes, strict=True))
         chosen = [lane == k for k in range(int(lane.max()) + 1)]
         return [(float(mine.mean()), float(speed[mine].mean())) for mine in chosen]

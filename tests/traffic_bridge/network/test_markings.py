@@ -1,10 +1,12 @@
 """Stop lines and crossings of a net are painted where vehicles stop and persons walk."""
 
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 
 from iits_mj.road import RoadMap
-from tests.model.crossing import crossing
+from tests.model.crossing import HALF, crossing
 from tests.paths import outside
 from tests.traffic_bridge.esmini_maps import esmini
 from traffic_bridge.network.markings import WIDTH, Markings, net_markings
@@ -71,6 +73,45 @@ def test_crossings_are_painted_for_people_only_and_lie_on_the_road(village):
         middle = outline[:, :2].mean(axis=0)
         apart = [np.hypot(*(other[:, :2].mean(axis=0) - middle)) for other in found]
         assert sorted(apart)[1] > 5.0
+
+
+def test_persons_cross_where_the_map_paints_a_crossing(tmp_path):
+    path = tmp_path / "painted.xodr"
+    paint = '<object id="1" type="crosswalk" s="6" t="0" length="3" width="7"/>'
+    path.write_text(crossing(f"<objects>{paint}</objects>"))
+    road_map = RoadMap.from_opendrive(path)
+    assert len(net_markings(road_map.route(), walkways=True).crossings) == 3
+    net = build_network(road_map, walkways=True)
+    ways = {c.roads: c for c in read_crossings(net.path, road_map.roads)}
+    moved = ways[frozenset("0")]
+    assert moved.axis.mean(axis=0) - net.offset == pytest.approx([HALF + 6.0, 0.0], abs=0.3)
+    assert moved.outline.mean(axis=0) - net.offset == pytest.approx([HALF + 6.0, 0.0], abs=0.3)
+    # Persons do not walk past the crossing and back.
+    ends = [s.edge for side in moved.sides for s in side if s.edge.lstrip("-") == "0"]
+    assert len(ends) == 2
+    lanes = ElementTree.parse(net.path).getroot().iter("lane")
+    shapes = {lane.get("id"): lane.get("shape").split() for lane in lanes}
+    for edge in ends:
+        along = [float(point.split(",")[0]) - net.offset[0] for point in shapes[f"{edge}_0"]]
+        assert min(along) == pytest.approx(HALF + 6.0 + 2.0, abs=0.3)  # half of SUMO's width
+    # Vehicles stop before the crossing; those of the other arms before theirs.
+    stops = {name: lane.stop_offset for name, lane in net.lanes.items() if lane.stop_offset > 0.0}
+    assert len(stops) == 4
+    entry = next(name for name in stops if net.lanes[name].origin[0] == "0")
+    assert stops[entry] > max(8.0, *(stops[name] for name in stops.keys() - {entry}))
+
+
+def test_no_light_stands_where_two_roads_meet_with_walkways():
+    road_map = RoadMap.from_opendrive(outside("xosc/xodr/multi_intersections.xodr"))
+    net = build_network(road_map, walkways=True)
+    assert len(net.lights) == 5
+    root = ElementTree.parse(net.path).getroot()
+    node = root.find("junction[@id='202#1']")
+    assert node.get("type") == "priority"
+    rows = {row.get("index"): row for row in node.findall("request")}
+    # Of three ways of vehicles and a crossing, persons give way.
+    assert {row.get("response") for index, row in rows.items() if index != "3"} == {"0000"}
+    assert rows["3"].get("response") == rows["3"].get("foes") == "0111"
 
 
 def test_a_road_without_junctions_has_no_paint_of_its_net():

@@ -6,12 +6,21 @@ import numpy as np
 import pytest
 
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import EgoState, TrackedVehicle, VehicleCommand, XbrMode
+from iits_mj.core.messages import (
+    EgoState,
+    LightState,
+    RoadSignals,
+    SignalLamp,
+    TrackedVehicle,
+    TrafficLight,
+    VehicleCommand,
+    XbrMode,
+)
 from tests.traffic_bridge.recorded_drive import STEPS, record
 from tests.traffic_bridge.scripted_truck import ego_at
 from traffic_bridge import PoseDigest, Recorder, Recording, RepSim, ReSim, VehicleFrame
 from traffic_bridge.recording.recorder import PIECE, SpillTable
-from traffic_bridge.recording.rows import ego_of, ego_row
+from traffic_bridge.recording.rows import ego_of, ego_row, signals_of
 
 
 @pytest.fixture(scope="module")
@@ -283,3 +292,44 @@ def test_rows_in_the_temporary_file_keep_their_order():
     table.clear()
     assert len(table) == 0
     assert len(table.array()) == 0
+
+
+GREEN, RED = LightState.GREEN, LightState.RED
+CHANGES = (
+    (0, RoadSignals(TrafficLight(40.0, RED), lamps=(SignalLamp("1", RED), SignalLamp("2", GREEN)))),
+    (7, RoadSignals(TrafficLight(40.0, GREEN), lamps=(SignalLamp("2", GREEN),))),
+    (9, RoadSignals()),
+)
+
+
+def test_lights_are_those_of_the_last_change_and_a_file_without_them_has_none(recorded, tmp_path):
+    path, _ = recorded
+    before = Recording.load(path)
+    assert before.signals == ()
+    assert before.signals_at(3) == RoadSignals()
+    lit = dataclasses.replace(before, signals=CHANGES)
+    found = Recording.load(lit.save(tmp_path / "lit"))
+    assert found.signals == CHANGES
+    for frame, place in ((0, 0), (6, 0), (7, 1), (8, 1), (9, 2), (12, 2)):
+        assert found.signals_at(frame) == CHANGES[place][1]
+    # Files of earlier versions have no such array.
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files if name != "signals"}
+    np.savez(tmp_path / "old.npz", **arrays)
+    assert Recording.load(tmp_path / "old.npz").signals == ()
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        3,
+        [[0, None]],
+        [[0, None, {"1": "blue"}]],
+        [[0, [math.nan, "red"], {}]],
+        [[2, None, {}], [2, None, {}]],
+        [[-1, None, {}]],
+    ],
+)
+def test_unusable_lights_are_refused(rows):
+    with pytest.raises(InputError, match=r"its signals: row \d is not usable"):
+        signals_of(rows, "its signals")

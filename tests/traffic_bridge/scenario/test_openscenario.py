@@ -789,9 +789,42 @@ def test_a_speed_profile_has_the_limits_of_the_file(tmp_path):
     # 6 m/s at 2 m/s2, and 0.2 s until the acceleration is reached.
     record = records["aside"]
     assert record.ended - record.begun == pytest.approx(3.2, abs=0.21)
-    timed = SCENARIO.replace(ACTION, PROFILE.replace('speed="-5"', 'speed="-5" time="2"'))
-    with pytest.raises(InputError, match="one entry that has no time"):
-        play(written(tmp_path, timed), 0.1)
+
+
+@pytest.mark.parametrize("mode", ["follow", "position"])
+@pytest.mark.parametrize("base", [0.0, 20.0])
+def test_a_speed_profile_of_several_entries_is_followed_by_time(tmp_path, mode, base):
+    entries = "".join(
+        f'<SpeedProfileEntry speed="{speed - base:g}" time="{time:g}"/>'
+        for speed, time in ((15.0, 2.0), (15.0, 1.0), (5.0, 2.5))
+    )
+    # Differences are to the speed of the truck, 20 m/s.
+    text = PROFILE.replace('<SpeedProfileEntry speed="-5"/>', entries).replace("follow", mode)
+    text = text.replace("followingMode", "followingMode", 1)
+    text = text if base else text.replace(' entityRef="Hero"', "")
+    _, frames, records = play(written(tmp_path, SCENARIO.replace(ACTION, text)), 9.0)
+    record = records["aside"]
+    assert record.ended - record.begun == pytest.approx(5.5, abs=0.11)
+    first = round(record.begun / STEP)
+    for after, speed in (
+        (0.0, 9.0),
+        (1.0, 12.0),
+        (2.0, 15.0),
+        (3.0, 15.0),
+        (4.0, 11.0),
+        (6.0, 5.0),
+    ):
+        assert frames[first + round(after / STEP)].find("car").speed == pytest.approx(
+            speed, abs=0.61
+        )
+    assert frames[-1].find("car").speed == pytest.approx(5.0)
+
+
+def test_a_speed_profile_without_a_time_in_each_of_its_entries_is_refused(tmp_path):
+    extra = '<SpeedProfileEntry speed="3" time="1"/></SpeedProfileAction>'
+    text = PROFILE.replace("</SpeedProfileAction>", extra)
+    with pytest.raises(InputError, match="a time in each of several entries"):
+        play(written(tmp_path, SCENARIO.replace(ACTION, text)), 0.1)
 
 
 COMMAND = '<Action name="x"><UserDefinedAction><CustomCommandAction type="TYPE">TEXT'

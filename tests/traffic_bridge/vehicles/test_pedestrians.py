@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 import pytest
 
+from iits_mj.core.boxes import UnitShape, unit_boxes
 from iits_mj.core.errors import InputError
+from iits_mj.parameters import TruckParameters
 from iits_mj.road import RoadMap
 from tests.model.crossing import crossing
 from traffic_bridge import PureSim, TrafficConfig
 from traffic_bridge.network.nets import build_network
 from traffic_bridge.network.walkways import LINE_GAP, read_crossings
-from traffic_bridge.vehicles.pedestrians import FASTEST_BODY, SPEED_BOUNDS
+from traffic_bridge.vehicles.pedestrians import (
+    AWAY,
+    CLOSE,
+    FASTEST_BODY,
+    SPEED_BOUNDS,
+    kept_off,
+    pedestrian_type,
+    toward,
+)
 
 CONFIG = TrafficConfig(density="dense", scope="map", speed_limit=12.5, pedestrians=400.0)
 
@@ -77,6 +88,43 @@ def test_persons_cross_the_road_and_do_not_jump(road_map):
     assert len(crossed) >= 3
     moving = [speed for speed in speeds if speed > 0.3]
     assert SPEED_BOUNDS[0] < np.median(moving) < SPEED_BOUNDS[1]
+
+
+@pytest.mark.parametrize("truck", ["tractor_semitrailer_6x4", "rigid_drawbar", "b_double"])
+@pytest.mark.parametrize("bend", [0.0, 0.5, -1.2])
+def test_nobody_walks_into_a_truck_that_stands_bent(truck, bend):
+    shapes = TruckParameters.load(truck).unit_shapes
+    units = unit_boxes(0.0, 0.0, 0.0, (bend / (len(shapes) - 1),) * (len(shapes) - 1), shapes)
+    rng, step = np.random.default_rng(4), 0.1 * FASTEST_BODY
+    passed, room = 0, math.sqrt(0.5) * pedestrian_type().width
+    for _ in range(30):
+        begin, end = (rng.uniform([-20.0, -10.0], [5.0, 10.0]) for _ in range(2))
+        body = tuple(begin.tolist())
+        if min(gap(unit, body) for unit in units) < CLOSE:
+            continue
+        passed += any(
+            gap(u, begin + t * (end - begin)) < 0.0 for t in np.arange(50) / 50 for u in units
+        )
+        for _ in range(150):
+            place = kept_off(units, body, toward(body, end, step), stands=False)
+            body = toward(body, place, step)
+            assert min(gap(unit, body) for unit in units) > room
+    assert passed > 3
+
+
+def gap(unit, point):
+    """Distance of a point from a unit [m], negative inside."""
+    ahead, left = unit.place(*point)
+    beside = abs(left) - 0.5 * unit.width
+    along = max(ahead - unit.ahead, -unit.behind - ahead)
+    return max(beside, along) if min(beside, along) < 0.0 else np.hypot(beside, along)
+
+
+def test_a_person_who_stands_steps_back_from_the_side_but_not_from_the_front():
+    (unit,) = unit_boxes(0.0, 0.0, 0.0, (), [UnitShape(0.0, 1.4, 10.0, 2.5)])
+    assert kept_off([unit], (-3.0, 2.0), (-3.0, 2.0), stands=True) == (-3.0, 1.25 + AWAY)
+    assert kept_off([unit], (5.0, 0.0), (5.0, 0.0), stands=True) == (5.0, 0.0)
+    assert kept_off([unit], (2.5, 0.0), (2.1, 0.0), stands=False) == (1.4 + CLOSE, 0.0)
 
 
 def test_one_seed_gives_one_walk(road_map):

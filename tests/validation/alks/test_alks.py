@@ -7,12 +7,13 @@ import pytest
 
 from iits_mj.core.assets import regulation_path
 from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoState
 from iits_mj.core.timing import TIMESTEP
 from iits_mj.core.units import KMH
 from iits_mj.validation.aeb.drives import BASE, NEAR, RISKY_BRAKING, at, drive, scenario, straight
 from iits_mj.validation.alks import group
 from iits_mj.validation.alks.driver import AVOIDED, CAR, Brakes, measure
-from iits_mj.validation.alks.lane import OUTSIDE, lane_keeping, sleeper
+from iits_mj.validation.alks.lane import LAG, OUTSIDE, lane_keeping, sleeper, time_to_line
 from traffic_bridge import read_events
 
 LADEN = dataclasses.replace(BASE, payload=36_000.0)
@@ -93,13 +94,33 @@ def test_the_stack_keeps_its_lane_in_bends_and_gusts():
     values = {check.name: check.value for check in found.checks}
     room = [value for name, value in values.items() if "distance" in name or "gust" in name]
     assert len(room) == 2
+    (false,) = (value for name, value in values.items() if "false take-overs" in name)
+    assert false == 0.0
     # 0.725 m is half of what a lane of 4 m leaves beside the truck.
     assert all(0.1 < value < 0.725 for value in room)
 
 
 def test_the_stack_takes_over_from_a_sleeper_before_the_last_warning():
-    made = drive(at(dataclasses.replace(STACK, planner=sleeper(0.5)), 65.0, 9.0))
-    assert 0.0 < -made.room < OUTSIDE
+    beyond = {}
+    for ahead in (0.0, LAG):
+        asleep = sleeper(0.8, ahead)
+        made = drive(at(dataclasses.replace(STACK, planner=asleep), 65.0, 9.0))
+        beyond[ahead] = -made.room
+        # The drift is at the line after 1 s + 0.725 m / 0.8 m/s; the stack looks every 0.1 s.
+        assert asleep.alarms[0] == pytest.approx(1.906 - ahead, abs=0.21)
+    assert 0.0 < beyond[LAG] < OUTSIDE < beyond[0.0]
+
+
+def test_time_to_the_line_is_room_over_the_rate_across_the_road():
+    route = straight()
+    middle = float(route.lane_offset(1, 400.0))
+    drifting = EgoState(station=400.0, offset=middle + 0.5, yaw=0.02, speed=20.0)
+    assert time_to_line(drifting, route, 2.6) == pytest.approx(0.2 / (20.0 * math.sin(0.02)))
+    leaving = dataclasses.replace(drifting, yaw=-0.02)
+    assert time_to_line(leaving, route, 2.6) == math.inf
+    slipping = dataclasses.replace(drifting, yaw=0.0, lateral_speed=0.4)
+    assert time_to_line(slipping, route, 2.6) == pytest.approx(0.5)
+    assert time_to_line(slipping, route, 3.2) == 0.0
 
 
 def test_every_scenario_reads_with_its_defaults():
