@@ -45,12 +45,12 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
     "iits_mj/Dock-v0": _driving("dock", 120, 91.0),
     "iits_mj/CutIn-v0": _driving("cut_in", 200, 122.0),
     "iits_mj/EmergencyStop-v0": _driving("emergency_stop", 200, 154.0),
-    "iits_mj/Highway-v0": _other("highway:HighwayEnv", 120, -13.7),
+    "iits_mj/Highway-v0": _other("highway:HighwayEnv", 120, -6.9),
     "iits_mj/HighwayFast-v0": {
-        **_other("highway:HighwayFastEnv", 120, -3.5),
+        **_other("highway:HighwayFastEnv", 120, -2.7),
         "vector_entry_point": "iits_mj.envs.highway_vector:HighwayFastVectorEnv",
     },
-    "iits_mj/SpeedPlanning-v0": _other("speed_planning:SpeedPlanningEnv", 120, -3.6),
+    "iits_mj/SpeedPlanning-v0": _other("speed_planning:SpeedPlanningEnv", 120, -3.5),
     "iits_mj/Hoel2020-v0": _other("hoel2020:Hoel2020Env", 100, 70.0),
 }
 
