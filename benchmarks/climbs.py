@@ -1,4 +1,4 @@
-"""Climbs at full pedal on the planar plant: speed, rolling back, hunting, and fuel of both shift strategies.
+"""Climbs at full pedal with both shift strategies: speed, rolling back, gear changes, fuel, time.
 
     python benchmarks/climbs.py                       # 98 ramps of the 6x4, with each strategy
     python benchmarks/climbs.py --plant full --grades 12,15 --loads 55

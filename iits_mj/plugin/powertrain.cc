@@ -365,6 +365,7 @@ void PowertrainPlugin::Prepare() {
   box.gears.map_of_gear.assign(gear_loss_map_.begin(), gear_loss_map_.end());
   box.gears.meters_per_radian = wheel_radius_ / box.gears.final_drive;
   box.strategy.cut_time = box.cut_time;
+  box.strategy.launch_range = line.control.launch_range;
   box.strategy.change_time = box.cut_time + box.synchronization_time + box.close_time;
   box.strategy.adaptive = shift_strategy_ == "adaptive";
   line.control.idle_speed = engine.idle_speed;
