@@ -230,14 +230,15 @@ struct ShiftSituation {
     return engine.idle_speed + p.launch_range * level / engine.reference_torque;
   }
 
-  // Whether a gear takes the load up again after a dip, if only with a slipping clutch.
+  // How a gear takes the load up again after a dip. An engaged gear may turn slower than one that
+  // is chosen; on the way down the engine may be slow for long.
   Uptake UptakeOf(int next, const Dip& dip) const {
-    const T ratio = gears.Ratio(next);
-    const T reserve = Failed(next) && !Stays(next) ? p.failed_reserve : p.torque_reserve;
-    if ((next < gear || Bears(next, dip)) && Carries(next, dip.speed, p.torque_reserve))
-      return kTurns;
-    const bool moves = Floored() && ratio * dip.speed > p.relaunch_speed * engine.idle_speed;
-    return moves && Carries(next, LaunchSpeed(next) / ratio, reserve) ? kSlips : kStops;
+    const T ratio = gears.Ratio(next), margin = Stays(next) ? p.failed_reserve : T(1);
+    const T turns = margin * ratio * dip.speed / engine.idle_speed;
+    const bool bears = Bears(next, dip) || (next < gear && turns >= 1);
+    if (bears && Carries(next, dip.speed, p.torque_reserve)) return kTurns;
+    const bool slips = Floored() && turns > p.relaunch_speed;
+    return slips && Carries(next, LaunchSpeed(next) / ratio, p.torque_reserve) ? kSlips : kStops;
   }
 
   // What follows if the change to a gear begins at a shaft speed.
@@ -356,7 +357,7 @@ struct ShiftSituation {
     const Dip dip = DipOf(next, from);
     if (Bears(next, dip) && Carries(next, dip.speed, reserve)) return dip.speed;
     // At its governor the engine gains nothing by waiting.
-    const bool pays = AtGovernor() && UptakeOf(next, dip) == kSlips &&
+    const bool pays = AtGovernor() && !Failed(next) && UptakeOf(next, dip) == kSlips &&
                       After(next, from).speed > p.failed_reserve * in.shaft_speed;
     return pays ? dip.speed : T(0);
   }

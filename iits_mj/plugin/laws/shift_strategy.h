@@ -30,7 +30,8 @@ struct ShiftStrategy : ShiftParameters<T> {
     const GearboxState<T>& s = now.state;
     const T pedal_up = now.engine.pedal_up;
     const bool standing =
-        now.gears.Ratio(p.start_gear) * now.in.shaft_speed < now.engine.idle_speed;
+        now.gears.Ratio(p.start_gear) * now.in.shaft_speed < now.engine.idle_speed &&
+        !now.Recovers();
     if (standing && now.in.clutch_open && (gear > p.start_gear || now.in.pedal < pedal_up)) {
       return {p.start_gear, false};
     }
