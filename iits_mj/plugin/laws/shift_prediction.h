@@ -19,7 +19,7 @@ struct ShiftParameters {
   T downshift_delay, downshift_margin, min_gear_time, reversal_time;
   T acceleration_lag, load_lag, pedal_lag;
   T lowest_speed, lowest_speed_pedal, rolling_speed;
-  T recovery_horizon, recovery_speed, recovery_time, relaunch_speed = 0.5;
+  T recovery_horizon, recovery_speed, recovery_time, relaunch_speed = 0.6;
   T upshift_speed, downshift_speed, downshift_speed_max, power_speed;
   T overspeed, overspeed_braking;
   T torque_reserve, failed_reserve, failed_load, built_up_torque;
@@ -237,7 +237,8 @@ struct ShiftSituation {
     const T turns = margin * ratio * dip.speed / engine.idle_speed;
     const bool bears = Bears(next, dip) || (next < gear && turns >= 1);
     if (bears && Carries(next, dip.speed, p.torque_reserve)) return kTurns;
-    const bool slips = Floored() && turns > p.relaunch_speed;
+    const T slowest = Stays(next) ? T(0.6 * p.relaunch_speed) : p.relaunch_speed;
+    const bool slips = Floored() && turns > slowest;
     return slips && Carries(next, LaunchSpeed(next) / ratio, p.torque_reserve) ? kSlips : kStops;
   }
 
@@ -357,14 +358,15 @@ struct ShiftSituation {
     const Dip dip = DipOf(next, from);
     if (Bears(next, dip) && Carries(next, dip.speed, reserve)) return dip.speed;
     // At its governor the engine gains nothing by waiting.
-    const bool pays = AtGovernor() && !Failed(next) && UptakeOf(next, dip) == kSlips &&
-                      After(next, from).speed > p.failed_reserve * in.shaft_speed;
+    const bool pays = AtGovernor() && !Failed(next) &&
+                      After(next, from) > Outcome{kSlips, p.failed_reserve * in.shaft_speed};
     return pays ? dip.speed : T(0);
   }
 
-  // Whether the governor limits the engine.
+  // Whether the governor holds the engine at its speed.
   bool AtGovernor() const {
-    return InputSpeed() >= (1 - engine.governor_droop) * engine.governed_speed;
+    return Min(InputSpeed(), SpeedSoon()) >= (1 - engine.governor_droop) * engine.governed_speed &&
+           SpeedSoon() < (1 + kHeldSpeedStep) * InputSpeed();
   }
 
   // Higher gear that holds the highest speed on the climb if the change begins now.

@@ -33,7 +33,7 @@ struct ShiftStrategy : ShiftParameters<T> {
         now.gears.Ratio(p.start_gear) * now.in.shaft_speed < now.engine.idle_speed &&
         !now.Recovers();
     if (standing && now.in.clutch_open && (gear > p.start_gear || now.in.pedal < pedal_up)) {
-      return {p.start_gear, false};
+      return {p.start_gear, gear > p.start_gear && now.Floored()};
     }
     if (gear < now.gears.count() && TooFast(now)) return {gear + 1, false};
     if (s.gear_time < p.min_gear_time && !(s.direction < 0 && now.LosesClimb()))
