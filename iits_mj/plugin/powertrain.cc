@@ -241,6 +241,7 @@ Attributes PowertrainPlugin::Table() {
       Number("rolling_speed", 1, 4, &s.rolling_speed),
       Number("recovery_horizon", 0, 10, &s.recovery_horizon),
       Number("recovery_speed", 0.5, 3, &s.recovery_speed),
+      Number("relaunch_speed", 0, 3, &s.relaunch_speed),
       Number("recovery_time", 0, 10, &s.recovery_time),
       Number("upshift_speed_margin", 1, 2, &s.upshift_speed),
       Number("downshift_speed_margin", 1, 2, &s.downshift_speed),

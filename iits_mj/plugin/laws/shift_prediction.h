@@ -19,7 +19,7 @@ struct ShiftParameters {
   T downshift_delay, downshift_margin, min_gear_time, reversal_time;
   T acceleration_lag, load_lag, pedal_lag;
   T lowest_speed, lowest_speed_pedal, rolling_speed;
-  T recovery_horizon, recovery_speed, recovery_time, relaunch_speed = 0.6;
+  T recovery_horizon, recovery_speed, recovery_time, relaunch_speed;
   T upshift_speed, downshift_speed, downshift_speed_max, power_speed;
   T overspeed, overspeed_braking;
   T torque_reserve, failed_reserve, failed_load, built_up_torque;
@@ -83,6 +83,8 @@ struct ShiftSituation {
 
   // Numerical step of a search for the speed that a gear holds, as a share of the governed speed.
   static constexpr double kHeldSpeedStep = 0.01;
+  // Of `relaunch_speed`: an engaged gear saves a change.
+  static constexpr double kEngagedShare = 0.6;
 
   // Shaft speed in a change: after the clutch has closed, and at its minimum, a time [s] later.
   struct Dip {
@@ -217,13 +219,6 @@ struct ShiftSituation {
     return FullTorque(next, shaft_speed) >= reserve * Max(0.0, state.load);
   }
 
-  // Whether the engine is not too slow after a dip, or gains speed again.
-  bool Survives(int next, const Dip& dip) const {
-    const T speed = gears.Ratio(next) * dip.speed;
-    if (speed >= LowSpeed()) return true;
-    return speed >= p.recovery_speed * engine.idle_speed && Carries(next, dip.speed, 1);
-  }
-
   // Engine speed at which a slipping clutch transmits the load, as in a launch.
   T LaunchSpeed(int next) const {
     const T level = EngineTorque(next, Max(0.0, state.load), engine.idle_speed);
@@ -237,7 +232,7 @@ struct ShiftSituation {
     const T turns = margin * ratio * dip.speed / engine.idle_speed;
     const bool bears = Bears(next, dip) || (next < gear && turns >= 1);
     if (bears && Carries(next, dip.speed, p.torque_reserve)) return kTurns;
-    const T slowest = Stays(next) ? T(0.6 * p.relaunch_speed) : p.relaunch_speed;
+    const T slowest = (Stays(next) ? kEngagedShare : 1.0) * p.relaunch_speed;
     const bool slips = Floored() && turns > slowest;
     return slips && Carries(next, LaunchSpeed(next) / ratio, p.torque_reserve) ? kSlips : kStops;
   }
@@ -306,8 +301,8 @@ struct ShiftSituation {
     return UptakeOf(gear, dip) != kStops;
   }
 
-  // Load at the end of a change that begins after a time [s]. In the lower half of the gears, where
-  // a change costs much of the speed, the load goes on to rise as it does now.
+  // Load at the end of a change that begins after a time [s]. In the lower two thirds of the
+  // gears, where a change costs much of the speed, the load goes on to rise as it does now.
   T LoadAfter(T time) const {
     if (3 * gear > 2 * gears.count()) return state.load;
     const T rate = Max(0.0, state.load - state.slow_load) / p.recovery_horizon;
