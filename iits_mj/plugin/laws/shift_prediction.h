@@ -83,6 +83,8 @@ struct ShiftSituation {
 
   // Numerical step of a search for the speed that a gear holds, as a share of the governed speed.
   static constexpr double kHeldSpeedStep = 0.01;
+  // Share of the speed that a change costs, beyond which the gearbox looks ahead.
+  static constexpr double kCostlyChange = 0.05;
   // Of `relaunch_speed`: an engaged gear saves a change.
   static constexpr double kEngagedShare = 0.6;
 
@@ -301,10 +303,11 @@ struct ShiftSituation {
     return UptakeOf(gear, dip) != kStops;
   }
 
-  // Load at the end of a change that begins after a time [s]. In the lower two thirds of the
-  // gears, where a change costs much of the speed, the load goes on to rise as it does now.
+  // Load at the end of a change that begins after a time [s]. Where a change costs much of the
+  // speed, the load goes on to rise as it does now.
   T LoadAfter(T time) const {
-    if (3 * gear > 2 * gears.count()) return state.load;
+    const T kept = SpeedAfterChange(in.shaft_speed) / in.shaft_speed;
+    if (2 * gear > gears.count() && kept > 1 - kCostlyChange) return state.load;
     const T rate = Max(0.0, state.load - state.slow_load) / p.recovery_horizon;
     return state.load + (time + change_time + p.acceleration_lag + p.load_lag) * rate;
   }
