@@ -105,7 +105,8 @@ struct Gearbox {
       return;
     }
     const T left = Max(synchronization_time - s->phase_time, 0.0) + close_time;
-    const T closed = in.shaft_speed + left * s->acceleration;
+    // A downshift skips gears in which the engine is too fast only until the clutch closes.
+    const T closed = in.shaft_speed + (s->direction < 0 ? left : close_time) * s->acceleration;
     if (drive && s->direction < 0) {
       s->target =
           strategy.Correct({strategy, gears, engine, in, *s, gears.Gear(s->target), left, 0, true});

@@ -42,9 +42,10 @@ RESOLUTION, _COARSE = 0.0025, 0.01
 _GENTLEST, _STEEPEST = 0.03, 0.45
 # Friction of a road on which the engine is the limit, not the tires.
 _ROUGH = 1.2
-# Length and grade of the approach to the steep part, and distance to climb there [m].
-_APPROACH, _APPROACH_GRADE, _CLIMB = 30.0, 0.12, 25.0
-_PATIENCE = 120.0
+# Length and grade of the approach to the steep part, and distance to climb there [m]: so long that
+# the energy of the run-up, up to half a meter of height, adds less than 0.5 % to the grade.
+_APPROACH, _APPROACH_GRADE, _CLIMB = 30.0, 0.12, 125.0
+_PATIENCE = 200.0
 # Rolling back by more than this ends an attempt [m].
 _ROLLED = 0.5
 # Distance at which the truck has begun to move [m].
