@@ -145,7 +145,7 @@ def gradeability(
         gently = HillDriver(truck, _hold_for(truck, gentle))
 
         def command(time: float, state: EgoState) -> VehicleCommand:
-            return (gently if state.station < start + _SET_OFF else full)(time, state)
+            return (gently if state.station < start + _APPROACH else full)(time, state)
 
         return _climbs(truck, command, _APPROACH + 30.0 + length + _CLIMB, _PATIENCE)
 
