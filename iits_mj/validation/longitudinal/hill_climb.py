@@ -9,7 +9,7 @@ To set off, the driver holds the truck by the parking brake and floors the pedal
 until the gearbox has chosen its gear. Then the driver sets the pedal for a grade steeper by 0.7 %,
 releases the brake, and presses the pedal further until the truck moves. Under way the pedal is
 floored; it is eased while the drive wheels slip by more than 14 %. The steep part is approached on
-half its grade, at most 12 %.
+half its grade, at most 12 %, with the pedal for that grade.
 """
 
 from __future__ import annotations
