@@ -228,6 +228,7 @@ class Shifting:
     recovery_horizon: Seconds
     recovery_speed: Pure
     recovery_time: Seconds
+    relaunch_speed: Pure
     upshift_speed_margin: Pure
     downshift_speed_margin: Pure
     downshift_speed_max: Pure

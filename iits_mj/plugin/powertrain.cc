@@ -241,6 +241,7 @@ Attributes PowertrainPlugin::Table() {
       Number("rolling_speed", 1, 4, &s.rolling_speed),
       Number("recovery_horizon", 0, 10, &s.recovery_horizon),
       Number("recovery_speed", 0.5, 3, &s.recovery_speed),
+      Number("relaunch_speed", 0, 3, &s.relaunch_speed),
       Number("recovery_time", 0, 10, &s.recovery_time),
       Number("upshift_speed_margin", 1, 2, &s.upshift_speed),
       Number("downshift_speed_margin", 1, 2, &s.downshift_speed),
@@ -365,6 +366,7 @@ void PowertrainPlugin::Prepare() {
   box.gears.map_of_gear.assign(gear_loss_map_.begin(), gear_loss_map_.end());
   box.gears.meters_per_radian = wheel_radius_ / box.gears.final_drive;
   box.strategy.cut_time = box.cut_time;
+  box.strategy.launch_range = line.control.launch_range;
   box.strategy.change_time = box.cut_time + box.synchronization_time + box.close_time;
   box.strategy.adaptive = shift_strategy_ == "adaptive";
   line.control.idle_speed = engine.idle_speed;

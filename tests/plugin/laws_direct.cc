@@ -555,8 +555,10 @@ double work_ahead(int gear, const double* input, const double* state, int next) 
                   [next](const auto& now) { return LookAhead(now, next).work; });
 }
 double held_speed(int gear, const double* input, const double* state, int next) {
-  return Situated(1, gear, input, state,
-                  [&](const auto& now) { return now.HeldSpeed(next, now.in.shaft_speed); });
+  return Situated(1, gear, input, state, [&](const auto& now) {
+    const auto outcome = now.After(next, now.in.shaft_speed);
+    return outcome.uptake == now.kTurns ? outcome.speed : 0.0;
+  });
 }
 
 int drive_columns() {

@@ -128,7 +128,8 @@ def test_priced_time_decides_between_power_and_fuel_on_a_climb():
         )
     greatest = (ENGINE.full_load_speed * ENGINE.full_load_torque).max()
     assert (powers[0] > 0.8 * greatest).all(), powers
-    assert (powers[0] > powers[1]).all(), powers
+    assert (powers[0] > 0.999 * np.array(powers[1])).all(), powers
+    assert np.mean(powers[0]) > 1.02 * np.mean(powers[1]), powers
     assert np.mean(rates[1]) < np.mean(rates[0]), rates
 
 

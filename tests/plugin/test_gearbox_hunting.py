@@ -193,3 +193,13 @@ def test_only_the_pedal_or_the_governor_reverses_a_gear_change(strategy):
     assert count < 0.1 * changes
     forward = traces["speed"] > 0.5
     assert traces["engine_speed"][forward].min() > 0.8 * ENGINE.idle_speed
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("grade", [0.10, 0.12])
+def test_laden_truck_leaves_second_gear_on_a_steep_climb(strategy, grade):
+    """A change costs most of the speed; the clutch slips until the torque has built up."""
+    case = Case(55_000.0, grade, 5 * KMH)
+    traces = drive([case], constant(1, 90.0, np.ones(1)), changes={"shift_strategy": strategy})
+    assert traces["speed"][0, -1] > 0.97 * ideal_speed(case.mass, grade)
+    assert min(after - before for _, before, after in shifts(traces["gear"][0])) > 0

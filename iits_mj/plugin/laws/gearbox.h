@@ -104,9 +104,10 @@ struct Gearbox {
       s->target = s->phase = s->phase_time = s->gear_time = 0;
       return;
     }
-    const T closed = in.shaft_speed + close_time * s->acceleration;
+    const T left = Max(synchronization_time - s->phase_time, 0.0) + close_time;
+    // A downshift skips gears in which the engine is too fast only until the clutch closes.
+    const T closed = in.shaft_speed + (s->direction < 0 ? left : close_time) * s->acceleration;
     if (drive && s->direction < 0) {
-      const T left = Max(synchronization_time - s->phase_time, 0.0) + close_time;
       s->target =
           strategy.Correct({strategy, gears, engine, in, *s, gears.Gear(s->target), left, 0, true});
     }

@@ -15,10 +15,11 @@ struct ShiftParameters {
   int start_gear, skip_up_max, skip_down_max;
   bool adaptive;            // else by tables
   T change_time, cut_time;  // of a gear change and of its first phase [s]
+  T launch_range;  // engine speed above idle at which a launch carries the reference torque
   T downshift_delay, downshift_margin, min_gear_time, reversal_time;
   T acceleration_lag, load_lag, pedal_lag;
   T lowest_speed, lowest_speed_pedal, rolling_speed;
-  T recovery_horizon, recovery_speed, recovery_time;
+  T recovery_horizon, recovery_speed, recovery_time, relaunch_speed;
   T upshift_speed, downshift_speed, downshift_speed_max, power_speed;
   T overspeed, overspeed_braking;
   T torque_reserve, failed_reserve, failed_load, built_up_torque;
@@ -82,6 +83,10 @@ struct ShiftSituation {
 
   // Numerical step of a search for the speed that a gear holds, as a share of the governed speed.
   static constexpr double kHeldSpeedStep = 0.01;
+  // Share of the speed that a change costs, beyond which the gearbox looks ahead.
+  static constexpr double kCostlyChange = 0.05;
+  // Of `relaunch_speed`: an engaged gear saves a change.
+  static constexpr double kEngagedShare = 0.6;
 
   // Shaft speed in a change: after the clutch has closed, and at its minimum, a time [s] later.
   struct Dip {
@@ -90,6 +95,27 @@ struct ShiftSituation {
   struct Held {
     int gear;
     T speed;  // 0 if no gear holds the load
+  };
+  // How a gear takes the load up again after a change.
+  enum Uptake {
+    kStops = 0,  // not at all, or so late that the truck stops
+    kSlips,      // with a slipping clutch, as in a launch
+    kTurns,      // with a closed clutch and an engine that is fast enough
+  };
+  // How a gear takes the load up, and the shaft speed that it then holds; if the truck stops, the
+  // speed at the end of the dip.
+  struct Outcome {
+    Uptake uptake;
+    T speed;
+    bool operator>(const Outcome& other) const {
+      return uptake != other.uptake ? uptake > other.uptake : speed > other.speed;
+    }
+  };
+  // A gear to change down to, the shaft speed at which the change begins, and what follows.
+  struct Descent {
+    int gear;
+    T from;
+    Outcome outcome;
   };
 
   bool Floored() const { return in.pedal > p.floored_pedal; }
@@ -154,7 +180,9 @@ struct ShiftSituation {
       return {after, T(after + p.recovery_horizon * Min(0.0, state.acceleration)), 0};
     }
     const T speed = gears.Ratio(next) * after;
-    const T demand = engine.PedalTorque(speed, in.pedal);
+    // With a floored pedal the clutch slips rather than drag the engine below this speed.
+    const T driven = Floored() ? Max(speed, LaunchSpeed(next)) : speed;
+    const T demand = engine.PedalTorque(driven, in.pedal);
     const T level = EngineTorque(next, Max(0.0, state.load), speed);
     const TorqueRecovery<T> recovery = Recovery(next, demand, level, engine.drag(speed));
     if (recovery.time <= 0) return {after, after, 0};
@@ -193,77 +221,111 @@ struct ShiftSituation {
     return FullTorque(next, shaft_speed) >= reserve * Max(0.0, state.load);
   }
 
-  // Whether the engine is not too slow after a dip, or gains speed again.
-  bool Survives(int next, const Dip& dip) const {
-    const T speed = gears.Ratio(next) * dip.speed;
-    if (speed >= LowSpeed()) return true;
-    return speed >= p.recovery_speed * engine.idle_speed && Carries(next, dip.speed, 1);
+  // Engine speed at which a slipping clutch transmits the load, as in a launch.
+  T LaunchSpeed(int next) const {
+    const T level = EngineTorque(next, Max(0.0, state.load), engine.idle_speed);
+    return engine.idle_speed + p.launch_range * level / engine.reference_torque;
   }
 
-  // Shaft speed up to which a gear carries the load after a change that begins at `from`; 0 if it
-  // does not carry the load.
-  T HeldSpeed(int next, T from) const {
+  // How a gear takes the load up again after a dip. An engaged gear may turn slower than one that
+  // is chosen; on the way down the engine may be slow for long.
+  Uptake UptakeOf(int next, const Dip& dip) const {
+    const T ratio = gears.Ratio(next), margin = Stays(next) ? p.failed_reserve : T(1);
+    const T turns = margin * ratio * dip.speed / engine.idle_speed;
+    const bool bears = Bears(next, dip) || (next < gear && turns >= 1);
+    if (bears && Carries(next, dip.speed, p.torque_reserve)) return kTurns;
+    const T slowest = (Stays(next) ? kEngagedShare : 1.0) * p.relaunch_speed;
+    const bool slips = Floored() && turns > slowest;
+    return slips && Carries(next, LaunchSpeed(next) / ratio, p.torque_reserve) ? kSlips : kStops;
+  }
+
+  // What follows if the change to a gear begins at a shaft speed.
+  Outcome After(int next, T from) const {
     const Dip dip = DipOf(next, from);
-    if (!Bears(next, dip) || !Carries(next, dip.speed, p.torque_reserve)) return 0;
-    const T ratio = gears.Ratio(next);
-    const T step = kHeldSpeedStep * engine.governed_speed / ratio;
-    T held = dip.speed;
+    const Uptake uptake = UptakeOf(next, dip);
+    const T ratio = gears.Ratio(next), step = kHeldSpeedStep * engine.governed_speed / ratio;
+    if (uptake == kStops) return {uptake, dip.speed};
+    T held = uptake == kTurns ? dip.speed : Max(dip.speed, LaunchSpeed(next) / ratio);
     while (ratio * held < engine.governed_speed && Carries(next, held + step, 1)) held += step;
-    return held;
+    return {uptake, held};
   }
 
-  // Lower gear that holds the highest speed on the climb if the change begins at `from`.
-  Held BestHeld(T from) const {
+  // Shaft speed below which the engine turns slowly enough for a change to a gear.
+  T FastestChange(int next, T from) const {
+    return Ceiling() / gears.Ratio(next) + from - SpeedAfterChange(from);
+  }
+
+  // Whether the present gear lasts from a shaft speed until a lower one: the engine stays above
+  // `recovery_speed`, and is below the lowest speed for `recovery_time` at most.
+  bool LastsUntil(T speed, T from) const {
+    const T ratio = gears.Ratio(gear);
+    if (speed >= from) return true;
+    if (ratio * speed < p.recovery_speed * engine.idle_speed) return false;
+    return Min(from, LowSpeed() / ratio) + p.recovery_time * state.acceleration <= speed;
+  }
+
+  // Highest gear to change to on the way from a shaft speed to a lower one at which the next change
+  // begins; 0 if there is none, or no time for two changes.
+  int GearBetween(int last, T from, T until) const {
     const T after = SpeedAfterChange(from);
-    Held best = {gear, 0};
-    for (int next = gear - 1; next >= p.start_gear && gears.Ratio(next) * after < Ceiling();
-         --next) {
-      const T held = HeldSpeed(next, from);
-      if (held > best.speed) best = {next, held};
+    const T coasted = after + (after - from) * p.min_gear_time / change_time;
+    if (coasted < until) return 0;
+    for (int by = gear - 1; by > last && gears.Ratio(by) * after < Ceiling(); --by) {
+      if (gears.Ratio(by) * until >= LowSpeed()) return by;
     }
-    return best;
+    return 0;
   }
 
-  // Whether a still lower gear will hold the load as soon as the engine is not too fast for it, and
-  // the present gear lasts until then: within `recovery_time`, above `recovery_speed`.
-  bool HoldsLater() const {
-    const T lost = SpeedAfterChange(in.shaft_speed) - in.shaft_speed;
-    for (int next = gear - 1; next >= p.start_gear; --next) {
-      const T from = Ceiling() / gears.Ratio(next) - lost;
-      if (from >= in.shaft_speed) continue;
-      if (gears.Ratio(gear) * from < p.recovery_speed * engine.idle_speed) return false;
-      if (in.shaft_speed + p.recovery_time * state.acceleration > from) return false;
-      if (HeldSpeed(next, from) > 0) return true;
+  // The best way down from a shaft speed: at once, in the present gear until the engine is slow
+  // enough for a lower one, or by way of another gear. The present gear stays if the truck would
+  // stop otherwise.
+  Descent BestDescent(T from) const {
+    Descent best = {gear, from, {kStops, -T(kInfinity)}}, far = best;
+    if (Carries(gear, LaunchSpeed(gear) / gears.Ratio(gear), p.torque_reserve)) {
+      best.outcome.speed = DipOf(gear, from).speed;
     }
-    return false;
+    for (int next = gear - 1; next >= 1; --next) {
+      const T begin = Min(from, FastestChange(next, from));
+      if (best.outcome > Outcome{kTurns, engine.governed_speed / gears.Ratio(next)}) break;
+      const Descent found = {next, begin, After(next, begin)};
+      Descent& of = LastsUntil(begin, from) ? best : far;
+      if (found.outcome > of.outcome) of = found;
+    }
+    if (!(far.outcome > best.outcome)) return best;
+    const int by = GearBetween(far.gear, from, far.from);
+    return by > 0 ? Descent{by, from, far.outcome} : best;
   }
 
   // Whether, with a floored pedal, the torque will carry the load before the engine is too slow.
   bool Recovers() const {
     if (!Floored()) return false;
     const Dip dip = DipOf(gear, in.shaft_speed);
-    return Bears(gear, dip) && Carries(gear, dip.speed, p.torque_reserve);
+    return UptakeOf(gear, dip) != kStops;
   }
 
-  // Load at the end of a change that begins after a time [s]. In the lower half of the gears, where
-  // a change costs much of the speed, the load goes on to rise as it does now.
+  // Load at the end of a change that begins after a time [s]. Where a change costs much of the
+  // speed, the load goes on to rise as it does now.
   T LoadAfter(T time) const {
-    if (2 * gear > gears.count()) return state.load;
+    const T kept = SpeedAfterChange(in.shaft_speed) / in.shaft_speed;
+    if (2 * gear > gears.count() && kept > 1 - kCostlyChange) return state.load;
     const T rate = Max(0.0, state.load - state.slow_load) / p.recovery_horizon;
-    return state.load + (time + change_time) * rate;
+    return state.load + (time + change_time + p.acceleration_lag + p.load_lag) * rate;
   }
 
-  // Lower gear that holds this load if the change begins after a time [s] in the present gear.
-  Held BestHeldAfter(T time) const {
+  // Whether the load goes on to rise clearly, as on the foot of a ramp.
+  bool LoadRises() const { return LoadAfter(0) > p.failed_reserve * Max(0.0, state.load); }
+
+  // The best way down that begins after a time [s] in the present gear.
+  Descent BestDescentAfter(T time) const {
     GearboxState<T> then = state;
     then.load = LoadAfter(time);
     const ShiftSituation later = {p, gears, engine, in, then, gear};
-    return later.BestHeld(in.shaft_speed + time * state.acceleration);
+    return later.BestDescent(in.shaft_speed + time * state.acceleration);
   }
 
   // Whether, with a floored pedal, no speed will be held in the present gear after
-  // `recovery_horizon`, and a lower gear that holds a speed now will hold a lower speed then.
-  bool WaitingCosts() const {
+  // `recovery_horizon`.
+  bool LosesClimb() const {
     if (!Floored() || state.acceleration >= 0 || Recovers()) return false;
     const T ratio = gears.Ratio(gear), load = LoadAfter(p.recovery_horizon);
     const T step = kHeldSpeedStep * engine.governed_speed / ratio;
@@ -271,9 +333,19 @@ struct ShiftSituation {
     for (T speed = Min(SpeedWhenRecovered(gear), fastest); speed >= slowest; speed -= step) {
       if (FullTorque(gear, speed) >= load) return false;
     }
-    const T held = BestHeldAfter(0).speed;
-    if (held <= 0) return false;
-    return BestHeldAfter(p.recovery_horizon).speed < (1 - kHeldSpeedStep) * held;
+    return true;
+  }
+
+  // Whether the best lower gear now is better than after another `recovery_horizon`. A change that
+  // is wanted begins after what is left of the delay.
+  bool WaitingCosts() const {
+    if (!LosesClimb()) return false;
+    const T left = Max(0.0, p.downshift_delay - state.low_time);
+    const Descent now = BestDescentAfter(left);
+    if (now.gear == gear || now.from < in.shaft_speed + left * state.acceleration) return false;
+    if (now.outcome.uptake != kTurns) return true;
+    const Outcome then = BestDescentAfter(left + p.recovery_horizon).outcome;
+    return Outcome{kTurns, (1 - kHeldSpeedStep) * now.outcome.speed} > then;
   }
 
   // Shaft speed after an upshift and the build-up of the torque; 0 if the pedal's torque does not
@@ -282,7 +354,17 @@ struct ShiftSituation {
   T SpeedAfterUpshift(int next, T from) const {
     const T reserve = Failed(next) ? Max(p.failed_reserve, p.torque_reserve) : p.torque_reserve;
     const Dip dip = DipOf(next, from);
-    return Bears(next, dip) && Carries(next, dip.speed, reserve) ? dip.speed : T(0);
+    if (Bears(next, dip) && Carries(next, dip.speed, reserve)) return dip.speed;
+    // At its governor the engine gains nothing by waiting.
+    const bool pays = AtGovernor() && !Failed(next) &&
+                      After(next, from) > Outcome{kSlips, p.failed_reserve * in.shaft_speed};
+    return pays ? dip.speed : T(0);
+  }
+
+  // Whether the governor holds the engine at its speed.
+  bool AtGovernor() const {
+    return Min(InputSpeed(), SpeedSoon()) >= (1 - engine.governor_droop) * engine.governed_speed &&
+           SpeedSoon() < (1 + kHeldSpeedStep) * InputSpeed();
   }
 
   // Higher gear that holds the highest speed on the climb if the change begins now.
@@ -290,7 +372,7 @@ struct ShiftSituation {
     Held best = {gear, 0};
     const int highest = Min(gears.count(), gear + p.skip_up_max);
     for (int next = gear + 1; next <= highest; ++next) {
-      const T held = SpeedAfterUpshift(next) > 0 ? HeldSpeed(next, in.shaft_speed) : T(0);
+      const T held = SpeedAfterUpshift(next) > 0 ? After(next, in.shaft_speed).speed : T(0);
       if (held > best.speed) best = {next, held};
     }
     return best;

@@ -30,12 +30,14 @@ struct ShiftStrategy : ShiftParameters<T> {
     const GearboxState<T>& s = now.state;
     const T pedal_up = now.engine.pedal_up;
     const bool standing =
-        now.gears.Ratio(p.start_gear) * now.in.shaft_speed < now.engine.idle_speed;
+        now.gears.Ratio(p.start_gear) * now.in.shaft_speed < now.engine.idle_speed &&
+        !now.Recovers();
     if (standing && now.in.clutch_open && (gear > p.start_gear || now.in.pedal < pedal_up)) {
-      return {p.start_gear, false};
+      return {p.start_gear, gear > p.start_gear && now.Floored()};
     }
     if (gear < now.gears.count() && TooFast(now)) return {gear + 1, false};
-    if (s.gear_time < p.min_gear_time) return {gear, false};
+    if (s.gear_time < p.min_gear_time && !(s.direction < 0 && now.LosesClimb()))
+      return {gear, false};
     const bool decides = !p.adaptive || floor(s.gear_time / p.adaptive_period) !=
                                             floor((s.gear_time - h) / p.adaptive_period);
     if (now.in.pedal > pedal_up && decides && !TorqueIsCut(now)) {
@@ -54,8 +56,11 @@ struct ShiftStrategy : ShiftParameters<T> {
   // climb. Then it is the lower gear that still holds the load.
   static int Correct(const Situation& now) {
     const T from = now.in.shaft_speed;
-    if (!now.Floored() || now.Survives(now.gear, now.DipOf(now.gear, from))) return now.gear;
-    return now.BestHeld(from).gear;
+    if (!now.Floored()) return now.gear;
+    const typename Situation::Outcome outcome = now.After(now.gear, from);
+    if (outcome.uptake == Situation::kTurns) return now.gear;
+    const auto best = now.BestDescent(from);
+    return best.from >= from && best.outcome > outcome ? best.gear : now.gear;
   }
 
  private:
@@ -85,6 +90,7 @@ struct ShiftStrategy : ShiftParameters<T> {
 
   // Highest gear that the table allows and that holds the load.
   static int TableUpshift(const Situation& now) {
+    if (now.Floored() && now.LoadRises()) return now.gear;
     int best = now.gear;
     const int highest = Min(now.gears.count(), now.gear + now.p.skip_up_max);
     for (int next = now.gear + 1; next <= highest; ++next) {
@@ -98,11 +104,14 @@ struct ShiftStrategy : ShiftParameters<T> {
   // holds a clearly higher speed or, for a slow engine, has more torque.
   static bool LosesSpeed(const Situation& now) {
     const T speed = now.InputSpeed();
-    if (!now.Floored()) return false;
+    if (!now.Floored() || now.Recovers()) return false;
     const T full = now.ShaftTorque(now.gear, now.engine.PedalTorque(speed, now.in.pedal), speed);
-    if (!now.TorqueHasBuiltUp() || full > now.state.load) return false;
+    if (!now.TorqueHasBuiltUp() || full > now.state.load || now.LoadRises()) return false;
     if (now.SpeedSoon() > now.p.power_speed * now.engine.idle_speed) {
-      return now.BestHeld(now.in.shaft_speed).speed > now.p.failed_reserve * now.in.shaft_speed;
+      const T speed = now.p.failed_reserve * now.in.shaft_speed;
+      const auto best = now.BestDescent(now.in.shaft_speed);
+      return best.from >= now.in.shaft_speed &&
+             best.outcome > typename Situation::Outcome{Situation::kTurns, speed};
     }
     const T faster = now.gears.Ratio(now.gear - 1) * now.in.shaft_speed;
     const T torque = now.engine.PedalTorque(faster, now.in.pedal);
@@ -144,10 +153,10 @@ struct ShiftStrategy : ShiftParameters<T> {
     }
     if (!now.Floored() || next == now.gear) return next;
     // Every change costs speed: directly into the gear that will hold the load.
-    if (!now.WaitingCosts() && now.HeldSpeed(next, now.in.shaft_speed) > 0) return next;
-    const auto best = now.BestHeldAfter(0);
-    if (best.speed > 0) return best.gear;
-    return now.HoldsLater() ? now.gear : next;
+    const bool turns = now.After(next, now.in.shaft_speed).uptake == Situation::kTurns;
+    if (turns && !now.WaitingCosts()) return next;
+    const auto best = now.BestDescentAfter(0);
+    return best.from < now.in.shaft_speed ? now.gear : best.gear;
   }
 
   // The pedal has just been floored: the gear in which the upshift table would still be.

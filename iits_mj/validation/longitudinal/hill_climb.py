@@ -9,7 +9,7 @@ To set off, the driver holds the truck by the parking brake and floors the pedal
 until the gearbox has chosen its gear. Then the driver sets the pedal for a grade steeper by 0.7 %,
 releases the brake, and presses the pedal further until the truck moves. Under way the pedal is
 floored; it is eased while the drive wheels slip by more than 14 %. The steep part is approached on
-half its grade, at most 12 %.
+half its grade, at most 12 %, with the pedal for that grade.
 """
 
 from __future__ import annotations
@@ -42,9 +42,10 @@ RESOLUTION, _COARSE = 0.0025, 0.01
 _GENTLEST, _STEEPEST = 0.03, 0.45
 # Friction of a road on which the engine is the limit, not the tires.
 _ROUGH = 1.2
-# Length and grade of the approach to the steep part, and distance to climb there [m].
-_APPROACH, _APPROACH_GRADE, _CLIMB = 30.0, 0.12, 25.0
-_PATIENCE = 120.0
+# Length and grade of the approach to the steep part, and distance to climb there [m]: so long that
+# the energy of the run-up, up to half a meter of height, adds less than 0.5 % to the grade.
+_APPROACH, _APPROACH_GRADE, _CLIMB = 30.0, 0.12, 125.0
+_PATIENCE = 200.0
 # Rolling back by more than this ends an attempt [m].
 _ROLLED = 0.5
 # Distance at which the truck has begun to move [m].
@@ -144,7 +145,7 @@ def gradeability(
         gently = HillDriver(truck, _hold_for(truck, gentle))
 
         def command(time: float, state: EgoState) -> VehicleCommand:
-            return (gently if state.station < start + _SET_OFF else full)(time, state)
+            return (gently if state.station < start + _APPROACH else full)(time, state)
 
         return _climbs(truck, command, _APPROACH + 30.0 + length + _CLIMB, _PATIENCE)
 
