@@ -1,5 +1,6 @@
 import itertools
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -60,4 +61,6 @@ def test_every_shipped_policy_fits_its_environment():
         assert f"iits_mj/{name}" in ENVIRONMENTS
         policy = load_baseline(name, algorithm)
         assert policy.metadata["environment"] == f"iits_mj/{name}"
-        assert np.isfinite(policy(np.zeros(policy.weights[0].shape[1]))).all()
+        with gymnasium.make(f"iits_mj/{name}") as environment:
+            action = policy(np.zeros(environment.observation_space.shape))
+            assert environment.action_space.contains(action)

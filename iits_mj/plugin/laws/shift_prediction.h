@@ -345,7 +345,7 @@ struct ShiftSituation {
     if (now.gear == gear || now.from < in.shaft_speed + left * state.acceleration) return false;
     if (now.outcome.uptake != kTurns) return true;
     const Outcome then = BestDescentAfter(left + p.recovery_horizon).outcome;
-    return Outcome{kTurns, (1 - kHeldSpeedStep) * now.outcome.speed} > then;
+    return Outcome{kTurns, T((1 - kHeldSpeedStep) * now.outcome.speed)} > then;
   }
 
   // Shaft speed after an upshift and the build-up of the torque; 0 if the pedal's torque does not
