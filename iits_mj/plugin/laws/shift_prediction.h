@@ -343,9 +343,9 @@ struct ShiftSituation {
     const T left = Max(0.0, p.downshift_delay - state.low_time);
     const Descent now = BestDescentAfter(left);
     if (now.gear == gear || now.from < in.shaft_speed + left * state.acceleration) return false;
-    if (now.outcome.uptake != kTurns) return true;
+    if (now.outcome.uptake == kStops) return true;
     const Outcome then = BestDescentAfter(left + p.recovery_horizon).outcome;
-    return Outcome{kTurns, T((1 - kHeldSpeedStep) * now.outcome.speed)} > then;
+    return Outcome{now.outcome.uptake, T((1 - kHeldSpeedStep) * now.outcome.speed)} > then;
   }
 
   // Shaft speed after an upshift and the build-up of the torque; 0 if the pedal's torque does not
