@@ -105,8 +105,10 @@ struct Gearbox {
       return;
     }
     const T left = Max(synchronization_time - s->phase_time, 0.0) + close_time;
-    // A downshift skips gears in which the engine is too fast only until the clutch closes.
-    const T closed = in.shaft_speed + (s->direction < 0 ? left : close_time) * s->acceleration;
+    // A downshift under power skips gears in which the engine is too fast only until the clutch
+    // closes.
+    const bool skips = s->direction < 0 && in.pedal > engine.pedal_up;
+    const T closed = in.shaft_speed + (skips ? left : close_time) * s->acceleration;
     if (drive && s->direction < 0) {
       s->target =
           strategy.Correct({strategy, gears, engine, in, *s, gears.Gear(s->target), left, 0, true});
