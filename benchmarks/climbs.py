@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.timing import PLANTS
 from iits_mj.core.units import KMH
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
@@ -111,15 +112,15 @@ def numbers(text: str) -> tuple[float, ...]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--truck", default=None)
-    parser.add_argument("--plant", default="yaw-sideslip")
-    parser.add_argument("--grades", type=numbers, default=GRADES)
-    parser.add_argument("--speeds", type=numbers, default=SPEEDS)
-    parser.add_argument("--loads", type=numbers, default=LOADS)
-    parser.add_argument("--seconds", type=float, default=120.0)
-    parser.add_argument("--walking", action="store_true")
-    parser.add_argument("--strategies", nargs="+", default=STRATEGIES)
-    parser.add_argument("--changes", action="store_true")
+    parser.add_argument("--truck", help="name or file; default: the 6x4")
+    parser.add_argument("--plant", default="yaw-sideslip", choices=PLANTS)
+    parser.add_argument("--grades", type=numbers, default=GRADES, help="[%%], with commas")
+    parser.add_argument("--speeds", type=numbers, default=SPEEDS, help="at the start [km/h]")
+    parser.add_argument("--loads", type=numbers, default=LOADS, help="gross mass [t]")
+    parser.add_argument("--seconds", type=float, default=120.0, help="of a climb")
+    parser.add_argument("--walking", action="store_true", help="at 5 km/h on the grade itself")
+    parser.add_argument("--strategies", nargs="+", default=STRATEGIES, choices=STRATEGIES)
+    parser.add_argument("--changes", action="store_true", help="prints the gear changes")
     arguments = parser.parse_args()
     speeds = (5.0,) if arguments.walking else arguments.speeds
     trucks = {

@@ -154,8 +154,8 @@ def _model(task: Training, part: Path | None) -> Any:
 
     def make() -> Any:
         env = gymnasium.make(task.environment, **arguments)
-        scaled = gymnasium.wrappers.TransformReward(env, lambda r: task.reward_scale * float(r))
-        return Monitor(env if task.reward_scale == 1.0 else scaled)
+        scale = task.reward_scale
+        return Monitor(gymnasium.wrappers.TransformReward(env, lambda r: scale * float(r)))
 
     vector = DummyVecEnv([make] * task.environments)
     if part is not None:

@@ -70,7 +70,8 @@ def time_to_line(ego: EgoState, route: Route, width: float) -> float:
 class Sleeper(Planner):
     """The planner, which drifts at a rate [m/s] from the lane's middle until the stack takes over.
 
-    The stack takes over when `time_to_line` is at most `ahead` [s], which adds to `alarms` [s].
+    The stack takes over when `time_to_line` is at most `ahead` [s]. `alarms` has the times at which
+    this was so [s].
     """
 
     rate = 0.0
