@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.decision.fast_world.worlds import FastWorlds
-from controllers.decision.learning.rollouts import NetworkPolicy, braking_of_changes
+from controllers.decision.learning.rollouts import NetworkPolicy, braking_of_actions, drive_step
 from controllers.decision.policy import load_policy
 from controllers.decision.priced import (
     RULE_SHARE,
@@ -91,7 +91,7 @@ def drive(worlds: FastWorlds, network: PricedNetwork, prices: tuple[float, ...])
     rule = compiled(fallback_rule(prices[0]))
     assert rule is not None
     while running(worlds):
-        braking = braking_of_changes(worlds)
+        braking = braking_of_actions(worlds, network.actions)
         gains = policy.member_gains(worlds, table, braking)
         decisions = chosen(gains.mean(axis=0), braking)
         spread = disagreement(np.where(np.isfinite(braking), gains, 0.0), table).max(axis=1)
@@ -100,7 +100,7 @@ def drive(worlds: FastWorlds, network: PricedNetwork, prices: tuple[float, ...])
             ruled = worlds.copy(unsure).decide(rule)
             asked = braking[unsure, (ruled > 0).astype(int)]
             decisions[unsure] = np.where(np.isfinite(asked), ruled, 0)
-        worlds.step(decisions)
+        drive_step(worlds, decisions)
 
 
 def figures(worlds: FastWorlds) -> NDArray[np.float64]:
@@ -256,7 +256,7 @@ def spreads(
         event(worlds)
     found = []
     for _ in range(20 if event else 100):
-        braking = braking_of_changes(worlds)
+        braking = braking_of_actions(worlds, network.actions)
         possible = np.isfinite(braking)
         gains = np.where(possible, policy.member_gains(worlds, prices, braking), 0.0)
         found.append(disagreement(gains, prices)[possible])

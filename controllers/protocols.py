@@ -35,7 +35,9 @@ if TYPE_CHECKING:
 class DecisionMaker(Protocol):
     """Decides about lane changes, once a second and not during a change.
 
-    The constructor may ask for `parameters` (`TruckParameters`) and `seed`.
+    The constructor may ask for `parameters` (`TruckParameters`) and `seed`. A part may also have
+    the attribute `speed_max`: the highest speed [m/s], 0.5 or more, that the truck aims at from
+    this decision to the next one, `math.inf` for the reference speed.
     """
 
     def reset(self) -> None:

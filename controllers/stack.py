@@ -6,9 +6,10 @@ It depends on messages and roads only, so that it could run on a real truck's co
 from __future__ import annotations
 
 import functools
+import math
 from typing import TYPE_CHECKING
 
-from controllers.decision.base import DecisionContext, Keep
+from controllers.decision.base import DecisionContext, Keep, speed_max_of
 from controllers.decision.observation import ObservationHistory, observe_frame
 from controllers.own_parts import (
     AnyPlanner,
@@ -51,7 +52,7 @@ class Stack:
     `controllers.protocols`.
 
     Attributes:
-      last_decision: of the decision maker.
+      last_decision: of the decision maker; speed_max: highest speed [m/s] that it allows.
       last_trajectory: the tracked one, or None before the first plan.
       reference: desired speed of the truck.
     """
@@ -120,6 +121,7 @@ class Stack:
         self.decision_maker.reset()
         self.reference.reset()
         self.last_decision = Decision.KEEP
+        self.speed_max = math.inf
         self.last_trajectory: Trajectory | None = None
         self._profile: SpeedProfile | None = None
         self.decisions = 0
@@ -170,6 +172,8 @@ class Stack:
         if self.asks_at(scene.time):
             self._decided_at = scene.time
             decision = self._decide(scene)
+        easy = self.planner.config.speed.following.preview_deceleration
+        profile = profile.capped(self.speed_max, scene.ego, easy)
         self._profile = profile
         self.last_trajectory = self.planner.plan(scene, decision, profile)
         return self.last_trajectory
@@ -202,5 +206,6 @@ class Stack:
 
     def _decide(self, scene: Scene) -> Decision:
         self.last_decision = named_decision(self.decision_maker.decide(self.context(scene)))
+        self.speed_max = speed_max_of(self.decision_maker)
         self.decisions += 1
         return self.last_decision

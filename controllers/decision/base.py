@@ -6,6 +6,7 @@ It does not steer: the planner checks the decision again and may refuse it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -13,7 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from iits_mj.core.messages import Decision, Scene
+from iits_mj.core.checks import is_number, shown
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import PROFILE_SPEED_MIN, Decision, Scene
+from iits_mj.core.own_parts import part_name
 
 if TYPE_CHECKING:
     from iits_mj.road import Route
@@ -55,6 +59,19 @@ class DecisionContext:
             lane = self.lane - int(side)
             if self.may_use(lane):
                 yield side, lane
+
+
+def speed_max_of(maker: object) -> float:
+    """Returns the highest speed of a decision maker's last decision [m/s]; infinite without one.
+
+    Raises:
+      InputError: its `speed_max` is not allowed.
+    """
+    value = getattr(maker, "speed_max", math.inf)
+    if value == math.inf or (is_number(value) and value >= PROFILE_SPEED_MIN):
+        return float(value)
+    title = getattr(maker, "title", f"decision maker {part_name(maker)}")
+    raise InputError(f"{title}: speed_max is {shown(value)}; use {PROFILE_SPEED_MIN:g} m/s or more")
 
 
 class Memoryless:

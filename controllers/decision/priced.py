@@ -6,6 +6,9 @@ prices as inputs, besides the paper's 216, and the paper's hidden layers. Its ou
 parts of what a change to the left and to the right adds in the next 100 s to ten seconds in the
 lane. So a user chooses between a calm and a brisk truck without another training.
 
+A network that was trained with the speed action has four more outputs: what it adds to ease off,
+to drive a little slower for as long as it decides so, e.g. until a gap beside the truck is free.
+
 The file is an npz without pickled objects: `w0..w3` of shape (members, outputs, inputs), `b0..b3`,
 and `metadata`. The members are networks of several trainings; their mean decides.
 """
@@ -43,6 +46,10 @@ from iits_mj.core.messages import Decision
 # time outside the right lane [s].
 COMPONENTS = ("way", "changes", "imposed_braking", "left_time")
 SIDES = (Decision.LEFT, Decision.RIGHT)
+# Besides the values of `Decision`: to keep the lane and ease off.
+EASE = 2
+# The actions whose worth a network tells, the last one with the speed action alone.
+ACTIONS = np.array([*SIDES, EASE])
 FORMAT = "iits_mj.priced_network.1"
 # A change that asks more braking of the new follower is not made [m/s2]. In the fast world, none of
 # look-ahead's changes below it made a follower brake harder than 2 m/s2; most from 2 up did.
@@ -51,13 +58,18 @@ IMPOSED_BRAKING_MAX = 1.85
 LANES_MAX = 3
 # Horizon [s] of the rule where the policy is unsure, and its cost as a share of the price.
 RULE_HORIZON, RULE_SHARE = 30.0, 0.35
+# The truck that eases off drives this much slower than it did when it began, from a speed [m/s] on.
+EASED, EASES_FROM = 2.0, 8.0
+_EASED_SLACK = 1.0  # [m/s] below that speed at which it begins anew
 
 
-PRICED_LAYERS = (
-    OBSERVATION_SIZE + len(dataclasses.fields(Prices)),
-    *LAYERS[1:-1],
-    len(SIDES) * len(COMPONENTS),
-)
+def priced_layers(actions: int = len(SIDES)) -> tuple[int, ...]:
+    """Returns the sizes of the layers for a number of actions, 2 or 3."""
+    inputs = OBSERVATION_SIZE + len(dataclasses.fields(Prices))
+    return (inputs, *LAYERS[1:-1], actions * len(COMPONENTS))
+
+
+PRICED_LAYERS = priced_layers()
 
 
 def price_inputs(prices: ArrayLike) -> FloatArray:
@@ -110,8 +122,8 @@ class PricedNetwork:
       disagreement_max: greatest `disagreement` of the members at which they decide.
 
     Raises:
-      InputError: the layers do not fit each other, 219 inputs and 8 outputs, or a number is not
-        finite.
+      InputError: the layers do not fit each other, 219 inputs and 8 outputs, 12 with the speed
+        action, or a number is not finite.
     """
 
     weights: tuple[FloatArray, ...]
@@ -123,7 +135,8 @@ class PricedNetwork:
         found = [w.shape for w in self.weights]
         wanted: list[tuple[int, ...]] = []
         if len(found) == len(PRICED_LAYERS) - 1 and all(len(shape) == 3 for shape in found):
-            sizes = (PRICED_LAYERS[0], *self.layers[1:-1], PRICED_LAYERS[-1])
+            outputs = priced_layers(3 if self.layers[-1] > PRICED_LAYERS[-1] else 2)[-1]
+            sizes = (PRICED_LAYERS[0], *self.layers[1:-1], outputs)
             wanted = [(found[0][0], m, n) for n, m in itertools.pairwise(sizes)]
         biases = [b.shape for b in self.biases]
         fit = found == wanted and biases == [shape[:2] for shape in wanted]
@@ -152,13 +165,18 @@ class PricedNetwork:
         """Numbers of inputs, of hidden units and of outputs."""
         return (self.weights[0].shape[2], *(weight.shape[1] for weight in self.weights))
 
+    @property
+    def actions(self) -> int:
+        """Number of actions whose worth it tells: changes to both sides, and to ease off."""
+        return self.layers[-1] // len(COMPONENTS)
+
     def __len__(self) -> int:
         return len(self.weights[0])
 
     def components(self, observation: NDArray[np.floating[Any]], prices: ArrayLike) -> FloatArray:
-        """Returns what a change adds for each member, shape (members, ..., 2, 4).
+        """Returns what an action adds for each member, shape (members, ..., actions, 4).
 
-        Sides are left and right, parts those of `COMPONENTS`.
+        Actions are those of `ACTIONS`, parts those of `COMPONENTS`.
 
         Args:
           observation: shape (..., 216).
@@ -178,11 +196,11 @@ class PricedNetwork:
                 x = x @ weight[member].T + bias[member]
                 if i < len(self.weights) - 1:
                     x = np.maximum(x, 0.0)
-            found.append(x.reshape(*x.shape[:-1], len(SIDES), len(COMPONENTS)))
+            found.append(x.reshape(*x.shape[:-1], self.actions, len(COMPONENTS)))
         return np.stack(found)
 
     def gains(self, observation: NDArray[np.floating[Any]], prices: ArrayLike) -> FloatArray:
-        """Returns what a change to the left and right is worth [m], shape (members, ..., 2)."""
+        """Returns what the actions are worth [m], shape (members, ..., actions)."""
         priced = np.asarray(prices, np.float32)[..., None, :]
         return worth(self.components(observation, prices), priced)
 
@@ -218,25 +236,37 @@ class PricedNetwork:
 
 
 def chosen(gains: NDArray[np.floating[Any]], braking: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Returns decisions, -1, 0 or 1 of shape (...): the change worth most, if it is worth a price.
+    """Returns decisions of shape (...): the action worth most, if it is worth a price; 0 keeps.
 
     Args:
-      gains: of left and right [m], shape (..., 2).
+      gains: of the actions [m], shape (..., actions).
       braking: that each of them asks of the new follower [m/s2], same shape; infinite where it
-        cannot be made.
+        is not possible.
     """
     allowed = np.where(braking < IMPOSED_BRAKING_MAX, gains, -np.inf)
     best = allowed.argmax(-1)
     gained = np.take_along_axis(allowed, best[..., None], -1)[..., 0] > 0.0
-    return np.where(gained, 2 * best - 1, 0)
+    return np.where(gained, ACTIONS[best], 0)
+
+
+def eased_speed(before: ArrayLike, speed: ArrayLike) -> NDArray[np.float64]:
+    """Returns the highest speed of a truck that eases off [m/s].
+
+    Args:
+      before: the one until now, infinite where it did not ease off.
+      speed: of the truck, of the same shape.
+    """
+    held = np.asarray(before) <= np.asarray(speed) + _EASED_SLACK
+    return np.where(held, before, np.asarray(speed) - EASED)
 
 
 class PricedPolicy:
     """Makes the lane change that is worth most at given prices, if it is worth more than nothing.
 
     It makes no change for which the planner's gaps are not free, and none that asks more than
-    `IMPOSED_BRAKING_MAX` of the new follower. Where the members of the network disagree more than
-    in their training, or the road has more lanes, look-ahead decides instead.
+    `IMPOSED_BRAKING_MAX` of the new follower. With the speed action it eases off where that is
+    worth more. Where the members of the network disagree more than in their training, or the road
+    has more lanes, look-ahead decides instead.
 
     Args:
       network: tells what a change adds.
@@ -244,6 +274,7 @@ class PricedPolicy:
 
     Attributes:
       unsure: whether look-ahead made the last decision; unsure_decisions: how many since `reset`.
+      speed_max: highest speed until the next decision [m/s]; infinite where it does not ease off.
     """
 
     name = "ddqn"
@@ -256,16 +287,20 @@ class PricedPolicy:
     def reset(self) -> None:
         """Prepares the policy for a new drive."""
         self.unsure, self.unsure_decisions = False, 0
+        self.speed_max = math.inf
 
     def values(self, observation: NDArray[np.floating[Any]]) -> FloatArray:
         """Returns what left, keep and right are worth [m], shape (3,)."""
-        left, right = self.network.gains(observation, self.prices.numbers).mean(0)
+        left, right = self.network.gains(observation, self.prices.numbers).mean(0)[:2]
         return np.array([left, 0.0, right], np.float32)
 
     def decide(self, context: DecisionContext) -> Decision:
         """Returns the decision of greatest worth; KEEP where no change is possible."""
-        self.unsure = False
-        braking = np.array([imposed_braking(context)[side] for side in SIDES])
+        self.unsure, eased, self.speed_max = False, self.speed_max, math.inf
+        speed = context.scene.ego.speed
+        of_sides = imposed_braking(context)
+        asked = [of_sides[side] for side in SIDES] + [0.0 if speed >= EASES_FROM else math.inf]
+        braking = np.array(asked[: self.network.actions])
         possible = braking < IMPOSED_BRAKING_MAX
         if not possible.any():
             return Decision.KEEP
@@ -275,9 +310,13 @@ class PricedPolicy:
             self.unsure = True
             self.unsure_decisions += 1
             decision = self.rule.decide(context)
-            asked = dict(zip(SIDES, possible.tolist(), strict=True))
-            return decision if asked.get(decision, False) else Decision.KEEP
-        return Decision(int(chosen(gains.mean(0), braking)))
+            may = of_sides.get(decision, math.inf) < IMPOSED_BRAKING_MAX
+            return decision if may else Decision.KEEP
+        action = int(chosen(gains.mean(0), braking))
+        if action == EASE:
+            self.speed_max = float(eased_speed(eased, speed))
+            return Decision.KEEP
+        return Decision(action)
 
 
 def load_priced(path: str | Path | None = None, **prices: float) -> PricedPolicy:

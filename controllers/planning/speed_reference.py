@@ -14,11 +14,11 @@ from typing import Protocol
 import numpy as np
 
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import Scene, SpeedProfile
+from iits_mj.core.messages import PROFILE_SPEED_MIN, Scene, SpeedProfile
 from iits_mj.core.neighbors import Neighbor
 from iits_mj.core.tables import read_columns
 
-_SPEED_MIN, _SPEED_MAX = 0.5, 60.0  # [m/s] of a profile: at 0 the truck would never move again
+_SPEED_MAX = 60.0  # [m/s] of a profile
 _COLUMNS = (("station_m", "s_m", "s", "station"), ("speed_mps", "v_mps", "v", "speed"))
 
 
@@ -104,12 +104,12 @@ def check_profile(profile: SpeedProfile, name: str) -> None:
     if (np.diff(station) <= 0.0).any():
         where = float(station[int(np.argmax(np.diff(station) <= 0.0))])
         raise InputError(f"{name}: stations must rise, but do not after {where:g} m")
-    bad = (speed < _SPEED_MIN) | (speed > _SPEED_MAX)
+    bad = (speed < PROFILE_SPEED_MIN) | (speed > _SPEED_MAX)
     if bad.any():
         row = int(np.argmax(bad))
         raise InputError(
             f"{name}: {speed[row]:g} m/s at station {station[row]:g} m is not allowed; use "
-            f"{_SPEED_MIN:g} to {_SPEED_MAX:g}"
+            f"{PROFILE_SPEED_MIN:g} to {_SPEED_MAX:g}"
         )
 
 

@@ -259,7 +259,7 @@ class BagWriter(Finishing, Observer):
         self._write("/traffic/markers", time, standard.markers(time, scene.vehicles))
         if self._stack.decisions != self._asked:
             self._asked = self._stack.decisions
-            answer = Decided(time, self._stack.last_decision)
+            answer = Decided(time, self._stack.last_decision, self._stack.speed_max)
             self._write("/decision", time, encode(answer, self._make))
         self._write("/planning/trajectory", time, encode(trajectory, self._make))
         self._write("/planning/path", time, standard.path(time, trajectory))

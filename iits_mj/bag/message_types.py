@@ -76,10 +76,11 @@ Make = Callable[[str], type]
 
 @dataclass(frozen=True, slots=True)
 class Decided:
-    """A decision with its time [s]."""
+    """A decision with its time [s], and the highest speed that it allows [m/s]."""
 
     time: float
     decision: Decision
+    speed_max: float = math.inf
 
 
 # A type follows the types that it contains.

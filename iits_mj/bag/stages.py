@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from controllers.decision.base import DecisionContext
+from controllers.decision.base import DecisionContext, speed_max_of
 from controllers.protocols import DecisionMaker
 from controllers.stack import Stack
 from iits_mj.bag.mcap_file import Bag
@@ -109,7 +109,7 @@ class _RecordedDecisions:
         self.reset()
 
     def reset(self) -> None:
-        self._next = 0
+        self._next, self.speed_max = 0, math.inf
         if self._other is not None:
             self._other.reset()
 
@@ -119,8 +119,10 @@ class _RecordedDecisions:
         then = self._decided[self._next]
         self._next += 1
         if self._other is not None:
-            now = dataclasses.replace(then, decision=self._other.decide(context))
+            decision = self._other.decide(context)
+            now = dataclasses.replace(then, decision=decision, speed_max=speed_max_of(self._other))
             self._result.add(then.time, then, now)
+        self.speed_max = then.speed_max
         return then.decision
 
 

@@ -391,6 +391,10 @@ class Scene:
         return Neighbors(self.ego, self.vehicles, self.footprint)
 
 
+# Least speed of a profile [m/s]: at 0 the truck would never move again.
+PROFILE_SPEED_MIN = 0.5
+
+
 @dataclass(frozen=True, slots=True)
 class SpeedProfile:
     """Reference speed over station, both of shape (n,); [m] and [m/s].
@@ -406,6 +410,26 @@ class SpeedProfile:
     def at(self, station: float) -> float:
         """Returns the reference speed at a station [m/s], constant beyond both ends."""
         return float(np.interp(station, self.station, self.speed))
+
+    def capped(self, speed_max: float, ego: EgoState, deceleration: float) -> SpeedProfile:
+        """Returns the profile below a highest speed, which the truck reaches at a deceleration.
+
+        It rolls in neutral nowhere. An infinite highest speed changes nothing.
+
+        Args:
+          speed_max: [m/s].
+          ego: the truck now.
+          deceleration: positive [m/s2].
+        """
+        if speed_max == math.inf:
+            return self
+        slower, excess = speed_max**2, max(ego.speed**2 - speed_max**2, 0.0)
+        ends = [ego.station, ego.station + excess / (2.0 * deceleration)]
+        station = np.union1d(self.station, ends)
+        square = np.interp(station, self.station, np.square(self.speed))
+        return SpeedProfile(
+            station, np.sqrt(np.minimum(square, slower + np.interp(station, ends, [excess, 0.0])))
+        )
 
     def neutral_at(self, station: float) -> bool:
         """Returns whether the truck shall roll in neutral at a station [m]."""

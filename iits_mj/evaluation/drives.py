@@ -13,7 +13,7 @@ import numpy as np
 
 from controllers import decision as decisions
 from controllers.decision import fast_world
-from controllers.decision.base import DecisionContext
+from controllers.decision.base import DecisionContext, speed_max_of
 from controllers.decision.fast_world.env import HighwayEnv
 from controllers.decision.prices import Prices
 from controllers.decision.quality import QualityLog
@@ -95,6 +95,10 @@ class _CountingMaker:
     def __init__(self, maker: DecisionMaker) -> None:
         self._maker = maker
         self.asked = 0
+
+    @property
+    def speed_max(self) -> float:
+        return speed_max_of(self._maker)
 
     def reset(self) -> None:
         self._maker.reset()

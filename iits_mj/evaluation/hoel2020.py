@@ -17,7 +17,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from controllers.decision.base import DecisionContext
+from controllers.decision.base import DecisionContext, speed_max_of
 from controllers.decision.observation import ObservationHistory, observe_frame
 from controllers.decision.rules import imposed_braking
 from controllers.planning.config import FollowingConfig
@@ -76,19 +76,20 @@ class StackDriver:
         side = -int(decision)
         station = scene.ego.station
         lanes = {lane, lane + side, route.lane_at(station, scene.ego.offset)}
-        wanted = min(_acceleration(scene, route, number) for number in lanes)
+        top = min(SPEED_MAX, speed_max_of(self._maker))
+        wanted = min(_acceleration(scene, route, number, top) for number in lanes)
         allowed = [a for a, s in ACTIONS if s == side]
         return ACTIONS.index((min(allowed, key=lambda a: abs(a - wanted)), side))
 
 
-def _acceleration(scene: Scene, route: Route, lane: int) -> float:
-    """Acceleration of car following behind the leader of a lane [m/s2]."""
+def _acceleration(scene: Scene, route: Route, lane: int, top: float) -> float:
+    """Acceleration of car following behind the leader of a lane, up to a speed [m/s2]."""
     speed = scene.ego.speed
     leader = scene.neighbors.leader_in_lane(route, lane)
     if leader is None:
-        return follow_acceleration(speed, SPEED_MAX, math.inf, speed, 0.0, _FOLLOWING)
+        return follow_acceleration(speed, top, math.inf, speed, 0.0, _FOLLOWING)
     ahead = leader.gap, leader.speed, leader.acceleration
-    return follow_acceleration(speed, SPEED_MAX, *ahead, _FOLLOWING)
+    return follow_acceleration(speed, top, *ahead, _FOLLOWING)
 
 
 class PolicyDriver:

@@ -40,6 +40,7 @@ class Trip {
     w.time = w.acceleration = w.change_left = 0.0;
     w.change_lasts = 1.0;
     w.changed_at = -kInfinity;
+    w.speed_max = kInfinity;
     w.lane = w.source = 0;
     w.distance = w.driven_time = w.loss_integral = w.right_time = w.seconds = 0.0;
     w.beside_time = w.watched_until = w.watched_braking = w.imposed_deceleration = 0.0;
@@ -184,6 +185,7 @@ class Trip {
     const double force = w.power / std::max(w.speed, 4.0) - w.drag * Square(w.speed);
     double wanted = force / w.mass - slope;
     const Following& following = laws_.truck;
+    const double aim = std::min(w.reference_speed, w.speed_max);
     for (std::ptrdiff_t i = 0; i < count; ++i) {
       const Vehicle* lead = traffic_.Ahead(w.front, lanes[i].lane);
       if (!lead) continue;
@@ -191,10 +193,10 @@ class Trip {
       if (lanes[i].lane == w.lane && w.speed > 1.0 && gap >= 0.0) {
         w.time_gap_min = std::min(w.time_gap_min, gap / w.speed);
       }
-      wanted = std::min(wanted, following.Follow(w.speed, w.reference_speed, gap, lead->speed,
-                                                 lead->acceleration));
+      wanted = std::min(wanted,
+                        following.Follow(w.speed, aim, gap, lead->speed, lead->acceleration));
     }
-    wanted = std::min(wanted, following.Idm(w.speed, w.reference_speed, kInfinity, 0.0));
+    wanted = std::min(wanted, following.Idm(w.speed, aim, kInfinity, 0.0));
     wanted = std::max(wanted, -laws_.rules.hardest_braking);
     const double speed = std::max(0.0, w.speed + wanted * dt);
     w.front += 0.5 * (w.speed + speed) * dt;
@@ -450,6 +452,7 @@ IITS_KERNEL void iits_worlds_drive(char* rows, std::ptrdiff_t stride, std::ptrdi
   for (std::ptrdiff_t i = 0; i < n; ++i) {
     World* world = At(rows, stride, i);
     Trip trip(world, laws);
+    world->speed_max = kInfinity;
     const double until = world->time + seconds[i] - 1e-6;
     while (!Ended(*world) && world->time < until) trip.Step(trip.Decide(*rule));
   }

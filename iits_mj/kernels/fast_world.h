@@ -83,6 +83,7 @@ struct World {
   // The truck.
   double time, front, speed, acceleration, offset, lateral_speed;
   double change_left, change_lasts, changed_at;
+  double speed_max;  // that the truck aims at until the next decision; infinite without one
   std::int64_t lane, source;
   // Totals of the trip, and the last step.
   double distance, driven_time, time_gap_min, loss_integral;

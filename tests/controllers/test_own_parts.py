@@ -162,6 +162,36 @@ def test_a_wrong_decision_is_refused_with_the_name_of_the_part() -> None:
             stack(decision_maker=Part(value)).plan(SCENE)
 
 
+class Slow(Part):
+    """Keeps its lane, and allows a highest speed [m/s] in its first decision alone."""
+
+    speed_max: Any = math.inf
+
+    def decide(self, context: Any) -> Decision:
+        self.speed_max = self.value if context.scene.time == 0.0 else math.inf
+        return Decision.KEEP
+
+
+def test_a_decision_maker_may_allow_a_highest_speed_until_its_next_decision() -> None:
+    made = stack(decision_maker=Slow(10.0))
+    ends = [
+        made.plan(dataclasses.replace(SCENE, time=0.1 * cycle)).speed[-1] for cycle in range(11)
+    ]
+    # A plan brakes for some seconds: it ends nearer to 10 m/s than to the set speed of 16.67 m/s.
+    assert max(ends[:10]) < 12.5
+    assert ends[10] > 14.0
+    assert made.context(SCENE).reference_speed == made.reference_speed(300.0)
+    made.plan(dataclasses.replace(SCENE, time=9.0))
+    made.reset()
+    assert made.speed_max == math.inf
+
+
+@pytest.mark.parametrize("value", [math.nan, 0.0, -1.0, "10", None, True])
+def test_a_highest_speed_that_is_none_is_refused_with_the_name_of_the_part(value: Any) -> None:
+    with pytest.raises(InputError, match=r"decision maker .*Slow.*: speed_max is .*0\.5 m/s"):
+        stack(decision_maker=Slow(value)).plan(SCENE)
+
+
 @pytest.mark.parametrize(
     ("value", "message"),
     [

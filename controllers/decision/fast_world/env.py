@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, cast
 
 import numpy as np
 
-from controllers.decision.base import DecisionContext, Observation
+from controllers.decision.base import DecisionContext, Observation, speed_max_of
 from controllers.decision.fast_world.config import HighwayRoad
 from controllers.decision.fast_world.traffic import HighwayTraffic
 from controllers.decision.fast_world.worlds import FastWorlds
@@ -101,14 +102,18 @@ class HighwayEnv:
             may_pass=may_pass,
         )
 
-    def step(self, decision: Decision) -> TripStep:
+    def step(self, decision: Decision, speed_max: float = math.inf) -> TripStep:
         """Carries out a decision, or refuses it, until the next one is due.
+
+        Args:
+          decision: about the lane.
+          speed_max: highest speed that the truck aims at until then [m/s].
 
         Raises:
           InputError: no trip has begun, or it is over.
         """
         self._running()
-        self._worlds.step([int(decision)])
+        self._worlds.step([int(decision)], speed_max)
         state = self.state
         return TripStep(
             self._worlds.observations[0],
@@ -129,7 +134,8 @@ class HighwayEnv:
         if rule is not None:
             self._worlds.drive(rule)
         while not self._over:
-            self.step(maker.decide(self.context()))
+            decision = maker.decide(self.context())
+            self.step(decision, speed_max_of(maker))
 
     @property
     def _over(self) -> bool:

@@ -63,7 +63,7 @@ _WORLD = [
         for end in ("ahead", "behind")
     ),
     *_numbers("time front speed acceleration offset lateral_speed"),
-    *_numbers("change_left change_lasts changed_at"),
+    *_numbers("change_left change_lasts changed_at speed_max"),
     *_numbers("lane source", np.int64),
     *_numbers("distance driven_time time_gap_min loss_integral"),
     *_numbers("decisions changes refused dangerous collisions", np.int64),

@@ -28,6 +28,7 @@ from controllers.decision.trip import ACTIONS, RewardTerms, TrafficDemand, TripC
 from iits_mj import kernels
 from iits_mj.core.arrays import BoolArray, FloatArray, IntArray
 from iits_mj.core.errors import InputError
+from iits_mj.core.messages import PROFILE_SPEED_MIN
 from iits_mj.kernels import Address, Table
 from iits_mj.parameters import AnyTruck, TruckParameters
 from iits_mj.parameters.mass_state import rolling_resistance
@@ -100,7 +101,7 @@ class FastWorlds:
         set_traffic(state, config, generator)
         _start(self.states[index : index + 1])
 
-    def step(self, decisions: ArrayLike) -> None:
+    def step(self, decisions: ArrayLike, speed_max: ArrayLike = math.inf) -> None:
         """Carries out or refuses a decision in each world, until the next one is due.
 
         A world whose trip is over, `states["terminated"]` or `states["truncated"]`, stays as it is.
@@ -108,12 +109,23 @@ class FastWorlds:
 
         Args:
           decisions: values of `Decision`, shape (n,).
+          speed_max: highest speed that the truck aims at until then [m/s], of all or of each.
+
+        Raises:
+          InputError: wrong shape, or a value that is not allowed.
         """
         chosen = np.ascontiguousarray(decisions, dtype=np.int64)
         if chosen.shape != (len(self),) or np.abs(chosen).max(initial=0) > 1:
             raise InputError(
                 f"decisions of shape {chosen.shape}: use {len(self)} of -1 (left), 0 and 1 (right)"
             )
+        limit = np.asarray(speed_max, dtype=float)
+        if limit.shape not in ((), chosen.shape) or not (limit >= PROFILE_SPEED_MIN).all():
+            raise InputError(
+                f"speed_max {speed_max!r}: use one number or {len(self)}, each "
+                f"{PROFILE_SPEED_MIN:g} m/s or more"
+            )
+        self.states["speed_max"] = limit
         _step(self.states, kernels.address(chosen))
 
     @property

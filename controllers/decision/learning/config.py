@@ -190,6 +190,9 @@ class RolloutConfig:
     horizon: float = _option(100.0, help="time of a roll-out", unit="s", low=10.0, high=1_000.0)
     epochs: int = _option(14, help="passes of a fit over the labels", low=1, high=10_000)
     members: int = _option(2, help="networks of the last fit, whose mean decides", low=1, high=20)
+    speed_action: bool = _option(
+        False, help="also learn when to ease off, to drive slower by 2 m/s for some time"
+    )
 
     def __post_init__(self) -> None:
         option_fields.check(self)

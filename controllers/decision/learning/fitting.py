@@ -24,11 +24,10 @@ from controllers.decision.learning.rollouts import Labels
 from controllers.decision.observation import mirrored, usual_and_spread
 from controllers.decision.priced import (
     COMPONENTS,
-    PRICED_LAYERS,
-    SIDES,
     PricedNetwork,
     disagreement,
     price_inputs,
+    priced_layers,
     usual_worth,
 )
 from iits_mj.core.errors import Error
@@ -48,14 +47,15 @@ _RATE, _RATE_END, _DECAY = 1e-3, 1e-5, 1e-3
 def mirror_images(labels: Labels) -> Labels:
     """Returns the mirror images of the labels for which they are as probable."""
     rows = np.flatnonzero(labels.symmetric & (labels.prices[:, 2] == 0.0))
-    components = labels.components[rows][:, ::-1].copy()
+    sides = [1, 0, *range(2, labels.possible.shape[1])]
+    components = labels.components[rows][:, sides]
     # The time in the one lane is the time outside the other one.
     components[..., 3] *= -1.0
     return Labels(
         mirrored(labels.observation[rows], LANE_WIDTH),
         labels.prices[rows],
         components,
-        labels.possible[rows][:, ::-1].copy(),
+        labels.possible[rows][:, sides],
         labels.symmetric[rows],
     )
 
@@ -66,16 +66,13 @@ def joined(labels: Sequence[Labels]) -> Labels:
     return Labels(*(np.concatenate(column) for column in columns))
 
 
-def fit(
-    labels: Labels, seed: int, epochs: int, layers: Sequence[int] = PRICED_LAYERS
-) -> PricedNetwork:
+def fit(labels: Labels, seed: int, epochs: int) -> PricedNetwork:
     """Returns a network of one member, fitted to labels.
 
     Args:
       labels: of roll-outs.
       seed: of the initial weights and the order of the labels.
       epochs: passes over the labels.
-      layers: sizes of the network.
 
     Raises:
       Error: the loss is not finite.
@@ -92,7 +89,7 @@ def fit(
     size = torch.from_numpy(usual_worth(labels.prices[:, :1]).astype(np.float32))
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        network = _network(layers)
+        network = _network(priced_layers(labels.possible.shape[1]))
         optimizer = torch.optim.AdamW(network.parameters(), lr=_RATE, weight_decay=_DECAY)
         batches = math.ceil(len(x) / _BATCH)
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(
@@ -100,7 +97,7 @@ def fit(
         )
         for _ in range(epochs):
             for rows in torch.randperm(len(x)).split(_BATCH):
-                found = network(x[rows]).unflatten(1, (len(SIDES), len(COMPONENTS)))
+                found = network(x[rows]).unflatten(1, (-1, len(COMPONENTS)))
                 loss = _loss(found, wanted[rows], prices[rows], size[rows], weight[rows])
                 optimizer.zero_grad()
                 loss.backward()
@@ -129,14 +126,14 @@ def _network(sizes: Sequence[int]) -> nn.Sequential:
 
 
 def _loss(found: Tensor, wanted: Tensor, prices: Tensor, size: Tensor, weight: Tensor) -> Tensor:
-    """Returns the loss of outputs (n, 2, 4), in units of `_SCALES`, against components.
+    """Returns the loss of outputs (n, actions, 4), in units of `_SCALES`, against components.
 
     Args:
       found: outputs.
-      wanted: components, shape (n, 2, 4).
+      wanted: components, shape (n, actions, 4).
       prices: shape (n, 3).
       size: of what a change is worth, shape (n, 1).
-      weight: of the sides, shape (n, 2).
+      weight: of the actions, shape (n, actions).
     """
     scales = torch.from_numpy(_SCALES)
     charges = torch.cat([-torch.ones(len(prices), 1), prices], dim=1)[:, None]
@@ -158,7 +155,7 @@ def _layers(
     first = weights[0]
     first[:, :size] /= spread
     biases[0] = biases[0] - first[:, :size] @ usual
-    scales = np.tile(_SCALES, len(SIDES))
+    scales = np.tile(_SCALES, len(biases[-1]) // len(_SCALES))
     weights[-1], biases[-1] = weights[-1] * scales[:, None], biases[-1] * scales
     return (
         tuple(weight.astype(np.float32)[None] for weight in weights),

@@ -152,7 +152,7 @@ def make_part(part: Part, config: RolloutConfig, seed: int) -> Part:
     network = None if part.policy is None else PricedNetwork.load(part.policy)
     generator = np.random.default_rng([seed, TRAINING_SEEDS, part.round, part.chunk])
     chunk = Chunk(config.chunk_trips, config.chunk_windows, config.horizon)
-    labels = make_labels(chunk, network, generator)
+    labels = make_labels(chunk, network, generator, config.speed_action)
     with OutputFile(part.file, "labels") as partial, partial.open("wb") as stream:
         np.savez(stream, **vars(labels))
     return part

@@ -1,10 +1,10 @@
 """What lane changes add, measured by roll-outs in the fast world: the labels of the priced policy.
 
 A chunk of labels is made from trips that drive in parallel. Of 30 decisions of a trip one is
-drawn, nearly equal ones with a greater probability. From copies of this state the
-truck keeps its lane, changes to the left and changes to the right, and then follows a policy for
-some time. What the truck cannot see, e.g. the other drivers' desired speeds, is the same for the
-decisions that are compared; a fit to labels of many states averages over it.
+drawn, nearly equal ones with a greater probability. From copies of this state the truck keeps its
+lane, changes to the left, changes to the right and, with the speed action, eases off, and then
+follows a policy for some time. What the truck cannot see, e.g. the other drivers' desired speeds,
+is the same for the decisions that are compared; a fit to labels of many states averages over it.
 
 This is one round of policy iteration by roll-outs (Lagoudakis and Parr 2003; Bertsekas 2019).
 """
@@ -24,11 +24,15 @@ from controllers.decision.fast_world.worlds import FastWorlds
 from controllers.decision.learning.config import TrainConfig
 from controllers.decision.learning.trips import sample_trip
 from controllers.decision.priced import (
+    ACTIONS,
     COMPONENTS,
+    EASE,
+    EASES_FROM,
     IMPOSED_BRAKING_MAX,
     SIDES,
     PricedNetwork,
     chosen,
+    eased_speed,
     fallback_rule,
     usual_worth,
 )
@@ -37,8 +41,8 @@ from controllers.decision.trip import TripConfig
 from iits_mj.core.arrays import BoolArray, FloatArray, IntArray
 from iits_mj.parameters import TruckParameters
 
-# Decisions of each world, from worlds, prices (n, 3) and the braking that changes ask of others
-# (n, 2), see `chosen`.
+# Decisions of each world, from worlds, prices (n, 3) and the braking that actions ask of others
+# (n, actions), see `chosen`.
 Policy = Callable[[FastWorlds, FloatArray, FloatArray], IntArray]
 
 _ENDLESS = 1e6  # [m], [s]
@@ -49,6 +53,8 @@ _COLLISION = 1_000.0  # [m] of way
 # Decisions for which the truck keeps its lane where it does not change now. A wait of one second
 # costs some meters, less than the error of a fit: the truck would change by chance, and too early.
 WAIT = 10
+# Decisions for which a truck that eases off at first does so, unless it changes lanes.
+EASE_WAIT = 5
 # Prices of the rule that drives the first round [m].
 _RULE_PRICES = np.geomspace(14.0, 400.0, 6)
 # The speed at a roll-out's end counts as way, for a time in proportion to the price [s/m]: behind a
@@ -71,8 +77,8 @@ class Labels:
     Attributes:
       observation: shape (n, 216), float32.
       prices: shape (n, 3).
-      components: see `priced.COMPONENTS`; of left and right, shape (n, 2, 4), float32.
-      possible: whether the change was possible, shape (n, 2).
+      components: see `priced.COMPONENTS`; of the actions, shape (n, actions, 4), float32.
+      possible: whether an action was possible, shape (n, actions).
       symmetric: whether the mirror image of the traffic is as probable, shape (n,).
     """
 
@@ -92,8 +98,7 @@ def rule_policy(worlds: FastWorlds, prices: FloatArray, braking: FloatArray) -> 
         assert rule is not None
         rows = np.flatnonzero(nearest == number)
         decisions[rows] = worlds.copy(rows).decide(rule)
-    asked = np.take_along_axis(braking, (decisions[:, None] > 0).astype(int), 1)[:, 0]
-    return np.where(asked < np.inf, decisions, 0)
+    return np.where(_asked(braking, decisions) < np.inf, decisions, 0)
 
 
 class NetworkPolicy:
@@ -107,13 +112,13 @@ class NetworkPolicy:
         return chosen(self.gains(worlds, prices, braking), braking)
 
     def gains(self, worlds: FastWorlds, prices: FloatArray, braking: FloatArray) -> FloatArray:
-        """Returns the worth of changes [m], shape (n, 2), minus infinity where none is possible."""
+        """Returns what actions are worth [m], (n, actions), minus infinity where none may be."""
         return self.member_gains(worlds, prices, braking).mean(axis=0)
 
     def member_gains(
         self, worlds: FastWorlds, prices: FloatArray, braking: FloatArray
     ) -> FloatArray:
-        """Returns the same for each member, shape (members, n, 2)."""
+        """Returns the same for each member, shape (members, n, actions)."""
         rows = np.flatnonzero(np.isfinite(braking).any(axis=1))
         gains = np.full((len(self.network), *braking.shape), -np.inf)
         if rows.size:
@@ -150,13 +155,28 @@ def draw_trip(generator: np.random.Generator) -> TripConfig:
     )
 
 
-def braking_of_changes(worlds: FastWorlds) -> FloatArray:
-    """Returns the braking that changes to the left and right ask of the new follower, (n, 2).
+def braking_of_actions(worlds: FastWorlds, actions: int = len(SIDES)) -> FloatArray:
+    """Returns the braking that actions ask of the new follower [m/s2], shape (n, actions).
 
-    It is infinite [m/s2] where the policy makes no change.
+    It is infinite where the policy makes no change, or does not ease off.
     """
     braking = worlds.imposed_braking()[:, ::2]
+    eases = np.where(worlds.states["speed"] >= EASES_FROM, 0.0, np.inf)
+    braking = np.column_stack([braking, eases])[:, :actions]
     return np.where(braking < IMPOSED_BRAKING_MAX, braking, np.inf)
+
+
+def _asked(braking: FloatArray, decisions: IntArray) -> FloatArray:
+    """Returns the braking that decisions ask, shape (n,); of those to keep, of no meaning."""
+    return np.take_along_axis(braking, np.searchsorted(ACTIONS, decisions)[:, None], 1)[:, 0]
+
+
+def drive_step(worlds: FastWorlds, decisions: IntArray) -> None:
+    """Carries out decisions, also those to ease off."""
+    state = worlds.states
+    eases = decisions == EASE
+    eased = np.where(eases, eased_speed(state["speed_max"], state["speed"]), np.inf)
+    worlds.step(np.where(eases, 0, decisions), eased)
 
 
 def advance(
@@ -172,7 +192,7 @@ def advance(
     Args:
       worlds: n of them.
       decisions: shape (n,), possible ones.
-      braking: of changes to the left and to the right, shape (n, 2).
+      braking: of the actions, shape (n, actions).
       totals: shape (n, 4), see `COMPONENTS`.
       left: time of the roll-out that is left [s], shape (n,); a step that ends later counts in
         part, and the last step adds what the speed at its end is worth.
@@ -181,16 +201,15 @@ def advance(
     state = worlds.states
     before = state["distance"].copy(), state["right_time"].copy(), state["driven_time"].copy()
     collided = state["terminated"].copy()
-    worlds.step(decisions)
+    drive_step(worlds, decisions)
     seconds = state["driven_time"] - before[2]
     share = np.clip(left / np.maximum(seconds, 1e-9), 0.0, 1.0)
     running = left > 0.0
-    changes = (decisions != 0) & running
-    asked = np.take_along_axis(braking, (decisions[:, None] > 0).astype(int), 1)[:, 0]
+    changes = (np.abs(decisions) == 1) & running
     totals[:, 0] += share * (state["distance"] - before[0])
     totals[:, 0] -= _COLLISION * ((state["terminated"] > collided) & running)
     totals[:, 1] += changes
-    totals[changes, 2] += asked[changes]
+    totals[changes, 2] += _asked(braking, decisions)[changes]
     totals[:, 3] += share * (seconds - (state["right_time"] - before[1]))
     left -= np.where(seconds > 0.0, seconds, np.inf)
     ends = running & (left <= 0.0)
@@ -198,46 +217,59 @@ def advance(
 
 
 def roll_out(
-    worlds: FastWorlds, first: IntArray, prices: FloatArray, policy: Policy, seconds: float
+    worlds: FastWorlds,
+    first: IntArray,
+    prices: FloatArray,
+    policy: Policy,
+    seconds: float,
+    actions: int = len(SIDES),
 ) -> FloatArray:
     """Drives worlds by a first decision and then a policy; returns what they gather, (n, 4).
 
-    Where the first decision is to keep the lane, so are the next ones, `WAIT` in all.
+    Where the first decision is to keep the lane, so are the next ones, `WAIT` in all. Where it is
+    to ease off, so are those of the next ones that make no change, `EASE_WAIT` in all.
     """
     totals = np.zeros((len(worlds), len(COMPONENTS)))
     left = np.full(len(worlds), float(seconds))
     decisions = first
-    braking = braking_of_changes(worlds)
+    braking = braking_of_actions(worlds, actions)
     for step in itertools.count(1):
         advance(worlds, decisions, braking, totals, left, prices)
         if not (left > 0.0).any():
             break
-        braking = braking_of_changes(worlds)
+        braking = braking_of_actions(worlds, actions)
         decisions = policy(worlds, prices, braking)
         if step < WAIT:
             decisions[first == 0] = 0
+        if step < EASE_WAIT:
+            decisions[(first == EASE) & (decisions == 0)] = EASE
     return totals
 
 
 def compare(
-    worlds: FastWorlds, prices: FloatArray, policy: Policy, seconds: float
+    worlds: FastWorlds,
+    prices: FloatArray,
+    policy: Policy,
+    seconds: float,
+    actions: int = len(SIDES),
 ) -> tuple[FloatArray, BoolArray]:
-    """Returns what changes add to keeping the lane.
+    """Returns what actions add to keeping the lane.
 
     Returns:
-      components, shape (n, 2, 4), zero where a change is not possible; and where it is, (n, 2).
+      components, shape (n, actions, 4), zero where an action is not possible; and where it is,
+      shape (n, actions).
     """
-    possible = np.isfinite(braking_of_changes(worlds))
+    possible = np.isfinite(braking_of_actions(worlds, actions))
     drawn = worlds.copy(np.arange(len(worlds)))
     # The truck reaches no vehicle beyond within a roll-out.
     drawn.states["window_ahead"] = np.minimum(drawn.states["window_ahead"], _REACH + 6.0 * seconds)
-    rows, sides = np.nonzero(possible)
+    rows, columns = np.nonzero(possible)
     index = np.concatenate([np.arange(len(worlds)), rows])
-    first = np.concatenate([np.zeros(len(worlds), np.int64), 2 * sides - 1])
-    totals = roll_out(drawn.copy(index), first, prices[index], policy, seconds)
-    kept, changed = np.split(totals, [len(worlds)])
+    first = np.concatenate([np.zeros(len(worlds), np.int64), ACTIONS[columns]])
+    totals = roll_out(drawn.copy(index), first, prices[index], policy, seconds, actions)
+    kept, acted = np.split(totals, [len(worlds)])
     components = np.zeros((*possible.shape, len(COMPONENTS)))
-    components[rows, sides] = changed - kept[rows]
+    components[rows, columns] = acted - kept[rows]
     return components, possible
 
 
@@ -256,9 +288,13 @@ class Chunk:
 
 
 def make_labels(
-    chunk: Chunk, network: PricedNetwork | None, generator: np.random.Generator
+    chunk: Chunk,
+    network: PricedNetwork | None,
+    generator: np.random.Generator,
+    speed_action: bool = False,
 ) -> Labels:
     """Makes a chunk of labels for the policy of a network, or without one of the rule."""
+    actions = len(SIDES) + int(speed_action)
     learned = NetworkPolicy(network) if network is not None else None
     policy: Policy = learned or rule_policy
     worlds = FastWorlds(chunk.trips)
@@ -267,11 +303,11 @@ def make_labels(
         worlds.reset(index, generator, trip)
     prices = np.array([draw_prices(trip, generator) for trip in trips])
     symmetric = np.array([trip.symmetric for trip in trips])
-    states = _drawn_states(chunk, worlds, prices, policy, learned, generator)
+    states = _drawn_states(chunk, worlds, prices, policy, learned, generator, actions)
     rows = np.concatenate([index for index, _ in states])
     joined = copy.copy(worlds)
     joined.states = np.concatenate([found.states for _, found in states])
-    components, possible = compare(joined, prices[rows], policy, chunk.seconds)
+    components, possible = compare(joined, prices[rows], policy, chunk.seconds, actions)
     return Labels(
         joined.observations,
         prices[rows].astype(np.float32),
@@ -288,6 +324,7 @@ def _drawn_states(
     policy: Policy,
     learned: NetworkPolicy | None,
     generator: np.random.Generator,
+    actions: int,
 ) -> list[tuple[IntArray, FastWorlds]]:
     """Drives the trips; returns indices of trips and copies of one state of each in each window.
 
@@ -299,7 +336,7 @@ def _drawn_states(
     for window in range(-1, chunk.windows):
         best, drawn = np.zeros(count), worlds.copy(np.arange(count))
         for _ in range(_WINDOW if window >= 0 else int(_WARM_UP)):
-            braking = braking_of_changes(worlds)
+            braking = braking_of_actions(worlds, actions)
             possible = np.isfinite(braking)
             if learned is None:
                 weight = np.ones(count)

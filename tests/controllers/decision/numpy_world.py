@@ -447,7 +447,8 @@ class HighwayEnv:
         gap = rear - float(traffic.front[follow])
         return gap >= rear_gap_needed(truck.speed, float(traffic.speed[follow]), SAFETY)
 
-    def step(self, decision):
+    def step(self, decision, speed_max=math.inf):
+        self._speed_max = speed_max
         target = self.lane - int(decision)  # LEFT is -1, lanes count from the right
         rested = self.time - self._changed_at >= LaneChangeConfig.pause - 1e-6
         changes = decision is not Decision.KEEP
@@ -491,7 +492,7 @@ class HighwayEnv:
     def _second(self):
         """Advances one second and observes; returns whether there was a collision."""
         dt = self.traffic.config.timestep
-        reference = self.log.trip.reference_speed
+        reference = min(self.log.trip.reference_speed, self._speed_max)
         collided = False
         for _ in range(round(1.0 / dt)):
             leaders = [self._leader(o.lane) for o in self._obstacles()]

@@ -84,6 +84,17 @@ def test_random_decisions_have_the_same_outcomes_and_observations(setting):
     assert world.summary.refused > 5
 
 
+def test_a_highest_speed_has_the_same_effect_in_both():
+    reference, world = worlds(cell_trip("medium", 15.0, TripConfig(duration=60.0)), seed=3)
+    generator = np.random.default_rng(5)
+    while reference.time < 50.0:
+        decision, top = Decision(int(generator.integers(-1, 2))), generator.uniform(5.0, 20.0)
+        reference.step(decision, top)
+        world.step(decision, top)
+        check_traffic(reference, world)
+    check_totals(reference, world)
+
+
 def check_totals(reference, world):
     expected, found = dict(vars(reference.summary)), dict(vars(world.summary))
     for part in ("reward", "quality"):

@@ -10,13 +10,18 @@ import pytest
 from controllers.decision import make
 from controllers.decision.fast_world.env import HighwayEnv
 from controllers.decision.fast_world.worlds import FastWorlds
+from controllers.decision.learning.rollouts import drive_step
 from controllers.decision.policy import SHIPPED
 from controllers.decision.priced import (
+    EASE,
+    EASED,
+    EASES_FROM,
     IMPOSED_BRAKING_MAX,
     PRICED_LAYERS,
     PricedNetwork,
     PricedPolicy,
     load_priced,
+    priced_layers,
     worth,
 )
 from controllers.decision.prices import PriceOptions, Prices
@@ -27,12 +32,12 @@ from iits_mj.core.messages import Decision
 from tests.controllers.decision.test_rules import ahead, behind, context
 
 
-def network(seed=0, members=2, bias=None):
+def network(seed=0, members=2, bias=None, layers=PRICED_LAYERS):
     """A random network; with a bias, one whose outputs are the bias."""
     generator = np.random.default_rng(seed)
     weights = tuple(
         generator.normal(0.0, (bias is None) * math.sqrt(2.0 / n), (members, m, n)).astype("f4")
-        for n, m in itertools.pairwise(PRICED_LAYERS)
+        for n, m in itertools.pairwise(layers)
     )
     biases = [np.zeros(w.shape[:2], "f4") for w in weights]
     if bias is not None:
@@ -142,6 +147,44 @@ def test_a_change_that_gains_less_than_its_price_is_not_made():
     assert PricedPolicy(EAGER, Prices(lane_change=400.0)).decide(at) is Decision.LEFT
     half = network(bias=[300.0, 1.0, 0.0, 0.0] * 2)
     assert PricedPolicy(half, Prices(lane_change=400.0)).decide(at) is Decision.KEEP
+
+
+# To ease off gains 50 m; changes gain nothing.
+EASING = network(bias=[0.0] * 8 + [50.0, 0.0, 0.0, 0.0], layers=priced_layers(3))
+
+
+def test_a_policy_with_the_speed_action_eases_off_from_the_speed_at_which_it_began():
+    policy = PricedPolicy(EASING, Prices())
+    assert policy.decide(context(speed=15.0)) is Decision.KEEP
+    assert policy.speed_max == 15.0 - EASED
+    policy.decide(context(speed=14.2))
+    assert policy.speed_max == 15.0 - EASED
+    policy.reset()
+    assert policy.speed_max == math.inf
+    policy.decide(context(speed=EASES_FROM - 0.1))
+    assert policy.speed_max == math.inf
+
+
+def test_a_change_that_is_worth_more_ends_easing_off():
+    network_of_both = network(bias=[500.0, 1.0, *[0.0] * 6, 50.0, 0, 0, 0], layers=priced_layers(3))
+    policy = PricedPolicy(network_of_both, Prices())
+    beside = behind(-5.0, 1, 15.0)
+    assert policy.decide(context(beside, speed=15.0)) is Decision.KEEP
+    assert policy.speed_max == 15.0 - EASED
+    assert policy.decide(context(speed=14.0)) is Decision.LEFT
+    assert policy.speed_max == math.inf
+
+
+def test_worlds_and_contexts_ease_off_alike():
+    env, worlds, policy = HighwayEnv(), FastWorlds(1), PricedPolicy(EASING, Prices())
+    for world in (env, worlds):
+        arguments = (np.random.default_rng(4), cell_trip("sparse", 12.5))
+        world.reset(*arguments) if world is env else world.reset(0, *arguments)
+    for _ in range(20):
+        env.step(policy.decide(env.context()), policy.speed_max)
+        drive_step(worlds, np.array([EASE]))
+        assert env.state["speed"] == worlds.states["speed"][0]
+        assert env.state["speed_max"] == worlds.states["speed_max"][0] < math.inf
 
 
 def divided(spread):

@@ -10,7 +10,14 @@ from controllers.decision.learning import rollouts
 from controllers.decision.learning.config import RolloutConfig
 from controllers.decision.learning.priced_training import RESULT, train_priced
 from controllers.decision.learning.rollouts import Chunk, Labels, make_labels
-from controllers.decision.priced import PRICED_LAYERS, PricedNetwork
+from controllers.decision.priced import (
+    EASE,
+    EASED,
+    EASES_FROM,
+    PRICED_LAYERS,
+    PricedNetwork,
+    priced_layers,
+)
 from controllers.decision.trip import TripConfig
 from iits_mj.core.errors import InputError
 
@@ -89,20 +96,60 @@ def test_a_step_that_ends_after_the_roll_out_counts_in_part():
     assert totals[1, 0] == pytest.approx(totals[0, 0], rel=0.02)
 
 
-def test_labels_repeat_with_their_seed_and_hold_finite_numbers():
-    first, again = (make_labels(TINY, None, np.random.default_rng([0, 7])) for _ in range(2))
+@pytest.mark.parametrize("speed_action", [False, True])
+def test_labels_repeat_with_their_seed_and_hold_finite_numbers(speed_action):
+    first, again = (
+        make_labels(TINY, None, np.random.default_rng([0, 7]), speed_action) for _ in range(2)
+    )
     for name, values in vars(first).items():
         np.testing.assert_array_equal(values, vars(again)[name])
         assert np.isfinite(values).all()
     assert first.possible.any(axis=1).all()
+    assert first.components.shape[1] == first.possible.shape[1] == 2 + speed_action
 
 
-def labels(count=500):
+def test_to_ease_off_on_a_free_road_costs_way_and_nothing_else():
+    worlds = empty_road()
+    worlds.states["speed"] = worlds.states["reference_speed"]
+    components, possible = rollouts.compare(worlds, PRICES, keep, 60.0, actions=3)
+    assert possible.tolist() == [[True, False, True]]
+    way, *others = components[0, 2]
+    # 2 m/s slower for 5 s, and as long again to slow down and to speed up.
+    assert -EASED * 3.0 * rollouts.EASE_WAIT < way < -0.2 * rollouts.EASE_WAIT
+    assert others == [0.0] * 3
+
+
+def test_a_truck_that_eases_off_holds_one_speed_until_it_decides_otherwise():
+    worlds = empty_road()
+    worlds.states["speed"] = 16.0
+    for _ in range(30):
+        rollouts.drive_step(worlds, np.array([EASE]))
+    assert worlds.states["speed"][0] == pytest.approx(14.0, abs=0.2)
+    rollouts.drive_step(worlds, np.array([0]))
+    assert worlds.states["speed_max"][0] == np.inf
+    for _ in range(40):
+        rollouts.drive_step(worlds, np.array([0]))
+    assert worlds.states["speed"][0] > 16.0
+
+
+def test_a_slow_truck_does_not_ease_off():
+    worlds = empty_road().copy([0, 0])
+    worlds.states["speed"] = EASES_FROM + np.array([-0.1, 0.1])
+    assert np.isfinite(rollouts.braking_of_actions(worlds, 3))[:, 2].tolist() == [False, True]
+
+
+def test_worlds_refuse_a_highest_speed_that_is_not_one():
+    for wrong in (np.nan, 0.0, [1.0, 2.0]):
+        with pytest.raises(InputError, match="speed_max"):
+            empty_road().step([0], wrong)
+
+
+def labels(count=500, actions=2):
     """Labels of a known law: a change to the left gains 200 m times the truck's lateral offset."""
     random = np.random.default_rng(2)
     observation = np.zeros((count, 216), np.float32)
     observation[:, 2] = random.uniform(0.0, 0.5, count)
-    components = np.zeros((count, 2, 4), np.float32)
+    components = np.zeros((count, actions, 4), np.float32)
     components[:, 0, 0] = 200.0 * observation[:, 2]
     components[:, :, 1] = 1.0
     prices = np.column_stack([random.uniform(20.0, 200.0, count), np.zeros((count, 2))])
@@ -110,7 +157,7 @@ def labels(count=500):
         observation,
         prices.astype(np.float32),
         components,
-        np.ones((count, 2), bool),
+        np.ones((count, actions), bool),
         np.zeros(count, bool),
     )
 
@@ -132,13 +179,15 @@ def test_mirror_images_exchange_the_sides_and_the_time_in_the_lanes():
     pytest.importorskip("torch", reason="torch is not installed (the train extra)")
     from controllers.decision.learning.fitting import mirror_images
 
-    known = dataclasses.replace(labels(4), symmetric=np.array([True, True, False, True]))
+    known = labels(4, actions=3)
+    known = dataclasses.replace(known, symmetric=np.array([True, True, False, True]))
     known.prices[1, 2] = 1.0
     known.components[0, 0, 3] = 25.0
     image = mirror_images(known)
     assert len(image.prices) == 2
     np.testing.assert_array_equal(image.components[:, 1, :3], known.components[[0, 3], 0, :3])
     assert image.components[0, 1, 3] == -25.0
+    np.testing.assert_array_equal(image.components[:, 2, :3], known.components[[0, 3], 2, :3])
     assert image.observation[0, 2] == pytest.approx(0.5 - known.observation[0, 2])
 
 
@@ -156,6 +205,14 @@ def test_a_training_continues_to_the_same_bits(tmp_path):
     assert len(network) == SMALL.members
     assert network.metadata["config"]["seed"] == 3
     assert network.weights[0].shape[1:] == PRICED_LAYERS[1::-1]
+
+
+def test_a_training_with_the_speed_action_makes_a_policy_that_may_ease_off(tmp_path):
+    pytest.importorskip("torch", reason="torch is not installed (the train extra)")
+    config = dataclasses.replace(SMALL, speed_action=True)
+    network = PricedNetwork.load(train_priced(config, tmp_path, seed=3, jobs=1))
+    assert network.layers == priced_layers(3)
+    assert network.gains(np.zeros((7, 216)), PRICES).shape == (SMALL.members, 7, 3)
 
 
 def test_a_folder_of_another_training_is_refused(tmp_path):
