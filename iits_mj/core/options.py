@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
+from pathlib import Path
 from typing import Any
 
 from iits_mj.core.checks import one_of
@@ -36,6 +38,8 @@ GROUPS = {
     "": "other options",
     "general": "configuration and messages",
 }
+# Types of fields that hold a file or a folder, as they are written.
+_FILES = ("Path", "Path | None")
 # Type of the default, type that a value must have, and its name; in Python a bool is an int.
 _KINDS = (
     (bool, bool, "on or off, True or False"),
@@ -208,6 +212,8 @@ def words(config: Any) -> list[str]:
 def check(config: Any) -> None:
     """Checks every option of a dataclass instance for its type, bounds and choices.
 
+    A file may be given as text; it becomes a `Path`.
+
     Raises:
       InputError: names the first value that is not allowed, and the allowed values.
     """
@@ -215,9 +221,18 @@ def check(config: Any) -> None:
         rule = of(field)
         if rule is not None:
             name, value = field.name.replace("_", "-"), getattr(config, field.name)
+            if field.type in _FILES and value is not None:
+                value = _path(name, value)
+                object.__setattr__(config, field.name, value)
             if rule.test is None:
                 _check_kind(name, value, field.default)
             check_value(name, value, rule)
+
+
+def _path(name: str, value: Any) -> Path:
+    if not isinstance(value, (str, os.PathLike)) or not os.fspath(value):
+        raise InputError(f"{name} {value!r} is not a file or folder; use a path or its text")
+    return Path(value)
 
 
 def _check_kind(name: str, value: Any, default: Any) -> None:

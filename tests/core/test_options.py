@@ -137,3 +137,11 @@ def test_words_of_a_command_line_give_the_options_again() -> None:
     assert options.words(Example(file=Path("x"))) == ["x"]
     asked = arguments.parse(Asked, ["x", "--speed", "10"], "iits-mj", "")
     assert options.words(asked) == ["x", "--speed", "10"]
+
+
+def test_a_python_caller_may_give_a_file_as_text() -> None:
+    given: Any = "x.csv"
+    assert Example(file=given, log=given) == Example(file=Path("x.csv"), log=Path("x.csv"))
+    for wrong in (3, "", b"x"):
+        with pytest.raises(InputError, match="log .* is not a file or folder"):
+            Example(file=Path("x.csv"), log=wrong)  # type: ignore[arg-type]
