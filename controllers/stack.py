@@ -172,8 +172,7 @@ class Stack:
         if self.asks_at(scene.time):
             self._decided_at = scene.time
             decision = self._decide(scene)
-        easy = self.planner.config.speed.following.preview_deceleration
-        profile = profile.capped(self.speed_max, scene.ego, easy)
+        profile = profile.capped(self.speed_max)
         self._profile = profile
         self.last_trajectory = self.planner.plan(scene, decision, profile)
         return self.last_trajectory

@@ -95,6 +95,7 @@ class Planner:
         """Clears plan, maneuver and counters."""
         self.maneuver.reset()
         self._stops.reset()
+        self._caps.reset()
         self.emergencies = 0
         self._emergency = False
         self._crossing: list[str] = []

@@ -24,6 +24,8 @@ from iits_mj.kernels import Address, Integer, Real
 # exceeds any truck's, so that power and comfort limit it, as without a reference [m/s2].
 LAUNCH_SPEED, LAUNCH_ACCELERATION = 8.0, 1.5
 _LAUNCH_AHEAD = 200.0
+# A truck that is faster than its reference by the first of these eases off until the second [m/s].
+EASES_FROM, _EASES_TO = 1.0, 0.1
 
 _reference_speed = kernels.function(
     "iits_reference",
@@ -87,7 +89,11 @@ def _reference(station: FloatArray, profile: SpeedProfile, ego: EgoState) -> Spe
 
 
 class SpeedCaps:
-    """Limits, reference, comfort and rollover margin as one bound on the speed over station."""
+    """Limits, reference, comfort and rollover margin as one bound on the speed over station.
+
+    A reference that falls at once, as where the set speed changes, is approached at the preview
+    deceleration. Limits and bends are not.
+    """
 
     def __init__(self, preview: RoadPreview, config: PlannerConfig) -> None:
         self.preview = preview
@@ -97,6 +103,11 @@ class SpeedCaps:
         self._known: tuple[tuple[LanePath, SpeedProfile | None, RollMargin], FloatArray] | None = (
             None
         )
+        self.reset()
+
+    def reset(self) -> None:
+        """Prepares for a new drive."""
+        self._eases = False
 
     def cap(
         self, path: LanePath, profile: SpeedProfile | None, margin: RollMargin, ego: EgoState
@@ -115,17 +126,35 @@ class SpeedCaps:
         # At speed the bound does not depend on the truck: it is the last one until the truck has
         # another path or another reference.
         inputs = path, profile, margin
-        launches = profile is not None and ego.speed < LAUNCH_SPEED
-        known = None if launches else self._known
+        self._eases = self._excess(profile, ego) > (_EASES_TO if self._eases else EASES_FROM)
+        varies = self._eases or (profile is not None and ego.speed < LAUNCH_SPEED)
+        known = None if varies else self._known
         if known is not None and all(map(operator.is_, inputs, known[0])):
             return known[1]
         if profile is not None:
             profile = _reference(path.station, profile, ego)
+        if self._eases:
+            profile = self._eased(path.station, profile, ego)
         cap = speed_cap(path, self.preview, self.config.speed, profile)
         first = self.preview.index(float(path.station[0]))
         cap = np.minimum(cap, self._by_roll(margin)[first : first + len(cap)])
-        self._known = None if launches else (inputs, cap)
+        self._known = None if varies else (inputs, cap)
         return cap
+
+    def _excess(self, profile: SpeedProfile | None, ego: EgoState) -> float:
+        """Speed of the truck less that of the reference [m/s]."""
+        wanted = self.config.speed.cruise_speed if profile is None else profile.at(ego.station)
+        return ego.speed - wanted
+
+    def _eased(
+        self, station: FloatArray, profile: SpeedProfile | None, ego: EgoState
+    ) -> SpeedProfile:
+        """The reference at stations, raised to where the truck is as it eases off."""
+        config = self.config.speed
+        wanted = config.cruise_speed if profile is None else profile.speed
+        fall = 2.0 * config.following.preview_deceleration
+        square = ego.speed**2 - fall * np.maximum(station - ego.station, 0.0)
+        return SpeedProfile(station, np.sqrt(np.maximum(square, np.square(wanted))))
 
     def top(self, ego: EgoState, profile: SpeedProfile | None) -> float:
         """Greatest speed that the truck may reach during a lane change [m/s].

@@ -411,25 +411,11 @@ class SpeedProfile:
         """Returns the reference speed at a station [m/s], constant beyond both ends."""
         return float(np.interp(station, self.station, self.speed))
 
-    def capped(self, speed_max: float, ego: EgoState, deceleration: float) -> SpeedProfile:
-        """Returns the profile below a highest speed, which the truck reaches at a deceleration.
-
-        It rolls in neutral nowhere. An infinite highest speed changes nothing.
-
-        Args:
-          speed_max: [m/s].
-          ego: the truck now.
-          deceleration: positive [m/s2].
-        """
+    def capped(self, speed_max: float) -> SpeedProfile:
+        """Returns the profile with no speed above a highest one [m/s]; it rolls nowhere then."""
         if speed_max == math.inf:
             return self
-        slower, excess = speed_max**2, max(ego.speed**2 - speed_max**2, 0.0)
-        ends = [ego.station, ego.station + excess / (2.0 * deceleration)]
-        station = np.union1d(self.station, ends)
-        square = np.interp(station, self.station, np.square(self.speed))
-        return SpeedProfile(
-            station, np.sqrt(np.minimum(square, slower + np.interp(station, ends, [excess, 0.0])))
-        )
+        return SpeedProfile(self.station, np.minimum(self.speed, speed_max))
 
     def neutral_at(self, station: float) -> bool:
         """Returns whether the truck shall roll in neutral at a station [m]."""

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from controllers.planning.config import PlannerConfig
+from controllers.planning.config import PlannerConfig, SpeedConfig
 from controllers.planning.following import Lead
 from controllers.planning.lane_change import Change, LaneChoice
 from controllers.planning.planner import Planner, named_decision
@@ -34,13 +34,14 @@ from iits_mj.core.messages import (
     RoadSignals,
     Scene,
     SpeedProfile,
+    SpeedZone,
     TrafficLight,
 )
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from tests.controllers.planning.test_crossing import bend
 from tests.controllers.planning.test_tight_bend_yield import oncoming
-from tests.controllers.scenes import car
+from tests.controllers.scenes import advanced, car
 
 PARAMETERS = TruckParameters.load()
 CONFIG = PlannerConfig()
@@ -313,6 +314,29 @@ def test_the_top_speed_of_a_change_is_that_of_power_and_reference():
         rises = profile((0, 10), (rise, 10), (rise + 3.0, 14), (3000, 14))
         assert found.top(ego(speed=10.0), rises) == pytest.approx(top)
     assert found.power_left(heavy) == pytest.approx(pull)
+
+
+@pytest.mark.parametrize("given", ["profile", "cruise speed"])
+def test_a_set_speed_that_falls_at_once_is_approached_gently_and_not_undershot(given):
+    slow = PlannerConfig(speed=SpeedConfig(cruise_speed=13.0 if given != "profile" else 25.0))
+    planner, now, speeds, rates = Planner(ROUTE, slow), ego(300.0, speed=18.0), [], []
+    wanted = profile((0, 13), (3000, 13)) if given == "profile" else None
+    for _ in range(200):
+        plan = planner.plan(Scene(now.time, now), profile=wanted)
+        now = advanced(now, plan)
+        speeds.append(now.speed)
+        rates.append(now.acceleration)
+    easy = CONFIG.speed.following.preview_deceleration
+    assert min(rates) > -1.3 * easy
+    assert min(speeds) > 12.9
+    assert speeds[130] == pytest.approx(13.0, abs=0.1)
+
+
+def test_a_limit_that_falls_at_once_is_not_approached_gently():
+    planner = Planner(ROUTE, CONFIG)
+    zone = SpeedZone(0.0, 3_000.0, 10.0)
+    scene = Scene(0.0, ego(300.0, speed=15.0), signals=RoadSignals(zones=(zone,)))
+    assert planner.plan(scene).acceleration.min() < -2.0
 
 
 def test_the_cap_refuses_a_reference_that_is_not_a_number():
