@@ -143,5 +143,5 @@ def test_a_python_caller_may_give_a_file_as_text() -> None:
     given: Any = "x.csv"
     assert Example(file=given, log=given) == Example(file=Path("x.csv"), log=Path("x.csv"))
     for wrong in (3, "", b"x"):
-        with pytest.raises(InputError, match="log .* is not a file or folder"):
+        with pytest.raises(InputError, match=r"log .* is not a file or folder"):
             Example(file=Path("x.csv"), log=wrong)  # type: ignore[arg-type]
