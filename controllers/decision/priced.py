@@ -60,7 +60,7 @@ LANES_MAX = 3
 RULE_HORIZON, RULE_SHARE = 30.0, 0.35
 # The truck that eases off drives this much slower than it did when it began, from a speed [m/s] on.
 EASED, EASES_FROM = 2.0, 8.0
-_EASED_SLACK = 1.0  # [m/s] below that speed at which it begins anew
+_EASED_SLACK = 1.0  # [m/s] below that speed at which it begins again
 
 
 def priced_layers(actions: int = len(SIDES)) -> tuple[int, ...]:
