@@ -38,7 +38,7 @@ def _other(entry_point: str, steps: int, threshold: float) -> dict[str, Any]:
 ENVIRONMENTS: dict[str, dict[str, Any]] = {
     "iits_mj/Cruise-v0": _driving("cruise", 120, 89.0),
     "iits_mj/Stop-v0": _driving("stop", 80, 73.0),
-    "iits_mj/HillStart-v0": _driving("hill_start", 200, 109.0),
+    "iits_mj/HillStart-v0": _driving("hill_start", 200, 103.0),
     "iits_mj/LaneKeep-v0": _driving("lane_keep", 600, 569.0),
     "iits_mj/LaneChange-v0": _driving("lane_change", 300, 247.0),
     "iits_mj/TightTurn-v0": _driving("tight_turn", 300, 285.0),
