@@ -24,7 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.decision.fast_world.worlds import FastWorlds
-from controllers.decision.learning.rollouts import NetworkPolicy, braking_of_actions, drive_step
+from controllers.decision.learning.rollouts import (
+    NetworkPolicy,
+    braking_of_actions,
+    drive_step,
+    possible_or_keep,
+)
 from controllers.decision.policy import load_policy
 from controllers.decision.priced import (
     RULE_SHARE,
@@ -98,8 +103,7 @@ def drive(worlds: FastWorlds, network: PricedNetwork, prices: tuple[float, ...])
         unsure = np.flatnonzero(spread > network.disagreement_max)
         if unsure.size:
             ruled = worlds.copy(unsure).decide(rule)
-            asked = braking[unsure, (ruled > 0).astype(int)]
-            decisions[unsure] = np.where(np.isfinite(asked), ruled, 0)
+            decisions[unsure] = possible_or_keep(ruled, braking[unsure])
         drive_step(worlds, decisions)
 
 

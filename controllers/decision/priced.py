@@ -135,15 +135,16 @@ class PricedNetwork:
         found = [w.shape for w in self.weights]
         wanted: list[tuple[int, ...]] = []
         if len(found) == len(PRICED_LAYERS) - 1 and all(len(shape) == 3 for shape in found):
-            outputs = priced_layers(3 if self.layers[-1] > PRICED_LAYERS[-1] else 2)[-1]
-            sizes = (PRICED_LAYERS[0], *self.layers[1:-1], outputs)
+            actions = min(max(self.actions, len(SIDES)), len(ACTIONS))
+            sizes = (PRICED_LAYERS[0], *self.layers[1:-1], priced_layers(actions)[-1])
             wanted = [(found[0][0], m, n) for n, m in itertools.pairwise(sizes)]
         biases = [b.shape for b in self.biases]
         fit = found == wanted and biases == [shape[:2] for shape in wanted]
         if not (wanted and fit and found[0][0]):
             raise InputError(
                 f"network has layers of shape {', '.join(map(str, found))}; must be members times "
-                f"outputs times inputs of {'-'.join(map(str, PRICED_LAYERS))} or other hidden sizes"
+                f"outputs times inputs of {'-'.join(map(str, PRICED_LAYERS))} or other hidden "
+                f"sizes, with the speed action {priced_layers(len(ACTIONS))[-1]} outputs"
             )
         if not all(np.isfinite(a).all() for a in (*self.weights, *self.biases)):
             raise InputError("network contains numbers that are not finite")

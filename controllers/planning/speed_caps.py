@@ -24,8 +24,8 @@ from iits_mj.kernels import Address, Integer, Real
 # exceeds any truck's, so that power and comfort limit it, as without a reference [m/s2].
 LAUNCH_SPEED, LAUNCH_ACCELERATION = 8.0, 1.5
 _LAUNCH_AHEAD = 200.0
-# A truck that is faster than its reference by the first of these eases off until the second [m/s].
-EASES_FROM, _EASES_TO = 1.0, 0.1
+# Excess over the reference at which a truck begins to ease off, and at which it ends [m/s].
+_EASING_BEGINS, _EASING_ENDS = 1.0, 0.1
 
 _reference_speed = kernels.function(
     "iits_reference",
@@ -126,7 +126,8 @@ class SpeedCaps:
         # At speed the bound does not depend on the truck: it is the last one until the truck has
         # another path or another reference.
         inputs = path, profile, margin
-        self._eases = self._excess(profile, ego) > (_EASES_TO if self._eases else EASES_FROM)
+        least = _EASING_ENDS if self._eases else _EASING_BEGINS
+        self._eases = self._excess(profile, ego) > least
         varies = self._eases or (profile is not None and ego.speed < LAUNCH_SPEED)
         known = None if varies else self._known
         if known is not None and all(map(operator.is_, inputs, known[0])):

@@ -412,7 +412,10 @@ class SpeedProfile:
         return float(np.interp(station, self.station, self.speed))
 
     def capped(self, speed_max: float) -> SpeedProfile:
-        """Returns the profile with no speed above a highest one [m/s]; it rolls nowhere then."""
+        """Returns the profile with no speed above a highest one [m/s], and without neutral.
+
+        An infinite highest speed changes nothing.
+        """
         if speed_max == math.inf:
             return self
         return SpeedProfile(self.station, np.minimum(self.speed, speed_max))

@@ -9,6 +9,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
+from controllers.decision.priced import EASED
 from controllers.decision.trip import RewardConfig
 from iits_mj.core import options as option_fields
 from iits_mj.core.errors import InputError
@@ -191,7 +192,7 @@ class RolloutConfig:
     epochs: int = _option(14, help="passes of a fit over the labels", low=1, high=10_000)
     members: int = _option(2, help="networks of the last fit, whose mean decides", low=1, high=20)
     speed_action: bool = _option(
-        False, help="also learn when to ease off, to drive slower by 2 m/s for some time"
+        False, help=f"also learn when to ease off, to drive slower by {EASED:g} m/s for some time"
     )
 
     def __post_init__(self) -> None:

@@ -98,7 +98,7 @@ def rule_policy(worlds: FastWorlds, prices: FloatArray, braking: FloatArray) -> 
         assert rule is not None
         rows = np.flatnonzero(nearest == number)
         decisions[rows] = worlds.copy(rows).decide(rule)
-    return np.where(_asked(braking, decisions) < np.inf, decisions, 0)
+    return possible_or_keep(decisions, braking)
 
 
 class NetworkPolicy:
@@ -169,6 +169,11 @@ def braking_of_actions(worlds: FastWorlds, actions: int = len(SIDES)) -> FloatAr
 def _asked(braking: FloatArray, decisions: IntArray) -> FloatArray:
     """Returns the braking that decisions ask, shape (n,); of those to keep, of no meaning."""
     return np.take_along_axis(braking, np.searchsorted(ACTIONS, decisions)[:, None], 1)[:, 0]
+
+
+def possible_or_keep(decisions: IntArray, braking: FloatArray) -> IntArray:
+    """Returns decisions, with those that are not possible replaced by keeping the lane, (n,)."""
+    return np.where(_asked(braking, decisions) < np.inf, decisions, 0)
 
 
 def drive_step(worlds: FastWorlds, decisions: IntArray) -> None:
