@@ -193,8 +193,8 @@ class Trip {
       if (lanes[i].lane == w.lane && w.speed > 1.0 && gap >= 0.0) {
         w.time_gap_min = std::min(w.time_gap_min, gap / w.speed);
       }
-      wanted = std::min(wanted,
-                        following.Follow(w.speed, aim, gap, lead->speed, lead->acceleration));
+      wanted =
+          std::min(wanted, following.Follow(w.speed, aim, gap, lead->speed, lead->acceleration));
     }
     wanted = std::min(wanted, following.Idm(w.speed, aim, kInfinity, 0.0));
     wanted = std::max(wanted, -laws_.rules.hardest_braking);
