@@ -7,7 +7,9 @@ entry of a table. Errors name the parameter, its value and what is allowed.
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import functools
 import types
 import typing
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,6 +35,8 @@ GRADES = "PRDLJ"
 
 Tree = dict[str, Any]
 Overlay = str | Path | Mapping[str, Any]
+# Path, time of the last change [ns] and size of files.
+Stamps = tuple[tuple[str, int, int], ...]
 
 
 def shipped_trucks() -> tuple[str, ...]:
@@ -116,8 +120,31 @@ def plain(node: Any) -> Any:
     return node["value"] if is_leaf(node) else node
 
 
+def shipped_state(truck: str | Path | None) -> tuple[Path, Stamps] | None:
+    """Returns the file of a shipped truck and the state of all shipped files; else None.
+
+    Both together are the key of what may be kept of a shipped truck.
+    """
+    file = truck_file(truck).resolve()
+    folder = (mjcf_dir() / "trucks").resolve()
+    if not file.is_relative_to(folder):
+        return None
+    states = ((path, path.stat()) for path in sorted(folder.glob("*/*")))
+    return file, tuple((str(path), state.st_mtime_ns, state.st_size) for path, state in states)
+
+
 def _read_file(file: Path, chain: tuple[Path, ...]) -> Tree:
     """Returns the tree of a file, merged with what it extends."""
+    shipped = shipped_state(file)
+    return copy.deepcopy(_shipped_tree(*shipped)) if shipped else _merged_file(file, chain)
+
+
+@functools.lru_cache(maxsize=32)
+def _shipped_tree(file: Path, _stamps: Stamps) -> Tree:
+    return _merged_file(file, ())
+
+
+def _merged_file(file: Path, chain: tuple[Path, ...]) -> Tree:
     file = file.resolve()
     if file in chain or len(chain) >= _EXTENDS_MAX:
         names = " -> ".join(str(path) for path in (*chain, file))
@@ -381,7 +408,7 @@ def _build_dataclass(kind: Any, node: Any, where: str) -> Any:
         return node
     if not _is_table(node):
         raise InputError(f"parameter {where} = {shown(node)}: a table is needed")
-    hints = typing.get_type_hints(kind, include_extras=True)
+    hints = _hints(kind)
     fields = dataclasses.fields(kind)
     prefix = f"{where}." if where else ""
     names = [field.name for field in fields]
@@ -399,6 +426,11 @@ def _build_dataclass(kind: Any, node: Any, where: str) -> Any:
         if field.name not in node and not optional:
             raise InputError(f"parameter {prefix}{field.name} is missing")
     return kind(**{name: build(hints[name], node[name], prefix + name) for name in node})
+
+
+@functools.cache
+def _hints(kind: Any) -> dict[str, Any]:
+    return typing.get_type_hints(kind, include_extras=True)
 
 
 def _number(kind: type, node: Any, where: str) -> int | float:

@@ -6,7 +6,9 @@ identified parameters) may give plain values. `docs/trucks.md` describes the for
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import functools
 import hashlib
 import json
 import typing
@@ -22,7 +24,14 @@ from iits_mj.core.checks import in_range
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import EgoFootprint
 from iits_mj.parameters.brakes import AirBrake
-from iits_mj.parameters.files import Overlay, build, read_truck, shipped_trucks
+from iits_mj.parameters.files import (
+    Overlay,
+    Stamps,
+    build,
+    read_truck,
+    shipped_state,
+    shipped_trucks,
+)
 from iits_mj.parameters.powertrain import Clutch, Engine, Gearbox, Retarder
 from iits_mj.parameters.quantity import (
     Damping,
@@ -224,11 +233,8 @@ class TruckParameters:
             overlays = (overlay,)
         elif overlay is not None:
             overlays = overlay
-        found = typing.cast(TruckParameters, build(cls, read_truck(truck, overlays), ""))
-        engine = found.engine.completed()
-        radius = found.tires[found.driven_axles[0].tire].rolling_radius
-        gearbox = found.gearbox.completed(engine, radius)
-        return dataclasses.replace(found, engine=engine, gearbox=gearbox)
+        shipped = None if overlays else shipped_state(truck)
+        return copy.deepcopy(_shipped(*shipped)) if shipped else _built(truck, overlays)
 
     def __post_init__(self) -> None:
         """Checks what the parts must have in common."""
@@ -395,6 +401,21 @@ class TruckParameters:
             return dataclasses.replace(unit, payload=dataclasses.replace(load, cg_height=value))
 
         return dataclasses.replace(self, units=tuple(raised(unit) for unit in self.units))
+
+
+def _built(truck: str | Path | None, overlays: Sequence[Overlay] = ()) -> TruckParameters:
+    """Reads and checks a truck's files."""
+    tree = read_truck(truck, overlays)
+    found = typing.cast(TruckParameters, build(TruckParameters, tree, ""))
+    engine = found.engine.completed()
+    radius = found.tires[found.driven_axles[0].tire].rolling_radius
+    gearbox = found.gearbox.completed(engine, radius)
+    return dataclasses.replace(found, engine=engine, gearbox=gearbox)
+
+
+@functools.lru_cache(maxsize=32)
+def _shipped(file: Path, _stamps: Stamps) -> TruckParameters:
+    return _built(file)
 
 
 # A truck in Python's interfaces: name of a shipped one, its `truck.toml` or folder, or parameters.

@@ -1,8 +1,11 @@
 """Truck files: what they extend, remove and copy, their units and tables, and their errors."""
 
+import shutil
+
 import numpy as np
 import pytest
 
+from iits_mj.core.assets import mjcf_dir
 from iits_mj.core.errors import InputError
 from iits_mj.parameters import TruckParameters, shipped_trucks, truck_file
 from iits_mj.parameters.files import provenance, ungraded
@@ -49,6 +52,29 @@ def test_every_shipped_truck_loads_and_every_quantity_of_it_has_a_unit_and_a_gra
     assert truck.name == name
     assert not ungraded(name)
     assert all(row[1] for row in provenance(name))
+
+
+def test_a_shipped_truck_is_not_changed_by_who_loaded_it_before():
+    first = TruckParameters.load()
+    first.tires["steer"] = first.tires["drive"]
+    first.engine.full_load_torque[:] = 0.0
+    again = TruckParameters.load()
+    assert again.tires["steer"] != again.tires["drive"]
+    assert again.engine.full_load_torque.max() > 1000.0
+    assert TruckParameters.load(overlay={"engine": {"boost_lag": 0.5}}).engine.boost_lag == 0.5
+    assert TruckParameters.load().digest() == again.digest()
+
+
+@pytest.mark.parametrize("name", [BASE, "a_double"])
+def test_a_shipped_file_that_changes_is_read_again(name, monkeypatch, tmp_path):
+    shutil.copytree(mjcf_dir() / "trucks", tmp_path / "trucks")
+    monkeypatch.setattr("iits_mj.parameters.files.mjcf_dir", lambda: tmp_path)
+    before = TruckParameters.load(name)
+    file = tmp_path / "trucks" / BASE / "truck.toml"
+    file.write_text(
+        file.read_text().replace("\nratio = { value = 21.0", "\nratio = { value = 21.5")
+    )
+    assert (before.steering.ratio, TruckParameters.load(name).steering.ratio) == (21.0, 21.5)
 
 
 def test_a_truck_is_given_by_its_name_its_folder_or_its_file(shipped, monkeypatch, tmp_path):
