@@ -49,15 +49,24 @@ def standing(station, lane=0, vehicles=(), *, to=None, truck=None, duration=4.0,
     """A recorded drive of a truck that does not move.
 
     Args:
-      station, lane: of the truck; vehicles: around it; to: lane to which it plans to change.
-      truck: name of a shipped one; duration: [s]; values: of its state.
+      station, lane: of the truck; to: lane to which it plans to change.
+      vehicles: around it, or a function that returns them at a time [s].
+      truck: name of a shipped one; duration: [s]; values: of its state, or functions of time [s].
     """
+
+    def at(time, value):
+        return value(time) if callable(value) else value
+
     route = road()
     offset = float(route.lane_offset(lane, station))
     ego = plain_truck(truck).reset(station=station, offset=offset, speed=15.0)
-    ego = dataclasses.replace(ego, acceleration=0.0, **values)
-    states = [dataclasses.replace(ego, time=t) for t in np.arange(0.0, duration + 0.05, 0.1)]
-    scenes = [Scene(state.time, state, vehicles) for state in states]
+    times = np.arange(0.0, duration + 0.05, 0.1)
+    values = {"acceleration": 0.0, **values}
+    states = [
+        dataclasses.replace(ego, time=t, **{name: at(t, value) for name, value in values.items()})
+        for t in times
+    ]
+    scenes = [Scene(state.time, state, at(state.time, vehicles)) for state in states]
     config = DriveConfig(truck=truck)
     return RecordedDrive(Record(config, states, scenes, [_plan(ego, to)] * len(states)))
 

@@ -170,14 +170,23 @@ def test_visibility_is_where_five_percent_of_the_contrast_remain():
     assert WEATHERS["day"].mist == 0.0
 
 
+@pytest.fixture(scope="module")
+def braking():
+    """A drive of 4 s that brakes from 2 s on."""
+    return standing(OPEN, brake_pressures=lambda time: (0.0 if time < 2.0 else 200e3,) * 5)
+
+
 @pytest.mark.parametrize("weather", WEATHERS)
-def test_brake_lamps_are_red_only_while_braking(weather):
-    pressed = (200e3,) * 5
-    dark, lit = (
-        shown(standing(OPEN, brake_pressures=pressures), weather, "chase")[0]
-        for pressures in ((0.0,) * 5, pressed)
-    )
-    left, _, right, bottom = (round(v) for v in rear_box(standing(OPEN)))
+def test_brake_lamps_are_red_only_while_braking(braking, weather):
+    with Pictures(braking.truck, SIZE, "chase", weather, overlay=False, plan=False) as pictures:
+
+        def picture(time):
+            frame = braking.at(time)
+            braking.data.time = 0.0  # the rain falls as at that time
+            return pictures.draw(braking.data, frame).astype(float)
+
+        dark, lit = picture(1.0), picture(3.0)
+    left, _, right, bottom = (round(v) for v in rear_box(braking))
     low = slice(bottom - 20, min(bottom + 12, SIZE[1]))
     parts = [red(p[low, left - 4 : right + 4]) for p in (dark, lit)]
     assert parts[1] > 1.12 * parts[0]
@@ -295,17 +304,20 @@ def test_wet_road_is_darker_than_a_dry_one(open_road):
 
 
 def test_wet_road_mirrors_brake_lamps():
-    def streak(weather, acceleration):
-        ahead = vehicle(OPEN + 40.0, 1, speed=15.0, acceleration=acceleration)
-        drive = standing(OPEN, vehicles=[ahead])
-        frame = drive.at(0.0)
-        camera = FollowCamera("chase", road().tunnels, drive.truck.parameters)
-        place = camera.follow(drive.data, frame.ego.station)
-        point = road().evaluate(OPEN + np.array([30.0, 36.0]), np.full(2, ahead.offset))
-        at = pixels(np.stack([np.asarray(v) for v in (point.x, point.y, point.z)], -1), place)
-        (left, right), (top, bottom) = (np.sort(at[:, i]).astype(int) for i in (0, 1))
-        (picture,) = shown(drive, weather)
-        return picture[top : bottom + 1, left - 6 : right + 7, 0].sum()
+    def vehicles(time):
+        return [vehicle(OPEN + 40.0, 1, speed=15.0, acceleration=-3.0 if time < 2.0 else 0.0)]
 
-    gain = {weather: streak(weather, -3.0) - streak(weather, 0.0) for weather in ("day", "rain")}
-    assert gain["rain"] > 2.0 * max(gain["day"], 1.0)
+    drive = standing(OPEN, vehicles=vehicles)
+    frame = drive.at(0.0)
+    leader = frame.scene.vehicles[0]
+    camera = FollowCamera("chase", road().tunnels, drive.truck.parameters)
+    place = camera.follow(drive.data, frame.ego.station)
+    point = road().evaluate(OPEN + np.array([30.0, 36.0]), np.full(2, leader.offset))
+    at = pixels(np.stack([np.asarray(v) for v in (point.x, point.y, point.z)], -1), place)
+    (left, right), (top, bottom) = (np.sort(at[:, i]).astype(int) for i in (0, 1))
+
+    def gain(weather):
+        lit, dark = shown(drive, weather, times=(1.0, 3.0))
+        return (lit - dark)[top : bottom + 1, left - 6 : right + 7, 0].sum()
+
+    assert gain("rain") > 2.0 * max(gain("day"), 1.0)

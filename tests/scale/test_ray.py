@@ -90,6 +90,7 @@ def test_an_error_of_a_task_is_reported_without_a_traceback(executor):
         executor.submit(fail, 3).result()
 
 
+@pytest.mark.slow
 def test_the_task_of_a_killed_worker_is_repeated(executor, tmp_path):
     flag = tmp_path / "died"
     futures = [executor.submit(die_once, str(flag), x) for x in range(4)]

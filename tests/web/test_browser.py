@@ -159,6 +159,7 @@ def test_without_the_token_there_is_no_page(view, browser):
     assert live.end()[0] == 130
 
 
+@pytest.mark.slow
 def test_a_recording_has_a_time_line(view, browser, tmp_path):
     config = DriveConfig(duration=4.0, density="sparse", speed_planner="cruise")
     with Simulation(config, record=True, visuals=False) as simulation:
@@ -197,6 +198,7 @@ def test_an_error_of_the_simulation_stays_in_the_page(browser):
     page.close()
 
 
+@pytest.mark.slow
 def test_the_replay_and_the_report_around_it_move_together(browser, tmp_path):
     words = "drive --duration 4 --no-video --replay --traffic-mode none --speed-planner cruise"
     assert cli.main([*words.split(), "--out", os.fspath(tmp_path)]) == 0
