@@ -19,26 +19,26 @@ class Prices:
     """Prices in meters of way; the bounds are those of the training.
 
     Attributes:
-      lane_change: way that a lane change must gain [m].
-      imposed_braking: way that spares a new follower a braking of 1 m/s2 [m/(m/s2)].
-      left_lane: way that is worth a second in the right lane [m/s].
+      lane_change: distance that a lane change must gain [m].
+      imposed_braking: distance that spares a new follower a braking of 1 m/s2 [m/(m/s2)].
+      left_lane: distance that is worth a second in the right lane [m/s].
 
     Raises:
       InputError: a price is out of its bounds; the message names it.
     """
 
     lane_change: float = option(
-        100.0, help="way that a lane change must gain", unit="m", low=10.0, high=400.0
+        100.0, help="distance that a lane change must gain", unit="m", low=10.0, high=400.0
     )
     imposed_braking: float = option(
         0.0,
-        help="way that spares a new follower a braking of 1 m/s2",
+        help="distance that spares a new follower a braking of 1 m/s2",
         unit="m/(m/s2)",
         low=0.0,
         high=60.0,
     )
     left_lane: float = option(
-        0.0, help="way that is worth a second in the right lane", unit="m/s", low=0.0, high=4.0
+        0.0, help="distance that is worth a second in the right lane", unit="m/s", low=0.0, high=4.0
     )
 
     def __post_init__(self) -> None:

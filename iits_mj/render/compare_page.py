@@ -67,7 +67,7 @@ class Comparison:
         others = sum(p.time == first.time for p in self.partings) - 1
         more = f" and {others} more columns" if others > 1 else " and one more" if others else ""
         return (
-            f"They part at {first.time:.1f} s, station {first.station:.1f} m, in "
+            f"They diverge at {first.time:.1f} s, station {first.station:.1f} m, in "
             f"{first.name}{more}; {len(self.partings)} columns differ."
         )
 

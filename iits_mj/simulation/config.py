@@ -80,7 +80,7 @@ class TruckStart:
     payload: float | None = payload_option()
     payload_height: float | None = option(
         None,
-        help="height of the load's centre of gravity above the road; without it the truck's own",
+        help="height of the load's center of gravity above the road; without it the truck's own",
         unit="m",
         low=0.0,
         group="truck",

@@ -1,4 +1,4 @@
-"""`iits-mj validate --measured`: the truck on a measured manoeuvre.
+"""`iits-mj validate --measured`: the truck on a measured maneuver.
 
 The truck gets the measured steering-wheel angle and holds the measured speed, on a level road. Its
 yaw rate, lateral acceleration and articulation are drawn over the measured ones and rated by
@@ -36,14 +36,14 @@ OUTPUTS = {
 }
 # Trucks of the envelope, in full and in the quick form.
 _TRUCKS, _TRUCKS_QUICK = 20, 8
-# Times before the manoeuvre: the truck takes the first angle, then settles [s].
+# Times before the maneuver: the truck takes the first angle, then settles [s].
 _TURN_IN, _SETTLE = 2.0, 4.0
-# Longest manoeuvre [s], and speeds for which the model is meant [m/s].
+# Longest maneuver [s], and speeds for which the model is meant [m/s].
 _LONGEST, _SPEEDS = 600.0, (3.0, 40.0)
 
 
 def read_maneuver(path: Path) -> Log:
-    """Reads a measured manoeuvre: a table with titles `name [unit]`.
+    """Reads a measured maneuver: a table with titles `name [unit]`.
 
     Raises:
       InputError: the table lacks a column, or has a wrong unit, a gap, times that do not increase,
@@ -69,7 +69,7 @@ def read_maneuver(path: Path) -> Log:
 def simulate(
     log: Log, parameters: TruckParameters, payload: float, timestep: float
 ) -> dict[str, FloatArray]:
-    """The truck's outputs at the times of a measured manoeuvre, each of shape (n,).
+    """The truck's outputs at the times of a measured maneuver, each of shape (n,).
 
     Args:
       log: of `read_maneuver`.
@@ -110,20 +110,20 @@ def simulate(
 
 
 def run(config: ValidateConfig) -> Results:
-    """Drives the measured manoeuvre with the truck and with trucks of the envelope.
+    """Drives the measured maneuver with the truck and with trucks of the envelope.
 
     Raises:
       InputError: no file is given, or it cannot be used.
     """
     if config.measured is None:
-        raise InputError("validate measured needs a table of a manoeuvre: --measured FILE.csv")
+        raise InputError("validate measured needs a table of a maneuver: --measured FILE.csv")
     log, report = read_maneuver(config.measured), Results("validate measured")
     payload = config.payloads()[0]
     truck = simulate(log, config.parameters, payload, config.step)
     spread = Spread.load(None, config.truck)
     count = _TRUCKS_QUICK if config.quick else _TRUCKS
     others = []
-    for seed in each(range(count), "driving the measured manoeuvre"):
+    for seed in each(range(count), "driving the measured maneuver"):
         drawn = spread.draw(np.random.default_rng(seed))
         parameters = TruckParameters.load(config.truck, drawn.overlay)
         others.append(simulate(log, parameters, payload, config.step))

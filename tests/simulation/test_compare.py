@@ -52,7 +52,7 @@ def test_a_planted_difference_is_found_at_its_row(tmp_path: Path) -> None:
     assert found.time == pytest.approx(12.3)
     assert found.station == pytest.approx(drive().column("station [m]")[123])
     assert (found.first, found.second) == (0.0, 0.001)
-    assert "part at 12.3 s" in Comparison(a, b).verdict
+    assert "diverge at 12.3 s" in Comparison(a, b).verdict
 
 
 def test_a_difference_becomes_visible_above_one_percent_of_the_range(tmp_path: Path) -> None:
@@ -163,7 +163,7 @@ def test_command_prints_tables_and_writes_the_page(
     page = tmp_path / "pages" / "two.html"
     assert cli.main(["compare", str(a), str(b), "--out", str(page)]) == 0
     shown = capsys.readouterr().out
-    for part in ("They part at 10.0 s", "density", "mean speed", f"page: {page}"):
+    for part in ("They diverge at 10.0 s", "density", "mean speed", f"page: {page}"):
         assert part in shown
     assert page.is_file()
     assert cli.main(["compare", str(a), str(b / "telemetry.csv"), "--out", str(tmp_path)]) == 0

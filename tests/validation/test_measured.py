@@ -1,4 +1,4 @@
-"""A manoeuvre that the truck itself "measured" is repeated, one of another truck is not."""
+"""A maneuver that the truck itself "measured" is repeated, one of another truck is not."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def write(path, columns, titles=TITLES):
     return path
 
 
-def test_the_truck_repeats_its_own_manoeuvre(columns, tmp_path):
+def test_the_truck_repeats_its_own_maneuver(columns, tmp_path):
     log = read_maneuver(write(tmp_path / "sine.csv", columns))
     found = simulate(log, PARAMETERS, PAYLOAD, TIMESTEP)
     assert set(found) == {"yaw_rate", "lateral_acceleration", "articulation"}

@@ -118,7 +118,7 @@ class SweepConfig(DriveConfig):
 
     scenario: Path = option(
         help="file of events (.toml), OpenSCENARIO file (.xosc), or OpenSCENARIO file of a "
-        "deterministic distribution of parameters",
+        "deterministic or stochastic distribution of parameters",
         metavar="SCENARIO",
         positional=True,
     )

@@ -51,7 +51,7 @@ class ValidateConfig:
     )
     measured: Path | None = option(
         None,
-        help="measured manoeuvre to drive: steering-wheel angle and speed, and what to compare",
+        help="measured maneuver to drive: steering-wheel angle and speed, and what to compare",
         metavar="FILE.csv",
         group="data",
     )

@@ -55,7 +55,7 @@ def harmonic(time: FloatArray, signal: FloatArray, frequencies: FloatArray) -> F
 
 @dataclass(frozen=True)
 class SteeringRecord(UnitHistories):
-    """Time histories of a steered manoeuvre of n units every 10 ms; SI, ISO 8855.
+    """Time histories of a steered maneuver of n units every 10 ms; SI, ISO 8855.
 
     Attributes of shape (m,) where not noted:
       time, speed; steering_wheel: actual angle; road_wheel: mean of left and right.
@@ -178,7 +178,7 @@ def drive(
     stop: Callable[[EgoState], bool] | None = None,
     hold: SpeedHold | None = None,
 ) -> SteeringRecord:
-    """Runs a manoeuvre from the truck's present state (call `truck.reset` before).
+    """Runs a maneuver from the truck's present state (call `truck.reset` before).
 
     Args:
       truck: on a road of sufficient length.

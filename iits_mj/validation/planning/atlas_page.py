@@ -134,13 +134,14 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(lines)
 
 
-def page_text(atlas: Atlas, picture: str, table: str) -> str:
+def page_text(atlas: Atlas, picture: str, table: str, driven: str) -> str:
     """Returns the page as Markdown.
 
     Args:
       atlas: to show.
       picture: file name of the picture beside the page.
-      table: file name of the table beside the page.
+      table: file name of the table of cells beside the page.
+      driven: file name of the table of drives beside the page.
     """
     mass, band, _ = MIDDLE
     drives = {(r.road, k): atlas.on_truck(r.road, k) for r in atlas.middle for k in _CRUISES}
@@ -184,6 +185,7 @@ def page_text(atlas: Atlas, picture: str, table: str) -> str:
         high=f"{band[2]:g}",
         picture=picture,
         table=table,
+        driven=driven,
         cells=len(atlas.rows),
         drives=len(atlas.driven),
         middle=_table(header, rows),
@@ -205,10 +207,11 @@ def write_page(atlas: Atlas, path: Path) -> None:
       InputError: a file cannot be written.
     """
     picture, table = path.with_suffix(".png"), path.with_suffix(".csv")
+    driven = path.with_name(f"{path.stem}_driven.csv")
     write_rows(table, AtlasRow, atlas.rows, "atlas")
-    write_rows(path.with_name(f"{path.stem}_driven.csv"), DrivenRow, atlas.driven, "atlas")
+    write_rows(driven, DrivenRow, atlas.driven, "atlas")
     write_whole(picture, plots.to_png(draw_atlas(atlas), _DPI), "picture")
-    write_whole(path, page_text(atlas, picture.name, table.name).encode(), "page")
+    write_whole(path, page_text(atlas, picture.name, table.name, driven.name).encode(), "page")
 
 
 _CRUISES = ("rolling", "braking")
@@ -247,7 +250,7 @@ differs from the middle cell.
 
 {changes}
 
-All {cells} cells are in [the table]({table}); {drives} comparisons were driven.
+All {cells} cells are in [the table]({table}); [{drives} comparisons]({driven}) were driven.
 
 ## How the figures are made
 

@@ -2,7 +2,7 @@
 
 Planner and tracker drive the MuJoCo truck without traffic. Errors are those of the steer axle
 across the planned path. The bounds of the highway at 60 to 80 km/h, 0.15 m rms and 0.4 m peak, hold
-for every manoeuvre at speed, also in wind.
+for every maneuver at speed, also in wind.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ NOTES = (
 
 
 def run_path_tracking(config: ValidateConfig) -> Results:
-    """Drives the highway with and without wind, and the manoeuvres.
+    """Drives the highway with and without wind, and the maneuvers.
 
     The quick form is 350 m of the highway with a gust, for the first payload.
     """
@@ -46,7 +46,7 @@ def run_path_tracking(config: ValidateConfig) -> Results:
     for payload in payloads:
         _highway(results, payload, wind, config)
         if not config.quick:
-            _manoeuvres(results, payload, wind, config.step)
+            _maneuvers(results, payload, wind, config.step)
             _push(results, payload, config.step)
     if not config.quick:
         _robustness(results, wind, config.step)
@@ -101,7 +101,7 @@ def side_load(payload: float, speed: float, wind: float) -> tuple[float, float]:
     return float(change[1]), float(change[5])
 
 
-def _manoeuvres(results: Results, payload: float, wind: SideWind, step: float) -> None:
+def _maneuvers(results: Results, payload: float, wind: SideWind, step: float) -> None:
     load = f"{payload / 1e3:g} t"
     away = cases.pull_away(payload, step, wind)
     found = [judged(f"from standstill towards 90 km/h in wind, {load}", away)]

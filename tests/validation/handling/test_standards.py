@@ -1,4 +1,4 @@
-"""Standard manoeuvres at a coarse step, and the estimators behind them."""
+"""Standard maneuvers at a coarse step, and the estimators behind them."""
 
 import numpy as np
 import pytest

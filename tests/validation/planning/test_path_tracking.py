@@ -1,4 +1,4 @@
-"""Planner and path tracking: situations, wind, measures, and short forms of the manoeuvres."""
+"""Planner and path tracking: situations, wind, measures, and short forms of the maneuvers."""
 
 import numpy as np
 import pytest

@@ -152,15 +152,15 @@ def test_page_without_drives_leaves_their_cells_empty(tmp_path):
         for name in names
         for mass, band, _ in cells(every=False)[:1]
     ]
-    text = page_text(Atlas(rows, [], []), "a.png", "a.csv")
+    text = page_text(Atlas(rows, [], []), "a.png", "a.csv", "a_driven.csv")
     assert text.count("| - | - |") >= len(names)
 
 
 @pytest.mark.slow
 def test_driven_saving_on_waves_is_near_the_expected():
-    road = made_roads()["rolling"].part(0, 100)
-    row = drive_cell(road, "rolling", rolls=True)
-    assert row.saving == pytest.approx(row.expected, abs=2.0)
+    # A part of the road would show the gear changes of its ends more than its waves.
+    row = drive_cell(made_roads()["rolling"], "rolling", rolls=True)
+    assert row.saving == pytest.approx(row.expected, abs=1.0)
     assert abs(row.late) < 0.5
     assert row.plan_fuel < row.cruise_fuel
 
