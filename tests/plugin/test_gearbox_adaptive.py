@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from iits_mj.road import Route
+from iits_mj.truck import Truck
 from tests.plugin.driveline_rig import PARAMETERS, Case, constant, drive, shifts
 from tests.plugin.vehicle_sled import KMH
 
@@ -141,3 +143,24 @@ def test_short_horizon_prevents_a_downshift_that_pays_later():
         for horizon in ("5", "30")
     ]
     assert lowest[1] < lowest[0]
+
+
+@pytest.mark.parametrize("grade", [0.023, 0.026])
+def test_a_gear_change_at_speed_is_not_corrected_because_the_wheels_slip_vanishes(grade):
+    """40 t at 80 km/h need 11th gear; with the torque the wheels' slip vanishes, as if braked."""
+    route = Route.straight(length=1500.0, grade=grade)
+    truck = Truck.load(
+        40_000.0 - PARAMETERS.gross_mass(0.0),
+        parameters={"gearbox": {"shift_strategy": "adaptive"}},
+        route=route,
+        timestep=0.005,
+        plant="yaw-sideslip",
+        visuals=False,
+    )
+    truck.reset(station=100.0, speed=80.0 / 3.6)
+    truck.command(accelerator_pedal=1.0)
+    gears = []
+    for _ in range(300):
+        truck.step(10)
+        gears.append(truck.observe().gear)
+    assert min(g for g in gears if g) == 11

@@ -85,6 +85,8 @@ struct ShiftSituation {
   static constexpr double kHeldSpeedStep = 0.01;
   // Share of the speed that a change costs, beyond which the gearbox looks ahead.
   static constexpr double kCostlyChange = 0.05;
+  // The same share, beyond which it corrects a change under way.
+  static constexpr double kCorrectedChange = 0.035;
   // Of `relaunch_speed`: an engaged gear saves a change.
   static constexpr double kEngagedShare = 0.6;
 
@@ -301,6 +303,12 @@ struct ShiftSituation {
     if (!Floored()) return false;
     const Dip dip = DipOf(gear, in.shaft_speed);
     return UptakeOf(gear, dip) != kStops;
+  }
+
+  // Whether a change costs so much of the speed that the gear must be right at once.
+  bool CostlyChange() const {
+    const T lost = -p.change_time * state.acceleration;
+    return 2 * gear <= gears.count() || lost >= kCorrectedChange * in.shaft_speed;
   }
 
   // Load at the end of a change that begins after a time [s]. Where a change costs much of the

@@ -53,10 +53,11 @@ struct ShiftStrategy : ShiftParameters<T> {
   }
 
   // Gear to engage in a downshift under way: the load may rise meanwhile, as on the foot of a
-  // climb. Then it is the lower gear that still holds the load.
+  // climb. Then it is the lower gear that still holds the load. Where a change costs little, the
+  // gear stays: as the torque vanishes, the wheels' slip does, too, which looks like a load.
   static int Correct(const Situation& now) {
     const T from = now.in.shaft_speed;
-    if (!now.Floored()) return now.gear;
+    if (!now.Floored() || !now.CostlyChange()) return now.gear;
     const typename Situation::Outcome outcome = now.After(now.gear, from);
     if (outcome.uptake == Situation::kTurns) return now.gear;
     const auto best = now.BestDescent(from);
