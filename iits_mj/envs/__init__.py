@@ -50,7 +50,7 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
         **_other("highway:HighwayFastEnv", 120, -2.7),
         "vector_entry_point": "iits_mj.envs.highway_vector:HighwayFastVectorEnv",
     },
-    "iits_mj/SpeedPlanning-v0": _other("speed_planning:SpeedPlanningEnv", 120, -3.41),
+    "iits_mj/SpeedPlanning-v0": _other("speed_planning:SpeedPlanningEnv", 120, -3.42),
     "iits_mj/Hoel2020-v0": _other("hoel2020:Hoel2020Env", 100, 70.0),
 }
 
