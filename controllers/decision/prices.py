@@ -16,7 +16,7 @@ from iits_mj.core.options import option
 
 @dataclass(frozen=True)
 class Prices:
-    """Prices in meters of way; the bounds are those of the training.
+    """Prices as distances; the bounds are those of the training.
 
     Attributes:
       lane_change: distance that a lane change must gain [m].

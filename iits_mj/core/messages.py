@@ -412,9 +412,9 @@ class SpeedProfile:
         return float(np.interp(station, self.station, self.speed))
 
     def capped(self, speed_max: float) -> SpeedProfile:
-        """Returns the profile with no speed above a highest one [m/s], and without neutral.
+        """Returns the profile limited to `speed_max` [m/s], without rolling in neutral.
 
-        An infinite highest speed changes nothing.
+        An infinite `speed_max` changes nothing.
         """
         if speed_max == math.inf:
             return self

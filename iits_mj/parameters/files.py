@@ -123,7 +123,7 @@ def plain(node: Any) -> Any:
 def shipped_state(truck: str | Path | None) -> tuple[Path, Stamps] | None:
     """Returns the file of a shipped truck and the state of all shipped files; else None.
 
-    Both together are the key of what may be kept of a shipped truck.
+    While both stay the same, what was read of the truck holds.
     """
     file = truck_file(truck).resolve()
     folder = (mjcf_dir() / "trucks").resolve()
@@ -136,12 +136,12 @@ def shipped_state(truck: str | Path | None) -> tuple[Path, Stamps] | None:
 def _read_file(file: Path, chain: tuple[Path, ...]) -> Tree:
     """Returns the tree of a file, merged with what it extends."""
     shipped = shipped_state(file)
-    return copy.deepcopy(_shipped_tree(*shipped)) if shipped else _merged_file(file, chain)
+    return copy.deepcopy(_shipped_tree(*shipped, chain)) if shipped else _merged_file(file, chain)
 
 
 @functools.lru_cache(maxsize=32)
-def _shipped_tree(file: Path, _stamps: Stamps) -> Tree:
-    return _merged_file(file, ())
+def _shipped_tree(file: Path, _stamps: Stamps, chain: tuple[Path, ...]) -> Tree:
+    return _merged_file(file, chain)
 
 
 def _merged_file(file: Path, chain: tuple[Path, ...]) -> Tree:

@@ -77,6 +77,15 @@ def test_a_shipped_file_that_changes_is_read_again(name, monkeypatch, tmp_path):
     assert (before.steering.ratio, TruckParameters.load(name).steering.ratio) == (21.0, 21.5)
 
 
+def test_shipped_trucks_that_extend_each_other_are_refused(monkeypatch, tmp_path):
+    shutil.copytree(mjcf_dir() / "trucks", tmp_path / "trucks")
+    monkeypatch.setattr("iits_mj.parameters.files.mjcf_dir", lambda: tmp_path)
+    file = tmp_path / "trucks" / BASE / "truck.toml"
+    file.write_text('extends = "b_double"\n' + file.read_text())
+    with pytest.raises(InputError, match="extend each other without end"):
+        TruckParameters.load("b_double")
+
+
 def test_a_truck_is_given_by_its_name_its_folder_or_its_file(shipped, monkeypatch, tmp_path):
     file = truck_file(BASE)
     assert TruckParameters.load(file).units == shipped.units

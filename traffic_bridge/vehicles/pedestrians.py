@@ -33,8 +33,9 @@ SPEED_MEAN, SPEED_DEVIATION, SPEED_BOUNDS = 1.34, 0.26, (0.82, 1.86)
 WALK = (8.0, 25.0)  # [m] from the crossing where a walk begins and ends
 # SUMO's persons jump by some meters in walking areas; their bodies follow at this speed [m/s].
 FASTEST_BODY = 2.5
-# Least distances of a person from the truck [m]. A person who stands keeps `AWAY` from the lines of
-# its sides, which end `AHEAD` of its front. A person who walks keeps `CLOSE` from sides and front.
+# Least distances between a person and the truck [m]. A standing person keeps `AWAY` from both sides
+# of the truck, and from their extensions, which end `AHEAD` of its front. A walking person keeps
+# `CLOSE` from its sides and its front.
 AWAY, AHEAD, CLOSE = 2.0, 2.0, 0.9
 # In the angle between two units a person needs both sides' distances: each pass halves the error.
 PASSES = 4

@@ -305,17 +305,17 @@ struct ShiftSituation {
     return UptakeOf(gear, dip) != kStops;
   }
 
-  // Whether a change costs so much of the speed that the gear must be right at once.
-  bool CostlyChange() const {
-    const T lost = -p.change_time * state.acceleration;
-    return 2 * gear <= gears.count() || lost >= kCorrectedChange * in.shaft_speed;
+  // Whether the gear must be right at once: in the lower half of the gears, or if a change costs
+  // more than a share of the speed.
+  bool CostlyChange(T lost, T share) const {
+    return 2 * gear <= gears.count() || lost >= share * in.shaft_speed;
   }
 
   // Load at the end of a change that begins after a time [s]. Where a change costs much of the
   // speed, the load goes on to rise as it does now.
   T LoadAfter(T time) const {
-    const T kept = SpeedAfterChange(in.shaft_speed) / in.shaft_speed;
-    if (2 * gear > gears.count() && kept > 1 - kCostlyChange) return state.load;
+    const T lost = in.shaft_speed - SpeedAfterChange(in.shaft_speed);
+    if (!CostlyChange(lost, kCostlyChange)) return state.load;
     const T rate = Max(0.0, state.load - state.slow_load) / p.recovery_horizon;
     return state.load + (time + change_time + p.acceleration_lag + p.load_lag) * rate;
   }

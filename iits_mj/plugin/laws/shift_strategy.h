@@ -54,10 +54,11 @@ struct ShiftStrategy : ShiftParameters<T> {
 
   // Gear to engage in a downshift under way: the load may rise meanwhile, as on the foot of a
   // climb. Then it is the lower gear that still holds the load. Where a change costs little, the
-  // gear stays: as the torque vanishes, the wheels' slip does, too, which looks like a load.
+  // gear stays: the wheels' slip vanishes with the torque, and that looks like a load.
   static int Correct(const Situation& now) {
     const T from = now.in.shaft_speed;
-    if (!now.Floored() || !now.CostlyChange()) return now.gear;
+    const T lost = -now.p.change_time * now.state.acceleration;
+    if (!now.Floored() || !now.CostlyChange(lost, Situation::kCorrectedChange)) return now.gear;
     const typename Situation::Outcome outcome = now.After(now.gear, from);
     if (outcome.uptake == Situation::kTurns) return now.gear;
     const auto best = now.BestDescent(from);

@@ -158,7 +158,6 @@ def test_page_without_drives_leaves_their_cells_empty(tmp_path):
 
 @pytest.mark.slow
 def test_driven_saving_on_waves_is_near_the_expected():
-    # A part of the road would show the gear changes of its ends more than its waves.
     row = drive_cell(made_roads()["rolling"], "rolling", rolls=True)
     assert row.saving == pytest.approx(row.expected, abs=1.0)
     assert abs(row.late) < 0.5
