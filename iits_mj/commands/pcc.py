@@ -340,7 +340,10 @@ def checks(
     if case.road.intervals <= INTERVALS_MAX:
         rows += joint_checks(compare_jointly(case))
     if config.step > FINE_STEP:
-        rows += convergence_checks(case, load_profile(replace(config, step=FINE_STEP)))
+        # The same stretch: the coarse grid ends at its last whole step.
+        start, length = float(case.road.station[0]), case.road.length
+        fine = load_profile(replace(config, step=FINE_STEP, start=start, length=length))
+        rows += convergence_checks(case, fine)
     rows += element_checks(case, elements)
     seconds = solution.optimum.solve_time
     return [*rows, Check("plan: set-up and solve", seconds, "s", PAPER_SECONDS)]

@@ -85,6 +85,24 @@ def test_start_cuts_a_table_like_a_map(profile):
     assert part.height == pytest.approx(whole.height[20:61])
 
 
+def test_a_table_whose_length_is_no_multiple_of_the_step_is_planned_to_the_last_whole_step(
+    tmp_path,
+):
+    station = np.arange(0.0, 1_031.0, 10.0)
+    path = tmp_path / "road.csv"
+    np.savetxt(
+        path,
+        np.column_stack([station, 0.001 * station]),
+        "%.4f",
+        ",",
+        header="s_m,z_m",
+        comments="",
+    )
+    results = measure(Options(road=path, method="distance"))
+    assert "1.00 km" in results.notes[0]
+    assert [c.name for c in results.checks if "5 m" in c.name]
+
+
 @pytest.mark.parametrize("start", [1e9, -50.0])
 def test_a_start_off_the_road_is_named(profile, start):
     for road in (profile, None):

@@ -20,10 +20,9 @@ from iits_mj.parameters import (
 )
 
 PAPER_ROAD = "jinan_altimap_pcc.csv"
-PAPER_PLAN_VIEW = "jinan_trucksim_road_10m.csv"
 CYCLE_55 = "EPA_Ph2_urban_highway_55mph.csv"
 CYCLE_65 = "EPA_Ph2_rural_interstate_65mph.csv"
-NAMES = (PAPER_ROAD, PAPER_PLAN_VIEW, CYCLE_55, CYCLE_65)
+NAMES = (PAPER_ROAD, CYCLE_55, CYCLE_65)
 _SUBFOLDERS = ("", "road", "cycles")
 # Time step of the physics where none is chosen [s]; the quick form uses TIMESTEP.
 FINE_TIMESTEP = 0.001
@@ -57,8 +56,7 @@ class ValidateConfig:
     )
     roads: Path | None = option(
         None,
-        help=f"folder with roads and cycles for fuel measurements: {PAPER_ROAD}, {CYCLE_55}, "
-        f"{CYCLE_65}",
+        help=f"folder with roads and cycles for fuel measurements: {', '.join(NAMES)}",
         metavar="DIR",
         group="data",
     )
