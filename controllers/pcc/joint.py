@@ -52,6 +52,7 @@ _SHORT_PRICE = 0.05  # of v^2 below the least one: some thirty times its worth [
 _HALVINGS = 30  # for the price of a second
 _TIME = 2e-4  # relative shortfall of the trip time that ends the search
 _ITERATIONS = 6  # for the force at the mean speed of an interval
+_ROUNDING = 1e-5  # of v^2 below the slowest drive that is fast enough
 _MARGIN = 2e-3  # of v^2 above the fastest drive
 # Shares of v^2 by which the bound's drives may be slower where full power does not reach the band:
 # there all drives are near the least speeds, and the values must not rise steeply.
@@ -267,6 +268,24 @@ def tightened(task: JointTask) -> JointTask:
     return replace(task, b_high=high)
 
 
+def _enough(task: JointTask) -> FloatArray:
+    """Returns the least v^2 at the nodes from which full load meets all bounds ahead [m2/s2]."""
+    vehicle, road, tables = task.vehicle, task.road, task.tables
+    strongest = np.nanmax(tables.full, axis=0)
+    lever = 2.0 * road.step / vehicle.inertial_mass
+    drag = 0.5 * lever * vehicle.drag
+    slopes = vehicle.slope_force(road.grade).tolist()
+    b = task.b_low.copy()
+    for k in range(road.intervals - 1, -1, -1):
+        end = start = b[k + 1]
+        for _ in range(_ITERATIONS):
+            mean = 0.5 * (np.sqrt(start) + np.sqrt(end))
+            force = np.interp(mean, tables.speed, strongest)
+            start = max((end * (1.0 + drag) - lever * (force - slopes[k])) / (1.0 - drag), 1.0)
+        b[k] = max(b[k], (1.0 - _ROUNDING) * start)
+    return b
+
+
 class _Packed:
     """The numbers of a task for the kernel, alive as long as their addresses are used."""
 
@@ -414,6 +433,7 @@ def lower_bound(task: JointTask, time_max: float, samples: int = 2) -> float:
     bounds = []
     for share in _SLOWER if out_of_band.any() else _SLOWER[:1]:
         slower = replace(task, b_low=np.where(out_of_band, (1.0 - share) * task.b_low, task.b_low))
+        slower = replace(slower, b_low=np.minimum(_enough(slower), slower.b_high))
         values = np.zeros((slower.road.station.size, slower.states))
         values[-1] = -slower.worth * np.linspace(slower.b_low[-1], slower.b_high[-1], slower.states)
         packed = _Packed(slower)

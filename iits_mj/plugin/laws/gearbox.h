@@ -108,7 +108,9 @@ struct Gearbox {
     // A downshift under power skips gears in which the engine is too fast only until the clutch
     // closes.
     const bool skips = s->direction < 0 && in.pedal > engine.pedal_up;
-    const T closed = in.shaft_speed + (skips ? left : close_time) * s->acceleration;
+    // The shaft swings when the torque of a low gear ends: an upshift goes by its filtered speed.
+    const T speed_now = s->direction > 0 ? s->shaft_speed : in.shaft_speed;
+    const T closed = speed_now + (skips ? left : close_time) * s->acceleration;
     if (drive && s->direction < 0) {
       s->target =
           strategy.Correct({strategy, gears, engine, in, *s, gears.Gear(s->target), left, 0, true});

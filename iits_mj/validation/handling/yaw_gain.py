@@ -51,7 +51,7 @@ def overlays(parameters: TruckParameters) -> Iterator[tuple[str, Overlay]]:
         yield "friction of the couplings", {"units": towed}
     yield (
         "play and compliance of the steering",
-        {"steering": {"dead_band": 0.0, "stiffness": 1e8}},
+        {"steering": {"dead_band": 0.0, "stiffness": 1e7}},
     )
     yield (
         "drive forces",

@@ -57,9 +57,9 @@ _REACTION = 0.4
 _RISE, _MOVING = 0.03, 0.05
 # Part of the computed speed at which a climb to its steady speed begins.
 _BEGIN = 0.97
-# Speed is steady when the gear stays and the speed changes by less [m/s2] in half a block [s];
-# greatest number of blocks.
-_STEADY, _BLOCK, _BLOCKS = 0.01, 20.0, 8
+# Speed is steady when the gear stays and the speed changes by less [m/s2] in two blocks in a row
+# [s]; greatest number of blocks.
+_STEADY, _BLOCK, _BLOCKS = 0.01, 10.0, 16
 
 
 @dataclass(frozen=True)
@@ -292,14 +292,15 @@ def steady_speed(balance: ForceBalance, grade: float, expected: float, timestep:
     route = Route.straight(grade=grade)
     truck = placed_truck(balance.parameters, balance.payload, timestep, route, **start)
     truck.command(VehicleCommand(accelerator_pedal=1.0))
-    half = round(0.5 * _BLOCK / timestep)
+    before, calm = truck.observe(), 0
     for _ in range(_BLOCKS):
-        truck.step(half)
-        before = truck.observe()
-        truck.step(half)
+        truck.step(round(_BLOCK / timestep))
         after = truck.observe()
         rate = (after.speed - before.speed) / (after.time - before.time)
-        if after.gear == before.gear and abs(rate) < _STEADY:
+        # Two in a row: the speed falls and rises again while torque builds up after a change.
+        calm = calm + 1 if after.gear == before.gear and abs(rate) < _STEADY else 0
+        before = after
+        if calm == 2:
             break
     return Steady(after.speed, after.gear, rate, after.engine_speed)
 
