@@ -110,6 +110,21 @@ def test_a_floored_tractor_alone_does_not_stay_at_its_governor():
     assert at_governor * 50 * truck.model.opt.timestep < 2.0
 
 
+@pytest.mark.parametrize("name", ["tractor_semitrailer_6x2", "vecto_tractor"])
+def test_a_floored_start_skips_gears_upward_and_takes_no_change_back(name):
+    parameters = TruckParameters.load(name)
+    truck = Truck.load(parameters.payload_max, parameters=parameters, timestep=0.002)
+    truck.reset()
+    truck.command(VehicleCommand(accelerator_pedal=1.0))
+    gears = [truck.observe().gear]
+    while truck.time < 12.0:
+        truck.step(25)
+        gears.append(truck.observe().gear)
+    found = np.array(gears)[np.flatnonzero(np.diff(gears, prepend=0))]
+    assert found.tolist() == sorted(found.tolist())
+    assert found[-1] >= 8
+
+
 def climb(name, route, start_speed, seconds, **changes):
     """Returns speed [m/s] and gear, each of shape (n,), of a laden truck with its pedal floored."""
     parameters = TruckParameters.load(name, changes)
