@@ -40,6 +40,7 @@ def test_a_drive_is_played_to_its_end_and_sought(track):
         thread.start()
         until(lambda: show.now == track.duration)
         show.looks.put("pause", True)
+        until(lambda: show.paused)
         for place in (2.0, 0.0, -1.0, 99.0, 3.33):
             show.message(1, {"seek": place})
             wanted = min(max(place, 0.0), track.duration)
