@@ -24,13 +24,15 @@ them. Let W be the interpolated values with free changes of gear, and `slack[k]`
 Along any drive, W[0](b0) <= sum of cost + sum of slack: add the inequality of every interval, W
 cancels. So W[0](b0) - sum slack bounds fuel + price * time from below, and less price * T the fuel
 of every drive that takes T at most (weak duality: the price is not negative). The best price gives
-the best bound. The slack is the greatest of some places between any two states; it comes from the
-curvature of V between them and falls with their distance squared.
+the best bound. Speeds from which full load does not meet the band ahead belong to no drive and are
+left out: the values rise steeply there. The slack is the greatest of some places between any two
+states; it comes from the curvature of V between them and falls with their distance squared.
 """
 
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -233,24 +235,36 @@ class JointPlan:
         return int(np.count_nonzero(np.diff(self.gear)))
 
 
+def _full_load(task: JointTask) -> tuple[Callable[[int, float, float], float], float]:
+    """Returns v^2 that full load and grade add in an interval k from b to c, and the drag's share.
+
+    Along a drive, `c (1 + drag) = b (1 - drag) + gain(k, b, c)`. The force is that of the strongest
+    gear at the mean speed, as in the kernel.
+    """
+    vehicle, tables = task.vehicle, task.tables
+    strongest = np.nanmax(tables.full, axis=0)
+    lever = 2.0 * task.road.step / vehicle.inertial_mass
+    slopes = vehicle.slope_force(task.road.grade).tolist()
+
+    def gain(k: int, b: float, c: float) -> float:
+        mean = 0.5 * (np.sqrt(b) + np.sqrt(c))
+        return float(lever * (np.interp(mean, tables.speed, strongest) - slopes[k]))
+
+    return gain, 0.5 * lever * vehicle.drag
+
+
 def fastest_in_gears(task: JointTask) -> FloatArray:
     """Returns v^2 at the nodes of the fastest drive within the task's bounds, (n + 1,) [m2/s2].
 
     It has full load in the strongest gear of every speed; brakes are taken as strong enough.
     """
-    vehicle, road, tables = task.vehicle, task.road, task.tables
-    strongest = np.nanmax(tables.full, axis=0)
-    lever = 2.0 * road.step / vehicle.inertial_mass
-    drag = 0.5 * lever * vehicle.drag
-    b = np.empty(road.station.size)
+    gain, drag = _full_load(task)
+    b = np.empty(task.road.station.size)
     b[0] = task.b_high[0]
-    for k, slope in enumerate(vehicle.slope_force(road.grade).tolist()):
+    for k in range(task.road.intervals):
         end = b[k]
-        # The force at the mean speed, as in the kernel.
         for _ in range(_ITERATIONS):
-            mean = 0.5 * (np.sqrt(b[k]) + np.sqrt(end))
-            force = np.interp(mean, tables.speed, strongest)
-            end = max((b[k] * (1.0 - drag) + lever * (force - slope)) / (1.0 + drag), 1.0)
+            end = max((b[k] * (1.0 - drag) + gain(k, b[k], end)) / (1.0 + drag), 1.0)
         b[k + 1] = min(end, task.b_high[k + 1])
     return b
 
@@ -268,22 +282,17 @@ def tightened(task: JointTask) -> JointTask:
     return replace(task, b_high=high)
 
 
-def _enough(task: JointTask) -> FloatArray:
-    """Returns the least v^2 at the nodes from which full load meets all bounds ahead [m2/s2]."""
-    vehicle, road, tables = task.vehicle, task.road, task.tables
-    strongest = np.nanmax(tables.full, axis=0)
-    lever = 2.0 * road.step / vehicle.inertial_mass
-    drag = 0.5 * lever * vehicle.drag
-    slopes = vehicle.slope_force(road.grade).tolist()
+def _fast_enough(task: JointTask) -> FloatArray:
+    """Returns the least v^2 at the nodes from which full load meets the bounds ahead [m2/s2]."""
+    gain, drag = _full_load(task)
     b = task.b_low.copy()
-    for k in range(road.intervals - 1, -1, -1):
-        end = start = b[k + 1]
+    for k in range(task.road.intervals - 1, -1, -1):
+        # From below, so that too few iterations leave out no drive.
+        start = b[k]
         for _ in range(_ITERATIONS):
-            mean = 0.5 * (np.sqrt(start) + np.sqrt(end))
-            force = np.interp(mean, tables.speed, strongest)
-            start = max((end * (1.0 + drag) - lever * (force - slopes[k])) / (1.0 - drag), 1.0)
+            start = max((b[k + 1] * (1.0 + drag) - gain(k, start, b[k + 1])) / (1.0 - drag), 1.0)
         b[k] = max(b[k], (1.0 - _ROUNDING) * start)
-    return b
+    return np.minimum(b, task.b_high)
 
 
 class _Packed:
@@ -433,7 +442,7 @@ def lower_bound(task: JointTask, time_max: float, samples: int = 2) -> float:
     bounds = []
     for share in _SLOWER if out_of_band.any() else _SLOWER[:1]:
         slower = replace(task, b_low=np.where(out_of_band, (1.0 - share) * task.b_low, task.b_low))
-        slower = replace(slower, b_low=np.minimum(_enough(slower), slower.b_high))
+        slower = replace(slower, b_low=_fast_enough(slower))
         values = np.zeros((slower.road.station.size, slower.states))
         values[-1] = -slower.worth * np.linspace(slower.b_low[-1], slower.b_high[-1], slower.states)
         packed = _Packed(slower)

@@ -49,6 +49,7 @@ def overlays(parameters: TruckParameters) -> Iterator[tuple[str, Overlay]]:
     towed = {unit.name: {"coupling": {"yaw_friction": 0.0}} for unit in parameters.units[1:]}
     if towed:
         yield "friction of the couplings", {"units": towed}
+    # A linkage ten times as stiff diverges at 5 ms.
     yield (
         "play and compliance of the steering",
         {"steering": {"dead_band": 0.0, "stiffness": 1e7}},

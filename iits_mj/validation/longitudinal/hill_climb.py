@@ -57,8 +57,8 @@ _REACTION = 0.4
 _RISE, _MOVING = 0.03, 0.05
 # Part of the computed speed at which a climb to its steady speed begins.
 _BEGIN = 0.97
-# Speed is steady when the gear stays and the speed changes by less [m/s2] in two blocks in a row
-# [s]; greatest number of blocks.
+# Speed is steady when the gear stays and the speed changes by less [m/s2] in two blocks [s] in a
+# row; greatest number of blocks.
 _STEADY, _BLOCK, _BLOCKS = 0.01, 10.0, 16
 
 
