@@ -10,6 +10,7 @@ from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.validation import COMMANDS, ValidateConfig
 from iits_mj.validation.handling import circle, low_speed_turn, step_steer, yaw_gain
 from iits_mj.validation.handling.group import name_of
+from iits_mj.validation.harness.maneuver import steady_truck
 from iits_mj.validation.truck import axle_loads
 
 STEP = 0.002
@@ -132,3 +133,11 @@ def test_quick_form_gives_finite_figures_within_a_minute(name):
     assert all(np.isfinite(check.value) for check in results.checks)
     assert results.figures
     assert "checks" in results.to_json("0.0.0")
+
+
+def test_the_trucks_of_the_yaw_gains_ladder_drive_at_the_greatest_step():
+    applied = []
+    for _, overlay in yaw_gain.overlays(TRUCK):
+        applied.append(overlay)
+        truck = TruckParameters.load(None, applied)
+        steady_truck(LADEN, step_steer.SPEED, 0.005, parameters=truck)

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
+from iits_mj.core.results import Findings
 from iits_mj.core.units import GRAVITY
 from iits_mj.parameters import TruckParameters, shipped_trucks
 from iits_mj.parameters.mass_state import static_axle_loads
 from iits_mj.validation.longitudinal import speed_accuracy
 from iits_mj.validation.longitudinal.force_balance import ForceBalance
+from iits_mj.validation.longitudinal.hill_climb import check_climb
 from iits_mj.validation.longitudinal.hills import hills, sloping
 
 PARAMETERS = TruckParameters.load()
@@ -128,3 +130,10 @@ def test_driven_axles_of_every_truck_carry_their_static_load_on_the_level(name):
     driven = [axle.driven for axle in truck.axles]
     free = ForceBalance(truck, truck.payload_max)
     assert free.drive_axle_load(0.0) == pytest.approx(loads[driven].sum())
+
+
+def test_steady_speed_of_a_climb_is_read_after_the_torque_has_built_up():
+    parameters = TruckParameters.load("b_double")
+    found, balance = Findings(), ForceBalance(parameters, parameters.payload_max)
+    check_climb(found, balance, 0.03, 0.002)
+    assert all(check.ok for check in found.checks)
