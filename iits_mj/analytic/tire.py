@@ -156,15 +156,18 @@ class Tires:
         slip_x = speed - radius * spin
         slip_y = _dot(hub, left) + distance * _dot(motion.angular, ahead)
 
-        # Relaxation, semi-implicit.
+        # Velocities are half a step older than positions.
+        slip_y = slip_y + 0.5 * h * _dot(motion.angular, normal) * speed
+
+        # Relaxation by the trapezoidal rule.
         transport = np.abs(radius * spin)
         relative = load / (self.count * self.nominal_load) * (self.count / tires)
         carry = _CARRY * motion.inertia / (self.slip_stiffness * self.rolling_radius**2)
         inverse_x = np.minimum(carry / (h * h * load), 1.0 / self.relaxation_longitudinal)
         length_y = self.relaxation_lateral * relative**self.relaxation_load_exponent
         inverse_y = np.minimum(1.0 / length_y, 1.0 / _RELAXATION_MIN)
-        zx = (bristles[0] - h * slip_x) / (1.0 + h * transport * inverse_x)
-        zy = (bristles[1] - h * slip_y) / (1.0 + h * transport * inverse_y)
+        zx = _relaxed(bristles[0], h * slip_x, h * transport * inverse_x)
+        zy = _relaxed(bristles[1], h * slip_y, h * transport * inverse_y)
         sx, sy = zx * inverse_x, zy * inverse_y
         square = sx * sx + sy * sy
         slides = square > _SLIDE_SLIP**2
@@ -219,6 +222,12 @@ class Tires:
             local=np.stack([fx, fy, load]) * touches,
             slip=np.stack([-slip_x / reported, np.arctan(-slip_y / reported)]) * touches,
         )
+
+
+def _relaxed(deflection: FloatArray, slid: FloatArray, carried: FloatArray) -> FloatArray:
+    """Deflection after a step [m], in which the patch slid [m] and this share of it rolled out."""
+    explicit = np.minimum(0.5 * carried, 1.0)
+    return np.asarray((deflection * (1.0 - explicit) - slid) / (1.0 + carried - explicit))
 
 
 def _magic_share(rho: FloatArray, shape: FloatArray, curvature: FloatArray) -> FloatArray:

@@ -145,7 +145,7 @@ SLIP_CONTROL = [0.08, 0.02, 0.3, 10, 0.1, 0.03, 0.3, 10, 0.02, 0.08, 5, 1, 0.3, 
 
 
 def relief(slips, *, speed=15.0, h=0.01):
-    state = np.zeros(6)
+    state = np.zeros(8)
     return np.array([law("drag_relief", SLIP_CONTROL, float(s), speed, h, state) for s in slips])
 
 
@@ -158,11 +158,22 @@ def test_slip_of_a_driven_wheel_is_positive_when_the_driveline_brakes_it():
 
 def test_drag_goes_from_the_first_slip_to_the_second_and_returns_slowly():
     up = relief([0.079] + [0.09] * 30)
-    assert up[0] > 0  # its rate announces it
-    assert up[:-1] == pytest.approx(np.minimum(1, 0.01 / 0.3 * np.arange(1, 31)))
+    # Its rate announces it within the first step.
+    assert 0 < up[0] < 0.01 / 0.3
+    assert np.diff(up[:30]) == pytest.approx(0.01 / 0.3)
+    assert up[-1] == 1
     down = relief([0.09] * 40 + [*np.linspace(0.09, 0.03, 200)] + [0.01] * 100)
     assert down[239] == 1  # between the slips it goes on
     assert down[-1] == pytest.approx(1 - 0.01 / 10 * 100, abs=0.005)
+
+
+def test_drag_is_taken_from_the_moment_at_which_the_slip_passes_the_first():
+    # A slip that rises by 0.1 a second, with a lead of 0.08 s: 0.08 is passed at 0.72 s.
+    for h in (0.001, 0.002, 0.005):
+        share = relief(np.arange(0, 0.75, h) * 0.1, h=h)
+        # The share holds from half a step after its step.
+        since = (len(share) + 0.5) * h - 0.72
+        assert share[-1] == pytest.approx(since / 0.3, abs=2e-3)
 
 
 def test_steady_slip_below_the_first_does_not_take_the_drag():
@@ -173,7 +184,7 @@ def test_steady_slip_below_the_first_does_not_take_the_drag():
 
 
 def traction(slips, *, speed, steps=1, h=0.01):
-    state = np.zeros(6)
+    state = np.zeros(8)
     return [
         law("traction_cut", SLIP_CONTROL, slips, len(slips), speed, h, state) for _ in range(steps)
     ]
@@ -189,7 +200,7 @@ def test_traction_control_of_a_start_is_a_pi_control_of_the_mean_slip():
 
 
 def test_traction_control_of_a_start_does_not_wind_up():
-    state = np.zeros(6)
+    state = np.zeros(8)
     # Slip, steps, and the cut at their end: the integral stays between 0 and 1.
     for spin, steps, cut in ((0.0, 1000, 0), (0.25, 1, 0.505), (0.9, 1000, 1), (0.07, 1, 0.899)):
         for _ in range(steps):

@@ -116,15 +116,33 @@ def test_patch_slides_sideways_by_the_hubs_roll_rate_at_its_distance():
 
 
 def test_hub_moves_with_the_angular_velocity_at_its_arm():
-    # w = (0, 0, 1) at the arm (0, 0.5, 0): v = w x r = (-0.5, 0, 0).
-    turned = step(wheel(angular=(0, 0, 1), arm=(0, 0.5, 0)))
-    moved = step(wheel(velocity=(-0.5, 0, 0)))
+    # w = (0, 0, 1) at the arm (0, 0.5, 0): v = w x r = (-0.5, 0, 0), which half a step before was
+    # that along the axes turned by w h / 2.
+    turned = step(wheel(angular=(0, 0, 1), arm=(0, 0.5, 0)), h=0.002)
+    moved = step(wheel(velocity=(-0.5, -0.5 * 0.001, 0)), h=0.002)
     for name in ("fx", "fy", "fz", "slip"):
         assert turned[name] == pytest.approx(moved[name])
     # The moment is about the point from which the arm leads.
     arm = np.array([0.3, 0.5, 0.2])
     there, here = step(wheel(arm=tuple(arm))), step(wheel())
     assert there["moment"] - here["moment"] == pytest.approx(np.cross(arm, here["force"]), abs=1e-6)
+
+
+def test_bristles_approach_their_steady_deflection_by_the_trapezoidal_rule():
+    speed, slid, sigma = 25.0, 0.05, relaxation(LOAD)
+    for h in (0.001, 0.005):
+        bristles = step(wheel(velocity=(speed, slid, 0), spin=speed / ROLLING), h=h)["next"]
+        exact = -slid * sigma / speed * -math.expm1(-speed * h / sigma)
+        half = 0.5 * speed * h / sigma
+        assert bristles[1] == pytest.approx(-slid * h / (1 + half))
+        assert bristles[1] == pytest.approx(exact, rel=half * half)
+
+
+def test_bristles_do_not_swing_where_a_step_is_longer_than_the_relaxation_length():
+    # At 400 m/s and 5 ms the patch rolls 2 m in a step.
+    at = wheel(velocity=(400, 0, 0), spin=400 / ROLLING)
+    bristles = step(at, bristles=(0, 0.001, 0), h=0.005)["next"]
+    assert 0 <= bristles[1] < 1e-9
 
 
 @pytest.mark.parametrize("camber", [-0.5, 0.3])

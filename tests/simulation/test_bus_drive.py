@@ -96,16 +96,16 @@ def test_drive_over_bytes_equals_the_direct_drive_up_to_the_signal_resolution(
     bus = drive(LEFT_AT_3, CommandPath(over_bytes=True, sender=EveryCycle), duration=SHORT)
     assert np.ptp(direct.column("offset [m]")) > 3.5
     assert 0.0 < apart(bus, direct, "station [m]") < 0.01
-    assert apart(bus, direct, "offset [m]") < 0.005
-    assert apart(bus, direct, "yaw [rad]") < 3e-4
-    assert apart(bus, direct, "speed [m/s]") < 0.005
+    assert apart(bus, direct, "offset [m]") < 0.01
+    assert apart(bus, direct, "yaw [rad]") < 1e-3
+    assert apart(bus, direct, "speed [m/s]") < 0.01
 
 
 def test_messages_at_their_own_rates_leave_the_drive_within_a_decimetre(
     direct: Telemetry, over_bytes: Telemetry
 ) -> None:
     assert 0.0 < apart(over_bytes, direct, "station [m]") < 0.1
-    assert apart(over_bytes, direct, "offset [m]") < 0.005
+    assert apart(over_bytes, direct, "offset [m]") < 0.01
     assert apart(over_bytes, direct, "speed [m/s]") < 0.02
 
 

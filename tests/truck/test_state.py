@@ -18,13 +18,14 @@ from iits_mj.road import RoadMap
 from iits_mj.truck.state import BRAKE_PRESSURES
 
 PLACES = ("station", "offset", "trailer_offset")
+SUMS = ("acceleration", "lateral_acceleration")
 
 
 def assert_same(state: EgoState, expected: EgoState) -> None:
-    """Both are equal; their places on the road to a nanometer, as they are searched."""
-    for name in PLACES:
+    """Both are equal; searched places to a nanometer, sums with gravity to the last digits."""
+    for name in PLACES + SUMS:
         assert getattr(state, name) == pytest.approx(getattr(expected, name), abs=1e-9)
-    known = {name: getattr(expected, name) for name in PLACES}
+    known = {name: getattr(expected, name) for name in PLACES + SUMS}
     assert dataclasses.replace(state, **known) == expected
 
 

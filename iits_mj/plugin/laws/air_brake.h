@@ -22,6 +22,7 @@ struct BrakePneumatics {
   BrakeControlState<T> control;
   ReservoirState<T> reservoir;
   DriveSlipState<T> drive_slip;
+  T past_slip[kWheelsMax];               // of the driven wheels, a step before
   T parking[kCircuits];                  // share of the spring brakes that is applied
   WheelBrakeState<T> wheel[kWheelsMax];  // only those of existing wheels are used
 };
@@ -201,6 +202,7 @@ struct AirBrake {
     to->control = from.control;
     to->reservoir = from.reservoir;
     to->drive_slip = from.drive_slip;
+    std::copy(from.past_slip, from.past_slip + wheels.size(), to->past_slip);
     std::copy(from.parking, from.parking + kCircuits, to->parking);
     std::copy(from.wheel, from.wheel + wheels.size(), to->wheel);
   }
@@ -221,16 +223,19 @@ struct AirBrake {
                    T asr[kWheelsMax], State* s) const {
     EnduranceDemand<T>* engine = &s->next_endurance;
     engine->cut_traction = braking;
-    DriveSlip<T> slip;
+    DriveSlip<T> slip, next;  // next: extrapolated by a step, at which the brakes act
     T slips[kWheelsMax];
     T dragged = 0;  // slip that is not the friction brake's, or that its ABS does not end
     for (size_t i : driven) {
       slips[i] = 0;
       if (s->faults.doubt[i] > kDoubtMax) continue;
-      slip.Add(slips[i] = wheels[i].Slip(hub_speed(i), wheel_speed(i)));
       const WheelBrakeState<T>& brake = s->now.wheel[i];
+      const T present = wheels[i].Slip(hub_speed(i), wheel_speed(i));
+      slip.Add(present);
+      next.Add(slips[i] = 2 * present - s->now.past_slip[i]);
+      s->next.past_slip[i] = present;
       const bool braked = brake.effective > wheels[i].push_out_pressure;
-      if (!braked || brake.abs_active != 0) dragged = Max(dragged, slips[i]);
+      if (!braked || brake.abs_active != 0) dragged = Max(dragged, present);
     }
     if (slip.count == 0) {  // no driven wheel, or none with a plausible speed
       engine->drag_relief = engine->traction_cut = 0;
@@ -248,7 +253,7 @@ struct AirBrake {
     if (braking) return false;
     std::fill(asr, asr + wheels.size(), T(0));
     for (size_t i : driven) {
-      const T pressure = drive_slip.Pressure(slip, slips[i], speed);
+      const T pressure = drive_slip.Pressure(next, slips[i], speed);
       asr[i] = Min(pressure, s->next.reservoir.pressure[wheels[i].circuit]);
       if (asr[i] > 0) s->asr_brake_active = 1;
     }

@@ -11,6 +11,7 @@ namespace iits {
 template <class T>
 struct SlipRelief {
   T slip;       // behind the lag of the differentiator
+  T ahead;      // slip on which the control acted last
   T share;      // taken away
   T releasing;  // 1: from the slip at which it begins until the wheels roll
 };
@@ -43,11 +44,20 @@ struct SlipReliefLaw {
   T release_time;  // in which the whole torque goes [s]
   T return_time;   // in which it returns [s]
 
+  // A change of direction counts from the moment within the step at which the slip crosses the
+  // limit, so that the result does not depend on the step.
   T Update(T ahead, T h, SlipRelief<T>* s) const {
+    const T before = s->releasing, past = s->ahead;
     if (ahead > begin) s->releasing = 1;
     if (ahead < end) s->releasing = 0;
-    const T change = s->releasing != 0 ? h / release_time : -h / return_time;
-    s->share = Clamp(s->share + change, 0.0, 1.0);
+    T since = 0;  // share of the step before the change
+    if (s->releasing != before) {
+      const T limit = s->releasing != 0 ? begin : end;
+      since = Clamp((limit - past) / (ahead - past), 0.0, 1.0);
+    }
+    s->ahead = ahead;
+    const T on = since * before + (1 - since) * s->releasing;
+    s->share = Clamp(s->share + h * (on / release_time - (1 - on) / return_time), 0.0, 1.0);
     return s->share;
   }
 };
@@ -93,10 +103,11 @@ struct DriveSlipControl {
   }
 
  private:
+  // Slip at the end of the step, and a lead ahead of that.
   T Ahead(T slip, T h, T* lagged) const {
-    const T rate = (slip - *lagged) / (lag + h);
-    *lagged += h * rate;
-    return slip + lead * rate;
+    const T past = *lagged;
+    *lagged += LagShare(h, lag) * (slip - past);
+    return slip + (lead + 1.5 * h) * (slip - 0.5 * (past + *lagged)) / lag;
   }
 };
 

@@ -192,9 +192,13 @@ struct Tire {
   TireForces<T> Step(const WheelMotion<T>& wheel, const RoadPoint<T>& road,
                      const TireBristles<T>& bristles, double h, T lost = T{}) const {
     const TirePuncture<T> flat = Puncture(lost);
-    const TireContact<T> c = Meet(wheel, road, flat);
+    TireContact<T> c = Meet(wheel, road, flat);
+    // The integrator's velocities are half a step older than its positions: the wheel's axes are
+    // turned back to them.
+    c.slip_vy += 0.5 * h * Dot(wheel.angular, c.normal) * c.speed;
 
-    // Relaxation: dz/dt = -Vs - |Vr| z / sigma, semi-implicit, so that it holds at standstill.
+    // Relaxation: dz/dt = -Vs - |Vr| z / sigma by the trapezoidal rule, which holds at standstill;
+    // beyond h |Vr| / sigma = 2, where it would swing, more of it is implicit.
     const T transport = abs(c.rolling_radius * wheel.spin);
     const T relative = c.load * inverse_nominal_load * (count / flat.tires);
     // At a step of 5 ms, the bound by the step is active.
@@ -202,8 +206,10 @@ struct Tire {
     const T inverse_y =
         Min(inverse_relaxation_y(relative, [this](auto at) { return InverseRelaxation(at); }),
             1 / kRelaxationMin);
-    T zx = (bristles.x - h * c.slip_vx) / (1 + h * transport * inverse_x);
-    T zy = (bristles.y - h * c.slip_vy) / (1 + h * transport * inverse_y);
+    const T carried_x = h * transport * inverse_x, before_x = Min(0.5 * carried_x, 1.);
+    const T carried_y = h * transport * inverse_y, before_y = Min(0.5 * carried_y, 1.);
+    T zx = (bristles.x * (1 - before_x) - h * c.slip_vx) / (1 + (carried_x - before_x));
+    T zy = (bristles.y * (1 - before_y) - h * c.slip_vy) / (1 + (carried_y - before_y));
     T sx = zx * inverse_x, sy = zy * inverse_y;
     const T square = sx * sx + sy * sy;
     const auto slides = square > kSlideSlip * kSlideSlip;

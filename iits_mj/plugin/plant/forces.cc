@@ -83,6 +83,7 @@ void Plant::AddTires(const mjModel* m, mjData* d, int u, PlantState* s, Scratch*
       for (int side = 0; side < 2; ++side) {
         wheel.axle[0][side] = -std::sin(at->steer[a][side]);
         wheel.axle[1][side] = std::cos(at->steer[a][side]);
+        wheel.angular[2][side] = d->qvel[axle.knuckle[side]];
       }
     } else {
       wheel.axle[1] = Fill<Pair>(1);
@@ -93,7 +94,7 @@ void Plant::AddTires(const mjModel* m, mjData* d, int u, PlantState* s, Scratch*
         Fill<Pair>(base + axle.x * v.yaw_rate + (unit.roll_axis - axle.roll_center) * v.roll_rate +
                    axle.roll_center * s->axle[a].roll_rate);
     wheel.velocity[2] = Fill<Pair>(0);
-    wheel.angular[2] = Fill<Pair>(v.yaw_rate);
+    wheel.angular[2] += Fill<Pair>(v.yaw_rate);
     wheel.spin = Pair{d->qvel[axle.spin[0]], d->qvel[axle.spin[1]]};
     wheel.carry = axle.carry;
     const RoadPoint<Pair> level = {Fill<Pair>(0),

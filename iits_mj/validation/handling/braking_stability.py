@@ -86,6 +86,8 @@ LATERAL = 1.0
 BEND_DEMAND = 4.0
 # Hitch angle of a jack-knifed truck, and greatest hitch angle of a stable truck [rad].
 FOLDED, STEADY = np.deg2rad(30.0), np.deg2rad(5.0)
+# Hitch angle at which a record ends [rad].
+FOLDED_OVER = 2.0 * FOLDED
 # A swing that takes the trailer out of its lane: 1 m at the last axle [rad].
 SWUNG = np.deg2rad(6.0)
 _INTO, _BRAKING = 8.0, 12.0
@@ -282,7 +284,7 @@ def steady_bend(
 
 def bend_is_over(state: EgoState) -> bool:
     """Whether the truck has stopped or jack-knifed."""
-    return state.speed < _SLOW or abs(state.articulation) > 2.0 * FOLDED
+    return state.speed < _SLOW or abs(state.articulation) > FOLDED_OVER
 
 
 def bend(parameters: TruckParameters, payload: float, group: Group, timestep: float) -> Run:

@@ -27,6 +27,7 @@ from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
 from iits_mj.validation.handling.braking_stability import (
     FOLDED,
+    FOLDED_OVER,
     STEADY,
     bend_is_over,
     steady_bend,
@@ -47,6 +48,10 @@ _OFF: dict[str, Any] = {
     "asr_slip_range": 10.0,
 }
 ICE, GRIP = 0.1, 0.8
+# Starts: name, whether the left side has grip, and gain of speed that slip control must bring.
+STARTS = (("on ice", False, 1.0), ("with one side on ice", True, 1.5))
+# Ends the names of a start's figures.
+WITHOUT = ", without slip control"
 _DURATION, _START = 12.0, 10.0
 
 
@@ -73,12 +78,32 @@ def in_bend(
 
 
 def start(
-    parameters: TruckParameters, payload: float, timestep: float, left: float, right: float
+    parameters: TruckParameters, payload: float, timestep: float, grips: bool, ice: float = ICE
 ) -> Run:
-    """Starts on a level road with these coefficients of friction, by the full accelerator."""
-    route = Route.straight(2000.0).with_friction(left, right)
+    """Starts on a level road by the full accelerator.
+
+    Args:
+      parameters: of the truck.
+      payload: [kg].
+      timestep: of the physics [s].
+      grips: whether the left side has grip; else both sides are on ice.
+      ice: coefficient of friction of the ice.
+    """
+    route = Route.straight(2000.0).with_friction(GRIP if grips else ice, ice)
     truck = placed_truck(parameters, payload, timestep, route)
     return run(truck, lambda _, __: VehicleCommand(accelerator_pedal=1.0), _START)
+
+
+def start_figures(parameters: TruckParameters, record: Run) -> tuple[float, float]:
+    """Returns the speed at the end of a start [m/s] and the greatest slip of the driven wheels."""
+    driven = [i for i, axle in enumerate(parameters.axles) if axle.driven]
+    wheels = [2 * i + side for i in driven for side in (0, 1)]
+    return float(record.speed[-1]), float(np.max(np.abs(record.wheel_slips[:, wheels])))
+
+
+def start_titles(name: str) -> tuple[str, str]:
+    """Returns the names of these figures for a start."""
+    return f"start {name}: speed after {_START:g} s", f"start {name}: greatest slip"
 
 
 def compare(parameters: TruckParameters, payload: float, timestep: float) -> Findings:
@@ -87,14 +112,13 @@ def compare(parameters: TruckParameters, payload: float, timestep: float) -> Fin
     found = Findings(f"slip of the driven wheels, {load}")
     trucks = {True: parameters, False: without_control(parameters)}
     folded, steady = np.rad2deg((FOLDED, STEADY))
-    driven = [i for i, axle in enumerate(parameters.axles) if axle.driven]
-    wheels = [2 * i + side for i in driven for side in (0, 1)]
     for friction in FRICTIONS if len(parameters.units) > 1 else ():
         for action, levers in (("engine brake and retarder", BRAKING), ("accelerator", PULLING)):
             lines = []
             for control in (True, False):
                 record = in_bend(trucks[control], payload, timestep, friction, levers)
-                change = np.rad2deg(record.articulation - record.articulation[0])
+                bent = np.clip(record.articulation, -FOLDED_OVER, FOLDED_OVER)
+                change = np.rad2deg(bent - bent[0])
                 name = "with slip control" if control else "without"
                 lines.append(Line(name, record.time, change, "simulation" if control else ""))
                 label = f"bend on {friction:g}, {action}, {name}: greatest change of hitch angle"
@@ -104,21 +128,17 @@ def compare(parameters: TruckParameters, payload: float, timestep: float) -> Fin
                 found.check(label, np.max(np.abs(change)), "deg", must=must)
             place = f"bend on {friction:g}, {action}"
             found.panel(place, "time [s]", "change of the hitch angle [deg]", *lines)
-    for name, left, right, gain in (
-        ("on ice", ICE, ICE, 1.0),
-        ("with one side on ice", GRIP, ICE, 1.5),
-    ):
+    for name, grips, gain in STARTS:
         with_control, without = (
-            start(trucks[control], payload, timestep, left, right) for control in (True, False)
+            start(trucks[control], payload, timestep, grips) for control in (True, False)
         )
-        reached = float(with_control.speed[-1])
-        least = gain * float(without.speed[-1])
-        label = f"start {name}: speed after {_START:g} s"
-        found.check(f"{label}, without slip control", float(without.speed[-1]), "m/s")
-        found.check(label, reached, "m/s", must=f">= {least:.2f}")
-        spin = [float(np.max(np.abs(r.wheel_slips[:, wheels]))) for r in (with_control, without)]
-        found.check(f"start {name}: greatest slip, without slip control", spin[1], "1")
-        found.check(f"start {name}: greatest slip", spin[0], "1", must=f"< {spin[1]:.2f}")
+        reached, spin = start_figures(parameters, with_control)
+        free, free_spin = start_figures(parameters, without)
+        speed_title, slip_title = start_titles(name)
+        found.check(f"{speed_title}{WITHOUT}", free, "m/s")
+        found.check(speed_title, reached, "m/s", must=f">= {gain * free:.2f}")
+        found.check(f"{slip_title}{WITHOUT}", free_spin, "1")
+        found.check(slip_title, spin, "1", must=f"< {free_spin:.2f}")
         lines = [
             Line("with slip control", with_control.time, with_control.speed, "simulation"),
             Line("without", without.time, without.speed),

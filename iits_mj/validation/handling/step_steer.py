@@ -168,12 +168,15 @@ def compare_frequency(parameters: TruckParameters, payload: float, timestep: flo
     wanted = plane.at(speed).frequency_response(FREQUENCIES)
     steer = harmonic(recording.time, recording.road_wheel, FREQUENCIES)
     found, inside = Findings(), FREQUENCIES <= _LIMIT
-    # Title, values, and index in the state of the linear model.
-    responses = [("yaw rate", recording.yaw_rate, 1)]
+    # Title, harmonics, and index in the state of the linear model. The yaw rate is that of the yaw
+    # angle: velocities are half a step older than angles.
+    rate = 2j * np.pi * FREQUENCIES * harmonic(recording.time, recording.yaw, FREQUENCIES)
+    responses = [("yaw rate", rate, 1)]
     if plane.units > 1:
-        responses.append(("articulation", recording.articulation, 1 + plane.units))
-    for title, values, state in responses:
-        response = harmonic(recording.time, values, FREQUENCIES) / steer
+        bent = harmonic(recording.time, recording.articulation, FREQUENCIES)
+        responses.append(("articulation", bent, 1 + plane.units))
+    for title, answer, state in responses:
+        response = answer / steer
         ratio = response / wanted[:, state]
         gain = np.max(np.abs(np.abs(ratio[inside]) - 1.0)) * 100.0
         phase = np.max(np.abs(np.rad2deg(np.angle(ratio[inside]))))

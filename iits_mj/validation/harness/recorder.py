@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from iits_mj.analytic import UnitHistories
 from iits_mj.core.arrays import FloatArray
@@ -41,7 +42,9 @@ def peak_ratio(signal: FloatArray, reference: FloatArray) -> float:
     return float(np.max(np.abs(signal)) / np.max(np.abs(reference)))
 
 
-def harmonic(time: FloatArray, signal: FloatArray, frequencies: FloatArray) -> FloatArray:
+def harmonic(
+    time: FloatArray, signal: FloatArray, frequencies: FloatArray
+) -> NDArray[np.complex128]:
     """Returns complex amplitudes (k,) of a signal (n,) at frequencies [Hz] (k,), by least squares.
 
     A constant and a drift are removed. The amplitude `c` means `Re(c exp(2 pi i f t))`.
