@@ -21,7 +21,7 @@ from iits_mj.validation.planning.pcc_case import SolvedPlan
 STATES = 120
 # For the bound. Long climbs at full power make it loose, erratically so over the states, and the
 # greatest of several bounds is a bound.
-BOUND_STATES = (60, 200)
+BOUND_STATES = (60, 100, 200)
 INTERVALS_MAX = 2_500  # of the road: the bound of 125 km at 50 m takes most of a minute
 _PRICES = (0.9, 1.0)  # over the plan's price, for the bound
 _SPARE = 1e-6  # of the speeds at the ends of the tables

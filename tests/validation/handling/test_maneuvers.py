@@ -125,13 +125,14 @@ def test_page_of_a_shipped_truck_has_finite_figures(name):
     assert results.figures
 
 
+# A measured maneuver needs its file; the quick form of alks drives no situation with a plot.
 @pytest.mark.slow
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", sorted(set(COMMANDS) - {"measured"}))
 def test_quick_form_gives_finite_figures_within_a_minute(name):
     results = COMMANDS[name](ValidateConfig(quick=True))
     assert results.checks
     assert all(np.isfinite(check.value) for check in results.checks)
-    assert results.figures
+    assert results.figures or name == "alks"
     assert "checks" in results.to_json("0.0.0")
 
 
