@@ -269,7 +269,8 @@ def _row(truck: Truck, state: EgoState) -> list[float]:
         state.yaw,
         state.x,
         state.y,
-        state.lateral_speed,
+        # The integrator's velocities are half a step older than its positions.
+        state.lateral_speed + 0.5 * truck.model.opt.timestep * state.speed * state.yaw_rate,
         float(rear[0]),
         float(rear[1]),
         *(truck.read(f"{unit.name}_gyro", 2) for unit in units),

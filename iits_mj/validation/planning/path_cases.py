@@ -370,10 +370,15 @@ def brake_in_bend(payload: float, timestep: float, friction: float, speed: float
     )
 
 
-def split_braking(payload: float, timestep: float, high: float, low: float) -> Record:
-    """Brakes fully from 50 km/h with friction `high` left and `low` right (ISO 16234)."""
+def split_braking(
+    payload: float, timestep: float, high: float, low: float, after: float = 3.0
+) -> Record:
+    """Brakes fully from 50 km/h with friction `high` left and `low` right (ISO 16234).
+
+    Payload [kg], time step [s]; the brakes act from `after` on [s].
+    """
     route, speed = Route.straight(2000.0).with_friction(high, low), 50.0 * KMH
-    braking = _full_braking(after=3.0)
+    braking = _full_braking(after)
     return drive_path(route, payload, timestep, cruise=speed, duration=30.0, override=braking)
 
 
