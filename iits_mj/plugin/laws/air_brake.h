@@ -223,16 +223,16 @@ struct AirBrake {
                    T asr[kWheelsMax], State* s) const {
     EnduranceDemand<T>* engine = &s->next_endurance;
     engine->cut_traction = braking;
-    DriveSlip<T> slip, next;  // next: extrapolated by a step, at which the brakes act
-    T slips[kWheelsMax];
+    DriveSlip<T> slip, coming;  // present, and extrapolated to the step in which the brakes act
+    T coming_slips[kWheelsMax];
     T dragged = 0;  // slip that is not the friction brake's, or that its ABS does not end
     for (size_t i : driven) {
-      slips[i] = 0;
+      coming_slips[i] = 0;
       if (s->faults.doubt[i] > kDoubtMax) continue;
       const WheelBrakeState<T>& brake = s->now.wheel[i];
       const T present = wheels[i].Slip(hub_speed(i), wheel_speed(i));
       slip.Add(present);
-      next.Add(slips[i] = 2 * present - s->now.past_slip[i]);
+      coming.Add(coming_slips[i] = 2 * present - s->now.past_slip[i]);
       s->next.past_slip[i] = present;
       const bool braked = brake.effective > wheels[i].push_out_pressure;
       if (!braked || brake.abs_active != 0) dragged = Max(dragged, present);
@@ -253,7 +253,7 @@ struct AirBrake {
     if (braking) return false;
     std::fill(asr, asr + wheels.size(), T(0));
     for (size_t i : driven) {
-      const T pressure = drive_slip.Pressure(next, slips[i], speed);
+      const T pressure = drive_slip.Pressure(coming, coming_slips[i], speed);
       asr[i] = Min(pressure, s->next.reservoir.pressure[wheels[i].circuit]);
       if (asr[i] > 0) s->asr_brake_active = 1;
     }
