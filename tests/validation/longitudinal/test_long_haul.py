@@ -41,7 +41,8 @@ def test_road_has_the_grades_and_the_height_of_the_mission():
 
 
 def test_driver_accelerates_and_brakes_as_declared():
-    assert [accelerating(kmh * KMH) for kmh in (0.0, 25.0, 50.0, 60.0)] == [1.0, 1.0, 0.6, 0.5]
+    assert [accelerating(kmh * KMH) for kmh in (0.0, 25.0, 60.0, 85.0)] == [1.0, 1.0, 0.5, 0.5]
+    assert accelerating(42.5 * KMH) == pytest.approx(0.75)
     assert [braking(kmh * KMH) for kmh in (10.0, 50.0, 60.0, 85.0)] == [1.0, 1.0, 0.5, 0.5]
 
 
@@ -53,6 +54,13 @@ LEVEL = Mission(
     ((0.0, 2.0), (2000.0, 60.0), (9000.0, 2.0)),
 )
 DOWNHILL = dataclasses.replace(LEVEL, grade=np.full(4, -0.03), stops=((9000.0, 2.0),))
+# The descent ends at 5 km.
+VALLEY = Mission(
+    np.array([0.0, 1.0, 3000.0, 5000.0, 9000.0]),
+    np.array([60.0, 60.0, 85.0, 85.0, 0.0]) * KMH,
+    np.array([0.0, 0.0, -0.03, 0.0, 0.0]),
+    ((0.0, 2.0), (9000.0, 2.0)),
+)
 
 
 def command(mission, place, kmh):
@@ -66,6 +74,12 @@ def test_driver_lets_the_truck_roll_5_kmh_over_a_high_target_and_then_brakes():
     assert rolling.accelerator_pedal == 0.0
     assert rolling.xbr_demand == 0.0
     assert command(DOWNHILL, 5000.0, 90.5).xbr_demand < 0.0
+
+
+def test_driver_brakes_down_to_the_target_before_a_descent_ends():
+    assert command(VALLEY, 4900.0, 88.0).xbr_demand == 0.0
+    assert command(VALLEY, 4990.0, 88.0).xbr_demand < -0.3
+    assert command(VALLEY, 5100.0, 88.0).xbr_demand < -0.3
 
 
 def test_driver_coasts_ahead_of_a_stop_and_brakes_close_to_it():
