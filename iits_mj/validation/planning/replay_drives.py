@@ -405,7 +405,8 @@ def with_all_power(
     """Returns node speeds (n + 1,) [m/s] of a plan, raised where it uses all of its power.
 
     From the plan's speed at the beginning of such a stretch with the engine's greatest power, and
-    back to the plan after its end by coasting.
+    back to the plan after its end by coasting. A stretch begins as much earlier as torque takes to
+    build up, so that shorter breaks between two stretches are pulled through.
 
     Args:
       vehicle: of the plan.
@@ -414,8 +415,10 @@ def with_all_power(
       planned: node speeds (n + 1,) [m/s].
       v_max: of the band [m/s].
     """
-    full = vehicle.power(planned, road) >= _ALL * vehicle.power_max
-    raised = np.concatenate([[False], full])
+    clock = passing_times(planned, road)[:-1]
+    full = clock[vehicle.power(planned, road) >= _ALL * vehicle.power_max]
+    next_full = np.append(full, np.inf)[np.searchsorted(full, clock)]
+    raised = np.concatenate([[False], next_full - clock <= _TORQUE_TIME])
     cap = np.where(raised, np.maximum(np.minimum(road.v_limit, v_max), planned), planned) ** 2
     fastest = fastest_below(strongest, road, cap)
     coasting = np.sqrt(np.maximum(brakeable(strongest, road, fastest**2, 0.0), 0.0))
