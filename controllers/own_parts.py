@@ -270,6 +270,7 @@ class SpeedGuard(_Resetting):
                 np.asarray(found.station, dtype=float),
                 np.asarray(found.speed, dtype=float),
                 neutral,
+                float(found.coast_above),
             )
         except (TypeError, ValueError):
             raise self.unusable("update", "returned a profile without numbers") from None

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from controllers.decision.base import DecisionContext, Keep, speed_max_of
@@ -186,8 +187,11 @@ class Stack:
         if self.last_trajectory is None:
             raise InputError("control requested before the first plan: call Stack.plan first")
         command = self.tracker.command(ego, self.last_trajectory)
-        if self._profile is not None and self._profile.neutral_at(ego.station):
+        profile = self._profile
+        if profile is not None and profile.neutral_at(ego.station):
             return eco_roll(command, ego, self.last_trajectory)
+        if profile is not None and ego.speed > profile.coast_above:
+            return replace(command, accelerator_pedal=0.0)
         return command
 
     def context(self, scene: Scene) -> DecisionContext:

@@ -24,6 +24,7 @@ _STEP, _COUNT = 10.0, 60  # grid of the predicted speeds [m]
 # Over the engine's drag: the reference slows down a little more than the truck, so that the
 # tracking controller, which ignores so small a difference, does not press the accelerator.
 _DRAG = 1.25
+_ABOVE = 0.3  # over the set speed, from which on the truck burns no fuel [m/s]
 _MASS_CHANGE = 0.02  # relative change of mass that makes a new point mass
 
 
@@ -31,7 +32,8 @@ class RollingReference:
     """The set speed, and downhill the speed at which the truck rolls with the engine in overrun.
 
     From the truck's present speed it predicts the speeds of the coming 600 m, at most `top`. The
-    truck burns no fuel above the set speed and brakes at `top` only. See
+    truck burns no fuel above the set speed, but for a band of 0.3 m/s in which the tracking
+    controller settles, and brakes at `top` only. See
     `controllers.planning.speed_reference` for the protocol.
 
     Attributes:
@@ -76,7 +78,7 @@ class RollingReference:
             self._vehicle = replace(vehicle, power_overrun=_DRAG * vehicle.power_overrun)
         station = ego.station + _STEP * np.arange(_COUNT + 1.0)
         speed = np.maximum(self._rolling(self._vehicle, station, ego.speed), self.speed)
-        self._profile = SpeedProfile(station, speed)
+        self._profile = SpeedProfile(station, speed, coast_above=self.speed + _ABOVE)
         return self._profile
 
     def at(self, station: float) -> float:

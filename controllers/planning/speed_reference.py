@@ -93,12 +93,14 @@ class CruiseReference(_FixedReference):
 
 
 def check_profile(profile: SpeedProfile, name: str) -> None:
-    """Raises InputError unless stations rise and all speeds are 0.5 to 60 m/s."""
+    """Raises InputError unless stations rise, speeds are 0.5 to 60 m/s, `coast_above` positive."""
     station, speed = profile.station, profile.speed
     if station.ndim != 1 or station.shape != speed.shape or station.size < 2:
         raise InputError(f"{name}: two rows or more with a station and a speed are needed")
     if profile.neutral is not None and profile.neutral.shape != station.shape:
         raise InputError(f"{name}: neutral must have a value for each of its stations")
+    if not profile.coast_above > 0.0:
+        raise InputError(f"{name}: coast_above = {profile.coast_above:g} m/s must be above 0")
     if not (np.isfinite(station).all() and np.isfinite(speed).all()):
         raise InputError(f"{name} holds numbers that are not finite")
     if (np.diff(station) <= 0.0).any():

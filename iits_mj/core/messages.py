@@ -400,12 +400,13 @@ class SpeedProfile:
     """Reference speed over station, both of shape (n,); [m] and [m/s].
 
     `neutral`, (n,), is true where the truck shall roll in neutral from a station to the next one;
-    None: nowhere.
+    None: nowhere. Above `coast_above` [m/s] the truck coasts in gear and burns no fuel.
     """
 
     station: FloatArray
     speed: FloatArray
     neutral: BoolArray | None = None
+    coast_above: float = math.inf
 
     def at(self, station: float) -> float:
         """Returns the reference speed at a station [m/s], constant beyond both ends."""
@@ -418,7 +419,8 @@ class SpeedProfile:
         """
         if speed_max == math.inf:
             return self
-        return SpeedProfile(self.station, np.minimum(self.speed, speed_max))
+        speed = np.minimum(self.speed, speed_max)
+        return SpeedProfile(self.station, speed, coast_above=self.coast_above)
 
     def neutral_at(self, station: float) -> bool:
         """Returns whether the truck shall roll in neutral at a station [m]."""

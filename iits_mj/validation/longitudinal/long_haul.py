@@ -338,9 +338,9 @@ def compare(timestep: float, *, quick: bool) -> Findings:
     found.notes += [
         "Our tires slip while they drive, about 1 % of the engine's work, which VECTO does not "
         "count; axle loads follow from the truck's statics instead of VECTO's shares.",
-        "Gearbox: VECTO's shift lines are not among the figures. The truck's gearbox shifts down to "
-        "at most 1743 rpm, the value at which the declared times of the three loads are met best; "
-        "energies and fuel are not fitted. At 1400 rpm, where the full torque begins to fall, the "
+        "Gearbox: VECTO's shift lines are not among the figures. The truck's gearbox shifts down "
+        "to at most 1743 rpm, of four values tried the one that meets the declared times best; "
+        "energies and fuel are not fitted. At 1400 rpm, where full torque begins to fall, the "
         "full truck takes 1 % longer, and its brakes take 0.5 kWh less.",
     ]
     return found

@@ -72,6 +72,30 @@ def test_the_stack_asks_for_neutral_on_the_stretches_of_its_profile():
     assert modes == [drive, roll, drive]
 
 
+def test_the_stack_burns_no_fuel_above_the_speed_of_its_profile_from_which_on_it_coasts():
+    station = np.arange(0.0, 1_001.0, 10.0)
+    route = measured_route(station, 0.0 * station, lanes=Lanes(speed_limit=40.0), name="road")
+    place = EgoState(station=100.0, offset=float(route.lane_offset(0, 100.0)), gear=12)
+    pedals = []
+    for coast_above in (np.inf, 19.9, 20.1):
+        profile = SpeedProfile(np.array([0.0, 900.0]), np.full(2, 20.0), coast_above=coast_above)
+        stack = Stack(route, profile=profile)
+        ego = replace(place, speed=20.0)
+        stack.plan(Scene(0.0, ego, ()))
+        for _ in range(20):
+            command = stack.control(ego)
+        pedals.append(command.accelerator_pedal)
+    assert pedals[0] == pedals[2] > 0.1
+    assert pedals[1] == 0.0
+
+
+def test_profile_that_always_coasts_is_refused():
+    for value in (0.0, -1.0, np.nan):
+        profile = SpeedProfile(np.array([0.0, 1.0]), np.full(2, 20.0), coast_above=value)
+        with pytest.raises(InputError, match="coast_above"):
+            check_profile(profile, "speed profile")
+
+
 def test_profile_with_neutral_for_other_stations_is_refused():
     profile = SpeedProfile(np.array([0.0, 1.0]), np.full(2, 20.0), np.array([True]))
     with pytest.raises(InputError, match="neutral"):

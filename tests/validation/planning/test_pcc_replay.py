@@ -227,13 +227,26 @@ def test_reference_speed_is_raised_where_the_plan_uses_all_of_its_power():
     climb = (road.station > 1_100.0) & (road.station < 2_900.0)
     assert (raised >= planned).all()
     assert (raised[climb] > planned[climb] + 0.1).all()
-    # Before the climb, where the planned power suffices, nothing changes.
-    assert raised[road.station <= 1_000.0] == pytest.approx(planned[road.station <= 1_000.0])
+    # Until the torque must build up for the climb nothing changes.
+    before = road.station <= 1_000.0 - 6.0 * 20.0
+    assert raised[before] == pytest.approx(planned[before])
     power = strongest.power(raised, road)
     assert power.max() <= 1.001 * strongest.power_max
     # Back to the plan by coasting, without brakes.
     assert strongest.net_force(raised, road).min() > -1.0
     assert raised.max() <= 25.0
+
+
+def test_a_short_break_of_full_power_is_pulled_through():
+    weaker, road = climber(0.75)
+    strongest, _ = climber(1.0)
+    planned = cruise(weaker, road, 20.0, 20.0)
+    node = int(np.searchsorted(road.station, 2_000.0))
+    planned[node] -= 0.05
+    raised = with_all_power(weaker, strongest, road, planned, 25.0)
+    gain = raised - planned
+    assert gain[node] == pytest.approx(0.5 * (gain[node - 1] + gain[node + 1]), abs=0.1)
+    assert gain[node] > 0.1
 
 
 def test_speed_profile_equals_the_plan_at_its_nodes():
