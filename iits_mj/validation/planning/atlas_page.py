@@ -26,6 +26,7 @@ from iits_mj.validation.planning.pcc_atlas import (
 )
 
 _DPI = 130
+_NEAR = 0.5  # difference of driven and expected savings that counts as agreement [points]
 _WIND_NAMES = {0.0: "calm", 6.0: "head\n6 m/s", -6.0: "tail\n6 m/s"}
 
 
@@ -190,8 +191,22 @@ def page_text(atlas: Atlas, picture: str, table: str, driven: str) -> str:
         drives=len(atlas.driven),
         middle=_table(header, rows),
         changes=_table(["road", *columns], changes),
-        notes="".join(f"- {note}\n" for note in atlas.notes),
+        notes="".join(f"- {note}\n" for note in (*_agreement(atlas.driven), *atlas.notes)),
     )
+
+
+def _agreement(driven: Sequence[DrivenRow]) -> list[str]:
+    """Returns a sentence about driven and expected savings, none without drives."""
+    apart = [abs(drive.saving - drive.expected) for drive in driven]
+    if not apart:
+        return []
+    near = sum(difference <= _NEAR for difference in apart)
+    return [
+        f"Driven and expected savings are within {_NEAR:g} points of each other in {near} of "
+        f"{len(apart)} comparisons, and within {_number(max(apart))} in all. The planner gives "
+        "cruise and plan one mean power on climbs; the truck has its full power, and gear changes "
+        "that interrupt it."
+    ]
 
 
 def _driven(drive: DrivenRow | None) -> str:

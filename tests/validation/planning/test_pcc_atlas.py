@@ -141,6 +141,7 @@ def test_page_has_a_row_for_each_road_and_its_drives(tmp_path, asked):
     text = path.read_text()
     assert text.count("| rolling |") == 2
     assert "2.0 (expected 2.1)" in text
+    assert "within 0.5 points of each other in 16 of 16 comparisons" in text
     assert len(path.with_suffix(".csv").read_text().splitlines()) == 1 + 8 * 7
     assert path.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
 
@@ -154,6 +155,7 @@ def test_page_without_drives_leaves_their_cells_empty(tmp_path):
     ]
     text = page_text(Atlas(rows, [], []), "a.png", "a.csv", "a_driven.csv")
     assert text.count("| - | - |") >= len(names)
+    assert "points of each other" not in text
 
 
 @pytest.mark.slow
