@@ -37,8 +37,8 @@ _SET_OFF, _TIME = 5.0, 20.0
 _CHOOSE, _SETTLE = 10.0, 3.0
 # The driver's torque suffices for a grade that is steeper by this.
 _SURPLUS = 0.007
-# Resolution of the grade, and in the quick form.
-RESOLUTION, _COARSE = 0.0025, 0.01
+# Resolution of the grade.
+RESOLUTION = 0.0025
 _GENTLEST, _STEEPEST = 0.03, 0.45
 # Friction of a road on which the engine is the limit, not the tires.
 _ROUGH = 1.2
@@ -153,17 +153,16 @@ def gradeability(
 
 
 def compare_limits(parameters: TruckParameters, timestep: float, *, quick: bool) -> Findings:
-    """Startability and gradeability; quick: resolved to 1 % grade instead of 0.25 %."""
+    """Startability and gradeability; quick: on the ordinary surface only."""
     payload = parameters.payload_max
     balance = ForceBalance(parameters, payload)
-    resolution = _COARSE if quick else RESOLUTION
     found = Findings()
     for surface in (DEFAULT_FRICTION,) if quick else (DEFAULT_FRICTION, _ROUGH):
-        climb = startability(parameters, payload, timestep, resolution, surface)
+        climb = startability(parameters, payload, timestep, RESOLUTION, surface)
         _check_computed(found, "startability", balance, climb, balance.launch_speed, surface)
         if surface == DEFAULT_FRICTION:
             _check_level(found, "startability", balance, climb, STANDARDS["startability"])
-    climb = gradeability(parameters, payload, timestep, resolution)
+    climb = gradeability(parameters, payload, timestep, RESOLUTION)
     strongest = strongest_speed(balance)
     _check_computed(found, "gradeability", balance, climb, strongest, DEFAULT_FRICTION)
     _check_level(found, "gradeability", balance, climb, STANDARDS["gradeability_a"])
