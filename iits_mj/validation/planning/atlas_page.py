@@ -203,9 +203,8 @@ def _agreement(driven: Sequence[DrivenRow]) -> list[str]:
     near = sum(difference <= _NEAR for difference in apart)
     return [
         f"Driven and expected savings are within {_NEAR:g} points of each other in {near} of "
-        f"{len(apart)} comparisons, and within {_number(max(apart))} in all. The planner gives "
-        "cruise and plan one mean power on climbs; the truck has its full power, and gear changes "
-        "that interrupt it."
+        f"{len(apart)} comparisons, and within {_number(max(apart))} in all. Where a change of "
+        "gear falls on a climb decides some tenths of a point."
     ]
 
 
@@ -254,7 +253,8 @@ rolling resistance and drag area change by 10 % and the mass by 3 %, one at a ti
 more than the bound. "Gap closed" is the share of the gap between the plan of speed alone and the
 bound that the plan of speed, gear and eco-roll closes. A driven saving is that of the MuJoCo truck
 by its fuel meter, with gears by load, corrected for the difference of the speeds at the end; beside
-it the saving that the planner expected with the power that the truck has on climbs.
+it the saving to expect, by the same cruise and plan driven ahead on the
+[kinematic plant](../iits_mj/plugin/README_plant.md), which takes no figure from the truck's drive.
 
 {middle}
 

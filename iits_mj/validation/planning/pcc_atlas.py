@@ -48,7 +48,7 @@ from iits_mj.validation.planning import (
 )
 from iits_mj.validation.planning.pcc_case import BRAKING, ROLLING, solve
 from iits_mj.validation.planning.pcc_joint import compare_jointly
-from iits_mj.validation.planning.pcc_replay import expected_saving, profile_case
+from iits_mj.validation.planning.pcc_replay import profile_case
 from iits_mj.validation.planning.pcc_roads import read_cycle
 from iits_mj.validation.planning.pcc_savings import PAPER_LENGTH, STEP, highway_without_limits
 from iits_mj.validation.planning.replay_drives import DRIVES
@@ -114,8 +114,8 @@ class DrivenRow:
 
     Attributes:
       road: of the cell; cruise: "rolling" or "braking".
-      saving: by the fuel meter, corrected for the difference at the ends [%]; expected: by the
-        planner, with the truck's power on climbs [%].
+      saving: by the fuel meter, corrected for the difference at the ends [%]; expected: that of
+        the drive ahead on the kinematic plant [%].
       cruise_fuel, plan_fuel: by the meter [kg]; late: trip time of the plan against that of the
         cruise [%].
       changes, cruise_changes: of gear; neutral: share of the plan's time [%].
@@ -286,13 +286,15 @@ def drive_cell(
     config = PccConfig(v_ref * KMH, v_min * KMH, v_max * KMH, rolls=rolls)
     payload = mass - TruckParameters.load().gross_mass(0.0)
     case = profile_case(name, road, road, config, payload, _DRIVEN_STEP)
-    replay = replay_drives.run(replace(case, overlay=_BY_LOAD, joint=rolls), folder, DRIVES)
+    case = replace(case, overlay=_BY_LOAD, joint=rolls)
+    ahead = replay_drives.run_ahead(case, folder, DRIVES)
+    replay = replay_drives.run(case, folder, DRIVES, ahead.vehicle)
     base, plan = replay.cruise, replay.plan
     return DrivenRow(
         name,
         "rolling" if rolls else "braking",
         100.0 * replay.saving,
-        expected_saving(replay)[0],
+        100.0 * ahead.saving,
         base.fuel,
         plan.fuel,
         100.0 * (plan.time / base.time - 1.0),
@@ -402,7 +404,7 @@ def atlas_results(atlas: Atlas) -> Results:
         "savings by the engine's map in the best gears, at the trip time of each cruise; beside "
         "the first its range when rolling resistance and drag area change by 10 %, the mass by "
         "3 %; beside the changes of gear those of the cruise; beside a driven saving the one that "
-        "the planner expected with the truck's power on climbs",
+        "the drive ahead on the kinematic plant expected",
         "the long haul is the road of VECTO's cycle, at the speeds of the band; flat to mountain "
         "pass are made by formula",
     ]

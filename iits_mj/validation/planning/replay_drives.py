@@ -64,6 +64,8 @@ _TORQUE_TIME, _CLIMBING = 6.0, 30.0
 _LEAST_SHARE = 0.6
 # Share of its power from which a plan uses all of it [1].
 _ALL = 0.98
+# Plant and physics of a drive ahead; the savings of the full truck differ by tenths of a point.
+_AHEAD, _AHEAD_STEP = "kinematic", 0.005
 _HALVINGS = 30
 
 
@@ -259,6 +261,21 @@ def run(
     return CruiseAndPlan(
         case, vehicle, strongest, schedule, cruise, plan, model_cruise, model_plan, gears
     )
+
+
+def run_ahead(
+    case: ReplayCase,
+    folder: Path | None = None,
+    drives: int = DRIVES,
+    known: PointMass | None = None,
+) -> CruiseAndPlan:
+    """Drives cruise and plan of a case ahead, on the kinematic plant: the saving to expect.
+
+    It has the truck's own gearbox, engine and controllers, which no plan has, and takes no figure
+    from the drives of the full truck. Arguments and errors are those of `run`.
+    """
+    ahead = dataclasses.replace(case, plant=_AHEAD, timestep=_AHEAD_STEP)
+    return run(ahead, folder, drives, known)
 
 
 def joint_task(

@@ -381,3 +381,12 @@ def test_quick_form_drives_plan_and_cruise_and_reports_no_saving():
     # The cruise rolls down into the valley and arrives first.
     assert 0.0 < figures["fuel, cruise"] < figures["fuel, plan"] < 0.1
     assert figures["trip time of the plan against the cruise's"] == pytest.approx(0.0, abs=3.0)
+
+
+def test_drive_ahead_expects_the_saving_of_the_full_truck():
+    case = valley_case(600.0, 0.005)
+    ahead, driven = replay_drives.run_ahead(case, drives=1), replay_drives.run(case, drives=1)
+    assert (ahead.case.plant, driven.case.plant) == ("kinematic", "full")
+    assert ahead.plan.fuel != driven.plan.fuel
+    assert 100.0 * ahead.saving == pytest.approx(100.0 * driven.saving, abs=0.5)
+    assert ahead.cruise.time == pytest.approx(driven.cruise.time, rel=1e-3)
