@@ -265,11 +265,11 @@ class SpeedGuard(_Resetting):
         if not isinstance(found, SpeedProfile):
             raise self.unusable("update", f"returned {shown(found)}, must be a SpeedProfile")
         try:
-            neutral = None if found.neutral is None else np.asarray(found.neutral, dtype=bool)
+            modes = found.transmission_mode
             profile = SpeedProfile(
                 np.asarray(found.station, dtype=float),
                 np.asarray(found.speed, dtype=float),
-                neutral,
+                None if modes is None else np.asarray(modes, dtype=np.int64),
                 float(found.coast_above),
             )
         except (TypeError, ValueError):

@@ -28,7 +28,7 @@ from controllers.protocols import (
     TrajectoryPlanner,
 )
 from controllers.tracking.controller import Tracker, TrackingConfig
-from controllers.tracking.eco_roll import eco_roll
+from controllers.tracking.planned_gear import in_planned_gear
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import (
     Decision,
@@ -188,11 +188,11 @@ class Stack:
             raise InputError("control requested before the first plan: call Stack.plan first")
         command = self.tracker.command(ego, self.last_trajectory)
         profile = self._profile
-        if profile is not None and profile.neutral_at(ego.station):
-            return eco_roll(command, ego, self.last_trajectory)
-        if profile is not None and ego.speed > profile.coast_above:
-            return replace(command, accelerator_pedal=0.0)
-        return command
+        if profile is None:
+            return command
+        if ego.speed > profile.coast_above:
+            command = replace(command, accelerator_pedal=0.0)
+        return in_planned_gear(command, ego, self.last_trajectory, profile)
 
     def context(self, scene: Scene) -> DecisionContext:
         """Returns the context of a decision in a scene whose frame is in the history."""

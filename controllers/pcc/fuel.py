@@ -24,7 +24,7 @@ from iits_mj.core.errors import PlanningError
 from iits_mj.parameters import TruckParameters
 from iits_mj.parameters.tables import Table2D
 
-_SPEEDS = 4000  # samples for the least power of all gears
+_SPEEDS = 16_000  # samples for the least power of all gears
 _ENGINE_SPEED_MIN = 85.0  # [rad/s], 810 rpm: below it the gearbox shifts down
 
 
@@ -105,7 +105,7 @@ class FuelMap:
         It is that at the gearbox: the auxiliaries have taken theirs.
         """
         omega = self.gear_speed[:, None] * np.asarray(speed, dtype=float)[None, :]
-        full = np.interp(omega, self._engine.full_load_speed, self._engine.full_load_torque)
+        full = self._engine.full_pedal_torque(omega)
         allowed = (omega >= self._engine.idle_speed) & (omega <= self._engine.governed_speed)
         left = np.maximum(full * omega - self._engine.auxiliary_power, 0.0)
         return np.asarray((np.where(allowed, left, 0.0)).max(axis=0))
@@ -146,7 +146,7 @@ class FuelMap:
         omega = self.gear_speed[:, None] * speed[None, :]
         torque = self._input_torques(force, speed)
         torque = torque + self._engine.auxiliary_power / np.maximum(omega, _ENGINE_SPEED_MIN)
-        full = np.interp(omega, self._engine.full_load_speed, self._engine.full_load_torque)
+        full = self._engine.full_pedal_torque(omega)
         runs = self.runs(omega)
         fits = runs & (torque <= full * 1.001)
         rate = self.engine_rate(np.minimum(torque, full), omega)

@@ -10,9 +10,10 @@ map at the mean speed. States of the dynamic program are v^2 at the nodes and th
 with F, the wheel force, linear in b and b'. In gear h it lies between overrun and full load of that
 gear; below overrun the brakes take the rest and no fuel burns. In neutral the force is the drag of
 the open driveline, which is about zero. A change of gear costs the price of the time without
-traction and the fuel of an idling engine. V is kept at states between the bounds of b at each node
-and is linear between them; b' is sought among states, full load and overrun. The price of a second
-makes the trip time. All this runs in `iits_mj/kernels/speed_gears.cc`.
+traction and the fuel of an idling engine. For a plan that a truck drives it also costs speed: b' is
+at most that of full load, less the work of the lost pull. V is kept at states between the bounds of
+b at each node and is linear between them; b' is sought among states, full load and overrun. The
+price of a second makes the trip time. All this runs in `iits_mj/kernels/speed_gears.cc`.
 
 Lower bound
 -----------
@@ -46,9 +47,11 @@ from iits_mj.analytic.wheel_force import input_torque, wheel_force
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import in_range
 from iits_mj.core.errors import PlanningError
+from iits_mj.core.messages import TransmissionMode
 from iits_mj.parameters import TruckParameters
 
 NEUTRAL = 0
+_LAST_GEAR = TransmissionMode.GEAR_18.gear
 _SPEEDS, _LOADS = 60, 65  # of the tables
 _SHORT_PRICE = 0.05  # of v^2 below the least one: some thirty times its worth [kg/(m2/s2)]
 _HALVINGS = 30  # for the price of a second
@@ -86,6 +89,7 @@ class GearTables:
         [kg/s].
       idle_rate: fuel of the idling engine with its auxiliaries [kg/s].
       change_time: without traction in a change of gear [s].
+      lost_time: whose full pull a change of gear costs, with the build-up of the torque [s].
     """
 
     gears: tuple[int, ...]
@@ -95,6 +99,7 @@ class GearTables:
     rate: FloatArray
     idle_rate: float
     change_time: float
+    lost_time: float = 0.0
 
     @classmethod
     def of(
@@ -105,6 +110,7 @@ class GearTables:
         *,
         power_share: float = 1.0,
         neutral: bool = True,
+        slows: bool = False,
     ) -> GearTables:
         """Returns the tables of a truck for speeds in a band [m/s].
 
@@ -114,6 +120,7 @@ class GearTables:
           v_max: greatest speed.
           power_share: share of the full-load torque that plans use.
           neutral: whether plans may roll in neutral.
+          slows: whether a change of gear at full load costs speed, as on the truck.
 
         Raises:
           PlanningError: no gear runs at some speed of the band.
@@ -128,7 +135,7 @@ class GearTables:
             if not runs.any():
                 continue
             auxiliary = engine.auxiliary_torque(omega)
-            most = power_share * np.interp(omega, engine.full_load_speed, engine.full_load_torque)
+            most = power_share * engine.full_pedal_torque(omega)
             drag = np.interp(omega, engine.drag_speed, engine.drag_torque)
             overrun = wheel_force(parameters, number, -drag - auxiliary, omega)
             full = wheel_force(parameters, number, most - auxiliary, omega)
@@ -161,6 +168,7 @@ class GearTables:
             np.array([row[3] for row in rows]),
             idle_rate,
             pause,
+            engine.lost_pull(pause) if slows else 0.0,
         )
 
 
@@ -228,6 +236,12 @@ class JointPlan:
     fuel: FloatArray
     price: float
     time: float
+
+    @property
+    def transmission_mode(self) -> NDArray[np.int64]:
+        """Request to the gearbox in each interval, (n,), see `TransmissionMode`."""
+        requests = np.where(self.gear <= _LAST_GEAR, self.gear + TransmissionMode.REVERSE, 0)
+        return np.where(self.gear == NEUTRAL, TransmissionMode.NEUTRAL, requests)
 
     @property
     def changes(self) -> int:
@@ -306,7 +320,7 @@ class _Packed:
                 *(n, road.step, vehicle.inertial_mass, 0.5 * vehicle.drag, vehicle.brake_max),
                 *(task.k_a, task.states, len(tables.gears), float(tables.gears[-1] == NEUTRAL)),
                 *(tables.speed.size, tables.speed[0], tables.speed[1] - tables.speed[0], _LOADS),
-                *(tables.change_time, tables.idle_rate, _SHORT_PRICE),
+                *(tables.change_time, tables.idle_rate, _SHORT_PRICE, tables.lost_time),
             ],
             dtype=float,
         )
@@ -424,7 +438,8 @@ def plan_in_time(task: JointTask, time_max: float) -> JointPlan:
 
 def gears_at(task: JointTask, speed: FloatArray) -> JointPlan:
     """Returns the best gears for given node speeds (n + 1,), at the task's price."""
-    fixed = replace(task, b_low=speed**2, b_high=speed**2, states=2)
+    tables = replace(task.tables, lost_time=0.0)
+    fixed = replace(task, b_low=speed**2, b_high=speed**2, states=2, tables=tables)
     return joint_drive(fixed, joint_values(fixed))
 
 

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from controllers.pcc.fuel import FuelMap
 from controllers.pcc.joint import (
-    NEUTRAL,
     GearTables,
     JointPlan,
     JointTask,
@@ -50,7 +49,7 @@ from controllers.pcc.vehicle import cruise
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import in_range
 from iits_mj.core.errors import InputError, PlanningError
-from iits_mj.core.messages import SpeedProfile
+from iits_mj.core.messages import SpeedProfile, TransmissionMode
 from iits_mj.parameters import TruckParameters
 
 _FULL = 0.98  # share of the greatest planned power that counts as full power
@@ -126,7 +125,7 @@ class RecedingPlanner:
                 parameters,
                 self.config.v_min,
                 self.config.v_max,
-                power_share=self.receding.power_share,
+                slows=True,
             )
         self._gears: tuple[FloatArray, JointPlan] | None = None
 
@@ -192,10 +191,10 @@ class RecedingPlanner:
         except PlanningError as error:
             nodes, status = fallback_plan(self.trip, road, start.speed, leader, self.last)
             reason = str(error)
-        neutral = None
+        modes = None
         if self._tables is not None and leader is None and status == "optimal":
             began = perf_counter()
-            nodes, neutral = self._in_gears(road, nodes, price, self._tables)
+            nodes, modes = self._in_gears(road, nodes, price, self._tables)
             solve_time += perf_counter() - began
         else:
             self._gears = None
@@ -205,15 +204,15 @@ class RecedingPlanner:
             stations = np.concatenate([[station], stations])
             more = asked[0] - nodes[0]
             nodes, asked = np.concatenate([[speed], nodes]), np.concatenate([[speed + more], asked])
-            neutral = None if neutral is None else np.concatenate([neutral[:1], neutral])
+            modes = None if modes is None else np.concatenate([modes[:1], modes])
         self.last = SpeedProfile(stations, nodes)
-        profile = SpeedProfile(stations, asked, neutral)
+        profile = SpeedProfile(stations, asked, modes)
         return HorizonPlan(profile, status, reason, solve_time, price, lag)
 
     def _in_gears(
         self, road: RoadProfile, nodes: FloatArray, price: float, tables: GearTables
-    ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Returns node speeds and intervals in neutral, (n + 1,), of the plan with gears.
+    ) -> tuple[FloatArray, NDArray[np.int64]]:
+        """Returns node speeds and requests to the gearbox, (n + 1,), of the plan with gears.
 
         It is sought around the convex optimum `nodes`, at the same prices of time and end speed.
         """
@@ -241,7 +240,7 @@ class RecedingPlanner:
                 gear = int(last.gear[interval])
         found = joint_drive(task, joint_values(task), gear)
         self._gears = road.station, found
-        return found.speed, np.append(found.gear == NEUTRAL, False)
+        return found.speed, np.append(found.transmission_mode, TransmissionMode.DRIVE)
 
     def _asked(self, road: RoadProfile, nodes: FloatArray) -> FloatArray:
         """Returns the speeds for the truck (n + 1,): above the plan where it takes full power.

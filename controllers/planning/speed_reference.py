@@ -14,11 +14,12 @@ from typing import Protocol
 import numpy as np
 
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import PROFILE_SPEED_MIN, Scene, SpeedProfile
+from iits_mj.core.messages import PROFILE_SPEED_MIN, Scene, SpeedProfile, TransmissionMode
 from iits_mj.core.neighbors import Neighbor
 from iits_mj.core.tables import read_columns
 
 _SPEED_MAX = 60.0  # [m/s] of a profile
+_PLANNED_MODES = [mode for mode in TransmissionMode if mode is not TransmissionMode.REVERSE]
 _COLUMNS = (("station_m", "s_m", "s", "station"), ("speed_mps", "v_mps", "v", "speed"))
 
 
@@ -97,8 +98,11 @@ def check_profile(profile: SpeedProfile, name: str) -> None:
     station, speed = profile.station, profile.speed
     if station.ndim != 1 or station.shape != speed.shape or station.size < 2:
         raise InputError(f"{name}: two rows or more with a station and a speed are needed")
-    if profile.neutral is not None and profile.neutral.shape != station.shape:
-        raise InputError(f"{name}: neutral must have a value for each of its stations")
+    modes = profile.transmission_mode
+    if modes is not None and modes.shape != station.shape:
+        raise InputError(f"{name}: transmission_mode must have a value for each of its stations")
+    if modes is not None and not np.isin(modes, _PLANNED_MODES).all():
+        raise InputError(f"{name}: transmission_mode: use drive 0, neutral 1, gear g as 2 + g")
     if not profile.coast_above > 0.0:
         raise InputError(f"{name}: coast_above = {profile.coast_above:g} m/s must be above 0")
     if not (np.isfinite(station).all() and np.isfinite(speed).all()):

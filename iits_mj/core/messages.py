@@ -17,8 +17,9 @@ from dataclasses import dataclass, field, fields, make_dataclass
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from iits_mj.core.arrays import BoolArray, FloatArray
+from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import in_range
 from iits_mj.core.neighbors import Neighbors
 from iits_mj.core.vehicles import TrackedVehicle as TrackedVehicle
@@ -71,11 +72,48 @@ class XbrEbiMode(enum.IntEnum):
 
 
 class TransmissionMode(enum.IntEnum):
-    """Gear selector; drive is zero, so that an all-zero control vector is ready to drive."""
+    """Gear selector; drive is zero, so that an all-zero control vector is ready to drive.
+
+    In drive the gearbox chooses the gear. A forward gear is requested as by TC1's SPN 525; the
+    gearbox engages it while the engine can run in it, and chooses itself otherwise.
+    """
 
     DRIVE = 0
     NEUTRAL = 1
     REVERSE = 2
+    GEAR_1 = 3
+    GEAR_2 = 4
+    GEAR_3 = 5
+    GEAR_4 = 6
+    GEAR_5 = 7
+    GEAR_6 = 8
+    GEAR_7 = 9
+    GEAR_8 = 10
+    GEAR_9 = 11
+    GEAR_10 = 12
+    GEAR_11 = 13
+    GEAR_12 = 14
+    GEAR_13 = 15
+    GEAR_14 = 16
+    GEAR_15 = 17
+    GEAR_16 = 18
+    GEAR_17 = 19
+    GEAR_18 = 20
+
+    @classmethod
+    def forward(cls, gear: int) -> TransmissionMode:
+        """Returns the request for a forward gear.
+
+        Raises:
+          InputError: no such gear can be requested.
+        """
+        in_range("requested gear", gear, 1, cls.GEAR_18.gear)
+        return cls(cls.REVERSE + gear)
+
+    @property
+    def gear(self) -> int:
+        """The requested forward gear, 0 for none."""
+        return max(self - TransmissionMode.REVERSE, 0)
 
 
 class PlanMode(enum.Enum):
@@ -399,13 +437,14 @@ PROFILE_SPEED_MIN = 0.5
 class SpeedProfile:
     """Reference speed over station, both of shape (n,); [m] and [m/s].
 
-    `neutral`, (n,), is true where the truck shall roll in neutral from a station to the next one;
-    None: nowhere. Above `coast_above` [m/s] the truck coasts in gear and burns no fuel.
+    `transmission_mode`, (n,), has the `TransmissionMode` from a station to the next one: a forward
+    gear to keep, neutral to roll in, or drive; None: drive everywhere. Above `coast_above` [m/s]
+    the truck coasts in gear and burns no fuel.
     """
 
     station: FloatArray
     speed: FloatArray
-    neutral: BoolArray | None = None
+    transmission_mode: NDArray[np.int64] | None = None
     coast_above: float = math.inf
 
     def at(self, station: float) -> float:
@@ -413,7 +452,7 @@ class SpeedProfile:
         return float(np.interp(station, self.station, self.speed))
 
     def capped(self, speed_max: float) -> SpeedProfile:
-        """Returns the profile limited to `speed_max` [m/s], without rolling in neutral.
+        """Returns the profile limited to `speed_max` [m/s], with the gearbox's own gears.
 
         An infinite `speed_max` changes nothing.
         """
@@ -422,11 +461,12 @@ class SpeedProfile:
         speed = np.minimum(self.speed, speed_max)
         return SpeedProfile(self.station, speed, coast_above=self.coast_above)
 
-    def neutral_at(self, station: float) -> bool:
-        """Returns whether the truck shall roll in neutral at a station [m]."""
-        if self.neutral is None or not self.station[0] <= station < self.station[-1]:
-            return False
-        return bool(self.neutral[int(self.station.searchsorted(station, "right")) - 1])
+    def mode_at(self, station: float) -> TransmissionMode:
+        """Returns the planned mode at a station [m], drive beyond both ends."""
+        modes = self.transmission_mode
+        if modes is None or not self.station[0] <= station < self.station[-1]:
+            return TransmissionMode.DRIVE
+        return TransmissionMode(modes[int(self.station.searchsorted(station, "right")) - 1])
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,14 +43,12 @@ _CONTROLLERS = {
     _TRANSMISSION: network.TRANSMISSION,
     **dict.fromkeys((_BRAKES, _ASR, _ABS), network.BRAKES),
 }
-# SPN 162 and 163: two characters; a single letter follows a blank.
+# SPN 162 and 163: two characters, a single one follows a blank; a requested gear is its number.
 _RANGES: dict[int, float] = {
-    mode: float(int.from_bytes(f" {letter}".encode(), "little"))
-    for mode, letter in (
-        (TransmissionMode.DRIVE, "D"),
-        (TransmissionMode.NEUTRAL, "N"),
-        (TransmissionMode.REVERSE, "R"),
+    mode: float(
+        int.from_bytes((str(mode.gear) if mode.gear else mode.name[0]).rjust(2).encode(), "little")
     )
+    for mode in TransmissionMode
 }
 # Quantities that a real truck sends in place of those of our own messages, the preferred one first.
 _SUBSTITUTES = {

@@ -17,7 +17,7 @@ constexpr int kRefinements = 8;  // of the end speed between two nodes of the gr
 // Numbers of the problem; `gears` counts the gears and, as the last, neutral if `neutral` is not 0.
 struct Setup {
   double intervals, step, inertia, half_drag, brake, calm, states, gears, neutral;
-  double speeds, speed_first, speed_step, loads, shift_time, idle_rate, short_price;
+  double speeds, speed_first, speed_step, loads, shift_time, idle_rate, short_price, lost_time;
 };
 
 // The problem's arrays: over the intervals slope force and price of a second (n), bounds of v^2 at
@@ -94,13 +94,26 @@ class Program {
     return c;
   }
 
+  // v^2 that the pull lost in a change into a gear costs at full load, from b to c.
+  double Lost(int gear, double b, double c) const {
+    if (Neutral(gear) || s_.lost_time <= 0.0) return 0.0;
+    const double speed = 0.5 * (std::sqrt(b) + std::sqrt(c));
+    return 2.0 / s_.inertia * At(a_.full, gear, Find(speed)) * speed * s_.lost_time;
+  }
+
   // Least cost from v^2 = b at node k in a gear to the end, and the best v^2 at node k + 1.
   //
-  // `next` has the values of node k + 1 for this gear; `refine` searches between the states too.
-  double Best(int k, int gear, double b, const double* next, bool refine, double* end) const {
+  // `next` has the values of node k + 1 for this gear; `refine` searches between the states too;
+  // `changed`: the gear has just been engaged.
+  double Best(int k, int gear, double b, const double* next, bool refine, double* end,
+              bool changed = false) const {
     const double low = a_.low[k + 1], high = a_.high[k + 1];
-    const double slowest = End(k, gear, b, false), fastest = End(k, gear, b, true);
+    double slowest = End(k, gear, b, false), fastest = End(k, gear, b, true);
     if (slowest < 0.0 || fastest < 0.0) return kInfinity;
+    if (changed) {
+      fastest = std::max(fastest - Lost(gear, b, fastest), 1.0);
+      slowest = std::min(slowest, fastest);
+    }
     double best = kInfinity;
     const auto offer = [&](double c, double fine) {
       const double cost = Cost(k, gear, b, c) + fine + Value(next, k + 1, c);
@@ -135,6 +148,14 @@ class Program {
       }
     }
     return best;
+  }
+
+  // Whether a gear that was in use before interval k allows a greater v^2 at its end than one that
+  // has just been engaged, and c is such a one.
+  bool NeedsPull(int k, int gear, double b, double c) const {
+    if (s_.lost_time <= 0.0 || Neutral(gear)) return false;
+    const double fastest = End(k, gear, b, true);
+    return c > fastest - Lost(gear, b, fastest);
   }
 
   // Cost of a change of gear before interval k.
@@ -194,17 +215,23 @@ IITS_KERNEL void iits_joint_values(const double* setup, const double* const* arr
                                    double* values) {
   const Program p(*reinterpret_cast<const Setup*>(setup), *reinterpret_cast<const Arrays*>(arrays));
   const int states = p.states(), gears = p.gears(), table = gears * states;
-  std::vector<double> onward(gears);
+  std::vector<double> onward(gears), changed(gears);
   for (int k = p.intervals() - 1; k >= 0; --k) {
     const double* next = values + (k + 1) * table;
     double *here = values + k * table, end = 0.0;
     for (int j = 0; j < states; ++j) {
       const double b = p.State(k, j);
-      for (int g = 0; g < gears; ++g) onward[g] = p.Best(k, g, b, next + g * states, false, &end);
+      for (int g = 0; g < gears; ++g) {
+        const double* then = next + g * states;
+        changed[g] = onward[g] = p.Best(k, g, b, then, false, &end);
+        if (onward[g] < kInfinity && p.NeedsPull(k, g, b, end)) {
+          changed[g] = p.Best(k, g, b, then, false, &end, true);
+        }
+      }
       for (int from = 0; from < gears; ++from) {
         double best = kInfinity;
         for (int to = 0; to < gears; ++to) {
-          best = std::min(best, onward[to] + p.Change(k, from, to));
+          best = std::min(best, (from == to ? onward : changed)[to] + p.Change(k, from, to));
         }
         here[from * states + j] = best;
       }
@@ -263,7 +290,8 @@ IITS_KERNEL void iits_joint_drive(const double* setup, const double* const* arra
     int chosen = now;
     for (int g = 0; g < gears; ++g) {
       double c = b[k];
-      const double cost = p.Best(k, g, b[k], next + g * states, true, &c) + p.Change(k, now, g);
+      const double cost =
+          p.Best(k, g, b[k], next + g * states, true, &c, g != now) + p.Change(k, now, g);
       if (cost < best) best = cost, end = c, chosen = g;
     }
     b[k + 1] = end;

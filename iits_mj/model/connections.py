@@ -5,6 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 
+from iits_mj.core.messages import TransmissionMode
 from iits_mj.core.units import GRAVITY
 from iits_mj.model import air_brake, powertrain
 from iits_mj.model.attributes import plugin_attributes, text
@@ -168,7 +169,7 @@ def add_actuators(root: ET.Element, p: TruckParameters) -> None:
         ("steering_wheel_angle", "steering", "steering_linkage", (-angle, angle)),
         ("parking_brake", "air_brake", "propeller_shaft", (0, 1)),
         ("engine_brake", "powertrain", "propeller_shaft", (0, 1)),
-        ("transmission_mode", "powertrain", "propeller_shaft", (0, 2)),
+        ("transmission_mode", "powertrain", "propeller_shaft", (0, TransmissionMode.GEAR_18)),
         ("retarder", "powertrain", "propeller_shaft", (0, 1)),
         ("brake_pedal", "air_brake", "propeller_shaft", (0, 1)),
         ("xbr_ebi_mode", "air_brake", "propeller_shaft", (0, 2)),

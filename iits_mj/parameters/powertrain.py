@@ -151,6 +151,31 @@ class Engine:
         most = int(np.argmax(self.full_load_torque))
         return float(self.full_load_speed[most]), 0.5 * float(self.full_load_torque[most])
 
+    def full_pedal_torque(self, speed: FloatArray) -> FloatArray:
+        """Returns the torques [N m] at full pedal and engine speeds [rad/s], same shape.
+
+        The pedal map may ask for less than the full load.
+        """
+        full = np.interp(speed, self.full_load_speed, self.full_load_torque)
+        pedal = self.completed().pedal_map
+        return np.asarray(np.minimum(full, np.interp(speed, pedal.rows, pedal.values[:, -1])))
+
+    def lost_pull(self, pause: float) -> float:
+        """Returns the time [s] whose full pull a pause of the combustion [s] costs, with itself.
+
+        Afterwards the torque comes back as fast as the turbocharger's charge: the integral of the
+        plugin's law, from and to the greatest torque.
+        """
+        torque = self.full_pedal_torque(self.full_load_speed)
+        most = int(np.argmax(torque))
+        drag = np.interp(self.full_load_speed[most], self.drag_speed, self.drag_torque)
+        full = float(torque[most] + drag)
+        left = max(full - pause * self.torque_fall_rate_low, min(self.torque_rise_threshold, full))
+        gap, last = full - left, self.torque_rise_rate * self.spool_time
+        deficit = self.boost_lag * gap + self.spool_time * max(gap - last, 0.0)
+        deficit += 0.5 * min(gap, last) ** 2 / self.torque_rise_rate
+        return pause + (deficit + 0.5 * left**2 / self.torque_rise_rate_low) / full
+
     @property
     def full_load_power(self) -> float:
         """Greatest power of the full-load curve [W]."""

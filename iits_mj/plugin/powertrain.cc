@@ -3,6 +3,7 @@
 // final_drive / n), and optionally `engine_brake`, `retarder` and `transmission_mode` (force: 0).
 #include "plugin/laws/powertrain.h"
 
+#include <algorithm>
 #include <cstddef>
 #include <string>
 #include <utility>
@@ -57,6 +58,7 @@ const struct {
 // One sensor for several signals from gear_engaged on, because each sensor costs time in MuJoCo.
 const char* const kReport = "powertrain_report";
 const char* const kAnchor = "accelerator_pedal";
+constexpr double kLastMode = 20;  // request for gear 18
 constexpr int kReportSize = 5;
 constexpr int kReportPlace = offsetof(Output, gear_engaged) / sizeof(mjtNum);
 static_assert(offsetof(Output, engine_load_percent) - offsetof(Output, gear_engaged) ==
@@ -423,8 +425,10 @@ void PowertrainPlugin::Actuator(const mjModel* m, mjData* d, State* s) const {
   controls.levers = {Control(m, d, pedal_, 0, 1), Control(m, d, engine_brake_, 0, 1),
                      Control(m, d, retarder_lever_, 0, 1)};
   // Rounded; std::lround is a function call.
-  const int mode = static_cast<int>(Control(m, d, mode_, 0, 2) + 0.5);
-  controls.mode = static_cast<GearboxInput<double>::Mode>(mode);
+  using Input = GearboxInput<double>;
+  const int mode = static_cast<int>(Control(m, d, mode_, 0, kLastMode) + 0.5);
+  controls.requested_gear = std::max(mode - Input::kReverse, 0);
+  controls.mode = controls.requested_gear ? Input::kDrive : static_cast<Input::Mode>(mode);
   controls.demand = ReadPartner<EnduranceDemand<double>>(m, d, air_brake_);
   // Mass of the kinematic tree of the first driven wheel. Read in every step: the masses may
   // change, and in rollouts several models share one plugin object.

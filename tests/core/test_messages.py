@@ -6,7 +6,8 @@ import pickle
 
 import pytest
 
-from iits_mj.core.messages import EgoState, VehicleCommand, positional
+from iits_mj.core.errors import InputError
+from iits_mj.core.messages import EgoState, TransmissionMode, VehicleCommand, positional
 
 
 def values(message):
@@ -30,3 +31,11 @@ def test_a_message_from_values_in_order_is_like_any_other(message):
 def test_a_message_needs_all_values():
     with pytest.raises(TypeError, match="missing 1 required positional argument"):
         positional(EgoState)(*values(EgoState())[:-1])
+
+
+def test_forward_gears_are_requests_of_the_selector():
+    assert [TransmissionMode.forward(gear).gear for gear in (1, 12, 18)] == [1, 12, 18]
+    assert [mode.gear for mode in TransmissionMode][:3] == [0, 0, 0]
+    for gear in (0, 19):
+        with pytest.raises(InputError, match="requested gear"):
+            TransmissionMode.forward(gear)

@@ -237,7 +237,7 @@ def test_an_invalid_field_is_rejected(unit, first, length, raw, reason):
 def test_an_undefined_selector_position_is_rejected():
     receiver = driven()
     good = frame_of("IITS_COMMAND", OTHER, 4, 0.04)
-    assert not receiver.receive(edited("IITS_COMMAND", good, 20, 2, 3))
+    assert not receiver.receive(edited("IITS_COMMAND", good, 32, 6, 21))
     assert sum(receiver.rejected.values()) == 1
     assert receiver.command(0.04).transmission_mode is TransmissionMode.DRIVE
 

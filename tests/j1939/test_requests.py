@@ -87,7 +87,7 @@ def test_the_drivers_controls_are_read_within_their_ranges():
     for mode in TransmissionMode:
         assert body(selector=mode.value).transmission_mode is mode
     wrongs = (
-        *({"steering": 2}, {"parking": 2}, {"parking": -1}, {"selector": 3}, {"selector": -1}),
+        *({"steering": 2}, {"parking": 2}, {"parking": -1}, {"selector": 21}, {"selector": -1}),
         *({"pedal": 100.4}, {"pedal": -0.4}, {"angle": 3.01}, {"angle": -3.01}),
     )
     for wrong in wrongs:

@@ -5,7 +5,7 @@ from collections import Counter
 import pytest
 
 from iits_mj.core.errors import BusError, InputError
-from iits_mj.core.messages import EgoState, TruckReport, VehicleCommand, XbrMode
+from iits_mj.core.messages import EgoState, TransmissionMode, TruckReport, VehicleCommand, XbrMode
 from iits_mj.j1939 import (
     CommandReceiver,
     CommandSender,
@@ -204,7 +204,21 @@ def test_a_controller_address_must_be_valid(source):
 
 
 def test_undefined_codes_are_sent_as_not_available():
-    report = TruckReport(transmission_mode=7.0, xbr_mode=9.0, xbr_active=1.0, gear_engaged=99.0)
+    report = TruckReport(transmission_mode=21.0, xbr_mode=9.0, xbr_active=1.0, gear_engaged=99.0)
     groups = {d.name: d.group for d in map(decode, state_to_frames(EgoState(), report))}
     assert groups["ETC2"].requested_range is Status.NOT_AVAILABLE
     assert groups["EBC5"].xbr_active_control_mode == 0.0
+
+
+@pytest.mark.parametrize(
+    ("mode", "text"),
+    [
+        (TransmissionMode.DRIVE, " D"),
+        (TransmissionMode.forward(7), " 7"),
+        (TransmissionMode.forward(12), "12"),
+    ],
+)
+def test_requested_range_is_the_selectors_letter_or_the_requested_gear(mode, text):
+    report = TruckReport(transmission_mode=mode)
+    groups = {d.name: d.group for d in map(decode, state_to_frames(EgoState(), report))}
+    assert int(groups["ETC2"].requested_range).to_bytes(2, "little").decode() == text

@@ -27,6 +27,21 @@ def test_engine_and_gearbox_tables_are_in_si_units():
     assert (np.diff(p.air_brake.demand) > 0).all()
 
 
+def test_torque_at_full_pedal_is_the_lesser_of_full_load_and_pedal_map():
+    engine = TruckParameters.load().engine
+    speed = np.linspace(60.0, 200.0, 30)
+    full = np.interp(speed, engine.full_load_speed, engine.full_load_torque)
+    asked = np.interp(speed, engine.pedal_map.rows, engine.pedal_map.values[:, -1])
+    torque = engine.full_pedal_torque(speed)
+    np.testing.assert_array_equal(torque, np.minimum(full, asked))
+    assert (torque < 0.95 * full).any()
+    assert (torque == full).any()
+    # Without its own map the pedal gives the full load.
+    plain = TruckParameters.load("vecto_40t").engine
+    full = np.interp(speed, plain.full_load_speed, plain.full_load_torque)
+    np.testing.assert_allclose(plain.full_pedal_torque(speed), full, rtol=1e-9)
+
+
 def test_combination_weighs_19_t_empty_and_55_t_laden():
     p = TruckParameters.load()
     assert p.gross_mass(0) == 19_000

@@ -150,7 +150,7 @@ void Drive(const char* strategy, double mass_now) {
   PowertrainState<T> state = {};
   T shaft_speed = 0;
   for (int i = 0; i < 20000; ++i) {
-    PowertrainControls<T> controls = {{0.8, 0, 0}, GearboxInput<T>::kDrive, {}, mass};
+    PowertrainControls<T> controls = {{0.8, 0, 0}, GearboxInput<T>::kDrive, {}, mass, 0};
     if (i >= 15000) controls.levers = {0, 1, 0.5};
     powertrain.Step(controls, shaft_speed, h, &state);
     shaft_speed += h * state.next.shaft_torque / powertrain.gearbox.gears.VehicleInertia(mass);

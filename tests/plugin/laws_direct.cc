@@ -82,8 +82,17 @@ WheelBrake<double> Wheel(int circuit) {
 // `input` is a GearboxInput from the pedal on, without clutch_open, which comes last; of the engine
 // it has the speed.
 GearboxInput<double> InputOf(const double* input) {
-  return {GearboxInput<double>::kDrive, input[0],      input[1], input[2], input[3],
-          {input[4], 0, 0, 0, 0, 0},    input[8] != 0, input[5], input[6], input[7]};
+  return {GearboxInput<double>::kDrive,
+          input[0],
+          input[1],
+          input[2],
+          input[3],
+          {input[4], 0, 0, 0, 0, 0},
+          input[8] != 0,
+          input[5],
+          input[6],
+          input[7],
+          0};
 }
 
 // Calls `f` with the situation in `gear`; `state` is a GearboxState.
@@ -437,7 +446,8 @@ double drive(int adaptive, const double* controls, double seconds, double shaft_
   const PowertrainControls<double> c = {{controls[0], controls[1], controls[2]},
                                         static_cast<GearboxInput<double>::Mode>(controls[3]),
                                         {controls[4], controls[5], 0, 0},
-                                        controls[6]};
+                                        controls[6],
+                                        0};
   const double radius = p.gearbox.gears.meters_per_radian;
   PowertrainState<double> s = Read<PowertrainState<double>>(state);
   const int steps = static_cast<int>(seconds / h + 0.5), every = static_cast<int>(0.1 / h + 0.5);

@@ -8,6 +8,7 @@ import pytest
 
 import iits_mj
 from iits_mj.core.errors import InputError
+from iits_mj.core.messages import TransmissionMode
 from iits_mj.parameters import TruckParameters
 from tests.plugin.driveline_rig import CONTROLS, PARAMETERS, Case, constant, drive, shifts
 from tests.plugin.vehicle_sled import KMH, Sled, sled_xml
@@ -156,6 +157,54 @@ def test_truck_rolls_in_neutral_and_drive_engages_a_matching_gear():
     rolling = run["propeller_shaft_speed"][0, 1400]
     assert GEARBOX.ratios[int(gear[1400]) - 1] * rolling > 1.5 * ENGINE.idle_speed
     assert run["propeller_shaft_torque"][0, 1400:].max() > 1000
+
+
+def test_requested_gear_is_engaged_in_one_change_and_kept_until_the_request_ends():
+    modes = CONTROLS.index("transmission_mode")
+    controls = constant(1, 24.0, [0.6])
+    controls[:, 800:3200, modes] = TransmissionMode.forward(9)
+    controls[:, 3200:, modes] = TransmissionMode.DRIVE
+    run = drive([Case(LIGHT, 0.0, 55 * KMH)], controls)
+    gear = run["gear"][0]
+    assert [after for time, _, after in shifts(gear) if 4.0 <= time < 16.0] == [9]
+    assert np.all(gear[1000:3200] == 9)
+    assert gear[-1] > 9
+
+
+def test_change_at_full_pedal_loses_the_pull_that_plans_expect():
+    controls = constant(1, 36.0, [1.0])
+    modes = CONTROLS.index("transmission_mode")
+    controls[:, :3200, modes], controls[:, 3200:, modes] = (
+        TransmissionMode.forward(g) for g in (10, 9)
+    )
+    run = drive([Case(HEAVY, 0.025, 55 * KMH)], controls)
+    assert [row[1:] for row in shifts(run["gear"][0]) if row[0] > 6.0] == [(10, 9)]
+    torque, turns = run["engine_torque"][0, 3200:], run["engine_speed"][0, 3200:]
+    # In the new gear; the free engine has no torque.
+    full = ENGINE.full_pedal_torque(turns)
+    lost = 0.005 * float(np.sum(1.0 - torque / full))
+    pause = GEARBOX.shift_cut_time + GEARBOX.synchronization_time + GEARBOX.clutch_close_time
+    assert lost == pytest.approx(ENGINE.lost_pull(pause), rel=0.15)
+
+
+@pytest.mark.parametrize(("gear", "speed"), [(12, 30.0), (3, 70.0), (18, 60.0)])
+def test_gear_in_which_the_engine_cannot_run_is_not_engaged(gear, speed):
+    controls = constant(2, 6.0, [0.3, 0.3])
+    controls[0, :, CONTROLS.index("transmission_mode")] = TransmissionMode.forward(gear)
+    run = drive(2 * [Case(LIGHT, 0.0, speed * KMH)], controls)
+    assert np.array_equal(run["gear"][0], run["gear"][1])
+    assert np.array_equal(run["engine_torque"][0], run["engine_torque"][1])
+
+
+def test_truck_that_stops_in_a_requested_gear_leaves_it_and_starts_again():
+    controls = constant(1, 90.0, [0.0])
+    controls[:, :, CONTROLS.index("transmission_mode")] = TransmissionMode.forward(12)
+    controls[:, 6000:, 0] = 1.0
+    run = drive([Case(LIGHT, 0.05, 80 * KMH)], controls)
+    assert run["engine_speed"][0].min() > 0.85 * ENGINE.idle_speed
+    assert np.all(run["gear"][0, :600] == 12)
+    assert run["gear"][0].min() < 6
+    assert run["gear"][0, -1] == 12
 
 
 def test_reverse_is_engaged_at_walking_pace_only_and_drives_backward():

@@ -81,7 +81,7 @@ struct Gearbox {
     } else {
       const ShiftSituation<T> now = {strategy, gears, engine, in, *s, gear};
       s->low_time = strategy.LowTime(now, h);
-      choice = strategy.Choose(now, h);
+      choice = strategy.Grants(now) ? strategy.Requested(now) : strategy.Choose(now, h);
     }
     s->target = choice.gear;
     if (choice.gear == gear) return;
@@ -111,7 +111,7 @@ struct Gearbox {
     // The shaft swings when the torque of a low gear ends: an upshift goes by its filtered speed.
     const T speed_now = s->direction > 0 ? s->shaft_speed : in.shaft_speed;
     const T closed = speed_now + (skips ? left : close_time) * s->acceleration;
-    if (drive && s->direction < 0) {
+    if (drive && s->direction < 0 && s->target != in.requested_gear) {
       s->target =
           strategy.Correct({strategy, gears, engine, in, *s, gears.Gear(s->target), left, 0, true});
     }

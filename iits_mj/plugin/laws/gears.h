@@ -34,7 +34,11 @@ struct GearboxState {
 
 template <class T>
 struct GearboxInput {
-  enum Mode { kDrive = 0, kNeutral = 1, kReverse = 2 };
+  enum Mode {
+    kDrive = 0,
+    kNeutral = 1,
+    kReverse = 2
+  };  // then drive with a request: gear 1, 2, ...
   Mode mode;
   T pedal, engine_brake;        // commands to the engine, 0 to 1
   T shaft_speed, shaft_torque;  // propeller shaft [rad/s], [N m]
@@ -42,6 +46,7 @@ struct GearboxInput {
   bool clutch_open;
   T mass;                               // of the vehicle at present [kg]
   T driver_pedal, driver_engine_brake;  // the driver's positions, 0 to 1
+  int requested_gear;                   // 1 to n, 0 for an automatic choice
 };
 
 template <class T>

@@ -66,7 +66,8 @@ struct PowertrainControls {
   EnduranceLevers<T> levers;
   typename GearboxInput<T>::Mode mode;
   EnduranceDemand<T> demand;
-  T mass;  // of the vehicle [kg]
+  T mass;              // of the vehicle [kg]
+  int requested_gear;  // 1 to n, 0 for an automatic choice
 };
 
 template <class T>
@@ -106,7 +107,8 @@ struct Powertrain {
                                    core->driveline.engagement <= 0,
                                    controls.mass,
                                    controls.levers.pedal,
-                                   controls.levers.engine_brake};
+                                   controls.levers.engine_brake,
+                                   controls.requested_gear};
     gearbox.Update(engine, input, h, &core->gearbox);
     Request request = gearbox.Request(engine, input, core->gearbox);
     request.limited = core->held_back > 0;

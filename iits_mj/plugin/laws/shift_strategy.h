@@ -52,6 +52,22 @@ struct ShiftStrategy : ShiftParameters<T> {
     return {lower, lower != gear && now.in.pedal > pedal_up};
   }
 
+  // Whether in the requested gear the engine turns above its lowest speed with the pedal released,
+  // and below the governor's limit.
+  static bool Grants(const Situation& now) {
+    const int wanted = now.in.requested_gear;
+    if (wanted < 1 || wanted > now.gears.count()) return false;
+    const T speed = now.gears.Ratio(wanted) * now.in.shaft_speed;
+    return speed > now.p.LowSpeed(now.engine, 0) &&
+           speed < now.p.overspeed * now.engine.governed_speed;
+  }
+
+  // The requested gear, once the present one has been engaged for its least time.
+  static Choice Requested(const Situation& now) {
+    const bool may_change = now.state.gear_time >= now.p.min_gear_time;
+    return {may_change ? now.in.requested_gear : now.gear, false};
+  }
+
   // Gear to engage in a downshift under way: the load may rise meanwhile, as on the foot of a
   // climb. Then it is the lower gear that still holds the load. Where a change costs little, the
   // gear stays: the wheels' slip vanishes with the torque, and that looks like a load.

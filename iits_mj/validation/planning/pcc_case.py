@@ -114,10 +114,11 @@ def with_rolling(parameters: TruckParameters, coefficient: float) -> TruckParame
 
 
 def with_power(parameters: TruckParameters, share: float) -> TruckParameters:
-    """Returns the truck with a share of its full-load torque and the same drag and fuel map."""
+    """Returns the truck with a share of its torque at full pedal and the same drag and fuel map."""
     engine = parameters.engine
-    torque = engine.full_load_torque * share
-    return replace(parameters, engine=replace(engine, full_load_torque=torque))
+    pedal = replace(engine.pedal_map, values=share * engine.pedal_map.values)
+    weaker = replace(engine, full_load_torque=share * engine.full_load_torque, pedal_map=pedal)
+    return replace(parameters, engine=weaker)
 
 
 def scaled_heights(road: RoadProfile, factor: float) -> RoadProfile:

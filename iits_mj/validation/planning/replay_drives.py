@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from controllers.pcc.fuel import FuelMap
-from controllers.pcc.joint import NEUTRAL, GearTables, JointPlan, JointTask, plan_in_time
+from controllers.pcc.joint import GearTables, JointPlan, JointTask, plan_in_time
 from controllers.pcc.planner import Drive, PccConfig, evaluate, make_vehicle
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.schedule import Schedule, bounds_of, make_schedule
@@ -37,7 +37,7 @@ from controllers.pcc.vehicle import (
 )
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError, PlanningError
-from iits_mj.core.messages import SpeedProfile
+from iits_mj.core.messages import SpeedProfile, TransmissionMode
 from iits_mj.core.timing import CONTROL_PERIOD, TIMESTEP
 from iits_mj.parameters import TruckParameters
 from iits_mj.road import Route
@@ -236,15 +236,14 @@ def run(
             arrival=budget,
             end_speed=cruise.end_speed,
         )
-        gears = None
+        gears, pulling = None, vehicle
         if case.joint:
-            share = vehicle.power_max / strongest.power_max
-            gears = plan_with_gears(case, vehicle, share, schedule, budget)
+            gears, pulling = plan_with_gears(case, strongest, schedule, budget), strongest
             clock = passing_times(gears.speed, case.road)
             schedule = dataclasses.replace(schedule, speed=gears.speed, clock=clock)
-        profile = reference_profile(case, vehicle, schedule, strongest)
+        profile = reference_profile(case, pulling, schedule, strongest)
         if gears is not None:
-            profile = with_neutral(case, profile, gears)
+            profile = with_modes(case, profile, gears)
         plan = MeasuredDrive.of(_driven(case, profile, folder), case)
         if best is None or abs(plan.time - cruise.time) < abs(best[1].time - cruise.time):
             best = schedule, plan, gears
@@ -278,39 +277,37 @@ def run_ahead(
     return run(ahead, folder, drives, known)
 
 
-def joint_task(
-    case: ReplayCase, vehicle: PointMass, share: float, ends: tuple[float, float]
-) -> JointTask:
+def joint_task(case: ReplayCase, vehicle: PointMass, ends: tuple[float, float]) -> JointTask:
     """Returns the task of speed and gear of a case.
 
     Args:
       case: with the road and the band.
-      vehicle: the planner's point mass.
-      share: of the full-load torque that plans use.
+      vehicle: the planner's point mass, with the engine's greatest power.
       ends: speeds at both ends [m/s].
     """
     bounds = bounds_of(vehicle, case.road, ends[0], case.config)
     b_low, b_high = bounds.low.copy(), bounds.high.copy()
     b_low[-1] = b_high[-1] = min(ends[1] ** 2, float(bounds.fastest[-1]) ** 2)
     low, high = math.sqrt(b_low.min()), math.sqrt(b_high.max())
-    tables = GearTables.of(case.parameters(), low, high, power_share=share)
+    tables = GearTables.of(case.parameters(), low, high, slows=True)
     return JointTask(vehicle, case.road, tables, b_low, b_high)
 
 
 def plan_with_gears(
-    case: ReplayCase, vehicle: PointMass, share: float, schedule: Schedule, budget: float
+    case: ReplayCase, vehicle: PointMass, schedule: Schedule, budget: float
 ) -> JointPlan:
     """Returns the joint plan between a schedule's end speeds, within a time [s]."""
     ends = float(schedule.speed[0]), float(schedule.speed[-1])
-    return plan_in_time(joint_task(case, vehicle, share, ends), budget)
+    return plan_in_time(joint_task(case, vehicle, ends), budget)
 
 
-def with_neutral(case: ReplayCase, profile: SpeedProfile, gears: JointPlan) -> SpeedProfile:
-    """Returns the profile with the stretches on which a joint plan rolls in neutral."""
+def with_modes(case: ReplayCase, profile: SpeedProfile, gears: JointPlan) -> SpeedProfile:
+    """Returns the profile with the gears of a joint plan, and the stretches in neutral."""
     place = (profile.station - case.first) / case.road.step + 1e-9
     interval = np.clip(np.floor(place).astype(int), 0, case.road.intervals - 1)
     within = (place >= 0.0) & (place < case.road.intervals)
-    return dataclasses.replace(profile, neutral=within & (gears.gear[interval] == NEUTRAL))
+    modes = np.where(within, gears.transmission_mode[interval], TransmissionMode.DRIVE)
+    return dataclasses.replace(profile, transmission_mode=modes)
 
 
 def _at_mean_speed(
@@ -512,8 +509,8 @@ def _file_name(case: ReplayCase, profile: SpeedProfile | None) -> str:
         digest.update(repr(case.top).encode())
     else:
         digest.update(profile.station.tobytes() + profile.speed.tobytes())
-        if profile.neutral is not None:
-            digest.update(profile.neutral.tobytes())
+        if profile.transmission_mode is not None:
+            digest.update(profile.transmission_mode.tobytes())
     kind = "cruise" if profile is None else "plan"
     plain = "".join(c if c.isalnum() else "_" for c in case.road.name)
     return f"{plain}_{kind}_{digest.hexdigest()[:12]}.npz"

@@ -19,8 +19,10 @@ from controllers.pcc.joint import (
     plan_at,
     plan_in_time,
 )
+from controllers.pcc.planner import make_vehicle
 from controllers.pcc.vehicle import durations
 from iits_mj.core.errors import InputError, PlanningError
+from iits_mj.core.messages import TransmissionMode
 from iits_mj.parameters import TruckParameters
 
 PARAMETERS = TruckParameters.load()
@@ -97,7 +99,8 @@ def test_no_plan_is_below_the_bound_and_the_bound_is_near(task, convex, joint):
         for share in (0.5, 0.8, 1.0, 1.5)
     ]
     assert max(bounds) < joint.fuel.sum()
-    assert max(bounds) > 0.998 * joint.fuel.sum()
+    finer = plan_in_time(replace(task, states=200), time)
+    assert 0.998 * finer.fuel.sum() < max(bounds) < finer.fuel.sum()
     # Any price gives a bound: drives at random speeds of this time or less burn more.
     rng = np.random.default_rng(1)
     for _ in range(50):
@@ -172,6 +175,34 @@ def test_a_horizon_with_the_values_at_its_end_repeats_the_whole_plan(task):
     begun = joint_drive(part, joint_values(part, values[40]))
     assert begun.speed == pytest.approx(whole.speed[:41], abs=1e-9)
     assert (begun.gear == whole.gear[:40]).all()
+
+
+def test_change_of_gear_at_full_load_costs_the_speed_of_the_lost_pull():
+    road = RoadProfile(50.0 * np.arange(5), 0.04 * 50.0 * np.arange(5), np.full(5, np.inf), "climb")
+    vehicle = make_vehicle(PARAMETERS, FuelMap(PARAMETERS), 55_000.0, PccConfig())
+    tables = GearTables.of(PARAMETERS, 8.0, 26.0, neutral=False, slows=True)
+    assert tables.lost_time == PARAMETERS.engine.lost_pull(tables.change_time)
+    low, high = np.full(5, 10.0**2), np.full(5, 25.0**2)
+    low[0] = high[0] = 17.0**2
+    # Time is worth so much that the plan pulls with all it has; only the tenth gear is there.
+    place = tables.gears.index(10)
+    others = np.arange(len(tables.gears)) != place
+    full = np.where(others[:, None], np.nan, tables.full)
+    dear = JointTask(vehicle, road, replace(tables, full=full), low, high, 1.0, states=400)
+    kept, changed = (joint_drive(dear, joint_values(dear), gear) for gear in (10, 11))
+    assert set(kept.gear) == set(changed.gear) == {10}
+    force = np.interp(17.0, tables.speed, tables.full[place])
+    slower = force * tables.lost_time / vehicle.inertial_mass
+    assert kept.speed[1] - changed.speed[1] == pytest.approx(slower, rel=0.06)
+    free = replace(dear, tables=replace(dear.tables, lost_time=0.0))
+    assert joint_drive(free, joint_values(free), 11).speed[1] == pytest.approx(kept.speed[1])
+
+
+def test_requests_of_a_plan_are_gears_and_neutral(joint):
+    plan = replace(joint, gear=np.array([NEUTRAL, 1, 12, 18, 19]))
+    modes = [TransmissionMode(mode) for mode in plan.transmission_mode]
+    gears = [TransmissionMode.forward(gear) for gear in (1, 12, 18)]
+    assert modes == [TransmissionMode.NEUTRAL, *gears, TransmissionMode.DRIVE]
 
 
 def test_truck_with_loss_maps_drags_in_neutral_and_the_shipped_one_does_not():

@@ -364,7 +364,7 @@ def test_greatest_power_does_not_depend_on_the_band():
         for low, high in ((1.1, 25.0), (12.5, 25.0), (18.0, 38.0))
     ]
     assert powers[0] == powers[1] == powers[2]
-    given = fuel_map.power_max(np.linspace(2.5, 40.0, 1000))
+    given = fuel_map.power_max(np.linspace(2.5, 40.0, 20_000))
     assert given.min() == pytest.approx(powers[0], rel=1e-4)
     assert powers[0] > 0.85 * given.max()
 

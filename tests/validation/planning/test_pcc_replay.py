@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from controllers.pcc.fuel import FuelMap
-from controllers.pcc.joint import NEUTRAL
 from controllers.pcc.planner import evaluate, make_vehicle
 from controllers.pcc.profile import RoadProfile
 from controllers.pcc.schedule import make_schedule
 from controllers.pcc.vehicle import cruise
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import SpeedProfile
+from iits_mj.core.messages import SpeedProfile, TransmissionMode
 from iits_mj.validation.harness.config import PAPER_ROAD, ValidateConfig
 from iits_mj.validation.planning import replay_drives
 from iits_mj.validation.planning.closed_loop import COLUMNS, Record
@@ -33,7 +32,7 @@ from iits_mj.validation.planning.replay_drives import (
     reference_profile,
     set_speed,
     with_all_power,
-    with_neutral,
+    with_modes,
     with_power_of,
 )
 
@@ -304,16 +303,18 @@ def test_the_papers_saving_must_be_reached_at_its_set_and_at_its_mean_speed(tmp_
     assert not any(case.config.rolls for case in must)
 
 
-def test_every_road_is_driven_with_both_cruises_and_one_with_eco_roll_planned():
+def test_every_road_is_driven_with_both_cruises_and_with_gears_planned():
     cases = full_cases(ValidateConfig())
-    assert [(case.config.rolls, case.joint) for case in cases] == [(True, False), (False, False)]
+    kinds = [(case.config.rolls, case.joint) for case in cases]
+    assert kinds == [(True, False), (False, False), (True, True)]
     assert [title(case).rsplit(", ", 1)[1] for case in cases] == [
         "rolling cruise",
         "braking cruise",
+        "gears planned",
     ]
 
 
-def test_joint_plan_of_a_case_has_its_ends_and_its_stretches_in_neutral():
+def test_joint_plan_of_a_case_has_its_ends_gears_and_stretches_in_neutral():
     station = np.arange(0.0, 4_001.0, 50.0)
     height = 20.0 * np.cos(2.0 * np.pi * station / 4_000.0)
     road = RoadProfile.from_heights(station, height, 50.0)
@@ -321,13 +322,16 @@ def test_joint_plan_of_a_case_has_its_ends_and_its_stretches_in_neutral():
     parameters = case.parameters()
     vehicle = make_vehicle(parameters, FuelMap(parameters), 55_000.0, case.config)
     schedule = make_schedule(vehicle, road, case.config, 20.0, 0.0, arrival=190.0, end_speed=20.0)
-    gears = plan_with_gears(case, vehicle, 1.0, schedule, 190.0)
+    gears = plan_with_gears(case, vehicle, schedule, 190.0)
     assert gears.speed[[0, -1]] == pytest.approx(schedule.speed[[0, -1]])
     assert gears.time <= 190.0
     profile = SpeedProfile(case.first + np.arange(-50.0, 4_100.0, 10.0), np.full(415, 20.0))
-    neutral = with_neutral(case, profile, gears).neutral
-    assert neutral.sum() == 5 * np.count_nonzero(gears.gear == NEUTRAL)
-    assert not neutral[:5].any()
+    modes = with_modes(case, profile, gears).transmission_mode
+    for gear in set(gears.gear):
+        mode = TransmissionMode.forward(gear) if gear else TransmissionMode.NEUTRAL
+        assert np.count_nonzero(modes == mode) == 5 * np.count_nonzero(gears.gear == gear)
+    assert not modes[:5].any()
+    assert not modes[-10:].any()
 
 
 def test_papers_road_without_its_file_is_left_out():

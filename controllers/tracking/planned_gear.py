@@ -1,0 +1,49 @@
+"""The gear of a speed plan: the truck keeps a forward gear, or rolls in neutral (eco-roll).
+
+On a J1939 truck, TC1 (PGN 256) carries the request as its requested gear (SPN 525), 0 for neutral.
+Here it is the transmission mode of the command.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from iits_mj.core.messages import (
+    EgoState,
+    PlanMode,
+    SpeedProfile,
+    Trajectory,
+    TransmissionMode,
+    VehicleCommand,
+)
+
+_SLOWEST = 8.0  # [m/s], as released systems roll on open roads only
+# From the planned speed, that ends the roll, and the request for a gear [m/s]: on a climb the truck
+# may be slower than its plan.
+_ROLL_DEVIATION, _GEAR_DEVIATION = 1.0, 3.0
+
+
+def in_planned_gear(
+    command: VehicleCommand, ego: EgoState, trajectory: Trajectory, profile: SpeedProfile
+) -> VehicleCommand:
+    """Returns a command in the gear of a profile, or the given one where that is not sensible.
+
+    The gearbox chooses the gear if the command brakes, in an emergency, at low speed, and if the
+    speed is off the planned one: then traffic or the road is not as the plan assumed. In neutral
+    there is no accelerator.
+    """
+    mode = profile.mode_at(ego.station)
+    brakes = command.xbr_demand < 0.0 or max(command.engine_brake, command.retarder) > 0.0
+    emergency = trajectory.mode is PlanMode.EMERGENCY or command.brake_pedal > 0.0
+    if mode is TransmissionMode.DRIVE or brakes or emergency or ego.speed < _SLOWEST:
+        return command
+    if mode is TransmissionMode.NEUTRAL:
+        planned = float(np.interp(ego.time, trajectory.time, trajectory.speed))
+        if abs(planned - ego.speed) > _ROLL_DEVIATION:
+            return command
+        return replace(command, accelerator_pedal=0.0, transmission_mode=mode)
+    if abs(profile.at(ego.station) - ego.speed) > _GEAR_DEVIATION:
+        return command
+    return replace(command, transmission_mode=mode)
