@@ -47,11 +47,10 @@ from iits_mj.analytic.wheel_force import input_torque, wheel_force
 from iits_mj.core.arrays import FloatArray
 from iits_mj.core.checks import in_range
 from iits_mj.core.errors import PlanningError
-from iits_mj.core.messages import TransmissionMode
+from iits_mj.core.messages import requests_of
 from iits_mj.parameters import TruckParameters
 
 NEUTRAL = 0
-_LAST_GEAR = TransmissionMode.GEAR_18.gear
 _SPEEDS, _LOADS = 60, 65  # of the tables
 _SHORT_PRICE = 0.05  # of v^2 below the least one: some thirty times its worth [kg/(m2/s2)]
 _HALVINGS = 30  # for the price of a second
@@ -240,8 +239,7 @@ class JointPlan:
     @property
     def transmission_mode(self) -> NDArray[np.int64]:
         """Request to the gearbox in each interval, (n,), see `TransmissionMode`."""
-        requests = np.where(self.gear <= _LAST_GEAR, self.gear + TransmissionMode.REVERSE, 0)
-        return np.where(self.gear == NEUTRAL, TransmissionMode.NEUTRAL, requests)
+        return requests_of(self.gear)
 
     @property
     def changes(self) -> int:

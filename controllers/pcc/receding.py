@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from controllers.pcc.fuel import FuelMap
 from controllers.pcc.joint import (
+    NEUTRAL,
     GearTables,
     JointPlan,
     JointTask,
@@ -125,7 +126,7 @@ class RecedingPlanner:
                 parameters,
                 self.config.v_min,
                 self.config.v_max,
-                slows=True,
+                power_share=self.receding.power_share,
             )
         self._gears: tuple[FloatArray, JointPlan] | None = None
 
@@ -240,7 +241,9 @@ class RecedingPlanner:
                 gear = int(last.gear[interval])
         found = joint_drive(task, joint_values(task), gear)
         self._gears = road.station, found
-        return found.speed, np.append(found.transmission_mode, TransmissionMode.DRIVE)
+        # Forward gears of a plan that is made anew every second change too often on the truck.
+        neutral = np.append(found.gear == NEUTRAL, False)
+        return found.speed, np.where(neutral, TransmissionMode.NEUTRAL, TransmissionMode.DRIVE)
 
     def _asked(self, road: RoadProfile, nodes: FloatArray) -> FloatArray:
         """Returns the speeds for the truck (n + 1,): above the plan where it takes full power.

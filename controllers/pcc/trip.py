@@ -37,10 +37,9 @@ class RecedingConfig:
       time_limit: of a solve [s]; inf for none, as in simulations, where the computer's load must
         not change the drive.
       leader: gaps to the vehicle ahead.
-      power_share: share of the engine's full power that plans of speed alone use. Gear changes
-        and the steps of the gears cost the rest: on a long 5 % climb the MuJoCo truck of 55 t
-        transmits 0.76 to 0.88 of it to the wheels. Plans with more would be late at the top of
-        every climb.
+      power_share: share of the engine's full power that plans use. Gear changes and the steps of
+        the gears cost the rest: on a long 5 % climb the MuJoCo truck of 55 t transmits 0.76 to 0.88
+        of it to the wheels. Plans with more would be late at the top of every climb.
       surplus: added to the plan's speed where the plan uses all of that power [m/s].
       resync: greatest difference between a plan's first speed and the truck's speed [m/s].
       slack: of the cruise's trip time, without a wanted arrival [1].
@@ -49,7 +48,7 @@ class RecedingConfig:
       replan_flow: change of the traffic's speed that makes a new schedule [m/s].
       replan_period: least time between two schedules [s].
       gears: whether plans on a free road choose gears and roll in neutral, see
-        `controllers.pcc.joint`.
+        `controllers.pcc.joint`; only neutral reaches the truck.
       replan_length: greatest length of a trip that gets a new schedule; longer ones take too much
         computing time [m].
     """

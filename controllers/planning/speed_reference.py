@@ -14,12 +14,19 @@ from typing import Protocol
 import numpy as np
 
 from iits_mj.core.errors import InputError
-from iits_mj.core.messages import PROFILE_SPEED_MIN, Scene, SpeedProfile, TransmissionMode
+from iits_mj.core.messages import (
+    PROFILE_SPEED_MIN,
+    Scene,
+    SpeedProfile,
+    TransmissionMode,
+    requests_of,
+)
 from iits_mj.core.neighbors import Neighbor
-from iits_mj.core.tables import read_columns
+from iits_mj.core.tables import read_columns, read_table
 
 _SPEED_MAX = 60.0  # [m/s] of a profile
 _PLANNED_MODES = [mode for mode in TransmissionMode if mode is not TransmissionMode.REVERSE]
+_GEAR = "gear"
 _COLUMNS = (("station_m", "s_m", "s", "station"), ("speed_mps", "v_mps", "v", "speed"))
 
 
@@ -122,12 +129,23 @@ def check_profile(profile: SpeedProfile, name: str) -> None:
 def read_profile(path: Path) -> SpeedProfile:
     """A profile from a CSV file with the columns station_m and speed_mps, as `iits-mj pcc` writes.
 
+    An additional column gear has the forward gear from a station to the next one, 0 for neutral.
+
     Raises:
       InputError: the file cannot be read, lacks a column, has a cell that is not a number (the
-        message names the row), or see `check_profile`.
+        message names the row), a gear that is not 0 to 18, or see `check_profile`.
     """
-    station, speed = read_columns(path, "speed profile", _COLUMNS)
-    profile = SpeedProfile(station, speed)
+    header, _ = read_table(path, "speed profile")
+    has_gears = any(cell.strip().lower() == _GEAR for cell in header)
+    columns = (*_COLUMNS, (_GEAR,)) if has_gears else _COLUMNS
+    station, speed, *gears = read_columns(path, "speed profile", columns)
+    modes = None
+    for gear in gears:
+        wrong = gear[~np.isin(gear, np.arange(TransmissionMode.GEAR_18.gear + 1))]
+        if wrong.size:
+            raise InputError(f"speed profile {str(path)!r}: gear {wrong[0]:g}: use 0 to 18")
+        modes = requests_of(gear.astype(np.int64))
+    profile = SpeedProfile(station, speed, modes)
     check_profile(profile, f"speed profile {str(path)!r}")
     return profile
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.pcc import PccConfig, RoadProfile
 from iits_mj.commands.output import ResultOptions, finish, prepare_file, prepare_folder
@@ -48,7 +49,12 @@ from iits_mj.validation.planning.pcc_case import (
     SolvedPlan,
     solve,
 )
-from iits_mj.validation.planning.pcc_joint import INTERVALS_MAX, compare_jointly, joint_checks
+from iits_mj.validation.planning.pcc_joint import (
+    INTERVALS_MAX,
+    compare_jointly,
+    joint_checks,
+    plan_to_drive,
+)
 
 METHODS = ("distance", "hermite", "both")
 # Shares of the time that have passed after each part, for the time left.
@@ -127,7 +133,16 @@ class Options(ResultOptions):
         group="decision",
     )
     profile: Path | None = option(
-        None, help="table to write: planned speed over station", metavar="FILE.csv", group="output"
+        None,
+        help="table to write: planned speed over station, for 'iits-mj drive --speed-profile'",
+        metavar="FILE.csv",
+        group="output",
+    )
+    gears: bool = option(
+        False,
+        help="with --profile: plan gears and eco-roll with the speed; the truck then drives in the "
+        "gears of the table",
+        group="decision",
     )
 
     atlas: bool = option(
@@ -166,6 +181,8 @@ class Options(ResultOptions):
             raise InputError(
                 "--every, --roads, --runs, --minutes and --page belong to --atlas: give --atlas too"
             )
+        if self.gears and (self.profile is None or self.method == "hermite"):
+            raise InputError("--gears belongs to --profile, and not to --method hermite")
         if self.page is not None and self.page.suffix != ".md":
             raise InputError(f"--page {str(self.page)!r} is not a Markdown file: name FILE.md")
         if not self.v_min <= self.v_ref <= self.v_max:
@@ -235,10 +252,13 @@ def _measured(config: Options, report: Report) -> Results:
     report(_SHARES["elements"], "checking the plan")
     results = Results("pcc", checks=checks(case, braking, config, elements))
     if config.profile is not None:
-        speed = case.solution.plan.speed
+        speed, gears = case.solution.plan.speed, None
         if config.method == "hermite" and elements.answer is not None:
             speed = elements.answer.speed
-        write_profile(road, speed, case.solution.baseline.speed, config.profile)
+        if config.gears:
+            found = plan_to_drive(case)
+            speed, gears = found.speed, found.gear
+        write_profile(road, speed, case.solution.baseline.speed, config.profile, gears)
     results.figures["speed plan"] = panels(case, elements)
     results.notes = [
         f"road {road.name}: {road.length / 1e3:.2f} km, grades {100 * road.grade.min():+.1f} to "
@@ -349,9 +369,21 @@ def checks(
     return [*rows, Check("plan: set-up and solve", seconds, "s", PAPER_SECONDS)]
 
 
-def write_profile(road: RoadProfile, speed: FloatArray, cruise: FloatArray, path: Path) -> None:
-    """Writes planned and cruise speed [m/s] at the nodes as CSV with units in the header."""
-    names = ("station_m", "height_m", "speed_mps", "cruise_speed_mps")
+def write_profile(
+    road: RoadProfile,
+    speed: FloatArray,
+    cruise: FloatArray,
+    path: Path,
+    gears: NDArray[np.int64] | None = None,
+) -> None:
+    """Writes planned and cruise speed [m/s] at the nodes as CSV with units in the header.
+
+    `gears` are those of the intervals, 0 in neutral; the last node repeats the last one.
+    """
+    names: tuple[str, ...] = ("station_m", "height_m", "speed_mps", "cruise_speed_mps")
     rows = zip(road.station, road.height, speed, cruise, strict=True)
-    texts = ([f"{value:.4f}" for value in row] for row in rows)
+    texts = [[f"{value:.4f}" for value in row] for row in rows]
+    if gears is not None:
+        names = (*names, "gear")
+        texts = [[*row, str(gear)] for row, gear in zip(texts, [*gears, gears[-1]], strict=True)]
     write_table(path, names, (dict(zip(names, row, strict=True)) for row in texts), "speeds")

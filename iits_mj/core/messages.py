@@ -116,6 +116,16 @@ class TransmissionMode(enum.IntEnum):
         return max(self - TransmissionMode.REVERSE, 0)
 
 
+def requests_of(gear: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Returns the requests for planned gears, 0 in neutral, of any shape: see `TransmissionMode`.
+
+    In a gear that cannot be requested the gearbox chooses.
+    """
+    known = (gear >= 0) & (gear <= TransmissionMode.GEAR_18.gear)
+    requests = np.where(known, gear + TransmissionMode.REVERSE, TransmissionMode.DRIVE)
+    return np.where(gear == 0, TransmissionMode.NEUTRAL, requests)
+
+
 class PlanMode(enum.Enum):
     """Mode of the trajectory planner."""
 

@@ -53,6 +53,33 @@ def test_the_stack_reads_the_profile(profile, tmp_path):
     assert read.speed == pytest.approx(written[:, 2])
 
 
+def test_profile_with_gears_is_driven_in_them(profile, tmp_path):
+    out = tmp_path / "speed.csv"
+    measure(Options(road=profile, mass=40_000.0, method="distance", profile=out, gears=True))
+    header, *rows = out.read_text().splitlines()
+    assert header == "station_m,height_m,speed_mps,cruise_speed_mps,gear"
+    gears = [int(row.rsplit(",", 1)[1]) for row in rows]
+    assert {11, 12} & set(gears)
+    read = read_profile(out)
+    requests = [read.mode_at(station) for station in read.station[:-1]]
+    assert [mode.gear for mode in requests] == gears[:-1]
+
+
+@pytest.mark.parametrize("gear", ["-1", "19", "11.5"])
+def test_profile_with_a_gear_that_no_truck_has_is_refused(tmp_path, gear):
+    path = tmp_path / "speed.csv"
+    path.write_text(f"station_m,speed_mps,gear\n0,20,12\n100,20,{gear}\n")
+    with pytest.raises(InputError, match=f"gear {gear}: use 0 to 18"):
+        read_profile(path)
+
+
+def test_gears_need_a_profile_and_a_plan_over_distance(profile, tmp_path):
+    with pytest.raises(InputError, match="--gears"):
+        Options(road=profile, gears=True)
+    with pytest.raises(InputError, match="--gears"):
+        Options(road=profile, gears=True, method="hermite", profile=tmp_path / "speed.csv")
+
+
 def test_profile_file_holds_the_plan_with_units(profile, tmp_path):
     out = tmp_path / "speed.csv"
     measure(Options(road=profile, profile=out))

@@ -13,7 +13,9 @@ from controllers.pcc.joint import (
     JointTask,
     gears_at,
     lower_bound,
+    plan_at,
     plan_in_time,
+    tightened,
 )
 from iits_mj.core.results import Check
 from iits_mj.validation.planning.pcc_case import SolvedPlan
@@ -73,14 +75,16 @@ class JointComparison:
         return 100.0 * float(np.mean(self.joint.gear == NEUTRAL))
 
 
-def joint_task_of(case: SolvedPlan, *, neutral: bool = True, states: int = STATES) -> JointTask:
+def joint_task_of(
+    case: SolvedPlan, *, neutral: bool = True, slows: bool = False, states: int = STATES
+) -> JointTask:
     """Returns the task of speed and gear of a solved plan, at that plan's price of a second."""
     task = case.task
     drives = (case.solution.baseline.speed, case.solution.plan.speed)
     low = min(float(np.sqrt(task.b_low.min())), *(float(v.min()) for v in drives))
     high = max(float(np.sqrt(min(task.b_high.max(), 3.6e3))), *(float(v.max()) for v in drives))
     tables = GearTables.of(
-        case.parameters, low * (1.0 - _SPARE), high * (1.0 + _SPARE), neutral=neutral
+        case.parameters, low * (1.0 - _SPARE), high * (1.0 + _SPARE), neutral=neutral, slows=slows
     )
     b_high = np.minimum(task.b_high, high**2)
     price = max(case.solution.time_price, 0.0)
@@ -112,6 +116,15 @@ def compare_jointly(case: SolvedPlan, *, neutral: bool = True) -> JointCompariso
         for share in _PRICES
     ]
     return JointComparison(cruise, convex, joint, max(bounds))
+
+
+def plan_to_drive(case: SolvedPlan) -> JointPlan:
+    """Returns the joint plan in which changes of gear cost speed, as on the truck.
+
+    A second is worth as much as in the joint plan without this cost, so it takes a little longer.
+    """
+    price = plan_in_time(joint_task_of(case), case.solution.baseline.time * (1.0 + _SPARE)).price
+    return plan_at(tightened(joint_task_of(case, slows=True)).at_price(price))
 
 
 def joint_checks(found: JointComparison) -> list[Check]:
