@@ -196,6 +196,24 @@ def test_gear_in_which_the_engine_cannot_run_is_not_engaged(gear, speed):
     assert np.array_equal(run["engine_torque"][0], run["engine_torque"][1])
 
 
+def test_no_series_of_requests_stalls_the_engine_or_lets_it_turn_too_fast():
+    rng = np.random.default_rng(7)
+    cases = [Case(mass, grade, 60 * KMH) for mass in (LIGHT, HEAVY) for grade in (-0.01, 0.01)]
+    controls = constant(len(cases), 60.0, [0.0])
+    for second in range(60):
+        part = slice(200 * second, 200 * second + 200)
+        controls[:, part, 0] = rng.uniform(0.0, 1.0, (len(cases), 1))
+        # For gear 6 to 18 of twelve, or none.
+        requests = rng.integers(7, 21, (len(cases), 1))
+        controls[:, part, CONTROLS.index("transmission_mode")] = np.where(requests < 8, 0, requests)
+    run = drive(cases, controls)
+    # The engine of a rolling truck; a change may lift its speed.
+    assert run["engine_speed"].min() > 0.9 * ENGINE.idle_speed
+    assert run["engine_speed"].max() < 1.1 * ENGINE.governed_speed
+    assert all(len(shifts(gear)) > 5 for gear in run["gear"])
+    assert run["speed"].min() > 5.0
+
+
 def test_truck_that_stops_in_a_requested_gear_leaves_it_and_starts_again():
     controls = constant(1, 90.0, [0.0])
     controls[:, :, CONTROLS.index("transmission_mode")] = TransmissionMode.forward(12)
