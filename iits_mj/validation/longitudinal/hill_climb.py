@@ -38,7 +38,7 @@ _CHOOSE, _SETTLE = 10.0, 3.0
 # The driver's torque suffices for a grade that is steeper by this.
 _SURPLUS = 0.007
 # Resolution of the grade.
-RESOLUTION = 0.0025
+_RESOLUTION = 0.0025
 _GENTLEST, _STEEPEST = 0.03, 0.45
 # Friction of a road on which the engine is the limit, not the tires.
 _ROUGH = 1.2
@@ -122,18 +122,13 @@ def startability(
     parameters: TruckParameters,
     payload: float,
     timestep: float,
-    resolution: float,
     surface: float = DEFAULT_FRICTION,
 ) -> Climb:
     """Steepest grade on which the truck sets off from rest."""
-    return steepest(
-        lambda grade: sets_off(parameters, payload, grade, timestep, surface), resolution
-    )
+    return steepest(lambda grade: sets_off(parameters, payload, grade, timestep, surface))
 
 
-def gradeability(
-    parameters: TruckParameters, payload: float, timestep: float, resolution: float
-) -> Climb:
+def gradeability(parameters: TruckParameters, payload: float, timestep: float) -> Climb:
     """Steepest grade on which the truck keeps moving, approached from a gentler one."""
 
     def attempt(grade: float) -> Attempt:
@@ -149,7 +144,7 @@ def gradeability(
 
         return _climbs(truck, command, _APPROACH + 30.0 + length + _CLIMB, _PATIENCE)
 
-    return steepest(attempt, resolution)
+    return steepest(attempt)
 
 
 def compare_limits(parameters: TruckParameters, timestep: float, *, quick: bool) -> Findings:
@@ -158,11 +153,11 @@ def compare_limits(parameters: TruckParameters, timestep: float, *, quick: bool)
     balance = ForceBalance(parameters, payload)
     found = Findings()
     for surface in (DEFAULT_FRICTION,) if quick else (DEFAULT_FRICTION, _ROUGH):
-        climb = startability(parameters, payload, timestep, RESOLUTION, surface)
+        climb = startability(parameters, payload, timestep, surface)
         _check_computed(found, "startability", balance, climb, balance.launch_speed, surface)
         if surface == DEFAULT_FRICTION:
             _check_level(found, "startability", balance, climb, STANDARDS["startability"])
-    climb = gradeability(parameters, payload, timestep, RESOLUTION)
+    climb = gradeability(parameters, payload, timestep)
     strongest = strongest_speed(balance)
     _check_computed(found, "gradeability", balance, climb, strongest, DEFAULT_FRICTION)
     _check_level(found, "gradeability", balance, climb, STANDARDS["gradeability_a"])
@@ -258,11 +253,11 @@ def _climbs(
     return Attempt(bool(table[-1, 1] >= way), int(last[2]))
 
 
-def steepest(attempt: Callable[[float], Attempt], resolution: float) -> Climb:
+def steepest(attempt: Callable[[float], Attempt]) -> Climb:
     """Returns the steepest grade that is climbed, by bisection."""
     low, high = _GENTLEST, _STEEPEST
     best = Attempt(managed=False, gear=1)
-    while high - low > resolution:
+    while high - low > _RESOLUTION:
         middle = 0.5 * (low + high)
         tried = attempt(middle)
         if tried.managed:

@@ -169,8 +169,8 @@ def _pulling(
     """Startability, gradeability and acceleration: simulated, by the balance of forces, a panel."""
     balance = ForceBalance(parameters, payload)
     speed = balance.best_speed(_GENTLE)
-    start = hill_climb.startability(parameters, payload, timestep, hill_climb.RESOLUTION)
-    climb = hill_climb.gradeability(parameters, payload, timestep, hill_climb.RESOLUTION)
+    start = hill_climb.startability(parameters, payload, timestep)
+    climb = hill_climb.gradeability(parameters, payload, timestep)
     modeled = {
         name: 100.0 * min(hill_climb.computed_grades(balance, found.gear, turns))
         for name, found, turns in (

@@ -69,7 +69,7 @@ def test_laden_truck_sets_off_on_15_percent_and_not_on_42(grade, managed):
 
 
 def test_bisection_finds_the_edge():
-    climb = hill_climb.steepest(lambda grade: hill_climb.Attempt(grade < 0.237, 1), 0.0025)
+    climb = hill_climb.steepest(lambda grade: hill_climb.Attempt(grade < 0.237, 1))
     assert climb.grade == pytest.approx(0.237, abs=0.0025)
     assert climb.gear == 1
 
