@@ -55,6 +55,9 @@ from iits_mj.validation.planning.pcc_joint import (
     joint_checks,
     plan_to_drive,
 )
+from iits_mj.validation.planning.pcc_replay import profile_case, route_case
+from iits_mj.validation.planning.replay_drives import run_ahead
+from iits_mj.validation.planning.speed_tracking import gear_changes
 
 METHODS = ("distance", "hermite", "both")
 # Shares of the time that have passed after each part, for the time left.
@@ -140,9 +143,14 @@ class Options(ResultOptions):
     )
     gears: bool = option(
         False,
-        help="with --profile: plan gears and eco-roll with the speed; the truck then drives in the "
-        "gears of the table",
+        help="with --profile or --driven: plan gears and eco-roll with the speed; the truck drives "
+        "in the planned gears",
         group="decision",
+    )
+    driven: bool = option(
+        False,
+        help="drive cruise and plan too, with the truck's gearbox, controllers and fuel meter, on "
+        "its kinematic plant: the saving to expect",
     )
 
     atlas: bool = option(
@@ -181,8 +189,12 @@ class Options(ResultOptions):
             raise InputError(
                 "--every, --roads, --runs, --minutes and --page belong to --atlas: give --atlas too"
             )
-        if self.gears and (self.profile is None or self.method == "hermite"):
-            raise InputError("--gears belongs to --profile, and not to --method hermite")
+        if self.gears and not (self.profile or self.driven):
+            raise InputError("--gears belongs to --profile or --driven: give one of them too")
+        if self.gears and self.method == "hermite":
+            raise InputError("--gears plans over distance: leave --method hermite out")
+        if self.driven and not self.limits:
+            raise InputError("--driven obeys the map's limits: leave --no-limits out")
         if self.page is not None and self.page.suffix != ".md":
             raise InputError(f"--page {str(self.page)!r} is not a Markdown file: name FILE.md")
         if not self.v_min <= self.v_ref <= self.v_max:
@@ -251,6 +263,8 @@ def _measured(config: Options, report: Report) -> Results:
             raise PlanningError(elements.reason)
     report(_SHARES["elements"], "checking the plan")
     results = Results("pcc", checks=checks(case, braking, config, elements))
+    if config.driven:
+        results.checks += driven_checks(config, road, settings, mass, parameters)
     if config.profile is not None:
         speed, gears = case.solution.plan.speed, None
         if config.method == "hermite" and elements.answer is not None:
@@ -286,6 +300,42 @@ def _measured(config: Options, report: Report) -> Results:
     if elements.reason:
         results.notes.append(elements.reason)
     return results
+
+
+def driven_checks(
+    config: Options,
+    road: RoadProfile,
+    settings: PccConfig,
+    mass: float,
+    parameters: TruckParameters,
+) -> list[Check]:
+    """Returns the figures of cruise and plan as the truck drives them on its kinematic plant.
+
+    Raises:
+      InputError: the mass is none of the truck's, or the route is too short. PlanningError: there
+        is no plan.
+    """
+    payload = mass - parameters.gross_mass(0.0)
+    if config.road is not None and _is_table(config):
+        case = profile_case(road.name, road, road, settings, payload)
+    else:
+        route, start = load_map(config.road).route(along=config.route), config.start or 0.0
+        case = route_case(road.name, route, settings, payload, start=start, length=config.length)
+    driven = run_ahead(replace(case, truck=config.truck, joint=config.gears))
+    plan, base = driven.plan, driven.cruise
+    what = "speed and gear" if config.gears else "speed alone"
+    return [
+        Check(f"driven: saving, {ROLLING}, {what}, fuel meter", 100.0 * driven.saving, "%"),
+        Check("driven: fuel of the plan", plan.fuel, "kg"),
+        Check("driven: fuel of the rolling cruise", base.fuel, "kg"),
+        Check("driven: trip time of the plan over the cruise's", plan.time / base.time, "1", 1.0),
+        Check(
+            "driven: changes of gear of the plan",
+            gear_changes(plan.record),
+            "1",
+            float(gear_changes(base.record)),
+        ),
+    ]
 
 
 def load_profile(config: Options) -> RoadProfile:

@@ -80,6 +80,23 @@ def test_gears_need_a_profile_and_a_plan_over_distance(profile, tmp_path):
         Options(road=profile, gears=True, method="hermite", profile=tmp_path / "speed.csv")
 
 
+@pytest.mark.parametrize("gears", [False, True])
+def test_driven_saving_is_that_of_the_truck_with_its_load(profile, gears):
+    flags = {"method": "distance", "length": 2_000.0, "mass": 40_000.0, "driven": True}
+    results = measure(Options(road=profile, gears=gears, **flags))
+    found = {check.name: check for check in results.checks if check.name.startswith("driven")}
+    saving, plan, base, time, changes = found.values()
+    assert 0.5 < saving.value < 30.0
+    assert saving.value == pytest.approx(100.0 * (1.0 - plan.value / base.value), abs=2.0)
+    assert time.value == pytest.approx(1.0, abs=2e-3)
+    assert changes.value <= changes.reference
+
+
+def test_driven_route_keeps_its_limits():
+    with pytest.raises(InputError, match="--no-limits"):
+        Options(driven=True, limits=False)
+
+
 def test_profile_file_holds_the_plan_with_units(profile, tmp_path):
     out = tmp_path / "speed.csv"
     measure(Options(road=profile, profile=out))

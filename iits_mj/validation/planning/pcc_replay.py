@@ -21,10 +21,11 @@ from controllers.pcc.profile import RoadProfile
 from controllers.pcc.vehicle import PointMass, cruise, durations
 from controllers.planning.speed_plan import SpeedConfig
 from iits_mj.core.arrays import FloatArray
+from iits_mj.core.errors import InputError
 from iits_mj.core.results import Findings, Line, Panel, Results
 from iits_mj.core.timing import CONTROL_PERIOD, TIMESTEP
 from iits_mj.core.units import KMH
-from iits_mj.road import RoadMap
+from iits_mj.road import RoadMap, Route
 from iits_mj.road.measured import Lanes, measured_route
 from iits_mj.validation.harness.config import (
     CYCLE_55,
@@ -178,12 +179,44 @@ def cycle_case(config: ValidateConfig, name: str) -> ReplayCase | None:
 
 def highway_case(length: float | None = None) -> ReplayCase:
     """Returns the built-in highway with its limits and curves, set speed 72 km/h."""
-    route = RoadMap.builtin().route()
-    wanted = route.length - RUN_IN - _LEFT if length is None else length
+    case = route_case("our highway", RoadMap.builtin().route(), BAND, laden(), length=length)
+    return dataclasses.replace(case, timestep=TIMESTEP)
+
+
+def route_case(
+    name: str,
+    route: Route,
+    settings: PccConfig,
+    payload: float,
+    *,
+    start: float = 0.0,
+    length: float | None = None,
+) -> ReplayCase:
+    """Returns a route with its limits and curves, without its first 300 m and its last 600 m.
+
+    Args:
+      name: for reports.
+      route: on its map.
+      settings: speeds and band.
+      payload: [kg].
+      start: first station, moved to the end of the run-in [m].
+      length: default: up to the last 600 m [m].
+
+    Raises:
+      InputError: nothing is left of the route.
+    """
+    first = max(start, RUN_IN)
+    left = route.length - first - _LEFT
+    if left < STEP:
+        raise InputError(
+            f"{name} is too short to be driven: {route.length:g} m, of which {RUN_IN:g} m are the "
+            f"run-in and {_LEFT:g} m follow"
+        )
+    wanted = left if length is None else min(length, left)
     road = RoadProfile.from_route(
-        route, RUN_IN, wanted, STEP, lateral_acceleration=SpeedConfig.curve_acceleration
+        route, first, wanted, STEP, lateral_acceleration=SpeedConfig.curve_acceleration
     )
-    return ReplayCase("our highway", route, road, 0.0, BAND, laden())
+    return ReplayCase(name, route, road, 0.0, settings, payload)
 
 
 def valley_case(length: float, timestep: float, depth: float = 0.04) -> ReplayCase:

@@ -39,7 +39,7 @@ from iits_mj.core.arrays import FloatArray
 from iits_mj.core.errors import InputError, PlanningError
 from iits_mj.core.messages import SpeedProfile, TransmissionMode
 from iits_mj.core.timing import CONTROL_PERIOD, TIMESTEP
-from iits_mj.parameters import TruckParameters
+from iits_mj.parameters import AnyTruck, TruckParameters
 from iits_mj.road import Route
 from iits_mj.validation.harness.config import laden
 from iits_mj.validation.planning.closed_loop import DriveTask, Record, drive
@@ -79,7 +79,8 @@ class ReplayCase:
       config: band and set speed, which is searched for if `mean_speed`; with `rolls` the cruise
         may roll up to the top of the band downhill; payload: [kg].
       timestep: of the physics [s]; plant: see `Truck.load`.
-      overlay: of the truck's parameters, such as another strategy of gear changes.
+      truck: default: the shipped one; overlay: of its parameters, such as another strategy of gear
+        changes.
       paper: whether the paper's saving must be reached.
       joint: whether gears and neutral are planned with the speed.
     """
@@ -92,6 +93,7 @@ class ReplayCase:
     payload: float = dataclasses.field(default_factory=laden)
     timestep: float = TIMESTEP
     plant: str = "full"
+    truck: AnyTruck | None = None
     overlay: dict[str, Any] = dataclasses.field(default_factory=dict)
     paper: bool = False
     joint: bool = False
@@ -113,7 +115,7 @@ class ReplayCase:
 
     def parameters(self) -> TruckParameters:
         """Returns the parameters of the truck."""
-        return TruckParameters.load(overlay=self.overlay)
+        return TruckParameters.load(self.truck, overlay=self.overlay)
 
 
 @dataclass(frozen=True)
@@ -501,8 +503,7 @@ def _driven(case: ReplayCase, profile: SpeedProfile | None, folder: Path | None)
 def _file_name(case: ReplayCase, profile: SpeedProfile | None) -> str:
     what: tuple[Any, ...] = (case.payload, case.timestep, case.overlay)
     what += (case.config.v_ref, case.first, case.last)
-    if case.plant != "full":
-        what += (case.plant,)
+    what += (case.plant, case.truck)
     digest = hashlib.sha256(repr(what).encode())
     digest.update(case.route.table(10.0).tobytes())
     if profile is None:

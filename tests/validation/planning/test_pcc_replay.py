@@ -19,6 +19,7 @@ from iits_mj.validation.planning.pcc_replay import (
     full_cases,
     highway_case,
     paper_case,
+    route_case,
     run_replay,
     title,
     valley_case,
@@ -367,6 +368,11 @@ def test_a_plan_that_cannot_be_faster_is_not_driven_again(monkeypatch):
     replay = replay_drives.run(CASE, drives=9)
     assert replay.plan.time > 1.4 * replay.cruise.time
     assert len(plans) == 2
+
+
+def test_a_route_of_which_run_in_and_end_leave_nothing_is_refused():
+    with pytest.raises(InputError, match="too short to be driven"):
+        route_case("road", CASE.route, CASE.config, 0.0, start=CASE.route.length - 620.0)
 
 
 def test_a_route_without_run_in_is_refused():
