@@ -252,9 +252,12 @@ speed; savings against it reproduce the paper's figure.
 rolling resistance and drag area change by 10 % and the mass by 3 %, one at a time. No plan saves
 more than the bound. "Gap closed" is the share of the gap between the plan of speed alone and the
 bound that the plan of speed, gear and eco-roll closes. A driven saving is that of the MuJoCo truck
-by its fuel meter, with gears by load, corrected for the difference of the speeds at the end; beside
-it the saving to expect, by the same cruise and plan driven ahead on the
+by its fuel meter, corrected for the difference of the speeds at the end: the plan against the
+rolling cruise in its planned gears, all other drives with gears by load. Beside it stands the
+saving to expect, by the same cruise and plan driven ahead on the
 [kinematic plant](../iits_mj/plugin/README_plant.md), which takes no figure from the truck's drive.
+On a truck a cruise changes gears on hills where the map's cruise needs no change; so a driven
+saving may exceed the bound.
 
 {middle}
 
