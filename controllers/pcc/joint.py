@@ -11,9 +11,10 @@ with F, the wheel force, linear in b and b'. In gear h it lies between overrun a
 gear; below overrun the brakes take the rest and no fuel burns. In neutral the force is the drag of
 the open driveline, which is about zero. A change of gear costs the price of the time without
 traction and the fuel of an idling engine. For a plan that a truck drives it also costs speed: b' is
-at most that of full load, less the work of the lost pull. V is kept at states between the bounds of
-b at each node and is linear between them; b' is sought among states, full load and overrun. The
-price of a second makes the trip time. All this runs in `iits_mj/kernels/speed_gears.cc`.
+at most that of full load, less the work of full pull during `lost_time`. V is kept at states
+between the bounds of b at each node and is linear between them; b' is sought among states, full
+load and overrun. The price of a second makes the trip time. All this runs in
+`iits_mj/kernels/speed_gears.cc`.
 
 Lower bound
 -----------
@@ -88,7 +89,7 @@ class GearTables:
         [kg/s].
       idle_rate: fuel of the idling engine with its auxiliaries [kg/s].
       change_time: without traction in a change of gear [s].
-      lost_time: whose full pull a change of gear costs, with the build-up of the torque [s].
+      lost_time: a change of gear costs as much as full pull during this time [s], or 0.
     """
 
     gears: tuple[int, ...]

@@ -241,7 +241,7 @@ class RecedingPlanner:
                 gear = int(last.gear[interval])
         found = joint_drive(task, joint_values(task), gear)
         self._gears = road.station, found
-        # Forward gears of a plan that is made anew every second change too often on the truck.
+        # The plan is made anew every second. The truck would change forward gears too often.
         neutral = np.append(found.gear == NEUTRAL, False)
         return found.speed, np.where(neutral, TransmissionMode.NEUTRAL, TransmissionMode.DRIVE)
 

@@ -35,9 +35,11 @@ def in_planned_gear(
     there is no accelerator.
     """
     mode = profile.mode_at(ego.station)
+    if mode is TransmissionMode.DRIVE:
+        return command
     brakes = command.xbr_demand < 0.0 or max(command.engine_brake, command.retarder) > 0.0
     emergency = trajectory.mode is PlanMode.EMERGENCY or command.brake_pedal > 0.0
-    if mode is TransmissionMode.DRIVE or brakes or emergency or ego.speed < _SLOWEST:
+    if brakes or emergency or ego.speed < _SLOWEST:
         return command
     if mode is TransmissionMode.NEUTRAL:
         planned = float(np.interp(ego.time, trajectory.time, trajectory.speed))

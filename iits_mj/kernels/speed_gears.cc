@@ -150,8 +150,7 @@ class Program {
     return best;
   }
 
-  // Whether a gear that was in use before interval k allows a greater v^2 at its end than one that
-  // has just been engaged, and c is such a one.
+  // Whether v^2 = c at the end of interval k is more than a gear reaches that was just engaged.
   bool NeedsPull(int k, int gear, double b, double c) const {
     if (s_.lost_time <= 0.0 || Neutral(gear)) return false;
     const double fastest = End(k, gear, b, true);

@@ -161,10 +161,10 @@ class Engine:
         return np.asarray(np.minimum(full, np.interp(speed, pedal.rows, pedal.values[:, -1])))
 
     def lost_pull(self, pause: float) -> float:
-        """Returns the time [s] whose full pull a pause of the combustion [s] costs, with itself.
+        """Returns the time [s] of full pull that is lost by a pause of the combustion [s].
 
-        Afterwards the torque comes back as fast as the turbocharger's charge: the integral of the
-        plugin's law, from and to the greatest torque.
+        It is longer than the pause, because the torque comes back only as fast as the charge
+        pressure: the integral of the plugin's law, from and to the greatest torque.
         """
         torque = self.full_pedal_torque(self.full_load_speed)
         most = int(np.argmax(torque))

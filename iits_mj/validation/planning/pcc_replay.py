@@ -179,8 +179,7 @@ def cycle_case(config: ValidateConfig, name: str) -> ReplayCase | None:
 
 def highway_case(length: float | None = None) -> ReplayCase:
     """Returns the built-in highway with its limits and curves, set speed 72 km/h."""
-    case = route_case("our highway", RoadMap.builtin().route(), BAND, laden(), length=length)
-    return dataclasses.replace(case, timestep=TIMESTEP)
+    return route_case("our highway", RoadMap.builtin().route(), BAND, laden(), length=length)
 
 
 def route_case(
