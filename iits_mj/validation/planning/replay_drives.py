@@ -3,7 +3,8 @@
 The cruise is driven first; for a given mean speed its set speed is corrected and the cruise is
 driven again. The plan gets the trip time of the cruise and its speeds at both ends. The time budget
 of the plan is then corrected until the *driven* trip times agree, because the planner does not know
-the time lost by gear changes. The plan's multipliers price the remaining difference.
+the time lost by gear changes: by the difference, and by interpolation once a drive was early and
+another late. The plan's multipliers price the remaining difference.
 
 The planner's point mass gets the power with which its own cruise takes as long as the driven one.
 That is less than the engine's greatest power: gear changes interrupt the pull, the turbocharger
@@ -54,7 +55,7 @@ _START = 100.0
 _ONSET = 1.0
 # Greatest difference of trip times that agree [1], and greatest number of drives. One gear change
 # changes the driven time by a second or two, so that the correction may need several drives.
-TIME_TOLERANCE, DRIVES = 9e-4, 3
+TIME_TOLERANCE, DRIVES = 9e-4, 5
 # Tolerance of the mean speed [1], and greatest number of drives to find the set speed for it.
 MEAN_TOLERANCE, MEAN_DRIVES = 1e-3, 3
 _GRID = 10.0
@@ -228,6 +229,7 @@ def run(
         strongest, case, cruise.record, config.v_ref, cruise.start_speed, cruise.time
     )
     budget, best = cruise.time, None
+    late: dict[float, float] = {}  # of each driven budget
     for _ in range(drives):
         schedule = make_schedule(
             vehicle,
@@ -252,7 +254,8 @@ def run(
         # With less time, a plan that cannot be any faster stays the same.
         if abs(plan.time / cruise.time - 1.0) <= TIME_TOLERANCE or schedule.late > 0.0:
             break
-        budget += cruise.time - plan.time
+        late[budget] = plan.time - cruise.time
+        budget = _on_time(late, budget)
     assert best is not None
     schedule, plan, gears = best
     model_cruise, model_plan = (
@@ -277,6 +280,17 @@ def run_ahead(
     """
     ahead = dataclasses.replace(case, plant=_AHEAD, timestep=_AHEAD_STEP)
     return run(ahead, folder, drives, known)
+
+
+def _on_time(late: dict[float, float], last: float) -> float:
+    """Returns the budget that should be on time, from the delays of the driven budgets [s]."""
+    early = [(delay, budget) for budget, delay in late.items() if delay < 0.0]
+    behind = [(delay, budget) for budget, delay in late.items() if delay >= 0.0]
+    if not early or not behind:
+        return last - late[last]
+    # The nearest of either side: a gear change more or less makes the delay jump.
+    (low, first), (high, second) = max(early), min(behind)
+    return first + (second - first) * low / (low - high)
 
 
 def joint_task(case: ReplayCase, vehicle: PointMass, ends: tuple[float, float]) -> JointTask:

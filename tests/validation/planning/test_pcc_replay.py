@@ -400,3 +400,23 @@ def test_drive_ahead_expects_the_saving_of_the_full_truck():
     assert ahead.plan.fuel != driven.plan.fuel
     assert 100.0 * ahead.saving == pytest.approx(100.0 * driven.saving, abs=0.5)
     assert ahead.cruise.time == pytest.approx(driven.cruise.time, rel=1e-3)
+
+
+def test_trip_times_agree_although_the_truck_overreacts_to_its_time_budget(monkeypatch):
+    """A gear change more or less makes the driven time change by more than the budget does."""
+    plans = []
+
+    def drive(task, parameters):
+        if task.profile is None:
+            return record(20.0)
+        plans.append(task)
+        # 2.2 s for every second of the budget; the first plan is late.
+        within = task.profile.station >= CASE.first
+        mean = 1.0 / np.mean(1.0 / task.profile.speed[within])
+        return record(19.9 - 2.2 * (20.0 - mean))
+
+    monkeypatch.setattr(replay_drives, "drive", drive)
+    case = dataclasses.replace(CASE, config=dataclasses.replace(CASE.config, rolls=False))
+    replay = replay_drives.run(case)
+    assert abs(replay.plan.time / replay.cruise.time - 1.0) <= replay_drives.TIME_TOLERANCE
+    assert 2 < len(plans) <= replay_drives.DRIVES
