@@ -320,7 +320,15 @@ def driven_checks(
         case = profile_case(road.name, road, road, settings, payload)
     else:
         route, start = load_map(config.road).route(along=config.route), config.start or 0.0
-        case = route_case(road.name, route, settings, payload, start=start, length=config.length)
+        case = route_case(
+            road.name,
+            route,
+            settings,
+            payload,
+            start=start,
+            length=config.length,
+            step=config.step,
+        )
     driven = run_ahead(replace(case, truck=config.truck, joint=config.gears))
     plan, base = driven.plan, driven.cruise
     what = "speed and gear" if config.gears else "speed alone"

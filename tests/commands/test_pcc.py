@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from controllers.planning.speed_reference import read_profile
+from iits_mj.commands import pcc
 from iits_mj.commands.pcc import Options, load_profile, measure
 from iits_mj.core.errors import InputError
 
@@ -90,6 +91,19 @@ def test_driven_saving_is_that_of_the_truck_with_its_load(profile, gears):
     assert saving.value == pytest.approx(100.0 * (1.0 - plan.value / base.value), abs=2.0)
     assert time.value == pytest.approx(1.0, abs=2e-3)
     assert changes.value <= changes.reference
+
+
+def test_driven_plan_has_the_grid_of_the_plan(monkeypatch):
+    steps = []
+
+    def run_ahead(case):
+        steps.append(case.road.step)
+        raise InputError("not driven")
+
+    monkeypatch.setattr(pcc, "run_ahead", run_ahead)
+    with pytest.raises(InputError, match="not driven"):
+        measure(Options(driven=True, method="distance", length=1_000.0, step=25.0))
+    assert steps == [25.0]
 
 
 def test_driven_route_keeps_its_limits():

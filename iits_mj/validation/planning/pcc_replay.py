@@ -190,6 +190,7 @@ def route_case(
     *,
     start: float = 0.0,
     length: float | None = None,
+    step: float = STEP,
 ) -> ReplayCase:
     """Returns a route with its limits and curves, without its first 300 m and its last 600 m.
 
@@ -200,20 +201,21 @@ def route_case(
       payload: [kg].
       start: first station, moved to the end of the run-in [m].
       length: default: up to the last 600 m [m].
+      step: distance between two grid points [m].
 
     Raises:
       InputError: nothing is left of the route.
     """
     first = max(start, RUN_IN)
     left = route.length - first - _LEFT
-    if left < STEP:
+    if left < step:
         raise InputError(
             f"{name} is too short to be driven: {route.length:g} m, of which {RUN_IN:g} m are the "
             f"run-in and {_LEFT:g} m follow"
         )
     wanted = left if length is None else min(length, left)
     road = RoadProfile.from_route(
-        route, first, wanted, STEP, lateral_acceleration=SpeedConfig.curve_acceleration
+        route, first, wanted, step, lateral_acceleration=SpeedConfig.curve_acceleration
     )
     return ReplayCase(name, route, road, 0.0, settings, payload)
 
