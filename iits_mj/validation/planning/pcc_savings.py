@@ -107,7 +107,8 @@ class SavingsTable:
             reference = PAPER_SAVING_PERCENT if bounds else by_model
             self.checks.append(Check(f"saving {cruise}, {label}", saved, "%", reference, bounds))
             if not equal_times(case):
-                self.notes.append(f"{label}: the band lets no plan take as long as the {cruise}")
+                what = cruise.removeprefix("against a ")
+                self.notes.append(f"{label}: the band lets no plan take as long as the {what}")
             self.apart.append(abs(saved - by_model))
             self.gaps.append(bound(case, case.task.k_a)[1])
         return rolling, braking
