@@ -28,7 +28,7 @@ from controllers.protocols import (
     TrajectoryPlanner,
 )
 from controllers.tracking.controller import Tracker, TrackingConfig
-from controllers.tracking.planned_gear import in_planned_gear
+from controllers.tracking.planned_gear import GearKeeper, in_planned_gear
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import (
     Decision,
@@ -112,12 +112,14 @@ class Stack:
             self.reference = CruiseReference(self.planner.config.speed.cruise_speed)
         self.decision_period = decision_period
         self.history = ObservationHistory()
+        self._gear_keeper = GearKeeper()
         self.reset()
 
     def reset(self) -> None:
         """Clears all memory and counters, for a new drive."""
         self.planner.reset()
         self.tracker.reset()
+        self._gear_keeper.reset()
         self.history.reset()
         self.decision_maker.reset()
         self.reference.reset()
@@ -188,11 +190,11 @@ class Stack:
             raise InputError("control requested before the first plan: call Stack.plan first")
         command = self.tracker.command(ego, self.last_trajectory)
         profile = self._profile
-        if profile is None:
-            return command
-        if ego.speed > profile.coast_above:
-            command = replace(command, accelerator_pedal=0.0)
-        return in_planned_gear(command, ego, self.last_trajectory, profile)
+        if profile is not None:
+            if ego.speed > profile.coast_above:
+                command = replace(command, accelerator_pedal=0.0)
+            command = in_planned_gear(command, ego, self.last_trajectory, profile)
+        return self._gear_keeper.keep(command, ego, self.last_trajectory)
 
     def context(self, scene: Scene) -> DecisionContext:
         """Returns the context of a decision in a scene whose frame is in the history."""

@@ -1,4 +1,4 @@
-"""The gear of a speed plan: the truck keeps a forward gear, or rolls in neutral (eco-roll).
+"""Requests for a gear: that of a speed plan, neutral (eco-roll), and the gear of a lane change.
 
 On a J1939 truck, TC1 (PGN 256) carries the request as its requested gear (SPN 525), 0 for neutral.
 Here it is the transmission mode of the command.
@@ -37,9 +37,7 @@ def in_planned_gear(
     mode = profile.mode_at(ego.station)
     if mode is TransmissionMode.DRIVE:
         return command
-    brakes = command.xbr_demand < 0.0 or max(command.engine_brake, command.retarder) > 0.0
-    emergency = trajectory.mode is PlanMode.EMERGENCY or command.brake_pedal > 0.0
-    if brakes or emergency or ego.speed < _SLOWEST:
+    if _gearbox_decides(command, ego, trajectory):
         return command
     if mode is TransmissionMode.NEUTRAL:
         planned = float(np.interp(ego.time, trajectory.time, trajectory.speed))
@@ -49,3 +47,42 @@ def in_planned_gear(
     if abs(profile.at(ego.station) - ego.speed) > _GEAR_DEVIATION:
         return command
     return replace(command, transmission_mode=mode)
+
+
+class GearKeeper:
+    """Keeps the gear during a lane change, as long as the engine can run in it.
+
+    A change of gear interrupts the pull, and on a climb the truck loses up to 1 m/s while a new
+    follower closes in. The accelerator that a change to a free lane asks for is what releases it.
+    """
+
+    def __init__(self) -> None:
+        self._gear = 0
+
+    def reset(self) -> None:
+        """Forgets the gear."""
+        self._gear = 0
+
+    def keep(
+        self, command: VehicleCommand, ego: EgoState, trajectory: Trajectory
+    ) -> VehicleCommand:
+        """Returns a command in the gear in which the lane change began, or the given one.
+
+        The given one remains outside a lane change, if it has a gear, and where the gearbox chooses
+        for safety, as in `in_planned_gear`.
+        """
+        if trajectory.mode is not PlanMode.LANE_CHANGE:
+            self._gear = 0
+        elif self._gear == 0 and not ego.shift_in_process:
+            self._gear = max(ego.gear, 0)
+        asks = command.transmission_mode is not TransmissionMode.DRIVE
+        if self._gear == 0 or asks or _gearbox_decides(command, ego, trajectory):
+            return command
+        return replace(command, transmission_mode=TransmissionMode.forward(self._gear))
+
+
+def _gearbox_decides(command: VehicleCommand, ego: EgoState, trajectory: Trajectory) -> bool:
+    """Whether the truck brakes, is slow or in an emergency."""
+    brakes = command.xbr_demand < 0.0 or max(command.engine_brake, command.retarder) > 0.0
+    emergency = trajectory.mode is PlanMode.EMERGENCY or command.brake_pedal > 0.0
+    return brakes or emergency or ego.speed < _SLOWEST

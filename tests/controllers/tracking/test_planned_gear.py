@@ -7,7 +7,7 @@ import pytest
 
 from controllers.planning.speed_reference import check_profile
 from controllers.stack import Stack
-from controllers.tracking.planned_gear import in_planned_gear
+from controllers.tracking.planned_gear import GearKeeper, in_planned_gear
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import (
     EgoState,
@@ -119,3 +119,28 @@ def test_profile_with_modes_for_other_stations_or_that_cannot_be_planned_is_refu
     planned = SpeedProfile(np.array([0.0, 1.0]), np.full(2, 20.0), np.array(modes))
     with pytest.raises(InputError, match="transmission_mode"):
         check_profile(planned, "speed profile")
+
+
+def test_a_lane_change_keeps_the_gear_in_which_it_began():
+    keeper, changing = GearKeeper(), trajectory(mode=PlanMode.LANE_CHANGE)
+    ninth = replace(EGO, gear=9)
+    assert keeper.keep(DRIVES, ninth, trajectory()) is DRIVES
+    # A gear change under way is not interrupted; the gear that it engages is kept.
+    assert keeper.keep(DRIVES, replace(EGO, shift_in_process=True), changing) is DRIVES
+    kept = replace(DRIVES, transmission_mode=TransmissionMode.forward(9))
+    assert keeper.keep(DRIVES, ninth, changing) == kept
+    assert keeper.keep(DRIVES, replace(EGO, gear=10), changing) == kept
+    assert keeper.keep(DRIVES, ninth, trajectory()) is DRIVES
+
+
+def test_the_gear_is_not_kept_by_a_truck_that_brakes_is_slow_aborts_or_has_a_planned_gear():
+    changing = trajectory(mode=PlanMode.LANE_CHANGE)
+    rolls = replace(DRIVES, transmission_mode=ROLL)
+    brakes = replace(DRIVES, accelerator_pedal=0.0, engine_brake=0.1)
+    for command, ego, plan in (
+        (rolls, EGO, changing),
+        (brakes, EGO, changing),
+        (DRIVES, replace(EGO, speed=5.0), changing),
+        (DRIVES, EGO, trajectory(mode=PlanMode.ABORT)),
+    ):
+        assert GearKeeper().keep(command, ego, plan) is command
