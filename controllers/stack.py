@@ -28,7 +28,7 @@ from controllers.protocols import (
     TrajectoryPlanner,
 )
 from controllers.tracking.controller import Tracker, TrackingConfig
-from controllers.tracking.planned_gear import GearKeeper, in_planned_gear
+from controllers.tracking.gear_requests import GearKeeper, in_planned_gear
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import (
     Decision,

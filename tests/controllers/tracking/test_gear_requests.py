@@ -7,7 +7,7 @@ import pytest
 
 from controllers.planning.speed_reference import check_profile
 from controllers.stack import Stack
-from controllers.tracking.planned_gear import GearKeeper, in_planned_gear
+from controllers.tracking.gear_requests import GearKeeper, in_planned_gear
 from iits_mj.core.errors import InputError
 from iits_mj.core.messages import (
     EgoState,

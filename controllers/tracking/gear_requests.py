@@ -52,8 +52,8 @@ def in_planned_gear(
 class GearKeeper:
     """Keeps the gear during a lane change, as long as the engine can run in it.
 
-    A change of gear interrupts the pull, and on a climb the truck loses up to 1 m/s while a new
-    follower closes in. The accelerator that a change to a free lane asks for is what releases it.
+    At the start of a change to a free lane the accelerator goes down, and the gearbox would shift.
+    That interrupts the pull: on a climb the truck would lose up to 1 m/s before its new follower.
     """
 
     def __init__(self) -> None:
@@ -68,8 +68,8 @@ class GearKeeper:
     ) -> VehicleCommand:
         """Returns a command in the gear in which the lane change began, or the given one.
 
-        The given one remains outside a lane change, if it has a gear, and where the gearbox chooses
-        for safety, as in `in_planned_gear`.
+        The given one is returned outside a lane change, if it requests a gear itself, and where
+        the gearbox decides, as in `in_planned_gear`.
         """
         if trajectory.mode is not PlanMode.LANE_CHANGE:
             self._gear = 0
